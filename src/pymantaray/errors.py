@@ -1,0 +1,45 @@
+"""Errors that MantaRay raises on purpose: one base class, one subclass per folder."""
+
+
+class MantaRayError(Exception):
+    """Bad input or an impossible request; the message is one line for the user."""
+
+
+class GeometryError(MantaRayError):
+    """A frame, rotation or pose is not what it has to be."""
+
+
+class RecordError(MantaRayError):
+    """A record has the wrong shape, values or file content."""
+
+
+class OceanError(MantaRayError):
+    """An ocean data set is missing, malformed or does not cover what is asked of it."""
+
+
+class AcousticsError(MantaRayError):
+    """A sound-speed medium or a link is not what the ray solver can take."""
+
+
+class FleetError(MantaRayError):
+    """A vehicle, behaviour or its placement is impossible."""
+
+
+class SensingError(MantaRayError):
+    """A measurement or noise model is inconsistent."""
+
+
+class EstimationError(MantaRayError):
+    """A factor graph is malformed or cannot be solved."""
+
+
+class EvaluationError(MantaRayError):
+    """An error statistic is asked of data that do not support it."""
+
+
+class StudyError(MantaRayError):
+    """A study's configuration, run folder or inputs are unusable."""
+
+
+class ReportError(MantaRayError):
+    """A table, figure or page cannot be made from the run at hand."""

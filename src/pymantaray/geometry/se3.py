@@ -1,0 +1,207 @@
+"""Rotations and rigid motions: quaternions (w, x, y, z), SO(3) and SE(3) exponential and logarithm.
+
+Twists are ``[omega, v]`` in the body frame, as in GTSAM. All functions take any leading axes.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import GeometryError
+
+Array = NDArray[np.float64]
+_SMALL = 1e-4  # rad; below it Taylor series replace the closed forms
+
+
+def hat(omega: ArrayLike) -> Array:
+    """
+    Skew matrix of a vector: ``hat(a) @ b == cross(a, b)``.
+
+    Parameters
+    ----------
+    omega : array_like, shape (..., 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    w = np.asarray(omega, dtype=float)
+    out = np.zeros((*w.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -w[..., 2], w[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = w[..., 2], -w[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -w[..., 1], w[..., 0]
+    return out
+
+
+def _coefficients(theta: Array) -> tuple[Array, Array, Array]:
+    """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3, by series near zero."""
+    t2 = theta * theta
+    safe = np.where(theta < _SMALL, 1.0, theta)
+    a = np.where(theta < _SMALL, 1.0 - t2 / 6.0, np.sin(safe) / safe)
+    b = np.where(theta < _SMALL, 0.5 - t2 / 24.0, 2.0 * np.sin(safe / 2.0) ** 2 / safe**2)
+    c = np.where(theta < _SMALL, 1.0 / 6.0 - t2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    return a, b, c
+
+
+def so3_exp(omega: ArrayLike) -> Array:
+    """
+    Rotation matrix of a rotation vector (Rodrigues).
+
+    Parameters
+    ----------
+    omega : array_like, shape (..., 3)
+        Axis times angle. [rad]
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    w = np.asarray(omega, dtype=float)
+    a, b, _ = _coefficients(np.linalg.norm(w, axis=-1))
+    k = hat(w)
+    return np.asarray(np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k))
+
+
+def quaternion_from_matrix(rotation: ArrayLike) -> Array:
+    """
+    Unit quaternion (w, x, y, z) of a rotation matrix, with w >= 0.
+
+    Parameters
+    ----------
+    rotation : array_like, shape (..., 3, 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+
+    Notes
+    -----
+    Of the four equivalent formulas the one with the largest divisor is taken for each matrix.
+    """
+    r = np.asarray(rotation, dtype=float)
+    m = [[r[..., i, j] for j in range(3)] for i in range(3)]
+    squares = np.stack(
+        [
+            1 + m[0][0] + m[1][1] + m[2][2],
+            1 + m[0][0] - m[1][1] - m[2][2],
+            1 - m[0][0] + m[1][1] - m[2][2],
+            1 - m[0][0] - m[1][1] + m[2][2],
+        ],
+        axis=-1,
+    )
+    rows = np.stack(
+        [
+            np.stack([squares[..., 0], m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]], axis=-1),
+            np.stack([m[2][1] - m[1][2], squares[..., 1], m[0][1] + m[1][0], m[0][2] + m[2][0]], axis=-1),
+            np.stack([m[0][2] - m[2][0], m[0][1] + m[1][0], squares[..., 2], m[1][2] + m[2][1]], axis=-1),
+            np.stack([m[1][0] - m[0][1], m[0][2] + m[2][0], m[1][2] + m[2][1], squares[..., 3]], axis=-1),
+        ],
+        axis=-2,
+    )
+    best = np.argmax(squares, axis=-1)
+    q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., :1] < 0.0, -q, q)
+
+
+def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
+    """
+    Rotation matrix of a quaternion (w, x, y, z); the norm is divided out.
+
+    Parameters
+    ----------
+    quaternion : array_like, shape (..., 4)
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+
+    Raises
+    ------
+    GeometryError
+        If a quaternion has no length.
+    """
+    q = np.asarray(quaternion, dtype=float)
+    norm = np.linalg.norm(q, axis=-1, keepdims=True)
+    if not np.all(norm > 0.0):
+        raise GeometryError("quaternion of length zero or NaN; a unit quaternion (w, x, y, z) is needed")
+    w, x, y, z = np.moveaxis(q / norm, -1, 0)
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=-1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=-1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1),
+        ],
+        axis=-2,
+    )
+
+
+def so3_log(rotation: ArrayLike) -> Array:
+    """
+    Rotation vector of a rotation matrix, of length at most pi.
+
+    Parameters
+    ----------
+    rotation : array_like, shape (..., 3, 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Axis times angle. [rad]
+    """
+    q = quaternion_from_matrix(rotation)
+    vector = q[..., 1:]
+    s = np.linalg.norm(vector, axis=-1)
+    angle = 2.0 * np.arctan2(s, q[..., 0])
+    scale = np.where(s < 1e-12, 2.0, angle / np.where(s < 1e-12, 1.0, s))
+    return np.asarray(scale[..., None] * vector)
+
+
+def se3_exp(twist: ArrayLike) -> tuple[Array, Array]:
+    """
+    Rigid motion after unit time under a constant body twist.
+
+    Parameters
+    ----------
+    twist : array_like, shape (..., 6)
+        ``[omega, v]`` in the body frame. [rad, m]
+
+    Returns
+    -------
+    rotation : ndarray, shape (..., 3, 3)
+    translation : ndarray, shape (..., 3)
+        [m]
+    """
+    xi = np.asarray(twist, dtype=float)
+    omega, v = xi[..., :3], xi[..., 3:]
+    a, b, c = _coefficients(np.linalg.norm(omega, axis=-1))
+    k = hat(omega)
+    kk = k @ k
+    rotation = np.eye(3) + a[..., None, None] * k + b[..., None, None] * kk
+    left = np.eye(3) + b[..., None, None] * k + c[..., None, None] * kk
+    return rotation, np.einsum("...ij,...j->...i", left, v)
+
+
+def se3_log(rotation: ArrayLike, translation: ArrayLike) -> Array:
+    """
+    Twist that reaches a rigid motion in unit time; inverse of `se3_exp`.
+
+    Parameters
+    ----------
+    rotation : array_like, shape (..., 3, 3)
+    translation : array_like, shape (..., 3)
+        [m]
+
+    Returns
+    -------
+    ndarray, shape (..., 6)
+        ``[omega, v]``. [rad, m]
+    """
+    omega = so3_log(rotation)
+    theta = np.linalg.norm(omega, axis=-1)
+    a, b, _ = _coefficients(theta)
+    safe = np.where(theta < _SMALL, 1.0, theta)
+    d = np.where(theta < _SMALL, 1.0 / 12.0 + theta**2 / 720.0, (1.0 - a / (2.0 * b)) / safe**2)
+    k = hat(omega)
+    inverse_left = np.eye(3) - 0.5 * k + d[..., None, None] * (k @ k)
+    v = np.einsum("...ij,...j->...i", inverse_left, np.asarray(translation, dtype=float))
+    return np.concatenate([omega, v], axis=-1)

@@ -1,0 +1,85 @@
+"""What the two-point solver finds: all arrivals of a set of links, and the first of each."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pymantaray.records.base import Column, Record, column
+from pymantaray.records.status import RayStatus
+
+
+@dataclass(frozen=True, eq=False)
+class FirstArrivals(Record):
+    """Earliest admitted arrival of each link, one row per link; NaN where there is none."""
+
+    kind: ClassVar[str] = "first_arrivals"
+
+    status: Column = column("link", "1", "RayStatus", "i1")
+    travel_time: Column = column("link", "s", "travel time of the earliest admitted arrival")
+    chord_travel_time: Column = column("link", "s", "travel time along the straight chord")
+    source_sound_speed: Column = column("link", "m s-1", "sound speed at the source")
+    receiver_sound_speed: Column = column("link", "m s-1", "sound speed at the receiver")
+    shadow_margin: Column = column(
+        "link", "m", "smallest miss distance of any ray traced, 0 where a ray arrives"
+    )
+    source_slowness: Column = column("link axis", "s m-1", "slowness vector at the source, along the ray")
+    receiver_slowness: Column = column("link axis", "s m-1", "slowness vector at the receiver, along the ray")
+
+
+@dataclass(frozen=True, eq=False)
+class Arrivals(Record):
+    """
+    All admitted arrivals: one row per eigenray, sorted by link and travel time, and per-link outcomes.
+
+    Launch and arrival angles are from the horizontal, positive down, along the direction of travel.
+    """
+
+    kind: ClassVar[str] = "arrivals"
+
+    link: Column = column("arrival", "1", "index of the link", "i8")
+    travel_time: Column = column("arrival", "s", "travel time")
+    surface_bounces: Column = column("arrival", "1", "reflections at the surface", "i2")
+    bottom_bounces: Column = column("arrival", "1", "reflections at the sea bed", "i2")
+    turning_points: Column = column("arrival", "1", "vertical turning points, reflections not counted", "i2")
+    launch_angle: Column = column("arrival", "rad", "angle from the horizontal at the source, positive down")
+    arrival_angle: Column = column(
+        "arrival", "rad", "angle from the horizontal at the receiver, positive down"
+    )
+    spreading_db: Column = column("arrival", "dB", "geometric spreading beyond spherical")
+    source_slowness: Column = column("arrival axis", "s m-1", "slowness vector at the source")
+    receiver_slowness: Column = column("arrival axis", "s m-1", "slowness vector at the receiver")
+    status: Column = column("n_links", "1", "RayStatus of each link", "i1")
+    chord_travel_time: Column = column("n_links", "s", "travel time along the straight chord")
+    source_sound_speed: Column = column("n_links", "m s-1", "sound speed at the source")
+    receiver_sound_speed: Column = column("n_links", "m s-1", "sound speed at the receiver")
+    shadow_margin: Column = column("n_links", "m", "smallest miss distance of any ray traced")
+
+    def first(self) -> FirstArrivals:
+        """
+        Earliest arrival of each link.
+
+        Returns
+        -------
+        FirstArrivals
+            One row per link; travel time and slowness NaN where the status is not OK.
+        """
+        n = self.status.size
+        links, rows = np.unique(self.link, return_index=True)
+        time = np.full(n, np.nan)
+        source, receiver = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+        time[links] = self.travel_time[rows]
+        source[links] = self.source_slowness[rows]
+        receiver[links] = self.receiver_slowness[rows]
+        if np.any(np.isnan(time) != (self.status != RayStatus.OK)):
+            raise AssertionError("a link's status and its arrivals disagree")
+        return FirstArrivals(
+            status=self.status,
+            travel_time=time,
+            chord_travel_time=self.chord_travel_time,
+            source_sound_speed=self.source_sound_speed,
+            receiver_sound_speed=self.receiver_sound_speed,
+            shadow_margin=self.shadow_margin,
+            source_slowness=source,
+            receiver_slowness=receiver,
+        )

@@ -1,0 +1,173 @@
+"""One mechanism for all records: array fields with dimensions and units, to and from xarray."""
+
+from dataclasses import Field, dataclass, field, fields
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.errors import RecordError
+
+Column = NDArray[Any]  # the declared type of a field made by `column`
+
+
+def column(dims: str, units: str, long_name: str, dtype: str = "f8") -> Any:
+    """
+    Array field of a record.
+
+    Parameters
+    ----------
+    dims : str
+        Names of the dimensions, separated by spaces.
+    units : str
+        Units as CF writes them, "1" for none, "" for names.
+    long_name : str
+        One line for people.
+    dtype : str
+        numpy type of the array; "U" for text.
+
+    Returns
+    -------
+    dataclasses.Field
+    """
+    return field(
+        metadata={"dims": tuple(dims.split()), "units": units, "long_name": long_name, "dtype": dtype}
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """
+    Base of all records: every field made by `column` is an array of declared dimensions and type.
+
+    Dimensions of the same name must have the same length in all fields.
+
+    Raises
+    ------
+    RecordError
+        If a field has the wrong number of dimensions, or two fields disagree on a length.
+    """
+
+    kind: ClassVar[str] = "record"
+
+    def __post_init__(self) -> None:
+        """Convert, check and freeze every field."""
+        sizes: dict[str, int] = {}
+        for f in self._columns():
+            dtype = f.metadata["dtype"]
+            try:
+                array = np.array(getattr(self, f.name), dtype=None if dtype == "U" else dtype)
+            except (TypeError, ValueError) as error:
+                raise RecordError(f"{self.kind}: {f.name} is not an array of type {dtype}: {error}") from None
+            if dtype == "U":
+                array = array.astype(str)
+            dims = f.metadata["dims"]
+            if array.ndim != len(dims):
+                raise RecordError(f"{self.kind}: {f.name} has shape {array.shape}; needs dimensions {dims}")
+            for name, size in zip(dims, array.shape, strict=True):
+                if sizes.setdefault(name, size) != size:
+                    raise RecordError(
+                        f"{self.kind}: {f.name} has {size} along {name!r}, other fields have {sizes[name]}"
+                    )
+            array.setflags(write=False)
+            object.__setattr__(self, f.name, array)
+
+    @classmethod
+    def _columns(cls) -> list[Field[Any]]:
+        return [f for f in fields(cls) if "dims" in f.metadata]
+
+    def to_dataset(self) -> xr.Dataset:
+        """
+        Give the record as an xarray data set with units and long names.
+
+        Returns
+        -------
+        xarray.Dataset
+        """
+        data = {}
+        for f in self._columns():
+            attrs = {"long_name": f.metadata["long_name"]}
+            if f.metadata["units"]:
+                attrs["units"] = f.metadata["units"]
+            data[f.name] = xr.Variable(f.metadata["dims"], getattr(self, f.name), attrs)
+        return xr.Dataset(data, attrs={"Conventions": "CF-1.11", "mantaray_record": self.kind})
+
+    @classmethod
+    def from_dataset(cls, dataset: xr.Dataset) -> Self:
+        """
+        Build the record from a data set that `to_dataset` made.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+
+        Returns
+        -------
+        Record
+
+        Raises
+        ------
+        RecordError
+            If the data set holds another kind of record or lacks a field.
+        """
+        found = dataset.attrs.get("mantaray_record")
+        if found != cls.kind:
+            raise RecordError(f"data set holds {found!r}; needs {cls.kind!r}")
+        missing = [f.name for f in cls._columns() if f.name not in dataset]
+        if missing:
+            raise RecordError(f"{cls.kind}: data set lacks {', '.join(missing)}")
+        return cls(**{f.name: dataset[f.name].values for f in cls._columns()})
+
+    def save(self, path: Path) -> None:
+        """
+        Write the record as NetCDF-4, whole or not at all.
+
+        Parameters
+        ----------
+        path : pathlib.Path
+        """
+        write_netcdf(self.to_dataset(), path)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """
+        Read a record that `save` wrote.
+
+        Parameters
+        ----------
+        path : pathlib.Path
+
+        Returns
+        -------
+        Record
+
+        Raises
+        ------
+        RecordError
+            If the file is missing, unreadable or of another kind.
+        """
+        try:
+            with xr.open_dataset(path, decode_times=False) as dataset:
+                return cls.from_dataset(dataset.load())
+        except (OSError, ValueError) as error:
+            raise RecordError(f"{path}: not a readable {cls.kind} file: {error}") from None
+
+
+def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
+    """
+    Write a data set under a temporary name, then rename.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+    path : pathlib.Path
+        Final name; its folder must exist.
+    """
+    temporary = path.with_name(path.name + ".part")
+    try:
+        dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

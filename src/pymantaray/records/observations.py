@@ -1,0 +1,64 @@
+"""What the vehicles measure: odometry, depth, surface GNSS and ranges, noise-free or noisy."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pymantaray.records.base import Column, Record, column
+
+
+@dataclass(frozen=True, eq=False)
+class Observations(Record):
+    """
+    Measurements of a fleet at common sample times, and the noise level that each is believed to have.
+
+    A sample is an index into ``time``. In the range table a participant is an index into ``name`` if it
+    is below the number of agents, else that number plus an index into ``landmark_name``. Every attempted
+    range has a row; ``range_status`` (`RayStatus`) says whether it was heard. The stages: the simulator
+    fills values without noise, `sensing.perturb` adds it, the shape stays.
+    """
+
+    kind: ClassVar[str] = "observations"
+
+    name: Column = column("agent", "", "vehicle name", "U")
+    time: Column = column("time", "s", "time since the start of the mission")
+
+    odometry_rotation: Column = column(
+        "agent edge quat", "1", "relative rotation from pose k to k+1, (w, x, y, z)"
+    )
+    odometry_translation: Column = column(
+        "agent edge axis", "m", "translation from pose k to k+1 in body frame k"
+    )
+    odometry_sigma: Column = column(
+        "agent edge tangent", "1", "sigma in the tangent: 3 rotation [rad], 3 translation [m]"
+    )
+
+    depth: Column = column("agent time", "m", "depth, positive down")
+    depth_sigma: Column = column("agent", "m", "standard deviation of the depth measurement")
+
+    gnss_agent: Column = column("fix", "1", "index of the vehicle", "i4")
+    gnss_sample: Column = column("fix", "1", "index into time", "i4")
+    gnss_position: Column = column("fix axis", "m", "GNSS position in the local frame")
+    gnss_sigma: Column = column("fix", "m", "standard deviation per axis")
+
+    landmark_name: Column = column("landmark", "", "landmark name", "U")
+    landmark_position: Column = column("landmark axis", "m", "surveyed position of the landmark")
+    landmark_sigma: Column = column("landmark", "m", "standard deviation per axis of the survey")
+
+    first_position: Column = column("agent axis", "m", "position prior of the first pose")
+    first_quaternion: Column = column("agent quat", "1", "orientation prior of the first pose, (w, x, y, z)")
+    first_sigma: Column = column(
+        "agent tangent", "1", "sigma of the first-pose prior: rotation [rad], translation [m]"
+    )
+
+    range_transmitter: Column = column("range", "1", "participant that transmits", "i4")
+    range_receiver: Column = column("range", "1", "participant that receives", "i4")
+    range_sample: Column = column("range", "1", "index into time", "i4")
+    range_status: Column = column("range", "1", "RayStatus of the attempt", "i1")
+    travel_time: Column = column("range", "s", "travel time of the admitted arrival, NaN for a dropout")
+    chord_travel_time: Column = column("range", "s", "travel time along the straight chord")
+    transmitter_sound_speed: Column = column("range", "m s-1", "sound speed at the transmitter")
+    straight_range: Column = column("range", "m", "straight distance (with noise after the noise stage)")
+    refracted_range: Column = column(
+        "range", "m", "sound speed at the transmitter times travel time, NaN for a dropout"
+    )
+    range_sigma: Column = column("range", "m", "standard deviation of the range")

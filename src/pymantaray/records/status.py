@@ -1,0 +1,33 @@
+"""Outcomes that are data, not errors: of a link, of a vehicle and of a solve."""
+
+from enum import IntEnum
+
+
+class RayStatus(IntEnum):
+    """What became of one acoustic link."""
+
+    OK = 0  # an admitted arrival exists
+    SHADOW = 1  # no ray within the allowed bounces reaches the receiver
+    BLOCKED = 2  # every such ray meets the bottom or the surface on its way
+    OUTSIDE = 3  # an end point is outside the water or the medium's domain
+    WEAK = 4  # rays exist, all of them below the spreading cut-off
+    STOPPED = 5  # one of the vehicles has stopped and is silent
+
+
+class VehicleStatus(IntEnum):
+    """What became of a vehicle; anything but ACTIVE means that it stays where it is, silent."""
+
+    ACTIVE = 0
+    GROUNDED = 1  # met the sea bed
+    LEFT_DOMAIN = 2  # left the ocean that was given
+
+
+class SolveStatus(IntEnum):
+    """Verdict of the health gate on one solve of a factor graph."""
+
+    OK = 0
+    NO_ITERATION = 1  # the optimizer gave up at once and returned its starting point
+    NOT_CONVERGED = 2  # the iteration limit was met or the gradient is not small
+    COST_ROSE = 3  # the final cost is above the initial one
+    OVER_CHI_SQUARE = 4  # converged, but the cost is outside its chi-square bounds where the model is right
+    FAILED = 5  # the linear system could not be solved
