@@ -1,0 +1,224 @@
+"""All launch angles whose rays meet the receiver: an adaptive fan, then Newton with the fine tracer.
+
+A fan of rays gives the miss ``F`` and its derivative by the launch angle. Between neighbours F is a cubic
+Hermite polynomial, judged against a ray in the middle wherever a root is possible; intervals are halved
+until each holds one root, none, or is narrower than the resolution. Pairs of roots about an extremum of
+F (a caustic) show by the signs of the derivatives.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from pymantaray.acoustics._kernels.trace import N_FAN, N_FULL, trace
+
+MAX_ROOTS = 256
+MAX_STACK = 128
+MAX_RAYS = 20_000
+_BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this times each end's slope defect
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def shoot(s, angle, target, length, axis, n_source, tol, work):
+    """Miss distance at the receiver's plane and its derivative; ok False where the ray does not get there."""
+    y, K, ynew, no_path = work[0], work[1], work[2], work[3]
+    ok, _, _ = trace(s, angle, 0.0, length, axis, n_source, tol, N_FAN, y, K, ynew, no_path)
+    return y[0] - target, y[2], ok
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _hermite_value(t, h, f0, d0, f1, d1):
+    t2 = t * t
+    t3 = t2 * t
+    return (
+        (1.0 - 3.0 * t2 + 2.0 * t3) * f0
+        + (t - 2.0 * t2 + t3) * h * d0
+        + (3.0 * t2 - 2.0 * t3) * f1
+        + (t3 - t2) * h * d1
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def find_brackets(s, nodes, n_nodes, target, length, axis, n_source, tol, min_width, work, brackets):
+    """Brackets of all roots of the miss between the first and the last node.
+
+    brackets (MAX_ROOTS, 2) receives the ends. Returns their number, the smallest miss met, the rays traced
+    and whether the budget sufficed.
+    """
+    F = np.empty(n_nodes)
+    D = np.empty(n_nodes)
+    good = np.empty(n_nodes, dtype=np.bool_)
+    eps = np.zeros(n_nodes)
+    margin = np.inf
+    rays = n_nodes
+    for i in range(n_nodes):
+        F[i], D[i], good[i] = shoot(s, nodes[i], target, length, axis, n_source, tol, work)
+        if good[i]:
+            margin = min(margin, abs(F[i]))
+    for i in range(1, n_nodes - 1):
+        if good[i - 1] and good[i] and good[i + 1]:
+            h = nodes[i + 1] - nodes[i - 1]
+            t = (nodes[i] - nodes[i - 1]) / h
+            eps[i] = abs(F[i] - _hermite_value(t, h, F[i - 1], D[i - 1], F[i + 1], D[i + 1])) / 8.0
+    n_found = 0
+    complete = True
+    st = np.empty((MAX_STACK, 7))
+    lost = np.zeros((MAX_STACK, 2), dtype=np.bool_)
+    for i in range(n_nodes - 1):
+        top = 0
+        st[0, 0], st[0, 1], st[0, 2] = nodes[i], F[i], D[i]
+        st[0, 3], st[0, 4], st[0, 5] = nodes[i + 1], F[i + 1], D[i + 1]
+        st[0, 6] = max(eps[i], eps[i + 1])
+        lost[0, 0], lost[0, 1] = not good[i], not good[i + 1]
+        while top >= 0:
+            a, fa, da = st[top, 0], st[top, 1], st[top, 2]
+            b, fb, db = st[top, 3], st[top, 4], st[top, 5]
+            e = st[top, 6]
+            la, lb = lost[top, 0], lost[top, 1]
+            top -= 1
+            h = b - a
+            if la and lb:
+                continue
+            if not (la or lb):
+                lin = fb - fa
+                ea = h * da - lin
+                eb = h * db - lin
+                if fa == 0.0 or fa * fb < 0.0:
+                    single = da * lin > 0.0 and db * lin > 0.0 and max(abs(ea), abs(eb)) < 1.5 * abs(lin)
+                    if (single and e < 0.05 * abs(lin)) or h < min_width:
+                        if n_found < MAX_ROOTS:
+                            brackets[n_found, 0] = a
+                            brackets[n_found, 1] = b
+                            n_found += 1
+                        else:
+                            complete = False
+                        continue
+                else:
+                    nearest = min(abs(fa), abs(fb))
+                    reach = 1.5 * _BOUND * (abs(ea) + abs(eb)) + e
+                    if nearest > reach + tol or h < min_width:
+                        continue
+            elif h < min_width:
+                continue
+            if rays >= MAX_RAYS or top + 2 >= MAX_STACK:
+                complete = False
+                continue
+            m = 0.5 * (a + b)
+            fm, dm, ok = shoot(s, m, target, length, axis, n_source, tol, work)
+            rays += 1
+            if ok:
+                margin = min(margin, abs(fm))
+            if ok and not (la or lb):
+                e = abs(fm - _hermite_value(0.5, h, fa, da, fb, db)) / 4.0
+            top += 1
+            st[top, 0], st[top, 1], st[top, 2] = m, fm, dm
+            st[top, 3], st[top, 4], st[top, 5] = b, fb, db
+            st[top, 6] = e
+            lost[top, 0], lost[top, 1] = not ok, lb
+            top += 1
+            st[top, 0], st[top, 1], st[top, 2] = a, fa, da
+            st[top, 3], st[top, 4], st[top, 5] = m, fm, dm
+            st[top, 6] = e
+            lost[top, 0], lost[top, 1] = la, not ok
+    return n_found, margin, rays, complete
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def refine(s, a, b, target, length, axis, n_source, tol, miss, work, path):
+    """Launch angle in [a, b] whose ray, with horizontal refraction, ends within miss of the receiver.
+
+    Newton on both slownesses: the angle by xi, the cross-track slowness by A, safeguarded by bisection.
+    The end state stays in work[0]. Returns ok, angle, cross-track slowness, steps, turning points.
+    """
+    y, K, ynew = work[0], work[1], work[2]
+    q = 0.0
+    fa, fb = 0.0, 0.0
+    bracketed = False
+    width = b - a
+    for attempt in range(24):
+        # horizontal refraction moves the root by a little: widen the bracket until it holds it
+        ok, steps, turns = trace(s, a, q, length, axis, n_source, tol, N_FULL, y, K, ynew, path)
+        if not ok:
+            return False, a, q, steps, turns
+        fa = y[0] - target
+        if y[7] > 0.0:
+            q -= y[5] / y[7]
+        ok, steps, turns = trace(s, b, q, length, axis, n_source, tol, N_FULL, y, K, ynew, path)
+        if not ok:
+            return False, b, q, steps, turns
+        fb = y[0] - target
+        if y[7] > 0.0:
+            q -= y[5] / y[7]
+        if attempt > 0 and fa * fb <= 0.0:
+            bracketed = True
+            break
+        if attempt == 0:
+            continue
+        if width > 5e-3:
+            break
+        width = max(2.0 * width, 1e-9)
+        if abs(fa) < abs(fb):
+            a -= width
+        else:
+            b += width
+    m = b - fb * (b - a) / (fb - fa) if fb != fa else 0.5 * (a + b)
+    if not a <= m <= b:
+        m = 0.5 * (a + b)
+    lo, hi = a, b
+    previous = np.inf
+    for it in range(80):
+        ok, steps, turns = trace(s, m, q, length, axis, n_source, tol, N_FULL, y, K, ynew, path)
+        if not ok:
+            return False, m, q, steps, turns
+        f = y[0] - target
+        if abs(f) < miss and abs(y[5]) < miss:
+            return True, m, q, steps, turns
+        if y[7] > 0.0:
+            q -= y[5] / y[7]
+        if bracketed:
+            if (f > 0.0) == (fa > 0.0):
+                lo = m
+            else:
+                hi = m
+        new = m - f / y[2] if y[2] != 0.0 else 0.5 * (lo + hi)
+        if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):
+            new = 0.5 * (lo + hi)
+        previous = abs(f)
+        if new == m:
+            # the angle has no more digits: the best there is, if near
+            return abs(f) < 1e3 * miss and abs(y[5]) < miss, m, q, steps, turns
+        m = new
+    return False, m, q, steps, turns
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fan_nodes(lo, hi, spacing, s, c_source, nodes):
+    """Launch angles of the first fan: equal spacing and, in a LINEAR section, the critical angles of all levels."""
+    count = max(int(math.ceil((hi - lo) / spacing)), 2) + 1
+    count = min(count, nodes.size // 2)
+    for i in range(count):
+        nodes[i] = lo + (hi - lo) * i / (count - 1)
+    n = count
+    if s.kind == 1:
+        for k in range(s.depth.size):
+            for cell in range(s.n_range):
+                c = s.data[cell, k, 0]
+                if c > c_source and n < nodes.size - 2:
+                    angle = math.acos(c_source / c)
+                    if angle < hi:
+                        nodes[n] = angle
+                        n += 1
+                    if -angle > lo:
+                        nodes[n] = -angle
+                        n += 1
+                if cell > 0 and abs(s.data[cell, k, 0] - s.data[0, k, 0]) < 1e-9:
+                    break
+        nodes[:n].sort()
+        m = 1
+        for i in range(1, n):
+            if nodes[i] - nodes[m - 1] > 1e-9:
+                nodes[m] = nodes[i]
+                m += 1
+        n = m
+    return n

@@ -1,0 +1,221 @@
+"""The sound-speed field and sea bed through which rays run, as contiguous arrays."""
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline, make_interp_spline
+
+from pymantaray.acoustics._kernels.section import LINEAR, LUT_SIZE, SMOOTH, depth_lut
+from pymantaray.errors import AcousticsError
+
+Array = NDArray[np.float64]
+Interpolation = Literal["smooth", "linear"]
+_SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; outside this a unit is wrong
+
+
+@dataclass(frozen=True, eq=False)
+class Medium:
+    """
+    Sound speed and bathymetry on a local grid, prepared for ray tracing.
+
+    Build it with `from_profile`, `from_grid` or `from_dataset`.
+
+    Attributes
+    ----------
+    north, east : ndarray, shape (n_north,), (n_east,)
+        Grid axes; one value each where the medium is horizontally uniform. [m]
+    depth : ndarray, shape (n_depth,)
+        Levels, positive down. [m]
+    sound_speed : ndarray, shape (n_north, n_east, n_depth)
+        [m s⁻¹]
+    bathymetry : ndarray, shape (n_north, n_east)
+        Depth of the sea bed. [m]
+    interpolation : {"smooth", "linear"}
+        C2 cubic spline in depth and cubic B-spline horizontally, or piecewise linear in depth and
+        bilinear horizontally. The sea bed is bilinear in both.
+    """
+
+    north: Array
+    east: Array
+    depth: Array
+    sound_speed: Array
+    bathymetry: Array
+    interpolation: Interpolation
+    field: Array
+    knots_north: Array
+    knots_east: Array
+    lut: NDArray[np.int32]
+    lut_scale: float
+
+    @classmethod
+    def from_grid(
+        cls,
+        north: ArrayLike,
+        east: ArrayLike,
+        depth: ArrayLike,
+        sound_speed: ArrayLike,
+        *,
+        bathymetry: ArrayLike,
+        interpolation: Interpolation = "smooth",
+    ) -> Self:
+        """
+        Medium on a grid of the local frame.
+
+        Parameters
+        ----------
+        north, east, depth : array_like, shape (n_north,), (n_east,), (n_depth,)
+            Axes, strictly increasing. A horizontal axis of one point means no variation along it. [m]
+        sound_speed : array_like, shape (n_north, n_east, n_depth)
+            [m s⁻¹]
+        bathymetry : array_like, shape (n_north, n_east)
+            Depth of the sea bed. [m]
+        interpolation : {"smooth", "linear"}
+            What lies between the grid points.
+
+        Returns
+        -------
+        Medium
+
+        Raises
+        ------
+        AcousticsError
+            If an axis does not increase, a shape does not fit, or a sound speed is not finite or outside
+            1000 to 2500 m/s.
+        """
+        axes = [_axis(name, values) for name, values in (("north", north), ("east", east), ("depth", depth))]
+        n, e, z = axes
+        if z.size < 2:
+            raise AcousticsError(f"depth: {z.size} level; a medium needs at least 2")
+        c = np.array(sound_speed, dtype=float, order="C")
+        bottom = np.array(bathymetry, dtype=float, order="C")
+        for name, array, shape in (
+            ("sound_speed", c, (n.size, e.size, z.size)),
+            ("bathymetry", bottom, (n.size, e.size)),
+        ):
+            if array.shape != shape:
+                raise AcousticsError(f"{name}: shape {array.shape}; the axes ask for {shape}")
+            if not np.all(np.isfinite(array)):
+                raise AcousticsError(
+                    f"{name}: {np.count_nonzero(~np.isfinite(array))} values are not finite; fill them before tracing"
+                )
+        if c.min() < _SLOWEST or c.max() > _FASTEST:
+            raise AcousticsError(
+                f"sound_speed: {c.min():g} to {c.max():g} m/s; sea water lies in {_SLOWEST:g} to {_FASTEST:g},"
+                " check the units"
+            )
+        if interpolation not in ("smooth", "linear"):
+            raise AcousticsError(f"interpolation: {interpolation!r}; allowed are 'smooth' and 'linear'")
+        knots_n = knots_e = np.array([0.0, 1.0])
+        if interpolation == "smooth":
+            slope = CubicSpline(z, c, axis=2, bc_type="natural")(z, 1)
+            both = np.concatenate([c, slope], axis=2)
+            both, knots_n = _bspline(n, both, axis=0)
+            both, knots_e = _bspline(e, both, axis=1)
+            field = np.ascontiguousarray(both)
+        else:
+            field = c
+        lut = np.zeros(LUT_SIZE, dtype=np.int32)
+        scale = float(depth_lut(z, lut))
+        for array in (n, e, z, c, bottom, field, knots_n, knots_e, lut):
+            array.setflags(write=False)
+        return cls(n, e, z, c, bottom, interpolation, field, knots_n, knots_e, lut, scale)
+
+    @classmethod
+    def from_profile(
+        cls,
+        depth: ArrayLike,
+        sound_speed: ArrayLike,
+        *,
+        bottom_depth: float,
+        interpolation: Interpolation = "smooth",
+    ) -> Self:
+        """
+        Horizontally uniform and unbounded medium from one profile.
+
+        Parameters
+        ----------
+        depth, sound_speed : array_like, shape (n_depth,)
+            Levels, strictly increasing, and the sound speed there. [m, m s⁻¹]
+        bottom_depth : float
+            Depth of the flat sea bed. [m]
+        interpolation : {"smooth", "linear"}
+            What lies between the levels.
+
+        Returns
+        -------
+        Medium
+
+        Raises
+        ------
+        AcousticsError
+            As `from_grid`.
+        """
+        c = np.asarray(sound_speed, dtype=float)
+        if c.ndim != 1:
+            raise AcousticsError(f"sound_speed: shape {c.shape}; a profile has one dimension")
+        return cls.from_grid(
+            [0.0], [0.0], depth, c[None, None], bathymetry=[[bottom_depth]], interpolation=interpolation
+        )
+
+    @classmethod
+    def from_dataset(cls, ocean: xr.Dataset, *, interpolation: Interpolation = "smooth") -> Self:
+        """
+        Medium of an ocean data set, geographic as `open_ocean` returns it or already local.
+
+        Parameters
+        ----------
+        ocean : xarray.Dataset
+            With dimensions (north, east, depth), or (depth, lat, lon), which is then regridded about the
+            middle of its window.
+        interpolation : {"smooth", "linear"}
+            What lies between the grid points.
+
+        Returns
+        -------
+        Medium
+
+        Raises
+        ------
+        AcousticsError
+            As `from_grid`, or if the data set is of neither kind.
+        """
+        if "lat" in ocean.dims:
+            from pymantaray.ocean import to_local
+
+            ocean = to_local(ocean)
+        missing = [v for v in ("sound_speed", "sea_floor_depth", "north", "east", "depth") if v not in ocean]
+        if missing:
+            raise AcousticsError(f"ocean data set lacks {', '.join(missing)}; make it with open_ocean and to_local")
+        return cls.from_grid(
+            ocean["north"].values,
+            ocean["east"].values,
+            ocean["depth"].values,
+            ocean["sound_speed"].transpose("north", "east", "depth").values,
+            bathymetry=ocean["sea_floor_depth"].transpose("north", "east").values,
+            interpolation=interpolation,
+        )
+
+    @property
+    def kind(self) -> int:
+        """Code of the interpolation in the kernels."""
+        return SMOOTH if self.interpolation == "smooth" else LINEAR
+
+
+def _axis(name: str, values: ArrayLike) -> Array:
+    axis = np.array(values, dtype=float)
+    if axis.ndim != 1 or axis.size == 0:
+        raise AcousticsError(f"{name}: shape {axis.shape}; an axis has one dimension and at least one point")
+    if not np.all(np.isfinite(axis)) or np.any(np.diff(axis) <= 0.0):
+        raise AcousticsError(f"{name}: axis must be finite and strictly increasing")
+    return axis
+
+
+def _bspline(axis_points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
+    """Coefficients and knots of the interpolating spline of degree min(3, n - 1) along an axis."""
+    if axis_points.size == 1:
+        return values, np.array([0.0, 1.0])
+    spline = make_interp_spline(axis_points, values, k=min(3, axis_points.size - 1), axis=axis)
+    return np.ascontiguousarray(np.moveaxis(spline.c, 0, axis)), np.ascontiguousarray(spline.t)
