@@ -1,11 +1,12 @@
 """One link from end to end: cut the section, search, refine, check that the ray stays in the water."""
 
 import math
+from collections import namedtuple
 
 import numpy as np
-from numba import njit
 
-from pymantaray.acoustics._kernels.search import MAX_ROOTS, fan_nodes, find_brackets, refine, shoot
+from pymantaray.acoustics._kernels.compile import driver, kernel, sort_head
+from pymantaray.acoustics._kernels.search import MAX_ROOTS, MAX_STACK, fan_nodes, find_brackets, refine, shoot
 from pymantaray.acoustics._kernels.section import (
     LINEAR,
     SMOOTH,
@@ -24,14 +25,21 @@ OK, SHADOW, BLOCKED, OUTSIDE, WEAK = 0, 1, 2, 3, 4
 MAX_COLUMNS = 1024
 COLUMN_STEP = 500.0  # m; spacing of the columns of a SMOOTH section at most
 MAX_PATH = 4096
+MAX_NODES = 4096
 TOUCH = 1e-6  # m; a ray this far beyond a boundary still touches it only
 STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
 SPACING_SMOOTH = 0.016  # rad
 SPACING_LINEAR = 0.008  # rad
 N_COLUMNS = 11  # of a result row
 
+Work = namedtuple(
+    "Work",
+    "y K ynew no_path path breaks floor_breaks small acc store cuts nodes fan stack brackets rows",
+)
+Work.__doc__ = "Workspaces of one thread, shared by all kernels; made once in `solve_links`."
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@kernel
 def field_at(s, r, z):
     """Sound speed at a point of the section."""
     if s.kind == SMOOTH:
@@ -47,7 +55,7 @@ def field_at(s, r, z):
     return linear_full(s, b, find_level(s.depth, s.lut, s.lut_scale, z), r, z)[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def bottom_at(north, east, bathymetry, n, e):
     """Bilinear depth of the sea bed."""
     i, j, sn, se, _, _ = bilinear_weights(north, east, n, e, n, e)
@@ -60,9 +68,10 @@ def bottom_at(north, east, bathymetry, n, e):
     return (b00 * (1.0 - sn) + b10 * sn) * (1.0 - se) + (b01 * (1.0 - sn) + b11 * sn) * se
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def cut_section(medium, n0, e0, un, ue, horizontal, store, breaks):
-    """Section of the medium along a baseline, filled into store."""
+@kernel
+def cut_section(medium, n0, e0, un, ue, horizontal, work):
+    """Section of the medium along a baseline, filled into work.store."""
+    store, breaks = work.store, work.breaks
     kind, north, east, depth, field, knots_n, deg_n, knots_e, deg_e, lut, lut_scale = medium
     if kind == SMOOTH:
         margin = 0.0
@@ -75,7 +84,10 @@ def cut_section(medium, n0, e0, un, ue, horizontal, store, breaks):
         step = (horizontal + 2.0 * margin) / (count - 1)
         if step == 0.0:
             step = COLUMN_STEP
-        cut_smooth(field, knots_n, deg_n, knots_e, deg_e, n0, e0, un, ue, -margin, step, count, store)
+        cut_smooth(
+            field, knots_n, deg_n, knots_e, deg_e, depth, n0, e0, un, ue, -margin, step, count, store,
+            work.small, work.acc,
+        )
         return Section(SMOOTH, count, -margin, step, breaks, depth, lut, lut_scale, store)
     reach = 1000.0  # m beyond the ends; rays of steep links stray behind the source
     count = line_breaks(north, east, n0, e0, un, ue, -reach, horizontal + reach, breaks) - 1
@@ -83,12 +95,11 @@ def cut_section(medium, n0, e0, un, ue, horizontal, store, breaks):
     return Section(LINEAR, count, 0.0, 1.0, breaks, depth, lut, lut_scale, store)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def chord_travel_time(s, length, horizontal, z0, z1):
+@kernel
+def chord_travel_time(s, length, horizontal, z0, z1, cuts):
     """Travel time along the straight chord: Gauss-Legendre between all levels and columns it crosses."""
     x = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
     w = (0.23692688505618908, 0.47862867049936647, 0.5688888888888889, 0.47862867049936647, 0.23692688505618908)
-    cuts = np.empty(s.depth.size + s.n_range + 4)
     n = 0
     cuts[n] = 0.0
     n += 1
@@ -107,7 +118,7 @@ def chord_travel_time(s, length, horizontal, z0, z1):
                 n += 1
     cuts[n] = 1.0
     n += 1
-    cuts[:n].sort()
+    sort_head(cuts, n)
     total = 0.0
     for i in range(n - 1):
         h = 0.5 * (cuts[i + 1] - cuts[i])
@@ -120,7 +131,17 @@ def chord_travel_time(s, length, horizontal, z0, z1):
     return total * length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
+def _level_speed(s, b, k):
+    """Sound speed at a level in a column or at the near edge of a cell."""
+    if s.kind == LINEAR or k < s.depth.size - 1:
+        return s.data[b, k, 0]
+    x = s.depth[k] - s.depth[k - 1]
+    d = s.data
+    return d[b, k - 1, 0] + x * (d[b, k - 1, 1] + x * (d[b, k - 1, 2] + x * d[b, k - 1, 3]))
+
+
+@kernel
 def snell_limit(s, c_source, z0, z1, horizontal):
     """Steepest angle at which a ray can turn within reach of the link: arccos of c over the fastest in reach."""
     angle = 0.6
@@ -134,7 +155,7 @@ def snell_limit(s, c_source, z0, z1, horizontal):
                 s.depth[k] <= low or (k > 0 and s.depth[k - 1] <= low)
             ):
                 for b in range(s.n_range):
-                    fastest = max(fastest, s.data[b, k, 0])
+                    fastest = max(fastest, _level_speed(s, b, k))
         new = math.acos(c_source / fastest)
         if new >= angle:
             return new
@@ -142,7 +163,7 @@ def snell_limit(s, c_source, z0, z1, horizontal):
     return angle
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def in_water(path, steps, axis, n0, e0, un, ue, north, east, bathymetry, breaks, n_breaks):
     """Whether a traced ray stays between surface and sea bed; also the least clearance. [m]
 
@@ -188,16 +209,18 @@ def in_water(path, steps, axis, n0, e0, un, ue, north, east, bathymetry, breaks,
     return clearance >= -TOUCH, clearance
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, store, nodes, brackets, path, rows, info):
+@kernel
+def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info):
     """All direct eigenrays of one link.
 
-    rows (MAX_ROOTS, N_COLUMNS) receives travel time, launch angle, arrival angle, spreading [dB], turning
+    work.rows receives travel time, launch angle, arrival angle, spreading [dB], turning
     points and the slowness vectors at both ends; info receives chord travel time, c at both ends, margin
     and the number of rays traced. Returns the number of arrivals and the status.
     """
     kind, north, east, depth = medium[0], medium[1], medium[2], medium[3]
-    info[:] = np.nan
+    rows, brackets = work.rows, work.brackets
+    for i in range(4):
+        info[i] = np.nan
     info[4] = 0.0
     for point in (source, receiver):
         if north.size > 1 and not north[0] <= point[0] <= north[north.size - 1]:
@@ -215,18 +238,19 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, store
     un, ue = 1.0, 0.0
     if horizontal > 0.0:
         un, ue = dn / horizontal, de / horizontal
-    s = cut_section(medium, source[0], source[1], un, ue, horizontal, store, work[4])
+    s = cut_section(medium, source[0], source[1], un, ue, horizontal, work)
     z0, z1 = source[2], receiver[2]
     c0 = field_at(s, 0.0, z0)
     c1 = field_at(s, horizontal, z1)
     info[1], info[2] = c0, c1
     if length == 0.0:
         info[0], info[3] = 0.0, 0.0
-        rows[0, :] = np.nan
+        for i in range(N_COLUMNS):
+            rows[0, i] = np.nan
         rows[0, 0] = 0.0
         rows[0, 4] = 0.0
         return 1, OK
-    info[0] = chord_travel_time(s, length, horizontal, z0, z1)
+    info[0] = chord_travel_time(s, length, horizontal, z0, z1, work.cuts)
     slope = math.atan2(dz, horizontal)
     limit = snell_limit(s, c0, z0, z1, horizontal)
     cb, sb, span, target = 1.0, 0.0, horizontal, dz
@@ -235,7 +259,7 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, store
         cb, sb, span, target = math.cos(slope), math.sin(slope), length, 0.0
     c_ref = c0
     axis = (z0, cb, sb, c_ref)
-    n_breaks = line_breaks(north, east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work[5])
+    n_breaks = line_breaks(north, east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work.floor_breaks)
     miss = min(1e-2, 1e-6 * length)
     fine = min(tol, 1e-4 * length)
     coarse = min(30.0 * tol, 1e-2 * length)
@@ -246,13 +270,13 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, store
     if steep:
         # one ray: the bracket of a regula falsi about the chord
         half = 0.02
-        f0, _, ok0 = shoot(s, -half, target, span, axis, 1.0, coarse, work)
-        f1, _, ok1 = shoot(s, half, target, span, axis, 1.0, coarse, work)
+        f0, _, ok0 = shoot(s, -half, target, span, axis, coarse, work)
+        f1, _, ok1 = shoot(s, half, target, span, axis, coarse, work)
         rays += 2
         while (not ok0 or not ok1 or f0 * f1 > 0.0) and half < 0.64:
             half *= 2.0
-            f0, _, ok0 = shoot(s, -half, target, span, axis, 1.0, coarse, work)
-            f1, _, ok1 = shoot(s, half, target, span, axis, 1.0, coarse, work)
+            f0, _, ok0 = shoot(s, -half, target, span, axis, coarse, work)
+            f1, _, ok1 = shoot(s, half, target, span, axis, coarse, work)
             rays += 2
         if ok0 and ok1 and f0 * f1 <= 0.0:
             found = 1
@@ -264,25 +288,23 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, store
         lo = min(-limit - STEEP, slope - 0.1)
         hi = max(limit + STEEP, slope + 0.1)
         spacing = SPACING_SMOOTH if kind == SMOOTH else SPACING_LINEAR
-        n_nodes = fan_nodes(lo, hi, spacing, s, c0, nodes)
+        n_nodes = fan_nodes(lo, hi, spacing, s, c0, work.nodes)
         width = 1e-6 if not math.isnan(cutoff_db) else 1e-9
-        found, margin, rays, _ = find_brackets(
-            s, nodes, n_nodes, target, span, axis, 1.0, coarse, width, work, brackets
-        )
+        found, margin, rays, _ = find_brackets(s, n_nodes, target, span, axis, coarse, width, work)
     count, blocked, weak = 0, 0, 0
     for i in range(found):
         ok, angle, q, steps, turns = refine(
-            s, brackets[i, 0], brackets[i, 1], target, span, axis, 1.0, fine, miss, work, path
+            s, brackets[i, 0], brackets[i, 1], target, span, axis, fine, miss, work
         )
         if not ok:
             continue
         inside, _ = in_water(
-            path, steps, axis, source[0], source[1], un, ue, north, east, bathymetry, work[5], n_breaks
+            work.path, steps, axis, source[0], source[1], un, ue, north, east, bathymetry, work.floor_breaks, n_breaks
         )
         if not inside:
             blocked += 1
             continue
-        y, K = work[0], work[1]
+        y = work.y
         p1, q1 = y[1], y[6]
         n1 = c_ref / c1
         h1 = math.sqrt(max(n1 * n1 - p1 * p1 - q1 * q1, 0.0))
@@ -300,50 +322,58 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, store
                 new = False
         if not new:
             continue
-        row = rows[count]
-        row[0] = time
-        row[3] = spreading
-        row[4] = turns
+        rows[count, 0] = time
+        rows[count, 3] = spreading
+        rows[count, 4] = turns
         for end in range(2):
             p, q_, h = (p0, q, h0) if end == 0 else (p1, q1, h1)
             along = h * cb - p * sb
             down = h * sb + p * cb
-            row[1 + end] = math.atan2(down, math.hypot(along, q_))
-            row[5 + 3 * end] = (along * un - q_ * ue) / c_ref
-            row[6 + 3 * end] = (along * ue + q_ * un) / c_ref
-            row[7 + 3 * end] = down / c_ref
+            rows[count, 1 + end] = math.atan2(down, math.hypot(along, q_))
+            rows[count, 5 + 3 * end] = (along * un - q_ * ue) / c_ref
+            rows[count, 6 + 3 * end] = (along * ue + q_ * un) / c_ref
+            rows[count, 7 + 3 * end] = down / c_ref
         count += 1
     info[3] = 0.0 if count > 0 else margin
     info[4] = rays
     if count > 0:
-        order = np.argsort(rows[:count, 0])
-        rows[:count] = rows[:count][order]
+        for i in range(1, count):  # by travel time
+            j = i
+            while j > 0 and rows[j - 1, 0] > rows[j, 0]:
+                for k in range(N_COLUMNS):
+                    rows[j - 1, k], rows[j, k] = rows[j, k], rows[j - 1, k]
+                j -= 1
         return count, OK
     if weak > 0:
         return 0, WEAK
     return 0, BLOCKED if blocked > 0 else SHADOW
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@driver
 def solve_links(medium, bathymetry, source, receiver, cutoff_db, tol, canonical, all_rows, counts, status, info):
     """Solve a block of links; all_rows (n_links, MAX_KEPT, 11), the first MAX_KEPT arrivals of each link.
 
     With canonical, each link is solved from its deeper end (ties: north, east) and turned round.
     """
     n_depth = medium[3].size
-    work = (
-        np.empty(N_FULL),
-        np.empty((7, N_FULL)),
-        np.empty(N_FULL),
-        np.empty((0, 4)),
-        np.empty(MAX_COLUMNS + 2),
-        np.empty(MAX_COLUMNS + 2),
+    work = Work(
+        y=np.empty(N_FULL),
+        K=np.empty((7, N_FULL)),
+        ynew=np.empty(N_FULL),
+        no_path=np.empty((0, 4)),
+        path=np.empty((MAX_PATH, 4)),
+        breaks=np.empty(MAX_COLUMNS + 2),
+        floor_breaks=np.empty(MAX_COLUMNS + 2),
+        small=np.empty((4, 4)),
+        acc=np.empty((3, 2 * n_depth)),
+        store=np.empty((MAX_COLUMNS, n_depth, 12)),
+        cuts=np.empty(n_depth + MAX_COLUMNS + 4),
+        nodes=np.empty(MAX_NODES),
+        fan=np.empty((4, MAX_NODES)),
+        stack=np.empty((MAX_STACK, 9)),
+        brackets=np.empty((MAX_ROOTS, 2)),
+        rows=np.empty((MAX_ROOTS, N_COLUMNS)),
     )
-    store = np.empty((MAX_COLUMNS, n_depth, 6))
-    nodes = np.empty(4096)
-    brackets = np.empty((MAX_ROOTS, 2))
-    path = np.empty((MAX_PATH, 4))
-    rows = np.empty((MAX_ROOTS, N_COLUMNS))
     for i in range(source.shape[0]):
         a, b = source[i], receiver[i]
         turned = False
@@ -354,9 +384,8 @@ def solve_links(medium, bathymetry, source, receiver, cutoff_db, tol, canonical,
                     break
         if turned:
             a, b = b, a
-        n, status[i] = solve_link(
-            medium, bathymetry, a, b, cutoff_db, tol, work, store, nodes, brackets, path, rows, info[i]
-        )
+        n, status[i] = solve_link(medium, bathymetry, a, b, cutoff_db, tol, work, info[i])
+        rows = work.rows
         n = min(n, all_rows.shape[1])
         counts[i] = n
         for j in range(n):

@@ -9,8 +9,8 @@ F (a caustic) show by the signs of the derivatives.
 import math
 
 import numpy as np
-from numba import njit
 
+from pymantaray.acoustics._kernels.compile import kernel, sort_head
 from pymantaray.acoustics._kernels.trace import N_FAN, N_FULL, trace
 
 MAX_ROOTS = 256
@@ -19,15 +19,14 @@ MAX_RAYS = 20_000
 _BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this times each end's slope defect
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def shoot(s, angle, target, length, axis, n_source, tol, work):
+@kernel
+def shoot(s, angle, target, length, axis, tol, work):
     """Miss distance at the receiver's plane and its derivative; ok False where the ray does not get there."""
-    y, K, ynew, no_path = work[0], work[1], work[2], work[3]
-    ok, _, _ = trace(s, angle, 0.0, length, axis, n_source, tol, N_FAN, y, K, ynew, no_path)
-    return y[0] - target, y[2], ok
+    ok, _, _ = trace(s, angle, 0.0, length, axis, tol, N_FAN, work.y, work.K, work.ynew, work.no_path)
+    return work.y[0] - target, work.y[2], ok
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _hermite_value(t, h, f0, d0, f1, d1):
     t2 = t * t
     t3 = t2 * t
@@ -39,43 +38,41 @@ def _hermite_value(t, h, f0, d0, f1, d1):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def find_brackets(s, nodes, n_nodes, target, length, axis, n_source, tol, min_width, work, brackets):
-    """Brackets of all roots of the miss between the first and the last node.
+@kernel
+def find_brackets(s, n_nodes, target, length, axis, tol, min_width, work):
+    """Brackets of all roots of the miss between the first and the last of work.nodes.
 
-    brackets (MAX_ROOTS, 2) receives the ends. Returns their number, the smallest miss met, the rays traced
+    work.brackets receives the ends. Returns their number, the smallest miss met, the rays traced
     and whether the budget sufficed.
     """
-    F = np.empty(n_nodes)
-    D = np.empty(n_nodes)
-    good = np.empty(n_nodes, dtype=np.bool_)
-    eps = np.zeros(n_nodes)
+    nodes, brackets, st = work.nodes, work.brackets, work.stack
+    F, D, eps, good = work.fan[0], work.fan[1], work.fan[2], work.fan[3]
     margin = np.inf
     rays = n_nodes
     for i in range(n_nodes):
-        F[i], D[i], good[i] = shoot(s, nodes[i], target, length, axis, n_source, tol, work)
-        if good[i]:
+        eps[i] = 0.0
+        F[i], D[i], ok = shoot(s, nodes[i], target, length, axis, tol, work)
+        good[i] = 1.0 if ok else 0.0
+        if ok:
             margin = min(margin, abs(F[i]))
     for i in range(1, n_nodes - 1):
-        if good[i - 1] and good[i] and good[i + 1]:
+        if good[i - 1] * good[i] * good[i + 1] > 0.0:
             h = nodes[i + 1] - nodes[i - 1]
             t = (nodes[i] - nodes[i - 1]) / h
             eps[i] = abs(F[i] - _hermite_value(t, h, F[i - 1], D[i - 1], F[i + 1], D[i + 1])) / 8.0
     n_found = 0
     complete = True
-    st = np.empty((MAX_STACK, 7))
-    lost = np.zeros((MAX_STACK, 2), dtype=np.bool_)
     for i in range(n_nodes - 1):
         top = 0
         st[0, 0], st[0, 1], st[0, 2] = nodes[i], F[i], D[i]
         st[0, 3], st[0, 4], st[0, 5] = nodes[i + 1], F[i + 1], D[i + 1]
         st[0, 6] = max(eps[i], eps[i + 1])
-        lost[0, 0], lost[0, 1] = not good[i], not good[i + 1]
+        st[0, 7], st[0, 8] = good[i], good[i + 1]
         while top >= 0:
             a, fa, da = st[top, 0], st[top, 1], st[top, 2]
             b, fb, db = st[top, 3], st[top, 4], st[top, 5]
             e = st[top, 6]
-            la, lb = lost[top, 0], lost[top, 1]
+            la, lb = st[top, 7] == 0.0, st[top, 8] == 0.0
             top -= 1
             h = b - a
             if la and lb:
@@ -105,7 +102,7 @@ def find_brackets(s, nodes, n_nodes, target, length, axis, n_source, tol, min_wi
                 complete = False
                 continue
             m = 0.5 * (a + b)
-            fm, dm, ok = shoot(s, m, target, length, axis, n_source, tol, work)
+            fm, dm, ok = shoot(s, m, target, length, axis, tol, work)
             rays += 1
             if ok:
                 margin = min(margin, abs(fm))
@@ -115,36 +112,36 @@ def find_brackets(s, nodes, n_nodes, target, length, axis, n_source, tol, min_wi
             st[top, 0], st[top, 1], st[top, 2] = m, fm, dm
             st[top, 3], st[top, 4], st[top, 5] = b, fb, db
             st[top, 6] = e
-            lost[top, 0], lost[top, 1] = not ok, lb
+            st[top, 7], st[top, 8] = 1.0 if ok else 0.0, 0.0 if lb else 1.0
             top += 1
             st[top, 0], st[top, 1], st[top, 2] = a, fa, da
             st[top, 3], st[top, 4], st[top, 5] = m, fm, dm
             st[top, 6] = e
-            lost[top, 0], lost[top, 1] = la, not ok
+            st[top, 7], st[top, 8] = 0.0 if la else 1.0, 1.0 if ok else 0.0
     return n_found, margin, rays, complete
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def refine(s, a, b, target, length, axis, n_source, tol, miss, work, path):
+@kernel
+def refine(s, a, b, target, length, axis, tol, miss, work):
     """Launch angle in [a, b] whose ray, with horizontal refraction, ends within miss of the receiver.
 
     Newton on both slownesses: the angle by xi, the cross-track slowness by A, safeguarded by bisection.
-    The end state stays in work[0]. Returns ok, angle, cross-track slowness, steps, turning points.
+    The end state stays in work.y and its path in work.path. Returns ok, angle, cross-track slowness, steps, turning points.
     """
-    y, K, ynew = work[0], work[1], work[2]
+    y, K, ynew, path = work.y, work.K, work.ynew, work.path
     q = 0.0
     fa, fb = 0.0, 0.0
     bracketed = False
     width = b - a
     for attempt in range(24):
         # horizontal refraction moves the root by a little: widen the bracket until it holds it
-        ok, steps, turns = trace(s, a, q, length, axis, n_source, tol, N_FULL, y, K, ynew, path)
+        ok, steps, turns = trace(s, a, q, length, axis, tol, N_FULL, y, K, ynew, path)
         if not ok:
             return False, a, q, steps, turns
         fa = y[0] - target
         if y[7] > 0.0:
             q -= y[5] / y[7]
-        ok, steps, turns = trace(s, b, q, length, axis, n_source, tol, N_FULL, y, K, ynew, path)
+        ok, steps, turns = trace(s, b, q, length, axis, tol, N_FULL, y, K, ynew, path)
         if not ok:
             return False, b, q, steps, turns
         fb = y[0] - target
@@ -168,7 +165,7 @@ def refine(s, a, b, target, length, axis, n_source, tol, miss, work, path):
     lo, hi = a, b
     previous = np.inf
     for it in range(80):
-        ok, steps, turns = trace(s, m, q, length, axis, n_source, tol, N_FULL, y, K, ynew, path)
+        ok, steps, turns = trace(s, m, q, length, axis, tol, N_FULL, y, K, ynew, path)
         if not ok:
             return False, m, q, steps, turns
         f = y[0] - target
@@ -192,7 +189,7 @@ def refine(s, a, b, target, length, axis, n_source, tol, miss, work, path):
     return False, m, q, steps, turns
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def fan_nodes(lo, hi, spacing, s, c_source, nodes):
     """Launch angles of the first fan: equal spacing and, in a LINEAR section, the critical angles of all levels."""
     count = max(int(math.ceil((hi - lo) / spacing)), 2) + 1
@@ -214,7 +211,7 @@ def fan_nodes(lo, hi, spacing, s, c_source, nodes):
                         n += 1
                 if cell > 0 and abs(s.data[cell, k, 0] - s.data[0, k, 0]) < 1e-9:
                     break
-        nodes[:n].sort()
+        sort_head(nodes, n)
         m = 1
         for i in range(1, n):
             if nodes[i] - nodes[m - 1] > 1e-9:

@@ -13,8 +13,8 @@ distance stays a smooth function of the launch angle; such rays are rejected aft
 import math
 from collections import namedtuple
 
-import numpy as np
-from numba import njit
+from pymantaray.acoustics._kernels.compile import inlined, kernel, sort_head
+
 
 SMOOTH = 0
 LINEAR = 1
@@ -26,11 +26,12 @@ Section = namedtuple("Section", "kind n_range r_first r_step breaks depth lut lu
 Section.__doc__ = """Field along one baseline.
 
 n_range columns (SMOOTH) or cells (LINEAR); breaks holds the cell edges (LINEAR);
-lut maps depth to a level not below the cell's own; data is (n_range, n_depth, 6).
+lut maps depth to a level not below the cell's own. data is, for SMOOTH, (n_range, n_depth - 1, 12): the
+cubics in depth of c, c_r and c_y in each layer; for LINEAR, (n_range, n_depth, 6).
 """
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def depth_lut(depth, lut):
     """Fill a table from which `find_level` starts its search; return the entries per metre."""
     n = depth.size
@@ -44,7 +45,7 @@ def depth_lut(depth, lut):
     return scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inlined
 def find_level(depth, lut, scale, z):
     """Index k with depth[k] <= z < depth[k+1], limited to the first and last layer."""
     i = int((z - depth[0]) * scale)
@@ -58,7 +59,7 @@ def find_level(depth, lut, scale, z):
     return k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def bspline_basis(knots, degree, x, w, dw):
     """Values w and derivatives dw of the degree + 1 B-splines that are not zero at x; return the first's index.
 
@@ -96,18 +97,18 @@ def bspline_basis(knots, degree, x, w, dw):
     return span - degree
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def cut_smooth(coef, knots_n, deg_n, knots_e, deg_e, n0, e0, un, ue, r_first, r_step, n_range, data):
+@kernel
+def cut_smooth(coef, knots_n, deg_n, knots_e, deg_e, depth, n0, e0, un, ue, r_first, r_step, n_range, data, small, acc):
     """Fill the columns of a SMOOTH section from B-spline coefficients (north, east, 2 * depth)."""
     n_depth = coef.shape[2] // 2
-    wn, dn = np.empty(4), np.empty(4)
-    we, de = np.empty(4), np.empty(4)
-    acc = np.empty((3, coef.shape[2]))
+    wn, dn, we, de = small[0], small[1], small[2], small[3]
     for i in range(n_range):
         r = r_first + i * r_step
         i_n = bspline_basis(knots_n, deg_n, n0 + r * un, wn, dn)
         i_e = bspline_basis(knots_e, deg_e, e0 + r * ue, we, de)
-        acc[:] = 0.0
+        for q in range(3):
+            for k in range(2 * n_depth):
+                acc[q, k] = 0.0
         for a in range(deg_n + 1):
             for b in range(deg_e + 1):
                 f = wn[a] * we[b]
@@ -115,19 +116,24 @@ def cut_smooth(coef, knots_n, deg_n, knots_e, deg_e, n0, e0, un, ue, r_first, r_
                 f_e = wn[a] * de[b]
                 f_r = f_n * un + f_e * ue
                 f_y = f_e * un - f_n * ue
-                row = coef[i_n + a, i_e + b]
-                for k in range(row.size):
-                    v = row[k]
+                for k in range(2 * n_depth):
+                    v = coef[i_n + a, i_e + b, k]
                     acc[0, k] += f * v
                     acc[1, k] += f_r * v
                     acc[2, k] += f_y * v
-        for k in range(n_depth):
+        for k in range(n_depth - 1):
+            h = depth[k + 1] - depth[k]
             for q in range(3):
-                data[i, k, 2 * q] = acc[q, k]
-                data[i, k, 2 * q + 1] = acc[q, n_depth + k]
+                f0, f1 = acc[q, k], acc[q, k + 1]
+                g0, g1 = acc[q, n_depth + k], acc[q, n_depth + k + 1]
+                rise = (f1 - f0) / h
+                data[i, k, 4 * q] = f0
+                data[i, k, 4 * q + 1] = g0
+                data[i, k, 4 * q + 2] = (3.0 * rise - 2.0 * g0 - g1) / h
+                data[i, k, 4 * q + 3] = (g0 + g1 - 2.0 * rise) / (h * h)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _cell(axis, x):
     """Index of the axis interval that holds x, limited to the axis; 0 on an axis of one point."""
     lo, hi = 0, axis.size - 1
@@ -140,7 +146,7 @@ def _cell(axis, x):
     return lo
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def line_breaks(north, east, n0, e0, un, ue, r_lo, r_hi, breaks):
     """Sorted ranges in [r_lo, r_hi] where a line crosses grid lines, both ends included; return their number."""
     count = 0
@@ -159,7 +165,7 @@ def line_breaks(north, east, n0, e0, un, ue, r_lo, r_hi, breaks):
                 count += 1
     breaks[count] = r_hi
     count += 1
-    breaks[:count].sort()
+    sort_head(breaks, count)
     m = 1
     for i in range(1, count):
         if breaks[i] - breaks[m - 1] > 1e-9 or i == count - 1:
@@ -170,7 +176,7 @@ def line_breaks(north, east, n0, e0, un, ue, r_lo, r_hi, breaks):
     return m
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def bilinear_weights(north, east, n, e, n_mid, e_mid):
     """Cell of the point (n_mid, e_mid) and the local coordinates of (n, e) in it, with their metres."""
     i = _cell(north, n_mid)
@@ -188,7 +194,7 @@ def bilinear_weights(north, east, n, e, n_mid, e_mid):
     return i, j, sn, se, dn, de
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def cut_linear(field, north, east, n0, e0, un, ue, breaks, n_cells, data):
     """Fill the cells of a LINEAR section: per cell and level c = d0 + d1 x + d2 x^2, c_y = d3 + d4 x."""
     di = 1 if north.size > 1 else 0
@@ -216,7 +222,7 @@ def cut_linear(field, north, east, n0, e0, un, ue, breaks, n_cells, data):
             data[b, k, 5] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inlined
 def hermite(u, h):
     """Cubic Hermite weights of (f0, f0', f1, f1') on an interval of length h, and their derivatives."""
     u2 = u * u
@@ -239,7 +245,7 @@ def hermite(u, h):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inlined
 def _beyond(x, scale):
     """Weight on the slope at the edge, and its two derivatives, at a distance x beyond the edge."""
     t = math.tanh(x / scale)
@@ -247,88 +253,84 @@ def _beyond(x, scale):
     return scale * t, s, -2.0 * t * s / scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def smooth_depth_weights(depth, k, z):
-    """Weights of (f_k, f_k', f_k+1, f_k+1') for value, first and second depth derivative."""
-    if z < depth[0]:
-        a, b, c = _beyond(z - depth[0], ABOVE_SCALE)
-        return 1.0, a, 0.0, 0.0, 0.0, b, 0.0, 0.0, 0.0, c, 0.0, 0.0
-    if z > depth[depth.size - 1]:
-        a, b, c = _beyond(z - depth[depth.size - 1], BELOW_SCALE)
-        return 0.0, 0.0, 1.0, a, 0.0, 0.0, 0.0, b, 0.0, 0.0, 0.0, c
-    dz = depth[k + 1] - depth[k]
-    return hermite((z - depth[k]) / dz, dz)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def smooth_planar(s, r, z):
-    """Sound speed and its depth derivatives in a SMOOTH section: c, c_z, c_zz."""
-    k = find_level(s.depth, s.lut, s.lut_scale, z)
-    w = smooth_depth_weights(s.depth, k, z)
+@inlined
+def _smooth_place(s, r, z):
+    """Column, layer, fraction of the column step, and depth within the layer (limited to the water's levels)."""
+    depth = s.depth
+    last = depth.size - 1
+    zc = min(max(z, depth[0]), depth[last])
+    k = int(s.lut[min(int((zc - depth[0]) * s.lut_scale), LUT_SIZE - 1)])
+    while k < last - 1 and zc >= depth[k + 1]:
+        k += 1
     x = (r - s.r_first) / s.r_step
     i = min(max(int(x), 0), s.n_range - 2)
-    v = hermite(x - i, s.r_step)
-    p = s.data[i, k]
-    q = s.data[i, k + 1]
-    c = v[0] * (w[0] * p[0] + w[1] * p[1] + w[2] * q[0] + w[3] * q[1])
-    c += v[1] * (w[0] * p[2] + w[1] * p[3] + w[2] * q[2] + w[3] * q[3])
-    cz = v[0] * (w[4] * p[0] + w[5] * p[1] + w[6] * q[0] + w[7] * q[1])
-    cz += v[1] * (w[4] * p[2] + w[5] * p[3] + w[6] * q[2] + w[7] * q[3])
-    czz = v[0] * (w[8] * p[0] + w[9] * p[1] + w[10] * q[0] + w[11] * q[1])
-    czz += v[1] * (w[8] * p[2] + w[9] * p[3] + w[10] * q[2] + w[11] * q[3])
-    p = s.data[i + 1, k]
-    q = s.data[i + 1, k + 1]
-    c += v[2] * (w[0] * p[0] + w[1] * p[1] + w[2] * q[0] + w[3] * q[1])
-    c += v[3] * (w[0] * p[2] + w[1] * p[3] + w[2] * q[2] + w[3] * q[3])
-    cz += v[2] * (w[4] * p[0] + w[5] * p[1] + w[6] * q[0] + w[7] * q[1])
-    cz += v[3] * (w[4] * p[2] + w[5] * p[3] + w[6] * q[2] + w[7] * q[3])
-    czz += v[2] * (w[8] * p[0] + w[9] * p[1] + w[10] * q[0] + w[11] * q[1])
-    czz += v[3] * (w[8] * p[2] + w[9] * p[3] + w[10] * q[2] + w[11] * q[3])
+    return i, k, x - i, zc - depth[k]
+
+
+@inlined
+def smooth_planar(s, r, z):
+    """Sound speed and its depth derivatives in a SMOOTH section: c, c_z, c_zz."""
+    i, k, t, x = _smooth_place(s, r, z)
+    d = s.data
+    t1 = 1.0 - t
+    v0 = t1 * t1 * (1.0 + 2.0 * t)
+    v1 = t1 * t1 * t * s.r_step
+    v2 = t * t * (3.0 - 2.0 * t)
+    v3 = -t * t * t1 * s.r_step
+    a0 = v0 * d[i, k, 0] + v1 * d[i, k, 4] + v2 * d[i + 1, k, 0] + v3 * d[i + 1, k, 4]
+    a1 = v0 * d[i, k, 1] + v1 * d[i, k, 5] + v2 * d[i + 1, k, 1] + v3 * d[i + 1, k, 5]
+    a2 = v0 * d[i, k, 2] + v1 * d[i, k, 6] + v2 * d[i + 1, k, 2] + v3 * d[i + 1, k, 6]
+    a3 = v0 * d[i, k, 3] + v1 * d[i, k, 7] + v2 * d[i + 1, k, 3] + v3 * d[i + 1, k, 7]
+    c = a0 + x * (a1 + x * (a2 + x * a3))
+    cz = a1 + x * (2.0 * a2 + 3.0 * x * a3)
+    czz = 2.0 * a2 + 6.0 * x * a3
+    return _continue(s, z, c, cz, czz)
+
+
+@inlined
+def _continue(s, z, c, cz, czz):
+    """Value and derivatives of the continuation where z is beyond the levels, else as given."""
+    if z < s.depth[0]:
+        a, b, e = _beyond(z - s.depth[0], ABOVE_SCALE)
+        return c + a * cz, b * cz, e * cz
+    if z > s.depth[s.depth.size - 1]:
+        a, b, e = _beyond(z - s.depth[s.depth.size - 1], BELOW_SCALE)
+        return c + a * cz, b * cz, e * cz
     return c, cz, czz
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inlined
 def smooth_full(s, r, z):
     """Everything in a SMOOTH section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz."""
-    k = find_level(s.depth, s.lut, s.lut_scale, z)
-    w = smooth_depth_weights(s.depth, k, z)
-    x = (r - s.r_first) / s.r_step
-    i = min(max(int(x), 0), s.n_range - 2)
-    v = hermite(x - i, s.r_step)
-    c = 0.0
-    cz = 0.0
-    cr = 0.0
-    czz = 0.0
-    crz = 0.0
-    crr = 0.0
-    cy = 0.0
-    cyz = 0.0
+    i, k, t, x = _smooth_place(s, r, z)
+    d = s.data
+    v = hermite(t, s.r_step)
+    c, cz, czz, cr, crz, crr, cy, cyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for m in range(2):
-        p = s.data[i + m, k]
-        q = s.data[i + m, k + 1]
-        f = w[0] * p[0] + w[1] * p[1] + w[2] * q[0] + w[3] * q[1]
-        g = w[0] * p[2] + w[1] * p[3] + w[2] * q[2] + w[3] * q[3]
-        fz = w[4] * p[0] + w[5] * p[1] + w[6] * q[0] + w[7] * q[1]
-        gz = w[4] * p[2] + w[5] * p[3] + w[6] * q[2] + w[7] * q[3]
-        fzz = w[8] * p[0] + w[9] * p[1] + w[10] * q[0] + w[11] * q[1]
-        gzz = w[8] * p[2] + w[9] * p[3] + w[10] * q[2] + w[11] * q[3]
-        v0, v1, d0, d1, e0, e1 = v[0], v[1], v[4], v[5], v[8], v[9]
-        t = 1.0 - (x - i)
+        a = d[i + m, k, 0] + x * (d[i + m, k, 1] + x * (d[i + m, k, 2] + x * d[i + m, k, 3]))
+        az = d[i + m, k, 1] + x * (2.0 * d[i + m, k, 2] + 3.0 * x * d[i + m, k, 3])
+        f = _continue(s, z, a, az, 2.0 * d[i + m, k, 2] + 6.0 * x * d[i + m, k, 3])
+        a = d[i + m, k, 4] + x * (d[i + m, k, 5] + x * (d[i + m, k, 6] + x * d[i + m, k, 7]))
+        az = d[i + m, k, 5] + x * (2.0 * d[i + m, k, 6] + 3.0 * x * d[i + m, k, 7])
+        g = _continue(s, z, a, az, 2.0 * d[i + m, k, 6] + 6.0 * x * d[i + m, k, 7])
+        a = d[i + m, k, 8] + x * (d[i + m, k, 9] + x * (d[i + m, k, 10] + x * d[i + m, k, 11]))
+        az = d[i + m, k, 9] + x * (2.0 * d[i + m, k, 10] + 3.0 * x * d[i + m, k, 11])
+        b = _continue(s, z, a, az, 0.0)
+        v0, v1, d0, d1, e0, e1, u = v[0], v[1], v[4], v[5], v[8], v[9], 1.0 - t
         if m == 1:
-            v0, v1, d0, d1, e0, e1 = v[2], v[3], v[6], v[7], v[10], v[11]
-            t = x - i
-        c += v0 * f + v1 * g
-        cz += v0 * fz + v1 * gz
-        czz += v0 * fzz + v1 * gzz
-        cr += d0 * f + d1 * g
-        crz += d0 * fz + d1 * gz
-        crr += e0 * f + e1 * g
-        cy += t * (w[0] * p[4] + w[1] * p[5] + w[2] * q[4] + w[3] * q[5])
-        cyz += t * (w[4] * p[4] + w[5] * p[5] + w[6] * q[4] + w[7] * q[5])
+            v0, v1, d0, d1, e0, e1, u = v[2], v[3], v[6], v[7], v[10], v[11], t
+        c += v0 * f[0] + v1 * g[0]
+        cz += v0 * f[1] + v1 * g[1]
+        czz += v0 * f[2] + v1 * g[2]
+        cr += d0 * f[0] + d1 * g[0]
+        crz += d0 * f[1] + d1 * g[1]
+        crr += e0 * f[0] + e1 * g[0]
+        cy += u * b[0]
+        cyz += u * b[1]
     return c, cz, cr, czz, crz, crr, cy, cyz
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inlined
 def linear_full(s, b, k, r, z):
     """Everything in cell (b, k) of a LINEAR section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz.
 
@@ -337,15 +339,14 @@ def linear_full(s, b, k, r, z):
     x = r - s.breaks[b]
     n = s.depth.size
     kk = min(max(k, 0), n - 2)
-    p = s.data[b, kk]
-    q = s.data[b, kk + 1]
+    d = s.data
     dz = s.depth[kk + 1] - s.depth[kk]
-    c0 = p[0] + x * (p[1] + x * p[2])
-    c1 = q[0] + x * (q[1] + x * q[2])
-    r0 = p[1] + 2.0 * x * p[2]
-    r1 = q[1] + 2.0 * x * q[2]
-    y0 = p[3] + x * p[4]
-    y1 = q[3] + x * q[4]
+    c0 = d[b, kk, 0] + x * (d[b, kk, 1] + x * d[b, kk, 2])
+    c1 = d[b, kk + 1, 0] + x * (d[b, kk + 1, 1] + x * d[b, kk + 1, 2])
+    r0 = d[b, kk, 1] + 2.0 * x * d[b, kk, 2]
+    r1 = d[b, kk + 1, 1] + 2.0 * x * d[b, kk + 1, 2]
+    y0 = d[b, kk, 3] + x * d[b, kk, 4]
+    y1 = d[b, kk + 1, 3] + x * d[b, kk + 1, 4]
     if k == kk:
         u = (z - s.depth[kk]) / dz
         g = 1.0 / dz
@@ -366,7 +367,7 @@ def linear_full(s, b, k, r, z):
         r0 + u * (r1 - r0),
         gg * (c1 - c0),
         g * (r1 - r0),
-        2.0 * (p[2] + u * (q[2] - p[2])),
+        2.0 * (d[b, kk, 2] + u * (d[b, kk + 1, 2] - d[b, kk, 2])),
         y0 + u * (y1 - y0),
         g * (y1 - y0),
     )

@@ -15,9 +15,7 @@ State vector: w, p, xi, eta, T, y, q, A. A fan needs the first four only.
 
 import math
 
-import numpy as np
-from numba import njit
-
+from pymantaray.acoustics._kernels.compile import inlined, kernel
 from pymantaray.acoustics._kernels.section import (
     LINEAR,
     SMOOTH,
@@ -33,24 +31,21 @@ MAX_STEPS = 20_000
 _FACE = 1e-9  # m; how close to a cell face an event has to end
 
 # Dormand and Prince (1980), table 2: RK5(4)7M
-A = np.array(
-    [
-        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
-        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
-        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-E = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+A21 = 1 / 5
+A31, A32 = 3 / 40, 9 / 40
+A41, A42, A43 = 44 / 45, -56 / 15, 32 / 9
+A51, A52, A53, A54 = 19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729
+A61, A62, A63, A64, A65 = 9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656
+B1, B3, B4, B5, B6 = 35 / 384, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84
+E1, E3, E4, E5, E6, E7 = 71 / 57600, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inlined
 def derivative(s, b, k, pos, y, dy, n_eq, axis):
-    """Right-hand side; False where the ray has turned across the axis. axis = (z_source, cb, sb, c_ref)."""
+    """Right-hand side; False where the ray has turned across the axis.
+
+    axis = (z_source, cb, sb, c_ref); c_ref is the sound speed at the source, so that n = 1 there.
+    """
     z_source, cb, sb, c_ref = axis
     r = pos * cb - y[0] * sb
     z = z_source + pos * sb + y[0] * cb
@@ -92,37 +87,50 @@ def derivative(s, b, k, pos, y, dy, n_eq, axis):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _step(s, b, k, pos, h, y, K, ynew, n_eq, axis):
     """One Dormand-Prince step from K[0] = derivative at pos; leaves the derivative at the end in K[6]."""
-    for j in range(1, 7):
-        for i in range(n_eq):
-            v = 0.0
-            for m in range(j):
-                v += A[j, m] * K[m, i]
-            ynew[i] = y[i] + h * v
-        if not derivative(s, b, k, pos + C[j] * h, ynew, K[j], n_eq, axis):
-            return False
-    return True
+    for i in range(n_eq):
+        ynew[i] = y[i] + h * A21 * K[0, i]
+    if not derivative(s, b, k, pos + 0.2 * h, ynew, K[1], n_eq, axis):
+        return False
+    for i in range(n_eq):
+        ynew[i] = y[i] + h * (A31 * K[0, i] + A32 * K[1, i])
+    if not derivative(s, b, k, pos + 0.3 * h, ynew, K[2], n_eq, axis):
+        return False
+    for i in range(n_eq):
+        ynew[i] = y[i] + h * (A41 * K[0, i] + A42 * K[1, i] + A43 * K[2, i])
+    if not derivative(s, b, k, pos + 0.8 * h, ynew, K[3], n_eq, axis):
+        return False
+    for i in range(n_eq):
+        ynew[i] = y[i] + h * (A51 * K[0, i] + A52 * K[1, i] + A53 * K[2, i] + A54 * K[3, i])
+    if not derivative(s, b, k, pos + 8.0 / 9.0 * h, ynew, K[4], n_eq, axis):
+        return False
+    for i in range(n_eq):
+        ynew[i] = y[i] + h * (A61 * K[0, i] + A62 * K[1, i] + A63 * K[2, i] + A64 * K[3, i] + A65 * K[4, i])
+    if not derivative(s, b, k, pos + h, ynew, K[5], n_eq, axis):
+        return False
+    for i in range(n_eq):
+        ynew[i] = y[i] + h * (B1 * K[0, i] + B3 * K[2, i] + B4 * K[3, i] + B5 * K[4, i] + B6 * K[5, i])
+    return derivative(s, b, k, pos + h, ynew, K[6], n_eq, axis)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inlined
+def _error_of(K, i):
+    """Embedded error estimate of one component, per unit step."""
+    return abs(E1 * K[0, i] + E3 * K[2, i] + E4 * K[3, i] + E5 * K[4, i] + E6 * K[5, i] + E7 * K[6, i])
+
+
+@inlined
 def _step_error(h, K, n_eq, remaining):
     """Estimated displacement at the end of the ray that this step's error causes. [m]"""
-    ew = 0.0
-    ep = 0.0
-    et = 0.0
-    ey = 0.0
-    for j in range(7):
-        ew += E[j] * K[j, 0]
-        ep += E[j] * K[j, 1]
-        if n_eq == N_FULL:
-            et += E[j] * K[j, 4]
-            ey += E[j] * K[j, 5]
-    return abs(h) * (abs(ew) + abs(ep) * remaining + abs(et) + abs(ey))
+    e = _error_of(K, 0) + _error_of(K, 1) * remaining
+    if n_eq == N_FULL:
+        e += _error_of(K, 4) + _error_of(K, 5)
+    return abs(h) * e
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inlined
 def _cubic(t, h, f0, d0, f1, d1):
     """Cubic Hermite value at the fraction t of a step h."""
     t2 = t * t
@@ -135,7 +143,7 @@ def _cubic(t, h, f0, d0, f1, d1):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def extremum(h, f0, d0, f1, d1):
     """Fraction of a step at which its cubic Hermite has zero slope; the slopes at the ends differ in sign."""
     lo, hi = 0.0, 1.0
@@ -158,7 +166,7 @@ def extremum(h, f0, d0, f1, d1):
     return t
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _face_distance(s, b, k, face, pos, w, axis):
     """Signed distance into the cell from face 0 (top), 1 (bottom), 2 (near) or 3 (far)."""
     z_source, cb, sb, _ = axis
@@ -173,7 +181,7 @@ def _face_distance(s, b, k, face, pos, w, axis):
     return s.breaks[b + 1] - r if b < s.n_range - 1 else 1e30
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _face_slope(face, dw, axis):
     """Derivative of `_face_distance` along the ray, for dw = dw/ds."""
     _, cb, sb, _ = axis
@@ -186,7 +194,7 @@ def _face_slope(face, dw, axis):
     return -(cb - dw * sb)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _crossing(s, b, k, pos, h, y, K, ynew, n_eq, axis):
     """First face crossed within a step whose result is in ynew, K[6]; (face, step) or (-1, h)."""
     best = h
@@ -227,7 +235,7 @@ def _crossing(s, b, k, pos, h, y, K, ynew, n_eq, axis):
     return best_face, best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _land(s, b, k, face, pos, h, h_max, y, K, ynew, n_eq, axis):
     """Repeat a step with lengths near h until it ends on the face; return the length, or -1."""
     lo, hi = 0.0, h_max
@@ -251,7 +259,7 @@ def _land(s, b, k, face, pos, h, h_max, y, K, ynew, n_eq, axis):
     return h
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def start_cell(s, y, axis, dw):
     """Range cell and layer in which a ray starts, by its direction where it starts on a face."""
     z_source, cb, sb, _ = axis
@@ -279,8 +287,8 @@ def start_cell(s, y, axis, dw):
     return b, k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def trace(s, angle, q0, length, axis, n_source, tol, n_eq, y, K, ynew, path):
+@kernel
+def trace(s, angle, q0, length, axis, tol, n_eq, y, K, ynew, path):
     """Trace one ray to s = length.
 
     angle is the launch angle from the axis, q0 the slowness out of the plane, tol the end displacement
@@ -297,9 +305,9 @@ def trace(s, angle, q0, length, axis, n_source, tol, n_eq, y, K, ynew, path):
     """
     z_source, cb, sb, _ = axis
     y[0] = 0.0
-    y[1] = n_source * math.sin(angle)
+    y[1] = math.sin(angle)
     y[2] = 0.0
-    y[3] = n_source * math.cos(angle)
+    y[3] = math.cos(angle)
     y[4] = 0.0
     y[5] = 0.0
     y[6] = q0
