@@ -85,7 +85,7 @@ def find_eigenrays(
     status = np.zeros(n, dtype=np.int8)
     info = np.empty((n, 5))
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
-    packed = _pack(medium)
+    packed = medium.packed()
 
     def solve(start: int) -> None:
         part = slice(start, min(start + BLOCK, n))
@@ -130,23 +130,6 @@ def find_eigenrays(
         source_sound_speed=info[:, 1],
         receiver_sound_speed=info[:, 2],
         shadow_margin=info[:, 3],
-    )
-
-
-def _pack(medium: Medium) -> tuple[object, ...]:
-    """Medium as the tuple of arrays that the kernels take."""
-    return (
-        medium.kind,
-        medium.north,
-        medium.east,
-        medium.depth,
-        medium.field,
-        medium.knots_north,
-        min(3, medium.north.size - 1),
-        medium.knots_east,
-        min(3, medium.east.size - 1),
-        medium.lut,
-        medium.lut_scale,
     )
 
 

@@ -14,6 +14,7 @@ from pymantaray.errors import AcousticsError
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
 _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; outside this a unit is wrong
+_COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +189,9 @@ class Medium:
             ocean = to_local(ocean)
         missing = [v for v in ("sound_speed", "sea_floor_depth", "north", "east", "depth") if v not in ocean]
         if missing:
-            raise AcousticsError(f"ocean data set lacks {', '.join(missing)}; make it with open_ocean and to_local")
+            raise AcousticsError(
+                f"ocean data set lacks {', '.join(missing)}; make it with open_ocean and to_local"
+            )
         return cls.from_grid(
             ocean["north"].values,
             ocean["east"].values,
@@ -202,6 +205,24 @@ class Medium:
     def kind(self) -> int:
         """Code of the interpolation in the kernels."""
         return SMOOTH if self.interpolation == "smooth" else LINEAR
+
+    def packed(self) -> tuple[object, ...]:
+        """Give the medium as the tuple of arrays that the kernels take; columns of a section at an eighth of a cell."""
+        steps = [np.diff(axis).min() for axis in (self.north, self.east) if axis.size > 1]
+        return (
+            self.kind,
+            self.north,
+            self.east,
+            self.depth,
+            self.field,
+            self.knots_north,
+            min(3, self.north.size - 1),
+            self.knots_east,
+            min(3, self.east.size - 1),
+            self.lut,
+            self.lut_scale,
+            float(min([_COLUMN_STEP, *(step / 8.0 for step in steps)])),
+        )
 
 
 def _axis(name: str, values: ArrayLike) -> Array:

@@ -5,28 +5,17 @@ from collections import namedtuple
 
 import numpy as np
 
-from pymantaray.acoustics._kernels.compile import driver, kernel, sort_head
+from pymantaray.acoustics._kernels.boundary import TOUCH, bottom_at, in_water
+from pymantaray.acoustics._kernels.compile import driver, kernel
+from pymantaray.acoustics._kernels.field import field_at, level_speed
+from pymantaray.acoustics._kernels.paths import chord_travel_time
 from pymantaray.acoustics._kernels.search import MAX_ROOTS, MAX_STACK, fan_nodes, find_brackets, refine, shoot
-from pymantaray.acoustics._kernels.section import (
-    LINEAR,
-    SMOOTH,
-    Section,
-    bilinear_weights,
-    cut_linear,
-    cut_smooth,
-    find_level,
-    line_breaks,
-    linear_full,
-    smooth_full,
-)
-from pymantaray.acoustics._kernels.trace import N_FULL
+from pymantaray.acoustics._kernels.section import LINEAR, MAX_COLUMNS, SMOOTH, cut_section, line_breaks
+from pymantaray.acoustics._kernels.step import N_FULL
 
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK = 0, 1, 2, 3, 4
-MAX_COLUMNS = 1024
-COLUMN_STEP = 500.0  # m; spacing of the columns of a SMOOTH section at most
 MAX_PATH = 4096
 MAX_NODES = 4096
-TOUCH = 1e-6  # m; a ray this far beyond a boundary still touches it only
 STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
 SPACING_SMOOTH = 0.016  # rad
 SPACING_LINEAR = 0.008  # rad
@@ -37,108 +26,6 @@ Work = namedtuple(
     "y K ynew no_path path breaks floor_breaks small acc store cuts nodes fan stack brackets rows",
 )
 Work.__doc__ = "Workspaces of one thread, shared by all kernels; made once in `solve_links`."
-
-
-@kernel
-def field_at(s, r, z):
-    """Sound speed at a point of the section."""
-    if s.kind == SMOOTH:
-        return smooth_full(s, r, z)[0]
-    b = 0
-    while b < s.n_range - 1 and r >= s.breaks[b + 1]:
-        b += 1
-    n = s.depth.size
-    if z < s.depth[0]:
-        return linear_full(s, b, -1, r, z)[0]
-    if z > s.depth[n - 1]:
-        return linear_full(s, b, n - 1, r, z)[0]
-    return linear_full(s, b, find_level(s.depth, s.lut, s.lut_scale, z), r, z)[0]
-
-
-@kernel
-def bottom_at(north, east, bathymetry, n, e):
-    """Bilinear depth of the sea bed."""
-    i, j, sn, se, _, _ = bilinear_weights(north, east, n, e, n, e)
-    di = 1 if north.size > 1 else 0
-    dj = 1 if east.size > 1 else 0
-    b00 = bathymetry[i, j]
-    b10 = bathymetry[i + di, j]
-    b01 = bathymetry[i, j + dj]
-    b11 = bathymetry[i + di, j + dj]
-    return (b00 * (1.0 - sn) + b10 * sn) * (1.0 - se) + (b01 * (1.0 - sn) + b11 * sn) * se
-
-
-@kernel
-def cut_section(medium, n0, e0, un, ue, horizontal, work):
-    """Section of the medium along a baseline, filled into work.store."""
-    store, breaks = work.store, work.breaks
-    kind, north, east, depth, field, knots_n, deg_n, knots_e, deg_e, lut, lut_scale = medium
-    if kind == SMOOTH:
-        margin = 0.0
-        if north.size == 1 and east.size == 1:
-            count = 2
-        else:
-            count = min(max(int(math.ceil(horizontal / COLUMN_STEP)) + 1, 2), MAX_COLUMNS)
-            if horizontal < COLUMN_STEP:
-                margin = 0.5 * (COLUMN_STEP - horizontal)
-        step = (horizontal + 2.0 * margin) / (count - 1)
-        if step == 0.0:
-            step = COLUMN_STEP
-        cut_smooth(
-            field, knots_n, deg_n, knots_e, deg_e, depth, n0, e0, un, ue, -margin, step, count, store,
-            work.small, work.acc,
-        )
-        return Section(SMOOTH, count, -margin, step, breaks, depth, lut, lut_scale, store)
-    reach = 1000.0  # m beyond the ends; rays of steep links stray behind the source
-    count = line_breaks(north, east, n0, e0, un, ue, -reach, horizontal + reach, breaks) - 1
-    cut_linear(field, north, east, n0, e0, un, ue, breaks, count, store)
-    return Section(LINEAR, count, 0.0, 1.0, breaks, depth, lut, lut_scale, store)
-
-
-@kernel
-def chord_travel_time(s, length, horizontal, z0, z1, cuts):
-    """Travel time along the straight chord: Gauss-Legendre between all levels and columns it crosses."""
-    x = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
-    w = (0.23692688505618908, 0.47862867049936647, 0.5688888888888889, 0.47862867049936647, 0.23692688505618908)
-    n = 0
-    cuts[n] = 0.0
-    n += 1
-    if z1 != z0:
-        for k in range(s.depth.size):
-            t = (s.depth[k] - z0) / (z1 - z0)
-            if 0.0 < t < 1.0:
-                cuts[n] = t
-                n += 1
-    if horizontal > 0.0:
-        for i in range(s.n_range + 1):
-            r = s.breaks[i] if s.kind == LINEAR else s.r_first + i * s.r_step
-            t = r / horizontal
-            if 0.0 < t < 1.0 and n < cuts.size - 1:
-                cuts[n] = t
-                n += 1
-    cuts[n] = 1.0
-    n += 1
-    sort_head(cuts, n)
-    total = 0.0
-    for i in range(n - 1):
-        h = 0.5 * (cuts[i + 1] - cuts[i])
-        if h <= 0.0:
-            continue
-        mid = 0.5 * (cuts[i + 1] + cuts[i])
-        for q in range(5):
-            t = mid + h * x[q]
-            total += w[q] * h / field_at(s, t * horizontal, z0 + t * (z1 - z0))
-    return total * length
-
-
-@kernel
-def _level_speed(s, b, k):
-    """Sound speed at a level in a column or at the near edge of a cell."""
-    if s.kind == LINEAR or k < s.depth.size - 1:
-        return s.data[b, k, 0]
-    x = s.depth[k] - s.depth[k - 1]
-    d = s.data
-    return d[b, k - 1, 0] + x * (d[b, k - 1, 1] + x * (d[b, k - 1, 2] + x * d[b, k - 1, 3]))
 
 
 @kernel
@@ -155,58 +42,12 @@ def snell_limit(s, c_source, z0, z1, horizontal):
                 s.depth[k] <= low or (k > 0 and s.depth[k - 1] <= low)
             ):
                 for b in range(s.n_range):
-                    fastest = max(fastest, _level_speed(s, b, k))
+                    fastest = max(fastest, level_speed(s, b, k))
         new = math.acos(c_source / fastest)
         if new >= angle:
             return new
         angle = new
     return angle
-
-
-@kernel
-def in_water(path, steps, axis, n0, e0, un, ue, north, east, bathymetry, breaks, n_breaks):
-    """Whether a traced ray stays between surface and sea bed; also the least clearance. [m]
-
-    Every step's cubic Hermite is sampled, at nine points, at its turning point and at each edge of the
-    bathymetry's cells, where its peaks are.
-    """
-    z_source, cb, sb, _ = axis
-    clearance = np.inf
-    for i in range(steps):
-        s0, w0, d0 = path[i, 0], path[i, 1], path[i, 2]
-        h = path[i + 1, 0] - s0
-        w1, d1 = path[i + 1, 1], path[i + 1, 2]
-        if h <= 0.0:
-            continue
-        r0 = s0 * cb - w0 * sb
-        r1 = (s0 + h) * cb - w1 * sb
-        extra = 0
-        first = 0
-        while first < n_breaks and breaks[first] <= min(r0, r1):
-            first += 1
-        while first + extra < n_breaks and breaks[first + extra] < max(r0, r1):
-            extra += 1
-        z_0 = path[i, 3]
-        z_1 = path[i + 1, 3]
-        turning = z_0 * z_1 < 0.0
-        for j in range(9 + extra + 1):
-            if j < 9:
-                t = j / 8.0
-            elif j < 9 + extra:
-                t = (breaks[first + j - 9] - r0) / (r1 - r0)
-            elif turning:
-                t = z_0 / (z_0 - z_1)
-            else:
-                continue
-            t2 = t * t
-            t3 = t2 * t
-            w = (1 - 3 * t2 + 2 * t3) * w0 + (t - 2 * t2 + t3) * h * d0 + (3 * t2 - 2 * t3) * w1 + (t3 - t2) * h * d1
-            s = s0 + t * h
-            r = s * cb - w * sb
-            z = z_source + s * sb + w * cb
-            floor = bottom_at(north, east, bathymetry, n0 + r * un, e0 + r * ue)
-            clearance = min(clearance, z, floor - z)
-    return clearance >= -TOUCH, clearance
 
 
 @kernel
@@ -217,7 +58,7 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
     points and the slowness vectors at both ends; info receives chord travel time, c at both ends, margin
     and the number of rays traced. Returns the number of arrivals and the status.
     """
-    kind, north, east, depth = medium[0], medium[1], medium[2], medium[3]
+    kind, north, east = medium[0], medium[1], medium[2]
     rows, brackets = work.rows, work.brackets
     for i in range(4):
         info[i] = np.nan
@@ -259,7 +100,9 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
         cb, sb, span, target = math.cos(slope), math.sin(slope), length, 0.0
     c_ref = c0
     axis = (z0, cb, sb, c_ref)
-    n_breaks = line_breaks(north, east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work.floor_breaks)
+    n_breaks = line_breaks(
+        north, east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work.floor_breaks
+    )
     miss = min(1e-2, 1e-6 * length)
     fine = min(tol, 1e-4 * length)
     coarse = min(30.0 * tol, 1e-2 * length)
@@ -299,7 +142,18 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
         if not ok:
             continue
         inside, _ = in_water(
-            work.path, steps, axis, source[0], source[1], un, ue, north, east, bathymetry, work.floor_breaks, n_breaks
+            work.path,
+            steps,
+            axis,
+            source[0],
+            source[1],
+            un,
+            ue,
+            north,
+            east,
+            bathymetry,
+            work.floor_breaks,
+            n_breaks,
         )
         if not inside:
             blocked += 1
@@ -350,13 +204,9 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
 
 
 @driver
-def solve_links(medium, bathymetry, source, receiver, cutoff_db, tol, canonical, all_rows, counts, status, info):
-    """Solve a block of links; all_rows (n_links, MAX_KEPT, 11), the first MAX_KEPT arrivals of each link.
-
-    With canonical, each link is solved from its deeper end (ties: north, east) and turned round.
-    """
-    n_depth = medium[3].size
-    work = Work(
+def workspace(n_depth):
+    """Workspaces of one thread."""
+    return Work(
         y=np.empty(N_FULL),
         K=np.empty((7, N_FULL)),
         ynew=np.empty(N_FULL),
@@ -374,6 +224,17 @@ def solve_links(medium, bathymetry, source, receiver, cutoff_db, tol, canonical,
         brackets=np.empty((MAX_ROOTS, 2)),
         rows=np.empty((MAX_ROOTS, N_COLUMNS)),
     )
+
+
+@driver
+def solve_links(
+    medium, bathymetry, source, receiver, cutoff_db, tol, canonical, all_rows, counts, status, info
+):
+    """Solve a block of links; all_rows (n_links, MAX_KEPT, 11), the first MAX_KEPT arrivals of each link.
+
+    With canonical, each link is solved from its deeper end (ties: north, east) and turned round.
+    """
+    work = workspace(medium[3].size)
     for i in range(source.shape[0]):
         a, b = source[i], receiver[i]
         turned = False

@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from pymantaray.acoustics._kernels.compile import kernel, sort_head
-from pymantaray.acoustics._kernels.trace import N_FAN, N_FULL, trace
+from pymantaray.acoustics._kernels.step import N_FAN, N_FULL
+from pymantaray.acoustics._kernels.trace import trace
 
 MAX_ROOTS = 256
 MAX_STACK = 128
@@ -192,7 +193,7 @@ def refine(s, a, b, target, length, axis, tol, miss, work):
 @kernel
 def fan_nodes(lo, hi, spacing, s, c_source, nodes):
     """Launch angles of the first fan: equal spacing and, in a LINEAR section, the critical angles of all levels."""
-    count = max(int(math.ceil((hi - lo) / spacing)), 2) + 1
+    count = max(math.ceil((hi - lo) / spacing), 2) + 1
     count = min(count, nodes.size // 2)
     for i in range(count):
         nodes[i] = lo + (hi - lo) * i / (count - 1)
