@@ -1,1 +1,21 @@
-"""."""
+"""Vehicles: what they do, and where the ocean and their own motion take them."""
+
+from pymantaray.fleet.behaviours import (
+    Behaviour,
+    ConstantTwist,
+    FloatCycle,
+    StationKeeping,
+    Vehicle,
+    Waypoints,
+)
+from pymantaray.fleet.simulate import simulate
+
+__all__ = [
+    "Behaviour",
+    "ConstantTwist",
+    "FloatCycle",
+    "StationKeeping",
+    "Vehicle",
+    "Waypoints",
+    "simulate",
+]

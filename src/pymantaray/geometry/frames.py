@@ -16,8 +16,10 @@ class LocalFrame:
     """
     Local frame with axes north and east at the centre, depth positive down.
 
-    The projection is the oblique stereographic one on WGS 84. It is conformal: angles are kept, so a
-    current vector is carried over by one rotation, the meridian convergence, without shear.
+    The projection is the oblique stereographic one on WGS 84, by way of the conformal sphere that touches
+    the ellipsoid at the centre (PROJ's ``sterea``): there its scale is stationary, whereas ``stere`` has a
+    gradient of 3e-10 per metre in the Arctic. It is conformal: angles are kept, so a current vector is
+    carried over by one rotation, the meridian convergence, without shear.
 
     Parameters
     ----------
@@ -50,7 +52,7 @@ class LocalFrame:
     def proj_string(self) -> str:
         """PROJ definition of the horizontal frame."""
         return (
-            f"+proj=stere +lat_0={self.latitude_deg!r} +lon_0={self.longitude_deg!r} +k_0=1 +x_0=0 +y_0=0"
+            f"+proj=sterea +lat_0={self.latitude_deg!r} +lon_0={self.longitude_deg!r} +k_0=1 +x_0=0 +y_0=0"
             " +ellps=WGS84 +units=m +no_defs"
         )
 

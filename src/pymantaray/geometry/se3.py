@@ -100,7 +100,7 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     best = np.argmax(squares, axis=-1)
     q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., :1] < 0.0, -q, q)
+    return np.asarray(np.where(q[..., :1] < 0.0, -q, q))
 
 
 def matrix_from_quaternion(quaternion: ArrayLike) -> Array:

@@ -1,8 +1,11 @@
 """Named random streams: each use of randomness has its own generator, found by name."""
 
 import hashlib
+import json
 
 import numpy as np
+
+from pymantaray.errors import GeometryError
 
 
 def stream(root_seed: int, realization: int, *names: str) -> np.random.Generator:
@@ -27,8 +30,8 @@ def stream(root_seed: int, realization: int, *names: str) -> np.random.Generator
 
     Raises
     ------
-    ValueError
-        If a seed is negative.
+    GeometryError
+        If the seed or the realization is negative.
 
     Examples
     --------
@@ -37,6 +40,10 @@ def stream(root_seed: int, realization: int, *names: str) -> np.random.Generator
     >>> a == b
     True
     """
-    digest = hashlib.sha256("\x1f".join(names).encode()).digest()
+    if root_seed < 0 or realization < 0:
+        raise GeometryError(
+            f"stream: root_seed {root_seed}, realization {realization}; neither may be negative"
+        )
+    digest = hashlib.sha256(json.dumps(names).encode()).digest()
     words = np.frombuffer(digest, dtype="<u4").tolist()
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([root_seed, realization, *words])))

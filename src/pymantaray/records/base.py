@@ -47,7 +47,8 @@ class Record:
     Raises
     ------
     RecordError
-        If a field has the wrong number of dimensions, or two fields disagree on a length.
+        If a field has the wrong number of dimensions, two fields disagree on a length, or a value does not
+        fit an integer column.
     """
 
     kind: ClassVar[str] = "record"
@@ -58,11 +59,13 @@ class Record:
         for f in self._columns():
             dtype = f.metadata["dtype"]
             try:
-                array = np.array(getattr(self, f.name), dtype=None if dtype == "U" else dtype)
+                given = np.asarray(getattr(self, f.name))
+                with np.errstate(invalid="ignore"):
+                    array = np.array(given, dtype=str if dtype == "U" else dtype)
             except (TypeError, ValueError) as error:
                 raise RecordError(f"{self.kind}: {f.name} is not an array of type {dtype}: {error}") from None
-            if dtype == "U":
-                array = array.astype(str)
+            if array.dtype.kind == "i" and not np.array_equal(array, given):
+                raise RecordError(f"{self.kind}: {f.name} holds values that do not fit type {dtype}")
             dims = f.metadata["dims"]
             if array.ndim != len(dims):
                 raise RecordError(f"{self.kind}: {f.name} has shape {array.shape}; needs dimensions {dims}")
@@ -149,10 +152,11 @@ class Record:
             If the file is missing, unreadable or of another kind.
         """
         try:
-            with xr.open_dataset(path, decode_times=False) as dataset:
+            with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
                 return cls.from_dataset(dataset.load())
-        except (OSError, ValueError) as error:
-            raise RecordError(f"{path}: not a readable {cls.kind} file: {error}") from None
+        except (OSError, ValueError, RuntimeError) as error:  # netCDF4 reports damaged data as RuntimeError
+            reason = str(error).partition("\n")[0]
+            raise RecordError(f"{path}: not a readable {cls.kind} file: {reason}") from None
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:

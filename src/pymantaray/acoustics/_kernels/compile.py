@@ -1,6 +1,30 @@
-"""How kernels are compiled: no allocation, no reference counting, the GIL released."""
+"""How kernels are compiled: no allocation, no reference counting, the GIL released, cached on disk."""
+
+import contextlib
+import hashlib
+from pathlib import Path
 
 from numba import njit
+
+
+def _discard_stale_cache() -> None:
+    """Empty the disk cache when any kernel's source has changed.
+
+    Numba looks only at the file of the function itself, not at those of the functions it calls.
+    """
+    folder = Path(__file__).parent
+    digest = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(folder.glob("*.py")))).hexdigest()
+    stamp = folder / "__pycache__" / "kernels.sha256"
+    with contextlib.suppress(OSError):  # a read-only installation has no cache here
+        if stamp.is_file() and stamp.read_text() == digest:
+            return
+        stamp.parent.mkdir(exist_ok=True)
+        for index in stamp.parent.glob("*.nbi"):
+            index.unlink(missing_ok=True)
+        stamp.write_text(digest)
+
+
+_discard_stale_cache()
 
 # Arrays come in from outside and outlive the call, so that counting references to them in inner loops
 # (two atomic operations an access; it made a field evaluation ten times slower) can be left out.

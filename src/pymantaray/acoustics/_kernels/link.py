@@ -51,6 +51,41 @@ def snell_limit(s, c_source, z0, z1, horizontal):
 
 
 @kernel
+def finish(rows, i, y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb):
+    """Fill row i with the ray that ended in state y, moved by its small miss onto the receiver.
+
+    The travel time changes by the slowness at the receiver times the miss (Fermat) and half its rate of
+    change; the slownesses by their derivatives along the variation.
+    """
+    miss = y[0] - target
+    rate = y[3] / y[2] if y[2] != 0.0 else 0.0
+    p1, q1 = y[1], y[6]
+    rows[i, 0] = (y[4] - p1 * miss - q1 * y[5] + 0.5 * rate * miss * miss) / c0
+    shift = miss / y[2] if y[2] != 0.0 else 0.0
+    if abs(shift) < 1e-4:
+        angle -= shift
+        p1 -= rate * miss
+    if y[7] > 0.0:
+        q -= y[5] / y[7]
+        q1 -= y[5] / y[7]
+    n1 = c0 / c1
+    h1 = math.sqrt(max(n1 * n1 - p1 * p1 - q1 * q1, 0.0))
+    p0 = math.sin(angle)
+    h0 = math.sqrt(max(1.0 - p0 * p0 - q * q, 0.0))
+    tube = abs(y[2] / math.cos(angle) * y[7] * (h1 / n1) * h0)
+    rows[i, 3] = 10.0 * math.log10(max(tube, 1e-300) * n1 / (length * length))
+    rows[i, 4] = turns
+    for end in range(2):
+        p, side, h = (p0, q, h0) if end == 0 else (p1, q1, h1)
+        along = h * cb - p * sb
+        down = h * sb + p * cb
+        rows[i, 1 + end] = math.atan2(down, math.hypot(along, side))
+        rows[i, 5 + 3 * end] = (along * un - side * ue) / c0
+        rows[i, 6 + 3 * end] = (along * ue + side * un) / c0
+        rows[i, 7 + 3 * end] = down / c0
+
+
+@kernel
 def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info):
     """All direct eigenrays of one link.
 
@@ -98,8 +133,7 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
     steep = abs(slope) > max(limit + STEEP, 0.3)
     if steep:
         cb, sb, span, target = math.cos(slope), math.sin(slope), length, 0.0
-    c_ref = c0
-    axis = (z0, cb, sb, c_ref)
+    axis = (z0, cb, sb, c0)
     n_breaks = line_breaks(
         north, east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work.floor_breaks
     )
@@ -158,35 +192,16 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
         if not inside:
             blocked += 1
             continue
-        y = work.y
-        p1, q1 = y[1], y[6]
-        n1 = c_ref / c1
-        h1 = math.sqrt(max(n1 * n1 - p1 * p1 - q1 * q1, 0.0))
-        p0 = math.sin(angle)
-        h0 = math.sqrt(max(1.0 - p0 * p0 - q * q, 0.0))
-        tube = abs(y[2] / math.cos(angle) * y[7] * (h1 / n1) * h0)
-        spreading = 10.0 * math.log10(max(tube, 1e-300) * c0 / c1 / (length * length))
-        if spreading > cutoff_db:
+        finish(rows, count, work.y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb)
+        if rows[count, 3] > cutoff_db:
             weak += 1
             continue
-        time = (y[4] - p1 * (y[0] - target) - q1 * y[5]) / c_ref
         new = True
-        for j in range(count):
-            if abs(rows[j, 0] - time) < 1e-12 and abs(rows[j, 1] - angle) < 1e-9:
+        for j in range(count):  # a caustic's two brackets may have found one ray
+            if abs(rows[j, 0] - rows[count, 0]) < 1e-12 and abs(rows[j, 1] - rows[count, 1]) < 1e-9:
                 new = False
         if not new:
             continue
-        rows[count, 0] = time
-        rows[count, 3] = spreading
-        rows[count, 4] = turns
-        for end in range(2):
-            p, q_, h = (p0, q, h0) if end == 0 else (p1, q1, h1)
-            along = h * cb - p * sb
-            down = h * sb + p * cb
-            rows[count, 1 + end] = math.atan2(down, math.hypot(along, q_))
-            rows[count, 5 + 3 * end] = (along * un - q_ * ue) / c_ref
-            rows[count, 6 + 3 * end] = (along * ue + q_ * un) / c_ref
-            rows[count, 7 + 3 * end] = down / c_ref
         count += 1
     info[3] = 0.0 if count > 0 else margin
     info[4] = rays

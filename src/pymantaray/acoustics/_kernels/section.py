@@ -17,6 +17,7 @@ SMOOTH = 0
 LINEAR = 1
 LUT_SIZE = 2048
 MAX_COLUMNS = 1024
+MIN_STEP = 50.0  # m
 
 Section = namedtuple("Section", "kind n_range r_first r_step breaks depth lut lut_scale data")
 Section.__doc__ = """Field along one baseline.
@@ -226,16 +227,11 @@ def cut_section(medium, n0, e0, un, ue, horizontal, work):
     store, breaks = work.store, work.breaks
     kind, north, east, depth, field, knots_n, deg_n, knots_e, deg_e, lut, lut_scale, column_step = medium
     if kind == SMOOTH:
-        margin = 0.0
-        if north.size == 1 and east.size == 1:
-            count = 2
-        else:
+        count = 2
+        if north.size > 1 or east.size > 1:
             count = min(max(math.ceil(horizontal / column_step) + 1, 2), MAX_COLUMNS)
-            if horizontal < column_step:
-                margin = 0.5 * (column_step - horizontal)
-        step = (horizontal + 2.0 * margin) / (count - 1)
-        if step == 0.0:
-            step = column_step
+        # columns at both ends; rays of short and steep links use the first cell's polynomial beyond them
+        step = max(horizontal / (count - 1), MIN_STEP)
         cut_smooth(
             field,
             knots_n,
@@ -247,14 +243,14 @@ def cut_section(medium, n0, e0, un, ue, horizontal, work):
             e0,
             un,
             ue,
-            -margin,
+            0.0,
             step,
             count,
             store,
             work.small,
             work.acc,
         )
-        return Section(SMOOTH, count, -margin, step, breaks, depth, lut, lut_scale, store)
+        return Section(SMOOTH, count, 0.0, step, breaks, depth, lut, lut_scale, store)
     reach = 1000.0  # m beyond the ends; rays of steep links stray behind the source
     count = line_breaks(north, east, n0, e0, un, ue, -reach, horizontal + reach, breaks) - 1
     cut_linear(field, north, east, n0, e0, un, ue, breaks, count, store)

@@ -1,0 +1,271 @@
+"""What a vehicle does: each behaviour is a frozen, checked set of parameters."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import FleetError
+
+Array = NDArray[np.float64]
+
+
+def _check(owner: str, name: str, value: float, unit: str, *, positive: bool = False) -> None:
+    if not math.isfinite(value) or value < 0.0 or (positive and value == 0.0):
+        allowed = "positive" if positive else "zero or positive"
+        raise FleetError(f"{owner}: {name} is {value:g} {unit}; it must be finite and {allowed}")
+
+
+def _frozen_array(owner: str, name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:
+    array = np.array(value, dtype=float)
+    fits = array.ndim == len(shape) and all(
+        want in (None, got) for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits or array.size == 0 or not np.isfinite(array).all():
+        wanted = tuple("n" if size is None else size for size in shape)
+        raise FleetError(f"{owner}: {name} has shape {array.shape}; it needs shape {wanted}, all finite")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True)
+class FloatCycle:
+    """
+    Argo cycle: hold at the surface, descend, hold at depth, ascend, and again.
+
+    The vehicle starts in the surface hold, which lasts until `start_delay`. Its depth is kept by a
+    proportional controller, its horizontal motion is the current at its place and nothing else.
+
+    Parameters
+    ----------
+    target_depth : float
+        Depth of the hold below. Must exceed `surface_depth`. [m]
+    start_delay : float
+        Time of the first descent. [s]
+    hold_depth_time, hold_surface_time : float
+        Length of the holds, counted from the arrival. [s]
+    vertical_speed : float
+        Limit of the vertical speed, up and down. [m s⁻¹]
+    surface_depth : float
+        Depth that counts as surfaced. [m]
+    depth_gain : float
+        Vertical speed commanded per metre from the depth that is wanted. [s⁻¹]
+    arrival_tolerance : float
+        Distance from the wanted depth at which a hold begins: the controller's approach is
+        exponential and never ends. [m]
+
+    Raises
+    ------
+    FleetError
+        If a value is not finite, negative, or the target is not below the surface depth.
+    """
+
+    role: ClassVar[str] = "float"
+
+    target_depth: float
+    start_delay: float = 0.0
+    hold_depth_time: float = 86_400.0
+    hold_surface_time: float = 3_600.0
+    vertical_speed: float = 0.5
+    surface_depth: float = 0.5
+    depth_gain: float = 0.1
+    arrival_tolerance: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for name in ("start_delay", "hold_depth_time", "hold_surface_time"):
+            _check("FloatCycle", name, getattr(self, name), "s")
+        for name in ("target_depth", "surface_depth"):
+            _check("FloatCycle", name, getattr(self, name), "m")
+        _check("FloatCycle", "vertical_speed", self.vertical_speed, "m/s", positive=True)
+        _check("FloatCycle", "depth_gain", self.depth_gain, "1/s", positive=True)
+        _check("FloatCycle", "arrival_tolerance", self.arrival_tolerance, "m", positive=True)
+        if self.target_depth <= self.surface_depth:
+            raise FleetError(
+                f"FloatCycle: target_depth is {self.target_depth:g} m; it must lie below surface_depth"
+                f" {self.surface_depth:g} m: give a deeper target"
+            )
+
+
+@dataclass(frozen=True)
+class StationKeeping:
+    """
+    Stay at the start position, whatever the current.
+
+    Parameters
+    ----------
+    depth : float
+        Depth that is kept; the vehicle's start position must have it. [m]
+
+    Raises
+    ------
+    FleetError
+        If the depth is negative or not finite.
+    """
+
+    role: ClassVar[str] = "station"
+
+    depth: float
+
+    def __post_init__(self) -> None:
+        """Check the depth."""
+        _check("StationKeeping", "depth", self.depth, "m")
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantTwist:
+    """
+    Move with one body twist for ever: a helix. The current does not act.
+
+    Parameters
+    ----------
+    twist : array_like, shape (6,)
+        ``[omega, v]`` in the body frame. [rad s⁻¹, m s⁻¹]
+
+    Raises
+    ------
+    FleetError
+        If the twist has another shape or is not finite.
+    """
+
+    role: ClassVar[str] = "twist"
+
+    twist: Array
+
+    def __post_init__(self) -> None:
+        """Check and freeze the twist."""
+        object.__setattr__(self, "twist", _frozen_array("ConstantTwist", "twist", self.twist, (6,)))
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """
+    Swim from point to point at constant speed along body x, turning with a limited rate.
+
+    The current does not act. A point counts as reached within `capture_radius`; it may not be smaller
+    than the turning radius, else the vehicle could circle a point for ever.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Positions ``(north, east, down)``. [m]
+    speed : float
+        Forward speed. [m s⁻¹]
+    turn_rate : float
+        Limit of the angular speed. [rad s⁻¹]
+    capture_radius : float
+        Distance at which a point counts as reached. [m]
+    loop : bool
+        After the last point go on to the first; otherwise stop there.
+
+    Raises
+    ------
+    FleetError
+        If a value is not finite or positive, a point lies above the surface, or the capture radius is
+        smaller than the turning radius ``speed / turn_rate``.
+    """
+
+    role: ClassVar[str] = "waypoints"
+
+    points: Array
+    speed: float
+    turn_rate: float
+    capture_radius: float = 20.0
+    loop: bool = False
+
+    def __post_init__(self) -> None:
+        """Check every value and freeze the points."""
+        object.__setattr__(self, "points", _frozen_array("Waypoints", "points", self.points, (None, 3)))
+        _check("Waypoints", "speed", self.speed, "m/s", positive=True)
+        _check("Waypoints", "turn_rate", self.turn_rate, "rad/s", positive=True)
+        _check("Waypoints", "capture_radius", self.capture_radius, "m", positive=True)
+        shallowest = float(self.points[:, 2].min())
+        if shallowest < 0.0:
+            raise FleetError(
+                f"Waypoints: a point has depth {shallowest:g} m; depth is positive down, 0 at the surface"
+            )
+        radius = self.speed / self.turn_rate
+        if self.capture_radius < radius:
+            raise FleetError(
+                f"Waypoints: capture_radius is {self.capture_radius:g} m; it must be at least the turning"
+                f" radius speed / turn_rate = {radius:g} m: enlarge it, turn faster or swim slower"
+            )
+
+
+Behaviour = FloatCycle | StationKeeping | ConstantTwist | Waypoints
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """
+    One vehicle: who it is, where it starts and what it does.
+
+    Parameters
+    ----------
+    name : str
+        Unique in the fleet.
+    position : array_like, shape (3,)
+        Start ``(north, east, down)`` in the local frame. [m]
+    behaviour : FloatCycle, StationKeeping, ConstantTwist or Waypoints
+    heading : float
+        Bearing of body x at the start, clockwise from grid north; pitch and roll are zero. [rad]
+
+    Raises
+    ------
+    FleetError
+        If the name is empty, the position is not three finite numbers or above the surface, or a
+        station keeper's start is not at its depth.
+    """
+
+    name: str
+    position: Array
+    behaviour: Behaviour
+    heading: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value and freeze the position."""
+        if not self.name:
+            raise FleetError("Vehicle: the name is empty; every vehicle needs its own name")
+        owner = f"vehicle {self.name!r}"
+        object.__setattr__(self, "position", _frozen_array(owner, "position", self.position, (3,)))
+        depth = float(self.position[2])
+        if depth < 0.0:
+            raise FleetError(
+                f"{owner}: start depth is {depth:g} m; depth is positive down, 0 at the surface: start deeper"
+            )
+        if not math.isfinite(self.heading):
+            raise FleetError(f"{owner}: heading is {self.heading:g} rad; it must be finite")
+        if isinstance(self.behaviour, StationKeeping) and depth != self.behaviour.depth:
+            raise FleetError(
+                f"{owner}: start depth is {depth:g} m, its station is at {self.behaviour.depth:g} m;"
+                " they must be equal: a station keeper does not move"
+            )
+
+
+def unique_names(vehicles: Sequence[Vehicle]) -> list[str]:
+    """
+    Names of a fleet, checked.
+
+    Parameters
+    ----------
+    vehicles : sequence of Vehicle
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    FleetError
+        If there is no vehicle or two have the same name.
+    """
+    names = [vehicle.name for vehicle in vehicles]
+    if not names:
+        raise FleetError("fleet: there are no vehicles; at least one is needed")
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise FleetError(f"vehicle {double[0]!r}: the name is used twice; names must be unique: rename one")
+    return names

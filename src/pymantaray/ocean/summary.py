@@ -1,0 +1,114 @@
+"""What an ocean amounts to: the paper's table of regions and its spread of sound-speed profiles."""
+
+import numpy as np
+import pandas as pd
+import pyproj
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.ocean.bathymetry import sea_floor_depth
+from pymantaray.ocean.schema import validate_ocean
+from pymantaray.ocean.seawater import sound_speed
+
+Array = NDArray[np.float64]
+
+
+def region_table(ocean: xr.Dataset) -> pd.DataFrame:
+    """
+    Table of a region's place, size, grid and values (the paper's Table I of this ocean).
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row a property, named with its unit, and one column named after the ocean's title; columns of
+        several oceans go side by side with ``pandas.concat(axis=1)``. Widths are along the parallels of
+        the WGS 84 ellipsoid, the height is along the meridian.
+    """
+    validate_ocean(ocean)
+    lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
+    middle = 0.5 * (lat[0] + lat[-1])
+    meridian = pyproj.Geod(ellps="WGS84").inv(lon[0], lat[0], lon[0], lat[-1])[2]
+    speed = _sound_speed(ocean)
+    current = np.hypot(ocean["water_u"].values, ocean["water_v"].values)
+    floor = sea_floor_depth(ocean).values
+    rows: dict[str, object] = {
+        "centre latitude [deg N]": float(middle),
+        "centre longitude [deg E]": float(0.5 * (lon[0] + lon[-1])),
+        "width at the south edge [km]": _width(lat[0], lon),
+        "width at the centre [km]": _width(middle, lon),
+        "width at the north edge [km]": _width(lat[-1], lon),
+        "height [km]": meridian / 1e3,
+        "grid points, longitude": lon.size,
+        "grid points, latitude": lat.size,
+        "levels": int(ocean.sizes["depth"]),
+        "time [UTC]": str(np.datetime_as_string(ocean["time"].values, unit="m")),
+        "shallowest sea floor [m]": float(floor.min()),
+        "deepest sea floor [m]": float(floor.max()),
+        "lowest sound speed [m/s]": float(np.nanmin(speed)),
+        "highest sound speed [m/s]": float(np.nanmax(speed)),
+        "median current speed [m/s]": float(np.nanmedian(current)),
+        "highest current speed [m/s]": float(np.nanmax(current)),
+        "synthetic": "yes" if ocean.attrs["synthetic"] else "no",
+        "source": str(ocean.attrs["source"]),
+    }
+    table = pd.DataFrame({str(ocean.attrs["title"]): pd.Series(rows, dtype=object)})
+    table.index.name = "property"
+    return table
+
+
+def sound_speed_profile_spread(ocean: xr.Dataset) -> xr.Dataset:
+    """
+    Mean, least and greatest sound speed at each level over the wet points.
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables ``mean``, ``min``, ``max`` [m/s] and ``count`` over ``depth`` [m]; NaN where no point is
+        wet. The mean is over grid points, each counting the same.
+    """
+    validate_ocean(ocean)
+    speed = _sound_speed(ocean)
+    columns = speed.reshape(len(speed), -1)
+    wet = np.isfinite(columns)
+    count = wet.sum(axis=1)
+    some = count > 0
+    spread = {
+        "mean": np.divide(
+            np.where(wet, columns, 0.0).sum(axis=1), count, out=np.full(len(count), np.nan), where=some
+        ),
+        "min": np.where(some, np.where(wet, columns, np.inf).min(axis=1), np.nan),
+        "max": np.where(some, np.where(wet, columns, -np.inf).max(axis=1), np.nan),
+    }
+    attrs = {"standard_name": "speed_of_sound_in_sea_water", "units": "m s-1"}
+    return xr.Dataset(
+        {
+            **{name: (("depth",), values, attrs) for name, values in spread.items()},
+            "count": (("depth",), count, {"long_name": "wet grid points", "units": "1"}),
+        },
+        coords={"depth": ocean["depth"]},
+        attrs={name: ocean.attrs[name] for name in ("title", "source", "synthetic")},
+    )
+
+
+def _sound_speed(ocean: xr.Dataset) -> Array:
+    depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
+    return sound_speed(
+        ocean["water_temp"].values, ocean["salinity"].values, depth[:, None, None], lat[:, None], lon
+    )
+
+
+def _width(latitude: float, lon: Array) -> float:
+    """Length of the parallel between the outer longitudes. [km]"""
+    geod = pyproj.Geod(ellps="WGS84")
+    along = np.linspace(lon[0], lon[-1], 1001)
+    return float(geod.line_length(along, np.full_like(along, latitude)) / 1e3)

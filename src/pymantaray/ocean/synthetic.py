@@ -1,0 +1,122 @@
+"""The paper's two regions without a download: made-up oceans with HYCOM's grid, levels and names."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.errors import OceanError
+from pymantaray.geometry import LocalFrame
+from pymantaray.ocean import beaufort, fram
+from pymantaray.ocean.geostrophy import geostrophic_currents
+from pymantaray.ocean.mesoscale import Grid
+from pymantaray.ocean.schema import assemble_ocean, parse_instant
+from pymantaray.ocean.seawater import density, in_situ_temperature
+
+Array = NDArray[np.float64]
+
+HYCOM_DEPTHS = (
+    *(0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 60.0, 70.0, 80.0),
+    *(90.0, 100.0, 125.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0, 500.0, 600.0, 700.0, 800.0, 900.0),
+    *(1000.0, 1250.0, 1500.0, 2000.0, 2500.0, 3000.0, 4000.0, 5000.0),
+)
+"""The 40 levels of HYCOM's public data sets. [m]"""
+_LON_STEP, _LAT_STEP = 0.08, 0.04  # degrees, HYCOM's
+EPOCH = "2014-07-15T12:00"
+"""The paper's snapshot; eddies and fronts are where their tables say at this instant (UTC)."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A region's grid, its water at a time, its sea bed and its currents at the deepest level."""
+
+    title: str
+    latitude_deg: float
+    longitude_deg: float
+    n_lat: int
+    n_lon: int
+    water: Callable[[Grid, float], Array]
+    floor: Callable[[Grid], Array]
+    reference_height: Callable[[Grid], Array]
+
+    def grid(self) -> Grid:
+        """HYCOM's grid around the region's centre."""
+        lat = _centred(self.latitude_deg, _LAT_STEP, self.n_lat)
+        lon = _centred(self.longitude_deg, _LON_STEP, self.n_lon)
+        frame = LocalFrame(self.latitude_deg, self.longitude_deg)
+        north, east = frame.to_local(lat[:, None], lon[None, :])
+        return Grid(np.array(HYCOM_DEPTHS), lat, lon, north, east)
+
+
+REGIONS = {
+    "beaufort": Region(
+        "Beaufort Sea", 74.5, -140.0, 76, 251, beaufort.water, beaufort.floor, beaufort.reference_height
+    ),
+    "fram": Region("Fram Strait", 78.0, 0.0, 75, 237, fram.water, fram.floor, fram.reference_height),
+}
+
+
+def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Dataset:
+    """
+    Synthetic ocean of one of the paper's regions at a given time.
+
+    The grid is HYCOM's: 40 levels, 0.08 degree in longitude, 0.04 in latitude, 251 x 76 points around
+    74.5 N 140 W (Beaufort Sea) and 237 x 75 around 78 N 0 E (Fram Strait). The widths that the paper's
+    Table I gives, 650 and 490 km, are those of the windows' south edges; at the centres they are 595 and
+    437 km (597 and 438 km on the ellipsoid). Temperature and salinity are sums of smooth functions of place and time built from published
+    water masses (see `beaufort` and `fram`); eddies drift and fronts meander with time, nothing is drawn
+    at random. Currents balance the density of the finished fields geostrophically, on top of a weak
+    current that is the same at all depths.
+
+    Parameters
+    ----------
+    region : {"beaufort", "fram"}
+    time : str or numpy.datetime64
+        Instant (UTC), by default the paper's, 15 July 2014.
+
+    Returns
+    -------
+    xarray.Dataset
+        A valid ocean with ``synthetic = 1``.
+
+    Raises
+    ------
+    OceanError
+        If the region is unknown or the time cannot be read.
+    """
+    if region not in REGIONS:
+        raise OceanError(f"synthetic ocean {region!r} is unknown; there are {', '.join(sorted(REGIONS))}")
+    definition = REGIONS[region]
+    instant = parse_instant(time)
+    elapsed = float((instant - np.datetime64(EPOCH)) / np.timedelta64(1, "s"))
+    grid = definition.grid()
+    potential_temperature, salinity = np.moveaxis(definition.water(grid, elapsed), -1, 0)
+    place = (grid.depth[:, None, None], grid.lat[:, None], grid.lon)
+    temperature = in_situ_temperature(potential_temperature, salinity, *place)
+    # one composition for the whole region: TEOS-10's atlas of it has kinks at its nodes, every 4 degrees,
+    # which would be currents
+    composition = (definition.latitude_deg, definition.longitude_deg)
+    u, v = geostrophic_currents(
+        density(temperature, salinity, grid.depth[:, None, None], *composition),
+        grid.depth,
+        grid.lat,
+        grid.lon,
+        definition.reference_height(grid),
+    )
+    dry = grid.depth[:, None, None] > definition.floor(grid)
+    fields = {"water_temp": temperature, "salinity": salinity, "water_u": u, "water_v": v}
+    return assemble_ocean(
+        {"depth": grid.depth, "lat": grid.lat, "lon": grid.lon},
+        instant,
+        {name: np.where(dry, np.nan, field) for name, field in fields.items()},
+        title=f"{definition.title} (synthetic)",
+        source="pymantaray.ocean.synthetic: water masses from the literature, geostrophic currents",
+        synthetic=True,
+    )
+
+
+def _centred(middle: float, step: float, count: int) -> Array:
+    # rounded to HYCOM's own multiples of the step, so that -150 is not -149.99999999999997
+    return np.asarray(np.round(middle + step * (np.arange(count) - 0.5 * (count - 1)), 6), dtype=float)

@@ -1,0 +1,61 @@
+"""Water columns as stacks of named water masses, joined by monotone curves."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WaterMass:
+    """Core of one water mass: where it lies and what it is."""
+
+    name: str
+    depth: float
+    """Of the core. [m]"""
+    potential_temperature: float
+    """Referred to the surface. [degC]"""
+    salinity: float
+    """Practical. [-]"""
+
+
+@dataclass(frozen=True)
+class WaterColumn:
+    """
+    Water masses from the surface down; properties run monotonically from core to core.
+
+    Parameters
+    ----------
+    name : str
+        What the column is called.
+    masses : tuple of WaterMass
+        Depths must rise.
+    """
+
+    name: str
+    masses: tuple[WaterMass, ...]
+
+    @cached_property
+    def _curve(self) -> PchipInterpolator:
+        depth = [m.depth for m in self.masses]
+        return PchipInterpolator(depth, [[m.potential_temperature, m.salinity] for m in self.masses])
+
+    def evaluate(self, depth: Array) -> Array:
+        """
+        Potential temperature and salinity at depths; constant beyond the first and last core.
+
+        Parameters
+        ----------
+        depth : ndarray, shape (...)
+            [m]
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            Potential temperature [degC] and practical salinity [-].
+        """
+        return np.asarray(self._curve(np.clip(depth, self.masses[0].depth, self.masses[-1].depth)))

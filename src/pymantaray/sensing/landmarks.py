@@ -1,0 +1,91 @@
+"""Fixed, surveyed points that hear the fleet."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import SensingError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Landmark:
+    """
+    A fixed point that receives the vehicles' pings.
+
+    Parameters
+    ----------
+    name : str
+        Unique among landmarks and vehicles.
+    position : array_like, shape (3,)
+        True place ``(north, east, down)`` in the local frame. [m]
+
+    Raises
+    ------
+    SensingError
+        If the name is empty, or the position is not three finite numbers in the water.
+    """
+
+    name: str
+    position: Array
+
+    def __post_init__(self) -> None:
+        """Check and freeze the position."""
+        if not self.name:
+            raise SensingError("Landmark: the name is empty; every landmark needs its own name")
+        position = np.array(self.position, dtype=float)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise SensingError(
+                f"landmark {self.name!r}: position is {position.tolist()}; it needs three finite numbers,"
+                " north, east and down [m]"
+            )
+        if position[2] < 0.0:
+            raise SensingError(
+                f"landmark {self.name!r}: depth is {position[2]:g} m; depth is positive down, 0 at the"
+                " surface: place it in the water"
+            )
+        position.setflags(write=False)
+        object.__setattr__(self, "position", position)
+
+
+def landmark_positions(landmarks: Sequence[Landmark]) -> Array:
+    """
+    Positions of landmarks as one array.
+
+    Parameters
+    ----------
+    landmarks : sequence of Landmark
+
+    Returns
+    -------
+    ndarray, shape (n_landmarks, 3)
+        [m]
+    """
+    return np.array([landmark.position for landmark in landmarks], dtype=float).reshape(-1, 3)
+
+
+def check_names(vehicle_names: Sequence[str], landmarks: Sequence[Landmark]) -> None:
+    """
+    Check that no two participants have the same name, by which their random streams are found.
+
+    Parameters
+    ----------
+    vehicle_names : sequence of str
+    landmarks : sequence of Landmark
+
+    Raises
+    ------
+    SensingError
+        If a landmark shares its name with a vehicle or another landmark.
+    """
+    seen = set(vehicle_names)
+    for landmark in landmarks:
+        if landmark.name in seen:
+            raise SensingError(
+                f"landmark {landmark.name!r}: the name is taken by another landmark or vehicle; names must"
+                " be unique: rename one"
+            )
+        seen.add(landmark.name)

@@ -1,0 +1,86 @@
+"""The noise stage: the same observations, perturbed by one realization's named random streams."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.geometry import stream
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp
+from pymantaray.records import Observations
+
+Array = NDArray[np.float64]
+
+
+def perturb(observations: Observations, *, root_seed: int, realization: int) -> Observations:
+    """
+    Add one realization's noise to noise-free observations.
+
+    Parameters
+    ----------
+    observations : Observations
+        As `observe` made them; their standard deviations are those of the noise.
+    root_seed : int
+        Seed of the whole study.
+    realization : int
+        Index of the realization.
+
+    Returns
+    -------
+    Observations
+        Ranges, depths, GNSS fixes and landmark surveys with added Gaussian noise; odometry and
+        first-pose priors with noise ``T Exp(xi)`` on the manifold. Travel times stay as they were: they
+        are the simulator's record of the ray, not a measurement.
+
+    Notes
+    -----
+    Each vehicle's sensor and each ordered pair draws from its own stream, so another vehicle or sensor
+    moves no draw. A range attempt has one draw, heard or not, and both of its ranges get it; a vehicle
+    draws for a GNSS fix at every sample, surfaced or not. So all conditions see the same noise.
+    """
+
+    def normal(shape: tuple[int, ...], *names: str) -> Array:
+        return stream(root_seed, realization, "sensing", *names).standard_normal(shape)
+
+    o = observations
+    names = [str(name) for name in o.name]
+    n_time = o.time.size
+    edges = o.odometry_sigma.shape[1:]
+    odometry = np.stack([normal(edges, name, "odometry") for name in names]) * o.odometry_sigma
+    rotation, translation = _compose(o.odometry_rotation, o.odometry_translation, odometry)
+    first = np.stack([normal((6,), name, "first pose") for name in names]) * o.first_sigma
+    first_quaternion, first_position = _compose(o.first_quaternion, o.first_position, first)
+    depth = np.stack([normal((n_time,), name, "depth") for name in names]) * o.depth_sigma[:, None]
+    gnss = np.stack([normal((n_time, 3), name, "gnss") for name in names])[o.gnss_agent, o.gnss_sample]
+    surveys = [normal((3,), str(name), "survey") for name in o.landmark_name]
+    survey = np.array(surveys).reshape(-1, 3) * o.landmark_sigma[:, None]
+
+    participants = [*names, *(str(name) for name in o.landmark_name)]
+    pair = o.range_transmitter.astype(np.int64) * len(participants) + o.range_receiver
+    noise = np.empty(pair.size)
+    for key in np.unique(pair):
+        rows = np.flatnonzero(pair == key)
+        transmitter, receiver = divmod(int(key), len(participants))
+        noise[rows] = normal((rows.size,), participants[transmitter], "range", participants[receiver])
+    noise *= o.range_sigma
+    return replace(
+        o,
+        odometry_rotation=rotation,
+        odometry_translation=translation,
+        depth=o.depth + depth,
+        gnss_position=o.gnss_position + gnss * o.gnss_sigma[:, None],
+        landmark_position=o.landmark_position + survey,
+        first_position=first_position,
+        first_quaternion=first_quaternion,
+        straight_range=o.straight_range + noise,
+        refracted_range=o.refracted_range + noise,
+    )
+
+
+def _compose(quaternion: Array, translation: Array, xi: Array) -> tuple[Array, Array]:
+    """Right-compose a pose with the exponential of a tangent vector."""
+    rotation = matrix_from_quaternion(quaternion)
+    turn, move = se3_exp(xi)
+    return quaternion_from_matrix(rotation @ turn), translation + np.einsum(
+        "...ij,...j->...i", rotation, move
+    )

@@ -1,0 +1,114 @@
+"""Who pings when: ping epochs and the range attempts of each."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import SensingError
+
+Indices = NDArray[np.int64]
+
+
+class Attempts(NamedTuple):
+    """Range attempts by epoch, transmitter and receiver; landmarks count on after the vehicles."""
+
+    sample: Indices
+    transmitter: Indices
+    receiver: Indices
+
+
+@dataclass(frozen=True)
+class PingSchedule:
+    """
+    All vehicles ping at every whole multiple of an interval, the first time after one interval.
+
+    Parameters
+    ----------
+    interval : float
+        Time between epochs. [s]
+
+    Raises
+    ------
+    SensingError
+        If the interval is not finite and positive.
+    """
+
+    interval: float
+
+    def __post_init__(self) -> None:
+        """Check the interval."""
+        if not math.isfinite(self.interval) or self.interval <= 0.0:
+            raise SensingError(
+                f"PingSchedule: interval is {self.interval:g} s; it must be finite and positive"
+            )
+
+    def samples(self, time: NDArray[np.float64]) -> Indices:
+        """
+        Sample index of each epoch.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n_time,)
+            Sample times, increasing from 0. [s]
+
+        Returns
+        -------
+        ndarray of int, shape (n_epochs,)
+
+        Raises
+        ------
+        SensingError
+            If the mission is shorter than one interval, or an epoch falls between samples.
+        """
+        count = math.floor(float(time[-1]) / self.interval * (1.0 + 1e-12))
+        if count < 1:
+            raise SensingError(
+                f"PingSchedule: interval is {self.interval:g} s, the mission lasts {time[-1]:g} s; at least one"
+                " ping must fit: shorten the interval or lengthen the mission"
+            )
+        epochs = self.interval * np.arange(1, count + 1)
+        right = np.clip(np.searchsorted(time, epochs), 1, time.size - 1)
+        nearest = np.where(epochs - time[right - 1] < time[right] - epochs, right - 1, right)
+        off = np.abs(time[nearest] - epochs)
+        if (off > 1e-6).any():
+            epoch = epochs[np.argmax(off > 1e-6)]
+            raise SensingError(
+                f"PingSchedule: the epoch at {epoch:g} s is no sample time; with interval {self.interval:g} s"
+                f" and samples every {time[1] - time[0]:g} s it must be one: make the interval a whole number"
+                " of sampling periods"
+            )
+        return nearest.astype(np.int64)
+
+
+def attempts(n_agents: int, n_landmarks: int, epochs: Indices) -> Attempts:
+    """
+    List all range attempts of a mission.
+
+    At every epoch each vehicle transmits to every other vehicle and to every landmark.
+
+    Parameters
+    ----------
+    n_agents, n_landmarks : int
+        Number of vehicles and landmarks.
+    epochs : ndarray of int, shape (n_epochs,)
+        Sample index of each epoch.
+
+    Returns
+    -------
+    Attempts
+        Arrays of length ``n_epochs * n_agents * (n_agents - 1 + n_landmarks)``, sorted by sample,
+        transmitter and receiver.
+    """
+    transmitter, receiver = np.divmod(
+        np.arange(n_agents * (n_agents + n_landmarks)), max(n_agents + n_landmarks, 1)
+    )
+    other = transmitter != receiver
+    transmitter, receiver = transmitter[other], receiver[other]
+    return Attempts(
+        sample=np.repeat(np.asarray(epochs, dtype=np.int64), transmitter.size),
+        transmitter=np.tile(transmitter, len(epochs)),
+        receiver=np.tile(receiver, len(epochs)),
+    )

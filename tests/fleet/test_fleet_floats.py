@@ -1,0 +1,129 @@
+"""Floats and station keepers against closed forms: sampling, cycle times, speed limits and drift."""
+
+import numpy as np
+import pytest
+
+from pymantaray.fleet import StationKeeping, Vehicle
+from pymantaray.records import VehicleStatus
+
+BOX = 5000.0  # m; half the side of the domain that conftest builds
+
+
+def test_samples_at_every_period_end_included(run, make_float):
+    truth = run(make_float(), duration=1000.0, sampling_period=50.0)
+    np.testing.assert_array_equal(truth.time, np.arange(21) * 50.0)
+    assert truth.position.shape == (1, 21, 3)
+    np.testing.assert_array_equal(truth.position[0, 0], [0.0, 0.0, 0.5])
+
+
+def test_paths_are_the_same_however_often_they_are_sampled(run, make_float, make_ocean):
+    often = run(make_float(), water=make_ocean(rotation=1e-4, uniform=(0.1, -0.2)), sampling_period=50.0)
+    seldom = run(make_float(), water=make_ocean(rotation=1e-4, uniform=(0.1, -0.2)), sampling_period=400.0)
+    np.testing.assert_array_equal(often.position[:, ::8], seldom.position)
+
+
+def approach_time(distance, speed, gain, tolerance):
+    """Time of a saturated proportional controller: full speed to v / g from the goal, then exponential."""
+    near = speed / gain
+    return (distance - near) / speed + np.log(near / tolerance) / gain
+
+
+def test_cycle_keeps_its_times(run, make_float):
+    """Delay, descent, hold, ascent, surface hold: each leg starts when its closed form says."""
+    gain, speed, tolerance, step = 0.1, 0.5, 0.1, 0.05
+    vehicle = make_float(
+        start_delay=200.0, depth_gain=gain, vertical_speed=speed, arrival_tolerance=tolerance
+    )
+    truth = run(vehicle, duration=4000.0, physics_step=step, sampling_period=1.0)
+    depth = truth.position[0, :, 2]
+    travel = approach_time(99.5, speed, gain, tolerance)
+    leave = [200.0]
+    for hold in (600.0, 300.0, 600.0, 300.0, 600.0):
+        leave.append(leave[-1] + travel + hold)
+    moved = np.abs(np.diff(depth)) > 0.45  # starts at full speed, ends in the exponential approach
+    starts = np.flatnonzero(moved & ~np.concatenate([[False], moved[:-1]]))
+    np.testing.assert_allclose(starts, leave, rtol=0, atol=1.0)  # s, the sampling
+    assert depth[int(leave[1]) - 5] == pytest.approx(100.0, abs=1e-3)
+    assert depth[int(leave[2]) - 5] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_float_waits_at_the_surface_until_its_delay(run, make_float):
+    truth = run(make_float(start_delay=1000.0), duration=1150.0)
+    before = truth.time <= 1000.0
+    np.testing.assert_array_equal(truth.position[0, before, 2], 0.5)
+    assert (np.diff(truth.position[0, ~before, 2]) > 0.0).all()
+
+
+@pytest.mark.parametrize("physics_step", [0.125, 1.0, 10.0])
+def test_depth_never_overshoots_nor_exceeds_the_vertical_speed(run, make_float, physics_step):
+    vehicle = make_float(depth=30.0, start_delay=200.0, vertical_speed=0.4)
+    truth = run(vehicle, duration=6000.0, physics_step=physics_step, sampling_period=physics_step)
+    depth = truth.position[0, :, 2]
+    assert depth.max() <= 100.0 + 1e-12
+    assert depth.min() >= 0.5 - 1e-12
+    assert np.abs(np.diff(depth)).max() <= 0.4 * physics_step * (1 + 1e-9)
+    assert depth.max() > 99.9
+
+
+def test_drift_in_a_uniform_current_is_the_current_times_time(run, make_float, make_ocean):
+    truth = run(make_float(heading=1.0), water=make_ocean(uniform=(0.3, -0.2)))
+    np.testing.assert_allclose(truth.position[0, :, 0], 0.3 * truth.time, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(truth.position[0, :, 1], -0.2 * truth.time, rtol=0, atol=1e-8)
+
+
+def test_floats_do_not_rotate(run, make_float, make_ocean):
+    truth = run(make_float(heading=1.0), water=make_ocean(rotation=1e-3))
+    np.testing.assert_array_equal(truth.quaternion[0], np.tile([np.cos(0.5), 0, 0, np.sin(0.5)], (81, 1)))
+
+
+def test_drift_integrates_a_current_that_is_linear_in_depth(run, make_float, make_ocean):
+    """While sinking at a steady speed the current is linear in time; the midpoint rule is exact for it."""
+    water = make_ocean(shear=1e-3)
+    truth = run(make_float(target_depth=900.0), water=water, duration=1500.0, physics_step=0.5)
+    depth, time = truth.position[0, :, 2], truth.time
+    expected = 1e-3 * (0.5 * time + 0.25 * time**2)
+    np.testing.assert_allclose(depth, 0.5 + 0.5 * time, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(truth.position[0, :, 0], expected, rtol=1e-12, atol=1e-9)
+
+
+def test_drift_in_solid_body_rotation_is_a_circle_to_second_order(run, make_float, make_ocean):
+    """
+    x' = r J x has the solution of a turning vector; the error of a step s is 5/12 (r s)^2 of the angle.
+
+    The error constant is that of the two-step Adams-Bashforth method, to which the midpoint prediction
+    reduces for a linear current.
+    """
+    rate, radius, duration = 1e-3, 2000.0, 4000.0
+    errors = []
+    for step in (2.5, 5.0, 10.0):
+        vehicle = make_float(north=radius, depth=0.5, start_delay=1e9)
+        truth = run(vehicle, water=make_ocean(rotation=rate), duration=duration, physics_step=step)
+        angle = rate * truth.time
+        circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        errors.append(np.linalg.norm(truth.position[0, :, :2] - circle, axis=-1).max())
+        stated = radius * rate * duration * 5 / 12 * (rate * step) ** 2
+        assert errors[-1] == pytest.approx(stated, rel=0.1)
+    orders = np.log2(np.array(errors[1:]) / errors[:-1])
+    np.testing.assert_allclose(orders, 2.0, rtol=0, atol=0.1)
+
+
+def test_current_is_trilinear_between_grid_points(run, make_float, make_ocean):
+    """On a current of random grid values, the first metres follow a hand-written interpolation."""
+    water = make_ocean()
+    rng = np.random.default_rng(2)
+    for way in ("current_north", "current_east"):
+        water[way] = water[way].dims, rng.uniform(-0.5, 0.5, water[way].shape)
+    for _ in range(5):
+        start = np.array([*rng.uniform(-BOX, BOX, 2) * 0.95, rng.uniform(1.0, 900.0)])
+        vehicle = make_float(north=start[0], east=start[1], depth=start[2], surface_depth=start[2],
+                          target_depth=start[2] + 1.0, start_delay=1e9)  # fmt: skip
+        truth = run(vehicle, water=water, duration=1e-3, physics_step=1e-3, sampling_period=1e-3)
+        at = {"north": start[0], "east": start[1], "depth": start[2]}
+        expected = [float(water[f"current_{way}"].interp(at)) for way in ("north", "east")]
+        np.testing.assert_allclose(np.diff(truth.position[0, :, :2], axis=0)[0] / 1e-3, expected, atol=1e-6)
+
+
+def test_station_keeps_in_any_current(run, make_ocean):
+    truth = run(Vehicle("A", (10.0, 20.0, 0.5), StationKeeping(0.5)), water=make_ocean(uniform=(1.0, 1.0)))
+    np.testing.assert_array_equal(truth.position[0], np.tile([10.0, 20.0, 0.5], (81, 1)))
+    assert (truth.status == VehicleStatus.ACTIVE).all()

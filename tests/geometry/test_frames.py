@@ -1,0 +1,121 @@
+"""The local frame against the ellipsoid itself: distances, bearings, convergence and scale."""
+
+import numpy as np
+import pyproj
+import pytest
+
+from pymantaray.errors import GeometryError
+from pymantaray.geometry import LocalFrame
+
+CENTRES = [(74.5, -140.0), (78.0, 0.0), (35.0, -75.0), (-60.0, 179.9), (0.0, 0.0), (90.0, 0.0)]
+GEOD = pyproj.Geod(ellps="WGS84")
+
+
+def around(n=7, reach=3e5, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-reach, reach, (2, n))
+
+
+@pytest.mark.parametrize("centre", CENTRES)
+def test_round_trip_within_a_micrometre(centre):
+    frame = LocalFrame(*centre)
+    north, east = around()
+    back = frame.to_local(*frame.to_geodetic(north, east))
+    np.testing.assert_allclose(back, (north, east), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("centre", CENTRES)
+def test_centre_is_the_origin(centre):
+    np.testing.assert_allclose(LocalFrame(*centre).to_local(*centre), (0.0, 0.0), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (2, 4)])
+def test_leading_axes_are_kept(shape):
+    frame = LocalFrame(78.0, 0.0)
+    latitude, longitude = frame.to_geodetic(np.full(shape, 1e4), np.full(shape, -2e4))
+    assert latitude.shape == longitude.shape == shape
+    assert frame.convergence(latitude, longitude).shape == shape
+    assert frame.scale_factor(np.full(shape, 1e4), np.full(shape, -2e4)).shape == shape
+
+
+def test_latitudes_and_longitudes_broadcast():
+    north, east = LocalFrame(78.0, 0.0).to_local(np.linspace(77, 79, 3)[:, None], np.linspace(-5, 5, 4))
+    assert north.shape == east.shape == (3, 4)
+
+
+def test_longitude_window_does_not_matter():
+    frame = LocalFrame(74.5, 220.0)
+    assert frame.longitude_deg == -140.0
+    np.testing.assert_allclose(frame.to_local(75.0, 222.0), frame.to_local(75.0, -138.0), rtol=0, atol=1e-6)
+    north, east = around()
+    np.testing.assert_allclose(
+        frame.to_local(*frame.to_geodetic(north, east)), (north, east), rtol=0, atol=1e-6
+    )
+
+
+def test_longitudes_stay_next_to_the_centre_across_the_date_line():
+    frame = LocalFrame(-60.0, 179.9)
+    _, longitude = frame.to_geodetic([0.0, 0.0], [-1e5, 1e5])
+    assert longitude[0] < 179.9 < longitude[1]
+    assert np.abs(longitude - 179.9).max() < 5.0
+
+
+@pytest.mark.parametrize("centre", CENTRES)
+def test_short_distances_and_bearings_at_the_centre_are_those_on_the_ellipsoid(centre):
+    frame = LocalFrame(*centre)
+    bearing_deg = np.arange(0.0, 360.0, 30.0)
+    longitude, latitude, _ = GEOD.fwd(
+        np.full(12, centre[1]), np.full(12, centre[0]), bearing_deg, np.full(12, 1000.0)
+    )
+    north, east = frame.to_local(latitude, longitude)
+    np.testing.assert_allclose(north, 1000.0 * np.cos(np.radians(bearing_deg)), rtol=0, atol=1e-4)
+    np.testing.assert_allclose(east, 1000.0 * np.sin(np.radians(bearing_deg)), rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("centre", CENTRES[:4])
+def test_convergence_and_scale_carry_vectors_from_the_ellipsoid(centre):
+    """A short step on the ellipsoid, of any bearing, is turned by the convergence and stretched by the scale."""
+    frame = LocalFrame(*centre)
+    north, east = around()
+    latitude, longitude = frame.to_geodetic(north, east)
+    step = 10.0  # m
+    for bearing_deg in (0.0, 77.0, 190.0):
+        there = GEOD.fwd(longitude, latitude, np.full(7, bearing_deg), np.full(7, step))
+        n1, e1 = frame.to_local(there[1], there[0])
+        g, k = frame.convergence(latitude, longitude), frame.scale_factor(north, east)
+        v_north, v_east = np.cos(np.radians(bearing_deg)), np.sin(np.radians(bearing_deg))
+        expected_north = k * (v_north * np.cos(g) - v_east * np.sin(g))
+        expected_east = k * (v_north * np.sin(g) + v_east * np.cos(g))
+        np.testing.assert_allclose((n1 - north) / step, expected_north, rtol=0, atol=2e-6)
+        np.testing.assert_allclose((e1 - east) / step, expected_east, rtol=0, atol=2e-6)
+
+
+def test_convergence_vanishes_on_the_central_meridian_and_is_odd_in_longitude():
+    frame = LocalFrame(78.0, 0.0)
+    np.testing.assert_allclose(frame.convergence([77.0, 78.0, 79.0], 0.0), 0.0, rtol=0, atol=1e-9)
+    east, west = frame.convergence(78.0, 8.0), frame.convergence(78.0, -8.0)
+    assert east == pytest.approx(-west, rel=0, abs=1e-9)
+    # meridians meet at the pole: east of the centre true north points to the west of grid north
+    assert east < 0.0
+    assert abs(east) == pytest.approx(np.radians(8.0) * np.sin(np.radians(78.0)), rel=0.01)
+
+
+def test_scale_is_one_at_the_centre_and_grows_with_the_square_of_the_distance():
+    """Stereographic on a sphere: k = 1 + d^2 / 4 R^2, with Gauss' radius; no direction is preferred."""
+    frame = LocalFrame(74.5, -140.0)
+    assert float(frame.scale_factor(0.0, 0.0)) == pytest.approx(1.0, rel=0, abs=1e-9)
+    meridian = GEOD.a * (1 - GEOD.es) / (1 - GEOD.es * np.sin(np.radians(74.5)) ** 2) ** 1.5
+    normal = GEOD.a / np.sqrt(1 - GEOD.es * np.sin(np.radians(74.5)) ** 2)
+    for bearing in np.radians([0.0, 90.0, 180.0, 230.0]):
+        distance = np.array([1e5, 2e5, 3e5])
+        excess = frame.scale_factor(distance * np.cos(bearing), distance * np.sin(bearing)) - 1.0
+        np.testing.assert_allclose(excess, distance**2 / (4 * meridian * normal), rtol=1e-3)
+
+
+@pytest.mark.parametrize(("latitude", "longitude"), [(90.1, 0.0), (np.nan, 0.0), (0.0, np.inf)])
+def test_impossible_centre_is_refused(latitude, longitude):
+    with pytest.raises(
+        GeometryError, match="latitude must lie in -90 to 90 and both must be finite"
+    ) as error:
+        LocalFrame(latitude, longitude)
+    assert "\n" not in str(error.value)

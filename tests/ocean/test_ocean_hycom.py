@@ -1,0 +1,192 @@
+"""HYCOM's files as they come: packed or not, apart or together, whole or broken."""
+
+import gsw
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pymantaray.errors import OceanError
+from pymantaray.ocean import open_ocean, to_local
+from pymantaray.ocean.hycom import _contiguous
+from pymantaray.ocean.seawater import sound_speed
+
+PACKING = {"dtype": "int16", "scale_factor": 0.001, "_FillValue": -30000}
+TRACER = {**PACKING, "add_offset": 20.0}
+
+
+@pytest.fixture
+def small(closed_form_ocean):
+    """Ocean across the antimeridian with a step of a sea bed, as HYCOM would have it."""
+    return closed_form_ocean(
+        60.0,
+        180.0,
+        temperature=lambda z, _lat, lon: 4.0 + 0.1 * (lon - 180.0) - 1e-3 * z,
+        floor=lambda lat, _lon: np.where(lat > 60.05, 60.0, 400.0),
+        n=(9, 11),
+        depth=[0.0, 50.0, 200.0, 500.0],
+    )
+
+
+def as_file(path, ocean, *, times=("2020-01-01",), keep=None, packed=True, tau=True):
+    """Write a file as HYCOM does, with the variable tau that stops xarray."""
+    data = ocean.drop_vars("time").drop_attrs(deep=False)[list(keep or ocean.data_vars)]
+    data = xr.concat([data] * len(times), "time").assign_coords(time=np.array(times, "datetime64[ns]"))
+    if tau:
+        data["tau"] = ("time", np.zeros(len(times)), {"units": "hours since analysis"})
+    encoding = {
+        n: TRACER if n in ("water_temp", "salinity") else PACKING for n in data.data_vars if n != "tau"
+    }
+    data["time"].encoding = {"units": "hours since 2000-01-01 00:00:00", "dtype": "float64"}
+    if packed:
+        data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT", encoding=encoding)
+    else:
+        data.to_netcdf(path, engine="netcdf4")
+    return path
+
+
+def test_the_gulf_stream_opens_and_has_the_sound_speed_of_gsw(gulf_stream_files):
+    ocean = open_ocean(gulf_stream_files)
+    assert dict(ocean.sizes) == {"depth": 40, "lat": 33, "lon": 18}
+    assert -75.7 < float(ocean["lon"].min()) < float(ocean["lon"].max()) < -74.3
+    assert ocean["time"].values == np.datetime64("2019-03-07T15:00")
+    assert ocean.attrs["synthetic"] == 0
+    temperature, salinity = ocean["water_temp"].values, ocean["salinity"].values
+    depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
+    k, i, j = np.nonzero(np.isfinite(temperature))
+    p = gsw.p_from_z(-depth[k], lat[i])
+    SA = gsw.SA_from_SP(salinity[k, i, j], p, lon[j], lat[i])
+    expected = gsw.sound_speed(SA, gsw.CT_from_t(SA, temperature[k, i, j], p), p)
+    found = sound_speed(temperature, salinity, depth[:, None, None], lat[:, None], lon)
+    np.testing.assert_allclose(found[k, i, j], expected, rtol=0, atol=1e-9)
+
+
+def test_the_local_frame_s_origin_on_a_grid_point_has_that_point_s_values(gulf_stream_files):
+    ocean = open_ocean(gulf_stream_files)
+    point = ocean.isel(lat=10, lon=12)
+    local = to_local(ocean, (float(point["lat"]), float(point["lon"])), (24e3, 24e3)).sel(north=0.0, east=0.0)
+    wet = np.isfinite(point["water_temp"].values)
+    expected = sound_speed(
+        point["water_temp"].values[wet],
+        point["salinity"].values[wet],
+        point["depth"].values[wet],
+        float(point["lat"]),
+        float(point["lon"]),
+    )
+    np.testing.assert_allclose(local["sound_speed"].values[wet], expected, rtol=0, atol=1e-9)
+    # the frame's centre has no convergence: the components are the file's own
+    np.testing.assert_allclose(local["current_east"].values[wet], point["water_u"].values[wet], atol=1e-9)
+    np.testing.assert_allclose(local["current_north"].values[wet], point["water_v"].values[wet], atol=1e-9)
+
+
+def test_packed_and_unpacked_files_tell_the_same(tmp_path, small):
+    packed = open_ocean(as_file(tmp_path / "packed.nc", small))
+    unpacked = open_ocean(as_file(tmp_path / "unpacked.nc", small, packed=False))
+    for name in small.data_vars:
+        np.testing.assert_array_equal(np.isnan(packed[name]), np.isnan(unpacked[name]))
+        np.testing.assert_allclose(packed[name], unpacked[name], atol=0.0006)  # half the packing step
+
+
+def test_tracers_and_currents_come_from_two_files_in_any_order(tmp_path, small):
+    ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
+    uv = as_file(tmp_path / "uv.nc", small, keep=["water_u", "water_v"])
+    xr.testing.assert_equal(open_ocean([ts, uv]), open_ocean([uv, ts]))
+
+
+@pytest.mark.parametrize("convention", ["0 to 360", "-180 to 180", "-180 to 180, sorted"])
+def test_longitudes_of_any_convention_are_put_in_a_row(tmp_path, small, convention):
+    written = small
+    if convention != "0 to 360":
+        written = small.assign_coords(lon=(small["lon"].values + 180.0) % 360.0 - 180.0)
+    if convention.endswith("sorted"):
+        written = written.sortby("lon")
+    opened = open_ocean(as_file(tmp_path / "file.nc", written))
+    assert np.all(np.diff(opened["lon"]) > 0.0)
+    np.testing.assert_allclose(np.cos(np.radians(opened["lon"] - small["lon"].values)), 1.0, atol=1e-12)
+    np.testing.assert_allclose(opened["water_temp"], small["water_temp"], atol=0.0006)
+    assert to_local(opened).attrs["centre_longitude_deg"] == pytest.approx(-180.0)
+
+
+@given(
+    start=st.floats(-180.0, 360.0), step=st.floats(0.01, 1.0), n=st.integers(4, 200), turn=st.integers(0, 300)
+)
+@settings(derandomize=True, max_examples=50)
+def test_any_window_less_than_a_circle_becomes_contiguous(start, step, n, turn):
+    true = start + step * np.arange(n)
+    written = np.roll((true + 180.0) % 360.0 - 180.0, turn % n)
+    order, lon = _contiguous(written)
+    np.testing.assert_allclose(np.diff(lon), step, atol=1e-9)
+    np.testing.assert_allclose((lon - written[order] + 1.0) % 360.0, 1.0, atol=1e-9)
+    assert -180.0 <= 0.5 * (lon[0] + lon[-1]) < 180.0 + 1e-9
+
+
+def test_a_time_is_chosen_among_several(tmp_path, small):
+    path = as_file(tmp_path / "two.nc", small, times=("2020-01-01T00:00", "2020-01-01T03:00"))
+    assert open_ocean(path, time="2020-01-01T03:00")["time"].values == np.datetime64("2020-01-01T03:00")
+    with pytest.raises(OceanError, match=r"2 times .*choose one"):
+        open_ocean(path)
+    with pytest.raises(OceanError, match=r"2020-02-01 is not in it; there is 2020-01-01T00:00"):
+        open_ocean(path, time="2020-02-01")
+
+
+def test_a_fill_value_that_a_server_scaled_is_masked(tmp_path, small):
+    scaled = small.fillna({"water_temp": -10.0, "salinity": -10.0, "water_u": -30.0, "water_v": -30.0})
+    opened = open_ocean(as_file(tmp_path / "scaled.nc", scaled, packed=False))
+    np.testing.assert_array_equal(np.isnan(opened["water_temp"]), np.isnan(small["water_temp"]))
+
+
+def message_of(*args, **kwargs) -> str:
+    with pytest.raises(OceanError) as caught:
+        open_ocean(*args, **kwargs)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.5, 0.9, 0.9999])
+def test_a_truncated_netcdf3_file_is_refused(tmp_path, gulf_stream_files, share):
+    ts, uv = gulf_stream_files
+    whole = ts.read_bytes()
+    cut = tmp_path / "cut.nc"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    assert "cut.nc: cannot be read" in message_of([cut, uv])
+
+
+def test_a_truncated_netcdf4_file_is_refused(tmp_path, small):
+    whole = as_file(tmp_path / "whole.nc", small, packed=False).read_bytes()
+    cut = tmp_path / "cut.nc"
+    cut.write_bytes(whole[: len(whole) // 2])
+    assert "cut.nc: cannot be read" in message_of(cut)
+
+
+def test_what_is_missing_is_named(tmp_path, small, gulf_stream_files):
+    without = as_file(tmp_path / "no_salt.nc", small, keep=["water_temp", "water_u", "water_v"])
+    assert "no_salt.nc: no salinity;" in message_of(without)
+    assert "no water_u and no water_v" in message_of(gulf_stream_files[0])
+    assert "no water_temp and no salinity" in message_of(gulf_stream_files[1])
+    assert "no such file" in message_of(tmp_path / "nowhere.nc")
+    assert "no file given" in message_of([])
+
+
+def test_files_that_do_not_belong_together_are_refused(tmp_path, small):
+    ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
+    moved = small.assign_coords(lat=small["lat"] + 0.04)
+    uv = as_file(tmp_path / "uv.nc", moved, keep=["water_u", "water_v"])
+    assert "uv.nc: lat of water_u differs" in message_of([ts, uv])
+    assert "cannot be combined" in message_of(["synthetic:fram", ts])
+
+
+def test_a_file_of_something_else_is_refused(tmp_path, small):
+    page = tmp_path / "error.nc"
+    page.write_text("<html>503 Service Unavailable</html>")
+    assert "neither NetCDF-3 nor NetCDF-4" in message_of(page)
+    other = as_file(
+        tmp_path / "other.nc", small.rename(dict.fromkeys(["water_temp"], "sst")), keep=["sst"], packed=False
+    )
+    assert "none of water_temp" in message_of(other)
+    potential = small.copy()
+    potential["water_temp"].attrs["standard_name"] = "sea_water_potential_temperature"
+    assert "in-situ temperature is needed" in message_of(
+        as_file(tmp_path / "theta.nc", potential, packed=False)
+    )

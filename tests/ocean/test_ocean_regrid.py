@@ -1,0 +1,200 @@
+"""From latitude and longitude to the local frame, against closed forms and geodesics."""
+
+import numpy as np
+import pyproj
+import pytest
+
+from pymantaray.errors import OceanError
+from pymantaray.geometry import LocalFrame
+from pymantaray.ocean import to_local
+from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.spline import TensorSpline
+from pymantaray.ocean.window import Window
+
+GEOD = pyproj.Geod(ellps="WGS84")
+CENTRES = [(0.0, 20.0), (45.0, -30.0), (78.0, 5.0), (-70.0, 150.0), (60.0, 180.0), (60.0, -180.0)]
+WAVELENGTH = 60e3  # m; about seven of HYCOM's points at the equator
+
+
+def nodes(local):
+    """Latitude and longitude of a local data set's nodes, from its PROJ string alone."""
+    north, east = np.meshgrid(local["north"], local["east"], indexing="ij")
+    lon, lat = pyproj.Proj(local.attrs["proj_string"])(east, north, inverse=True)
+    return lat, lon
+
+
+def waves(amplitude, lat_0, lon_0):
+    """Waves of `WAVELENGTH` in both directions, as a function of depth, lat and lon."""
+    per_degree = 2.0 * np.pi * 111.2e3 / WAVELENGTH
+
+    def field(z, lat, lon):
+        x = per_degree * np.cos(np.radians(lat_0)) * ((lon - lon_0 + 180.0) % 360.0 - 180.0)
+        return amplitude * np.cos(x) * np.sin(per_degree * (lat - lat_0) + z / 400.0)
+
+    return field
+
+
+@pytest.mark.parametrize("centre", CENTRES, ids=str)
+def test_a_field_in_closed_form_survives_the_trip(closed_form_ocean, centre):
+    lat_0, lon_0 = centre
+    temperature = waves(1.0, *centre)
+    current = waves(0.2, *centre)
+    ocean = closed_form_ocean(
+        lat_0,
+        lon_0,
+        temperature=lambda z, lat, lon: 3.0 - z / 2_000.0 + temperature(z, lat, lon),
+        u=current,
+        v=lambda z, lat, lon: 0.5 * current(z, lat, lon),
+        depth=[0.0, 50.0, 200.0, 1_000.0],
+    )
+    local = to_local(ocean, centre=(lat_0 + 0.013, lon_0 + 0.031))  # no node falls on a grid point
+    lat, lon = (a[..., None] for a in nodes(local))
+    z = local["depth"].values
+    expected = sound_speed(3.0 - z / 2_000.0 + temperature(z, lat, lon), 34.0, z, lat, lon)
+    error = np.abs(local["sound_speed"].values - expected)
+    inside = (slice(4, -4), slice(4, -4))
+    # of 4.6 m/s, with seven points a wavelength at the equator; not-a-knot ends cost most near the edge
+    assert np.max(error[inside]) < 0.02, np.max(error[inside])
+    assert np.max(error) < 0.05, np.max(error)
+    speed = np.hypot(local["current_north"], local["current_east"]).values
+    expected_speed = np.abs(current(z, lat, lon)) * np.hypot(1.0, 0.5)
+    assert np.max(np.abs(speed - expected_speed)[inside]) < 1e-3
+
+
+def test_the_error_falls_with_the_fourth_power_of_the_spacing():
+    errors = []
+    at = np.linspace(0.3, 0.7, 61)
+    for n in (21, 41, 81):
+        x = np.linspace(0.0, 1.0, n)
+        field = np.sin(9.0 * x[:, None]) * np.cos(7.0 * x)
+        found = TensorSpline(x, x, at[:, None] + 0 * at, at + 0 * at[:, None])(field[None])[..., 0]
+        errors.append(np.max(np.abs(found - np.sin(9.0 * at[:, None]) * np.cos(7.0 * at))))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(orders > 3.7), (errors, orders)
+
+
+def test_a_bilinear_field_is_exact_with_degree_one():
+    rows, columns = np.array([0.0, 1.0, 3.0, 4.0]), np.array([0.0, 2.0, 3.0, 7.0])
+    at_rows, at_columns = np.array([0.5, 2.2, 4.0]), np.array([0.1, 2.5, 7.0])
+    field = 1.0 + 2.0 * rows[:, None] - 0.5 * columns
+    found = TensorSpline(rows, columns, at_rows, at_columns, degree=1)(field[None])[..., 0]
+    np.testing.assert_allclose(found, 1.0 + 2.0 * at_rows - 0.5 * at_columns, atol=1e-12)
+
+
+@pytest.mark.parametrize("centre", [(78.0, 0.0), (45.0, 180.0), (-70.0, 150.0)], ids=str)
+def test_currents_point_where_a_drifter_would_go(closed_form_ocean, centre):
+    """Off the centre meridian, moving along the geodesic must move the local point along the current."""
+    u, v, seconds = 0.4, 0.3, 2_000.0
+    ocean = closed_form_ocean(
+        *centre,
+        temperature=lambda z, _lat, _lon: 1.0 + 0 * z,
+        u=lambda z, _lat, _lon: u + 0 * z,
+        v=lambda z, _lat, _lon: v + 0 * z,
+        n=(75, 237),
+        depth=[0.0, 100.0],
+    )
+    local = to_local(ocean)
+    lat, lon = nodes(local)
+    azimuth = np.degrees(np.arctan2(u, v))
+    lon_1, lat_1, _ = GEOD.fwd(
+        lon, lat, np.full_like(lat, azimuth), np.full_like(lat, seconds * np.hypot(u, v))
+    )
+    frame = LocalFrame(local.attrs["centre_latitude_deg"], local.attrs["centre_longitude_deg"])
+    north, east = frame.to_local(lat_1, lon_1)
+    moved_north = (north - local["north"].values[:, None]) / seconds
+    moved_east = (east - local["east"].values) / seconds
+    scale = frame.scale_factor(*np.meshgrid(local["north"], local["east"], indexing="ij"))
+    np.testing.assert_allclose(local["current_north"][..., 0] * scale, moved_north, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(local["current_east"][..., 0] * scale, moved_east, rtol=0, atol=1e-4)
+    bearing = np.arctan2(local["current_east"], local["current_north"]).values
+    turned = np.degrees(np.ptp(bearing))
+    assert turned > 5.0, f"the convergence turns this vector by {turned} degrees over the domain"
+
+
+def test_one_row_s_metres_per_degree_would_be_twelve_per_cent_wrong(closed_form_ocean):
+    """A front along 5 E lies where the geodesic says, not where the south edge's spacing puts it."""
+    front = 5.0
+    ocean = closed_form_ocean(
+        78.0,
+        0.0,
+        temperature=lambda _z, _lat, lon: 2.0 * np.tanh((lon - front) / 0.4),
+        n=(75, 237),
+        depth=[0.0, 100.0],
+    )
+    local = to_local(ocean)
+    row = local["sound_speed"].sel(north=0.0).isel(depth=0).values
+    middle = float(sound_speed(0.0, 34.0, 0.0, 78.0, front))
+    found = float(np.interp(middle, row, local["east"].values))
+    frame = LocalFrame(78.0, 0.0)
+    lon_on_row = np.linspace(4.0, 6.0, 2_001)
+    lat_on_row, lon_there = frame.to_geodetic(0.0, np.linspace(9e4, 14e4, 2_001))
+    assert lon_there[0] < front < lon_there[-1]
+    truth = GEOD.inv(0.0, 78.0, front, float(np.interp(front, lon_there, lat_on_row)))[2]
+    assert found == pytest.approx(truth, abs=50.0)
+    south = float(ocean["lat"][0])
+    per_degree = GEOD.inv(lon_on_row[0], south, lon_on_row[-1], south)[2] / 2.0
+    assert front * per_degree / truth == pytest.approx(1.12, abs=0.01)
+
+
+@pytest.mark.parametrize("region", ["beaufort_sea", "fram_strait"])
+def test_the_default_domain_is_the_largest_rectangle_that_fits(region, request):
+    ocean = request.getfixturevalue(region)
+    lat, lon = ocean["lat"].values, ocean["lon"].values
+    window = Window(lat, lon, LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1])))
+    north, east = window.largest_rectangle()
+    assert window.holds(north, east)
+    assert not window.holds(north + 10.0, east + 10.0)
+    for taller in np.linspace(0.5, 1.2, 29):
+        same_area = north * taller, east / taller * 1.002
+        assert not window.holds(*same_area), f"{same_area} fits and is larger than {(north, east)}"
+
+
+def test_the_domain_of_a_study_and_what_it_says_of_itself(fram_strait):
+    local = to_local(fram_strait, centre=(78.1, 0.5), half_extent=(40e3, 50e3))
+    assert local["north"].values[[0, -1]] == pytest.approx([-40e3, 40e3])
+    assert local["east"].values[[0, -1]] == pytest.approx([-50e3, 50e3])
+    assert 0.0 in local["north"].values
+    assert 0.0 in local["east"].values
+    step = 0.04 * GEOD.inv(0.5, 77.6, 0.5, 78.6)[2]
+    assert np.diff(local["north"])[0] == pytest.approx(step, rel=0.06)
+    assert local["sound_speed"].dims == ("north", "east", "depth")
+    assert local["sound_speed"].dtype == np.float64
+    assert local.attrs["centre_latitude_deg"] == 78.1
+    assert local.attrs["centre_longitude_deg"] == 0.5
+    assert local.attrs["synthetic"] == 1
+    assert local.attrs["time"] == "2014-07-15T12:00:00"
+    frame = LocalFrame(78.1, 0.5)
+    corner = float(frame.scale_factor(40e3, 50e3)) - 1.0
+    assert local.attrs["scale_error_max"] == pytest.approx(corner, rel=0.05)
+    assert not any(np.isnan(local[name]).any() for name in local.data_vars)
+
+
+def test_sound_speed_goes_on_rising_beneath_the_sea_bed(closed_form_ocean):
+    """Between the deepest valid level and the coarse floor there is water: its gradient is pressure's."""
+    ocean = closed_form_ocean(
+        78.0,
+        0.0,
+        temperature=lambda z, _lat, _lon: -1.0 + 0 * z,
+        floor=lambda _lat, _lon: 3_200.0,
+        n=(9, 9),
+        depth=[0.0, 1_000.0, 3_000.0, 4_000.0],
+    )
+    local = to_local(ocean)
+    np.testing.assert_allclose(local["sea_floor_depth"], 3_500.0)
+    assert float(local["sea_floor_depth"].max()) <= 3_500.0
+    gradient = np.diff(local["sound_speed"].values[4, 4]) / np.diff(local["depth"])
+    assert gradient[-1] == pytest.approx(0.018, abs=0.003)  # s-1, of isothermal water
+
+
+def test_what_does_not_fit_is_refused_in_one_line(fram_strait):
+    cases = {
+        "does not fit into the data": {"half_extent": (300e3, 50e3)},
+        "is not inside the data": {"centre": (70.0, 0.0)},
+        "both half sides must be positive": {"half_extent": (0.0, 50e3)},
+    }
+    for says, arguments in cases.items():
+        with pytest.raises(OceanError, match=says) as caught:
+            to_local(fram_strait, **arguments)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(OceanError, match="lie outside"):
+        TensorSpline(np.arange(5.0), np.arange(5.0), np.array([4.1]), np.array([1.0]))

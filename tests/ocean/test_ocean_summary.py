@@ -1,0 +1,57 @@
+"""Tables of a region against geodesics and brute force."""
+
+import numpy as np
+import pandas as pd
+import pyproj
+import pytest
+
+from pymantaray.ocean import region_table, sound_speed_profile_spread
+from pymantaray.ocean.seawater import sound_speed
+
+
+@pytest.mark.parametrize(
+    ("region", "paper_km", "centre_km"), [("beaufort_sea", 650.0, 595.0), ("fram_strait", 490.0, 437.0)]
+)
+def test_the_paper_s_width_is_that_of_the_south_edge(region, paper_km, centre_km, request):
+    ocean = request.getfixturevalue(region)
+    column = region_table(ocean).iloc[:, 0]
+    assert column["width at the south edge [km]"] == pytest.approx(paper_km, rel=0.01)
+    assert column["width at the centre [km]"] == pytest.approx(centre_km, rel=0.01)
+    assert column["width at the north edge [km]"] < column["width at the centre [km]"]
+    assert column["height [km]"] == pytest.approx(330.0, rel=0.02)
+    assert column["synthetic"] == "yes"
+
+
+def test_widths_follow_the_parallel_of_the_ellipsoid(fram_strait):
+    ellipsoid = pyproj.Geod(ellps="WGS84")
+    sin = np.sin(np.radians(78.0))
+    radius = ellipsoid.a * np.cos(np.radians(78.0)) / np.sqrt(1.0 - ellipsoid.es * sin**2)
+    expected = radius * np.radians(236 * 0.08) / 1e3
+    assert region_table(fram_strait).iloc[:, 0]["width at the centre [km]"] == pytest.approx(
+        expected, rel=1e-6
+    )
+
+
+def test_tables_of_two_regions_go_side_by_side(beaufort_sea, fram_strait):
+    both = pd.concat([region_table(beaufort_sea), region_table(fram_strait)], axis=1)
+    assert list(both.columns) == ["Beaufort Sea (synthetic)", "Fram Strait (synthetic)"]
+    assert both.loc["grid points, longitude"].tolist() == [251, 237]
+    assert both.loc["grid points, latitude"].tolist() == [76, 75]
+    assert not both.isna().to_numpy().any()
+
+
+def test_the_spread_of_profiles_is_over_wet_points_only(fram_strait):
+    spread = sound_speed_profile_spread(fram_strait)
+    lat, lon = fram_strait["lat"].values, fram_strait["lon"].values
+    for k in (0, 20, 32, 36, 38):
+        level = fram_strait.isel(depth=k)
+        speed = sound_speed(level["water_temp"], level["salinity"], float(level["depth"]), lat[:, None], lon)
+        wet = speed[np.isfinite(speed)]
+        one = spread.isel(depth=k)
+        assert int(one["count"]) == wet.size
+        if wet.size:
+            found = [float(one[name]) for name in ("mean", "min", "max")]
+            np.testing.assert_allclose(found, [wet.mean(), wet.min(), wet.max()], rtol=1e-12)
+        else:
+            assert np.isnan(one["mean"])
+            assert np.isnan(one["min"])

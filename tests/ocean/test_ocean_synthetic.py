@@ -1,0 +1,262 @@
+"""Laws that the synthetic regions obey: grid, stability, geostrophy, drift, sea bed."""
+
+import gsw
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+
+from pymantaray.errors import OceanError
+from pymantaray.geometry import LocalFrame
+from pymantaray.ocean import beaufort, open_ocean, synthetic_ocean, to_local
+from pymantaray.ocean.geostrophy import GRAVITY, coriolis, geostrophic_currents
+from pymantaray.ocean.mesoscale import eddy_fields, scattered
+from pymantaray.ocean.seawater import absolute_and_conservative
+from pymantaray.ocean.synthetic import HYCOM_DEPTHS, REGIONS
+
+DAY = 86_400.0
+NO_MOTION = 2_000.0  # m; shear is compared above it
+
+
+@pytest.fixture(params=["beaufort", "fram"])
+def region(request):
+    return request.param
+
+
+@pytest.fixture
+def ocean(region, request):
+    return request.getfixturevalue({"beaufort": "beaufort_sea", "fram": "fram_strait"}[region])
+
+
+def stratification(ocean):
+    """Absolute salinity, conservative temperature and pressure on the ocean's grid."""
+    depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
+    return absolute_and_conservative(
+        ocean["water_temp"].values, ocean["salinity"].values, depth[:, None, None], lat[:, None], lon
+    )
+
+
+def test_the_grid_is_hycom_s(region, ocean):
+    n_lon, n_lat, lat_0, lon_0 = {"beaufort": (251, 76, 74.5, -140.0), "fram": (237, 75, 78.0, 0.0)}[region]
+    assert dict(ocean.sizes) == {"depth": 40, "lat": n_lat, "lon": n_lon}
+    np.testing.assert_allclose(np.diff(ocean["lat"]), 0.04, atol=1e-9)
+    np.testing.assert_allclose(np.diff(ocean["lon"]), 0.08, atol=1e-9)
+    assert float(ocean["lat"].mean()) == pytest.approx(lat_0)
+    assert float(ocean["lon"].mean()) == pytest.approx(lon_0)
+
+
+def test_the_levels_are_those_of_hycom_s_files(gulf_stream_files):
+    np.testing.assert_array_equal(open_ocean(gulf_stream_files)["depth"], HYCOM_DEPTHS)
+
+
+def test_density_rises_with_depth_everywhere(ocean):
+    SA, CT, p = stratification(ocean)
+    between = 0.5 * (p[1:] + p[:-1])
+    rise = gsw.rho(SA[1:], CT[1:], between) - gsw.rho(SA[:-1], CT[:-1], between)
+    wet = np.isfinite(rise)
+    assert wet.sum() > 4e5
+    assert rise[wet].min() > 0.0
+
+
+@pytest.mark.parametrize("axis", ["zonal", "meridional"])
+def test_shear_is_the_thermal_wind_of_the_finished_fields(ocean, axis):
+    """An independent road: gsw's dynamic height (pchip in the vertical) on isobars, then its slope."""
+    depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
+    upper = depth <= NO_MOTION
+    p = gsw.p_from_z(-depth[upper], float(lat.mean()))
+    stride = 12  # every twelfth section is enough
+    if axis == "zonal":
+        sections = ocean.isel(depth=upper, lat=slice(6, -6, stride)).transpose("lat", "depth", "lon")
+        velocity, sign = sections["water_v"].values, 1.0
+    else:
+        sections = ocean.isel(depth=upper, lon=slice(6, -6, stride)).transpose("lon", "depth", "lat")
+        velocity, sign = sections["water_u"].values, -1.0
+    theirs, ours = [], []
+    for section, current in zip(range(len(velocity)), velocity, strict=True):
+        one = sections.isel({"lat" if axis == "zonal" else "lon": section})
+        centre_lat, centre_lon = float(lat.mean()), float(lon.mean())  # one composition, as in the model
+        SA = gsw.SA_from_SP(one["salinity"].values, p[:, None], centre_lon, centre_lat)
+        CT = gsw.CT_from_t(SA, one["water_temp"].values, p[:, None])
+        deep = np.isfinite(SA).all(axis=0)
+        deep &= np.roll(deep, 1) & np.roll(deep, -1)
+        deep[[0, -1]] = False
+        if not deep.any():
+            continue
+        wide = np.flatnonzero(np.isfinite(SA).all(axis=0))
+        height = np.full(SA.shape, np.nan)
+        height[:, wide] = gsw.geo_strf_dyn_height(
+            SA[:, wide], CT[:, wide], np.broadcast_to(p[:, None], (len(p), len(wide))), p_ref=float(p[-1])
+        )
+        along = lon if axis == "zonal" else lat
+        at_lat = float(one["lat"]) if axis == "zonal" else lat
+        metres = 6_371_000.0 * np.radians(along) * (np.cos(np.radians(at_lat)) if axis == "zonal" else 1.0)
+        slope = (height[:, 2:] - height[:, :-2]) / (metres[2:] - metres[:-2])
+        f = coriolis(np.asarray(at_lat)) if axis == "zonal" else coriolis(lat[1:-1])
+        theirs.append((sign * slope / f)[:, deep[1:-1]].ravel())
+        ours.append((current - current[-1])[:, deep].ravel())
+    theirs, ours = np.concatenate(theirs), np.concatenate(ours)
+    relative = np.sqrt(np.mean((ours - theirs) ** 2) / np.mean(theirs**2))
+    assert relative < 0.05, f"{relative:.3f} of {np.sqrt(np.mean(theirs**2)):.4f} m/s"
+
+
+def test_geostrophic_currents_of_a_uniform_slope_have_closed_form():
+    """Density that changes linearly eastward by depth-independent b: v(z) = g b (D - z) / (rho f)."""
+    depth, lat, lon = (
+        np.array([0.0, 100.0, 400.0, 1_000.0]),
+        np.linspace(74.0, 75.0, 9),
+        np.linspace(0.0, 2.0, 11),
+    )
+    radius, b = 6_371_000.0, 1e-6  # m, kg m-4
+    x = radius * np.radians(lon) * np.cos(np.radians(lat))[:, None]
+    density = np.broadcast_to(1_027.0 + b * x, (4, 9, 11))
+    height = np.zeros((9, 11))
+    _, v = geostrophic_currents(density, depth, lat, lon, height)
+    expected = -GRAVITY * b * (1_000.0 - depth)[:, None, None] / (density * coriolis(lat)[:, None])
+    np.testing.assert_allclose(v, expected, rtol=1e-9, atol=1e-12)
+    # a slope of the reference surface adds g/f times the slope at every level
+    _, tilted = geostrophic_currents(density, depth, lat, lon, 1e-7 * x)
+    added = tilted - v
+    np.testing.assert_allclose(added, GRAVITY * 1e-7 / coriolis(lat)[:, None] + 0 * v, rtol=1e-3)
+
+
+def test_currents_flow_both_ways_in_fram_strait(fram_strait):
+    upper = fram_strait["water_v"].sel(depth=slice(0.0, 300.0)).mean(["depth", "lat"])
+    west, east = upper.sel(lon=slice(-6.0, -3.0)).min(), upper.sel(lon=slice(4.0, 9.0)).max()
+    assert float(west) < -0.08
+    assert float(east) > 0.08
+    cold = fram_strait["water_temp"].sel(depth=50.0, lon=slice(-9.0, -6.5)).max()
+    warm = fram_strait["water_temp"].sel(depth=50.0, lon=slice(8.0, 9.0)).min()
+    assert float(cold) < -1.0
+    assert float(warm) > 3.0
+
+
+def test_the_beaufort_gyre_turns_clockwise_and_weakens_with_depth(beaufort_sea):
+    v = beaufort_sea["water_v"].sel(lat=slice(74.0, 75.0), lon=slice(-141.0, -139.0)).mean(["lat", "lon"])
+    profile = v.sel(depth=[0.0, 100.0, 250.0, 1_000.0]).values
+    assert np.all(profile < 0.0), "east of the gyre's centre the flow is southward"
+    assert np.all(np.diff(profile) > 0.0)
+    assert -0.05 < profile[0] < -0.01
+
+
+def test_the_layers_of_the_beaufort_sea_are_there(beaufort_sea):
+    column = beaufort_sea.sel(lat=74.5, lon=-140.0, method="nearest")
+    temperature = column["water_temp"]
+    pacific = temperature.sel(depth=slice(45.0, 80.0))
+    winter = temperature.sel(depth=slice(125.0, 225.0))
+    atlantic = temperature.sel(depth=slice(300.0, 700.0))
+    assert float(temperature.sel(depth=slice(0.0, 35.0)).max()) < -1.0
+    assert float(pacific.max()) > -0.3
+    assert float(winter.min()) < -1.3
+    assert float(atlantic.max()) == pytest.approx(0.7, abs=0.1)
+    assert float(column["salinity"].sel(depth=0.0)) < 28.0
+    # below 2,700 m the water is homogeneous: in-situ temperature rises adiabatically
+    assert float(temperature.sel(depth=3_000.0)) > float(temperature.sel(depth=2_500.0))
+
+
+def test_currents_have_the_size_of_real_ones(region, ocean):
+    speed = np.hypot(ocean["water_u"], ocean["water_v"])
+    assert 0.05 < float(speed.max()) < 0.6
+    assert float(speed.sel(depth=2_000.0).max()) < 0.15
+    assert 0.003 < float(speed.sel(depth=slice(0.0, 300.0)).median()) < 0.1
+
+
+def test_floats_drift_in_a_week_but_stay(ocean):
+    """Frozen currents at the paper's depths: a few to some tens of kilometres, inside the domain."""
+    local = to_local(ocean)
+    axes = (local["north"].values, local["east"].values)
+    for depth in (250.0, 500.0, 1_000.0, 1_500.0, 2_000.0, 2_500.0):
+        level = local.sel(depth=depth)
+        field = RegularGridInterpolator(axes, np.stack([level["current_north"], level["current_east"]], -1))
+        start = np.array([[n, e] for n in (-6e3, 0.0, 6e3) for e in (-6e3, 0.0, 6e3)])
+        position = start.copy()
+        for _ in range(7 * 24):
+            position += 3_600.0 * field(position)
+        drift = np.linalg.norm(position - start, axis=1)
+        assert np.all(drift > 500.0)
+        assert np.all(drift < 60e3), (depth, drift)
+
+
+def test_the_sea_bed_is_deep_under_the_fleet_and_has_structure(region, ocean):
+    definition = REGIONS[region]
+    grid = definition.grid()
+    floor = definition.floor(grid)
+    near = np.hypot(grid.north, grid.east) < 40e3
+    assert floor[near].min() > 3_000.0
+    assert floor.min() < 2_000.0
+    dry = ~np.isfinite(ocean["water_temp"].values)
+    np.testing.assert_array_equal(dry, grid.depth[:, None, None] > floor)
+    local = to_local(ocean, half_extent=(30e3, 30e3))
+    np.testing.assert_allclose(local["sea_floor_depth"], 3_500.0)
+
+
+def test_the_same_time_gives_the_same_ocean_and_another_moves_it(region, ocean):
+    again = synthetic_ocean(region, np.datetime64("2014-07-15T12:00"))
+    np.testing.assert_array_equal(again["water_temp"], ocean["water_temp"])
+    np.testing.assert_array_equal(again["water_u"], ocean["water_u"])
+    later = synthetic_ocean(region, "2014-07-22T12:00")
+    change = np.abs(later["water_temp"] - ocean["water_temp"]).sel(depth=60.0)
+    assert float(change.max()) > 0.3
+    assert float(change.median()) < 0.1, "most of the region is not reached by an eddy or a front"
+
+
+def test_eddies_turn_clockwise_and_are_where_their_drift_takes_them():
+    """The currents around the Beaufort Sea's eddies move with their drift velocity."""
+    days = 12.0
+    frame = LocalFrame(74.5, -140.0)
+    before, after = synthetic_ocean("beaufort"), synthetic_ocean("beaufort", "2014-07-27T12:00")
+    followed = 0
+    for eddy in beaufort.EDDIES:
+        start, end = (eddy.centre(t, beaufort.HALF_BOX) for t in (0.0, days * DAY))
+        inside = all(abs(n) < 125e3 and abs(e) < 240e3 for n, e in (start, end))
+        if not inside or np.hypot(end[0] - start[0], end[1] - start[1]) < 3.0 * eddy.radius:
+            continue
+        here, there = (swirl(before, frame, where, eddy) for where in (start, end))
+        left, arrived = (swirl(after, frame, where, eddy) for where in (start, end))
+        assert min(here, arrived) > 0.03, (eddy, here, arrived)
+        assert max(abs(there), abs(left)) < 0.2 * min(here, arrived), (eddy, there, left)
+        followed += 1
+    assert followed >= 2
+
+
+def swirl(ocean, frame, where, eddy):
+    """Mean clockwise current on the circle of an eddy's radius, at the depth of its core. [m/s]"""
+    bearing = np.radians(np.arange(0.0, 360.0, 15.0))
+    lat, lon = frame.to_geodetic(
+        where[0] + eddy.radius * np.cos(bearing), where[1] + eddy.radius * np.sin(bearing)
+    )
+    level = ocean.sel(depth=eddy.core_depth, method="nearest")
+    axes = (level["lat"].values, level["lon"].values)
+    u, v = (RegularGridInterpolator(axes, level[name].values)((lat, lon)) for name in ("water_u", "water_v"))
+    outward = bearing - frame.convergence(lat, lon)  # true bearing of the radius
+    return float(np.mean(u * np.cos(outward) - v * np.sin(outward)))
+
+
+def test_eddies_return_on_the_other_side_of_the_box():
+    eddy = beaufort.EDDIES[0]
+    north, east = eddy.centre(365.0 * DAY, beaufort.HALF_BOX)
+    assert abs(north) <= beaufort.HALF_BOX[0]
+    assert abs(east) <= beaufort.HALF_BOX[1]
+
+
+def test_an_eddy_leaves_the_surface_and_the_far_field_alone():
+    grid = REGIONS["beaufort"].grid()
+    heave, fraction = eddy_fields(beaufort.EDDIES, 0.0, grid, beaufort.HALF_BOX)
+    np.testing.assert_array_equal(heave[0], 0.0)
+    assert fraction.min() >= 0.0
+    assert fraction.max() < 1.0
+    assert np.max(np.abs(np.diff(heave, axis=0) / np.diff(grid.depth)[:, None, None])) < 1.0, (
+        "water folds over"
+    )
+
+
+def test_scattered_points_fill_the_square_evenly():
+    points = scattered(400, 2)
+    counts, *_ = np.histogram2d(points[:, 0], points[:, 1], bins=4, range=[[0, 1], [0, 1]])
+    assert counts.min() >= 20  # 25 expected; independent draws would scatter by 5
+    assert counts.max() <= 30
+
+
+def test_unknown_regions_and_times_are_refused():
+    with pytest.raises(OceanError, match=r"'baltic' is unknown; there are beaufort, fram"):
+        open_ocean("synthetic:baltic")
+    with pytest.raises(OceanError, match="not an instant"):
+        synthetic_ocean("fram", "soon")

@@ -1,0 +1,230 @@
+"""Records: conversion, freezing, round trips through NetCDF, and every message."""
+
+from dataclasses import FrozenInstanceError, dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pymantaray.errors import RecordError
+from pymantaray.records import (
+    Arrivals,
+    Estimates,
+    FirstArrivals,
+    Observations,
+    RayStatus,
+    Trajectories,
+    VehicleStatus,
+)
+from pymantaray.records.base import Column, Record, column, write_netcdf
+
+KINDS = [Arrivals, Estimates, FirstArrivals, Observations, Trajectories]
+FIXED = {"axis": 3, "quat": 4, "tangent": 6}
+NAMES = ["A", "Zoë", "a longer name", "浮", "E"]
+
+
+@dataclass(frozen=True, eq=False)
+class Pair(Record):
+    kind: ClassVar[str] = "pair"
+
+    name: Column = column("item", "", "name", "U")
+    size: Column = column("item", "m", "size")
+    count: Column = column("item axis", "1", "count", "i2")
+
+
+def pair(**changed):
+    return Pair(**({"name": ["a", "b"], "size": [1, 2], "count": np.ones((2, 3))} | changed))
+
+
+def filled(kind, empty=()):
+    """Build a record of any kind with random columns; the dimensions named in `empty` have length 0."""
+    rng = np.random.default_rng(0)
+    sizes = dict(FIXED)
+    columns = {}
+    for f in fields(kind):
+        shape = [sizes.setdefault(d, 0 if d in empty else 2 + len(sizes) % 3) for d in f.metadata["dims"]]
+        dtype = f.metadata["dtype"]
+        if dtype == "U":
+            columns[f.name] = np.array(NAMES[: shape[0]], dtype=str)
+        elif dtype.startswith("i"):
+            columns[f.name] = rng.integers(-3, 100, shape)
+        else:
+            columns[f.name] = rng.standard_normal(shape)
+            columns[f.name].flat[:1] = np.nan
+    return kind(**columns)
+
+
+def assert_equal(one, two):
+    for f in fields(one):
+        a, b = getattr(one, f.name), getattr(two, f.name)
+        assert a.dtype.kind == b.dtype.kind
+        if a.dtype.kind != "U":
+            assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b, err_msg=f.name)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_round_trip_through_netcdf_keeps_every_bit(kind, tmp_path):
+    record = filled(kind)
+    path = tmp_path / "record.nc"
+    record.save(path)
+    assert_equal(kind.load(path), record)
+    assert [p.name for p in tmp_path.iterdir()] == ["record.nc"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "empty"),
+    [
+        (Observations, ("landmark",)),
+        (Observations, ("fix", "range", "landmark")),
+        (Arrivals, ("arrival",)),
+        (Arrivals, ("arrival", "n_links")),
+        (Estimates, ("landmark", "realization")),
+    ],
+)
+def test_round_trip_of_empty_tables(kind, empty, tmp_path):
+    record = filled(kind, empty)
+    record.save(tmp_path / "record.nc")
+    assert_equal(kind.load(tmp_path / "record.nc"), record)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_file_says_what_it_holds_and_in_which_units(kind, tmp_path):
+    filled(kind).save(tmp_path / "record.nc")
+    with xr.open_dataset(tmp_path / "record.nc", decode_times=False) as data:
+        assert data.attrs["mantaray_record"] == kind.kind
+        for f in fields(kind):
+            assert data[f.name].dims == f.metadata["dims"]
+            assert data[f.name].attrs["long_name"] == f.metadata["long_name"]
+            assert data[f.name].attrs.get("units", "") == f.metadata["units"]
+
+
+def test_kinds_have_different_names():
+    assert len({kind.kind for kind in KINDS}) == len(KINDS)
+
+
+def test_fields_are_converted_copied_and_frozen():
+    size = np.array([1.0, 2.0])
+    record = pair(size=size)
+    size[0] = 99.0
+    np.testing.assert_array_equal(record.size, [1.0, 2.0])
+    assert record.size.dtype == np.float64
+    assert record.count.dtype == np.int16
+    with pytest.raises(ValueError, match="read-only"):
+        record.size[0] = 5.0
+    with pytest.raises(FrozenInstanceError):
+        record.size = size
+
+
+def test_saving_again_replaces_the_file(tmp_path):
+    pair().save(tmp_path / "p.nc")
+    pair(size=[3, 4]).save(tmp_path / "p.nc")
+    np.testing.assert_array_equal(Pair.load(tmp_path / "p.nc").size, [3.0, 4.0])
+
+
+def test_failed_write_leaves_nothing_behind(tmp_path):
+    dataset = xr.Dataset({"bad": ("x", np.array([object(), object()]))})
+    with pytest.raises(Exception, match=r"object|dtype|infer"):
+        write_netcdf(dataset, tmp_path / "p.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"size": ["one", "two"]}, "pair: size is not an array of type f8"),
+        ({"size": [[1], [1, 2]]}, "pair: size is not an array of type f8"),
+        ({"size": 1.0}, r"pair: size has shape \(\); needs dimensions \('item',\)"),
+        ({"count": [1, 2]}, r"pair: count has shape \(2,\); needs dimensions \('item', 'axis'\)"),
+        ({"size": [1, 2, 3]}, "pair: size has 3 along 'item', other fields have 2"),
+        ({"count": np.full((2, 3), 40_000)}, "pair: count holds values that do not fit type i2"),
+        ({"count": np.full((2, 3), np.nan)}, "pair: count holds values that do not fit type i2"),
+        ({"count": np.full((2, 3), 0.5)}, "pair: count holds values that do not fit type i2"),
+    ],
+)
+def test_bad_columns_are_refused_in_one_line(changed, message):
+    with pytest.raises(RecordError, match=message) as error:
+        pair(**changed)
+    assert "\n" not in str(error.value)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(RecordError, match=r"absent\.nc: not a readable trajectories file") as error:
+        Trajectories.load(tmp_path / "absent.nc")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("keep", [0, 10, 0.3, 0.7, 0.95])
+def test_truncated_file(keep, tmp_path):
+    path = tmp_path / "cut.nc"
+    filled(Observations).save(path)
+    content = path.read_bytes()
+    path.write_bytes(content[: keep if isinstance(keep, int) else int(keep * len(content))])
+    with pytest.raises(RecordError, match=r"cut\.nc: not a readable observations file") as error:
+        Observations.load(path)
+    assert "\n" not in str(error.value)
+
+
+def test_file_damaged_inside(tmp_path):
+    """The header opens, the data do not: compressed blocks are overwritten."""
+    path = tmp_path / "bad.nc"
+    encoding = {"size": {"zlib": True, "fletcher32": True, "chunksizes": (1000,)}}
+    values = np.random.default_rng(0).standard_normal(100_000)
+    xr.Dataset({"size": ("item", values)}, attrs={"mantaray_record": "pair"}).to_netcdf(
+        path, engine="netcdf4", encoding=encoding
+    )
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 50_000] = bytes(50_000)
+    path.write_bytes(content)
+    with pytest.raises(RecordError, match=r"bad\.nc: not a readable pair file"):
+        Pair.load(path)
+
+
+def test_another_kind_of_file(tmp_path):
+    pair().save(tmp_path / "p.nc")
+    with pytest.raises(RecordError, match="data set holds 'pair'; needs 'trajectories'"):
+        Trajectories.load(tmp_path / "p.nc")
+
+
+def test_foreign_data_set():
+    with pytest.raises(RecordError, match="data set holds None; needs 'pair'"):
+        Pair.from_dataset(xr.Dataset())
+
+
+def test_data_set_without_a_field():
+    with pytest.raises(RecordError, match="pair: data set lacks name, count"):
+        Pair.from_dataset(pair().to_dataset().drop_vars(["name", "count"]))
+
+
+def test_first_arrival_of_each_link():
+    vector = np.arange(9.0).reshape(3, 3)
+    arrivals = Arrivals(
+        link=[1, 1, 2],
+        travel_time=[2.0, 2.5, 1.0],
+        surface_bounces=[0, 0, 0],
+        bottom_bounces=[0, 0, 0],
+        turning_points=[0, 1, 0],
+        launch_angle=[0.1, 0.2, 0.3],
+        arrival_angle=[0.1, 0.2, 0.3],
+        spreading_db=[0, 0, 0],
+        source_slowness=vector,
+        receiver_slowness=-vector,
+        status=[RayStatus.SHADOW, RayStatus.OK, RayStatus.OK],
+        chord_travel_time=[1, 2, 3],
+        source_sound_speed=[1500, 1501, 1502],
+        receiver_sound_speed=[1510, 1511, 1512],
+        shadow_margin=[7, 0, 0],
+    )
+    first = arrivals.first()
+    np.testing.assert_array_equal(first.travel_time, [np.nan, 2.0, 1.0])
+    np.testing.assert_array_equal(first.source_slowness, [[np.nan] * 3, vector[0], vector[2]])
+    np.testing.assert_array_equal(first.receiver_slowness, [[np.nan] * 3, -vector[0], -vector[2]])
+    np.testing.assert_array_equal(first.status, arrivals.status)
+    np.testing.assert_array_equal(first.chord_travel_time, [1, 2, 3])
+
+
+def test_nothing_but_active_is_zero():
+    assert VehicleStatus(0) is VehicleStatus.ACTIVE
+    assert RayStatus(0) is RayStatus.OK

@@ -1,0 +1,79 @@
+"""Who pings when, and the fixed points that listen."""
+
+import numpy as np
+import pytest
+
+from pymantaray.errors import SensingError
+from pymantaray.sensing import Landmark, PingSchedule, attempts
+
+WEEK = np.arange(3025) * 200.0  # s; the paper's samples
+
+
+def test_paper_has_42_epochs_and_4620_attempts():
+    epochs = PingSchedule(4 * 3600.0).samples(WEEK)
+    np.testing.assert_array_equal(WEEK[epochs], 4 * 3600.0 * np.arange(1, 43))
+    assert attempts(11, 0, epochs).sample.size == 4620
+
+
+@pytest.mark.parametrize(("n_agents", "n_landmarks"), [(1, 0), (1, 2), (2, 0), (3, 2), (11, 0)])
+def test_every_ordered_pair_once_an_epoch_and_every_landmark_heard(n_agents, n_landmarks):
+    epochs = np.array([5, 9])
+    table = attempts(n_agents, n_landmarks, epochs)
+    expected = [
+        (k, i, j) for k in epochs for i in range(n_agents) for j in range(n_agents + n_landmarks) if i != j
+    ]
+    assert list(zip(*table, strict=True)) == expected
+
+
+def test_interval_that_does_not_divide_the_mission_stops_before_its_end():
+    np.testing.assert_array_equal(PingSchedule(400.0).samples(np.arange(6) * 200.0), [2, 4])
+
+
+@pytest.mark.parametrize("period", [0.1, 0.3, 1 / 3])
+def test_rounding_of_the_times_loses_no_epoch(period):
+    time = np.arange(1001) * period
+    np.testing.assert_array_equal(PingSchedule(10 * period).samples(time), np.arange(10, 1001, 10))
+
+
+@pytest.mark.parametrize(
+    ("interval", "message"),
+    [
+        (300.0, "epoch at 300 s is no sample time; with interval 300 s and samples every 200 s .* make the"),
+        (1e6, "interval is 1e.06 s, the mission lasts 604800 s; .* shorten the interval or lengthen"),
+        (0.0, "interval is 0 s; it must be finite and positive"),
+        (np.nan, "interval is nan s"),
+    ],
+)
+def test_impossible_intervals_are_refused_in_one_line(interval, message):
+    with pytest.raises(SensingError, match=message) as error:
+        PingSchedule(interval).samples(WEEK)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "position", "message"),
+    [
+        ("", (0, 0, 1), "Landmark: the name is empty"),
+        ("L", (0, 0), r"landmark 'L': position is \[0.0, 0.0\]; it needs three finite numbers"),
+        ("L", (0, 0, np.nan), "landmark 'L': position .* three finite numbers"),
+        ("L", (0, 0, -4.0), "landmark 'L': depth is -4 m; .*: place it in the water"),
+    ],
+)
+def test_impossible_landmarks_are_refused_in_one_line(name, position, message):
+    with pytest.raises(SensingError, match=message) as error:
+        Landmark(name, position)
+    assert "\n" not in str(error.value)
+
+
+def test_landmark_keeps_its_own_copy_of_the_position():
+    position = np.array([1.0, 2.0, 3.0])
+    landmark = Landmark("L", position)
+    position[:] = 0.0
+    np.testing.assert_array_equal(landmark.position, [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize("names", ["A", "LL"])
+def test_names_are_shared_by_no_two_participants(names, make_observations):
+    landmarks = [Landmark(name, (0, 0, k)) for k, name in enumerate(names)]
+    with pytest.raises(SensingError, match=f"landmark {names[0]!r}: the name is taken .* rename one"):
+        make_observations(landmarks=landmarks)
