@@ -19,6 +19,8 @@ MAX_NODES = 4096
 STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
 SPACING_SMOOTH = 0.016  # rad
 SPACING_LINEAR = 0.008  # rad
+CLOSEST_SMOOTH = 1e-3  # rad; nearer nodes of the first fan are merged
+CLOSEST_LINEAR = 1e-9  # rad
 N_COLUMNS = 11  # of a result row
 
 Work = namedtuple(
@@ -164,8 +166,10 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
     else:
         lo = min(-limit - STEEP, slope - 0.1)
         hi = max(limit + STEEP, slope + 0.1)
-        spacing = SPACING_SMOOTH if kind == SMOOTH else SPACING_LINEAR
-        n_nodes = fan_nodes(lo, hi, spacing, s, c0, work.nodes)
+        if kind == SMOOTH:
+            n_nodes = fan_nodes(lo, hi, SPACING_SMOOTH, CLOSEST_SMOOTH, s, c0, work.nodes)
+        else:
+            n_nodes = fan_nodes(lo, hi, SPACING_LINEAR, CLOSEST_LINEAR, s, c0, work.nodes)
         width = 1e-6 if not math.isnan(cutoff_db) else 1e-9
         found, margin, rays, _ = find_brackets(s, n_nodes, target, span, axis, coarse, width, work)
     count, blocked, weak = 0, 0, 0
@@ -198,7 +202,7 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
             continue
         new = True
         for j in range(count):  # a caustic's two brackets may have found one ray
-            if abs(rows[j, 0] - rows[count, 0]) < 1e-12 and abs(rows[j, 1] - rows[count, 1]) < 1e-9:
+            if abs(rows[j, 0] - rows[count, 0]) < 1e-9 and abs(rows[j, 1] - rows[count, 1]) < 2e-6:
                 new = False
         if not new:
             continue

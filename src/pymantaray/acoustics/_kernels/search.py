@@ -11,6 +11,8 @@ import math
 import numpy as np
 
 from pymantaray.acoustics._kernels.compile import kernel, sort_head
+from pymantaray.acoustics._kernels.field import level_speed
+from pymantaray.acoustics._kernels.section import SMOOTH
 from pymantaray.acoustics._kernels.step import N_FAN, N_FULL
 from pymantaray.acoustics._kernels.trace import trace
 
@@ -191,32 +193,34 @@ def refine(s, a, b, target, length, axis, tol, miss, work):
 
 
 @kernel
-def fan_nodes(lo, hi, spacing, s, c_source, nodes):
-    """Launch angles of the first fan: equal spacing and, in a LINEAR section, the critical angles of all levels."""
+def fan_nodes(lo, hi, spacing, closest, s, c_source, nodes):
+    """Launch angles of the first fan: equal spacing, and the angles at which rays turn at the levels.
+
+    What a profile does between two levels a ray feels when it turns there: the miss has structure on
+    the scale of these angles, and in a LINEAR section singularities exactly at them.
+    """
     count = max(math.ceil((hi - lo) / spacing), 2) + 1
     count = min(count, nodes.size // 2)
     for i in range(count):
         nodes[i] = lo + (hi - lo) * i / (count - 1)
     n = count
-    if s.kind == 1:
-        for k in range(s.depth.size):
-            for cell in range(s.n_range):
-                c = s.data[cell, k, 0]
-                if c > c_source and n < nodes.size - 2:
-                    angle = math.acos(c_source / c)
-                    if angle < hi:
-                        nodes[n] = angle
-                        n += 1
-                    if -angle > lo:
-                        nodes[n] = -angle
-                        n += 1
-                if cell > 0 and abs(s.data[cell, k, 0] - s.data[0, k, 0]) < 1e-9:
-                    break
-        sort_head(nodes, n)
-        m = 1
-        for i in range(1, n):
-            if nodes[i] - nodes[m - 1] > 1e-9:
-                nodes[m] = nodes[i]
-                m += 1
-        n = m
-    return n
+    for k in range(s.depth.size):
+        for cell in range(s.n_range):
+            c = level_speed(s, cell, k)
+            if c > c_source and n < nodes.size - 2:
+                angle = math.acos(c_source / c)
+                if angle < hi:
+                    nodes[n] = angle
+                    n += 1
+                if -angle > lo:
+                    nodes[n] = -angle
+                    n += 1
+            if s.kind == SMOOTH or (cell > 0 and abs(c - level_speed(s, 0, k)) < 1e-9):
+                break
+    sort_head(nodes, n)
+    m = 1
+    for i in range(1, n):
+        if nodes[i] - nodes[m - 1] > closest:
+            nodes[m] = nodes[i]
+            m += 1
+    return m

@@ -4,8 +4,8 @@ import math
 
 from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.faces import crossing, face_slope, land, start_cell
-from pymantaray.acoustics._kernels.section import LINEAR
-from pymantaray.acoustics._kernels.step import derivative, step, step_error
+from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level
+from pymantaray.acoustics._kernels.step import N_FULL, derivative, step, step_error
 
 MAX_STEPS = 20_000
 
@@ -26,7 +26,7 @@ def trace(s, angle, q0, length, axis, tol, n_eq, y, K, ynew, path):
     turns : int
         Turning points in depth.
     """
-    _, cb, sb, _ = axis
+    z_source, cb, sb, _ = axis
     y[0] = 0.0
     y[1] = math.sin(angle)
     y[2] = 0.0
@@ -105,6 +105,10 @@ def trace(s, angle, q0, length, axis, tol, n_eq, y, K, ynew, path):
                 derivative(s, b, k, pos, y, K[0], n_eq, axis)
         count += 1
         new_down = sb + K[0, 0] * cb
+        if s.kind == SMOOTH and n_eq == N_FULL:
+            # the error estimate does not see a layer that a steep ray steps over
+            k = find_level(s.depth, s.lut, s.lut_scale, z_source + pos * sb + y[0] * cb)
+            h = min(h, (s.depth[k + 1] - s.depth[k]) / max(abs(new_down), 1e-9))
         if new_down * down < 0.0:
             turns += 1
         if new_down != 0.0:
