@@ -1,1 +1,29 @@
 """How wrong is it: trajectory errors and range-error statistics. Truth and estimate meet only here."""
+
+from pymantaray.evaluation.comparison import comparison_table, paired_interval
+from pymantaray.evaluation.ranging_error import (
+    ALL_LINKS,
+    RangeErrors,
+    dropout_table,
+    link_categories,
+    range_error_table,
+    range_errors,
+    range_split_table,
+)
+from pymantaray.evaluation.trajectory_error import ape, ate_statistics, error_table, trajectory_errors
+
+__all__ = [
+    "ALL_LINKS",
+    "RangeErrors",
+    "ape",
+    "ate_statistics",
+    "comparison_table",
+    "dropout_table",
+    "error_table",
+    "link_categories",
+    "paired_interval",
+    "range_error_table",
+    "range_errors",
+    "range_split_table",
+    "trajectory_errors",
+]

@@ -1,1 +1,1 @@
-"""."""
+"""Everything that touches GTSAM; nothing outside this folder imports it."""

@@ -1,0 +1,103 @@
+"""Gauss-Newton on GTSAM's linear algebra, with Levenberg-Marquardt where it does not descend."""
+
+from dataclasses import replace
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from pymantaray.estimation.gate import Progress, SolveOptions
+
+_RISE = 1e-9  # relative; a smaller rise of the cost is rounding
+# A variable is undetermined if, given all that are eliminated after it, some direction of it may stray
+# by the inverse of this: 1,000 km, or as many radians.
+_SMALLEST_PIVOT = 1e-6
+
+
+def optimize(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> tuple[Any, Progress]:
+    """
+    Minimize the cost of a graph.
+
+    Gauss-Newton runs until no variable moves by more than the tolerance. If a step does not descend or
+    the linear system cannot be solved, Levenberg-Marquardt takes over from the start and Gauss-Newton
+    runs again from its end: the last system solved is undamped, and proves convergence.
+
+    Parameters
+    ----------
+    graph : gtsam.NonlinearFactorGraph
+    initial : gtsam.Values
+    ordering : gtsam.Ordering
+    options : SolveOptions
+        ``max_iterations`` holds for each of the three runs.
+
+    Returns
+    -------
+    values : gtsam.Values
+        Where it ended.
+    progress : Progress
+    """
+    values, progress = _gauss_newton(graph, initial, ordering, options)
+    if not (progress.singular or np.isnan(progress.last_step)):
+        return values, progress
+    damped, iterations = _levenberg_marquardt(graph, initial, ordering, options)
+    if iterations == 0:
+        return initial, replace(progress, iterations=0, final_cost=progress.initial_cost)
+    values, polished = _gauss_newton(graph, damped, ordering, options)
+    return values, replace(
+        polished, iterations=iterations + polished.iterations, initial_cost=progress.initial_cost
+    )
+
+
+def _gauss_newton(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> tuple[Any, Progress]:
+    """Run undamped; a step that does not descend is not taken and leaves ``last_step`` NaN."""
+    values, cost = initial, float(graph.error(initial))
+    progress = Progress(iterations=0, initial_cost=cost, final_cost=cost)
+    for iteration in range(1, options.max_iterations + 1):
+        linear = graph.linearize(values)
+        try:
+            conditionals = linear.eliminateSequential(ordering)
+        except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
+            return values, replace(progress, singular=True, last_step=np.nan)
+        delta = conditionals.optimize()
+        trial = values.retract(delta)
+        trial_cost = float(graph.error(trial))
+        if not trial_cost <= cost + _RISE * (1.0 + cost):
+            return values, replace(progress, last_step=np.nan)
+        values, cost = trial, trial_cost
+        progress = replace(progress, iterations=iteration, final_cost=cost)
+        # the norm costs nothing, the largest component a copy: look at it only where it may be small
+        if delta.norm() <= options.step_tolerance * np.sqrt(6 * delta.size()) and (
+            _largest(delta) <= options.step_tolerance
+        ):
+            break
+    gradient = linear.gradientAtZero()
+    return values, replace(
+        progress,
+        last_step=_largest(delta),
+        gradient_norm=_largest(gradient),
+        newton_decrement=-0.5 * float(gradient.dot(delta)),
+        singular=not _smallest_pivot(conditionals) >= _SMALLEST_PIVOT,
+    )
+
+
+def _levenberg_marquardt(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> tuple[Any, int]:
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setLinearSolverType("SEQUENTIAL_CHOLESKY")
+    parameters.setOrdering(ordering)
+    parameters.setRelativeErrorTol(1e-8)
+    parameters.setAbsoluteErrorTol(0.0)
+    parameters.setMaxIterations(options.max_iterations)
+    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, initial, parameters)
+    try:
+        return optimizer.optimize(), int(optimizer.iterations())
+    except RuntimeError:
+        return initial, 0
+
+
+def _largest(vectors: Any) -> float:
+    return float(np.abs(vectors.vector()).max())
+
+
+def _smallest_pivot(conditionals: Any) -> float:
+    """Smallest diagonal entry of the square-root information matrix."""
+    return min(float(np.abs(conditionals.at(i).R().diagonal()).min()) for i in range(conditionals.size()))

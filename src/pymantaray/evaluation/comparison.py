@@ -1,0 +1,136 @@
+"""Paired comparison of ranging conditions: every condition of a realization saw the same noise."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from pymantaray.errors import EvaluationError
+from pymantaray.evaluation.trajectory_error import trajectory_errors
+from pymantaray.geometry import stream
+from pymantaray.records import Estimates, Trajectories
+
+Array = NDArray[np.float64]
+
+PAIRS = (
+    ("refracted", "straight"),
+    ("straight", "odometry"),
+    ("refracted", "odometry"),
+    ("straight", "no-ranges"),
+    ("refracted", "no-ranges"),
+    ("straight-all", "straight"),
+)
+_RESAMPLES = 2000
+
+
+def paired_interval(differences: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
+    """
+    Student's confidence interval of the mean of paired differences.
+
+    Parameters
+    ----------
+    differences : array_like, shape (n,)
+        One for each realization, independent of each other.
+    confidence : float
+        Probability that the interval covers the true mean. [-]
+
+    Returns
+    -------
+    low, high : float
+        NaN for fewer than two realizations.
+    """
+    d = np.asarray(differences, dtype=float)
+    if d.size < 2:
+        return float("nan"), float("nan")
+    half = float(stats.t.ppf(0.5 + confidence / 2.0, d.size - 1) * d.std(ddof=1) / np.sqrt(d.size))
+    return float(d.mean()) - half, float(d.mean()) + half
+
+
+def comparison_table(
+    truth: Trajectories,
+    estimates: Estimates,
+    pairs: Sequence[tuple[str, str]] | None = None,
+    *,
+    confidence: float = 0.95,
+    root_seed: int = 0,
+) -> pd.DataFrame:
+    """
+    Differences of trajectory error between conditions, with their confidence intervals over realizations.
+
+    Parameters
+    ----------
+    truth : Trajectories
+    estimates : Estimates
+    pairs : sequence of (str, str), optional
+        Condition and the baseline that is subtracted. By default those of `PAIRS` that were run.
+    confidence : float
+        Of the intervals. [-]
+    root_seed : int
+        Seed of the bootstrap's stream.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each pair and each of the statistics ``mean`` and ``rmse`` of the APE. ``realizations``
+        in which both solves are good enter, ``excluded`` do not. ``pooled_difference_m`` is the difference
+        of the statistic pooled over vehicles and realizations, with its bootstrap percentile interval
+        ``bootstrap_low_m``, ``bootstrap_high_m`` over whole realizations. ``mean_difference_m`` is the
+        mean of each realization's own difference, with its Student interval ``t_low_m``, ``t_high_m``.
+
+    Raises
+    ------
+    EvaluationError
+        If a condition of a pair was not run, or for what `trajectory_errors` refuses.
+    """
+    present = estimates.condition.tolist()
+    chosen = [p for p in PAIRS if set(p) <= set(present)] if pairs is None else list(pairs)
+    missing = [c for pair in chosen for c in pair if c not in present]
+    if missing:
+        raise EvaluationError(f"condition {missing[0]!r} was not run; there are {', '.join(present)}")
+    errors = trajectory_errors(truth, estimates)
+    moments = {"mean": errors.mean(axis=(2, 3)), "rmse": (errors**2).mean(axis=(2, 3))}
+    rows = []
+    for condition, baseline in chosen:
+        a, b = present.index(condition), present.index(baseline)
+        good = ~np.isnan(errors[a]).any(axis=(1, 2)) & ~np.isnan(errors[b]).any(axis=(1, 2))
+        n = int(good.sum())
+        rng = stream(root_seed, 0, "evaluation", "bootstrap", condition, baseline)
+        resample = rng.integers(0, n, (_RESAMPLES, n)) if n else np.zeros((_RESAMPLES, 0), dtype=int)
+        for statistic, moment in moments.items():
+            own, pooled, again = _differences(
+                moment[a, good], moment[b, good], resample, root=statistic == "rmse"
+            )
+            low, high = paired_interval(own, confidence)
+            tails = (50.0 * (1.0 - confidence), 50.0 * (1.0 + confidence))
+            ends = np.percentile(again, tails) if n > 1 else np.full(2, np.nan)
+            rows.append(
+                {
+                    "condition": condition,
+                    "baseline": baseline,
+                    "statistic": statistic,
+                    "realizations": n,
+                    "excluded": int(good.size - n),
+                    "pooled_difference_m": pooled,
+                    "bootstrap_low_m": float(ends[0]),
+                    "bootstrap_high_m": float(ends[1]),
+                    "mean_difference_m": float(own.mean()) if n else np.nan,
+                    "t_low_m": low,
+                    "t_high_m": high,
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _differences(
+    a: Array, b: Array, resample: NDArray[np.int64], *, root: bool
+) -> tuple[Array, float, Array]:
+    """Differences of each realization, of the pool, and of resampled pools, from each realization's moment."""
+    if a.size == 0:
+        return np.empty(0), float("nan"), np.full(resample.shape[0], np.nan)
+    finish = np.sqrt if root else np.asarray
+    own = finish(a) - finish(b)
+    pooled = float(finish(a.mean()) - finish(b.mean()))
+    again = finish(a[resample].mean(axis=1)) - finish(b[resample].mean(axis=1))
+    return np.asarray(own), pooled, np.asarray(again)

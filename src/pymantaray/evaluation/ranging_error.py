@@ -1,0 +1,252 @@
+"""What refraction does to ranges: signed errors and their two causes, and dropouts, by kind of link."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from pymantaray.errors import EvaluationError
+from pymantaray.records import Observations, RayStatus, Trajectories
+
+Array = NDArray[np.float64]
+
+ALL_LINKS = "all links"
+_KINDS = ("landmark", "station-keeping", "float", "vehicle")
+_KIND_OF_ROLE = {"station": "station-keeping", "float": "float"}
+_TAILS = (1, 5, 95, 99)
+
+
+@dataclass(frozen=True, eq=False)
+class RangeErrors:
+    """
+    Signed range errors of all attempts, and their exact split; NaN for a dropout.
+
+    Parameters
+    ----------
+    total : ndarray, shape (n_ranges,)
+        Refracted minus straight range. [m]
+    reference_speed : ndarray, shape (n_ranges,)
+        Because the speed at the transmitter is not the chord's mean: that speed times the chord's travel
+        time, minus the distance. [m]
+    bending : ndarray, shape (n_ranges,)
+        Because the ray is not the chord: the same speed times the difference of travel times. Never
+        positive for the globally earliest arrival, by Fermat's principle. [m]
+    """
+
+    total: Array
+    reference_speed: Array
+    bending: Array
+
+
+def range_errors(observations: Observations) -> RangeErrors:
+    """
+    Signed errors of the refracted ranges.
+
+    Parameters
+    ----------
+    observations : Observations
+        Without noise.
+
+    Returns
+    -------
+    RangeErrors
+
+    Raises
+    ------
+    EvaluationError
+        If a refracted range is not the sound speed at the transmitter times the travel time: then the
+        observations carry noise.
+    """
+    o = observations
+    heard = o.range_status == RayStatus.OK
+    product = o.transmitter_sound_speed * o.travel_time
+    off = np.abs(o.refracted_range - product)[heard]
+    if off.size and not off.max() <= 1e-6:
+        raise EvaluationError(
+            f"refracted range differs from sound speed times travel time by {off.max():.3g} m; range errors need"
+            " observations without noise"
+        )
+    chord = o.transmitter_sound_speed * o.chord_travel_time
+    reference_speed, bending = chord - o.straight_range, product - chord
+    return RangeErrors(
+        total=np.where(heard, o.refracted_range - o.straight_range, np.nan),
+        reference_speed=np.where(heard, reference_speed, np.nan),
+        bending=np.where(heard, bending, np.nan),
+    )
+
+
+def link_categories(observations: Observations, truth: Trajectories) -> NDArray[np.str_]:
+    """
+    Kind of each range attempt, from the roles of both its ends, whichever of them transmits.
+
+    Parameters
+    ----------
+    observations : Observations
+    truth : Trajectories
+        Its ``role`` is used.
+
+    Returns
+    -------
+    ndarray of str, shape (n_ranges,)
+        Such as "station-keeping to float". Vehicles that neither keep station nor float are "vehicle".
+
+    Raises
+    ------
+    EvaluationError
+        If the vehicles of both records differ.
+    """
+    if truth.name.tolist() != observations.name.tolist():
+        raise EvaluationError(
+            f"observations of vehicles {list(observations.name)}, truth of {list(truth.name)}"
+        )
+    kinds = [_KIND_OF_ROLE.get(r, "vehicle") for r in truth.role.tolist()]
+    rank = np.array([_KINDS.index(k) for k in kinds] + [0] * observations.landmark_name.size, dtype=int)
+    one, other = rank[observations.range_transmitter], rank[observations.range_receiver]
+    names = np.array([[f"{a} to {b}" for b in _KINDS] for a in _KINDS])
+    return np.asarray(names[np.minimum(one, other), np.maximum(one, other)])
+
+
+def range_error_table(observations: Observations, truth: Trajectories) -> pd.DataFrame:
+    """
+    Statistics of the signed range error by kind of link.
+
+    Parameters
+    ----------
+    observations : Observations
+        Without noise; ``range_sigma`` is the level that the estimator believes in.
+    truth : Trajectories
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each kind and one for all: ``category``, ``attempts``, ``n`` (heard), ``mean_m``,
+        ``sd_m``, ``skewness``, ``excess_kurtosis`` (of the moments, no small-sample correction), ``p1_m``,
+        ``p5_m``, ``p95_m``, ``p99_m``, ``min_m``, ``max_m``, ``percent_beyond_3_sigma``.
+
+    Raises
+    ------
+    EvaluationError
+        For what `range_errors` and `link_categories` refuse.
+    """
+    errors = range_errors(observations).total
+    rows = []
+    for category, mask in _groups(observations, truth):
+        e, sigma = errors[mask], observations.range_sigma[mask]
+        heard = ~np.isnan(e)
+        beyond = np.abs(e[heard]) > 3.0 * sigma[heard]
+        e = e[heard]
+        spread = e.size > 1 and np.ptp(e) > 0.0
+        rows.append(
+            {
+                "category": category,
+                "attempts": int(mask.sum()),
+                "n": int(e.size),
+                **_moments(e),
+                "skewness": float(stats.skew(e)) if spread else np.nan,
+                "excess_kurtosis": float(stats.kurtosis(e)) if spread else np.nan,
+                **_tails(e),
+                "percent_beyond_3_sigma": 100.0 * float(beyond.mean()) if e.size else np.nan,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def range_split_table(observations: Observations, truth: Trajectories) -> pd.DataFrame:
+    """
+    Range error split into reference speed and bending, by kind of link.
+
+    Parameters
+    ----------
+    observations : Observations
+        Without noise.
+    truth : Trajectories
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each kind of link and each ``part``: "total", "reference speed", "bending"; columns
+        ``category``, ``part``, ``n``, ``mean_m``, ``sd_m``, ``p1_m``, ``p5_m``, ``p95_m``, ``p99_m``,
+        ``min_m``, ``max_m``.
+
+    Raises
+    ------
+    EvaluationError
+        For what `range_errors` and `link_categories` refuse.
+    """
+    errors = range_errors(observations)
+    parts = {"total": errors.total, "reference speed": errors.reference_speed, "bending": errors.bending}
+    rows = []
+    for category, mask in _groups(observations, truth):
+        for part, values in parts.items():
+            e = values[mask]
+            e = e[~np.isnan(e)]
+            rows.append({"category": category, "part": part, "n": int(e.size), **_moments(e), **_tails(e)})
+    return pd.DataFrame(rows)
+
+
+def dropout_table(observations: Observations, truth: Trajectories) -> pd.DataFrame:
+    """
+    Dropouts by kind of link and by cause.
+
+    Parameters
+    ----------
+    observations : Observations
+    truth : Trajectories
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``category``, ``attempts``, ``dropouts``, ``percent``, and the count of each `RayStatus` but OK
+        under its name in small letters.
+
+    Raises
+    ------
+    EvaluationError
+        For what `link_categories` refuses.
+    """
+    rows: list[dict[str, Any]] = []
+    for category, mask in _groups(observations, truth):
+        status = observations.range_status[mask]
+        dropouts = int(np.count_nonzero(status != RayStatus.OK))
+        rows.append(
+            {
+                "category": category,
+                "attempts": int(status.size),
+                "dropouts": dropouts,
+                "percent": 100.0 * dropouts / status.size if status.size else np.nan,
+            }
+            | {s.name.lower(): int(np.count_nonzero(status == s)) for s in RayStatus if s != RayStatus.OK}
+        )
+    return pd.DataFrame(rows)
+
+
+def _groups(observations: Observations, truth: Trajectories) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    category = link_categories(observations, truth)
+    for a in range(len(_KINDS)):
+        for b in range(a, len(_KINDS)):
+            name = f"{_KINDS[a]} to {_KINDS[b]}"
+            mask = category == name
+            if mask.any():
+                yield name, mask
+    yield ALL_LINKS, np.ones(category.size, dtype=bool)
+
+
+def _moments(e: Array) -> dict[str, float]:
+    return {
+        "mean_m": float(e.mean()) if e.size else np.nan,
+        "sd_m": float(e.std(ddof=1)) if e.size > 1 else np.nan,
+    }
+
+
+def _tails(e: Array) -> dict[str, float]:
+    if e.size == 0:
+        return dict.fromkeys([*(f"p{p}_m" for p in _TAILS), "min_m", "max_m"], np.nan)
+    percentiles = np.percentile(e, _TAILS)
+    return {f"p{p}_m": float(v) for p, v in zip(_TAILS, percentiles, strict=True)} | {
+        "min_m": float(e.min()),
+        "max_m": float(e.max()),
+    }

@@ -1,0 +1,162 @@
+"""Absolute trajectory errors: per pose, per vehicle, per realization and pooled; nothing is aligned."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import EvaluationError
+from pymantaray.records import Estimates, SolveStatus, Trajectories
+
+Array = NDArray[np.float64]
+
+USABLE = (SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE)
+_PERCENTILES = (5, 25, 75, 95)
+_AXES = {"condition": 0, "realization": 1, "agent": 2}
+
+
+def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
+    """
+    Absolute pose error, translation part: distance of each estimated position from the true one.
+
+    There is no alignment: the estimator's frame is the world's, and a shift of it is an error.
+
+    Parameters
+    ----------
+    estimate_position, truth_position : array_like, shape (..., n_times, 3)
+        Positions in the same frame at the same times; leading axes broadcast. [m]
+
+    Returns
+    -------
+    ndarray, shape (..., n_times)
+        [m]
+
+    Raises
+    ------
+    EvaluationError
+        If the shapes do not fit each other.
+    """
+    estimate, truth = np.asarray(estimate_position, dtype=float), np.asarray(truth_position, dtype=float)
+    if estimate.ndim < 2 or truth.ndim < 2 or estimate.shape[-2:] != truth.shape[-2:] or truth.shape[-1] != 3:
+        raise EvaluationError(
+            f"positions of shape {estimate.shape} against {truth.shape}; both need (..., n_times, 3), n_times equal"
+        )
+    return np.asarray(np.linalg.norm(estimate - truth, axis=-1))
+
+
+def ate_statistics(errors: ArrayLike) -> dict[str, float]:
+    """
+    Statistics of absolute trajectory errors, all entries taken together.
+
+    Parameters
+    ----------
+    errors : array_like
+        From `ape`; entries that are NaN are left out. [m]
+
+    Returns
+    -------
+    dict of str to float
+        ``n`` (entries used), ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``,
+        ``p95_m``, ``max_m``; NaN where no entry is left.
+    """
+    e = np.asarray(errors, dtype=float).ravel()
+    e = e[~np.isnan(e)]
+    if e.size == 0:
+        nothing = ("mean_m", "median_m", "rmse_m", *(f"p{p}_m" for p in _PERCENTILES), "max_m")
+        return {"n": 0, **dict.fromkeys(nothing, float("nan"))}
+    percentiles = np.percentile(e, _PERCENTILES)
+    return {
+        "n": int(e.size),
+        "mean_m": float(e.mean()),
+        "median_m": float(np.median(e)),
+        "rmse_m": float(np.sqrt(np.mean(e * e))),
+        **{f"p{p}_m": float(v) for p, v in zip(_PERCENTILES, percentiles, strict=True)},
+        "max_m": float(e.max()),
+    }
+
+
+def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
+    """
+    Absolute pose errors of all solves.
+
+    Parameters
+    ----------
+    truth : Trajectories
+    estimates : Estimates
+
+    Returns
+    -------
+    ndarray, shape (n_conditions, n_realizations, n_agents, n_times)
+        NaN for a solve that failed. [m]
+
+    Raises
+    ------
+    EvaluationError
+        If truth and estimates have different vehicles or times, or a solve that counts as healthy has
+        poses that are not finite.
+    """
+    if truth.name.tolist() != estimates.name.tolist():
+        raise EvaluationError(
+            f"estimates are of vehicles {list(estimates.name)}, the truth of {list(truth.name)}"
+        )
+    if not np.array_equal(truth.time, estimates.time):
+        raise EvaluationError("estimates and truth have different sample times")
+    errors = ape(estimates.position, truth.position)
+    usable = np.isin(estimates.solve_status, USABLE)
+    lost = usable & np.isnan(errors).any(axis=(2, 3))
+    if lost.any():
+        condition, realization = np.argwhere(lost)[0]
+        raise EvaluationError(
+            f"condition {estimates.condition[condition]}, realization {estimates.realization[realization]}: status is"
+            " good but poses are NaN"
+        )
+    errors[~usable] = np.nan
+    return errors
+
+
+def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = ()) -> pd.DataFrame:
+    """
+    Error statistics for each condition, and for each vehicle or realization if asked.
+
+    Parameters
+    ----------
+    truth : Trajectories
+    estimates : Estimates
+    by : sequence of {"realization", "agent"}
+        What not to pool over besides the condition; pooling joins the errors of all poses into one set.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``condition``, those of ``by``, ``solves`` and ``failed_solves`` (how many realizations
+        enter, how many do not), and those of `ate_statistics`.
+
+    Raises
+    ------
+    EvaluationError
+        If ``by`` has another word, or for what `trajectory_errors` refuses.
+    """
+    if not set(by) <= {"realization", "agent"}:
+        raise EvaluationError(f"by={list(by)}; allowed are 'realization' and 'agent'")
+    errors = trajectory_errors(truth, estimates)
+    usable = np.isin(estimates.solve_status, USABLE)
+    keys = ["condition", *by]
+    names: dict[str, NDArray[Any]] = {
+        "condition": estimates.condition,
+        "realization": estimates.realization,
+        "agent": estimates.name,
+    }
+    rows = []
+    for index in np.ndindex(*(names[k].size for k in keys)):
+        place: list[Any] = [slice(None)] * 3
+        for k, i in zip(keys, index, strict=True):
+            place[_AXES[k]] = i
+        good = np.atleast_1d(usable[tuple(place[:2])])
+        rows.append(
+            {k: names[k][i] for k, i in zip(keys, index, strict=True)}
+            | {"solves": int(good.sum()), "failed_solves": int((~good).sum())}
+            | ate_statistics(errors[tuple(place)])
+        )
+    return pd.DataFrame(rows)

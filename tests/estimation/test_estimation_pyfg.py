@@ -1,0 +1,172 @@
+"""Factor graphs as text: a round trip without loss, a file written by hand, and one line for each fault."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, build_graph, read_pyfg, write_pyfg
+from pymantaray.records import SolveStatus
+
+HAND = """\
+VERTEX_SE3:QUAT 0 A0 1 2 3 0 0 0 1
+VERTEX_SE3:QUAT 200 A1 11 2 3 0 0 0.6 0.8
+VERTEX_XYZ L0 5 6 7
+VERTEX_SE3:QUAT:PRIOR 0 A0 1 2 3 0 0 0 1 0.01 0.001 0 0 0 0 0.02 0 0 0 0 0.03 0 0 0 1e-4 2e-5 0 2e-4 0 3e-4
+VERTEX_SE3:QUAT:PRIOR 200 A1 11 2 3 0 0 0 1 0.25 0 0 0 0 0 0.36 0 0 0 0 0.49 0 0 0 1e12 0 0 1e12 0 1e12
+VERTEX_SE3:QUAT:PRIOR 200 A1 0 0 3.5 0 0 0 1 1e12 0 0 0 0 0 1e12 0 0 0 0 0.0001 0 0 0 1e12 0 0 1e12 0 1e12
+VERTEX_XYZ:PRIOR 0 L0 5 6 7 0.5 0.1 0 0.6 0 0.7
+EDGE_SE3:QUAT 200 A0 A1 10 0 0 0 0 0.6 0.8 1 0 0 0 0 0.001 2 0 0 0 0 3 0 0 0 1e-6 0 0 2e-6 0 3e-6
+EDGE_RANGE 200 A1 L0 8.5 4
+"""
+
+
+def assert_same(a, b):
+    for f in fields(FactorGraph):
+        np.testing.assert_array_equal(getattr(a, f.name), getattr(b, f.name), err_msg=f.name)
+
+
+def read_text(tmp_path, text):
+    path = tmp_path / "graph.pyfg"
+    path.write_text(text)
+    return read_pyfg(path)
+
+
+@pytest.mark.parametrize("n_landmarks", [0, 2])
+def test_round_trip_keeps_every_bit(tmp_path, make_fleet, n_landmarks):
+    fleet = make_fleet(seed=2, n_landmarks=n_landmarks, gnss_every=7, dropouts=0.3)
+    graph = build_graph(fleet.noisy, "refracted")
+    initial = GraphValues(
+        position=fleet.position.reshape(-1, 3),
+        quaternion=fleet.quaternion.reshape(-1, 4),
+        landmark_position=fleet.noisy.landmark_position,
+    )
+    write_pyfg(graph, tmp_path / "graph.pyfg", initial=initial)
+    again, values = read_pyfg(tmp_path / "graph.pyfg")
+    assert_same(graph, again)
+    for name in ("position", "quaternion", "landmark_position"):
+        np.testing.assert_array_equal(getattr(values, name), getattr(initial, name))
+    assert [p.name for p in tmp_path.iterdir()] == ["graph.pyfg"]
+    one, two = (GraphSolver().solve(g, initial).position for g in (graph, again))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_hand_written_file_means_what_it_says(tmp_path):
+    graph, values = read_text(tmp_path, HAND)
+    assert graph.agent_name.tolist() == ["A"]
+    assert graph.landmark_name.tolist() == ["L0"]
+    np.testing.assert_array_equal(values.quaternion[1], [0.8, 0, 0, 0.6])  # ours has w first
+    # rotation comes first in the tangent, last in the file
+    np.testing.assert_array_equal(
+        np.diagonal(graph.prior_covariance[0]), [1e-4, 2e-4, 3e-4, 0.01, 0.02, 0.03]
+    )
+    assert graph.prior_covariance[0, 3, 4] == graph.prior_covariance[0, 4, 3] == 0.001
+    assert graph.prior_covariance[0, 0, 1] == 2e-5
+    # a translation-rotation entry changes sides
+    assert graph.edge_covariance[0, 2, 3] == graph.edge_covariance[0, 3, 2] == 0.001
+    np.testing.assert_array_equal(np.diagonal(graph.fix_covariance[0]), [0.25, 0.36, 0.49])
+    assert (graph.depth_pose.tolist(), graph.depth.tolist(), graph.depth_variance.tolist()) == (
+        [1],
+        [3.5],
+        [1e-4],
+    )
+    assert graph.survey_covariance[0, 0, 1] == 0.1
+    assert (graph.range_first.tolist(), graph.range_second.tolist()) == ([1], [2])
+    assert (graph.range_distance.tolist(), graph.range_variance.tolist()) == ([8.5], [4.0])
+    assert GraphSolver().solve(graph, values).status == SolveStatus.OK
+
+
+def test_written_text_is_the_text_that_was_read(tmp_path):
+    graph, values = read_text(tmp_path, HAND)
+    write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
+    numbers = [
+        [float(x) if x[0] in "0123456789-" else x for x in line.split(" ")]
+        for line in (tmp_path / "again.pyfg").read_text().splitlines()
+    ]
+    assert numbers == [
+        [float(x) if x[0] in "0123456789-" else x for x in li.split(" ")] for li in HAND.splitlines()
+    ]
+
+
+def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
+    # a quarter turn about down: the file's x axis is the world's east
+    turned = HAND.replace("11 2 3 0 0 0 1 0.25", "11 2 3 0 0 0.70710678118654752 0.70710678118654752 0.25")
+    graph, _ = read_text(tmp_path, turned)
+    np.testing.assert_allclose(np.diagonal(graph.fix_covariance[0]), [0.36, 0.25, 0.49], rtol=1e-12)
+
+
+def broken(line, old, new):
+    lines = HAND.splitlines()
+    assert old in lines[line - 1]
+    lines[line - 1] = lines[line - 1].replace(old, new, 1)
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            broken(1, "VERTEX_SE3:QUAT", "EDGE_RANGE"),
+            r"line 1: begins with 'EDGE_RANGE'; .*in the first line",
+        ),
+        (broken(1, "VERTEX_SE3:QUAT", "VERTEX_SE2"), r"line 1: begins with 'VERTEX_SE2'"),
+        (broken(2, "11 2 3", "11  2 3"), r"line 2: VERTEX_SE3:QUAT with 11 fields; allowed: 10"),
+        (
+            broken(2, "11 2 3", "11 two 3"),
+            r"line 2: .*could not convert string to float: 'two'; allowed: numbers",
+        ),
+        (broken(2, "11 2 3", "11 nan 3"), r"line 2: .*not finite"),
+        (broken(2, "0.6 0.8", "0.6 0.9"), r"line 2: .*quaternion .*x y z w of length 1"),
+        (broken(2, "A1", "A0"), r"line 2: second vertex named A0"),
+        (broken(2, "A1", "alpha1"), r"line 2: name 'alpha1'; allowed: a capital letter"),
+        (broken(2, "A1", "L1"), r"line 2: VERTEX_SE3:QUAT with landmark L1"),
+        (broken(3, "L0", "B0"), r"line 3: VERTEX_XYZ with pose B0"),
+        (broken(4, " 3e-4", ""), r"line 4: VERTEX_SE3:QUAT:PRIOR with 30 fields; allowed: 31"),
+        (broken(5, "0.49 0", "1e12 0"), r"line 5: pose prior with free axes z rx ry rz"),
+        (broken(6, "3.5 0 0 0 1", "3.5 0.6 0 0 0.8"), r"line 6: pose prior with free axes .*level axes"),
+        (broken(8, "A1", "A7"), r"line 8: name A7; allowed: names of the file's vertices"),
+        (broken(9, "A1 L0", "L0 A1"), r"line 9: .*the pose first"),
+        (broken(9, "A1 L0", "A1 A1"), r"line 9: .*from A1 to itself"),
+        (HAND + "\n", r"line 10: begins with ''"),
+        (broken(9, "8.5 4", "8.5 -4"), r"A1: range variance is .-4."),
+        (HAND.splitlines()[2] + "\n", r"no VERTEX_SE3:QUAT in the file"),
+        ("", r"no VERTEX_SE3:QUAT in the file"),
+    ],
+)
+def test_fault_is_one_line_that_names_the_place(tmp_path, text, message):
+    with pytest.raises(EstimationError, match=message) as caught:
+        read_text(tmp_path, text)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_is_an_error_of_ours(tmp_path):
+    with pytest.raises(EstimationError, match=r"none\.pyfg: not a readable text file"):
+        read_pyfg(tmp_path / "none.pyfg")
+
+
+def test_vehicles_get_letters_and_the_twenty_sixth_has_none(tmp_path, make_fleet):
+    fleet = make_fleet(n_agents=3, n_times=6)
+    named = replace(build_graph(fleet.noisy), agent_name=np.array(["beacon", "float-1", "L"]))
+    initial = GraphValues(
+        position=fleet.position.reshape(-1, 3),
+        quaternion=fleet.quaternion.reshape(-1, 4),
+        landmark_position=np.empty((0, 3)),
+    )
+    write_pyfg(named, tmp_path / "g.pyfg", initial=initial)
+    assert read_pyfg(tmp_path / "g.pyfg")[0].agent_name.tolist() == ["A", "B", "C"]
+    crowd = replace(named, agent_name=np.array([f"v{i}" for i in range(26)]))
+    with pytest.raises(EstimationError, match=r"26 vehicles; .*keeps L for landmarks: 25 at most"):
+        write_pyfg(crowd, tmp_path / "crowd.pyfg", initial=initial)
+    assert [p.name for p in tmp_path.iterdir()] == ["g.pyfg"]
+
+
+def test_values_that_do_not_fit_are_refused(tmp_path):
+    graph, values = read_text(tmp_path, HAND)
+    short = GraphValues(
+        position=values.position[:1],
+        quaternion=values.quaternion[:1],
+        landmark_position=values.landmark_position,
+    )
+    with pytest.raises(EstimationError, match="values for 1 poses and 1 landmarks; the graph has 2 and 1"):
+        write_pyfg(graph, tmp_path / "g.pyfg", initial=short)

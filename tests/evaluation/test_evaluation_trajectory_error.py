@@ -1,0 +1,231 @@
+"""Trajectory errors: definitions by hand, equality with evo, failed solves, coverage of the intervals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from pymantaray.errors import EvaluationError
+from pymantaray.evaluation import (
+    ape,
+    ate_statistics,
+    comparison_table,
+    error_table,
+    paired_interval,
+    trajectory_errors,
+)
+from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
+from pymantaray.records import Estimates, SolveStatus, Trajectories
+
+
+def make_run(
+    seed=0, *, n_realizations=4, n_agents=3, n_times=40, conditions=("straight", "refracted"), shift=0.0
+):
+    """Truth by random walk; the estimates err by noise, by `shift` metres north in the last condition."""
+    rng = np.random.default_rng(seed)
+    position = np.cumsum(rng.normal(0, 50.0, (n_agents, n_times, 3)), axis=1)
+    quaternion = quaternion_from_matrix(so3_exp(rng.normal(0, 1.0, (n_agents, n_times, 3))))
+    truth = Trajectories(
+        name=np.array(list("ABCDEFG")[:n_agents]),
+        role=np.array(["station"] + ["float"] * (n_agents - 1)),
+        time=np.arange(n_times) * 200.0,
+        position=position,
+        quaternion=quaternion,
+        status=np.zeros((n_agents, n_times)),
+    )
+    shape = (len(conditions), n_realizations)
+    common = rng.normal(0, 3.0, (n_realizations, n_agents, n_times, 3))
+    error = common + rng.normal(0, 1.0, (*shape, n_agents, n_times, 3))
+    error[-1, ..., 0] += shift
+    estimates = Estimates(
+        condition=np.array(conditions),
+        realization=np.arange(n_realizations),
+        name=truth.name,
+        time=truth.time,
+        landmark_name=np.array([], dtype=str),
+        position=position + error,
+        quaternion=np.broadcast_to(quaternion, (*shape, *quaternion.shape)),
+        landmark_position=np.zeros((*shape, 0, 3)),
+        solve_status=np.zeros(shape),
+        iterations=np.full(shape, 4),
+        initial_cost=np.full(shape, 2.0),
+        final_cost=np.ones(shape),
+        expected_cost=np.ones(shape),
+        gradient_norm=np.zeros(shape),
+    )
+    return truth, estimates
+
+
+def with_failure(estimates, condition, realization):
+    status, position = np.array(estimates.solve_status), np.array(estimates.position)
+    status[condition, realization] = SolveStatus.FAILED
+    position[condition, realization] = np.nan
+    return replace(estimates, solve_status=status, position=position)
+
+
+def test_ape_is_a_distance_and_is_not_aligned():
+    truth = np.random.default_rng(0).normal(size=(2, 5, 3))
+    np.testing.assert_allclose(ape(truth + np.array([3.0, 4.0, 12.0]), truth), 13.0, rtol=1e-12)
+    with pytest.raises(EvaluationError, match=r"\(2, 4, 3\) against \(2, 5, 3\)"):
+        ape(truth[:, :4], truth)
+
+
+def test_statistics_of_a_known_set():
+    s = ate_statistics([[0.0, 1.0, 2.0], [3.0, np.nan, 4.0]])
+    assert (s["n"], s["mean_m"], s["median_m"], s["max_m"]) == (5, 2.0, 2.0, 4.0)
+    assert s["rmse_m"] == pytest.approx(np.sqrt(6.0))
+    assert (s["p25_m"], s["p75_m"]) == (1.0, 3.0)
+    assert s["p5_m"] == pytest.approx(0.2)
+    assert s["p95_m"] == pytest.approx(3.8)
+    empty = ate_statistics([np.nan])
+    assert empty["n"] == 0
+    assert np.isnan(empty["rmse_m"])
+
+
+def test_equals_evo_on_a_whole_run():
+    metrics = pytest.importorskip("evo.core.metrics")
+    trajectory = pytest.importorskip("evo.core.trajectory")
+    truth, estimates = make_run(seed=4)
+
+    def as_evo(position, quaternion):
+        return trajectory.PoseTrajectory3D(
+            positions_xyz=position, orientations_quat_wxyz=quaternion, timestamps=np.array(truth.time)
+        )
+
+    ours = trajectory_errors(truth, estimates)
+    table = error_table(truth, estimates, by=["realization", "agent"]).set_index(
+        ["condition", "realization", "agent"]
+    )
+    pooled = {c: [] for c in estimates.condition.tolist()}
+    for c, r, a in np.ndindex(*ours.shape[:3]):
+        metric = metrics.APE(metrics.PoseRelation.translation_part)
+        metric.process_data(
+            (
+                as_evo(truth.position[a], truth.quaternion[a]),
+                as_evo(estimates.position[c, r, a], estimates.quaternion[c, r, a].astype(float)),
+            )
+        )
+        np.testing.assert_allclose(ours[c, r, a], metric.error, rtol=1e-12)
+        theirs, row = metric.get_all_statistics(), table.loc[(estimates.condition[c], r, truth.name[a])]
+        for name in ("mean", "median", "rmse", "max"):
+            assert row[f"{name}_m"] == pytest.approx(theirs[name], rel=1e-12), name
+        pooled[str(estimates.condition[c])].append(metric.error)
+    for _, row in error_table(truth, estimates).iterrows():
+        joined = np.concatenate(pooled[row["condition"]])
+        assert row["n"] == joined.size
+        assert row["rmse_m"] == pytest.approx(np.sqrt(np.mean(joined**2)), rel=1e-12)
+        assert row["p95_m"] == pytest.approx(np.percentile(joined, 95), rel=1e-12)
+
+
+def test_tables_split_the_same_errors_in_different_ways():
+    truth, estimates = make_run()
+    pooled = error_table(truth, estimates)
+    for by, rows in (("agent",), 3), (("realization",), 4), (("realization", "agent"), 12):
+        table = error_table(truth, estimates, by=by)
+        for _, whole in pooled.iterrows():
+            parts = table[table["condition"] == whole["condition"]]
+            assert len(parts) == rows
+            assert parts["n"].sum() == whole["n"] == 4 * 3 * 40
+            assert np.average(parts["mean_m"], weights=parts["n"]) == pytest.approx(whole["mean_m"])
+            assert np.average(parts["rmse_m"] ** 2, weights=parts["n"]) == pytest.approx(whole["rmse_m"] ** 2)
+            assert parts["max_m"].max() == whole["max_m"]
+
+
+def test_failed_solve_is_left_out_and_counted():
+    truth, whole = make_run()
+    estimates = with_failure(whole, 1, 2)
+    table = error_table(truth, estimates).set_index("condition")
+    assert table["solves"].to_dict() == {"straight": 4, "refracted": 3}
+    assert table["failed_solves"].to_dict() == {"straight": 0, "refracted": 1}
+    assert table.loc["refracted", "n"] == 3 * 3 * 40
+    rest = [0, 1, 3]
+    expected = ate_statistics(trajectory_errors(truth, whole)[1, rest])["rmse_m"]
+    assert table.loc["refracted", "rmse_m"] == expected
+    one = error_table(truth, estimates, by=["realization"]).set_index(["condition", "realization"])
+    assert one.loc[("refracted", 2), ["n", "solves", "failed_solves"]].tolist() == [0, 0, 1]
+    assert np.isnan(one.loc[("refracted", 2), "rmse_m"])
+    comparison = comparison_table(truth, estimates)
+    assert set(comparison["realizations"]) == {3}
+    assert set(comparison["excluded"]) == {1}
+
+
+def test_cost_outside_its_bounds_is_no_failed_solve():
+    truth, estimates = make_run()
+    status = np.full(estimates.solve_status.shape, SolveStatus.OVER_CHI_SQUARE)
+    assert error_table(truth, replace(estimates, solve_status=status))["failed_solves"].tolist() == [0, 0]
+
+
+def test_records_that_do_not_belong_together_are_refused():
+    truth, estimates = make_run()
+    with pytest.raises(EvaluationError, match="estimates are of vehicles"):
+        error_table(replace(truth, name=np.array(["X", "Y", "Z"])), estimates)
+    with pytest.raises(EvaluationError, match="different sample times"):
+        error_table(replace(truth, time=truth.time + 1.0), estimates)
+    with pytest.raises(EvaluationError, match="allowed are 'realization' and 'agent'"):
+        error_table(truth, estimates, by=["hour"])
+    lying = replace(with_failure(estimates, 1, 2), solve_status=estimates.solve_status)
+    with pytest.raises(
+        EvaluationError, match="condition refracted, realization 2: status is good but poses are NaN"
+    ):
+        error_table(truth, lying)
+    with pytest.raises(EvaluationError, match="condition 'bent' was not run; there are straight, refracted"):
+        comparison_table(truth, estimates, [("bent", "straight")])
+
+
+def test_difference_is_that_of_the_pooled_statistics():
+    truth, estimates = make_run(shift=5.0, n_realizations=8)
+    pooled = error_table(truth, estimates).set_index("condition")
+    own = error_table(truth, estimates, by=["realization"]).set_index(["condition", "realization"])
+    table = comparison_table(truth, estimates)
+    assert table[["condition", "baseline"]].drop_duplicates().to_numpy().tolist() == [
+        ["refracted", "straight"]
+    ]
+    for _, row in table.iterrows():
+        column = f"{row['statistic']}_m"
+        expected = pooled.loc["refracted", column] - pooled.loc["straight", column]
+        assert row["pooled_difference_m"] == pytest.approx(expected, rel=1e-9)
+        differences = own.loc["refracted", column] - own.loc["straight", column]
+        student = stats.ttest_1samp(differences, 0.0).confidence_interval(0.95)
+        assert (row["t_low_m"], row["t_high_m"]) == pytest.approx((student.low, student.high))
+        assert 0.0 < row["t_low_m"] < row["mean_difference_m"] < row["t_high_m"]
+        assert 0.0 < row["bootstrap_low_m"] < row["pooled_difference_m"] < row["bootstrap_high_m"]
+
+
+def test_interval_is_the_same_again_and_absent_for_a_single_realization():
+    truth, estimates = make_run(shift=5.0)
+    assert comparison_table(truth, estimates).equals(comparison_table(truth, estimates))
+    single = comparison_table(*make_run(n_realizations=1))
+    assert single[["t_low_m", "t_high_m", "bootstrap_low_m", "bootstrap_high_m"]].isna().all(axis=None)
+    assert single["pooled_difference_m"].notna().all()
+
+
+def test_pairing_narrows_the_interval():
+    # both conditions share errors of 3 m; only the 1 m that differs may widen the interval
+    truth, estimates = make_run(seed=2, n_realizations=25, n_agents=1, n_times=5)
+    errors = trajectory_errors(truth, estimates).mean(axis=(2, 3))
+    row = comparison_table(truth, estimates).set_index("statistic").loc["mean"]
+    unpaired = stats.ttest_ind(errors[1], errors[0]).confidence_interval(0.95)
+    assert row["t_high_m"] - row["t_low_m"] < 0.7 * (unpaired.high - unpaired.low)
+
+
+def test_intervals_cover_the_true_difference_as_often_as_they_claim():
+    rng = np.random.default_rng(7)
+    covered = 0
+    for _ in range(2000):
+        low, high = paired_interval(rng.normal(2.0, 5.0, 10), 0.9)
+        covered += low <= 2.0 <= high
+    # binomial with 2,000 trials of 0.9: standard deviation 13
+    assert abs(covered - 1800) < 4 * 13.4
+
+
+def test_bootstrap_covers_nearly_as_often_with_as_many_realizations_as_the_paper():
+    shift, covered, n = 4.0, 0, 150
+    big_truth, big = make_run(seed=0, n_realizations=4000, n_agents=1, n_times=4, shift=shift)
+    expected = comparison_table(big_truth, big).set_index("statistic").loc["rmse", "pooled_difference_m"]
+    for seed in range(1, n + 1):
+        truth, estimates = make_run(seed=seed, n_realizations=25, n_agents=1, n_times=4, shift=shift)
+        row = comparison_table(truth, estimates).set_index("statistic").loc["rmse"]
+        covered += row["bootstrap_low_m"] <= expected <= row["bootstrap_high_m"]
+    # percentile intervals of 25 are a little short: between 0.88 and all
+    assert covered >= 0.88 * n, covered

@@ -1,0 +1,41 @@
+"""TUM text as evo reads it."""
+
+import numpy as np
+import pytest
+
+from pymantaray.errors import MantaRayError
+from pymantaray.export import write_tum
+from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
+
+
+@pytest.fixture
+def trajectory():
+    rng = np.random.default_rng(0)
+    return (
+        np.arange(20) * 200.0,
+        rng.normal(0, 1e4, (20, 3)),
+        quaternion_from_matrix(so3_exp(rng.normal(0, 1, (20, 3)))),
+    )
+
+
+def test_evo_reads_back_every_digit(tmp_path, trajectory):
+    file_interface = pytest.importorskip("evo.tools.file_interface")
+    time, position, quaternion = trajectory
+    write_tum(tmp_path / "a.tum", time, position, quaternion)
+    read = file_interface.read_tum_trajectory_file(tmp_path / "a.tum")
+    np.testing.assert_array_equal(read.timestamps, time)
+    np.testing.assert_array_equal(read.positions_xyz, position)
+    np.testing.assert_array_equal(read.orientations_quat_wxyz, quaternion)
+    assert read.check()[0]
+    assert [p.name for p in tmp_path.iterdir()] == ["a.tum"]
+
+
+def test_trajectory_that_is_none_is_refused_and_leaves_nothing(tmp_path, trajectory):
+    time, position, quaternion = trajectory
+    lost = position.copy()
+    lost[4] = np.nan
+    with pytest.raises(MantaRayError, match="pose 4 is not finite"):
+        write_tum(tmp_path / "a.tum", time, lost, quaternion)
+    with pytest.raises(MantaRayError, match=r"needs \(n,\), \(n, 3\) and \(n, 4\)"):
+        write_tum(tmp_path / "a.tum", time[:-1], position, quaternion)
+    assert list(tmp_path.iterdir()) == []
