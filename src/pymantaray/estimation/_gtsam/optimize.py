@@ -9,6 +9,9 @@ import numpy as np
 from pymantaray.estimation.gate import Progress, SolveOptions
 
 _RISE = 1e-9  # relative; a smaller rise of the cost is rounding
+# Steps in a row that may leave the cost above its lowest: a full step from afar overshoots the rotations,
+# and the next one more than makes up for it. (A damped solve from there costs ten full steps.)
+_PATIENCE = 2
 # A variable is undetermined if, given all that are eliminated after it, some direction of it may stray
 # by the inverse of this: 1,000 km, or as many radians.
 _SMALLEST_PIVOT = 1e-6
@@ -18,8 +21,8 @@ def optimize(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> 
     """
     Minimize the cost of a graph.
 
-    Gauss-Newton runs until no variable moves by more than the tolerance. If a step does not descend or
-    the linear system cannot be solved, Levenberg-Marquardt takes over from the start and Gauss-Newton
+    Gauss-Newton runs until no variable moves by more than the tolerance. If the cost does not fall below its
+    lowest within three steps or the linear system cannot be solved, Levenberg-Marquardt takes over from the start and Gauss-Newton
     runs again from its end: the last system solved is undamped, and proves convergence.
 
     Parameters
@@ -49,8 +52,9 @@ def optimize(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> 
 
 
 def _gauss_newton(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> tuple[Any, Progress]:
-    """Run undamped; a step that does not descend is not taken and leaves ``last_step`` NaN."""
+    """Run undamped; a cost that stays above its lowest for too long leaves ``last_step`` NaN."""
     values, cost = initial, float(graph.error(initial))
+    lowest, above = cost, 0
     progress = Progress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
         linear = graph.linearize(values)
@@ -61,13 +65,16 @@ def _gauss_newton(graph: Any, initial: Any, ordering: Any, options: SolveOptions
         delta = conditionals.optimize()
         trial = values.retract(delta)
         trial_cost = float(graph.error(trial))
-        if not trial_cost <= cost + _RISE * (1.0 + cost):
+        above = 0 if trial_cost <= lowest + _RISE * (1.0 + lowest) else above + 1
+        if above > _PATIENCE or not np.isfinite(trial_cost):
             return values, replace(progress, last_step=np.nan)
-        values, cost = trial, trial_cost
+        values, cost, lowest = trial, trial_cost, min(lowest, trial_cost)
         progress = replace(progress, iterations=iteration, final_cost=cost)
         # the norm costs nothing, the largest component a copy: look at it only where it may be small
-        if delta.norm() <= options.step_tolerance * np.sqrt(6 * delta.size()) and (
-            _largest(delta) <= options.step_tolerance
+        if (
+            above == 0
+            and delta.norm() <= options.step_tolerance * np.sqrt(6 * delta.size())
+            and (_largest(delta) <= options.step_tolerance)
         ):
             break
     gradient = linear.gradientAtZero()
