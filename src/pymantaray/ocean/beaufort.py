@@ -1,7 +1,10 @@
 """Synthetic Beaufort Sea: cold fresh cap, Pacific layers, Atlantic and deep water, halocline eddies.
 
 Water masses follow the literature named beside each; where a paper gives a span (or the core varies
-between years), the value of summer 2014 is taken. None of them is a cast's data.
+between years), the value of summer 2014 is taken. Where no number was found published, temperature and
+salinity of a core are rounded from what the casts of 2014 and 1997 show there, so that the tests against
+those casts check the construction and are no independent evidence. The papers were read in abstract or
+excerpt.
 
 References
 ----------

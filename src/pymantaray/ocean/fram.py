@@ -1,6 +1,9 @@
 """Synthetic Fram Strait: polar outflow, Atlantic inflow and its recirculation, fronts and eddies.
 
-Water masses follow the literature named beside each. None of them is a cast's data.
+Water masses follow the literature named beside each. Where no number was found published, temperature
+and salinity of a core are rounded from what the bottle casts of 1982 show there, so that the tests against
+those casts check the construction and are no independent evidence. The papers were read in abstract or
+excerpt; [1] is cited from general knowledge of its classes.
 
 References
 ----------

@@ -1,0 +1,31 @@
+"""Time the fleet's kinematics at the paper's size: 168 h, 11 vehicles, steps of 0.125 s.
+
+Run with ``python benchmarks/bench_kinematics.py``. The ocean and the fleet are those of the preset.
+"""
+
+import statistics
+import time
+
+from pymantaray.fleet import simulate
+from pymantaray.ocean import open_ocean, to_local
+from pymantaray.study import load_study
+from pymantaray.study.assemble import build_fleet
+
+
+def main() -> None:
+    config = load_study("beaufort")
+    ocean = to_local(open_ocean("synthetic:beaufort"))
+    fleet = build_fleet(config)
+    seconds = []
+    for _ in range(6):
+        start = time.perf_counter()
+        truth = simulate(fleet, ocean, duration=168 * 3600.0, physics_step=0.125, sampling_period=200.0)
+        seconds.append(time.perf_counter() - start)
+    print(
+        f"{truth.position.shape[0]} vehicles, {168 * 3600 * 8:,} steps each: first call {seconds[0]:.2f} s,"
+        f" then {statistics.median(seconds[1:]):.2f} s ({min(seconds[1:]):.2f} to {max(seconds[1:]):.2f})"
+    )
+
+
+if __name__ == "__main__":
+    main()
