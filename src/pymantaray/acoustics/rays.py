@@ -80,9 +80,12 @@ def ray_picture(
         steps = trace_path(packed, a, unit, horizontal, slope, length, angle, side, 1e-3, work)
         paths[i] = _resample(work.path[: steps + 1], length, slope, a[2], n_points)
     ranges = np.linspace(0.0, max(horizontal, 1.0), n_range)
-    deepest = float(medium.bathymetry.max())
-    depths = np.linspace(0.0, min(deepest, 1.6 * max(a[2], b[2], 0.1 * length)), n_depth)
-    c, floor = np.empty((n_range, n_depth)), np.empty(n_range)
+    floor = np.empty(n_range)
+    surface = np.zeros(1)
+    section_grid(
+        packed, medium.bathymetry, a, unit, horizontal, ranges, surface, np.empty((n_range, 1)), floor, work
+    )
+    depths, c = np.linspace(0.0, 1.03 * floor.max(), n_depth), np.empty((n_range, n_depth))
     section_grid(packed, medium.bathymetry, a, unit, horizontal, ranges, depths, c, floor, work)
     for path, (_, _, arrives) in zip(paths, launches, strict=True):
         wet = (path[:, 1] >= 0.0) & (path[:, 1] <= np.interp(path[:, 0], ranges, floor))
