@@ -64,11 +64,11 @@ def test_sea_mount_blocks_the_link_and_its_flank_does_not():
 
 
 def test_upward_refraction_makes_a_shadow_below_which_the_margin_is_reported():
-    """Below a strong negative gradient near the surface, a shallow level link has no direct ray."""
+    """Where sound speed falls with depth, rays from near the surface bend down, away from a far neighbour."""
     c = 1500.0 - 0.05 * np.minimum(Z, 200.0)
     medium = uniform(speed=c)
-    first = find_eigenrays(medium, [0, 0, 5.0], [[8e3, 0, 10.0], [300.0, 0, 10.0]][0]).first()
-    assert first.status[0] in (RayStatus.SHADOW, RayStatus.BLOCKED)
+    first = find_eigenrays(medium, [0, 0, 5.0], [8e3, 0, 10.0]).first()
+    assert first.status[0] == RayStatus.SHADOW
     near = find_eigenrays(medium, [0, 0, 5.0], [300.0, 0, 10.0]).first()
     assert near.status[0] == RayStatus.OK
     assert near.shadow_margin[0] == 0.0

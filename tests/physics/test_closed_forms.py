@@ -46,11 +46,13 @@ def test_direct_eigenray_of_a_constant_gradient_is_a_circular_arc(gradient):
     first = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None).first()
     shallowest, deepest = arc_extremes(source, receiver, c0, gradient)
     wet = (shallowest > 1e-3) & (deepest < BOTTOM - 1e-3)
-    dry = (shallowest < -1e-3) | (deepest > BOTTOM + 1e-3)
+    lost = shallowest < -1e-3  # would have to come by way of the surface
+    grounded = ~lost & (deepest > BOTTOM + 1e-3)
     expected = direct_travel_time_linear_gradient(source, receiver, sound_speed_surface=c0, gradient=gradient)
     assert wet.sum() > 200
     assert (first.status[wet] == RayStatus.OK).all()
-    assert (first.status[dry] == RayStatus.BLOCKED).all()
+    assert (first.status[lost] == RayStatus.SHADOW).all()
+    assert (first.status[grounded] == RayStatus.BLOCKED).all()
     np.testing.assert_allclose(first.travel_time[wet], expected[wet], rtol=0, atol=1e-9)
 
 

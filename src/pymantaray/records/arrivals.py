@@ -21,7 +21,7 @@ class FirstArrivals(Record):
     source_sound_speed: Column = column("link", "m s-1", "sound speed at the source")
     receiver_sound_speed: Column = column("link", "m s-1", "sound speed at the receiver")
     shadow_margin: Column = column(
-        "link", "m", "smallest miss distance of any ray traced, 0 where a ray arrives"
+        "link", "m", "smallest miss of any ray, 0 where one arrives, NaN where all come by way of the surface"
     )
     source_slowness: Column = column("link axis", "s m-1", "slowness vector at the source, along the ray")
     receiver_slowness: Column = column("link axis", "s m-1", "slowness vector at the receiver, along the ray")
@@ -53,7 +53,11 @@ class Arrivals(Record):
     chord_travel_time: Column = column("n_links", "s", "travel time along the straight chord")
     source_sound_speed: Column = column("n_links", "m s-1", "sound speed at the source")
     receiver_sound_speed: Column = column("n_links", "m s-1", "sound speed at the receiver")
-    shadow_margin: Column = column("n_links", "m", "smallest miss distance of any ray traced")
+    shadow_margin: Column = column(
+        "n_links",
+        "m",
+        "smallest miss of any ray, 0 where one arrives, NaN where all come by way of the surface",
+    )
 
     def first(self) -> FirstArrivals:
         """

@@ -8,7 +8,7 @@ class RayStatus(IntEnum):
 
     OK = 0  # an admitted arrival exists
     SHADOW = 1  # no ray within the allowed bounces reaches the receiver
-    BLOCKED = 2  # every such ray meets the bottom or the surface on its way
+    BLOCKED = 2  # the rays that would reach it meet the sea bed on their way
     OUTSIDE = 3  # an end point is outside the water or the medium's domain
     WEAK = 4  # rays exist, all of them below the spreading cut-off
     STOPPED = 5  # one of the vehicles has stopped and is silent

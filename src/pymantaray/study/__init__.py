@@ -1,1 +1,40 @@
-"""."""
+"""Runs the whole experiment: configuration, realizations, conditions, and the run folder.
+
+Reading a configuration is quick; what it takes to run one is imported when it is first asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from pymantaray.study.config import StudyConfig
+from pymantaray.study.load import list_presets, load_study, parse_study, preset_text, study_toml
+
+if TYPE_CHECKING:
+    from pymantaray.study.runner import run_study
+    from pymantaray.study.store import Run, open_run
+
+__all__ = [
+    "Run",
+    "StudyConfig",
+    "list_presets",
+    "load_study",
+    "open_run",
+    "parse_study",
+    "preset_text",
+    "run_study",
+    "study_toml",
+]
+
+
+_LATER = {
+    "Run": "store",
+    "open_run": "store",
+    "run_study": "runner",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is heavy on first use."""
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)

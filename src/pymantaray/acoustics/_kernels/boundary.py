@@ -1,4 +1,4 @@
-"""Surface and sea bed: depth of the bottom, whether a ray stays in the water, the chord's travel time."""
+"""Surface and sea bed: depth of the bottom, and how near a ray comes to either."""
 
 import math
 
@@ -22,14 +22,14 @@ def bottom_at(north, east, bathymetry, n, e):
 
 
 @kernel
-def in_water(path, steps, axis, n0, e0, un, ue, north, east, bathymetry, breaks, n_breaks):
-    """Whether a traced ray stays between surface and sea bed; also the least clearance. [m]
+def clearances(path, steps, axis, n0, e0, un, ue, north, east, bathymetry, breaks, n_breaks):
+    """Least distances of a traced ray from the surface and from the sea bed, negative beyond. [m]
 
     Every step's cubic Hermite is sampled, at nine points, at its turning point and at each edge of the
     bathymetry's cells, where its peaks are.
     """
     z_source, cb, sb, _ = axis
-    clearance = math.inf
+    below_surface, above_bottom = math.inf, math.inf
     for i in range(steps):
         s0, w0, d0 = path[i, 0], path[i, 1], path[i, 2]
         h = path[i + 1, 0] - s0
@@ -68,5 +68,6 @@ def in_water(path, steps, axis, n0, e0, un, ue, north, east, bathymetry, breaks,
             r = s * cb - w * sb
             z = z_source + s * sb + w * cb
             floor = bottom_at(north, east, bathymetry, n0 + r * un, e0 + r * ue)
-            clearance = min(clearance, z, floor - z)
-    return clearance >= -TOUCH, clearance
+            below_surface = min(below_surface, z)
+            above_bottom = min(above_bottom, floor - z)
+    return below_surface, above_bottom

@@ -5,7 +5,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from pymantaray.acoustics._kernels.boundary import TOUCH, bottom_at, in_water
+from pymantaray.acoustics._kernels.boundary import TOUCH, bottom_at, clearances
 from pymantaray.acoustics._kernels.compile import driver, kernel
 from pymantaray.acoustics._kernels.field import field_at, level_speed
 from pymantaray.acoustics._kernels.paths import chord_travel_time
@@ -172,14 +172,14 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
             n_nodes = fan_nodes(lo, hi, SPACING_LINEAR, CLOSEST_LINEAR, s, c0, work.nodes)
         width = 1e-6 if not math.isnan(cutoff_db) else 1e-9
         found, margin, rays, _ = find_brackets(s, n_nodes, target, span, axis, coarse, width, work)
-    count, blocked, weak = 0, 0, 0
+    count, through_surface, blocked, weak = 0, 0, 0, 0
     for i in range(found):
         ok, angle, q, steps, turns = refine(
             s, brackets[i, 0], brackets[i, 1], target, span, axis, fine, miss, work
         )
         if not ok:
             continue
-        inside, _ = in_water(
+        below_surface, above_bottom = clearances(
             work.path,
             steps,
             axis,
@@ -193,7 +193,10 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
             work.floor_breaks,
             n_breaks,
         )
-        if not inside:
+        if below_surface < -TOUCH:
+            through_surface += 1
+            continue
+        if above_bottom < -TOUCH:
             blocked += 1
             continue
         finish(rows, count, work.y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb)
@@ -219,7 +222,11 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
         return count, OK
     if weak > 0:
         return 0, WEAK
-    return 0, BLOCKED if blocked > 0 else SHADOW
+    if blocked > 0:
+        return 0, BLOCKED
+    if through_surface > 0:
+        info[3] = math.nan  # rays that would come by way of the surface miss by nothing
+    return 0, SHADOW
 
 
 @driver

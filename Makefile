@@ -1,0 +1,65 @@
+# The front door. Every target sets up what it needs in .venv; a second call finds it done.
+# ARGS goes to the command behind a target, e.g. make study ARGS="--realizations 5".
+
+VENV  := .venv
+BIN   := $(VENV)/bin
+STAMP := $(shell date +%Y%m%d-%H%M%S)
+ARGS  :=
+export PYTHON
+
+.PHONY: help study study-paper quick test lint bench ci-full clean
+
+help:
+	@echo "make study        the paper's Beaufort Sea study at full size"
+	@echo "make study-paper  both of the paper's regions, and their comparison"
+	@echo "make quick        a small study in half a minute"
+	@echo "make test         the fast tests"
+	@echo "make lint         formatting, lint, types, import contracts, spelling"
+	@echo "make bench        timings"
+	@echo "make ci-full      everything, slow tests and examples included"
+	@echo "make clean        remove .venv, caches and builds; runs/ stays"
+
+study: $(VENV)/.ready-run
+	$(BIN)/mantaray study run beaufort $(ARGS)
+
+study-paper: $(VENV)/.ready-run
+	$(BIN)/mantaray study run beaufort --out runs/paper-$(STAMP)/beaufort $(ARGS)
+	$(BIN)/mantaray study run fram --out runs/paper-$(STAMP)/fram $(ARGS)
+	$(BIN)/mantaray study compare runs/paper-$(STAMP)/beaufort runs/paper-$(STAMP)/fram \
+	  --out runs/paper-$(STAMP)/comparison
+
+quick: $(VENV)/.ready-run
+	$(BIN)/mantaray study run quick $(ARGS)
+
+test: $(VENV)/.ready-test
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(VENV)/.ready-lint
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/codespell src tests docs examples benchmarks README.md CONTRIBUTING.md CHANGELOG.md Makefile
+
+bench: $(VENV)/.ready-run
+	@set -e; for script in benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script $(ARGS); done
+
+ci-full: lint quick $(VENV)/.ready-test
+	$(BIN)/python -m pytest -m "slow or not slow" $(ARGS)
+	$(BIN)/python examples/run_study.py
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find src tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/.ready-run: pyproject.toml .ci/venv
+	sh .ci/venv
+	@touch $@
+
+$(VENV)/.ready-test: pyproject.toml .ci/venv
+	sh .ci/venv test
+	@touch $@ $(VENV)/.ready-run
+
+$(VENV)/.ready-lint: pyproject.toml .ci/venv
+	sh .ci/venv lint
+	@touch $@ $(VENV)/.ready-run

@@ -1,0 +1,102 @@
+"""Entry point of `mantaray`: one line for an error that is known, a traceback for one that is not."""
+
+import signal
+import sys
+from typing import Annotated
+
+import typer
+
+import pymantaray
+from pymantaray.cli import study
+from pymantaray.errors import MantaRayError
+
+EXIT_KNOWN_ERROR = 2
+
+app = typer.Typer(
+    name="mantaray",
+    help="What the real ocean does to acoustic ranges between vehicles, and to their estimated positions.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.add_typer(study.app, name="study")
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"mantaray {pymantaray.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Take options that stand before a command."""
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """
+    Run the command line.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        In place of those of the process.
+
+    Raises
+    ------
+    SystemExit
+        With 0 for success, 2 for bad usage or a known error, 130 for Ctrl-C.
+    """
+    signal.signal(signal.SIGTERM, _stop)
+    words = sys.argv[1:] if arguments is None else arguments
+    try:
+        app(args=repeat_option(words, "--ocean"), prog_name="mantaray")
+    except (MantaRayError, FileNotFoundError, PermissionError) as error:
+        for line in str(error).splitlines():
+            typer.echo(f"error: {line}", err=True)
+        raise SystemExit(EXIT_KNOWN_ERROR) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+
+
+def repeat_option(words: list[str], option: str) -> list[str]:
+    """
+    Let an option take several values, ``--ocean a b`` for ``--ocean a --ocean b``.
+
+    Parameters
+    ----------
+    words : list of str
+        Arguments of the command line.
+    option : str
+        The option; all words after it up to the next one that starts with a dash are its values.
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
+    >>> repeat_option(["run", "quick", "--ocean", "a", "b", "--quiet"], "--ocean")
+    ['run', 'quick', '--ocean', 'a', '--ocean', 'b', '--quiet']
+    """
+    out: list[str] = []
+    taking = fresh = False
+    for word in words:
+        if word.startswith("-"):
+            taking = fresh = word == option
+            out.append(word)
+        elif taking and not fresh:
+            out.extend([option, word])
+        else:
+            fresh = False
+            out.append(word)
+    return out
+
+
+def _stop(number: int, _frame: object) -> None:
+    """Turn a request to stop into an exception, so that a half-written run is cleaned up."""
+    raise SystemExit(128 + number)

@@ -1,0 +1,107 @@
+"""Commands of `mantaray study`; what they need is imported when they run, so that help is quick."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(help="Run the paper's study, or one of your own.", no_args_is_help=True)
+
+Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
+NameOrFile = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, or a TOML file.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bars and no summary.")]
+
+
+@app.command("list")
+def list_command() -> None:
+    """Names of the presets."""
+    from pymantaray.study import list_presets
+
+    for name, description in list_presets().items():
+        typer.echo(f"{name:<10} {description}")
+
+
+@app.command()
+def show(name: Annotated[str, typer.Argument(metavar="NAME", help="A preset.")]) -> None:
+    """Print a preset with its comments."""
+    from pymantaray.study import preset_text
+
+    typer.echo(preset_text(name), nl=False)
+
+
+@app.command()
+def init(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A preset.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The copy to make.")],
+) -> None:
+    """Copy a preset into a file to edit."""
+    from pymantaray.errors import StudyError
+    from pymantaray.study import preset_text
+
+    text = preset_text(name)
+    try:
+        with file.open("x", encoding="utf-8") as copy:
+            copy.write(text)
+    except FileExistsError:
+        raise StudyError(f"{file}: exists already; give another name") from None
+    except OSError as error:
+        raise StudyError(f"{file}: cannot be written: {error.strerror}") from None
+    typer.echo(f"{file}: copied from preset {name}; edit it, then: mantaray study run {file}")
+
+
+@app.command()
+def run(
+    study: NameOrFile,
+    out: Out = None,
+    realizations: Annotated[
+        int | None, typer.Option("--realizations", help="Number of noise realizations.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Processes that solve realizations.")
+    ] = None,
+    ocean: Annotated[
+        list[Path] | None, typer.Option("--ocean", help="HYCOM files in place of the configured ocean.")
+    ] = None,
+    no_figures: Annotated[
+        bool, typer.Option("--no-figures", help="Data only: no tables and figures.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a study: data, tables and figures go into one folder."""
+    from pymantaray.cli.progress import progress_bars
+    from pymantaray.study import load_study, run_study
+
+    config = load_study(study, realizations=realizations, ocean=ocean)
+    with progress_bars(quiet=quiet) as progress:
+        results = run_study(config, out, workers=workers, progress=progress)
+        if not no_figures:
+            from pymantaray.report import write_report
+
+            write_report(results.path, progress=progress)
+    if not quiet:
+        from pymantaray.cli.summary import print_summary
+
+        print_summary(results)
+    typer.echo(str(results.path))
+
+
+@app.command()
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    second: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of another run.")],
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Set two runs side by side: tables, figures and a page in a folder of their own."""
+    from pymantaray.cli.progress import progress_bars
+    from pymantaray.report import write_comparison
+    from pymantaray.study.folder import default_out
+
+    folder = default_out("comparison") if out is None else out
+    with progress_bars(quiet=quiet) as progress:
+        page = write_comparison(first, second, folder, progress=progress)
+    if not quiet:
+        from pymantaray.cli.summary import print_tables
+
+        print_tables(folder)
+    typer.echo(str(page))

@@ -1,0 +1,236 @@
+"""Where the vehicles are: layout in plan and in depth, and the factor graph that joins them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
+from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from pymantaray.records import Observations, RayStatus, Trajectories
+from pymantaray.report.colormaps import DEPTH
+from pymantaray.report.ends import range_ends
+from pymantaray.report.labels import plain
+from pymantaray.report.style import (
+    COLUMN,
+    DOUBLE,
+    GREY,
+    INK,
+    halo,
+    new_figure,
+    panel_title,
+    styled,
+)
+
+Array = NDArray[np.float64]
+_ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down
+_SHALLOWEST = 0.05  # km; depth of the axes where nobody dives
+_MAX_VERTICES = 600  # of a chain in three dimensions, where every vertex costs
+
+
+@dataclass(frozen=True)
+class _Shades:
+    """Colour of each vehicle by its greatest depth; the ones that never dive are ink."""
+
+    colours: list[str | tuple[float, ...]]
+    mappable: ScalarMappable
+
+
+@styled
+def fleet_layout(truth: Trajectories, landmarks: tuple[NDArray[np.str_], Array], header: str) -> Figure:
+    """
+    Fleet in plan, in depth over time, and in three dimensions.
+
+    Parameters
+    ----------
+    truth : Trajectories
+        True poses.
+    landmarks : tuple of ndarray
+        Names (n,) and positions (n, 3) of the landmarks; may be empty. [m]
+    header : str
+        From `ocean_header`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Panel (a) plan with start positions and drift tracks, (b) three-dimensional with each vehicle's
+        greatest depth below its start, (c) depth against time.
+    """
+    shades = _shades(truth)
+    figure = new_figure(DOUBLE, 4.6, header, layout=None)
+    plan = figure.add_axes((0.075, 0.47, 0.40, 0.45))
+    solid = figure.add_axes((0.50, 0.40, 0.44, 0.54), projection="3d")
+    time = figure.add_axes((0.075, 0.09, 0.80, 0.24))
+    _draw_plan(plan, truth, landmarks, shades)
+    assert isinstance(solid, Axes3D)
+    _draw_solid(solid, truth, landmarks, shades)
+    _draw_depths(time, truth, shades)
+    bar = figure.colorbar(shades.mappable, cax=figure.add_axes((0.895, 0.09, 0.016, 0.24)))
+    bar.set_label("Greatest depth [m]")
+    bar.ax.invert_yaxis()
+    panel_title(plan, "a", "plan")
+    figure.text(0.55, 0.9335, "(b) start, greatest depth and track", fontsize=7.5)
+    panel_title(time, "c", "depth")
+    return figure
+
+
+@styled
+def factor_graph(truth: Trajectories, observations: Observations, header: str) -> Figure:
+    """
+    Factor graph in three dimensions: each vehicle's chain of poses coloured, ranges grey.
+
+    Parameters
+    ----------
+    truth : Trajectories
+        Gives the places of the poses.
+    observations : Observations
+        Its range table gives the edges; dropouts are left out.
+    header : str
+        From `ocean_header`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    shades = _shades(truth)
+    figure = new_figure(COLUMN, 3.1, header, layout=None)
+    axes = figure.add_axes((-0.03, 0.08, 0.96, 0.88), projection="3d")
+    assert isinstance(axes, Axes3D)
+    heard = observations.range_status == RayStatus.OK
+    edges = np.stack(range_ends(truth, observations), axis=1)[heard]
+    if len(edges):
+        alpha = float(np.clip(600 / len(edges), 0.08, 0.5))
+        lines = edges[..., _ENU] / 1e3
+        axes.add_collection3d(
+            Line3DCollection(lines, colors="#8a8a8a", linewidths=0.25, alpha=alpha, rasterized=True)
+        )
+    for path, colour in zip(truth.position / 1e3, shades.colours, strict=True):
+        _line(axes, path, color=colour, linewidth=1.3)
+    for name, start, colour in zip(truth.name, truth.position[:, 0] / 1e3, shades.colours, strict=True):
+        axes.plot(*start[_ENU, None], "o", color=colour, markersize=3.4, markeredgecolor="white", zorder=8)
+        _mark(axes, start, str(name))
+    if observations.landmark_name.size:
+        n, e, d = observations.landmark_position.T / 1e3
+        axes.plot(e, n, d, "^", color=INK, markersize=4)
+        for name, point in zip(observations.landmark_name, observations.landmark_position / 1e3, strict=True):
+            _mark(axes, point, str(name))
+    _frame(axes, np.concatenate([truth.position.reshape(-1, 3), observations.landmark_position]) / 1e3)
+    poses = truth.position.shape[0] * truth.position.shape[1]
+    figure.text(
+        0.5, 0.02, f"{poses:,} poses, {len(edges):,} range edges", ha="center", fontsize=6.5, color=GREY
+    )
+    return figure
+
+
+def _shades(truth: Trajectories) -> _Shades:
+    deepest = truth.position[:, :, 2].max(axis=1)
+    diving = deepest > 1.0
+    norm = Normalize(0.0, max(float(deepest.max()), 1.0))
+    colours = [DEPTH(norm(z)) if dives else INK for z, dives in zip(deepest, diving, strict=True)]
+    return _Shades(colours, ScalarMappable(norm, DEPTH))
+
+
+def _draw_plan(
+    axes: Axes, truth: Trajectories, landmarks: tuple[NDArray[np.str_], Array], shades: _Shades
+) -> None:
+    starts = truth.position[:, 0, :2] / 1e3
+    for path, colour in zip(truth.position[:, :, :2] / 1e3, shades.colours, strict=True):
+        axes.plot(path[:, 1], path[:, 0], color=colour, linewidth=0.9)
+    axes.scatter(starts[:, 1], starts[:, 0], c=shades.colours, s=16, edgecolors=INK, linewidths=0.5, zorder=3)
+    for name, (north, east) in zip(truth.name, starts, strict=True):
+        axes.annotate(
+            plain(str(name)),
+            (east, north),
+            (4, 4),
+            textcoords="offset points",
+            fontweight="bold",
+            path_effects=halo(),
+            zorder=4,
+        )
+    names, places = landmarks
+    axes.plot(places[:, 1] / 1e3, places[:, 0] / 1e3, "^", color=INK, markersize=4)
+    for name, place in zip(names, places / 1e3, strict=True):
+        axes.annotate(plain(str(name)), (place[1], place[0]), (4, 4), textcoords="offset points")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.12)
+    axes.set_xlabel("East [km]")
+    axes.set_ylabel("North [km]")
+
+
+def _draw_solid(
+    axes: Axes3D, truth: Trajectories, landmarks: tuple[NDArray[np.str_], Array], shades: _Shades
+) -> None:
+    deepest = truth.position[:, :, 2].max(axis=1) / 1e3
+    for i, colour in enumerate(shades.colours):
+        start = truth.position[i, 0] / 1e3
+        foot = np.array([start[0], start[1], deepest[i]])
+        _line(axes, np.stack([start, foot]), color=colour, linewidth=0.6, linestyle=":")
+        _line(axes, truth.position[i] / 1e3, color=colour, linewidth=0.7)
+        axes.plot([foot[1]], [foot[0]], [foot[2]], "o", color=colour, markersize=3.2)
+        _mark(axes, foot if deepest[i] > 1e-3 else start, str(truth.name[i]))
+    names, places = landmarks
+    for name, place in zip(names, places / 1e3, strict=True):
+        axes.plot([place[1]], [place[0]], [place[2]], "^", color=INK, markersize=4)
+        _mark(axes, place, str(name))
+    _frame(axes, np.concatenate([truth.position.reshape(-1, 3), places]) / 1e3)
+
+
+def _draw_depths(axes: Axes, truth: Trajectories, shades: _Shades) -> None:
+    hours = truth.time / 3600.0
+    for path, colour in zip(truth.position[:, :, 2], shades.colours, strict=True):
+        axes.plot(hours, path, color=colour, linewidth=0.9)
+    axes.set_ylim(
+        1.06 * max(float(truth.position[:, :, 2].max()), 1.0), -0.04 * truth.position[:, :, 2].max()
+    )
+    axes.set_xlim(hours[0], hours[-1])
+    axes.set_xlabel("Time [h]")
+    axes.set_ylabel("Depth [m]")
+
+
+def _line(axes: Axes3D, path: Array, **style: object) -> None:
+    step = max(1, -(-len(path) // _MAX_VERTICES))
+    kept = path[np.unique(np.append(np.arange(0, len(path), step), len(path) - 1))]
+    axes.plot(*kept[:, _ENU].T, **style)
+
+
+def _mark(axes: Axes3D, place: Array, name: str) -> None:
+    east, north, depth = place[_ENU]
+    axes.text(
+        east,
+        north,
+        depth,
+        f" {plain(name)}",
+        fontsize=6.5,
+        fontweight="bold",
+        color=INK,
+        zorder=9,
+        path_effects=halo(),
+    )
+
+
+def _frame(axes: Axes3D, points: Array) -> None:
+    """Axes around all points, depth downward, north and east at one scale."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    span = np.maximum(1.08 * (high - low), [0.5 * (high - low)[:2].max()] * 2 + [1e-3])
+    span[:2] = np.maximum(span[:2], 1e-2)
+    middle = 0.5 * (low + high)
+    axes.set_xlim(middle[1] - 0.5 * span[1], middle[1] + 0.5 * span[1])
+    axes.set_ylim(middle[0] - 0.5 * span[0], middle[0] + 0.5 * span[0])
+    axes.set_zlim(max(float(high[2]), _SHALLOWEST) * 1.02, 0.0)
+    widest = span[:2].max()
+    axes.set_box_aspect((span[1] / widest, span[0] / widest, 0.55), zoom=1.12)
+    axes.view_init(elev=22.0, azim=-58.0)
+    axes.tick_params(pad=-2.5, labelsize=6.0)
+    axes.zaxis.set_tick_params(pad=-1.0)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.labelpad = -7.0
+        axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
+    for axis, share in zip("xyz", (*span[[1, 0]] / widest, 1.0), strict=True):
+        axes.locator_params(axis=axis, nbins=max(2, round(5 * share)))
+    axes.set_xlabel("East [km]")
+    axes.set_ylabel("North [km]")
+    axes.set_zlabel("Depth [km]")

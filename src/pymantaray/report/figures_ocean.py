@@ -1,0 +1,166 @@
+"""Pictures of the water: sound-speed profiles of one or more regions, and rays through one section."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from pymantaray.report.colormaps import SOUND_SPEED
+from pymantaray.report.labels import plain, short
+from pymantaray.report.style import (
+    BLUE,
+    COLUMN,
+    DOUBLE,
+    GREEN,
+    INK,
+    ORANGE,
+    PINK,
+    common_legend,
+    freeze_layout,
+    new_figure,
+    panel_title,
+    styled,
+)
+
+UPPER = 500.0
+"""Depth down to which the upper panel of the profiles goes. [m]"""
+_REGION_COLOURS = (BLUE, ORANGE, GREEN, PINK)
+_REGION_LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), "-.")
+
+
+@styled
+def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str) -> Figure:
+    """
+    Mean sound speed of each region against depth, between its least and its greatest.
+
+    Parameters
+    ----------
+    profiles : sequence of tuple of str and xarray.Dataset
+        Name of each region and its `pymantaray.ocean.sound_speed_profile_spread`.
+    header : str
+        From `ocean_header`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        All depths on the left, the upper 500 m on the right.
+    """
+    figure = new_figure(COLUMN, 3.0, header)
+    whole, upper = figure.subplots(1, 2)
+    deepest = 0.0
+    for i, (name, profile) in enumerate(profiles):
+        wet = profile["count"].values > 0
+        depth, mean, low, high = (profile[key].values[wet] for key in ("depth", "mean", "min", "max"))
+        deepest = max(deepest, float(depth.max(initial=0.0)))
+        colour, line = _REGION_COLOURS[i % 4], _REGION_LINES[i % 4]
+        for axes in (whole, upper):
+            axes.fill_betweenx(depth, low, high, color=colour, alpha=0.22, linewidth=0.0)
+            axes.plot(mean, depth, color=colour, linestyle=line, label=plain(short(name)))
+    limit = min(UPPER, deepest) or 1.0
+    whole.set_ylim(deepest or 1.0, 0.0)
+    upper.set_ylim(limit, 0.0)
+    _fit_speed_axis(upper, [profile for _, profile in profiles], limit)
+    whole.set_ylabel("Depth [m]")
+    for axes, letter, text in ((whole, "a", "all depths"), (upper, "b", f"upper {limit:.0f} m")):
+        panel_title(axes, letter, text)
+        axes.set_xlabel("Sound speed [m/s]")
+        axes.locator_params(axis="x", nbins=4)
+    if len(profiles) > 1:
+        whole.legend(loc="lower left", handlelength=2.2, borderaxespad=0.2)
+    return figure
+
+
+@styled
+def ray_picture(picture: xr.Dataset, header: str) -> Figure:
+    """
+    Vertical section along one link: sound speed, sea bed, a fan of rays, eigenrays and the chord.
+
+    Parameters
+    ----------
+    picture : xarray.Dataset
+        From `pymantaray.acoustics.rays.ray_picture`; attributes ``source``, ``receiver`` and ``time_h``
+        name the link where they are given.
+    header : str
+        From `ocean_header`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        States its vertical exaggeration.
+    """
+    figure = new_figure(DOUBLE, 3.0, header)
+    axes = figure.subplots()
+    axes.grid(visible=False)
+    km = picture["range"].values / 1e3
+    depth, floor = picture["depth"].values, picture["sea_floor_depth"].values
+    speed = np.where(depth[:, None] <= floor, picture["sound_speed"].values.T, np.nan)
+    mesh = axes.pcolormesh(km, depth, speed, cmap=SOUND_SPEED, shading="nearest", rasterized=True)
+    figure.colorbar(mesh, ax=axes, label="Sound speed [m/s]", pad=0.015, aspect=30)
+    axes.fill_between(km, floor, max(depth[-1], floor.max()) * 2.0, color="#8d7f70", linewidth=0.0, zorder=2)
+    axes.plot(km, floor, color="#4a4038", linewidth=0.8, zorder=2)
+
+    arrives = picture["ray_arrives"].values.astype(bool)
+    for hit, x, z in zip(arrives, picture["ray_range"].values, picture["ray_depth"].values, strict=True):
+        look: dict[str, Any] = {"color": ORANGE, "linewidth": 1.8, "zorder": 4} if hit else _FAN
+        axes.plot(x / 1e3, z, **look)
+    chord, ends = picture["chord_range"].values / 1e3, picture["chord_depth"].values
+    axes.plot(chord, ends, color=INK, linestyle=(0, (4, 2)), linewidth=1.1, zorder=5)
+    axes.plot(chord, ends, "o", color="white", markeredgecolor=INK, markersize=4.5, zorder=6, clip_on=False)
+    source, receiver = (str(picture.attrs.get(key, key)) for key in ("source", "receiver"))
+    for x, z, text, side in zip(chord, ends, (source, receiver), (1, -1), strict=True):
+        axes.annotate(
+            plain(text),
+            (x, z),
+            (8 * side, 10 if z > 0.7 * depth[-1] else -10),
+            textcoords="offset points",
+            ha="left" if side > 0 else "right",
+            va="center",
+            fontweight="bold",
+            zorder=7,
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0.0},
+        )
+    axes.set_xlim(km[0], km[-1])
+    axes.set_ylim(depth[-1], depth[0])
+    axes.set_xlabel("Horizontal range [km]")
+    axes.set_ylabel("Depth [m]")
+    handles = _ray_handles(count=int(arrives.sum()), fan=bool((~arrives).any()))
+    common_legend(figure, handles, handlelength=2.4)
+    link = plain(f"{source} to {receiver}{_when(picture)}")
+    axes.set_title(link, loc="left")
+    freeze_layout(figure)  # which must be known to measure the exaggeration
+    box = axes.get_position()
+    height, width = box.height * figure.get_figheight(), box.width * figure.get_figwidth()
+    exaggeration = (height / max(depth[-1] - depth[0], 1e-9)) / (width / max((km[-1] - km[0]) * 1e3, 1e-9))
+    axes.set_title(f"{link}, vertical exaggeration {exaggeration:.2g}", loc="left")
+    return figure
+
+
+_FAN: dict[str, Any] = {"color": "#565656", "linewidth": 0.35, "alpha": 0.8, "zorder": 3}
+
+
+def _when(picture: xr.Dataset) -> str:
+    return f", {float(picture.attrs['time_h']):g} h" if "time_h" in picture.attrs else ""
+
+
+def _ray_handles(*, count: int, fan: bool) -> list[Line2D]:
+    handles = [Line2D([], [], color=INK, linestyle=(0, (4, 2)), linewidth=1.1, label="straight chord")]
+    if count:
+        text = "direct eigenray" if count == 1 else f"{count} direct eigenrays"
+        handles.insert(0, Line2D([], [], color=ORANGE, linewidth=1.8, label=text))
+    if fan:
+        handles.append(Line2D([], [], color=_FAN["color"], linewidth=0.6, label="other rays"))
+    return handles
+
+
+def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) -> None:
+    """Limit sound speed to what the panel's depths show."""
+    shown = [p.sel(depth=slice(0.0, limit)) for p in profiles]
+    low = [float(np.nanmin(p["min"].values)) for p in shown if np.isfinite(p["min"].values).any()]
+    high = [float(np.nanmax(p["max"].values)) for p in shown if np.isfinite(p["max"].values).any()]
+    if low:
+        margin = 0.05 * max(max(high) - min(low), 1.0)
+        axes.set_xlim(min(low) - margin, max(high) + margin)

@@ -1,0 +1,208 @@
+"""What refraction does to estimated positions: errors pooled by condition, and over time by vehicle."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
+
+from pymantaray.report.labels import plain, short
+from pymantaray.report.style import (
+    DOUBLE,
+    GREY,
+    HEADER_LINE,
+    INK,
+    SKY,
+    common_legend,
+    condition_style,
+    halo,
+    new_figure,
+    note,
+    panel_title,
+    styled,
+)
+
+Array = NDArray[np.float64]
+_LOG_BINS, _LINEAR_BINS = 100, 60
+_ROOF = 0.78  # share of a row's height that is drawn in; above it are the words
+_LEAST = 1e-4  # m; errors smaller than this are drawn as this
+
+
+@dataclass(frozen=True, eq=False)
+class ApePanel:
+    """
+    One column of `pooled_ape`.
+
+    Parameters
+    ----------
+    title : str
+    errors : mapping of str to ndarray
+        Errors by condition, of any shape, NaN where there is no estimate. [m]
+    log : bool
+        Logarithmic scale.
+    """
+
+    title: str
+    errors: Mapping[str, Array]
+    log: bool
+
+
+@styled
+def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
+    """
+    Distribution of the translational error, all vehicles, times and realizations pooled.
+
+    Parameters
+    ----------
+    panels : sequence of ApePanel
+        A column each; those of one scale share their bins.
+    header : str
+        From `ocean_header`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row for each condition. The mean is solid, the quartiles are dashed. A linear axis ends where
+        nearly all poses of the conditions other than odometry are shown, and says what it leaves out.
+    """
+    conditions = list(dict.fromkeys(name for panel in panels for name in panel.errors))
+    rows = max(len(conditions), 1)
+    figure = new_figure(DOUBLE, 0.85 + 0.72 * rows, header)
+    grid = figure.subplots(rows, len(panels), squeeze=False, sharex="col")
+    pooled = [
+        {name: values[np.isfinite(values)] for name, values in panel.errors.items()} for panel in panels
+    ]
+    edges = {
+        log: _ape_edges([p for p, panel in zip(pooled, panels, strict=True) if panel.log == log], log=log)
+        for log in {panel.log for panel in panels}
+    }
+    for c, (panel, values) in enumerate(zip(panels, pooled, strict=True)):
+        panel_title(grid[0, c], "abcdefgh"[c], plain(short(panel.title)))
+        grid[-1, c].set_xlabel("Absolute position error [m]")
+        for axes, name in zip(grid[:, c], conditions, strict=False):
+            _ridge(axes, values.get(name, np.empty(0)), edges[panel.log], name, log=panel.log)
+    figure.supylabel("Share of poses in a bin [%]", fontsize=7.5)
+    lines = [
+        Line2D([], [], color=INK, linewidth=1.2, label="mean"),
+        Line2D([], [], color=INK, linewidth=0.8, linestyle="--", label="quartiles"),
+    ]
+    common_legend(figure, lines)
+    return figure
+
+
+@styled
+def error_over_time(
+    time: Array,
+    names: Sequence[str],
+    errors: Mapping[str, Array],
+    fixes: NDArray[np.bool_],
+    header: str,
+) -> Figure:
+    """
+    Position error of every vehicle over time: median over the realizations, quartiles shaded.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n_time,)
+        [s]
+    names : sequence of str
+        Vehicles.
+    errors : mapping of str to ndarray, shape (n_realizations, n_agents, n_time)
+        Errors by condition, NaN where there is no estimate. [m]
+    fixes : ndarray of bool, shape (n_agents, n_time)
+        Where a vehicle is at the surface with a GNSS fix.
+    header : str
+        From `ocean_header`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel for each vehicle, GNSS fixes marked below.
+    """
+    columns = min(3, max(len(names), 1))
+    rows = max(-(-len(names) // columns), 1)
+    second = 0.2 if len(errors) + 1 > HEADER_LINE else 0.0  # room for a legend below the header [in]
+    width, height = DOUBLE, 0.8 + second + (1.2 if columns > 1 else 2.2) * rows
+    figure = new_figure(width, height, header, layout=None)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    figure.subplots_adjust(
+        left=0.55 / width,
+        right=1.0 - 0.18 / width,
+        bottom=0.45 / height,
+        top=1.0 - (0.42 + second) / height,
+        wspace=0.07,
+        hspace=0.38,
+    )
+    hours = time / 3600.0
+    for name, values in errors.items():
+        whole = values[np.isfinite(values).all(axis=(1, 2))]
+        if not len(whole):
+            continue
+        low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _LEAST)
+        colour, _ = condition_style(name)
+        for i, axes in enumerate(grid.flat[: len(names)]):
+            axes.fill_between(hours, low[i], high[i], color=colour, alpha=0.25, linewidth=0.0)
+            axes.plot(hours, middle[i], color=colour, linewidth=0.9)
+    for i, axes in enumerate(grid.flat):
+        if i >= len(names):
+            axes.set_visible(False)
+            continue
+        axes.set_yscale("log")
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.set_xlim(hours[0], hours[-1])
+        axes.set_title(plain(names[i]), loc="left", fontweight="bold")
+        axes.vlines(
+            hours[fixes[i]], 0.0, 0.045, transform=axes.get_xaxis_transform(), color=SKY, linewidth=0.6
+        )
+        if i + columns >= len(names):
+            axes.tick_params(labelbottom=True)
+    figure.supxlabel("Time [h]", y=0.06 / height, va="bottom", fontsize=7.5)
+    figure.supylabel("Position error [m]", x=0.06 / width, ha="left", fontsize=7.5)
+    handles = [Line2D([], [], color=condition_style(n)[0], label=condition_style(n)[1]) for n in errors]
+    handles.append(Line2D([], [], color=SKY, linewidth=2.5, label="GNSS fix"))
+    common_legend(figure, handles, bbox_to_anchor=(1.0, 1.0 - (second - 0.02) / height) if second else None)
+    return figure
+
+
+def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
+    """Edges of bins that all panels of one scale share."""
+    found = [(name, values) for pool in pools for name, values in pool.items() if values.size]
+    if not found:
+        return np.geomspace(0.1, 10.0, 3) if log else np.linspace(0.0, 1.0, 3)
+    if log:
+        low = max(min(float(values.min()) for _, values in found), _LEAST)
+        high = max(max(float(values.max()) for _, values in found), 2.0 * low)
+        return np.geomspace(0.999 * low, 1.001 * high, _LOG_BINS + 1)
+    solved = [values for name, values in found if name != "odometry"] or [values for _, values in found]
+    reach = max(float(np.percentile(values, 99.9)) for values in solved)
+    return np.linspace(0.0, max(1.05 * reach, _LEAST), _LINEAR_BINS + 1)
+
+
+def _ridge(axes: Axes, values: Array, edges: Array, name: str, *, log: bool) -> None:
+    colour, label = condition_style(name)
+    axes.grid(visible=False, axis="y")
+    axes.locator_params(axis="y", nbins=3)
+    if log:
+        axes.set_xscale("log")
+    axes.set_xlim(edges[0], edges[-1])
+    place: dict[str, Any] = {"transform": axes.transAxes, "va": "top", "path_effects": halo()}
+    axes.text(0.015, 0.98, label, color=colour, fontweight="bold", **place)
+    if not values.size:
+        note(axes, "no usable solve")
+        return
+    share = 100.0 * np.histogram(np.maximum(values, edges[0]), edges)[0] / values.size
+    axes.stairs(share, edges, fill=True, color=colour, alpha=0.35, linewidth=0.0)
+    axes.stairs(share, edges, color=colour, linewidth=0.8)
+    mean = float(values.mean())
+    axes.axvline(mean, ymax=_ROOF, color=INK, linewidth=1.2)
+    for quartile in np.percentile(values, [25.0, 75.0]):
+        axes.axvline(quartile, ymax=_ROOF, color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
+    beyond = 100.0 * float(np.mean(values > edges[-1]))
+    text = f"mean {mean:.3g} m" + (f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else "")
+    axes.text(0.985, 0.98, text, color=GREY, ha="right", **place)
+    axes.set_ylim(0.0, max(float(share.max()), 1e-6) / (_ROOF - 0.04))

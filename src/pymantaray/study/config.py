@@ -1,0 +1,266 @@
+"""What a study is: strict, frozen sections whose defaults are the paper's tables."""
+
+import datetime as dt
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+Condition = Literal["odometry", "straight", "refracted", "straight-all", "no-ranges"]
+
+PositiveFloat = Annotated[float, Field(gt=0.0)]
+NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+Depth = Annotated[float, Field(ge=0.0, description="positive down [m]")]
+VehicleName = Annotated[
+    str, Field(pattern=r"^[A-KM-Z]$", description="one capital letter, L is for landmarks")
+]
+LandmarkName = Annotated[str, Field(pattern=r"^L[0-9]+$", description="L and a number")]
+
+
+class Section(BaseModel):
+    """Base of all sections: frozen, strict about types, no unknown keys, finite numbers only."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class StudySection(Section):
+    """Name, seed and size of the Monte Carlo study."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    description: str = ""
+    seed: int = Field(default=20140715, ge=0)
+    realizations: int = Field(default=25, ge=1)
+    conditions: tuple[Condition, ...] = Field(
+        default=("odometry", "straight", "refracted"), min_length=1, strict=False
+    )
+
+    @model_validator(mode="after")
+    def _no_duplicates(self) -> Self:
+        _require_unique("conditions", self.conditions)
+        return self
+
+
+class OceanSection(Section):
+    """Where the water comes from, and the centre of the local frame."""
+
+    source: tuple[str, ...] = Field(min_length=1, strict=False)
+    time: dt.datetime | None = None
+    centre_latitude_deg: float | None = Field(default=None, ge=-90.0, le=90.0)
+    centre_longitude_deg: float | None = Field(default=None, ge=-180.0, le=360.0)
+    half_extent_north: PositiveFloat | None = None
+    half_extent_east: PositiveFloat | None = None
+
+    @field_validator("source", mode="before")
+    @classmethod
+    def _one_is_enough(cls, value: object) -> object:
+        return (value,) if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.synthetic and len(self.source) > 1:
+            raise ValueError(f"a synthetic source stands alone; found {', '.join(self.source)}")
+        if (self.centre_latitude_deg is None) != (self.centre_longitude_deg is None):
+            raise ValueError("centre_latitude_deg and centre_longitude_deg must be given together")
+        if (self.half_extent_north is None) != (self.half_extent_east is None):
+            raise ValueError("half_extent_north and half_extent_east must be given together")
+        return self
+
+    @property
+    def synthetic(self) -> bool:
+        """Whether the water is made up, not read from files."""
+        return any(name.startswith("synthetic:") for name in self.source)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Input files; empty for a synthetic ocean."""
+        return () if self.synthetic else self.source
+
+    @property
+    def centre(self) -> tuple[float, float] | None:
+        """Latitude and longitude of the frame's centre, None for the middle of the data. [degrees]."""
+        if self.centre_latitude_deg is None or self.centre_longitude_deg is None:
+            return None
+        return self.centre_latitude_deg, self.centre_longitude_deg
+
+    @property
+    def half_extent(self) -> tuple[float, float] | None:
+        """Half the local window's size north and east, None for all of the data. [m]."""
+        if self.half_extent_north is None or self.half_extent_east is None:
+            return None
+        return self.half_extent_north, self.half_extent_east
+
+
+class MissionSection(Section):
+    """Durations and periods, the paper's table of mission timing."""
+
+    duration_h: PositiveFloat = 168.0
+    physics_step_s: PositiveFloat = 0.125
+    sampling_period_s: PositiveFloat = 200.0
+    ping_interval_h: PositiveFloat = 4.0
+    gnss_depth: PositiveFloat = 1.0
+
+    @model_validator(mode="after")
+    def _multiples(self) -> Self:
+        duration, ping = self.duration_h * 3600.0, self.ping_interval_h * 3600.0
+        for long_name, long, short_name, short in (
+            ("sampling_period_s", self.sampling_period_s, "physics_step_s", self.physics_step_s),
+            ("ping_interval_h", ping, "sampling_period_s", self.sampling_period_s),
+            ("duration_h", duration, "sampling_period_s", self.sampling_period_s),
+        ):
+            ratio = long / short
+            if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+                raise ValueError(
+                    f"{long_name} is {long:g} s; it must be a whole multiple of {short_name}, {short:g} s"
+                )
+        if duration < ping:
+            raise ValueError(
+                f"duration_h is {duration:g} s; it must not be less than ping_interval_h, {ping:g} s"
+            )
+        return self
+
+
+class AcousticsSection(Section):
+    """How eigenrays are looked for."""
+
+    spreading_cutoff_db: PositiveFloat | Literal["off"] = 15.0
+    interpolation: Literal["smooth", "linear"] = "smooth"
+
+    @property
+    def cutoff_db(self) -> float | None:
+        """The spreading cut-off as `find_eigenrays` takes it, None for off. [dB]."""
+        return None if self.spreading_cutoff_db == "off" else float(self.spreading_cutoff_db)
+
+
+class NoiseSection(Section):
+    """Standard deviations, the paper's table of noise levels; those it leaves open are in record 0001."""
+
+    range_sigma: PositiveFloat = 1.0
+    depth_sigma: PositiveFloat = 0.01
+    gnss_sigma: PositiveFloat = 0.10
+    odometry_rotation_fraction: NonNegativeFloat = 1e-6
+    odometry_rotation_drift: PositiveFloat = 5e-7
+    odometry_xy_fraction: NonNegativeFloat = 0.05
+    odometry_z_fraction: NonNegativeFloat = 0.001
+    odometry_translation_drift: PositiveFloat = 0.0125
+    first_position_sigma: PositiveFloat = 0.10
+    first_rotation_sigma: PositiveFloat = 1e-4
+    landmark_sigma: PositiveFloat = 0.10
+
+
+class FloatSection(Section):
+    """What all floats share unless a vehicle says otherwise."""
+
+    hold_depth_h: NonNegativeFloat = 24.0
+    hold_surface_h: NonNegativeFloat = 1.0
+    vertical_speed: PositiveFloat = 0.5
+    surface_depth: Depth = 0.5
+    depth_gain: PositiveFloat = 0.1
+    arrival_tolerance: PositiveFloat = 0.1
+
+
+class _Placed(Section):
+    """A vehicle's name and starting place in the local frame."""
+
+    name: VehicleName
+    north: float
+    east: float
+    heading_deg: float = 0.0
+
+
+class FloatVehicle(_Placed):
+    """Argo-style float: sink, hold, rise, hold at the surface; drifts with the current."""
+
+    kind: Literal["float"]
+    target_depth: Depth
+    start_delay_h: NonNegativeFloat = 0.0
+    hold_depth_h: NonNegativeFloat | None = None
+    hold_surface_h: NonNegativeFloat | None = None
+    vertical_speed: PositiveFloat | None = None
+    surface_depth: Depth | None = None
+    depth_gain: PositiveFloat | None = None
+    arrival_tolerance: PositiveFloat | None = None
+
+
+class StationVehicle(_Placed):
+    """Station-keeping vehicle: stays where it is put."""
+
+    kind: Literal["station"]
+    depth: Depth = 0.5
+
+
+class TwistVehicle(_Placed):
+    """Vehicle under one constant body twist, angular velocity first. [rad/s, m/s]."""
+
+    kind: Literal["twist"]
+    depth: Depth
+    twist: tuple[float, float, float, float, float, float] = Field(strict=False)
+
+
+class WaypointVehicle(_Placed):
+    """Vehicle that follows points (north, east, depth) at limited speed and turn rate."""
+
+    kind: Literal["waypoints"]
+    depth: Depth
+    points: tuple[Annotated[tuple[float, float, Depth], Field(strict=False)], ...] = Field(
+        min_length=1, strict=False
+    )
+    speed: PositiveFloat
+    turn_rate_deg: PositiveFloat = 5.0
+    capture_radius: PositiveFloat = 20.0
+    loop: bool = False
+
+
+AnyVehicle = Annotated[
+    FloatVehicle | StationVehicle | TwistVehicle | WaypointVehicle, Field(discriminator="kind")
+]
+
+
+class FleetSection(Section):
+    """The vehicles, and what the floats among them share."""
+
+    floats: FloatSection = FloatSection()
+    vehicles: tuple[AnyVehicle, ...] = Field(min_length=1, strict=False)
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        _require_unique("vehicle names", [v.name for v in self.vehicles])
+        return self
+
+
+class LandmarkSection(Section):
+    """Fixed point whose surveyed place is known; takes part in ranging."""
+
+    name: LandmarkName
+    north: float
+    east: float
+    depth: Depth
+
+
+class EstimatorSection(Section):
+    """Where the optimizer starts from."""
+
+    initialise: Literal["truth", "dead-reckoning"] = "truth"
+
+
+class StudyConfig(Section):
+    """A whole study: everything that its results depend on, apart from the input files' content."""
+
+    study: StudySection
+    ocean: OceanSection
+    mission: MissionSection = MissionSection()
+    acoustics: AcousticsSection = AcousticsSection()
+    noise: NoiseSection = NoiseSection()
+    fleet: FleetSection
+    landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
+    estimator: EstimatorSection = EstimatorSection()
+
+    @model_validator(mode="after")
+    def _distinct_landmarks(self) -> Self:
+        _require_unique("landmark names", [m.name for m in self.landmarks])
+        return self
+
+
+def _require_unique(what: str, values: Sequence[str]) -> None:
+    repeated = sorted({v for v in values if values.count(v) > 1})
+    if repeated:
+        raise ValueError(f"{what} must differ; found {', '.join(repeated)} more than once")

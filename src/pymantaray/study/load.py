@@ -1,0 +1,243 @@
+"""From a preset's name or a TOML file to a validated configuration, and back to text."""
+
+import difflib
+import tomllib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from pymantaray.errors import StudyError
+from pymantaray.study.config import StudyConfig
+from pymantaray.study.toml import dumps
+
+_ALLOWED = {
+    "greater_than": "greater than {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "{le:g} or less",
+    "literal_error": "{expected}",
+    "union_tag_invalid": "{expected_tags}",
+    "string_pattern_mismatch": "text that matches {pattern}",
+    "too_short": "at least {min_length} entries",
+}
+
+
+def list_presets() -> dict[str, str]:
+    """
+    Names of the presets that the package ships, each with its one-line description.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    return {name: load_study(name).study.description for name in _preset_names()}
+
+
+def preset_text(name: str) -> str:
+    """
+    TOML text of a preset, with its comments.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    StudyError
+        If there is no such preset; the message lists those there are.
+    """
+    known = _preset_names()
+    if name not in known:
+        raise StudyError(f"no preset {name!r}; there are {', '.join(known)}")
+    return (files("pymantaray.study") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def load_study(
+    name_or_file: str | Path,
+    *,
+    realizations: int | None = None,
+    ocean: Sequence[str | Path] | None = None,
+) -> StudyConfig:
+    """
+    Read and check a study's configuration.
+
+    Parameters
+    ----------
+    name_or_file : str or pathlib.Path
+        Name of a preset, or a TOML file. Ocean files named in it are relative to its folder.
+    realizations : int, optional
+        Number of realizations in place of the configured one.
+    ocean : sequence of path, optional
+        Ocean files in place of the whole configured ocean, relative to the working folder; the time is
+        the files' only one, the centre the middle of their data.
+
+    Returns
+    -------
+    StudyConfig
+
+    Raises
+    ------
+    StudyError
+        If the file is missing or not TOML, or a value is not allowed: one line per finding with the
+        file, the key, what was found and what is allowed.
+
+    Examples
+    --------
+    >>> load_study("beaufort", realizations=2).study.realizations
+    2
+    """
+    path = Path(name_or_file)
+    is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
+    if is_file:
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+            raise StudyError(f"{path}: cannot be read: {reason}") from None
+        label, folder = str(path), path.parent
+    else:
+        text, label, folder = preset_text(str(name_or_file)), str(name_or_file), None
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"{label}: not valid TOML: {error}") from None
+    if folder is not None:
+        _anchor_sources(tree, folder)
+    if realizations is not None:
+        _section(tree, "study")["realizations"] = realizations
+    if ocean is not None:
+        tree["ocean"] = {"source": [str(Path(file).absolute()) for file in ocean]}
+    return parse_study(tree, label)
+
+
+def parse_study(tree: dict[str, Any], label: str = "study") -> StudyConfig:
+    """
+    Check a configuration given as nested dictionaries.
+
+    Parameters
+    ----------
+    tree : dict
+        What `tomllib` gives for a study's file.
+    label : str
+        Name of its origin, for messages.
+
+    Returns
+    -------
+    StudyConfig
+
+    Raises
+    ------
+    StudyError
+        One line per finding.
+    """
+    try:
+        return StudyConfig.model_validate(tree)
+    except ValidationError as error:
+        findings = [dict(finding) for finding in error.errors(include_url=False)]
+        lines = [f"{label}: {_describe(finding)}" for finding in findings if not _follows(finding, findings)]
+        raise StudyError("\n".join(lines)) from None
+
+
+def study_toml(config: StudyConfig) -> str:
+    """
+    Write a resolved configuration, defaults included, as TOML that `load_study` reads back.
+
+    Parameters
+    ----------
+    config : StudyConfig
+
+    Returns
+    -------
+    str
+    """
+    return dumps(config.model_dump(mode="python"))
+
+
+def _preset_names() -> list[str]:
+    folder = files("pymantaray.study") / "presets"
+    return sorted(
+        entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")
+    )
+
+
+def _section(tree: dict[str, Any], name: str) -> dict[str, Any]:
+    section = tree.setdefault(name, {})
+    return section if isinstance(section, dict) else {}
+
+
+def _anchor_sources(tree: dict[str, Any], folder: Path) -> None:
+    """Make ocean files absolute; what is not text is left for the check to refuse."""
+
+    def anchor(source: Any) -> Any:
+        if not isinstance(source, str) or source.startswith("synthetic:"):
+            return source
+        return str((folder / source).resolve())
+
+    ocean = _section(tree, "ocean")
+    source = ocean.get("source")
+    if isinstance(source, list):
+        ocean["source"] = [anchor(entry) for entry in source]
+    elif source is not None:
+        ocean["source"] = anchor(source)
+
+
+def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
+    """Whether a list only seems too short because its entries were refused, which is said already."""
+    location = finding["loc"]
+    return finding["type"] == "too_short" and any(
+        len(other["loc"]) > len(location) and other["loc"][: len(location)] == location for other in findings
+    )
+
+
+def _describe(finding: dict[str, Any]) -> str:
+    kind, location, context = finding["type"], finding["loc"], finding.get("ctx", {})
+    model, where = _walk(location[:-1] if kind == "extra_forbidden" else location)
+    if kind == "extra_forbidden":
+        known = sorted(model.model_fields) if model else []
+        close = difflib.get_close_matches(str(location[-1]), known, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        prefix = f"{where}." if where else ""
+        return f"{prefix}{location[-1]}: unknown key; {hint}allowed: {', '.join(known)}"
+    if kind == "missing":
+        return f"{where}: missing; it has no default"
+    if kind == "value_error":
+        return f"{where}: {context['error']}"
+    found = finding.get("input")
+    allowed = _ALLOWED[kind].format(**context) if kind in _ALLOWED else finding["msg"]
+    if kind == "union_tag_invalid":
+        return f"{where}.kind: found {context['tag']!r}; allowed: {allowed}"
+    shown = (
+        f"{len(found)} entries" if kind == "too_short" and isinstance(found, list | tuple) else repr(found)
+    )
+    return f"{where}: found {shown}; allowed: {allowed}"
+
+
+def _walk(location: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, str]:
+    """Model that owns a pydantic location, and the location as a TOML path without union tags."""
+    model: type[BaseModel] | None = StudyConfig
+    options: list[type[BaseModel]] = []
+    path = ""
+    for part in location:
+        if isinstance(part, int):
+            path += f"[{part}]"
+        elif model is not None and part in model.model_fields:
+            path += f".{part}" if path else part
+            options = _models_in(model.model_fields[part].annotation)
+            model = options[0] if len(options) == 1 else None
+        else:
+            tagged = [m for m in options if part in get_args(m.model_fields["kind"].annotation)]
+            model = tagged[0] if tagged else None
+    return model, path
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models_in(argument)]

@@ -1,0 +1,159 @@
+"""What a run was made from and with: versions, seeds, checksums, timings, memory, platform."""
+
+import hashlib
+import os
+import platform
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import pymantaray
+from pymantaray.study.config import StudyConfig
+
+_PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
+
+
+class Stopwatch:
+    """Wall-clock seconds of named stages, in the order in which they were entered."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """
+        Time a block.
+
+        Parameters
+        ----------
+        name : str
+            A name met before adds up.
+
+        Yields
+        ------
+        None
+        """
+        start = perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
+
+
+def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int) -> dict[str, Any]:
+    """
+    Collect what a run's results depend on and what it cost.
+
+    Parameters
+    ----------
+    config : StudyConfig
+    seconds : dict of str to float
+        Duration of each stage. [s]
+    workers : int
+        Number of processes that solved realizations.
+
+    Returns
+    -------
+    dict
+        Content of ``manifest.json``, apart from the summary of outcomes.
+    """
+    memory = peak_memory_mib()  # before git is called: a child counts as large as its parent at first
+    return {
+        "format": 1,
+        "study": config.study.name,
+        "ocean": {
+            "source": list(config.ocean.source),
+            "synthetic": config.ocean.synthetic,
+            "sha256": {file: sha256(Path(file)) for file in config.ocean.files},
+        },
+        "random": {
+            "seed": config.study.seed,
+            "realizations": config.study.realizations,
+            "generator": "PCG64, one stream a realization, vehicle and sensor, by name",
+        },
+        "versions": {
+            "pymantaray": pymantaray.__version__,
+            "git_commit": git_commit(),
+            "python": platform.python_version(),
+            **{name: _version(name) for name in _PACKAGES},
+        },
+        "machine": {
+            "platform": platform.platform(),
+            "processor": platform.machine(),
+            "cores": os.cpu_count(),
+            "workers": workers,
+        },
+        "seconds": {name: round(value, 3) for name, value in seconds.items()},
+        "peak_memory_mib": memory,
+    }
+
+
+def sha256(path: Path) -> str:
+    """
+    Checksum of a file's content.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def git_commit() -> str | None:
+    """
+    Commit of the checkout that the package runs from.
+
+    Returns
+    -------
+    str or None
+        With ``-dirty`` if tracked files differ from it; None for an installed copy or without git.
+    """
+    root = Path(__file__).resolve().parents[3]
+    if not (root / ".git").exists():
+        return None
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def peak_memory_mib() -> dict[str, float]:
+    """
+    Largest resident memory so far of this process and of the largest finished worker.
+
+    Returns
+    -------
+    dict of str to float
+        Keys ``main`` and ``largest_worker``. [MiB]
+    """
+    unit = 2.0**20 if sys.platform == "darwin" else 2.0**10  # bytes on macOS, KiB on Linux
+    return {
+        "main": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1),
+        "largest_worker": round(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / unit, 1),
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,123 @@
+"""A whole study: mission, realizations, and everything on disk."""
+
+import os
+from pathlib import Path
+
+from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, collect_estimates, write_pyfg
+from pymantaray.records import Estimates
+from pymantaray.records.base import write_netcdf
+from pymantaray.sensing import perturb
+from pymantaray.study import store
+from pymantaray.study.config import StudyConfig
+from pymantaray.study.folder import RUNS, default_out, point_latest_at, staged_folder
+from pymantaray.study.load import study_toml
+from pymantaray.study.manifest import Stopwatch, describe_run
+from pymantaray.study.mission import Mission, Progress, simulate_mission
+from pymantaray.study.outcome import summarize
+from pymantaray.study.store import Run, open_run
+from pymantaray.study.workers import refuse_unguarded_scripts, solve_realizations
+
+
+def run_study(
+    config: StudyConfig,
+    out: str | Path | None = None,
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """
+    Run a study and write its data.
+
+    Parameters
+    ----------
+    config : StudyConfig
+        From `load_study`.
+    out : str or pathlib.Path, optional
+        Folder for the results, new or empty. By default a dated one in ``runs``, to which ``runs/latest``
+        then points.
+    workers : int, optional
+        Processes that solve realizations; by default one a core, at most one a realization. The results
+        do not depend on it.
+    progress : callable, optional
+        Called with the name of a stage, the parts done and the parts there are.
+
+    Returns
+    -------
+    Run
+        The results, read from ``out`` when asked for; `pymantaray.report.write_report` adds tables and
+        figures.
+
+    Raises
+    ------
+    MantaRayError
+        If the folder is not free or the configuration cannot be realized; nothing is left behind.
+
+    Notes
+    -----
+    With more than one worker, processes are started afresh and import the calling script again: call this
+    under ``if __name__ == "__main__":``.
+
+    Examples
+    --------
+    >>> from pymantaray.study import load_study
+    >>> run = run_study(load_study("quick"))  # doctest: +SKIP
+    """
+    refuse_unguarded_scripts()
+    folder = default_out(config.study.name) if out is None else Path(out)
+    count = config.study.realizations
+    workers = min(workers or os.cpu_count() or 1, count)
+    report = progress or _silent
+    watch = Stopwatch()
+    with staged_folder(folder) as stage:
+        mission = simulate_mission(config, watch, report)
+        with watch.stage("files"):
+            _write_mission(config, mission, stage)
+        report("realizations", 0, count)
+        with watch.stage("realizations"):
+            solutions = solve_realizations(
+                Run(stage), workers, lambda done: report("realizations", done, count)
+            )
+        report("files", 0, 1)
+        with watch.stage("files"):
+            estimates = collect_estimates(mission.observations, solutions)
+            _write_results(config, mission, estimates, stage)
+        content = describe_run(config, watch.seconds, workers=workers)
+        content["outcome"] = summarize(mission, estimates)
+        store.write_json(content, stage / store.MANIFEST)
+        report("files", 1, 1)
+    if out is None and folder.parent == RUNS:
+        point_latest_at(folder)
+    return open_run(folder)
+
+
+def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
+    (folder / store.CONFIG).write_text(study_toml(config), encoding="utf-8")
+    write_netcdf(mission.ocean.local, folder / store.OCEAN)
+    write_netcdf(mission.ocean.profile, folder / store.PROFILE)
+    mission.ocean.region.to_csv(folder / store.REGION)
+    mission.truth.save(folder / store.TRUTH)
+    mission.links.save(folder / store.LINKS)
+    mission.arrivals.save(folder / store.ARRIVALS)
+    mission.observations.save(folder / store.OBSERVATIONS)
+    if mission.picture is not None:
+        write_netcdf(mission.picture, folder / store.RAY_PICTURE)
+
+
+def _write_results(config: StudyConfig, mission: Mission, estimates: Estimates, folder: Path) -> None:
+    estimates.save(folder / store.ESTIMATES)
+    (folder / store.PYFG).mkdir()
+    noisy = perturb(mission.observations, root_seed=config.study.seed, realization=0)
+    initial = GraphValues(
+        position=mission.truth.position.reshape(-1, 3),
+        quaternion=mission.truth.quaternion.reshape(-1, 4),
+        landmark_position=mission.observations.landmark_position,
+    )
+    for name in config.study.conditions:
+        condition = CONDITIONS[name]
+        if condition.ranges is not None:
+            graph = build_graph(noisy, condition.ranges, condition.links)
+            write_pyfg(graph, folder / store.PYFG / f"realization-0-{name}.pyfg", initial=initial)
+
+
+def _silent(_stage: str, _done: int, _total: int) -> None:
+    """Report nothing."""

@@ -1,0 +1,191 @@
+"""A run on disk: which file holds what, and reading it back when it is asked for."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from pymantaray.errors import StudyError
+from pymantaray.records import Arrivals, Estimates, Observations, Trajectories
+from pymantaray.sensing import Links, perturb
+from pymantaray.study.config import StudyConfig
+from pymantaray.study.load import load_study
+
+MANIFEST, CONFIG = "manifest.json", "config.toml"
+OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
+TRUTH, LINKS, ARRIVALS = "truth.nc", "links.nc", "arrivals.nc"
+OBSERVATIONS, ESTIMATES = "observations.nc", "estimates.nc"
+RAY_PICTURE = "ray_picture.nc"
+PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
+
+
+@dataclass(frozen=True)
+class Run:
+    """
+    Results of one study, read from its folder when first asked for.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Folder of the run.
+    """
+
+    path: Path
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """Versions, seeds, checksums, timings, memory, platform and the summary of outcomes."""
+        try:
+            content: dict[str, Any] = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise StudyError(f"{self.path / MANIFEST}: not a readable manifest: {error}") from None
+        return content
+
+    @cached_property
+    def config(self) -> StudyConfig:
+        """Resolved configuration, defaults included."""
+        return load_study(self.path / CONFIG)
+
+    @cached_property
+    def ocean(self) -> xr.Dataset:
+        """Local ocean: sound speed, currents and sea floor over (north, east, depth)."""
+        return self._dataset(OCEAN)
+
+    @cached_property
+    def profile(self) -> xr.Dataset:
+        """Mean, least and greatest sound speed of each level over the region."""
+        return self._dataset(PROFILE)
+
+    @cached_property
+    def region(self) -> pd.DataFrame:
+        """Properties of the region as in the paper's first table: one row each, one column."""
+        try:
+            return pd.read_csv(self.path / REGION, index_col=0)
+        except (OSError, ValueError) as error:
+            raise StudyError(f"{self.path / REGION}: not a readable table: {error}") from None
+
+    @cached_property
+    def truth(self) -> Trajectories:
+        """True poses of the fleet."""
+        return Trajectories.load(self.path / TRUTH)
+
+    @cached_property
+    def links(self) -> Links:
+        """Who is at either end of each link in `arrivals`, and when."""
+        return Links.load(self.path / LINKS)
+
+    @cached_property
+    def arrivals(self) -> Arrivals:
+        """Arrivals of every link that was solved, one link an unordered pair and ping."""
+        return Arrivals.load(self.path / ARRIVALS)
+
+    @cached_property
+    def observations(self) -> Observations:
+        """Measurements without noise."""
+        return Observations.load(self.path / OBSERVATIONS)
+
+    @cached_property
+    def estimates(self) -> Estimates:
+        """Estimated trajectories of all conditions and realizations, with the health of each solve."""
+        return Estimates.load(self.path / ESTIMATES)
+
+    @cached_property
+    def ray_picture(self) -> xr.Dataset:
+        """Vertical section through one link, its ray and its straight chord."""
+        return self._dataset(RAY_PICTURE)
+
+    @property
+    def synthetic(self) -> bool:
+        """Whether the ocean is a synthetic one."""
+        return self.config.ocean.synthetic
+
+    def noisy_observations(self, realization: int) -> Observations:
+        """
+        Measurements as they were in one realization, drawn again from the same streams.
+
+        Parameters
+        ----------
+        realization : int
+            Index of the realization, from 0.
+
+        Returns
+        -------
+        Observations
+
+        Raises
+        ------
+        StudyError
+            If the run has no such realization.
+        """
+        count = self.config.study.realizations
+        if not 0 <= realization < count:
+            raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
+        return perturb(self.observations, root_seed=self.config.study.seed, realization=realization)
+
+    def _dataset(self, name: str) -> xr.Dataset:
+        path = self.path / name
+        try:
+            with xr.open_dataset(path) as dataset:
+                return dataset.load()
+        except (OSError, ValueError) as error:
+            raise StudyError(f"{path}: not a readable NetCDF file: {error}") from None
+
+
+def open_run(path: str | Path) -> Run:
+    """
+    Results of a study that was run before.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        Run folder, ``runs/latest`` for the newest.
+
+    Returns
+    -------
+    Run
+        Reads each file when it is first asked for.
+
+    Raises
+    ------
+    StudyError
+        If the folder is not a run of this version's format.
+
+    Examples
+    --------
+    >>> open_run("nowhere")
+    Traceback (most recent call last):
+        ...
+    pymantaray.errors.StudyError: nowhere: not a run folder: it has no manifest.json
+    """
+    folder = Path(path)
+    if not (folder / MANIFEST).is_file():
+        raise StudyError(f"{folder}: not a run folder: it has no {MANIFEST}")
+    run = Run(folder.resolve())
+    if run.manifest.get("format") != 1:
+        raise StudyError(f"{folder}: run format {run.manifest.get('format')!r}; this version reads 1")
+    return run
+
+
+def write_json(content: dict[str, Any], path: Path) -> None:
+    """
+    Write a dictionary as indented JSON.
+
+    Parameters
+    ----------
+    content : dict
+        numpy scalars are written as numbers.
+    path : pathlib.Path
+    """
+    text = json.dumps(content, indent=2, default=_plain)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"cannot write {type(value).__name__} as JSON")

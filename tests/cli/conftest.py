@@ -1,0 +1,56 @@
+"""The command line called in process, and input files small enough to run."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pymantaray.cli.main import main
+from pymantaray.study import preset_text
+
+WINDOW = """half_extent_north = 15000.0
+half_extent_east = 15000.0
+"""
+
+
+@pytest.fixture
+def mantaray(capsys):
+    """Call `mantaray` with words; give its exit code and what it printed."""
+
+    def call(*words):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as exit_info:
+            main([str(word) for word in words])
+        printed = capsys.readouterr()
+        return SimpleNamespace(code=exit_info.value.code or 0, out=printed.out, err=printed.err)
+
+    return call
+
+
+@pytest.fixture
+def small_text():
+    """Text of a study that takes seconds: the quick preset for four hours in a small window, dead reckoning only."""
+    text = preset_text("quick")
+    for old, new in (
+        ("duration_h = 24.0", "duration_h = 4.0"),
+        ("realizations = 3", "realizations = 1"),
+        ('conditions = ["odometry", "straight", "refracted"]', 'conditions = ["odometry", "straight"]'),
+        ("centre_longitude_deg = -140.0\n", "centre_longitude_deg = -140.0\n" + WINDOW),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+@pytest.fixture(scope="session")
+def ocean_file(tmp_path_factory):
+    """A small window of the synthetic Beaufort Sea as a NetCDF-3 file."""
+    from pymantaray.ocean import synthetic_ocean
+
+    ocean = synthetic_ocean("beaufort")
+    lat, lon = ocean.sizes["lat"] // 2, ocean.sizes["lon"] // 2
+    window = ocean.isel(lat=slice(lat - 8, lat + 9), lon=slice(lon - 14, lon + 15))
+    assert np.isfinite(window["salinity"].isel(depth=0)).all()
+    path = tmp_path_factory.mktemp("ocean") / "window.nc"
+    window.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+    return path

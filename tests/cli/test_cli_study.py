@@ -1,0 +1,208 @@
+"""The command `mantaray`: what it prints, what it refuses in one line, and that refusal leaves nothing behind."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+import pymantaray
+from pymantaray.cli import study as study_commands
+from pymantaray.cli.main import repeat_option
+from pymantaray.study import load_study, open_run, preset_text
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_version(mantaray):
+    done = mantaray("--version")
+    assert (done.code, done.out) == (0, f"mantaray {pymantaray.__version__}\n")
+
+
+def test_list_names_each_preset_and_show_prints_it(mantaray):
+    listed = mantaray("study", "list").out.splitlines()
+    assert [line.split()[0] for line in listed] == ["beaufort", "fram", "quick"]
+    assert mantaray("study", "show", "fram").out == preset_text("fram")
+
+
+def test_init_copies_a_preset_and_never_overwrites(mantaray, tmp_path):
+    file = tmp_path / "mine.toml"
+    assert mantaray("study", "init", "quick", file).code == 0
+    assert load_study(file) == load_study("quick")
+    file.write_text("# mine")
+    refused = mantaray("study", "init", "quick", file)
+    assert (refused.code, refused.err) == (2, f"error: {file}: exists already; give another name\n")
+    assert file.read_text() == "# mine"
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys\n"
+        "from pymantaray.cli.main import main\n"
+        "try:\n    main(['study', 'list'])\nexcept SystemExit: pass\n"
+        "print([m for m in ('numba', 'gtsam', 'xarray', 'matplotlib', 'scipy') if m in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_run_makes_the_folder_and_says_where(mantaray, small_text, tmp_path):
+    (tmp_path / "small.toml").write_text(small_text)
+    out = tmp_path / "run"
+    done = mantaray("study", "run", tmp_path / "small.toml", "--out", out, "--no-figures", "--workers", 1)
+    assert done.code == 0, done.err
+    assert done.out.splitlines()[-1] == str(out)
+    assert "synthetic" in done.out
+    assert open_run(out).config.study.name == "quick"
+
+
+def test_ocean_files_and_realizations_can_be_given(mantaray, small_text, ocean_file, tmp_path):
+    (tmp_path / "small.toml").write_text(small_text)
+    done = mantaray(
+        *("study", "run", tmp_path / "small.toml", "--ocean", ocean_file, "--realizations", 2),
+        *("--out", tmp_path / "run", "--no-figures", "--quiet", "--workers", 1),
+    )
+    assert done.code == 0, done.err
+    assert done.out == f"{tmp_path / 'run'}\n"
+    run = open_run(tmp_path / "run")
+    assert run.config.ocean.files == (str(ocean_file),)
+    assert list(run.manifest["ocean"]["sha256"]) == [str(ocean_file)]
+    assert run.estimates.realization.tolist() == [0, 1]
+
+
+@pytest.mark.slow
+def test_runs_with_reports_are_compared(mantaray, small_text, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(small_text)
+    (tmp_path / "other.toml").write_text(small_text.replace("synthetic:beaufort", "synthetic:fram"))
+    for name in ("small", "other"):
+        config = tmp_path / f"{name}.toml"
+        if name == "other":
+            text = config.read_text().replace("= 74.5", "= 78.0").replace("= -140.0", "= 0.0")
+            config.write_text(text)
+        done = mantaray("study", "run", config, "--out", tmp_path / name)
+        assert done.code == 0, done.err
+        assert (tmp_path / name / "index.html").stat().st_size > 0
+        assert any((tmp_path / name / "figures").glob("*.png"))
+    done = mantaray("study", "compare", "small", "other", "--out", "both")
+    assert done.code == 0, done.err
+    assert "Trajectory error" in done.out
+    assert "Beaufort" in done.out
+    assert (tmp_path / "both" / "index.html").exists()
+    refused = mantaray("study", "compare", "small", "other", "--out", "both")
+    assert (refused.code, len(refused.err.splitlines())) == (2, 1)
+
+
+def test_one_ocean_option_takes_several_files():
+    assert repeat_option(["run", "x", "--ocean", "a", "b", "-q", "c"], "--ocean") == [
+        "run", "x", "--ocean", "a", "--ocean", "b", "-q", "c",
+    ]  # fmt: skip
+    assert repeat_option(["--ocean"], "--ocean") == ["--ocean"]
+
+
+REPLACEMENTS = {
+    "unknown key": ("[noise]\n", "[noise]\nrange_sigm = 2.0\n", "noise.range_sigm: unknown key; did you mean range_sigma?"),
+    "negative depth": ("target_depth = 250.0", "target_depth = -250.0", "found -250.0; allowed: 0 or more"),
+    "target below the bottom": ("target_depth = 250.0", "target_depth = 6000.0", "vehicle 'G': target_depth is 6000 m deep; the sea floor"),
+    "fleet outside the ocean": ("east = 6000.0", "east = 60000.0", "vehicle 'H': the start position is at north 0, east 60000 m, outside the ocean"),
+    "no realization": ("realizations = 1", "realizations = 0", "study.realizations: found 0; allowed: 1 or more"),
+    "domain beyond the data": ("half_extent_north = 15000.0", "half_extent_north = 9e6", "does not fit into the data"),
+    "no such region": ("synthetic:beaufort", "synthetic:atlantis", "atlantis"),
+    "unknown condition": ('"straight"]', '"curved"]', "study.conditions[1]: found 'curved'; allowed: 'odometry'"),
+    "not TOML": ("[noise]", "[noise", "not valid TOML"),
+}  # fmt: skip
+
+
+def check_refusal(done, expected, tmp_path, left):
+    assert done.code == 2
+    assert done.out == ""
+    assert len(done.err.splitlines()) == 1, done.err
+    assert done.err.startswith("error: ")
+    assert expected in done.err
+    assert names_in(tmp_path) == sorted(left)
+
+
+@pytest.mark.parametrize("fault", REPLACEMENTS)
+def test_bad_configuration_is_one_line_and_leaves_nothing(mantaray, small_text, tmp_path, fault):
+    old, new, expected = REPLACEMENTS[fault]
+    assert old in small_text
+    (tmp_path / "bad.toml").write_text(small_text.replace(old, new, 1))
+    done = mantaray("study", "run", tmp_path / "bad.toml", "--out", tmp_path / "deep" / "run")
+    check_refusal(done, expected, tmp_path, ["bad.toml"])
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ("no salinity", "no salinity"),
+        ("truncated", "broken.nc: "),
+        ("missing", "no such file"),
+        ("empty", "broken.nc: "),
+    ],
+)
+def test_bad_ocean_file_is_one_line_and_leaves_nothing(
+    mantaray, small_text, ocean_file, tmp_path, fault, expected
+):
+    broken = tmp_path / "broken.nc"
+    left = ["small.toml", "broken.nc"]
+    if fault == "no salinity":
+        with xr.open_dataset(ocean_file, engine="scipy") as ocean:
+            ocean.drop_vars("salinity").to_netcdf(broken, engine="scipy", format="NETCDF3_64BIT")
+    elif fault == "truncated":
+        whole = ocean_file.read_bytes()
+        broken.write_bytes(whole[: len(whole) // 2])
+    elif fault == "empty":
+        broken.write_bytes(b"")
+    else:
+        left.remove("broken.nc")
+    (tmp_path / "small.toml").write_text(small_text)
+    done = mantaray("study", "run", tmp_path / "small.toml", "--ocean", broken, "--out", tmp_path / "run")
+    check_refusal(done, expected, tmp_path, left)
+
+
+def test_full_output_folder_is_refused_untouched(mantaray, small_text, tmp_path):
+    (tmp_path / "small.toml").write_text(small_text)
+    done = mantaray("study", "run", tmp_path / "small.toml", "--out", tmp_path)
+    check_refusal(done, "folder is not empty; give an empty or a new one", tmp_path, ["small.toml"])
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("run", "quick", "--realizations", "0"), "quick: study.realizations: found 0; allowed: 1 or more"),
+        (("run", "fast"), "no preset 'fast'; there are beaufort, fram, quick"),
+        (("run", "no.toml"), "no.toml: cannot be read: No such file or directory"),
+        (("show", "fast"), "no preset 'fast'"),
+        (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
+    ],
+)
+def test_known_errors_are_one_line(mantaray, tmp_path, monkeypatch, words, expected):
+    monkeypatch.chdir(tmp_path)
+    check_refusal(mantaray("study", *words), expected, tmp_path, [])
+
+
+def test_unknown_errors_keep_their_traceback(monkeypatch):
+    from pymantaray.cli.main import main
+
+    def fail(*_arguments, **_options):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("pymantaray.study.preset_text", fail)
+    with pytest.raises(ZeroDivisionError):
+        main(["study", "show", "quick"])
+
+
+def test_readme_and_cli_agree_on_the_commands():
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    for command in study_commands.app.registered_commands:
+        name = command.name or command.callback.__name__
+        assert f"mantaray study {name}" in readme
+
+
+def test_presets_are_valid_toml_with_a_description():
+    for name in ("beaufort", "fram", "quick"):
+        assert tomllib.loads(preset_text(name))["study"]["description"]

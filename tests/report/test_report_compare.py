@@ -1,0 +1,80 @@
+"""Two runs side by side."""
+
+import pandas as pd
+import pytest
+
+from pymantaray.errors import StudyError
+from pymantaray.report import write as write_module
+from pymantaray.report import write_comparison
+from pymantaray.report.compare import comparison_plates, comparison_tables, distinct_names
+from pymantaray.report.findings import gather
+from pymantaray.study import open_run
+
+
+@pytest.fixture(scope="module")
+def other_folder(fakes, tmp_path_factory):
+    made = fakes.Made(
+        names=("A", "B", "C"), landmarks=("L0",), lost=0.3, title="Other Sea", synthetic=0,
+        conditions=("straight", "refracted", "no-ranges"),
+    )  # fmt: skip
+    return fakes.run(tmp_path_factory.mktemp("other") / "run", made)
+
+
+def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path):
+    page = write_comparison(run_folder, other_folder, tmp_path / "both")
+    folder = tmp_path / "both"
+    assert page == folder / "index.html"
+    text = page.read_text(encoding="utf-8")
+    for name in ("sound_speed", "range_error", "ape_pooled", "ape_pooled_linear"):
+        assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
+        assert f'src="figures/{name}.png"' in text
+    assert "Test Sea and Other Sea" in text
+    assert "Test Sea: The ocean of this study is synthetic" in text
+    assert [p.name for p in tmp_path.iterdir()] == ["both"]
+
+
+def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_folder, run):
+    found = [gather(run), gather(open_run(other_folder))]
+    tables = comparison_tables(found, ["one", "other"])
+    table = tables["range_drop_category_compare"]
+    assert list(table.columns) == ["link category", "one [%]", "other [%]"]
+    assert table["link category"].iloc[-1] == "all links"
+    lost = run.observations.range_status != 0
+    assert table["one [%]"].iloc[-1] == pytest.approx(100.0 * lost.mean())
+    landmark = table.set_index("link category").loc["landmark to float"]
+    assert pd.isna(landmark["one [%]"])
+    assert landmark["other [%]"] > 0.0
+    errors = tables["ate_pooled"].set_index(["condition", "quantity"])
+    assert pd.isna(errors.loc[("odometry", "mean_m"), "other"])
+    assert errors.loc[("no-ranges", "mean_m"), "other"] > 0.0
+    assert set(tables["range_error_split"]["part"]) == {"total", "reference speed", "bending"}
+
+
+def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):
+    found = [gather(run), gather(open_run(other_folder))]
+    plates = comparison_plates(found, ["one", "other"])
+    figure = plates[0].draw()
+    assert figure.get_suptitle() == "one and other; synthetic ocean: one"
+
+
+def test_runs_of_one_region_are_told_apart_by_their_folders(run, fakes, tmp_path):
+    again = open_run(fakes.run(tmp_path / "again"))
+    assert distinct_names([run, again], ["Test Sea", "Test Sea"]) == ["run", "again"]
+    assert distinct_names([run, run], ["Test Sea", "Test Sea"]) == ["quick (1)", "quick (2)"]
+
+
+def test_a_folder_that_is_not_empty_is_refused_and_kept(run_folder, other_folder, tmp_path):
+    (tmp_path / "mine.txt").write_text("keep")
+    with pytest.raises(StudyError, match="not empty"):
+        write_comparison(run_folder, other_folder, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_a_comparison_that_fails_leaves_nothing(run_folder, other_folder, tmp_path, monkeypatch):
+    def fail(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(write_module, "save_figure", fail)
+    with pytest.raises(KeyboardInterrupt):
+        write_comparison(run_folder, other_folder, tmp_path / "deep" / "both")
+    assert list(tmp_path.iterdir()) == []

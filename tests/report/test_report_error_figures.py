@@ -1,0 +1,114 @@
+"""Figures of range and position errors: artists are read back and compared with what they were given."""
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+
+from pymantaray.records import RayStatus
+from pymantaray.report import style
+from pymantaray.report.ends import range_ends
+from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
+from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pooled_ape
+
+HEADER = "Test Sea, synthetic ocean"
+
+
+def test_histogram_counts_every_range_once_and_marks_the_mean(look, observations):
+    error = observations.refracted_range - observations.straight_range
+    found = error[np.isfinite(error)]
+    figure = look.draw(range_error_histogram([("Test Sea", error)], HEADER))
+    for axes in figure.axes:
+        counts, edges = look.steps(axes)
+        assert counts.sum() == found.size
+        np.testing.assert_array_equal(counts, np.histogram(found, edges)[0])
+        lines = look.vertical_lines(axes)
+        assert lines[style.ORANGE] == pytest.approx(found.mean())
+        assert lines[style.INK] == 0.0
+        normal = max(axes.lines, key=lambda line: len(line.get_xdata()))
+        x, y = normal.get_data()
+        area = np.trapezoid(y, x) / (edges[1] - edges[0])
+        inside = np.mean(
+            np.abs(np.random.default_rng(0).normal(found.mean(), found.std(), 100000)) < edges[-1]
+        )
+        assert area == pytest.approx(found.size * inside, rel=0.02), "the normal must enclose as many ranges"
+        assert x[np.argmax(y)] == pytest.approx(found.mean(), abs=x[1] - x[0])
+    assert f"N = {found.size:,}" in figure.axes[0].get_title(loc="left")
+    assert figure.axes[1].get_yscale() == "log"
+
+
+def test_histograms_of_two_regions_share_their_axis(look):
+    rng = np.random.default_rng(3)
+    figure = look.draw(
+        range_error_histogram([("One", rng.normal(-5, 20, 400)), ("Two", rng.normal(4, 30, 300))], "")
+    )
+    assert len(figure.axes) == 4
+    assert len({axes.get_xlim() for axes in figure.axes}) == 1
+    assert [int(look.steps(axes)[0].sum()) for axes in figure.axes] == [400, 400, 300, 300]
+
+
+def test_split_draws_each_part_against_distance(look, observations):
+    o = observations
+    chord = o.transmitter_sound_speed * o.chord_travel_time
+    reference, bending = chord - o.straight_range, o.refracted_range - chord
+    heard = np.isfinite(bending)
+    both, counts, alone = look.draw(range_error_split(o.straight_range, reference, bending, HEADER)).axes
+    for colour, part in ((style.BLUE, reference), (style.ORANGE, bending)):
+        (points,) = look.markers(both, colour)
+        np.testing.assert_array_equal(points.get_ydata(), part[heard])
+        np.testing.assert_allclose(points.get_xdata(), o.straight_range[heard] / 1e3)
+    (points,) = look.markers(alone, style.ORANGE)
+    np.testing.assert_array_equal(points.get_ydata(), bending[heard])
+    assert [int(p.get_data().values.sum()) for p in counts.patches] == [heard.sum()] * 2
+
+
+def test_dropout_map_shows_every_attempt_under_its_status(look, truth, observations):
+    ends = range_ends(truth, observations)
+    distance, depths = look.draw(dropout_map(*ends, observations.range_status, HEADER)).axes
+    shown = {line.get_label(): line for line in distance.lines}
+    counts = {s: int((observations.range_status == s).sum()) for s in RayStatus}
+    assert f"heard ({counts[RayStatus.OK]:,})" in shown
+    assert f"shadow ({counts[RayStatus.SHADOW]:,})" in shown
+    assert sum(len(line.get_xdata()) for line in shown.values()) == observations.range_status.size
+    weak = shown[f"too weak ({counts[RayStatus.WEAK]:,})"]
+    chosen = observations.range_status == RayStatus.WEAK
+    np.testing.assert_allclose(weak.get_xdata(), observations.straight_range[chosen] / 1e3)
+    assert all((line.get_xdata() <= line.get_ydata()).all() for line in depths.lines)
+
+
+def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look):
+    rng = np.random.default_rng(4)
+    ape = {"odometry": rng.gamma(4.0, 40.0, (3, 4, 500)), "straight": rng.gamma(3.0, 3.0, (3, 4, 500))}
+    ape["straight"][0] = np.nan  # a solve that failed
+    panels = [ApePanel("log", ape, log=True), ApePanel("linear", ape, log=False)]
+    figure = look.draw(pooled_ape(panels, HEADER))
+    grid = np.array(figure.axes).reshape(2, 2)
+    for row, values in zip(grid, ape.values(), strict=True):
+        found = values[np.isfinite(values)]
+        for axes in row:
+            share, edges = look.steps(axes)
+            inside = np.mean((found >= edges[0]) & (found <= edges[-1]))
+            assert share.sum() == pytest.approx(100.0 * inside)
+            lines = sorted(line.get_xdata()[0] for line in axes.lines)
+            expected = sorted([found.mean(), *np.percentile(found, [25, 75])])
+            np.testing.assert_allclose(lines, expected)
+    assert grid[0, 0].get_xscale() == "log"
+    assert grid[0, 1].get_xscale() == "linear"
+    assert grid[0, 1].get_xlim()[1] < 100.0, "the linear axis is that of the solved conditions"
+    beyond = 100.0 * np.mean(ape["odometry"] > grid[0, 1].get_xlim()[1])
+    assert f"{beyond:.0f} % beyond the axis" in look.texts(figure)
+
+
+def test_error_over_time_is_the_median_of_healthy_realizations(look, truth):
+    rng = np.random.default_rng(6)
+    values = rng.gamma(3.0, 3.0, (5, 4, truth.time.size))
+    values[2] = np.nan
+    fixes = np.zeros((4, truth.time.size), dtype=bool)
+    fixes[1, 10:20] = True
+    figure = look.draw(error_over_time(truth.time, list("ABCD"), {"straight": values}, fixes, HEADER))
+    middle = np.median(np.delete(values, 2, axis=0), axis=0)
+    for i, axes in enumerate(figure.axes[:4]):
+        (line,) = look.markers(axes, style.BLUE)
+        np.testing.assert_allclose(line.get_ydata(), middle[i])
+        np.testing.assert_allclose(line.get_xdata(), truth.time / 3600.0)
+        rug = next(c for c in axes.collections if isinstance(c, LineCollection))
+        assert len(rug.get_segments()) == fixes[i].sum()

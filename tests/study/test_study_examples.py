@@ -1,0 +1,41 @@
+"""The examples run: the real Gulf Stream from HYCOM's files, and the few lines of Python."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pymantaray.records import RayStatus, SolveStatus
+from pymantaray.study import load_study, run_study
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def test_gulf_stream_runs_on_the_real_files(tmp_path):
+    config = load_study(EXAMPLES / "gulf_stream.toml", realizations=1)
+    absent = [name for name in config.ocean.files if not Path(name).exists()]
+    if absent:
+        pytest.skip(f"real HYCOM files are absent: {', '.join(absent)}")
+    run = run_study(config, tmp_path / "run", workers=1)
+    assert not run.synthetic
+    assert run.region.loc["synthetic"].item() == "no"
+    assert set(run.manifest["ocean"]["sha256"]) == set(config.ocean.files)
+    assert run.manifest["outcome"]["stopped_vehicles"] == {}
+    right = run.estimates.condition != "refracted"
+    assert (run.estimates.solve_status[right] == SolveStatus.OK).all()
+    heard = run.observations.range_status == RayStatus.OK
+    bending = run.observations.travel_time[heard] - run.observations.chord_travel_time[heard]
+    assert bending.max() < 1e-6  # Fermat, s
+    floats = run.truth.role == "float"
+    drift = np.linalg.norm(run.truth.position[floats, -1, :2] - run.truth.position[floats, 0, :2], axis=-1)
+    assert drift.max() < 1.6 * 24 * 3600  # the strongest current of the window [m/s] for the whole mission
+
+
+@pytest.mark.slow
+def test_python_example_prints_every_condition(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(EXAMPLES / "run_study.py"), run_name="__main__")
+    printed = capsys.readouterr().out
+    for condition in load_study("quick").study.conditions:
+        assert f"{condition} " in printed

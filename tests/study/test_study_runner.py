@@ -1,0 +1,239 @@
+"""A whole small study: what is on disk is what was computed, the same whoever computes it, or nothing."""
+
+import hashlib
+import subprocess
+import sys
+import tomllib
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from pymantaray.errors import FleetError, StudyError
+from pymantaray.estimation import CONDITIONS, dead_reckon, read_pyfg
+from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
+from pymantaray.study import open_run, parse_study, run_study, runner
+from pymantaray.study.config import Condition
+from pymantaray.study.manifest import describe_run, sha256
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def same(a, b):
+    return a.to_dataset().identical(b.to_dataset())
+
+
+def test_the_configurations_conditions_are_the_estimators():
+    assert set(get_args(Condition)) == set(CONDITIONS)
+
+
+def test_run_folder_holds_every_file_and_nothing_else(tiny_run):
+    assert names_in(tiny_run.path) == [
+        "arrivals.nc", "config.toml", "estimates.nc", "links.nc", "manifest.json", "observations.nc",
+        "ocean.nc", "profile.nc", "pyfg", "ray_picture.nc", "region.csv", "truth.nc",
+    ]  # fmt: skip
+    assert names_in(tiny_run.path / "pyfg") == [
+        f"realization-0-{name}.pyfg" for name in ("refracted", "straight-all", "straight")
+    ]
+
+
+def test_opened_again_a_run_gives_the_same(tiny_run, tiny_config):
+    again = open_run(tiny_run.path)
+    assert again.config == tiny_config
+    assert same(again.estimates, tiny_run.estimates)
+    assert again.region.loc["synthetic"].item() == "yes"
+    assert again.synthetic
+
+
+def test_samples_pings_and_attempts_follow_the_mission(tiny_run):
+    time = tiny_run.truth.time
+    np.testing.assert_array_equal(time, np.arange(0, 4 * 3600 + 1, 200))
+    o = tiny_run.observations
+    assert set(time[o.range_sample]) == {3600, 7200, 10800, 14400}
+    assert o.range_status.size == 4 * 4 * (3 + 2)  # pings x transmitters x (other vehicles + landmarks)
+    assert tiny_run.manifest["outcome"]["range_attempts"] == o.range_status.size
+    assert tiny_run.manifest["outcome"]["links"]["OK"] == np.count_nonzero(o.range_status == RayStatus.OK)
+    assert tiny_run.links.sample.size == tiny_run.arrivals.status.size
+
+
+def test_solves_are_healthy_where_the_model_is_right_and_ranges_help(tiny_run):
+    e = tiny_run.estimates
+    right = e.condition != "refracted"
+    assert (e.solve_status[right] == SolveStatus.OK).all(), e.solve_status
+    error = np.linalg.norm(e.position - tiny_run.truth.position, axis=-1)
+    rmse = dict(zip(e.condition, np.sqrt((error**2).mean(axis=(1, 2, 3))), strict=True))
+    assert rmse["straight"] < rmse["no-ranges"] <= rmse["odometry"]
+
+
+def test_manifest_lists_every_solve_that_is_not_healthy(tiny_run):
+    e = tiny_run.estimates
+    listed = {
+        (u["condition"], u["realization"]): u["status"]
+        for u in tiny_run.manifest["outcome"]["unhealthy_solves"]
+    }
+    found = {
+        (str(e.condition[c]), int(e.realization[r])): SolveStatus(int(e.solve_status[c, r])).name
+        for c, r in np.ndindex(e.solve_status.shape)
+        if e.solve_status[c, r] != SolveStatus.OK
+    }
+    assert listed == found
+
+
+def test_noise_of_a_realization_can_be_drawn_again(tiny_run):
+    for realization in (0, 1):
+        position, _ = dead_reckon(tiny_run.noisy_observations(realization))
+        np.testing.assert_array_equal(position, tiny_run.estimates.position[0, realization])
+    with pytest.raises(StudyError, match="realization 2: the run has 0 to 1"):
+        tiny_run.noisy_observations(2)
+
+
+def test_pyfg_of_the_first_realization_starts_at_the_truth(tiny_run):
+    graph, values = read_pyfg(tiny_run.path / "pyfg" / "realization-0-refracted.pyfg")
+    np.testing.assert_allclose(values.position, tiny_run.truth.position.reshape(-1, 3), atol=1e-9)
+    heard = tiny_run.observations.range_status == RayStatus.OK
+    np.testing.assert_array_equal(graph.range_distance, tiny_run.noisy_observations(0).refracted_range[heard])
+
+
+def test_dead_reckoned_start_reaches_the_same_optimum(tiny_tree, tiny_run, tmp_path):
+    tiny_tree["estimator"] = {"initialise": "dead-reckoning"}
+    tiny_tree["study"]["realizations"] = 1
+    other = run_study(parse_study(tiny_tree), tmp_path / "run", workers=1).estimates
+    right = other.condition != "refracted"
+    np.testing.assert_allclose(
+        other.position[right, 0], tiny_run.estimates.position[right, 0], rtol=0, atol=1e-3
+    )
+
+
+def test_progress_counts_up_to_the_end_of_each_stage(tiny_tree, tmp_path):
+    tiny_tree["study"]["conditions"] = ["odometry"]
+    seen = []
+    run_study(parse_study(tiny_tree), tmp_path / "run", workers=1, progress=lambda *step: seen.append(step))
+    assert [s for s in seen if s[0] == "realizations"] == [("realizations", i, 2) for i in range(3)]
+    last = {stage: (done, total) for stage, done, total in seen}
+    assert list(last) == ["ocean", "fleet", "rays", "realizations", "files"]
+    assert all(done == total for done, total in last.values())
+
+
+def test_vehicle_that_leaves_stops_and_the_study_goes_on(tiny_tree, tmp_path):
+    tiny_tree["study"]["conditions"] = ["odometry", "straight"]
+    tiny_tree["fleet"]["vehicles"][3].update(twist=[0, 0, 0, 3.0, 0, 0], heading_deg=90.0)
+    run = run_study(parse_study(tiny_tree), tmp_path / "run", workers=1)
+    outcome = run.manifest["outcome"]
+    assert outcome["stopped_vehicles"]["D"]["status"] == "LEFT_DOMAIN"
+    stop = outcome["stopped_vehicles"]["D"]["time_s"]
+    assert stop == pytest.approx(12000 / 3.0, abs=400)
+    assert outcome["links"]["STOPPED"] > 0
+    assert (run.truth.status[3, run.truth.time >= stop] == VehicleStatus.LEFT_DOMAIN).all()
+
+
+@pytest.mark.parametrize("where", ["simulate_mission", "solve_realizations", "describe_run"])
+def test_failure_at_any_stage_leaves_nothing_behind(tiny_tree, tmp_path, monkeypatch, where):
+    def fail(*_arguments, **_options):
+        raise KeyboardInterrupt
+
+    tiny_tree["study"].update(conditions=["odometry"], realizations=1)
+    monkeypatch.setattr(runner, where, fail)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(parse_study(tiny_tree), tmp_path / "deep" / "run", workers=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ray_picture_is_of_a_link_that_was_heard(tiny_run):
+    picture, links, first = tiny_run.ray_picture, tiny_run.links, tiny_run.arrivals.first()
+    names = tiny_run.truth.name.tolist()
+    ends = (names.index(picture.attrs["source"]), names.index(picture.attrs["receiver"]))
+    sample = np.searchsorted(tiny_run.truth.time, picture.attrs["time_h"] * 3600.0)
+    row = (links.first == ends[0]) & (links.second == ends[1]) & (links.sample == sample)
+    assert first.status[row] == RayStatus.OK
+    between_vehicles = (links.first < len(names)) & (links.second < len(names))
+    gain = np.where(between_vehicles, first.chord_travel_time - first.travel_time, -np.inf)
+    assert gain[row] == np.nanmax(gain)
+
+
+def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypatch):
+    (tmp_path / "mine").write_text("x")
+    monkeypatch.setattr(runner, "simulate_mission", lambda *_: pytest.fail("work was begun"))
+    with pytest.raises(StudyError, match="folder is not empty"):
+        run_study(tiny_config, tmp_path)
+    assert names_in(tmp_path) == ["mine"]
+
+
+def test_default_folder_is_dated_and_latest_points_at_it(tiny_tree, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tiny_tree["study"].update(conditions=["odometry"], realizations=1)
+    run = run_study(parse_study(tiny_tree), workers=1)
+    assert run.path.parent == tmp_path / "runs"
+    assert run.path.name.startswith("tiny-2")
+    assert open_run("runs/latest").path == run.path
+
+
+def test_impossible_fleet_is_refused_by_name(tiny_tree, tmp_path):
+    tiny_tree["fleet"]["vehicles"][1]["target_depth"] = 9000.0
+    with pytest.raises(FleetError, match="vehicle 'B': target_depth is 9000 m deep; the sea floor"):
+        run_study(parse_study(tiny_tree), tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_not_a_run_is_refused(tmp_path):
+    with pytest.raises(StudyError, match=r"not a run folder: it has no manifest\.json"):
+        open_run(tmp_path)
+    (tmp_path / "manifest.json").write_text('{"format": 99}')
+    with pytest.raises(StudyError, match="run format 99; this version reads 1"):
+        open_run(tmp_path)
+
+
+def test_manifest_has_seeds_versions_and_checksums(tiny_tree, tiny_run, tmp_path):
+    manifest = tiny_run.manifest
+    assert manifest["random"]["seed"] == tiny_run.config.study.seed
+    assert manifest["versions"]["gtsam"].startswith("4.3")
+    assert set(manifest["seconds"]) == {
+        "ocean",
+        "fleet",
+        "medium",
+        "rays",
+        "picture",
+        "realizations",
+        "files",
+    }
+    assert all(value >= 0 for value in manifest["seconds"].values())
+    content = tmp_path / "a.nc"
+    content.write_bytes(b"ocean")
+    tiny_tree["ocean"]["source"] = [str(content)]
+    described = describe_run(parse_study(tiny_tree), {}, workers=1)
+    assert described["ocean"]["sha256"] == {str(content): hashlib.sha256(b"ocean").hexdigest()}
+    assert sha256(content) == hashlib.sha256(b"ocean").hexdigest()
+    assert described["ocean"]["synthetic"] is False
+
+
+@pytest.mark.slow
+def test_results_do_not_depend_on_the_number_of_workers(tiny_tree, tiny_run, tmp_path):
+    tiny_tree["study"]["realizations"] = 3
+    one = run_study(parse_study(tiny_tree), tmp_path / "one", workers=1)
+    two = run_study(parse_study(tiny_tree), tmp_path / "two", workers=2)
+    assert same(one.estimates, two.estimates)
+    assert same(one.observations, two.observations)
+    np.testing.assert_array_equal(one.estimates.position[:, :2], tiny_run.estimates.position)
+
+
+@pytest.mark.slow
+def test_script_without_a_guard_is_told_so(tmp_path, tiny_config):
+    from pymantaray.study import study_toml
+
+    (tmp_path / "tiny.toml").write_text(study_toml(tiny_config))
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from pymantaray import load_study, run_study\nrun_study(load_study('./tiny.toml'), 'out', workers=2)\n"
+    )
+    done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "a worker process ended early" in done.stderr.splitlines()[-1]
+    assert "put the call under if __name__" in done.stderr
+    assert names_in(tmp_path) == ["script.py", "tiny.toml"]
+
+
+def test_resolved_configuration_is_written_whole(tiny_run):
+    tree = tomllib.loads((tiny_run.path / "config.toml").read_text())
+    assert tree["noise"]["range_sigma"] == 1.0
+    assert tree["fleet"]["floats"]["vertical_speed"] == 0.5
