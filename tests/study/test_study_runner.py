@@ -58,10 +58,10 @@ def test_samples_pings_and_attempts_follow_the_mission(tiny_run):
     assert tiny_run.links.sample.size == tiny_run.arrivals.status.size
 
 
-def test_solves_are_healthy_where_the_model_is_right_and_ranges_help(tiny_run):
+def test_solves_are_healthy_and_ranges_help(tiny_run):
+    """Also the refracted ones, whose range errors of 100 m make the optimum repel undamped steps."""
     e = tiny_run.estimates
-    right = e.condition != "refracted"
-    assert (e.solve_status[right] == SolveStatus.OK).all(), e.solve_status
+    assert (e.solve_status == SolveStatus.OK).all(), e.solve_status
     error = np.linalg.norm(e.position - tiny_run.truth.position, axis=-1)
     rmse = dict(zip(e.condition, np.sqrt((error**2).mean(axis=(1, 2, 3))), strict=True))
     assert rmse["straight"] < rmse["no-ranges"] <= rmse["odometry"]
@@ -100,10 +100,7 @@ def test_dead_reckoned_start_reaches_the_same_optimum(tiny_tree, tiny_run, tmp_p
     tiny_tree["estimator"] = {"initialise": "dead-reckoning"}
     tiny_tree["study"]["realizations"] = 1
     other = run_study(parse_study(tiny_tree), tmp_path / "run", workers=1).estimates
-    right = other.condition != "refracted"
-    np.testing.assert_allclose(
-        other.position[right, 0], tiny_run.estimates.position[right, 0], rtol=0, atol=1e-3
-    )
+    np.testing.assert_allclose(other.position[:, 0], tiny_run.estimates.position[:, 0], rtol=0, atol=1e-3)
 
 
 def test_progress_counts_up_to_the_end_of_each_stage(tiny_tree, tmp_path):

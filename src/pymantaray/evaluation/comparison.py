@@ -48,6 +48,21 @@ def paired_interval(differences: ArrayLike, confidence: float = 0.95) -> tuple[f
     return float(d.mean()) - half, float(d.mean()) + half
 
 
+_COLUMNS = (
+    "condition",
+    "baseline",
+    "statistic",
+    "realizations",
+    "excluded",
+    "pooled_difference_m",
+    "bootstrap_low_m",
+    "bootstrap_high_m",
+    "mean_difference_m",
+    "t_low_m",
+    "t_high_m",
+)
+
+
 def comparison_table(
     truth: Trajectories,
     estimates: Estimates,
@@ -120,7 +135,7 @@ def comparison_table(
                     "t_high_m": high,
                 }
             )
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=list(_COLUMNS))
 
 
 def _differences(

@@ -18,20 +18,6 @@ from pymantaray.evaluation import (
 from pymantaray.records import Estimates, SolveStatus
 from pymantaray.study.store import Run
 
-_DIFFERENCE = [  # columns of `comparison_table`, for a run without two conditions to compare
-    "condition",
-    "baseline",
-    "statistic",
-    "realizations",
-    "excluded",
-    "pooled_difference_m",
-    "bootstrap_low_m",
-    "bootstrap_high_m",
-    "mean_difference_m",
-    "t_low_m",
-    "t_high_m",
-]
-
 
 def make_tables(run: Run) -> dict[str, pd.DataFrame]:
     """
@@ -54,10 +40,9 @@ def make_tables(run: Run) -> dict[str, pd.DataFrame]:
         If truth, observations and estimates do not fit together.
     """
     truth, observations, estimates = run.truth, run.observations, run.estimates
-    difference = comparison_table(truth, estimates, root_seed=run.config.study.seed)
     return {
         "ate_pooled": error_table(truth, estimates),
-        "ate_difference": difference if len(difference) else pd.DataFrame(columns=_DIFFERENCE),
+        "ate_difference": comparison_table(truth, estimates, root_seed=run.config.study.seed),
         "ate_per_agent": error_table(truth, estimates, by=("agent",)),
         "ate_per_realization": error_table(truth, estimates, by=("realization",)),
         "dropouts": dropout_table(observations, truth),

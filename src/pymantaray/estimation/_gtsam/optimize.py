@@ -22,8 +22,10 @@ def optimize(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> 
     Minimize the cost of a graph.
 
     Gauss-Newton runs until no variable moves by more than the tolerance. If the cost does not fall below its
-    lowest within three steps or the linear system cannot be solved, Levenberg-Marquardt takes over from the start and Gauss-Newton
-    runs again from its end: the last system solved is undamped, and proves convergence.
+    lowest within three steps or the linear system cannot be solved, Levenberg-Marquardt takes over from the
+    start; Gauss-Newton polishes its end, unless that moves away again, as it does where large residuals make
+    the optimum repel it. Either way the last system solved is undamped, and proves convergence or the want
+    of it.
 
     Parameters
     ----------
@@ -31,7 +33,7 @@ def optimize(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> 
     initial : gtsam.Values
     ordering : gtsam.Ordering
     options : SolveOptions
-        ``max_iterations`` holds for each of the three runs.
+        ``max_iterations`` holds for Gauss-Newton; damped steps may be ten times as many.
 
     Returns
     -------
@@ -45,10 +47,13 @@ def optimize(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> 
     damped, iterations = _levenberg_marquardt(graph, initial, ordering, options)
     if iterations == 0:
         return initial, replace(progress, iterations=0, final_cost=progress.initial_cost)
-    values, polished = _gauss_newton(graph, damped, ordering, options)
-    return values, replace(
-        polished, iterations=iterations + polished.iterations, initial_cost=progress.initial_cost
-    )
+    values, end = _gauss_newton(graph, damped, ordering, options)
+    if np.isnan(end.last_step) and not end.singular:
+        linear, conditionals, delta = _undamped_step(graph, damped, ordering)
+        values, end = damped, replace(end, iterations=0, final_cost=end.initial_cost)
+        if delta is not None:
+            end = _evidence(end, linear, conditionals, delta)
+    return values, replace(end, iterations=iterations + end.iterations, initial_cost=progress.initial_cost)
 
 
 def _gauss_newton(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> tuple[Any, Progress]:
@@ -57,12 +62,9 @@ def _gauss_newton(graph: Any, initial: Any, ordering: Any, options: SolveOptions
     lowest, above = cost, 0
     progress = Progress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
-        linear = graph.linearize(values)
-        try:
-            conditionals = linear.eliminateSequential(ordering)
-        except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
+        linear, conditionals, delta = _undamped_step(graph, values, ordering)
+        if delta is None:
             return values, replace(progress, singular=True, last_step=np.nan)
-        delta = conditionals.optimize()
         trial = values.retract(delta)
         trial_cost = float(graph.error(trial))
         above = 0 if trial_cost <= lowest + _RISE * (1.0 + lowest) else above + 1
@@ -77,8 +79,23 @@ def _gauss_newton(graph: Any, initial: Any, ordering: Any, options: SolveOptions
             and (_largest(delta) <= options.step_tolerance)
         ):
             break
+    return values, _evidence(progress, linear, conditionals, delta)
+
+
+def _undamped_step(graph: Any, values: Any, ordering: Any) -> tuple[Any, Any, Any]:
+    """Linear system at the values, its elimination and its solution; None for the last two if singular."""
+    linear = graph.linearize(values)
+    try:
+        conditionals = linear.eliminateSequential(ordering)
+    except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
+        return linear, None, None
+    return linear, conditionals, conditionals.optimize()
+
+
+def _evidence(progress: Progress, linear: Any, conditionals: Any, delta: Any) -> Progress:
+    """Add what the last undamped system says of convergence."""
     gradient = linear.gradientAtZero()
-    return values, replace(
+    return replace(
         progress,
         last_step=_largest(delta),
         gradient_norm=_largest(gradient),
@@ -91,9 +108,9 @@ def _levenberg_marquardt(graph: Any, initial: Any, ordering: Any, options: Solve
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setLinearSolverType("SEQUENTIAL_CHOLESKY")
     parameters.setOrdering(ordering)
-    parameters.setRelativeErrorTol(1e-8)
+    parameters.setRelativeErrorTol(0.0)  # to the last digit: Gauss-Newton may not be able to polish it
     parameters.setAbsoluteErrorTol(0.0)
-    parameters.setMaxIterations(options.max_iterations)
+    parameters.setMaxIterations(10 * options.max_iterations)
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, initial, parameters)
     try:
         return optimizer.optimize(), int(optimizer.iterations())
