@@ -48,7 +48,7 @@ def shoot_to(spline, source, receiver, launch, duration):
             method="DOP853",
             rtol=1e-12,
             atol=1e-12,
-            max_step=0.05,
+            max_step=0.01,  # the spline's third derivative jumps at every level
             events=passed,
         )
         return ray.t_events[0][0], ray.y_events[0][0]
@@ -77,19 +77,19 @@ def check(medium, source, receiver):
 
 
 def test_travel_times_agree_on_a_few_links(front, links):
-    source, receiver = links(6, 21)
+    source, receiver = links(4, 21)
     source[:, 2] += 20.0
     errors = check(front, source, receiver)
-    assert len(errors) >= 5
+    assert len(errors) >= 3
     assert errors.max() < 0.3e-6, errors
 
 
 @pytest.mark.slow
 def test_travel_times_agree_on_many_links(front, links):
-    source, receiver = links(80, 22)
+    source, receiver = links(50, 22)
     source[:, 2] += 20.0
     receiver[:, 2] += 20.0
     errors = check(front, source, receiver)
-    assert len(errors) >= 70
+    assert len(errors) >= 45
     assert errors.max() < 0.3e-6, errors
     assert np.median(errors) < 1e-8, errors
