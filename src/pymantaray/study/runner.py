@@ -17,6 +17,8 @@ from pymantaray.study.outcome import summarize
 from pymantaray.study.store import Run, open_run
 from pymantaray.study.workers import refuse_unguarded_scripts, solve_realizations
 
+_REALIZATIONS_PER_WORKER = 3
+
 
 def run_study(
     config: StudyConfig,
@@ -36,8 +38,8 @@ def run_study(
         Folder for the results, new or empty. By default a dated one in ``runs``, to which ``runs/latest``
         then points.
     workers : int, optional
-        Processes that solve realizations; by default one a core, at most one a realization. The results
-        do not depend on it.
+        Processes that solve realizations; by default one a core, at most one for every three realizations.
+        The results do not depend on it.
     progress : callable, optional
         Called with the name of a stage, the parts done and the parts there are.
 
@@ -65,7 +67,9 @@ def run_study(
     refuse_unguarded_scripts()
     folder = default_out(config.study.name) if out is None else Path(out)
     count = config.study.realizations
-    workers = min(workers or os.cpu_count() or 1, count)
+    if workers is None:  # a fresh process takes as long to start as a few short realizations to solve
+        workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
+    workers = min(workers, count)
     report = progress or _silent
     watch = Stopwatch()
     with staged_folder(folder) as stage:

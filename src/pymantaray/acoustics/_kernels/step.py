@@ -32,7 +32,7 @@ B1, B3, B4, B5, B6 = 35 / 384, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84
 E1, E3, E4, E5, E6, E7 = 71 / 57600, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40
 
 
-@inlined
+@kernel
 def derivative(s, b, k, pos, y, dy, n_eq, axis):
     """Right-hand side; False where the ray has turned across the axis.
 
