@@ -11,6 +11,7 @@ import pytest
 
 from pymantaray.errors import FleetError, StudyError
 from pymantaray.estimation import CONDITIONS, dead_reckon, read_pyfg
+from pymantaray.evaluation import trajectory_errors
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.study import open_run, parse_study, run_study, runner
 from pymantaray.study.config import Condition
@@ -234,3 +235,23 @@ def test_resolved_configuration_is_written_whole(tiny_run):
     tree = tomllib.loads((tiny_run.path / "config.toml").read_text())
     assert tree["noise"]["range_sigma"] == 1.0
     assert tree["fleet"]["floats"]["vertical_speed"] == 0.5
+
+
+def test_position_errors_of_the_run_equal_those_of_evo(tiny_run):
+    """Our APE and evo's, vehicle by vehicle, over every condition and realization of a whole study."""
+    from evo.core.metrics import APE, PoseRelation
+    from evo.core.trajectory import PoseTrajectory3D
+
+    truth, estimates = tiny_run.truth, tiny_run.estimates
+    ours = trajectory_errors(truth, estimates)
+    for c, r, a in np.ndindex(ours.shape[:3]):
+        theirs = APE(PoseRelation.translation_part)
+        theirs.process_data(
+            (
+                PoseTrajectory3D(truth.position[a], truth.quaternion[a], truth.time),
+                PoseTrajectory3D(
+                    estimates.position[c, r, a], estimates.quaternion[c, r, a].astype(float), truth.time
+                ),
+            )
+        )
+        np.testing.assert_allclose(ours[c, r, a], theirs.error, rtol=0, atol=1e-12)
