@@ -7,7 +7,7 @@ STAMP := $(shell date +%Y%m%d-%H%M%S)
 ARGS  :=
 export PYTHON
 
-.PHONY: help study study-paper quick test lint bench ci-full clean
+.PHONY: help study study-paper quick test lint bench matrix ci-full clean
 
 help:
 	@echo "make study        the paper's Beaufort Sea study at full size"
@@ -16,6 +16,7 @@ help:
 	@echo "make test         the fast tests"
 	@echo "make lint         formatting, lint, types, import contracts, spelling"
 	@echo "make bench        timings"
+	@echo "make matrix       the fast tests on Python 3.11, 3.12, 3.13 and on the oldest dependencies (needs uv)"
 	@echo "make ci-full      everything, slow tests and examples included"
 	@echo "make clean        remove .venv, caches and builds; runs/ stays"
 
@@ -43,6 +44,12 @@ lint: $(VENV)/.ready-lint
 
 bench: $(VENV)/.ready-run
 	@set -e; for script in benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script $(ARGS); done
+
+UV_TEST := uv run --quiet --isolated --no-project --with-editable . --with "pytest>=9" --with "hypothesis>=6.115" --with "evo>=1.31"
+
+matrix:
+	for version in 3.11 3.12 3.13; do $(UV_TEST) --python $$version python -m pytest $(ARGS) || exit 1; done
+	$(UV_TEST) --python 3.11 --resolution lowest-direct python -m pytest -W ignore::DeprecationWarning $(ARGS)
 
 ci-full: lint quick $(VENV)/.ready-test
 	$(BIN)/python -m pytest -m "slow or not slow" $(ARGS)

@@ -3,6 +3,7 @@
 import math
 
 from pymantaray.acoustics._kernels.compile import kernel
+from pymantaray.acoustics._kernels.cubic import cubic
 from pymantaray.acoustics._kernels.section import bilinear_weights
 
 TOUCH = 1e-6  # m; a ray this far beyond a boundary still touches it only
@@ -56,14 +57,7 @@ def clearances(path, steps, axis, n0, e0, un, ue, north, east, bathymetry, break
                 t = z_0 / (z_0 - z_1)
             else:
                 continue
-            t2 = t * t
-            t3 = t2 * t
-            w = (
-                (1 - 3 * t2 + 2 * t3) * w0
-                + (t - 2 * t2 + t3) * h * d0
-                + (3 * t2 - 2 * t3) * w1
-                + (t3 - t2) * h * d1
-            )
+            w = cubic(t, h, w0, d0, w1, d1)
             s = s0 + t * h
             r = s * cb - w * sb
             z = z_source + s * sb + w * cb

@@ -1,24 +1,12 @@
 """Cell faces of a LINEAR section as events: a step ends exactly where the ray enters the next cell."""
 
-from pymantaray.acoustics._kernels.compile import inlined, kernel
+from pymantaray.acoustics._kernels.compile import kernel
+from pymantaray.acoustics._kernels.cubic import cubic
 from pymantaray.acoustics._kernels.field import linear_full
 from pymantaray.acoustics._kernels.section import find_level
 from pymantaray.acoustics._kernels.step import step
 
 _FACE = 1e-9  # m; how close to a cell face an event has to end
-
-
-@inlined
-def _cubic(t, h, f0, d0, f1, d1):
-    """Cubic Hermite value at the fraction t of a step h."""
-    t2 = t * t
-    t3 = t2 * t
-    return (
-        (1.0 - 3.0 * t2 + 2.0 * t3) * f0
-        + (t - 2.0 * t2 + t3) * h * d0
-        + (3.0 * t2 - 2.0 * t3) * f1
-        + (t3 - t2) * h * d1
-    )
 
 
 @kernel
@@ -89,7 +77,7 @@ def crossing(s, b, k, pos, h, y, K, ynew, axis):
         lo, hi = 0.0, 1.0
         if e0 < 0.0 < e1:  # nearest in the middle
             t = extremum(h, g0, e0, g1, e1)
-            if _cubic(t, h, g0, e0, g1, e1) >= -_FACE:
+            if cubic(t, h, g0, e0, g1, e1) >= -_FACE:
                 if g1 >= -_FACE:
                     continue
                 lo = t
@@ -101,7 +89,7 @@ def crossing(s, b, k, pos, h, y, K, ynew, axis):
             lo = extremum(h, g0, e0, g1, e1)
         for _ in range(50):
             t = 0.5 * (lo + hi)
-            if _cubic(t, h, g0, e0, g1, e1) > 0.0:
+            if cubic(t, h, g0, e0, g1, e1) > 0.0:
                 lo = t
             else:
                 hi = t

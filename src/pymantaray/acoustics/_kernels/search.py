@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from pymantaray.acoustics._kernels.compile import kernel, sort_head
+from pymantaray.acoustics._kernels.cubic import cubic
 from pymantaray.acoustics._kernels.field import level_speed
 from pymantaray.acoustics._kernels.section import SMOOTH
 from pymantaray.acoustics._kernels.step import N_FAN, N_FULL
@@ -27,18 +28,6 @@ def shoot(s, angle, target, length, axis, tol, work):
     """Miss distance at the receiver's plane and its derivative; ok False where the ray does not get there."""
     ok, _, _ = trace(s, angle, 0.0, length, axis, tol, N_FAN, work.y, work.K, work.ynew, work.no_path)
     return work.y[0] - target, work.y[2], ok
-
-
-@kernel
-def _hermite_value(t, h, f0, d0, f1, d1):
-    t2 = t * t
-    t3 = t2 * t
-    return (
-        (1.0 - 3.0 * t2 + 2.0 * t3) * f0
-        + (t - 2.0 * t2 + t3) * h * d0
-        + (3.0 * t2 - 2.0 * t3) * f1
-        + (t3 - t2) * h * d1
-    )
 
 
 @kernel
@@ -62,7 +51,7 @@ def find_brackets(s, n_nodes, target, length, axis, tol, min_width, work):
         if good[i - 1] * good[i] * good[i + 1] > 0.0:
             h = nodes[i + 1] - nodes[i - 1]
             t = (nodes[i] - nodes[i - 1]) / h
-            eps[i] = abs(F[i] - _hermite_value(t, h, F[i - 1], D[i - 1], F[i + 1], D[i + 1])) / 8.0
+            eps[i] = abs(F[i] - cubic(t, h, F[i - 1], D[i - 1], F[i + 1], D[i + 1])) / 8.0
     n_found = 0
     complete = True
     for i in range(n_nodes - 1):
@@ -110,7 +99,7 @@ def find_brackets(s, n_nodes, target, length, axis, tol, min_width, work):
             if ok:
                 margin = min(margin, abs(fm))
             if ok and not (la or lb):
-                e = abs(fm - _hermite_value(0.5, h, fa, da, fb, db)) / 4.0
+                e = abs(fm - cubic(0.5, h, fa, da, fb, db)) / 4.0
             top += 1
             st[top, 0], st[top, 1], st[top, 2] = m, fm, dm
             st[top, 3], st[top, 4], st[top, 5] = b, fb, db
