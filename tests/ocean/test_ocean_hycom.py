@@ -169,6 +169,15 @@ def test_what_is_missing_is_named(tmp_path, small, gulf_stream_files):
     assert "no file given" in message_of([])
 
 
+def test_currents_of_another_day_are_missed_at_the_time_that_is_asked_for(tmp_path, small):
+    ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
+    uv = as_file(tmp_path / "uv.nc", small, times=("2020-01-02",), keep=["water_u", "water_v"])
+    message = message_of([ts, uv], time="2020-01-01")
+    assert message.startswith("ts.nc, uv.nc: no water_u and no water_v at 2020-01-01"), message
+    # a variable that no file has is named before any question of time
+    assert "no water_u and no water_v; an ocean needs" in message_of([ts, ts], time="2020-01-09")
+
+
 def test_files_that_do_not_belong_together_are_refused(tmp_path, small):
     ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
     moved = small.assign_coords(lat=small["lat"] + 0.04)

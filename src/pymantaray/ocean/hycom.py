@@ -48,6 +48,12 @@ def open_hycom(paths: Sequence[str | Path], time: str | np.datetime64 | None = N
     if not files:
         raise OceanError("ocean: no file given; name at least one NetCDF file")
     parts = [_read(path) for path in files]
+    missing = [v.name for v in VARIABLES if not any(v.name in part for part in parts)]
+    if missing:
+        raise OceanError(
+            f"{_names(files)}: no {' and no '.join(missing)}; an ocean needs water_temp, salinity, water_u and"
+            " water_v (HYCOM's ts3z and uv3z files together)"
+        )
     instant = _one_time(parts, files, time)
     found: dict[str, xr.DataArray] = {}
     for part, path in zip(parts, files, strict=True):
@@ -57,12 +63,9 @@ def open_hycom(paths: Sequence[str | Path], time: str | np.datetime64 | None = N
             if name in part and name not in found:
                 found[name] = part[name].sel(time=instant)
                 _check_same_grid(found[name], next(iter(found.values())), path)
-    missing = [v.name for v in VARIABLES if v.name not in found]
-    if missing:
-        raise OceanError(
-            f"{_names(files)}: no {' and no '.join(missing)}; an ocean needs water_temp, salinity, water_u and"
-            " water_v (HYCOM's ts3z and uv3z files together)"
-        )
+    absent = [v.name for v in VARIABLES if v.name not in found]
+    if absent:
+        raise OceanError(f"{_names(files)}: no {' and no '.join(absent)} at {instant}; choose another time")
     first = found["water_temp"]
     order, lon = _contiguous(np.asarray(first["lon"].values, dtype=float))
     try:
