@@ -17,7 +17,7 @@ help:
 	@echo "make lint         formatting, lint, types, import contracts, spelling"
 	@echo "make bench        timings"
 	@echo "make matrix       the fast tests on Python 3.11, 3.12, 3.13 and on the oldest dependencies (needs uv)"
-	@echo "make ci-full      everything, slow tests and examples included"
+	@echo "make ci-full      everything: slow tests, kernels with bounds checked, examples"
 	@echo "make clean        remove .venv, caches and builds; runs/ stays"
 
 study: $(VENV)/.ready-run
@@ -53,6 +53,9 @@ matrix:
 
 ci-full: lint quick $(VENV)/.ready-test
 	$(BIN)/python -m pytest -m "slow or not slow" $(ARGS)
+	rm -rf $(VENV)/boundscheck
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/boundscheck \
+	  $(BIN)/python -m pytest tests/acoustics tests/physics tests/fleet
 	$(BIN)/python examples/run_study.py
 
 clean:
