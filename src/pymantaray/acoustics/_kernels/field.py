@@ -172,12 +172,12 @@ def field_at(s, r, z):
     b = 0
     while b < s.n_range - 1 and r >= s.breaks[b + 1]:
         b += 1
-    n = s.depth.size
+    k = find_level(s.depth, s.lut, s.lut_scale, z)
     if z < s.depth[0]:
-        return linear_full(s, b, -1, r, z)[0]
-    if z > s.depth[n - 1]:
-        return linear_full(s, b, n - 1, r, z)[0]
-    return linear_full(s, b, find_level(s.depth, s.lut, s.lut_scale, z), r, z)[0]
+        k = -1
+    elif z > s.depth[s.depth.size - 1]:
+        k = s.depth.size - 1
+    return linear_full(s, b, k, r, z)[0]
 
 
 @kernel

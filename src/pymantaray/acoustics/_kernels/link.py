@@ -53,8 +53,8 @@ def snell_limit(s, c_source, z0, z1, horizontal):
 
 
 @kernel
-def finish(rows, i, y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb):
-    """Fill row i with the ray that ended in state y, moved by its small miss onto the receiver.
+def finish(row, y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb):
+    """Fill a result row with the ray that ended in state y, moved by its small miss onto the receiver.
 
     The travel time changes by the slowness at the receiver times the miss (Fermat) and half its rate of
     change; the slownesses by their derivatives along the variation.
@@ -62,7 +62,7 @@ def finish(rows, i, y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb):
     miss = y[0] - target
     rate = y[3] / y[2] if y[2] != 0.0 else 0.0
     p1, q1 = y[1], y[6]
-    rows[i, 0] = (y[4] - p1 * miss - q1 * y[5] + 0.5 * rate * miss * miss) / c0
+    row[0] = (y[4] - p1 * miss - q1 * y[5] + 0.5 * rate * miss * miss) / c0
     shift = miss / y[2] if y[2] != 0.0 else 0.0
     if abs(shift) < 1e-4:
         angle -= shift
@@ -75,16 +75,16 @@ def finish(rows, i, y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb):
     p0 = math.sin(angle)
     h0 = math.sqrt(max(1.0 - p0 * p0 - q * q, 0.0))
     tube = abs(y[2] / math.cos(angle) * y[7] * (h1 / n1) * h0)
-    rows[i, 3] = 10.0 * math.log10(max(tube, 1e-300) * n1 / (length * length))
-    rows[i, 4] = turns
+    row[3] = 10.0 * math.log10(max(tube, 1e-300) * n1 / (length * length))
+    row[4] = turns
     for end in range(2):
         p, side, h = (p0, q, h0) if end == 0 else (p1, q1, h1)
         along = h * cb - p * sb
         down = h * sb + p * cb
-        rows[i, 1 + end] = math.atan2(down, math.hypot(along, side))
-        rows[i, 5 + 3 * end] = (along * un - side * ue) / c0
-        rows[i, 6 + 3 * end] = (along * ue + side * un) / c0
-        rows[i, 7 + 3 * end] = down / c0
+        row[1 + end] = math.atan2(down, math.hypot(along, side))
+        row[5 + 3 * end] = (along * un - side * ue) / c0
+        row[6 + 3 * end] = (along * ue + side * un) / c0
+        row[7 + 3 * end] = down / c0
 
 
 @kernel
@@ -199,7 +199,7 @@ def solve_link(medium, bathymetry, source, receiver, cutoff_db, tol, work, info)
         if above_bottom < -TOUCH:
             blocked += 1
             continue
-        finish(rows, count, work.y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb)
+        finish(rows[count], work.y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb)
         if rows[count, 3] > cutoff_db:
             weak += 1
             continue

@@ -194,8 +194,10 @@ def fan_nodes(lo, hi, spacing, closest, s, c_source, nodes):
         nodes[i] = lo + (hi - lo) * i / (count - 1)
     n = count
     for k in range(s.depth.size):
+        c_first = 0.0
         for cell in range(s.n_range):
             c = level_speed(s, cell, k)
+            c_first = c if cell == 0 else c_first
             if c > c_source and n < nodes.size - 2:
                 angle = math.acos(c_source / c)
                 if angle < hi:
@@ -204,7 +206,7 @@ def fan_nodes(lo, hi, spacing, closest, s, c_source, nodes):
                 if -angle > lo:
                     nodes[n] = -angle
                     n += 1
-            if s.kind == SMOOTH or (cell > 0 and abs(c - level_speed(s, 0, k)) < 1e-9):
+            if s.kind == SMOOTH or (cell > 0 and abs(c - c_first) < 1e-9):
                 break
     sort_head(nodes, n)
     m = 1

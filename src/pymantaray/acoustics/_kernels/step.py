@@ -108,15 +108,13 @@ def step(s, b, k, pos, h, y, K, ynew, n_eq, axis):
 
 
 @inlined
-def _error_of(K, i):
-    """Embedded error estimate of one component, per unit step."""
-    return abs(E1 * K[0, i] + E3 * K[2, i] + E4 * K[3, i] + E5 * K[4, i] + E6 * K[5, i] + E7 * K[6, i])
-
-
-@inlined
 def step_error(h, K, n_eq, remaining):
     """Estimated displacement at the end of the ray that this step's error causes. [m]"""
-    e = _error_of(K, 0) + _error_of(K, 1) * remaining
-    if n_eq == N_FULL:
-        e += _error_of(K, 4) + _error_of(K, 5)
-    return abs(h) * e
+    total = 0.0
+    for i in range(n_eq):
+        weight = 1.0 if i == 0 or i == 4 or i == 5 else (remaining if i == 1 else 0.0)
+        if weight > 0.0:
+            total += weight * abs(
+                E1 * K[0, i] + E3 * K[2, i] + E4 * K[3, i] + E5 * K[4, i] + E6 * K[5, i] + E7 * K[6, i]
+            )
+    return abs(h) * total
