@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pymantaray.geometry import LocalFrame
     from pymantaray.ocean import open_ocean, to_local
     from pymantaray.records import Arrivals, Estimates, Observations, Trajectories
-    from pymantaray.sensing import Landmark, NoiseModel, PingSchedule, observe, perturb
+    from pymantaray.sensing import Landmark, NoiseModel, PingSchedule, perturb
     from pymantaray.study import StudyConfig, load_study, open_run, run_study
 
 __version__ = "0.1.0"
@@ -29,7 +29,7 @@ _HOME = {
     "geometry": ("LocalFrame",),
     "ocean": ("open_ocean", "to_local"),
     "records": ("Arrivals", "Estimates", "Observations", "Trajectories"),
-    "sensing": ("Landmark", "NoiseModel", "PingSchedule", "observe", "perturb"),
+    "sensing": ("Landmark", "NoiseModel", "PingSchedule", "perturb"),
     "study": ("StudyConfig", "load_study", "open_run", "run_study"),
 }
 _FOLDER_OF = {name: folder for folder, names in _HOME.items() for name in names}
@@ -56,7 +56,6 @@ __all__ = [
     "error_table",
     "find_eigenrays",
     "load_study",
-    "observe",
     "open_ocean",
     "open_run",
     "perturb",

@@ -7,7 +7,7 @@ import pytest
 
 from pymantaray.acoustics import Medium
 from pymantaray.records import RayStatus, VehicleStatus
-from pymantaray.sensing import Landmark, Links, NoiseModel, PingSchedule, measure_ranges, observe
+from pymantaray.sensing import Landmark, Links, NoiseModel, PingSchedule, assemble, measure_ranges
 
 LANDMARKS = [Landmark("L1", (900.0, -900.0, 300.0)), Landmark("L2", (-1200.0, 0.0, 250.0))]
 SCHEDULE = PingSchedule(800.0)  # samples 4, 8, 12
@@ -152,8 +152,8 @@ def test_one_vehicle_alone_ranges_nobody(make_truth):
     assert ranging.status.size == ranging.links.sample.size == 0
 
 
-def test_observe_is_measuring_and_assembling(truth, ranging, tmp_path):
-    observed = observe(truth, LANDMARKS, medium(GRADIENT), SCHEDULE, NoiseModel())
+def test_assembled_observations_hold_the_measured_ranges(truth, ranging, tmp_path):
+    observed = assemble(truth, LANDMARKS, ranging, NoiseModel())
     np.testing.assert_array_equal(observed.refracted_range, ranging.refracted_range)
     np.testing.assert_array_equal(observed.range_transmitter, ranging.attempts.transmitter)
     np.testing.assert_array_equal(observed.range_receiver, ranging.attempts.receiver)

@@ -22,7 +22,7 @@ def _check_point(owner: str, what: str, point: NDArray[np.float64], water: Water
     if depth > floor:
         raise FleetError(
             f"{owner}: {what} is {depth:g} m deep; the sea floor at north {north:g}, east {east:g} m is at"
-            f" {floor:g} m: choose a smaller depth or another place"
+            f" {floor:.9g} m: choose a smaller depth or another place"
         )
 
 

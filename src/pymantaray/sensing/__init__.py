@@ -4,7 +4,7 @@ from pymantaray.sensing.depth import measure_depth
 from pymantaray.sensing.gnss import Fixes, measure_gnss
 from pymantaray.sensing.landmarks import Landmark
 from pymantaray.sensing.noise import NoiseModel
-from pymantaray.sensing.observe import assemble, observe
+from pymantaray.sensing.observe import assemble
 from pymantaray.sensing.odometry import measure_odometry
 from pymantaray.sensing.perturb import perturb
 from pymantaray.sensing.ranging import Links, Ranging, measure_ranges
@@ -24,6 +24,5 @@ __all__ = [
     "measure_gnss",
     "measure_odometry",
     "measure_ranges",
-    "observe",
     "perturb",
 ]

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pymantaray.acoustics import Medium
 from pymantaray.records import Observations, Trajectories
 from pymantaray.sensing.depth import measure_depth
 from pymantaray.sensing.gnss import measure_gnss
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
 from pymantaray.sensing.noise import NoiseModel
 from pymantaray.sensing.odometry import measure_odometry
-from pymantaray.sensing.ranging import Ranging, measure_ranges
-from pymantaray.sensing.schedule import PingSchedule
+from pymantaray.sensing.ranging import Ranging
 
 
 def assemble(
@@ -83,44 +81,3 @@ def assemble(
         refracted_range=ranging.refracted_range,
         range_sigma=np.full(ranging.status.size, noise.range_sigma),
     )
-
-
-def observe(
-    truth: Trajectories,
-    landmarks: Sequence[Landmark],
-    medium: Medium,
-    schedule: PingSchedule,
-    noise: NoiseModel,
-    *,
-    gnss_depth: float = 1.0,
-) -> Observations:
-    """
-    Measure a mission without noise: `measure_ranges`, then `assemble`.
-
-    Parameters
-    ----------
-    truth : Trajectories
-        Where the vehicles are.
-    landmarks : sequence of Landmark
-        Fixed receivers.
-    medium : Medium
-        Sound speed and bathymetry.
-    schedule : PingSchedule
-        When the vehicles ping.
-    noise : NoiseModel
-        Fills the standard deviations; nothing is perturbed.
-    gnss_depth : float
-        A vehicle has a GNSS fix while it is shallower. [m]
-
-    Returns
-    -------
-    Observations
-        Without noise.
-
-    Raises
-    ------
-    SensingError
-        If an epoch is not a sample, a name is used twice, or the GNSS depth is negative.
-    """
-    ranging = measure_ranges(truth, landmarks, medium, schedule)
-    return assemble(truth, landmarks, ranging, noise, gnss_depth=gnss_depth)

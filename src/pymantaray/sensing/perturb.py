@@ -19,7 +19,7 @@ def perturb(observations: Observations, *, root_seed: int, realization: int) -> 
     Parameters
     ----------
     observations : Observations
-        As `observe` made them; their standard deviations are those of the noise.
+        As `assemble` made them; their standard deviations are those of the noise.
     root_seed : int
         Seed of the whole study.
     realization : int
