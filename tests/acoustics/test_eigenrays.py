@@ -76,26 +76,32 @@ def test_upward_refraction_makes_a_shadow_below_which_the_margin_is_reported():
 
 
 def test_duct_carries_several_arrivals_that_a_dense_fan_confirms():
-    """A brute-force fan of 40,001 rays brackets as many misses of sign as there are eigenrays."""
-    from pymantaray.acoustics._kernels.link import workspace
-    from pymantaray.acoustics._kernels.search import shoot
-    from pymantaray.acoustics._kernels.section import cut_section
+    """A brute-force fan of 40,001 rays brackets as many changes of sign of the miss as there are eigenrays."""
+    from pymantaray.acoustics._kernels.paths import baseline
+    from pymantaray.acoustics._kernels.search import MISS, shoot
+    from pymantaray.acoustics._kernels.trace import OPEN, Rule
+    from pymantaray.acoustics._kernels.workspace import workspace
 
     medium = uniform()
     axis_depth = 115.0
     source, receiver = np.array([0.0, 0.0, axis_depth]), np.array([9e3, 0.0, axis_depth + 20.0])
     arrivals = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None, canonical=False)
     work = workspace(medium.depth.size)
-    section = cut_section(medium.packed(), 0.0, 0.0, 1.0, 0.0, 9e3, work)
+    section, floor = baseline(medium.packed(), medium.bathymetry, source, (1.0, 0.0), 9e3, work)
+    beyond = Rule(OPEN, 0, 0, 0, 0.0)
     axis = (source[2], 1.0, 0.0, float(arrivals.source_sound_speed[0]))
     angles = np.linspace(-0.3, 0.3, 40_001)
-    miss = np.array([shoot(section, a, 20.0, 9e3, axis, 1e-3, work)[0] for a in angles])
+    miss = np.empty(angles.size)
+    for i, angle in enumerate(angles):
+        shoot(section, floor, beyond, angle, 20.0, 9e3, axis, 1e-3, work.node, work)
+        miss[i] = work.node[MISS]
     crossings = angles[:-1][np.diff(np.sign(miss)) != 0]
     wet = [a for a in crossings if np.min(np.abs(arrivals.launch_angle - a)) < 1e-4]
     assert len(arrivals.link) >= 3
     assert len(wet) == len(arrivals.link), (crossings, arrivals.launch_angle)
 
 
+@pytest.mark.filterwarnings("ignore:1 of 1 links have more eigenrays:RuntimeWarning")
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
 @settings(max_examples=40, derandomize=True, deadline=None)
 @given(
@@ -122,8 +128,10 @@ def test_any_pair_of_places_has_an_outcome(interpolation, depths, distance, bear
 def test_what_cannot_be_asked_is_one_line():
     medium = uniform()
     ends = [0.0, 0.0, 10.0], [1e3, 0.0, 10.0]
-    with pytest.raises(AcousticsError, match="only direct rays"):
-        find_eigenrays(medium, *ends, max_surface_bounces=1)
+    with pytest.raises(AcousticsError, match="max_surface_bounces: -1; a whole number from 0 to 15"):
+        find_eigenrays(medium, *ends, max_surface_bounces=-1)
+    with pytest.raises(AcousticsError, match=r"max_bottom_bounces: 1\.5; a whole number"):
+        find_eigenrays(medium, *ends, max_bottom_bounces=1.5)
     with pytest.raises(AcousticsError, match=r"source has shape \(2, 3\), receiver \(1, 3\)"):
         find_eigenrays(medium, [ends[0]] * 2, ends[1])
     with pytest.raises(AcousticsError, match=r"source: shape \(1, 2\); needs \(n_links, 3\)"):

@@ -60,6 +60,71 @@ def test_travel_time_is_reciprocal_when_both_ways_are_solved(front, links):
     assert np.array_equal(*canonical, equal_nan=True)
 
 
+def sorted_rows(arrivals, *names):
+    """Columns of the arrivals in the order of link and travel time."""
+    order = np.lexsort((arrivals.travel_time, arrivals.link))
+    return [getattr(arrivals, name)[order] for name in names]
+
+
+def test_time_reversal_exchanges_and_turns_the_angles_of_every_arrival(front, links):
+    source, receiver = links(150, 14)
+    there = find_eigenrays(front, source, receiver, canonical=False, tolerance=1e-5)
+    back = find_eigenrays(front, receiver, source, canonical=False, tolerance=1e-5)
+    counts = [np.bincount(a.link, minlength=150) for a in (there, back)]
+    same = counts[0] == counts[1]
+    assert same.sum() >= 147  # the rest at the cut-off
+    names = ("link", "travel_time", "launch_angle", "arrival_angle", "spreading_db", "turning_points")
+    one, two = ([c[same[a.link]] for c in sorted_rows(a, *names)] for a in (there, back))
+    assert np.array_equal(one[0], two[0])
+    np.testing.assert_allclose(one[1], two[1], rtol=0, atol=1e-7)
+    angle = np.concatenate([np.abs(one[2] + two[3]), np.abs(one[3] + two[2])])
+    assert np.median(angle) < 1e-8, np.median(angle)
+    assert np.percentile(angle, 98) < 1e-5, np.percentile(angle, 98)
+    assert np.percentile(np.abs(one[4] - two[4]), 98) < 0.05  # dB
+    assert np.mean(one[5] == two[5]) > 0.98
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+def test_azimuth_and_place_do_not_matter_where_the_ocean_is_uniform(interpolation, arctic):
+    medium = Medium.from_profile(*arctic, bottom_depth=3000.0, interpolation=interpolation)
+    rng = np.random.default_rng(15)
+    n = 40
+    distance, bearing = rng.uniform(300.0, 8e3, n), rng.uniform(0.0, 2 * np.pi, n)
+    z0, z1 = rng.uniform(5.0, 800.0, (2, n))
+    zero = np.zeros(n)
+    source = np.column_stack([zero, zero, z0])
+    plain = find_eigenrays(medium, source, np.column_stack([distance, zero, z1]))
+    corner = rng.uniform(-1e5, 1e5, (n, 2))
+    step = np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing)])
+    moved = find_eigenrays(medium, np.column_stack([corner, z0]), np.column_stack([corner + step, z1]))
+    assert np.array_equal(plain.link, moved.link)
+    np.testing.assert_allclose(moved.travel_time, plain.travel_time, rtol=0, atol=1e-9)
+    at = bearing[plain.link]
+    flat = plain.source_slowness[:, 0]
+    turned = np.column_stack([flat * np.cos(at), flat * np.sin(at), plain.source_slowness[:, 2]])
+    np.testing.assert_allclose(moved.source_slowness, turned, rtol=0, atol=5e-9)
+
+
+@pytest.mark.filterwarnings("ignore:.*more eigenrays:RuntimeWarning")  # coarse tolerances make rays up
+@pytest.mark.parametrize("kind", ["profile", "front"])
+def test_time_error_is_of_first_order_in_the_tolerance_or_better(kind, front, arctic, links):
+    medium = front if kind == "front" else Medium.from_profile(*arctic, bottom_depth=3000.0)
+    source, receiver = links(80, 16)
+    exact = find_eigenrays(medium, source, receiver, tolerance=1e-8)
+    tolerances = 10.0 ** -np.arange(1.0, 6.0)
+    errors = []
+    for tolerance in tolerances:
+        found = find_eigenrays(medium, source, receiver, tolerance=tolerance)
+        gap = [
+            np.min(np.abs(found.travel_time[found.link == i] - t), initial=np.inf)
+            for i, t in zip(exact.link, exact.travel_time, strict=True)
+        ]
+        errors.append(np.percentile(gap, 90))
+    order = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
+    assert order > 0.7, (order, errors)
+    assert errors[2] < 3e-8, errors  # s, at the default tolerance
+
+
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
 def test_slowness_is_the_gradient_of_travel_time(interpolation, links, front_medium):
     """Eikonal: dt/dx_receiver = slowness there, dt/dx_source = minus slowness there."""
@@ -87,7 +152,8 @@ def test_slowness_is_the_gradient_of_travel_time(interpolation, links, front_med
 def test_turning_and_shifting_the_ocean_turns_and_shifts_the_rays(front, links):
     """A quarter turn maps (north, east) to (east, -north); the axes are reversed to keep them increasing."""
     source, receiver = links(80, 6)
-    times = find_eigenrays(front, source, receiver).first().travel_time
+    plain = find_eigenrays(front, source, receiver)
+    times = plain.first().travel_time
     turned = Medium.from_grid(
         front.east + 500.0,
         -front.north[::-1] + 9000.0,
@@ -96,8 +162,16 @@ def test_turning_and_shifting_the_ocean_turns_and_shifts_the_rays(front, links):
         bathymetry=np.swapaxes(front.bathymetry, 0, 1)[:, ::-1],
     )
     ends = [np.column_stack([p[:, 1] + 500.0, 9000.0 - p[:, 0], p[:, 2]]) for p in (source, receiver)]
-    again = find_eigenrays(turned, *ends).first().travel_time
+    moved = find_eigenrays(turned, *ends)
+    again = moved.first().travel_time
     np.testing.assert_allclose(again, times, rtol=0, atol=1e-8)  # level links: another canonical end
+    slant = (source[:, 2] != receiver[:, 2])[plain.link]
+    assert np.array_equal(moved.link[(source[:, 2] != receiver[:, 2])[moved.link]], plain.link[slant])
+    for name in ("source_slowness", "receiver_slowness"):
+        old = getattr(plain, name)[slant]
+        new = getattr(moved, name)[(source[:, 2] != receiver[:, 2])[moved.link]]
+        expected = np.column_stack([old[:, 1], -old[:, 0], old[:, 2]])
+        assert np.percentile(np.abs(new - expected), 98) < 1e-9, name
 
 
 def test_result_does_not_depend_on_threads_or_on_the_other_links(front, links):
@@ -110,16 +184,11 @@ def test_result_does_not_depend_on_threads_or_on_the_other_links(front, links):
 
 
 def test_integrator_has_the_coefficients_of_dormand_and_prince():
-    mine = [
-        [step.A21],
-        [step.A31, step.A32],
-        [step.A41, step.A42, step.A43],
-        [step.A51, step.A52, step.A53, step.A54],
-        [step.A61, step.A62, step.A63, step.A64, step.A65],
-    ]
-    for row, theirs in zip(mine, RK45.A[1:], strict=True):
-        np.testing.assert_allclose(row, theirs[: len(row)], rtol=1e-15)
-    np.testing.assert_allclose([step.B1, 0.0, step.B3, step.B4, step.B5, step.B6], RK45.B, rtol=1e-15)
+    for row, theirs in zip(step.A[1:6], RK45.A[1:], strict=True):
+        np.testing.assert_allclose(row[: len(theirs)], theirs, rtol=1e-15)
+        assert not row[len(theirs) :].any()
+    np.testing.assert_allclose(step.A[6], RK45.B, rtol=1e-15)
+    np.testing.assert_allclose(step.C[:6], RK45.C, rtol=1e-15)
     np.testing.assert_allclose(
         [step.E1, 0.0, step.E3, step.E4, step.E5, step.E6, step.E7], -RK45.E, rtol=1e-13
     )

@@ -78,6 +78,11 @@ def tiny_tree():
 
 
 @pytest.fixture(scope="session")
+def make_tiny_tree():
+    return lambda: tomllib.loads(TINY)
+
+
+@pytest.fixture(scope="session")
 def tiny_config():
     return parse_study(tomllib.loads(TINY), "tiny")
 

@@ -6,7 +6,7 @@ from typing import Literal, Self
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, make_interp_spline
+from scipy.interpolate import CubicSpline, RegularGridInterpolator, make_interp_spline
 
 from pymantaray.acoustics._kernels.section import LINEAR, LUT_SIZE, SMOOTH, depth_lut
 from pymantaray.errors import AcousticsError
@@ -199,6 +199,30 @@ class Medium:
             ocean["sound_speed"].transpose("north", "east", "depth").values,
             bathymetry=ocean["sea_floor_depth"].transpose("north", "east").values,
             interpolation=interpolation,
+        )
+
+    def bottom_depth(self, position: ArrayLike) -> Array:
+        """
+        Depth of the sea bed under positions.
+
+        Parameters
+        ----------
+        position : array_like, shape (n, 2) or (n, 3)
+            North, east; a third coordinate is ignored. [m]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Bilinear between the grid points, at the edge's depth outside. [m]
+        """
+        place = np.atleast_2d(np.asarray(position, dtype=float))
+        axes = [(axis, k) for k, axis in enumerate((self.north, self.east)) if axis.size > 1]
+        inside = [np.clip(place[:, k], axis[0], axis[-1]) for axis, k in axes]
+        values = self.bathymetry.reshape([axis.size for axis, _ in axes])
+        if not axes:
+            return np.full(len(place), float(values))
+        return np.asarray(
+            RegularGridInterpolator([axis for axis, _ in axes], values)(np.stack(inside, axis=-1))
         )
 
     @property

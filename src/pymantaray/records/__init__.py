@@ -3,6 +3,7 @@
 from pymantaray.records.arrivals import Arrivals, FirstArrivals
 from pymantaray.records.estimate import Estimates
 from pymantaray.records.observations import Observations
+from pymantaray.records.ray_paths import RayPaths
 from pymantaray.records.status import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.records.trajectory import Trajectories
 
@@ -11,6 +12,7 @@ __all__ = [
     "Estimates",
     "FirstArrivals",
     "Observations",
+    "RayPaths",
     "RayStatus",
     "SolveStatus",
     "Trajectories",

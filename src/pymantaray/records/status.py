@@ -12,6 +12,7 @@ class RayStatus(IntEnum):
     OUTSIDE = 3  # an end point is outside the water or the medium's domain
     WEAK = 4  # rays exist, all of them below the spreading cut-off
     STOPPED = 5  # one of the vehicles has stopped and is silent
+    UNHEARD = 6  # an arrival exists, but by chance it was not heard (detection by the sonar equation)
 
 
 class VehicleStatus(IntEnum):

@@ -1,6 +1,8 @@
 """What the vehicles measure: noise-free observations of the truth, and the noise stage."""
 
+from pymantaray.sensing.clocks import ClockModel, Clocks
 from pymantaray.sensing.depth import measure_depth
+from pymantaray.sensing.detection import Detector, Hearing
 from pymantaray.sensing.gnss import Fixes, measure_gnss
 from pymantaray.sensing.landmarks import Landmark
 from pymantaray.sensing.noise import NoiseModel
@@ -9,15 +11,23 @@ from pymantaray.sensing.odometry import measure_odometry
 from pymantaray.sensing.perturb import perturb
 from pymantaray.sensing.ranging import Links, Ranging, measure_ranges
 from pymantaray.sensing.schedule import Attempts, PingSchedule, attempts
+from pymantaray.sensing.timing import OneWay, Timing, TwoWay
 
 __all__ = [
     "Attempts",
+    "ClockModel",
+    "Clocks",
+    "Detector",
     "Fixes",
+    "Hearing",
     "Landmark",
     "Links",
     "NoiseModel",
+    "OneWay",
     "PingSchedule",
     "Ranging",
+    "Timing",
+    "TwoWay",
     "assemble",
     "attempts",
     "measure_depth",

@@ -3,16 +3,28 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.geometry import stream
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp
 from pymantaray.records import Observations
+from pymantaray.sensing.clocks import ClockModel, Clocks, clock_error
+from pymantaray.sensing.detection import draw_unheard
+from pymantaray.sensing.timing import OneWay, Timing
 
 Array = NDArray[np.float64]
+_ONE_WAY = OneWay()
 
 
-def perturb(observations: Observations, *, root_seed: int, realization: int) -> Observations:
+def perturb(
+    observations: Observations,
+    *,
+    root_seed: int,
+    realization: int,
+    timing: Timing = _ONE_WAY,
+    clocks: ClockModel | Clocks | None = None,
+    probability: ArrayLike | None = None,
+) -> Observations:
     """
     Add one realization's noise to noise-free observations.
 
@@ -24,13 +36,25 @@ def perturb(observations: Observations, *, root_seed: int, realization: int) -> 
         Seed of the whole study.
     realization : int
         Index of the realization.
+    timing : OneWay or TwoWay
+        As the ranges were measured; clocks act by it.
+    clocks : ClockModel or Clocks, optional
+        Clocks of the vehicles, drawn anew in each realization or given. By default they are synchronous.
+    probability : array_like, shape (n_ranges,), optional
+        That an attempt with an arrival is heard. By default it is.
 
     Returns
     -------
     Observations
         Ranges, depths, GNSS fixes and landmark surveys with added Gaussian noise; odometry and
         first-pose priors with noise ``T Exp(xi)`` on the manifold. Travel times stay as they were: they
-        are the simulator's record of the ray, not a measurement.
+        are the simulator's record of the ray, not a measurement. With clocks, both ranges of an attempt
+        are pseudoranges. An attempt that was not heard has status UNHEARD.
+
+    Raises
+    ------
+    SensingError
+        If clocks or probabilities do not fit the observations.
 
     Notes
     -----
@@ -63,7 +87,11 @@ def perturb(observations: Observations, *, root_seed: int, realization: int) -> 
         transmitter, receiver = divmod(int(key), len(participants))
         noise[rows] = normal((rows.size,), participants[transmitter], "range", participants[receiver])
     noise *= o.range_sigma
-    return replace(
+    if isinstance(clocks, ClockModel):
+        clocks = clocks.draw(names, root_seed=root_seed, realization=realization)
+    if clocks is not None:
+        noise += clock_error(o, clocks, timing)
+    noisy = replace(
         o,
         odometry_rotation=rotation,
         odometry_translation=translation,
@@ -75,6 +103,9 @@ def perturb(observations: Observations, *, root_seed: int, realization: int) -> 
         straight_range=o.straight_range + noise,
         refracted_range=o.refracted_range + noise,
     )
+    if probability is None:
+        return noisy
+    return draw_unheard(noisy, probability, root_seed=root_seed, realization=realization)
 
 
 def _compose(quaternion: Array, translation: Array, xi: Array) -> tuple[Array, Array]:

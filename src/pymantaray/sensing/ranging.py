@@ -8,12 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics.moving_water import Currents
+from pymantaray.acoustics.selection import Rule
 from pymantaray.records import Arrivals, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
+from pymantaray.sensing.detection import Detector
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
+from pymantaray.sensing.reception import Reception, receive
 from pymantaray.sensing.schedule import Attempts, PingSchedule, attempts
+from pymantaray.sensing.timing import Leg, OneWay, Timing, TwoWay, half_round_trip, velocities
 
 Array = NDArray[np.float64]
+_ONE_WAY = OneWay()
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +39,11 @@ class Links(Record):
 
 
 class Ranging(NamedTuple):
-    """Every attempted range without noise, one row per attempt, and the arrivals behind them."""
+    """
+    Every attempted range without noise, one row per attempt, and the arrivals behind them.
+
+    Two-way, ``travel_time`` is half the round trip, less half the turn-around time.
+    """
 
     attempts: Attempts
     status: NDArray[np.int8]
@@ -44,6 +54,8 @@ class Ranging(NamedTuple):
     refracted_range: Array
     links: Links
     arrivals: Arrivals
+    probability: Array | None = None
+    """That an attempt is heard, two-way the ping and the answer; NaN without an arrival, None without a detector."""
 
 
 def measure_ranges(
@@ -53,10 +65,16 @@ def measure_ranges(
     schedule: PingSchedule,
     *,
     spreading_cutoff_db: float | None = 15.0,
+    max_surface_bounces: int = 0,
+    max_bottom_bounces: int = 0,
+    arrival: Rule = "direct",
+    currents: Currents | None = None,
+    timing: Timing = _ONE_WAY,
+    detector: Detector | None = None,
     threads: int | None = None,
 ) -> Ranging:
     """
-    Range every pair at every ping, with the fleet at rest while it pings.
+    Range every pair at every ping.
 
     Parameters
     ----------
@@ -70,6 +88,16 @@ def measure_ranges(
         When the vehicles ping.
     spreading_cutoff_db : float or None
         Weakest eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
+    max_surface_bounces, max_bottom_bounces : int
+        Reflections that an arrival may have.
+    arrival : {"direct", "first", "strongest"}
+        The arrival that is ranged on, see `pymantaray.acoustics.selection.select`.
+    currents : Currents, optional
+        Their first-order effect on travel times. By default the water is at rest.
+    timing : OneWay or TwoWay
+        One-way, the fleet is at rest while it pings; two-way, it moves on as the truth says.
+    detector : Detector, optional
+        Gives the probability that an attempt is heard. By default every arrival is.
     threads : int, optional
         Threads of the ray solver; the result does not depend on it.
 
@@ -88,8 +116,8 @@ def measure_ranges(
 
     Notes
     -----
-    Travel time is reciprocal, so each unordered pair is solved once. The two refracted ranges
-    ``c t`` of a pair differ, since the sound speed is that at the transmitter.
+    Travel time is reciprocal but for the current, so each unordered pair is solved once. The two refracted
+    ranges ``c t`` of a pair differ, since the sound speed is that at the transmitter (two-way: the initiator).
     """
     check_names([str(name) for name in truth.name], landmarks)
     epochs = schedule.samples(truth.time)
@@ -110,18 +138,25 @@ def measure_ranges(
     stopped = silent[first[pair], epoch] | silent[second[pair], epoch]
 
     status = np.full(pair.size, RayStatus.STOPPED, dtype=np.int8)
-    time, chord = np.full(pair.size, np.nan), np.full(pair.size, np.nan)
+    time, chord = np.full((pair.size, 2), np.nan), np.full(pair.size, np.nan)
     speed = np.full((pair.size, 2), np.nan)  # at the source, at the receiver
-    arrivals = find_eigenrays(
-        medium, source[~stopped], receiver[~stopped], spreading_cutoff_db=spreading_cutoff_db, threads=threads
+    heard = ~stopped
+    found = receive(
+        medium,
+        source[heard],
+        receiver[heard],
+        spreading_cutoff_db=spreading_cutoff_db,
+        max_surface_bounces=max_surface_bounces,
+        max_bottom_bounces=max_bottom_bounces,
+        rule=arrival,
+        currents=currents,
+        detector=detector,
+        threads=threads,
     )
-    found = arrivals.first()
-    status[~stopped], time[~stopped], chord[~stopped] = (
-        found.status,
-        found.travel_time,
-        found.chord_travel_time,
-    )
-    speed[~stopped] = np.stack([found.source_sound_speed, found.receiver_sound_speed], axis=-1)
+    there = found.there
+    status[heard], chord[heard] = there.status, there.chord_travel_time
+    time[heard] = np.stack([there.travel_time, found.back.travel_time], axis=-1)
+    speed[heard] = np.stack([there.source_sound_speed, there.receiver_sound_speed], axis=-1)
     if stopped.any():  # what evaluation needs of a silent pair: its chord and sound speeds, no arrival
         unheard = find_eigenrays(medium, source[stopped], receiver[stopped], threads=threads)
         chord[stopped] = unheard.chord_travel_time
@@ -131,17 +166,53 @@ def measure_ranges(
     per_epoch = table.sample.size // n_epochs
     link = np.repeat(np.arange(n_epochs), per_epoch) * first.size + pair_of[table.transmitter, table.receiver]
     backward = (table.transmitter > table.receiver).astype(np.int64)
-    transmitter_speed = speed[link, backward]
+    travel_time, transmitter_speed = time[link, backward], speed[link, backward]
+    if isinstance(timing, TwoWay):
+        velocity = np.zeros(position.shape)
+        velocity[:n_agents] = velocities(truth, epochs)
+        gradient = np.full((pair.size, 2, 2, 3), np.nan)
+        gradient[heard] = _gradients(found)
+        at = np.repeat(np.arange(n_epochs), per_epoch)
+        ping, answer = (
+            Leg(time[link, way], gradient[link, way, backward], gradient[link, way, 1 - backward])
+            for way in (backward, 1 - backward)
+        )
+        initiator, responder = velocity[table.transmitter, at], velocity[table.receiver, at]
+        travel_time = half_round_trip(timing, ping, answer, initiator, responder)
     return Ranging(
         attempts=table,
         status=status[link],
-        travel_time=time[link],
+        travel_time=travel_time,
         chord_travel_time=chord[link],
         transmitter_sound_speed=transmitter_speed,
         straight_range=np.linalg.norm(receiver - source, axis=-1)[link],
-        refracted_range=transmitter_speed * time[link],
-        links=Links(
-            sample=epochs[epoch][~stopped], first=first[pair][~stopped], second=second[pair][~stopped]
-        ),
-        arrivals=arrivals,
+        refracted_range=transmitter_speed * travel_time,
+        links=Links(sample=epochs[epoch][heard], first=first[pair][heard], second=second[pair][heard]),
+        arrivals=found.arrivals,
+        probability=_probabilities(found, heard, timing, link, backward),
     )
+
+
+def _gradients(found: Reception) -> Array:
+    """Of travel time with respect to the ends: link, way (there, back), end (source, receiver), axis."""
+    return np.stack(
+        [np.stack([-f.source_slowness, f.receiver_slowness], axis=1) for f in (found.there, found.back)],
+        axis=1,
+    )
+
+
+def _probabilities(
+    found: Reception,
+    heard: NDArray[np.bool_],
+    timing: Timing,
+    link: NDArray[np.int64],
+    backward: NDArray[np.int64],
+) -> Array | None:
+    """Probability that each attempt is heard; of an exchange, that the ping is and then the answer."""
+    if found.probability is None:
+        return None
+    of_link = np.full((heard.size, 2), np.nan)
+    of_link[heard] = found.probability
+    if isinstance(timing, TwoWay):
+        return np.asarray(of_link.prod(axis=-1)[link])
+    return np.asarray(of_link[link, backward])

@@ -10,21 +10,16 @@ import xarray as xr
 
 from pymantaray.fleet import Behaviour, ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints
 from pymantaray.ocean import open_ocean, region_table, sound_speed_profile_spread, to_local
-from pymantaray.study.config import (
-    AnyVehicle,
-    FloatSection,
-    FloatVehicle,
-    OceanSection,
-    StationVehicle,
-    StudyConfig,
-    TwistVehicle,
-)
+from pymantaray.study.config import OceanSection, StudyConfig
+from pymantaray.study.config_fleet import AnyVehicle, FloatSection, FloatVehicle, StationVehicle, TwistVehicle
 
 
 @dataclass(frozen=True, eq=False)
 class StudyOcean:
     """The water that a study takes place in, and what there is to say about where it comes from."""
 
+    geographic: xr.Dataset
+    """Temperature, salinity and currents as the source has them: depth, lat, lon."""
     local: xr.Dataset
     """Dimensions north, east, depth."""
     profile: xr.Dataset
@@ -55,6 +50,7 @@ def build_ocean(section: OceanSection) -> StudyOcean:
         time = time.astimezone(dt.UTC).replace(tzinfo=None)
     geographic = open_ocean(section.source, time=None if time is None else np.datetime64(time, "ns"))
     return StudyOcean(
+        geographic=geographic,
         local=to_local(geographic, centre=section.centre, half_extent=section.half_extent),
         profile=sound_speed_profile_spread(geographic),
         region=region_table(geographic),

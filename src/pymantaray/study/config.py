@@ -1,26 +1,15 @@
 """What a study is: strict, frozen sections whose defaults are the paper's tables."""
 
 import datetime as dt
-from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
+
+from pymantaray.study.config_acoustics import AcousticsSection, DetectionSection, RangingSection
+from pymantaray.study.config_fleet import FleetSection, LandmarkSection
+from pymantaray.study.section import NonNegativeFloat, PositiveFloat, Section, require_unique
 
 Condition = Literal["odometry", "straight", "refracted", "straight-all", "no-ranges"]
-
-PositiveFloat = Annotated[float, Field(gt=0.0)]
-NonNegativeFloat = Annotated[float, Field(ge=0.0)]
-Depth = Annotated[float, Field(ge=0.0, description="positive down [m]")]
-VehicleName = Annotated[
-    str, Field(pattern=r"^[A-KM-Z]$", description="one capital letter, L is for landmarks")
-]
-LandmarkName = Annotated[str, Field(pattern=r"^L[0-9]+$", description="L and a number")]
-
-
-class Section(BaseModel):
-    """Base of all sections: frozen, strict about types, no unknown keys, finite numbers only."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class StudySection(Section):
@@ -36,7 +25,7 @@ class StudySection(Section):
 
     @model_validator(mode="after")
     def _no_duplicates(self) -> Self:
-        _require_unique("conditions", self.conditions)
+        require_unique("conditions", self.conditions)
         return self
 
 
@@ -119,18 +108,6 @@ class MissionSection(Section):
         return self
 
 
-class AcousticsSection(Section):
-    """How eigenrays are looked for."""
-
-    spreading_cutoff_db: PositiveFloat | Literal["off"] = 15.0
-    interpolation: Literal["smooth", "linear"] = "smooth"
-
-    @property
-    def cutoff_db(self) -> float | None:
-        """The spreading cut-off as `find_eigenrays` takes it, None for off. [dB]."""
-        return None if self.spreading_cutoff_db == "off" else float(self.spreading_cutoff_db)
-
-
 class NoiseSection(Section):
     """Standard deviations, the paper's table of noise levels; those it leaves open are in record 0001."""
 
@@ -147,95 +124,6 @@ class NoiseSection(Section):
     landmark_sigma: PositiveFloat = 0.10
 
 
-class FloatSection(Section):
-    """What all floats share unless a vehicle says otherwise."""
-
-    hold_depth_h: NonNegativeFloat = 24.0
-    hold_surface_h: NonNegativeFloat = 1.0
-    vertical_speed: PositiveFloat = 0.5
-    surface_depth: Depth = 0.5
-    depth_gain: PositiveFloat = 0.1
-    arrival_tolerance: PositiveFloat = 0.1
-
-
-class _Placed(Section):
-    """A vehicle's name and starting place in the local frame."""
-
-    name: VehicleName
-    north: float
-    east: float
-    heading_deg: float = 0.0
-
-
-class FloatVehicle(_Placed):
-    """Argo-style float: sink, hold, rise, hold at the surface; drifts with the current."""
-
-    kind: Literal["float"]
-    target_depth: Depth
-    start_delay_h: NonNegativeFloat = 0.0
-    hold_depth_h: NonNegativeFloat | None = None
-    hold_surface_h: NonNegativeFloat | None = None
-    vertical_speed: PositiveFloat | None = None
-    surface_depth: Depth | None = None
-    depth_gain: PositiveFloat | None = None
-    arrival_tolerance: PositiveFloat | None = None
-
-
-class StationVehicle(_Placed):
-    """Station-keeping vehicle: stays where it is put."""
-
-    kind: Literal["station"]
-    depth: Depth = 0.5
-
-
-class TwistVehicle(_Placed):
-    """Vehicle under one constant body twist, angular velocity first. [rad/s, m/s]."""
-
-    kind: Literal["twist"]
-    depth: Depth
-    twist: tuple[float, float, float, float, float, float] = Field(strict=False)
-
-
-class WaypointVehicle(_Placed):
-    """Vehicle that follows points (north, east, depth) at limited speed and turn rate."""
-
-    kind: Literal["waypoints"]
-    depth: Depth
-    points: tuple[Annotated[tuple[float, float, Depth], Field(strict=False)], ...] = Field(
-        min_length=1, strict=False
-    )
-    speed: PositiveFloat
-    turn_rate_deg: PositiveFloat = 5.0
-    capture_radius: PositiveFloat = 20.0
-    loop: bool = False
-
-
-AnyVehicle = Annotated[
-    FloatVehicle | StationVehicle | TwistVehicle | WaypointVehicle, Field(discriminator="kind")
-]
-
-
-class FleetSection(Section):
-    """The vehicles, and what the floats among them share."""
-
-    floats: FloatSection = FloatSection()
-    vehicles: tuple[AnyVehicle, ...] = Field(min_length=1, strict=False)
-
-    @model_validator(mode="after")
-    def _distinct(self) -> Self:
-        _require_unique("vehicle names", [v.name for v in self.vehicles])
-        return self
-
-
-class LandmarkSection(Section):
-    """Fixed point whose surveyed place is known; takes part in ranging."""
-
-    name: LandmarkName
-    north: float
-    east: float
-    depth: Depth
-
-
 class EstimatorSection(Section):
     """Where the optimizer starts from."""
 
@@ -249,6 +137,8 @@ class StudyConfig(Section):
     ocean: OceanSection
     mission: MissionSection = MissionSection()
     acoustics: AcousticsSection = AcousticsSection()
+    ranging: RangingSection = RangingSection()
+    detection: DetectionSection | None = None
     noise: NoiseSection = NoiseSection()
     fleet: FleetSection
     landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
@@ -256,11 +146,20 @@ class StudyConfig(Section):
 
     @model_validator(mode="after")
     def _distinct_landmarks(self) -> Self:
-        _require_unique("landmark names", [m.name for m in self.landmarks])
+        require_unique("landmark names", [m.name for m in self.landmarks])
         return self
 
-
-def _require_unique(what: str, values: Sequence[str]) -> None:
-    repeated = sorted({v for v in values if values.count(v) > 1})
-    if repeated:
-        raise ValueError(f"{what} must differ; found {', '.join(repeated)} more than once")
+    @model_validator(mode="after")
+    def _losses_need_bounces(self) -> Self:
+        if self.detection is None:
+            return self
+        for key, value, bounces in (
+            ("surface_loss", self.detection.surface_loss, "max_surface_bounces"),
+            ("sediment", self.detection.sediment, "max_bottom_bounces"),
+        ):
+            if value != "none" and getattr(self.acoustics, bounces) == 0:
+                raise ValueError(
+                    f"detection.{key} is {value}, but acoustics.{bounces} is 0: no sound is reflected there;"
+                    " leave it out or allow bounces"
+                )
+        return self

@@ -208,7 +208,7 @@ def _describe(finding: dict[str, Any]) -> str:
     if kind == "missing":
         return f"{where}: missing; it has no default"
     if kind == "value_error":
-        return f"{where}: {context['error']}"
+        return f"{where}: {context['error']}" if where else str(context["error"])
     found = finding.get("input")
     allowed = _ALLOWED[kind].format(**context) if kind in _ALLOWED else finding["msg"]
     if kind == "union_tag_invalid":

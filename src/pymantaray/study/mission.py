@@ -9,8 +9,17 @@ import xarray as xr
 from pymantaray.acoustics import Medium
 from pymantaray.fleet import simulate
 from pymantaray.records import Arrivals, Observations, Trajectories
-from pymantaray.sensing import Landmark, Links, NoiseModel, PingSchedule, assemble, measure_ranges
+from pymantaray.sensing import (
+    Hearing,
+    Landmark,
+    Links,
+    NoiseModel,
+    PingSchedule,
+    assemble,
+    measure_ranges,
+)
 from pymantaray.study.assemble import StudyOcean, build_fleet, build_ocean
+from pymantaray.study.assemble_ranging import build_currents, build_detector, build_timing
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.picture import picture_of_most_bent_link
@@ -28,6 +37,8 @@ class Mission:
     links: Links
     arrivals: Arrivals
     observations: Observations
+    hearing: Hearing | None
+    """Probability of each attempt to be heard; None if every arrival is."""
     picture: xr.Dataset | None
     """Section through the water along one link, with its rays; None if no ray arrives anywhere."""
 
@@ -86,6 +97,12 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
             medium,
             PingSchedule(interval=mission.ping_interval_h * 3600.0),
             spreading_cutoff_db=config.acoustics.cutoff_db,
+            max_surface_bounces=config.acoustics.max_surface_bounces,
+            max_bottom_bounces=config.acoustics.max_bottom_bounces,
+            arrival=config.acoustics.arrival,
+            currents=build_currents(config, ocean),
+            timing=build_timing(config.ranging),
+            detector=build_detector(config, ocean),
         )
         observations = assemble(truth, landmarks, ranging, noise, gnss_depth=mission.gnss_depth)
     with watch.stage("picture"):
@@ -99,5 +116,6 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
         links=ranging.links,
         arrivals=ranging.arrivals,
         observations=observations,
+        hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),
         picture=picture,
     )

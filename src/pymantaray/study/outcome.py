@@ -3,8 +3,10 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pymantaray.records import Estimates, RayStatus, SolveStatus, VehicleStatus
+from pymantaray.sensing import Hearing
 from pymantaray.study.mission import Mission
 
 
@@ -21,7 +23,8 @@ def summarize(mission: Mission, estimates: Estimates) -> dict[str, Any]:
     -------
     dict
         ``links``: attempts by `RayStatus`; ``stopped_vehicles``: status and time by name;
-        ``unhealthy_solves``: condition, realization and `SolveStatus` of each solve that is not OK.
+        ``unhealthy_solves``: condition, realization and `SolveStatus` of each solve that is not OK; with a
+        detector, ``expected_unheard``: mean number of attempts with an arrival that a realization does not hear.
     """
     status = mission.observations.range_status
     truth = mission.truth
@@ -41,9 +44,16 @@ def summarize(mission: Mission, estimates: Estimates) -> dict[str, Any]:
         }
         for c, r in np.argwhere(estimates.solve_status != SolveStatus.OK)
     ]
+    hearing = mission.hearing
+    chance = {} if hearing is None else {"expected_unheard": _expected_unheard(status, hearing)}
     return {
         "range_attempts": int(status.size),
         "links": {member.name: int(np.count_nonzero(status == member)) for member in RayStatus},
+        **chance,
         "stopped_vehicles": stopped,
         "unhealthy_solves": unhealthy,
     }
+
+
+def _expected_unheard(status: NDArray[np.int8], hearing: Hearing) -> float:
+    return float(np.sum(1.0 - hearing.probability[status == RayStatus.OK]))

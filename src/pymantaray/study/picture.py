@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.acoustics import Medium, ray_picture
+from pymantaray.acoustics.selection import select
 from pymantaray.records import Arrivals, RayStatus, Trajectories
 from pymantaray.sensing import Links
 
@@ -20,7 +21,7 @@ def picture_of_most_bent_link(
     spreading_cutoff_db: float | None,
 ) -> xr.Dataset | None:
     """
-    Ray picture of the link whose first arrival gains most on the straight chord.
+    Ray picture of the link whose first direct arrival gains most on the straight chord.
 
     Parameters
     ----------
@@ -37,9 +38,9 @@ def picture_of_most_bent_link(
     -------
     xarray.Dataset or None
         See `pymantaray.acoustics.ray_picture`; attributes ``source`` and ``receiver`` are the vehicles'
-        names, ``time_h`` is the ping's time. None if no link between vehicles has an arrival.
+        names, ``time_h`` is the ping's time. None if no link between vehicles has a direct arrival.
     """
-    first = arrivals.first()
+    first = select(arrivals, "direct")
     gain = first.chord_travel_time - first.travel_time
     n_agents = truth.name.size
     drawn = (first.status == RayStatus.OK) & (links.first < n_agents) & (links.second < n_agents)

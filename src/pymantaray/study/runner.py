@@ -6,7 +6,6 @@ from pathlib import Path
 from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, collect_estimates, write_pyfg
 from pymantaray.records import Estimates
 from pymantaray.records.base import write_netcdf
-from pymantaray.sensing import perturb
 from pymantaray.study import store
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.folder import RUNS, default_out, point_latest_at, staged_folder
@@ -103,6 +102,8 @@ def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
     mission.links.save(folder / store.LINKS)
     mission.arrivals.save(folder / store.ARRIVALS)
     mission.observations.save(folder / store.OBSERVATIONS)
+    if mission.hearing is not None:
+        mission.hearing.save(folder / store.HEARING)
     if mission.picture is not None:
         write_netcdf(mission.picture, folder / store.RAY_PICTURE)
 
@@ -110,7 +111,7 @@ def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
 def _write_results(config: StudyConfig, mission: Mission, estimates: Estimates, folder: Path) -> None:
     estimates.save(folder / store.ESTIMATES)
     (folder / store.PYFG).mkdir()
-    noisy = perturb(mission.observations, root_seed=config.study.seed, realization=0)
+    noisy = Run(folder).noisy_observations(0)
     initial = GraphValues(
         position=mission.truth.position.reshape(-1, 3),
         quaternion=mission.truth.quaternion.reshape(-1, 4),

@@ -12,14 +12,15 @@ import xarray as xr
 
 from pymantaray.errors import StudyError
 from pymantaray.records import Arrivals, Estimates, Observations, Trajectories
-from pymantaray.sensing import Links, perturb
+from pymantaray.sensing import Hearing, Links, perturb
+from pymantaray.study.assemble_ranging import build_clocks, build_timing
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.load import load_study
 
 MANIFEST, CONFIG = "manifest.json", "config.toml"
 OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
 TRUTH, LINKS, ARRIVALS = "truth.nc", "links.nc", "arrivals.nc"
-OBSERVATIONS, ESTIMATES = "observations.nc", "estimates.nc"
+OBSERVATIONS, HEARING, ESTIMATES = "observations.nc", "hearing.nc", "estimates.nc"
 RAY_PICTURE = "ray_picture.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
 
@@ -90,6 +91,11 @@ class Run:
         return Observations.load(self.path / OBSERVATIONS)
 
     @cached_property
+    def hearing(self) -> Hearing | None:
+        """Probability of each range attempt to be heard; None if every arrival is."""
+        return None if self.config.detection is None else Hearing.load(self.path / HEARING)
+
+    @cached_property
     def estimates(self) -> Estimates:
         """Estimated trajectories of all conditions and realizations, with the health of each solve."""
         return Estimates.load(self.path / ESTIMATES)
@@ -125,7 +131,15 @@ class Run:
         count = self.config.study.realizations
         if not 0 <= realization < count:
             raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
-        return perturb(self.observations, root_seed=self.config.study.seed, realization=realization)
+        ranging, hearing = self.config.ranging, self.hearing
+        return perturb(
+            self.observations,
+            root_seed=self.config.study.seed,
+            realization=realization,
+            timing=build_timing(ranging),
+            clocks=build_clocks(ranging),
+            probability=None if hearing is None else hearing.probability,
+        )
 
     def _dataset(self, name: str) -> xr.Dataset:
         path = self.path / name

@@ -4,7 +4,8 @@ import contextlib
 import hashlib
 from pathlib import Path
 
-from numba import njit
+from numba import config, njit, types
+from numba.extending import intrinsic
 
 
 def _discard_stale_cache() -> None:
@@ -33,8 +34,32 @@ kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 # The same for the innermost functions: passing a section's arrays costs more than their arithmetic.
 inlined = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 
-# The one that makes the workspaces.
-driver = njit(cache=True, nogil=True, error_model="numpy")
+
+@intrinsic
+def out_of_line(_context):
+    """Keep the calling function out of line.
+
+    NVVM inlines every call that it may: the tracer's copies alone made the CUDA kernel three times as large.
+    """
+
+    def generate(context, builder, _signature, _arguments):
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.none(), generate
+
+
+def _plain(function):
+    """Leave a kernel as it is: the CUDA simulator runs plain Python and cannot call compiled functions."""
+    return function
+
+
+def _nothing() -> None:
+    """Stand for `out_of_line` there."""
+
+
+if config.ENABLE_CUDASIM or config.DISABLE_JIT:
+    kernel, inlined, out_of_line = _plain, _plain, _nothing
 
 
 @kernel

@@ -1,6 +1,6 @@
 """The cubic Hermite polynomial that stands for a step of a ray and for the miss between two rays."""
 
-from pymantaray.acoustics._kernels.compile import inlined
+from pymantaray.acoustics._kernels.compile import inlined, kernel
 
 
 @inlined
@@ -14,3 +14,16 @@ def cubic(t, h, f0, d0, f1, d1):
         + (3.0 * t2 - 2.0 * t3) * f1
         + (t3 - t2) * h * d1
     )
+
+
+@kernel
+def cubic_root(h, f0, d0, f1, d1):
+    """Fraction of an interval h at which the cubic is zero; the values at the ends differ in sign."""
+    lo, hi = 0.0, 1.0
+    for _ in range(40):
+        t = 0.5 * (lo + hi)
+        if (cubic(t, h, f0, d0, f1, d1) > 0.0) == (f0 > 0.0):
+            lo = t
+        else:
+            hi = t
+    return 0.5 * (lo + hi)

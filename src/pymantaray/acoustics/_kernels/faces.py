@@ -1,12 +1,16 @@
-"""Cell faces of a LINEAR section as events: a step ends exactly where the ray enters the next cell."""
+"""Faces as events: the faces of a LINEAR section's cells, the surface and the sea bed end a step."""
 
+from pymantaray.acoustics._kernels.boundary import floor_at
 from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.cubic import cubic
 from pymantaray.acoustics._kernels.field import linear_full
 from pymantaray.acoustics._kernels.section import find_level
-from pymantaray.acoustics._kernels.step import step
+from pymantaray.acoustics._kernels.step import N_FULL, step
 
-_FACE = 1e-9  # m; how close to a cell face an event has to end
+TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = 0, 1, 2, 3, 4, 5
+ON_FACE = 1e-9  # m; a ray this near to a face is on it
+_NONE = 1e30
+_NUDGE = 1e-6  # m; by which a point on the edge of a cell is taken to be in the cell of the step
 
 
 @kernel
@@ -33,57 +37,58 @@ def extremum(h, f0, d0, f1, d1):
 
 
 @kernel
-def _face_distance(s, b, k, face, pos, w, axis):
-    """Signed distance into the cell from face 0 (top), 1 (bottom), 2 (near) or 3 (far)."""
+def face_distance(s, floor, b, k, face, pos, w, dw, side, dside, axis, nudge):
+    """Signed distance into the cell or the water from a face, and its derivative along the axis.
+
+    w and side are the offsets of the ray, dw and dside their derivatives; nudge moves the point
+    along the ray by which the cell of the sea bed is chosen.
+    """
     z_source, cb, sb, _ = axis
-    if face < 2:
-        z = z_source + pos * sb + w * cb
-        if face == 0:
-            return z - s.depth[k] if k >= 0 else 1e30
-        return s.depth[k + 1] - z if k < s.depth.size - 1 else 1e30
+    z = z_source + pos * sb + w * cb
+    dz = sb + dw * cb
+    if face == SURFACE:
+        return z, dz
+    if face == TOP:
+        return (z - s.depth[k], dz) if k >= 0 else (_NONE, 0.0)
+    if face == UNDERSIDE:
+        return (s.depth[k + 1] - z, -dz) if k < s.depth.size - 1 else (_NONE, 0.0)
     r = pos * cb - w * sb
-    if face == 2:
-        return r - s.breaks[b] if b > 0 else 1e30
-    return s.breaks[b + 1] - r if b < s.n_range - 1 else 1e30
+    dr = cb - dw * sb
+    if face == NEAR:
+        return (r - s.breaks[b], dr) if b > 0 else (_NONE, 0.0)
+    if face == FAR:
+        return (s.breaks[b + 1] - r, -dr) if b < s.n_range - 1 else (_NONE, 0.0)
+    bed, f_r, f_y, _, _ = floor_at(floor, r, side, r + nudge * dr)
+    return bed - z, f_r * dr + f_y * dside - dz
 
 
 @kernel
-def face_slope(face, dw, axis):
-    """Derivative of `_face_distance` along the ray, for dw = dw/ds."""
-    _, cb, sb, _ = axis
-    if face == 0:
-        return sb + dw * cb
-    if face == 1:
-        return -(sb + dw * cb)
-    if face == 2:
-        return cb - dw * sb
-    return -(cb - dw * sb)
+def crossing(s, floor, b, k, first, last, pos, h, y, K, ynew, n_eq, axis):
+    """First of the faces first to last - 1 crossed within a step whose result is in ynew, K[6].
 
-
-@kernel
-def crossing(s, b, k, pos, h, y, K, ynew, axis):
-    """First face crossed within a step whose result is in ynew, K[6]; (face, step) or (-1, h)."""
+    Returns the face and the step to it, or -1 and h. Of faces at the same place the boundary of the water goes first.
+    """
     best = h
     best_face = -1
-    w0, w1 = y[0], ynew[0]
-    d0, d1 = K[0, 0], K[6, 0]
-    for face in range(4):
-        g0 = _face_distance(s, b, k, face, pos, w0, axis)
-        if g0 > 1e29:
+    side0, side1, dside0, dside1 = 0.0, 0.0, 0.0, 0.0
+    if n_eq == N_FULL:
+        side0, side1, dside0, dside1 = y[5], ynew[5], K[0, 5], K[6, 5]
+    for i in range(last - first):
+        face = last - 1 - i
+        g0, e0 = face_distance(s, floor, b, k, face, pos, y[0], K[0, 0], side0, dside0, axis, _NUDGE)
+        if g0 >= _NONE:
             continue
-        g1 = _face_distance(s, b, k, face, pos + h, w1, axis)
-        e0 = face_slope(face, d0, axis)
-        e1 = face_slope(face, d1, axis)
+        g1, e1 = face_distance(s, floor, b, k, face, pos + h, ynew[0], K[6, 0], side1, dside1, axis, -_NUDGE)
         lo, hi = 0.0, 1.0
         if e0 < 0.0 < e1:  # nearest in the middle
             t = extremum(h, g0, e0, g1, e1)
-            if cubic(t, h, g0, e0, g1, e1) >= -_FACE:
-                if g1 >= -_FACE:
+            if cubic(t, h, g0, e0, g1, e1) >= -ON_FACE:
+                if g1 >= -ON_FACE:
                     continue
                 lo = t
             else:
                 hi = t
-        elif g1 >= -_FACE:
+        elif g1 >= -ON_FACE:
             continue
         elif e1 < 0.0 < e0:  # leaves the face, turns and comes back
             lo = extremum(h, g0, e0, g1, e1)
@@ -95,27 +100,29 @@ def crossing(s, b, k, pos, h, y, K, ynew, axis):
                 hi = t
             if hi - lo < 1e-9:
                 break
-        if hi * h < best or best_face < 0:
+        if best_face < 0 or hi * h < best - 1e-6:
             best = hi * h
             best_face = face
     return best_face, best
 
 
 @kernel
-def land(s, b, k, face, pos, h, h_max, y, K, ynew, n_eq, axis):
-    """Repeat a step with lengths near h until it ends on the face; return the length, or -1."""
+def land(s, floor, b, k, face, pos, h, h_max, near, y, K, ynew, n_eq, axis):
+    """Repeat a step with lengths near h until it ends within near of the face; return the length, or -1."""
     lo, hi = 0.0, h_max
+    side, dside = 0.0, 0.0
     for _ in range(40):
         if not step(s, b, k, pos, h, y, K, ynew, n_eq, axis):
             return -1.0
-        g = _face_distance(s, b, k, face, pos + h, ynew[0], axis)
-        if abs(g) < _FACE:
+        if n_eq == N_FULL:
+            side, dside = ynew[5], K[6, 5]
+        g, slope = face_distance(s, floor, b, k, face, pos + h, ynew[0], K[6, 0], side, dside, axis, 0.0)
+        if abs(g) < near:
             return h
         if g > 0.0:
             lo = h
         else:
             hi = h
-        slope = face_slope(face, K[6, 0], axis)
         new = h - g / slope if slope < 0.0 else 0.5 * (lo + hi)
         if not lo < new < hi:
             new = 0.5 * (lo + hi)
@@ -129,11 +136,11 @@ def land(s, b, k, face, pos, h, h_max, y, K, ynew, n_eq, axis):
 def start_cell(s, axis, dw):
     """Range cell and layer in which a ray starts, by its direction where it starts on a face."""
     z_source, cb, sb, _ = axis
-    n = s.depth.size
     b = 0
     rate = cb - dw * sb
     while b < s.n_range - 1 and (s.breaks[b + 1] < 0.0 or (s.breaks[b + 1] == 0.0 and rate >= 0.0)):
         b += 1
+    n = s.depth.size
     if z_source > s.depth[n - 1]:
         return b, n - 1
     if z_source < s.depth[0]:

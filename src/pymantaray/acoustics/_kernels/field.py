@@ -7,7 +7,7 @@ distance stays a smooth function of the launch angle; such rays are rejected aft
 import math
 
 from pymantaray.acoustics._kernels.compile import inlined, kernel
-from pymantaray.acoustics._kernels.section import LINEAR, LUT_SIZE, SMOOTH, find_level
+from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level
 
 ABOVE_SCALE = 20.0  # m; length over which the continuation above the surface bends to a constant
 BELOW_SCALE = 200.0  # m; the same below the deepest level
@@ -45,17 +45,12 @@ def _beyond(x, scale):
 
 
 @inlined
-def _smooth_place(s, r, z):
-    """Column, layer, fraction of the column step, and depth within the layer (limited to the water's levels)."""
-    depth = s.depth
-    last = depth.size - 1
-    zc = min(max(z, depth[0]), depth[last])
-    k = int(s.lut[min(int((zc - depth[0]) * s.lut_scale), LUT_SIZE - 1)])
-    while k < last - 1 and zc >= depth[k + 1]:
-        k += 1
+def _smooth_place(s, k, r, z):
+    """Column, fraction of the column step, and depth within layer k (limited to the water's levels)."""
+    last = s.depth.size - 1
     x = (r - s.r_first) / s.r_step
     i = min(max(int(x), 0), s.n_range - 2)
-    return i, k, x - i, zc - depth[k]
+    return i, x - i, min(max(z, s.depth[0]), s.depth[last]) - s.depth[k]
 
 
 @inlined
@@ -71,9 +66,9 @@ def _continue(s, z, c, cz, czz):
 
 
 @inlined
-def smooth_planar(s, r, z):
-    """Sound speed and its depth derivatives in a SMOOTH section: c, c_z, c_zz."""
-    i, k, t, x = _smooth_place(s, r, z)
+def smooth_planar(s, k, r, z):
+    """Sound speed and its depth derivatives in layer k of a SMOOTH section: c, c_z, c_zz."""
+    i, t, x = _smooth_place(s, k, r, z)
     d = s.data
     t1 = 1.0 - t
     v0 = t1 * t1 * (1.0 + 2.0 * t)
@@ -91,12 +86,12 @@ def smooth_planar(s, r, z):
 
 
 @inlined
-def smooth_full(s, r, z):
-    """Everything in a SMOOTH section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz."""
-    i, k, t, x = _smooth_place(s, r, z)
+def smooth_full(s, k, r, z):
+    """Everything in layer k of a SMOOTH section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz."""
+    i, t, x = _smooth_place(s, k, r, z)
     d = s.data
     v = hermite(t, s.r_step)
-    c, cz, czz, cr, crz, crr, cy, cyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    c, cz, czz, cr, crz, crr, cy, cyz, cyy, cyyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for m in range(2):
         a = d[i + m, k, 0] + x * (d[i + m, k, 1] + x * (d[i + m, k, 2] + x * d[i + m, k, 3]))
         az = d[i + m, k, 1] + x * (2.0 * d[i + m, k, 2] + 3.0 * x * d[i + m, k, 3])
@@ -107,6 +102,9 @@ def smooth_full(s, r, z):
         a = d[i + m, k, 8] + x * (d[i + m, k, 9] + x * (d[i + m, k, 10] + x * d[i + m, k, 11]))
         az = d[i + m, k, 9] + x * (2.0 * d[i + m, k, 10] + 3.0 * x * d[i + m, k, 11])
         b = _continue(s, z, a, az, 0.0)
+        a = d[i + m, k, 12] + x * (d[i + m, k, 13] + x * (d[i + m, k, 14] + x * d[i + m, k, 15]))
+        az = d[i + m, k, 13] + x * (2.0 * d[i + m, k, 14] + 3.0 * x * d[i + m, k, 15])
+        e = _continue(s, z, a, az, 0.0)
         v0, v1, d0, d1, e0, e1, u = v[0], v[1], v[4], v[5], v[8], v[9], 1.0 - t
         if m == 1:
             v0, v1, d0, d1, e0, e1, u = v[2], v[3], v[6], v[7], v[10], v[11], t
@@ -118,12 +116,14 @@ def smooth_full(s, r, z):
         crr += e0 * f[0] + e1 * g[0]
         cy += u * b[0]
         cyz += u * b[1]
-    return c, cz, cr, czz, crz, crr, cy, cyz
+        cyy += u * e[0]
+        cyyz += u * e[1]
+    return c, cz, cr, czz, crz, crr, cy, cyz, cyy, cyyz
 
 
 @inlined
 def linear_full(s, b, k, r, z):
-    """Everything in cell (b, k) of a LINEAR section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz.
+    """Everything in cell (b, k) of a LINEAR section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz.
 
     k = -1 is the continuation above the first level, k = n - 1 the one below the last.
     """
@@ -161,18 +161,20 @@ def linear_full(s, b, k, r, z):
         2.0 * (d[b, kk, 2] + u * (d[b, kk + 1, 2] - d[b, kk, 2])),
         y0 + u * (y1 - y0),
         g * (y1 - y0),
+        d[b, kk, 5] + u * (d[b, kk + 1, 5] - d[b, kk, 5]),
+        g * (d[b, kk + 1, 5] - d[b, kk, 5]),
     )
 
 
 @kernel
 def field_at(s, r, z):
     """Sound speed at a point of the section."""
+    k = find_level(s.depth, s.lut, s.lut_scale, z)
     if s.kind == SMOOTH:
-        return smooth_full(s, r, z)[0]
+        return smooth_full(s, k, r, z)[0]
     b = 0
     while b < s.n_range - 1 and r >= s.breaks[b + 1]:
         b += 1
-    k = find_level(s.depth, s.lut, s.lut_scale, z)
     if z < s.depth[0]:
         k = -1
     elif z > s.depth[s.depth.size - 1]:

@@ -2,12 +2,13 @@
 
 import math
 
-from pymantaray.acoustics._kernels.boundary import bottom_at
+from pymantaray.acoustics._kernels.bounced import STEEPEST_FORWARD
+from pymantaray.acoustics._kernels.boundary import Floor, bottom_at
 from pymantaray.acoustics._kernels.compile import kernel, sort_head
 from pymantaray.acoustics._kernels.field import field_at
-from pymantaray.acoustics._kernels.section import LINEAR, cut_section
-from pymantaray.acoustics._kernels.step import N_FULL
-from pymantaray.acoustics._kernels.trace import trace
+from pymantaray.acoustics._kernels.limits import is_steep, speed_extremes, turning_limits
+from pymantaray.acoustics._kernels.section import LINEAR, cut_section, line_breaks
+from pymantaray.acoustics._kernels.trace import FORWARD, LEGS, OPEN, Rule, trace
 
 
 @kernel
@@ -53,15 +54,72 @@ def chord_travel_time(s, length, horizontal, z0, z1, cuts):
 
 
 @kernel
-def trace_path(medium, source, unit, horizontal, slope, length, angle, side, tol, work):
-    """Trace one ray along the chord into work.path; return the steps that it took before it ended or was lost."""
+def baseline(medium, bathymetry, source, unit, horizontal, work):
+    """Section and sea bed along a baseline."""
+    north, east = medium[1], medium[2]
     s = cut_section(medium, source[0], source[1], unit[0], unit[1], horizontal, work)
-    c0 = field_at(s, 0.0, source[2])
-    axis = (source[2], math.cos(slope), math.sin(slope), c0)
-    _, steps, _ = trace(
-        s, angle - slope, side, length, axis, tol, N_FULL, work.y, work.K, work.ynew, work.path
+    n = line_breaks(
+        north,
+        east,
+        source[0],
+        source[1],
+        unit[0],
+        unit[1],
+        0.0,
+        max(horizontal, 1e-6),
+        work.floor_breaks,
     )
-    return steps
+    return s, Floor(north, east, bathymetry, source[0], source[1], unit[0], unit[1], work.floor_breaks, n)
+
+
+@kernel
+def trace_arrival(medium, bathymetry, source, receiver, slowness, n_surface, n_bottom, tol, work):
+    """Trace one eigenray again, launched with a slowness, into work.path; return the steps and c at the source."""
+    dn, de = receiver[0] - source[0], receiver[1] - source[1]
+    z0, z1 = source[2], receiver[2]
+    horizontal = math.hypot(dn, de)
+    length = math.hypot(horizontal, z1 - z0)
+    unit = (1.0, 0.0)
+    if horizontal > 0.0:
+        unit = (dn / horizontal, de / horizontal)
+    s, floor = baseline(medium, bathymetry, source, unit, horizontal, work)
+    c0 = field_at(s, 0.0, z0)
+    forward = (slowness[0] * unit[0] + slowness[1] * unit[1]) * c0
+    side = (slowness[1] * unit[0] - slowness[0] * unit[1]) * c0
+    down = slowness[2] * c0
+    cb, sb, span = 1.0, 0.0, horizontal
+    rule = Rule(OPEN, 0, 0, 0, 0.0)
+    if n_surface + n_bottom == 0:
+        slope = math.atan2(z1 - z0, horizontal)
+        variation = speed_extremes(s, work.extremes)
+        up, low = turning_limits(s, c0, z0, z1, horizontal, variation, work.extremes)
+        if is_steep(slope, max(up, low)):
+            cb, sb, span = math.cos(slope), math.sin(slope), length
+    elif abs(down) < math.sin(STEEPEST_FORWARD) and forward > 0.0:
+        rule = Rule(FORWARD, n_surface, n_bottom, 0, 0.0)
+    else:
+        legs = n_surface + n_bottom + 1
+        rule = Rule(LEGS, n_surface, n_bottom, legs, z1)
+        cb, sb, span = 0.0, 1.0 if down > 0.0 else -1.0, legs * 1e3
+    angle = math.asin(min(max(down * cb - forward * sb, -1.0), 1.0))
+    axis = (z0, cb, sb, c0)
+    _, steps, _, _, _, _ = trace(
+        s, floor, rule, angle, side, span, axis, tol, work.y, work.K, work.ynew, work.path
+    )
+    return steps, c0
+
+
+@kernel
+def trace_launch(medium, bathymetry, source, unit, distance, angle, max_surface, max_bottom, tol, work):
+    """Trace one ray of a fan into work.path; return the steps and c at the source."""
+    s, floor = baseline(medium, bathymetry, source, unit, distance, work)
+    c0 = field_at(s, 0.0, source[2])
+    rule = Rule(FORWARD, max_surface, max_bottom, 0, 0.0)
+    axis = (source[2], 1.0, 0.0, c0)
+    _, steps, _, _, _, _ = trace(
+        s, floor, rule, angle, 0.0, distance, axis, tol, work.y, work.K, work.ynew, work.path
+    )
+    return steps, c0
 
 
 @kernel

@@ -1,11 +1,10 @@
 """The sound-speed field of one link: a vertical section along the baseline, cut from the 3-D medium.
 
-Two kinds. ``SMOOTH``: columns at equally spaced ranges hold the field, its range and cross-track
-derivatives at the depth levels, with their depth derivatives; in between bicubic Hermite
+Two kinds. ``SMOOTH``: columns at equally spaced ranges hold the field, its range derivative and its first
+two cross-track derivatives at the depth levels, with their depth derivatives; in between bicubic Hermite
 interpolation, exact in depth at the columns. ``LINEAR``: the trilinear field itself, which along a
 straight baseline is quadratic in range between the crossings of grid lines and linear in depth
-between levels.
-
+between levels. Off the baseline both are expanded to second order in the cross-track offset.
 """
 
 import math
@@ -23,8 +22,8 @@ Section = namedtuple("Section", "kind n_range r_first r_step breaks depth lut lu
 Section.__doc__ = """Field along one baseline.
 
 n_range columns (SMOOTH) or cells (LINEAR); breaks holds the cell edges (LINEAR);
-lut maps depth to a level not below the cell's own. data is, for SMOOTH, (n_range, n_depth - 1, 12): the
-cubics in depth of c, c_r and c_y in each layer; for LINEAR, (n_range, n_depth, 6).
+lut maps depth to a level not below the cell's own. data is, for SMOOTH, (n_range, n_depth - 1, 16): the
+cubics in depth of c, c_r, c_y and c_yy in each layer; for LINEAR, (n_range, n_depth, 6).
 """
 
 
@@ -56,9 +55,19 @@ def find_level(depth, lut, scale, z):
     return k
 
 
+@inlined
+def move_level(depth, k, z):
+    """As `find_level`, from a layer k near by: what the processor can guess it need not wait for."""
+    while k < depth.size - 2 and z >= depth[k + 1]:
+        k += 1
+    while k > 0 and z < depth[k]:
+        k -= 1
+    return k
+
+
 @kernel
-def bspline_basis(knots, degree, x, w, dw):
-    """Values w and derivatives dw of the degree + 1 B-splines that are not zero at x; return the first's index.
+def bspline_basis(knots, degree, x, w, dw, ddw):
+    """Values w and two derivatives of the degree + 1 B-splines that are not zero at x; return the first's index.
 
     Cox and de Boor's recurrence; x outside the knots extrapolates the end pieces.
     """
@@ -74,23 +83,21 @@ def bspline_basis(knots, degree, x, w, dw):
             else:
                 lo = mid
         span = lo
-    w[0] = 1.0
-    dw[0] = 0.0
+    w[0], dw[0], ddw[0] = 1.0, 0.0, 0.0
     for d in range(1, degree + 1):
-        saved = 0.0
-        saved_d = 0.0
+        saved, saved_d, saved_dd = 0.0, 0.0, 0.0
         for i in range(d):
             right = knots[span + i + 1]
             left = knots[span + i + 1 - d]
-            q = w[i] / (right - left)
-            if d == degree:
-                dw[i] = saved_d - d * q
-                saved_d = d * q
+            scale = 1.0 / (right - left)
+            q, q_d, q_dd = w[i] * scale, dw[i] * scale, ddw[i] * scale
             w[i] = saved + (right - x) * q
+            dw[i] = saved_d + (right - x) * q_d - q
+            ddw[i] = saved_dd + (right - x) * q_dd - 2.0 * q_d
             saved = (x - left) * q
-        w[d] = saved
-        if d == degree:
-            dw[d] = saved_d
+            saved_d = (x - left) * q_d + q
+            saved_dd = (x - left) * q_dd + 2.0 * q_d
+        w[d], dw[d], ddw[d] = saved, saved_d, saved_dd
     return span - degree
 
 
@@ -100,12 +107,12 @@ def cut_smooth(
 ):
     """Fill the columns of a SMOOTH section from B-spline coefficients (north, east, 2 * depth)."""
     n_depth = coef.shape[2] // 2
-    wn, dn, we, de = small[0], small[1], small[2], small[3]
+    wn, dn, ddn, we, de, dde = small[0], small[1], small[2], small[3], small[4], small[5]
     for i in range(n_range):
         r = r_first + i * r_step
-        i_n = bspline_basis(knots_n, deg_n, n0 + r * un, wn, dn)
-        i_e = bspline_basis(knots_e, deg_e, e0 + r * ue, we, de)
-        for q in range(3):
+        i_n = bspline_basis(knots_n, deg_n, n0 + r * un, wn, dn, ddn)
+        i_e = bspline_basis(knots_e, deg_e, e0 + r * ue, we, de, dde)
+        for q in range(4):
             for k in range(2 * n_depth):
                 acc[q, k] = 0.0
         for a in range(deg_n + 1):
@@ -115,14 +122,16 @@ def cut_smooth(
                 f_e = wn[a] * de[b]
                 f_r = f_n * un + f_e * ue
                 f_y = f_e * un - f_n * ue
+                f_yy = wn[a] * dde[b] * un * un - 2.0 * dn[a] * de[b] * un * ue + ddn[a] * we[b] * ue * ue
                 for k in range(2 * n_depth):
                     v = coef[i_n + a, i_e + b, k]
                     acc[0, k] += f * v
                     acc[1, k] += f_r * v
                     acc[2, k] += f_y * v
+                    acc[3, k] += f_yy * v
         for k in range(n_depth - 1):
             h = depth[k + 1] - depth[k]
-            for q in range(3):
+            for q in range(4):
                 f0, f1 = acc[q, k], acc[q, k + 1]
                 g0, g1 = acc[q, n_depth + k], acc[q, n_depth + k + 1]
                 rise = (f1 - f0) / h
@@ -195,7 +204,7 @@ def bilinear_weights(north, east, n, e, n_mid, e_mid):
 
 @kernel
 def cut_linear(field, north, east, n0, e0, un, ue, breaks, n_cells, data):
-    """Fill the cells of a LINEAR section: per cell and level c = d0 + d1 x + d2 x^2, c_y = d3 + d4 x."""
+    """Fill the cells of a LINEAR section: per cell and level c = d0 + d1 x + d2 x^2, c_y = d3 + d4 x, c_yy = d5."""
     di = 1 if north.size > 1 else 0
     dj = 1 if east.size > 1 else 0
     for b in range(n_cells):
@@ -218,7 +227,7 @@ def cut_linear(field, north, east, n0, e0, un, ue, breaks, n_cells, data):
             data[b, k, 2] = f11 * an * ae
             data[b, k, 3] = f10 * bn + f01 * be + f11 * (bn * se + sn * be)
             data[b, k, 4] = f11 * (bn * ae + an * be)
-            data[b, k, 5] = 0.0
+            data[b, k, 5] = 2.0 * f11 * bn * be
 
 
 @kernel
@@ -229,7 +238,7 @@ def cut_section(medium, n0, e0, un, ue, horizontal, work):
     if kind == SMOOTH:
         count = 2
         if north.size > 1 or east.size > 1:
-            count = min(max(math.ceil(horizontal / column_step) + 1, 2), MAX_COLUMNS)
+            count = min(max(int(math.ceil(horizontal / column_step)) + 1, 2), store.shape[0])
         # columns at both ends; rays of short and steep links use the first cell's polynomial beyond them
         step = max(horizontal / (count - 1), MIN_STEP)
         cut_smooth(

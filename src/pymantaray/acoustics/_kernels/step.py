@@ -15,56 +15,68 @@ State vector: w, p, xi, eta, T, y, q, A. A fan needs the first four only.
 
 import math
 
+import numpy as np
+
 from pymantaray.acoustics._kernels.compile import inlined, kernel
 from pymantaray.acoustics._kernels.field import linear_full, smooth_full, smooth_planar
-from pymantaray.acoustics._kernels.section import SMOOTH
+from pymantaray.acoustics._kernels.section import SMOOTH, move_level
 
 N_FULL = 8
 N_FAN = 4
+TUBE = 1e-3  # accuracy of the ray tube's width: 0.004 dB
 
 # Dormand and Prince (1980), the pair RK5(4)7M; the tests compare it with scipy.integrate.RK45
-A21 = 1 / 5
-A31, A32 = 3 / 40, 9 / 40
-A41, A42, A43 = 44 / 45, -56 / 15, 32 / 9
-A51, A52, A53, A54 = 19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729
-A61, A62, A63, A64, A65 = 9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656
-B1, B3, B4, B5, B6 = 35 / 384, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84
+C = np.array((0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0))
+A = np.array(
+    (
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        (1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0),
+        (3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0),
+        (44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0),
+        (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0),
+        (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0),
+        (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+    )
+)
 E1, E3, E4, E5, E6, E7 = 71 / 57600, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40
 
 
-@kernel
-def derivative(s, b, k, pos, y, dy, n_eq, axis):
-    """Right-hand side; False where the ray has turned across the axis.
+@inlined
+def _derivative(s, b, k, pos, y, dy, n_eq, axis):
+    """Right-hand side; ok False where the ray has turned across the axis, and the layer, found from layer k.
 
     axis = (z_source, cb, sb, c_ref); c_ref is the sound speed at the source, so that n = 1 there.
     """
     z_source, cb, sb, c_ref = axis
     r = pos * cb - y[0] * sb
     z = z_source + pos * sb + y[0] * cb
-    cr, crz, crr, cy, cyw = 0.0, 0.0, 0.0, 0.0, 0.0
+    cr, crz, crr, cy, cyz, cyy, cyyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if s.kind == SMOOTH:
+        k = move_level(s.depth, k, z)
         if n_eq == N_FAN and sb == 0.0:
-            c, cz, czz = smooth_planar(s, r, z)
+            c, cz, czz = smooth_planar(s, k, r, z)
         else:
-            c, cz, cr, czz, crz, crr, cy, cyw = smooth_full(s, r, z)
+            c, cz, cr, czz, crz, crr, cy, cyz, cyy, cyyz = smooth_full(s, k, r, z)
     else:
-        c, cz, cr, czz, crz, crr, cy, cyw = linear_full(s, b, k, r, z)
+        c, cz, cr, czz, crz, crr, cy, cyz, cyy, cyyz = linear_full(s, b, k, r, z)
     cw = cz * cb - cr * sb
     cww = czz * cb * cb - 2.0 * crz * cb * sb + crr * sb * sb
     q = 0.0
     if n_eq == N_FULL:
-        c += cy * y[5]
-        cw += cyw * cb * y[5]
+        half = 0.5 * y[5]
+        c += y[5] * (cy + half * cyy)
+        cw += y[5] * cb * (cyz + half * cyyz)
+        cy += y[5] * cyy
         q = y[6]
     p = y[1]
     ic = 1.0 / c
     n = c_ref * ic
     nw = -n * cw * ic
     nww = n * ic * (2.0 * cw * cw * ic - cww)
-    h2 = n * n - p * p - q * q
-    if not h2 > 1e-6:
-        return False
-    ih = 1.0 / math.sqrt(h2)
+    square = c_ref * c_ref - c * c * (p * p + q * q)  # (h c)^2, without waiting for 1 / c
+    if not square > 1e-6 * c * c:
+        return False, k
+    ih = c / math.sqrt(square)
     ih3 = ih * ih * ih
     nnw = n * nw
     dy[0] = p * ih
@@ -76,45 +88,43 @@ def derivative(s, b, k, pos, y, dy, n_eq, axis):
         dy[5] = q * ih
         dy[6] = -n * n * cy * ic * ih
         dy[7] = ih
-    return True
+    return True, k
 
 
 @kernel
-def step(s, b, k, pos, h, y, K, ynew, n_eq, axis):
-    """One Dormand-Prince step from K[0] = derivative at pos; leaves the derivative at the end in K[6]."""
-    for i in range(n_eq):
-        ynew[i] = y[i] + h * A21 * K[0, i]
-    if not derivative(s, b, k, pos + 0.2 * h, ynew, K[1], n_eq, axis):
-        return False
-    for i in range(n_eq):
-        ynew[i] = y[i] + h * (A31 * K[0, i] + A32 * K[1, i])
-    if not derivative(s, b, k, pos + 0.3 * h, ynew, K[2], n_eq, axis):
-        return False
-    for i in range(n_eq):
-        ynew[i] = y[i] + h * (A41 * K[0, i] + A42 * K[1, i] + A43 * K[2, i])
-    if not derivative(s, b, k, pos + 0.8 * h, ynew, K[3], n_eq, axis):
-        return False
-    for i in range(n_eq):
-        ynew[i] = y[i] + h * (A51 * K[0, i] + A52 * K[1, i] + A53 * K[2, i] + A54 * K[3, i])
-    if not derivative(s, b, k, pos + 8.0 / 9.0 * h, ynew, K[4], n_eq, axis):
-        return False
-    for i in range(n_eq):
-        ynew[i] = y[i] + h * (A61 * K[0, i] + A62 * K[1, i] + A63 * K[2, i] + A64 * K[3, i] + A65 * K[4, i])
-    if not derivative(s, b, k, pos + h, ynew, K[5], n_eq, axis):
-        return False
-    for i in range(n_eq):
-        ynew[i] = y[i] + h * (B1 * K[0, i] + B3 * K[2, i] + B4 * K[3, i] + B5 * K[4, i] + B6 * K[5, i])
-    return derivative(s, b, k, pos + h, ynew, K[6], n_eq, axis)
+def derivative(s, b, k, pos, y, dy, n_eq, axis):
+    """Right-hand side at one place; False where the ray has turned across the axis."""
+    return _derivative(s, b, k, pos, y, dy, n_eq, axis)[0]
 
 
 @inlined
-def step_error(h, K, n_eq, remaining):
-    """Estimated displacement at the end of the ray that this step's error causes. [m]"""
-    total = 0.0
-    for i in range(n_eq):
-        weight = 1.0 if i == 0 or i == 4 or i == 5 else (remaining if i == 1 else 0.0)
-        if weight > 0.0:
-            total += weight * abs(
-                E1 * K[0, i] + E3 * K[2, i] + E4 * K[3, i] + E5 * K[4, i] + E6 * K[5, i] + E7 * K[6, i]
-            )
+def step(s, b, k, pos, h, y, K, ynew, n_eq, axis):
+    """One Dormand-Prince step from K[0] = derivative at pos; leaves the derivative at the end in K[6]."""
+    for stage in range(1, 7):
+        for i in range(n_eq):
+            slope = A[stage, 0] * K[0, i]
+            for j in range(1, stage):
+                slope += A[stage, j] * K[j, i]
+            ynew[i] = y[i] + h * slope
+        ok, k = _derivative(s, b, k, pos + C[stage] * h, ynew, K[stage], n_eq, axis)
+        if not ok:
+            return False
+    return True
+
+
+@inlined
+def _embedded(K, i):
+    """Difference of the two embedded formulas per length of step."""
+    return abs(E1 * K[0, i] + E3 * K[2, i] + E4 * K[3, i] + E5 * K[4, i] + E6 * K[5, i] + E7 * K[6, i])
+
+
+@inlined
+def step_error(h, K, ynew, n_eq, remaining, tol):
+    """Estimated displacement at the end of the ray that this step's error causes. [m]
+
+    Of a full ray, a relative error TUBE of the variation counts as much as the whole tolerance.
+    """
+    total = _embedded(K, 0) + remaining * _embedded(K, 1)
+    if n_eq == N_FULL:
+        total += _embedded(K, 4) + _embedded(K, 5) + tol / (TUBE * max(abs(ynew[2]), 1.0)) * _embedded(K, 2)
     return abs(h) * total

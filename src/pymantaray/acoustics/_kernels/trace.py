@@ -1,32 +1,72 @@
-"""One ray through a section, from the source to the receiver's plane."""
+"""One ray through a section, from the source to the receiver's plane, with or without reflections."""
 
 import math
+from collections import namedtuple
 
-from pymantaray.acoustics._kernels.compile import kernel
-from pymantaray.acoustics._kernels.faces import crossing, face_slope, land, start_cell
-from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level
+from pymantaray.acoustics._kernels.boundary import (
+    AT_BOTTOM,
+    AT_SURFACE,
+    BOUNDARY,
+    DEPTH,
+    IN_WATER,
+    P_DEPTH,
+    P_RANGE,
+    P_SIDE,
+    RANGE,
+    SIDE,
+    TIME,
+    floor_at,
+    reflect,
+)
+from pymantaray.acoustics._kernels.compile import kernel, out_of_line
+from pymantaray.acoustics._kernels.faces import (
+    BOTTOM,
+    ON_FACE,
+    SURFACE,
+    crossing,
+    face_distance,
+    land,
+    start_cell,
+)
+from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level, move_level
 from pymantaray.acoustics._kernels.step import N_FULL, derivative, step, step_error
 
 MAX_STEPS = 20_000
+OPEN, FORWARD, LEGS = 0, 1, 2
+_LONG = 1e7  # m; a leg that a boundary ends
+_HASH = 2**32
+MOST_BOUNCES = 15  # of each kind
+
+Rule = namedtuple("Rule", "kind max_surface max_bottom legs end_depth")
+Rule.__doc__ = """What a ray does at the surface and at the sea bed.
+
+OPEN: it goes on beyond them. FORWARD: it is reflected, at most so many times. LEGS: on a vertical axis, it is
+reflected ``legs - 1`` times and ends at end_depth.
+"""
 
 
 @kernel
-def trace(s, angle, q0, length, axis, tol, n_eq, y, K, ynew, path):
-    """Trace one ray to s = length.
+def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
+    """Trace one ray to the distance length along the axis, for LEGS to the end of the last leg.
 
     angle is the launch angle from the axis, q0 the slowness out of the plane, tol the end displacement
-    allowed. [rad, 1, m] The end state is left in y, its derivative in K[0]; path (n, 4) takes s, w, w' and
-    the layer-independent depth slope of every accepted step when it has rows.
+    allowed over length. [rad, 1, m] The end state is left in y, its derivative in K[0]. K (7, N_FULL) asks for
+    the full state, K (7, N_FAN) for that of a fan; path (n, N_PATH) takes every accepted step of a full ray when it has rows.
 
     Returns
     -------
     ok : bool
     steps : int
-        Steps taken, also the rows of path in use less one.
-    turns : int
-        Turning points in depth.
+        Rows of path in use less one.
+    turns, surface, bottom : int
+        Turning points in depth and reflections.
+    code : int
+        Equal for rays with the same reflections, in order, on the same cells of the sea bed; 16 surface + bottom
+        modulo 256.
     """
-    z_source, cb, sb, _ = axis
+    out_of_line()
+    n_eq = K.shape[1]
+    z_source, cb, sb, c_ref = axis
     y[0] = 0.0
     y[1] = math.sin(angle)
     y[2] = 0.0
@@ -35,60 +75,117 @@ def trace(s, angle, q0, length, axis, tol, n_eq, y, K, ynew, path):
     y[5] = 0.0
     y[6] = q0
     y[7] = 0.0
-    b, k = 0, 0
+    turns, surface, bottom, code, count = 0, 0, 0, 0, 0
+    b, k = 0, find_level(s.depth, s.lut, s.lut_scale, z_source)
     if s.kind == LINEAR:
         b, k = start_cell(s, axis, math.tan(angle))
     if not derivative(s, b, k, 0.0, y, K[0], n_eq, axis):
-        return False, 0, 0
-    record = path.shape[0] > 0
-    if record:
-        path[0, 0] = 0.0
-        path[0, 1] = 0.0
-        path[0, 2] = K[0, 0]
-        path[0, 3] = sb + K[0, 0] * cb
-    pos = 0.0
-    h = min(length, 60.0)
-    turns = 0
+        return False, 0, 0, 0, 0, 0
     down = sb + K[0, 0] * cb
-    count = 0
+    walls = rule.kind != OPEN
+    if walls and (
+        (z_source <= 0.0 and down < 0.0)
+        or face_distance(s, floor, b, k, BOTTOM, 0.0, 0.0, K[0, 0], 0.0, 0.0, axis, 0.0)[0] <= 0.0 < down
+    ):
+        return False, 0, 0, 0, 0, 0
+    record = n_eq == N_FULL and path.shape[0] > 0
+    if record:
+        _record(path[0], 0.0, y, K[0], axis, IN_WATER)
+    leg = 1
+    span = length
+    if rule.kind == LEGS:
+        span = _LONG
+    pos, gone = 0.0, 0.0
+    h = min(length, 60.0)
+    next_break = 0
+    if s.kind == SMOOTH and n_eq == N_FULL:
+        h = min(h, (s.depth[k + 1] - s.depth[k]) / max(abs(down), 1e-9))
+    hit = IN_WATER
+    near = max(ON_FACE, 1e-3 * tol)
+    first_face = 0 if s.kind == LINEAR else SURFACE
+    last_face = BOTTOM + 1 if walls else SURFACE
     for _ in range(MAX_STEPS):
-        if pos >= length:
+        if hit != IN_WATER:
+            surface += 1 if hit == AT_SURFACE else 0
+            bottom += 1 if hit == AT_BOTTOM else 0
+            if surface > rule.max_surface or bottom > rule.max_bottom:
+                return False, count, turns, surface, bottom, code
+            new_sb = sb
+            z = z_source + pos * sb + y[0] * cb
+            if rule.kind == LEGS:
+                new_sb = -sb
+            r = pos * cb - y[0] * sb
+            cell = floor_at(floor, r, y[5], r)[4] + 2 if hit == AT_BOTTOM else 1
+            code = ((code // 256 * 8191 + cell) % _HASH) * 256 + surface * 16 + bottom
+            if not reflect(s, floor, b, k, pos, y, n_eq, axis, hit == AT_BOTTOM, new_sb):
+                return False, count, turns, surface, bottom, code
+            if rule.kind == LEGS:
+                gone += pos
+                pos = 0.0
+                leg += 1
+                sb = new_sb
+                z_source = z
+                axis = (z_source, cb, sb, c_ref)
+                if leg == rule.legs:
+                    span = (rule.end_depth - z_source) * sb
+                    if not span >= 0.0:
+                        return False, count, turns, surface, bottom, code
+            if not derivative(s, b, k, pos, y, K[0], n_eq, axis):
+                return False, count, turns, surface, bottom, code
+            down = sb + K[0, 0] * cb
+            if record:
+                count += 1
+                if count >= path.shape[0]:
+                    return False, count, turns, surface, bottom, code
+                _record(path[count], pos, y, K[0], axis, hit)
+            hit = IN_WATER
+        if pos >= span:
             break
         last = False
-        if pos + h * (1.0 + 1e-12) >= length:
-            h = length - pos
+        if pos + h * (1.0 + 1e-12) >= span:
+            h = span - pos
             last = True
+        if rule.kind == FORWARD:  # no step across an edge of the sea bed's cells
+            while next_break < floor.n_breaks and floor.breaks[next_break] <= pos + 1e-9:
+                next_break += 1
+            if next_break < floor.n_breaks and pos + h > floor.breaks[next_break]:
+                h = floor.breaks[next_break] - pos
+                last = last and pos + h >= span
         if not step(s, b, k, pos, h, y, K, ynew, n_eq, axis):
             h *= 0.25
             if h < 1e-7 * length:
-                return False, count, turns
+                return False, count, turns, surface, bottom, code
             continue
-        error = step_error(h, K, n_eq, length - pos)
+        error = step_error(h, K, ynew, n_eq, max(length - gone - pos, 0.0), tol)
         allowed = tol * h / length
         if error > allowed and h > 1e-9 * length:
-            h *= max(0.2, 0.9 * (allowed / error) ** 0.25)
+            h *= max(0.2, 0.9 * math.sqrt(math.sqrt(allowed / error)))
             continue
         grow = 5.0
         if error > 0.0:
-            grow = min(5.0, 0.9 * (allowed / error) ** 0.2)
+            grow = min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error)))
         face = -1
         h_next = h * grow
-        if s.kind == LINEAR:
-            face, h_hit = crossing(s, b, k, pos, h, y, K, ynew, axis)
+        if last_face > first_face:
+            face, h_hit = crossing(s, floor, b, k, first_face, last_face, pos, h, y, K, ynew, n_eq, axis)
             if face >= 0:
-                h_hit = land(s, b, k, face, pos, h_hit, h, y, K, ynew, n_eq, axis)
+                h_hit = land(s, floor, b, k, face, pos, h_hit, h, near, y, K, ynew, n_eq, axis)
                 if h_hit < 0.0:
-                    return False, count, turns
+                    return False, count, turns, surface, bottom, code
                 last = last and h_hit == h
                 h = h_hit
-        pos = length if last else pos + h
+        pos = span if last else pos + h
         h = h_next
         for i in range(n_eq):
             y[i] = ynew[i]
             K[0, i] = K[6, i]
-        if face >= 0:
+        if face >= SURFACE:
+            hit = AT_SURFACE if face == SURFACE else AT_BOTTOM
+            if pos >= span:  # at the receiver's plane: it is there, not reflected
+                hit = IN_WATER
+        elif face >= 0:
             before = K[0, 1]
-            rate = face_slope(face, K[0, 0], axis)
+            rate = face_distance(s, floor, b, k, face, pos, y[0], K[0, 0], 0.0, 0.0, axis, 0.0)[1]
             weight = cb if face == 0 else (-cb if face == 1 else (-sb if face == 2 else sb))
             if face == 0:
                 k -= 1
@@ -99,25 +196,37 @@ def trace(s, angle, q0, length, axis, tol, n_eq, y, K, ynew, path):
             else:
                 b += 1
             if not derivative(s, b, k, pos, y, K[0], n_eq, axis):
-                return False, count, turns
+                return False, count, turns, surface, bottom, code
             if rate < 0.0:
                 y[3] += (before - K[0, 1]) * (-weight * y[2] / rate)
                 derivative(s, b, k, pos, y, K[0], n_eq, axis)
         count += 1
         new_down = sb + K[0, 0] * cb
-        if s.kind == SMOOTH and n_eq == N_FULL:
-            # the error estimate does not see a layer that a steep ray steps over
-            k = find_level(s.depth, s.lut, s.lut_scale, z_source + pos * sb + y[0] * cb)
-            h = min(h, (s.depth[k + 1] - s.depth[k]) / max(abs(new_down), 1e-9))
+        if s.kind == SMOOTH:
+            k = move_level(s.depth, k, z_source + pos * sb + y[0] * cb)
+            if n_eq == N_FULL:  # the error estimate does not see a layer that a steep ray steps over
+                h = min(h, (s.depth[k + 1] - s.depth[k]) / max(abs(new_down), 1e-9))
         if new_down * down < 0.0:
             turns += 1
         if new_down != 0.0:
             down = new_down
         if record:
             if count >= path.shape[0]:
-                return False, count, turns
-            path[count, 0] = pos
-            path[count, 1] = y[0]
-            path[count, 2] = K[0, 0]
-            path[count, 3] = new_down
-    return pos >= length, count, turns
+                return False, count, turns, surface, bottom, code
+            _record(path[count], pos, y, K[0], axis, hit)
+    return pos >= span, count, turns, surface, bottom, code
+
+
+@kernel
+def _record(row, pos, y, dy, axis, boundary):
+    """Write one place of a full ray into a row of a path."""
+    z_source, cb, sb, _ = axis
+    h = 1.0 / dy[7]
+    row[TIME] = y[4]
+    row[RANGE] = pos * cb - y[0] * sb
+    row[DEPTH] = z_source + pos * sb + y[0] * cb
+    row[SIDE] = y[5]
+    row[P_RANGE] = h * cb - y[1] * sb
+    row[P_DEPTH] = h * sb + y[1] * cb
+    row[P_SIDE] = y[6]
+    row[BOUNDARY] = boundary

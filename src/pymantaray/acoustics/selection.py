@@ -1,0 +1,120 @@
+"""Which of a link's arrivals a receiver ranges on: the direct one, the first or the strongest."""
+
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import AcousticsError
+from pymantaray.records import Arrivals, FirstArrivals, RayStatus
+
+Array = NDArray[np.float64]
+Rule = Literal["direct", "first", "strongest"]
+
+
+class Chosen(NamedTuple):
+    """Links that have an arrival by some rule, increasing, and the row of that arrival of each."""
+
+    link: NDArray[np.int64]
+    row: NDArray[np.int64]
+
+
+def choose_arrivals(
+    arrivals: Arrivals, rule: Rule, *, loss_db: ArrayLike | None = None, delay: ArrayLike | None = None
+) -> Chosen:
+    """
+    Pick at most one arrival of each link.
+
+    Parameters
+    ----------
+    arrivals : Arrivals
+    rule : {"direct", "first", "strongest"}
+        ``direct``: the earliest that met no boundary. ``first``: the earliest of all. ``strongest``: the
+        one of least loss; of equals, the earliest.
+    loss_db : array_like, shape (n_arrivals,), optional
+        Loss that ``strongest`` goes by, such as the transmission loss. Default: ``spreading_db``, which
+        knows neither reflection nor absorption nor distance. A loss of NaN counts as greater than any other. [dB]
+    delay : array_like, shape (n_arrivals,), optional
+        Added to the travel times before they are compared, see `current_delays`. [s]
+
+    Returns
+    -------
+    Chosen
+
+    Raises
+    ------
+    AcousticsError
+        If the rule is unknown, or an array does not have one value for each arrival.
+    """
+    if rule not in get_args(Rule):
+        raise AcousticsError(f"arrival rule {rule!r}; allowed are {', '.join(get_args(Rule))}")
+    time = _delayed(arrivals, delay)
+    allowed = np.ones(time.size, dtype=bool)
+    if rule == "direct":
+        allowed = (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
+    keys = [time, arrivals.link]
+    if rule == "strongest":
+        keys.insert(1, arrivals.spreading_db if loss_db is None else _one_each("loss_db", loss_db, time.size))
+    order = np.lexsort(keys)
+    order = order[allowed[order]]
+    link, at = np.unique(arrivals.link[order], return_index=True)
+    return Chosen(link=link.astype(np.int64), row=order[at].astype(np.int64))
+
+
+def select(
+    arrivals: Arrivals, rule: Rule, *, loss_db: ArrayLike | None = None, delay: ArrayLike | None = None
+) -> FirstArrivals:
+    """
+    Give the one arrival of each link that a rule picks.
+
+    Parameters
+    ----------
+    arrivals : Arrivals
+    rule : {"direct", "first", "strongest"}
+        As in `choose_arrivals`.
+    loss_db, delay : array_like, shape (n_arrivals,), optional
+        As in `choose_arrivals`. [dB, s]
+
+    Returns
+    -------
+    FirstArrivals
+        One row per link; ``travel_time`` includes the delay. By ``first`` and without a delay it is what
+        `Arrivals.first` returns. A link all of whose arrivals have bounced has none by ``direct``: its
+        status is SHADOW, since no ray within the bounces that the rule allows reaches the receiver, and
+        its shadow margin is NaN, since the solver gives that of all families together. Whether the direct
+        rays were rather blocked or weak, the solver says when it is asked for no bounces.
+
+    Raises
+    ------
+    AcousticsError
+        As `choose_arrivals`.
+    """
+    link, row = choose_arrivals(arrivals, rule, loss_db=loss_db, delay=delay)
+    n = arrivals.status.size
+    time = np.full(n, np.nan)
+    source, receiver = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    time[link] = _delayed(arrivals, delay)[row]
+    source[link], receiver[link] = arrivals.source_slowness[row], arrivals.receiver_slowness[row]
+    passed_over = (arrivals.status == RayStatus.OK) & ~np.isin(np.arange(n), link)
+    return FirstArrivals(
+        status=np.where(passed_over, np.int8(RayStatus.SHADOW), arrivals.status),
+        travel_time=time,
+        chord_travel_time=arrivals.chord_travel_time,
+        source_sound_speed=arrivals.source_sound_speed,
+        receiver_sound_speed=arrivals.receiver_sound_speed,
+        shadow_margin=np.where(passed_over, np.nan, arrivals.shadow_margin),
+        source_slowness=source,
+        receiver_slowness=receiver,
+    )
+
+
+def _delayed(arrivals: Arrivals, delay: ArrayLike | None) -> Array:
+    time: Array = arrivals.travel_time
+    return time if delay is None else time + _one_each("delay", delay, time.size)
+
+
+def _one_each(name: str, values: ArrayLike, n: int) -> Array:
+    array = np.asarray(values, dtype=float)
+    if array.shape != (n,):
+        raise AcousticsError(f"{name}: shape {array.shape}; {n} arrivals need one value each")
+    return array

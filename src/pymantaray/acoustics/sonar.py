@@ -1,0 +1,201 @@
+"""Sonar equation: from transmission loss to the probability that a ping is heard."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from pymantaray.acoustics.ambient_noise import WenzNoise, check_band
+from pymantaray.errors import AcousticsError
+
+Array = NDArray[np.float64]
+Combination = Literal["strongest", "sum"]
+
+
+@dataclass(frozen=True)
+class Sonar:
+    r"""
+    A modem's transmitter and receiver, and the noise between them.
+
+    Parameters
+    ----------
+    source_level_db : float
+        dB re 1 µPa at 1 m, in the band.
+    frequency_hz, bandwidth_hz : float
+        Middle and width of the band. [Hz]
+    noise : WenzNoise or float
+        Of the sea, or a spectral level at the receiver, flat in the band. [dB re 1 µPa²/Hz]
+    processing_gain_db : float
+        What pulse compression and directivity add to the signal-to-noise ratio.
+    threshold_db : float
+        Signal-to-noise ratio at which half the pings are heard.
+    spread_db : float
+        Standard deviation of the level about the predicted one (fading, aspect, what the model lacks). With
+        0 a ping is heard or not.
+
+    Raises
+    ------
+    AcousticsError
+        If a value is not finite, the band is impossible or the spread negative.
+
+    Notes
+    -----
+    Excess :math:`E = SL - TL - NL + PG - DT` with the noise level NL of the whole band; the level in decibels
+    is normal with standard deviation :math:`\sigma`, so :math:`P = \Phi(E / \sigma)`. Draw a dropout with
+    ``heard = uniform < probability``. The default spread of 6 dB lies near the 5.6 dB of the intensity, in
+    decibels, of a fully saturated (Rayleigh) signal.
+
+    References
+    ----------
+    .. [1] Urick, R. J., Principles of Underwater Sound, 3rd ed., chapter 12 (transition curves), not at
+       hand; the normal distribution of signal excess is the common one in sonar performance models.
+
+    Examples
+    --------
+    >>> sonar = Sonar(source_level_db=185.0, frequency_hz=25e3, bandwidth_hz=5e3, noise=50.0)
+    >>> sonar.probability_heard(sonar.figure_of_merit_db)
+    array(0.5)
+    """
+
+    source_level_db: float
+    frequency_hz: float
+    bandwidth_hz: float
+    noise: WenzNoise | float = field(default_factory=WenzNoise)
+    processing_gain_db: float = 0.0
+    threshold_db: float = 10.0
+    spread_db: float = 6.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_band(self.frequency_hz, self.bandwidth_hz)
+        values = {name: getattr(self, name) for name in _LEVELS}
+        if not isinstance(self.noise, WenzNoise):
+            values["noise"] = self.noise
+        for name, value in values.items():
+            if not math.isfinite(value):
+                raise AcousticsError(f"Sonar: {name} is {value}; must be finite")
+        if self.spread_db < 0.0:
+            raise AcousticsError(f"Sonar: spread_db is {self.spread_db:g}; must not be negative")
+
+    @property
+    def noise_level_db(self) -> float:
+        """Noise in the band. [dB re 1 µPa²]"""
+        if isinstance(self.noise, WenzNoise):
+            return self.noise.band_level_db(self.frequency_hz, self.bandwidth_hz)
+        return self.noise + 10.0 * math.log10(self.bandwidth_hz)
+
+    @property
+    def figure_of_merit_db(self) -> float:
+        """Transmission loss at which half the pings are heard. [dB]"""
+        return self.source_level_db - self.noise_level_db + self.processing_gain_db - self.threshold_db
+
+    def snr_db(self, loss_db: ArrayLike) -> Array:
+        """
+        Signal-to-noise ratio after processing.
+
+        Parameters
+        ----------
+        loss_db : array_like, shape (...)
+            Transmission loss; infinite where nothing arrives. [dB]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            [dB]
+        """
+        return np.asarray(self.figure_of_merit_db + self.threshold_db - np.asarray(loss_db, dtype=float))
+
+    def probability_heard(self, loss_db: ArrayLike) -> Array:
+        """
+        Probability that a ping is heard.
+
+        Parameters
+        ----------
+        loss_db : array_like, shape (...)
+            Transmission loss of an arrival (`TransmissionLoss.total_db`) or a link (`link_loss_db`). [dB]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            In 0 to 1; 0 where nothing arrives, NaN where the loss is NaN.
+        """
+        return probability_of_excess(self.snr_db(loss_db) - self.threshold_db, self.spread_db)
+
+
+_LEVELS = ("source_level_db", "processing_gain_db", "threshold_db", "spread_db")
+
+
+def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
+    """
+    Probability that a level normal about its prediction lies above the threshold.
+
+    Parameters
+    ----------
+    excess_db : array_like, shape (...)
+        Predicted level above the threshold. [dB]
+    spread_db : float
+        Standard deviation; 0 makes a step, 1 at no excess and above. [dB]
+
+    Returns
+    -------
+    ndarray, shape (...)
+    """
+    excess = np.asarray(excess_db, dtype=float)
+    if spread_db == 0.0:
+        return np.where(np.isnan(excess), np.nan, (excess >= 0.0).astype(float))
+    return np.asarray(ndtr(excess / spread_db))
+
+
+def link_loss_db(
+    loss_db: ArrayLike, link: ArrayLike, n_links: int, *, combine: Combination = "strongest"
+) -> Array:
+    r"""
+    One transmission loss for each link.
+
+    Parameters
+    ----------
+    loss_db : array_like, shape (n_arrivals,)
+        Of each arrival. [dB]
+    link : array_like of int, shape (n_arrivals,)
+        Link of each arrival.
+    n_links : int
+        Number of links.
+    combine : {"strongest", "sum"}
+        The strongest arrival alone, or the powers of all arrivals added.
+
+    Returns
+    -------
+    ndarray, shape (n_links,)
+        Infinite where nothing arrives; NaN where a loss is NaN. [dB]
+
+    Raises
+    ------
+    AcousticsError
+        If the shapes differ, a link is outside 0 to n_links - 1 or the combination is unknown.
+
+    Notes
+    -----
+    The strongest by default: a ranging modem's band of kilohertz tells arrivals apart that are a millisecond
+    apart, so each has to be heard on its own. Where they overlap, "sum" is the mean power over their phases,
+    :math:`-10 \lg \sum 10^{-TL/10}`.
+    """
+    loss, row = np.asarray(loss_db, dtype=float), np.asarray(link, dtype=np.int64)
+    if loss.ndim != 1 or loss.shape != row.shape:
+        raise AcousticsError(f"loss_db has shape {loss.shape}, link {row.shape}; both must be (n_arrivals,)")
+    if row.size and (row.min() < 0 or row.max() >= n_links):
+        raise AcousticsError(f"link: {row.min()} to {row.max()}; must lie in 0 to {n_links - 1}")
+    best = np.full(n_links, np.inf)
+    with np.errstate(invalid="ignore"):
+        np.minimum.at(best, row, loss)  # NaN stays NaN
+    if combine == "strongest":
+        return best
+    if combine != "sum":
+        raise AcousticsError(f"combine: {combine!r}; allowed are 'strongest' and 'sum'")
+    level = np.where(np.isfinite(best), best, 0.0)  # relative to the strongest, so that no power underflows
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        power = np.bincount(row, 10.0 ** ((level[row] - loss) / 10.0), minlength=n_links)
+        total = level - 10.0 * np.log10(power)
+    return np.where(np.isfinite(best), total, best)

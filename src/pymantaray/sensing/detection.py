@@ -1,0 +1,143 @@
+"""Whether a ping is heard: the sonar equation gives a probability, a random draw decides."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.acoustics.absorption_field import Absorption
+from pymantaray.acoustics.loss import transmission_loss
+from pymantaray.acoustics.reflection import FluidBottom
+from pymantaray.acoustics.sonar import Sonar
+from pymantaray.acoustics.surface_loss import SeaSurface
+from pymantaray.errors import SensingError
+from pymantaray.geometry import stream
+from pymantaray.records import Arrivals, Observations, RayPaths, RayStatus
+from pymantaray.records.base import Column, Record, column
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Hearing(Record):
+    """Probability that each range attempt is heard, row by row the attempts of an `Observations` record."""
+
+    kind: ClassVar[str] = "hearing"
+
+    probability: Column = column("range", "1", "probability of detection, NaN where no arrival exists")
+
+
+@dataclass(frozen=True, eq=False)
+class Detector:
+    """
+    Everything that decides how loud an arrival is, and how loud it has to be.
+
+    Parameters
+    ----------
+    sonar : Sonar
+        Levels, band, noise and threshold; every modem is alike.
+    absorption : Absorption, optional
+        By default the water absorbs nothing.
+    bottom : FluidBottom, optional
+        By default the sea bed reflects everything.
+    surface : SeaSurface, optional
+        By default the surface reflects everything.
+    """
+
+    sonar: Sonar
+    absorption: Absorption | None = None
+    bottom: FluidBottom | None = None
+    surface: SeaSurface | None = None
+
+    def loss_db(
+        self, medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, paths: RayPaths
+    ) -> Array:
+        """
+        Transmission loss of each arrival at the middle of the sonar's band.
+
+        Parameters
+        ----------
+        medium : Medium
+        source, receiver : ndarray, shape (n_links, 3)
+            [m]
+        arrivals : Arrivals
+            What `find_eigenrays` returned for them.
+        paths : RayPaths
+            What `trace_paths` returned for the arrivals.
+
+        Returns
+        -------
+        ndarray, shape (n_arrivals,)
+            [dB]
+        """
+        loss = transmission_loss(
+            medium,
+            source,
+            receiver,
+            arrivals,
+            self.sonar.frequency_hz,
+            absorption=self.absorption,
+            bottom=self.bottom,
+            surface=self.surface,
+            paths=paths,
+        )
+        total: Array = loss.total_db
+        return total
+
+
+def draw_unheard(
+    observations: Observations, probability: ArrayLike, *, root_seed: int, realization: int
+) -> Observations:
+    """
+    Let chance decide which of the arrivals are heard in one realization.
+
+    Parameters
+    ----------
+    observations : Observations
+    probability : array_like, shape (n_ranges,)
+        That an attempt is heard; not read where the status is not OK.
+    root_seed, realization : int
+        As for `pymantaray.geometry.stream`.
+
+    Returns
+    -------
+    Observations
+        Attempts that were not heard have status UNHEARD and a refracted range of NaN.
+
+    Raises
+    ------
+    SensingError
+        If there is not one probability in 0 to 1 for each attempt with an arrival.
+
+    Notes
+    -----
+    Each ordered pair draws from its own stream, once an attempt, arrival or not, so a higher probability
+    only ever adds ranges and nothing else moves.
+    """
+    o = observations
+    p = np.asarray(probability, dtype=float)
+    ok = o.range_status == RayStatus.OK
+    if p.shape != ok.shape:
+        raise SensingError(f"probability: shape {p.shape}; {ok.size} range attempts need one value each")
+    wrong = ok & ~((p >= 0.0) & (p <= 1.0))
+    if wrong.any():
+        raise SensingError(
+            f"probability: {np.count_nonzero(wrong)} attempts with an arrival have none in 0 to 1, the first is"
+            f" {p[wrong][0]:g}"
+        )
+    participants = [str(name) for name in (*o.name, *o.landmark_name)]
+    pair = o.range_transmitter.astype(np.int64) * len(participants) + o.range_receiver
+    chance = np.empty(pair.size)
+    for key in np.unique(pair):
+        rows = np.flatnonzero(pair == key)
+        transmitter, receiver = (participants[i] for i in divmod(int(key), len(participants)))
+        generator = stream(root_seed, realization, "sensing", transmitter, "heard", receiver)
+        chance[rows] = generator.random(rows.size)
+    lost = ok & ~(chance < p)
+    return replace(
+        o,
+        range_status=np.where(lost, np.int8(RayStatus.UNHEARD), o.range_status),
+        refracted_range=np.where(lost, np.nan, o.refracted_range),
+    )

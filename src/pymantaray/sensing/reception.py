@@ -1,0 +1,135 @@
+"""What each link's receiver ranges on: rays, the current along them, their loss, and the one arrival chosen."""
+
+from dataclasses import fields, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
+from pymantaray.acoustics.moving_water import Currents, current_delays
+from pymantaray.acoustics.selection import Rule, choose_arrivals, select
+from pymantaray.records import Arrivals, FirstArrivals, RayStatus
+from pymantaray.sensing.detection import Detector
+
+Array = NDArray[np.float64]
+_BLOCK = 512  # links whose ray paths are held at a time
+
+
+class Reception(NamedTuple):
+    """
+    Outcome of every link in both directions, one row per link.
+
+    The slowness vectors of both directions point from source to receiver. The arrivals' travel times are
+    those in water at rest.
+    """
+
+    arrivals: Arrivals
+    there: FirstArrivals
+    """From source to receiver."""
+    back: FirstArrivals
+    """From receiver to source."""
+    probability: Array | None
+    """Shape (n_links, 2): that the arrival there and the one back are heard; None without a detector."""
+
+
+def receive(
+    medium: Medium,
+    source: Array,
+    receiver: Array,
+    *,
+    spreading_cutoff_db: float | None = 15.0,
+    max_surface_bounces: int = 0,
+    max_bottom_bounces: int = 0,
+    rule: Rule = "direct",
+    currents: Currents | None = None,
+    detector: Detector | None = None,
+    threads: int | None = None,
+) -> Reception:
+    """
+    Find the arrivals of links and pick the one that each receiver ranges on.
+
+    Parameters
+    ----------
+    medium : Medium
+    source, receiver : ndarray, shape (n_links, 3)
+        [m]
+    spreading_cutoff_db, max_surface_bounces, max_bottom_bounces, threads
+        As in `pymantaray.acoustics.find_eigenrays`.
+    rule : {"direct", "first", "strongest"}
+        As in `pymantaray.acoustics.selection.select`. ``strongest`` goes by the transmission loss if there is
+        a detector, else by the spreading alone.
+    currents : Currents, optional
+        By default the water is at rest.
+    detector : Detector, optional
+        By default every arrival is heard.
+
+    Returns
+    -------
+    Reception
+        By ``direct``, time and status of a link do not depend on the bounces allowed: a link without a
+        direct arrival has the status that it has where none are.
+    """
+    arrivals = find_eigenrays(
+        medium,
+        source,
+        receiver,
+        max_surface_bounces,
+        max_bottom_bounces,
+        spreading_cutoff_db,
+        threads=threads,
+    )
+    delay, loss = _along_rays(medium, source, receiver, arrivals, currents, detector)
+    there = select(arrivals, rule, loss_db=loss, delay=delay)
+    if rule == "direct" and (max_surface_bounces or max_bottom_bounces):
+        lost = there.status != RayStatus.OK
+        bare = find_eigenrays(
+            medium, source[lost], receiver[lost], spreading_cutoff_db=spreading_cutoff_db, threads=threads
+        )
+        if np.any(bare.status == RayStatus.OK):
+            raise AssertionError("a direct arrival was lost among those that bounce")
+        status, margin = there.status.copy(), there.shadow_margin.copy()
+        status[lost], margin[lost] = bare.status, bare.shadow_margin
+        there = replace(there, status=status, shadow_margin=margin)
+    back, probability = there, None
+    if delay is not None:
+        against = select(arrivals, rule, loss_db=loss, delay=-delay)
+        back = replace(against, status=there.status, shadow_margin=there.shadow_margin)
+    if detector is not None and loss is not None:
+        heard = detector.sonar.probability_heard(loss)
+        probability = np.full((arrivals.status.size, 2), np.nan)
+        for way, d in enumerate((delay, None if delay is None else -delay)):
+            link, row = choose_arrivals(arrivals, rule, loss_db=loss, delay=d)
+            probability[link, way] = heard[row]
+    return Reception(arrivals=arrivals, there=there, back=back, probability=probability)
+
+
+def _along_rays(
+    medium: Medium,
+    source: Array,
+    receiver: Array,
+    arrivals: Arrivals,
+    currents: Currents | None,
+    detector: Detector | None,
+) -> tuple[Array | None, Array | None]:
+    """Delay by the current and transmission loss of each arrival, None for what is not asked for."""
+    if currents is None and detector is None:
+        return None, None
+    delay, loss = np.zeros(arrivals.link.size), np.zeros(arrivals.link.size)
+    for start in range(0, arrivals.status.size, _BLOCK):
+        stop = min(start + _BLOCK, arrivals.status.size)
+        rows = slice(*np.searchsorted(arrivals.link, [start, stop]))
+        part = _part(arrivals, slice(start, stop), rows)
+        paths = trace_paths(medium, source[start:stop], receiver[start:stop], part)
+        if currents is not None:
+            delay[rows] = current_delays(quadrature(paths), currents, part.link.size)
+        if detector is not None:
+            loss[rows] = detector.loss_db(medium, source[start:stop], receiver[start:stop], part, paths)
+    return (None if currents is None else delay), (None if detector is None else loss)
+
+
+def _part(arrivals: Arrivals, links: slice, rows: slice) -> Arrivals:
+    """Arrivals of a run of links."""
+    cut = {"arrival": rows, "n_links": links}
+    columns = {f.name: getattr(arrivals, f.name)[cut[f.metadata["dims"][0]]] for f in fields(arrivals)}
+    return Arrivals(**columns | {"link": columns["link"] - links.start})

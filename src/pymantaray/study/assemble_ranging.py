@@ -1,0 +1,123 @@
+"""From configuration to what ranging needs: currents, detector, timing scheme and clocks."""
+
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+from pymantaray.acoustics.absorption_field import Absorption
+from pymantaray.acoustics.ambient_noise import WenzNoise
+from pymantaray.acoustics.moving_water import Currents
+from pymantaray.acoustics.reflection import FluidBottom
+from pymantaray.acoustics.sonar import Sonar
+from pymantaray.acoustics.surface_loss import SeaSurface
+from pymantaray.sensing import ClockModel, Detector, OneWay, Timing, TwoWay
+from pymantaray.study.config import StudyConfig
+from pymantaray.study.config_acoustics import DetectionSection, RangingSection
+
+if TYPE_CHECKING:
+    from pymantaray.study.assemble import StudyOcean
+
+
+def build_timing(section: RangingSection) -> Timing:
+    """
+    Timing scheme of a study.
+
+    Parameters
+    ----------
+    section : RangingSection
+
+    Returns
+    -------
+    OneWay or TwoWay
+    """
+    return OneWay() if section.timing == "one-way" else TwoWay(turn_around=section.turn_around_s)
+
+
+def build_clocks(section: RangingSection) -> ClockModel | None:
+    """
+    Clocks of a study's vehicles.
+
+    Parameters
+    ----------
+    section : RangingSection
+
+    Returns
+    -------
+    ClockModel or None
+        None if they are synchronous.
+    """
+    if section.clock_offset_sigma == 0.0 and section.clock_skew_sigma == 0.0:
+        return None
+    return ClockModel(offset_sigma=section.clock_offset_sigma, skew_sigma=section.clock_skew_sigma)
+
+
+def build_currents(config: StudyConfig, ocean: "StudyOcean") -> Currents | None:
+    """
+    Currents along the rays of a study.
+
+    Parameters
+    ----------
+    config : StudyConfig
+    ocean : StudyOcean
+
+    Returns
+    -------
+    Currents or None
+        None if rays are to run through water at rest.
+    """
+    return Currents.from_dataset(ocean.local) if config.acoustics.currents else None
+
+
+def build_detector(config: StudyConfig, ocean: "StudyOcean") -> Detector | None:
+    """
+    Sonar and losses of a study.
+
+    Parameters
+    ----------
+    config : StudyConfig
+    ocean : StudyOcean
+
+    Returns
+    -------
+    Detector or None
+        None if every arrival is heard.
+
+    Raises
+    ------
+    AcousticsError
+        If a value is impossible.
+    """
+    s = config.detection
+    if s is None:
+        return None
+    noise: WenzNoise | float
+    if s.noise_spectral_level_db is None:
+        noise = WenzNoise(wind_speed=s.wind_speed, shipping=0.5 if s.shipping is None else s.shipping)
+    else:
+        noise = s.noise_spectral_level_db
+    return Detector(
+        sonar=Sonar(
+            source_level_db=s.source_level_db,
+            frequency_hz=s.frequency_hz,
+            bandwidth_hz=s.bandwidth_hz,
+            noise=noise,
+            processing_gain_db=s.processing_gain_db,
+            threshold_db=s.threshold_db,
+            spread_db=s.spread_db,
+        ),
+        absorption=_absorption(s, ocean.geographic, config.ocean.centre),
+        bottom=None if s.sediment == "none" else FluidBottom.standard(s.sediment),
+        surface=None
+        if s.surface_loss == "none"
+        else SeaSurface(wind_speed=s.wind_speed, model=s.surface_loss),
+    )
+
+
+def _absorption(
+    s: DetectionSection, geographic: xr.Dataset, centre: tuple[float, float] | None
+) -> Absorption | None:
+    if s.absorption == "none":
+        return None
+    if s.absorption == "thorp":
+        return Absorption.thorp()
+    return Absorption.from_dataset(geographic, centre=centre, formula=s.absorption)

@@ -1,0 +1,175 @@
+"""The kernels on CUDA: the simulator's digits, compilation without a device, and workspaces no larger than needed."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.errors import AcousticsError
+
+Z = np.array([0.0, 2, 5, 10, 20, 40, 60, 100, 150, 250, 400, 700, 1200, 2000, 3000, 4000])
+DUCT = 1440.0 + 0.016 * Z + 8.0 * np.exp(-(((Z - 60) / 25.0) ** 2))
+SOURCE = np.array(
+    [[5e3, 5e3, 115.0], [6e3, 6e3, 500.0], [5e3, 5e3, 3000.0], [5e3, 5e3, 20.0], [2e3, 9e3, 60.0]]
+)
+RECEIVER = np.array(
+    [[7e3, 5.5e3, 135.0], [6e3, 6e3, 500.0], [5.5e3, 5e3, 100.0], [3e4, 5e3, -1.0], [3e3, 9e3, 70.0]]
+)
+FIELDS = (
+    "link",
+    "travel_time",
+    "launch_angle",
+    "spreading_db",
+    "source_slowness",
+    "status",
+    "chord_travel_time",
+)
+ATOL_TIME = 1e-12  # s; both round as IEEE 754 prescribes, elementary functions may differ in the last digit
+
+SIMULATE = """
+import sys
+import numpy as np
+sys.path.insert(0, sys.argv[2])
+import test_cuda
+from pymantaray.acoustics._kernels import solve_cuda
+from pymantaray.acoustics import solvers
+solvers._WAVE, solve_cuda._THREADS = 4, 3  # two waves, threads with several links
+np.savez(sys.argv[1], **test_cuda.solve("cuda"))
+"""
+
+COMPILE = """
+import types as python_types
+from numba import cuda, types
+from numba.cuda import dispatcher
+
+cc = (8, 0)
+dispatcher.get_current_device = lambda: python_types.SimpleNamespace(compute_capability=cc)
+try:
+    cuda.compile_ptx(lambda x: None, (types.float64,), cc=cc)
+except Exception as error:
+    print("no toolkit:", str(error).splitlines()[0])
+    raise SystemExit(77)
+from pymantaray.acoustics._kernels import solve_cuda, workspace
+
+
+def array(dimensions, dtype=types.float64):
+    return types.Array(dtype, dimensions, "C")
+
+
+real, whole = types.float64, types.int64
+medium = types.Tuple(
+    (whole, array(1), array(1), array(1), array(3), array(1), whole, array(1), whole, array(1, types.int32), real, real)
+)
+work = types.NamedTuple([array(len(shape) + 1) for shape in workspace.shapes(16)], workspace.Work)
+signature = (medium, array(2), array(2), array(2), whole, whole, real, real, types.boolean, work)
+results = (array(3), array(1, whole), array(1, types.int8), array(2))
+ptx, _ = cuda.compile_ptx(solve_cuda.solve_wave.py_func, (*signature, *results), cc=cc)
+print(ptx.count(".visible .entry"), ptx.count(chr(10)))
+"""
+
+
+def media():
+    axis = np.linspace(0.0, 2e4, 9)
+    gain = 1.0 + 0.3 * np.sin(axis[:, None, None] / 4e3) * np.cos(axis[None, :, None] / 5e3)
+    field = 1440.0 + 0.016 * Z + gain * (DUCT - 1440.0 - 0.016 * Z)
+    bottom = np.full((9, 9), 3500.0)
+    for kind in ("smooth", "linear"):
+        yield Medium.from_profile(Z, DUCT, bottom_depth=3500.0, interpolation=kind)
+        yield Medium.from_grid(axis, axis, Z, field, bathymetry=bottom, interpolation=kind)
+
+
+def solve(device):
+    solved = {}
+    for i, medium in enumerate(media()):
+        arrivals = find_eigenrays(medium, SOURCE, RECEIVER, 1, 1, device=device)
+        solved |= {f"{name}_{i}": getattr(arrivals, name) for name in FIELDS}
+    return solved
+
+
+def run(script, *arguments, **environment):
+    return subprocess.run(
+        [sys.executable, "-c", script, *arguments],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+def test_simulated_device_gives_the_digits_of_the_processor(tmp_path):
+    file = tmp_path / "cuda.npz"
+    done = run(SIMULATE, str(file), str(Path(__file__).parent), NUMBA_ENABLE_CUDASIM="1")
+    assert done.returncode == 0, done.stderr[-2000:]
+    simulated = np.load(file)
+    for name, expected in solve("cpu").items():
+        assert simulated[name].dtype == expected.dtype, name
+        atol = ATOL_TIME if "time" in name else 1e-9
+        np.testing.assert_allclose(simulated[name], expected, rtol=0.0, atol=atol, err_msg=name)
+
+
+@pytest.mark.slow
+def test_kernel_compiles_for_a_device_without_one():
+    pytest.importorskip("numba_cuda", reason="needs numba-cuda")
+    done = run(COMPILE)
+    if done.returncode == 77:
+        pytest.skip(done.stdout)
+    assert done.returncode == 0, done.stderr[-2000:]
+    entries, lines = (int(word) for word in done.stdout.split())
+    assert entries == 1
+    assert lines < 100_000  # with the tracer inlined at every call it had 158,000
+
+
+@pytest.mark.parametrize("dirt", [np.nan, 1e300])
+def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt):
+    from pymantaray.acoustics._kernels.link import N_INFO, solve_links
+    from pymantaray.acoustics._kernels.rows import N_COLUMNS
+    from pymantaray.acoustics._kernels.workspace import Work, least_shapes, shapes
+
+    guard = 64
+    longest = np.hypot(*(RECEIVER - SOURCE)[:3, :2].T).max()
+    some = np.array([0, 1, 2, 0])
+    for medium in media():
+        packed = medium.packed()
+        results = []
+        for sizes in (shapes(Z.size), least_shapes(packed, longest)):
+            blocks = [np.full(np.prod(size, dtype=int) + 2 * guard, dirt) for size in sizes]
+            work = Work(*(b[guard:-guard].reshape(size) for b, size in zip(blocks, sizes, strict=True)))
+            rows, info = np.zeros((4, 64, N_COLUMNS)), np.empty((4, N_INFO))
+            counts, status = np.zeros(4, dtype=np.int64), np.zeros(4, dtype=np.int8)
+            for first in (1, 0):
+                solve_links(
+                    packed, medium.bathymetry, SOURCE[some], RECEIVER[some], 1, 1, 15.0, 1e-3, True,
+                    first, 2, work, rows, counts, status, info,
+                )  # fmt: skip
+            for name, block in zip(Work._fields, blocks, strict=True):
+                edges = np.concatenate([block[:guard], block[-guard:]])
+                assert np.array_equal(edges, np.full(2 * guard, dirt), equal_nan=True), name
+            results.append((rows, counts, status, info))
+        for full, least in zip(*results, strict=True):
+            np.testing.assert_array_equal(full, least)
+        np.testing.assert_array_equal(results[0][0][0], results[0][0][3])
+        assert results[0][1].sum() > 3
+
+
+def test_a_thread_of_a_12_km_link_needs_two_thirds_of_a_megabyte():
+    from pymantaray.acoustics._kernels.workspace import least_shapes
+
+    axis, depth = np.linspace(0.0, 2e4, 9), np.linspace(0.0, 4000.0, 40)
+    c = np.full((9, 9, 40), 1500.0)
+    packed = Medium.from_grid(axis, axis, depth, c, bathymetry=np.full((9, 9), 4e3)).packed()
+    needed = 8 * sum(np.prod(shape) for shape in least_shapes(packed, 12e3))
+    assert needed < 0.67e6
+
+
+def test_device_that_is_not_there_is_one_line(monkeypatch):
+    medium = Medium.from_profile(Z, DUCT, bottom_depth=3500.0)
+    with pytest.raises(AcousticsError, match="device: 'tpu'; allowed are 'auto', 'cpu' and 'cuda'"):
+        find_eigenrays(medium, SOURCE, RECEIVER, device="tpu")
+    monkeypatch.setattr("pymantaray.acoustics.solvers.find_spec", lambda _: None)
+    with pytest.raises(AcousticsError, match=r"no CUDA device was found; .* pip install pymantaray\[cuda\]"):
+        find_eigenrays(medium, SOURCE, RECEIVER, device="cuda")

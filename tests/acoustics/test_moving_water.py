@@ -1,0 +1,205 @@
+"""Travel times in moving water: closed form of a constant current, sign, and the interpolated current."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
+from pymantaray.acoustics.moving_water import Currents, current_delays
+from pymantaray.errors import AcousticsError
+
+C = 1480.0
+
+
+def straight(source, receiver, *, speed=C, n=40):
+    """Gauss points along straight rays of constant sound speed, one ray each."""
+    source, receiver = np.atleast_2d(source).astype(float), np.atleast_2d(receiver).astype(float)
+    x, w = np.polynomial.legendre.leggauss(n)
+    step = receiver - source
+    length = np.linalg.norm(step, axis=-1)
+    position = source[:, None] + 0.5 * (x[:, None] + 1.0) * step[:, None]
+    slowness = np.broadcast_to((step / length[:, None] / speed)[:, None], position.shape)
+    return SimpleNamespace(
+        arrival=np.repeat(np.arange(len(source)), n),
+        position=position.reshape(-1, 3),
+        slowness=slowness.reshape(-1, 3),
+        weight=(0.5 * w * length[:, None]).ravel(),
+    )
+
+
+def exact_time(step, current, speed=C):
+    """Positive root of ``|step - current t| = speed t``: sound runs from a centre that drifts with the water."""
+    step, current = np.asarray(step, dtype=float), np.asarray(current, dtype=float)
+    along, slower = step @ current, speed**2 - current @ current
+    return (np.sqrt(along**2 + slower * (step @ step)) - along) / slower
+
+
+def ocean(velocity_north, velocity_east, axes):
+    grid = ("north", "east", "depth")
+    return xr.Dataset(
+        {"current_north": (grid, velocity_north), "current_east": (grid, velocity_east)},
+        coords={name: (name, axis) for name, axis in zip(grid, axes, strict=True)},
+    )
+
+
+def test_two_tenths_of_a_metre_per_second_are_a_metre_and_a_third_at_ten_kilometres():
+    nodes = straight([0, 0, 100], [10e3, 0, 100])
+    assert C * current_delays(nodes, Currents.uniform(0.2, 0.0), 1)[0] == pytest.approx(-1.351, abs=1e-3)
+    assert C * current_delays(nodes, Currents.uniform(-0.2, 0.0), 1)[0] == pytest.approx(1.351, abs=1e-3)
+    assert current_delays(nodes, Currents.uniform(0.0, 0.2), 1)[0] == 0.0
+
+
+component = st.floats(-3.0, 3.0)
+
+
+@given(
+    north=component,
+    east=component,
+    step=st.tuples(st.floats(-9e3, 9e3), st.floats(-9e3, 9e3), st.floats(100.0, 900.0)),
+)
+@settings(max_examples=60)
+def test_constant_current_agrees_with_the_closed_form_to_second_order(north, east, step):
+    current = np.array([north, east, 0.0])
+    time = np.linalg.norm(step) / C
+    delay = current_delays(straight([0, 0, 0], step), Currents.uniform(north, east), 1)[0]
+    bound = (np.linalg.norm(current) / C) ** 2 * time
+    assert abs(time + delay - exact_time(step, current)) <= 1.01 * bound + 1e-12
+
+
+def test_the_error_falls_with_the_square_of_the_current():
+    step = np.array([8e3, 1e3, 500.0])
+    nodes, time = straight([0, 0, 0], step), np.linalg.norm(step) / C
+    errors = [
+        exact_time(step, [u, -u, 0.0]) - time - current_delays(nodes, Currents.uniform(u, -u), 1)[0]
+        for u in (4.0, 2.0, 1.0)
+    ]
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.02)
+
+
+def test_in_stratified_water_a_constant_current_takes_its_share_of_the_horizontal_slowness():
+    """Snell: horizontal slowness is constant along a ray, bounces and all, so the delay is ``-u . p t``."""
+    depth = np.array([0.0, 300.0, 800.0, 2000.0])
+    medium = Medium.from_profile(depth, [1450.0, 1465.0, 1460.0, 1480.0], bottom_depth=1500.0)
+    ends = [[0.0, 0.0, 200.0], [0.0, 0.0, 1000.0]], [[4000.0, 1500.0, 700.0], [-900.0, 2500.0, 60.0]]
+    arrivals = find_eigenrays(medium, *ends, max_surface_bounces=1, max_bottom_bounces=1)
+    assert arrivals.bottom_bounces.max() == arrivals.surface_bounces.max() == 1
+    points = quadrature(trace_paths(medium, *ends, arrivals))
+    delay = current_delays(points, Currents.uniform(0.3, -0.5), arrivals.link.size)
+    expected = -(arrivals.source_slowness[:, :2] @ [0.3, -0.5]) * arrivals.travel_time
+    np.testing.assert_allclose(delay, expected, rtol=0, atol=1e-9)
+    assert np.abs(expected).min() > 1e-5
+
+
+@pytest.fixture
+def sheared():
+    """Current that the trilinear interpolation has exactly: north by depth and east, east by north."""
+    axes = np.linspace(-6e3, 6e3, 5), np.linspace(-6e3, 6e3, 4), np.array([0.0, 50.0, 400.0, 1500.0])
+    north, east, depth = np.meshgrid(*axes, indexing="ij")
+    return ocean(0.1 + 1e-4 * depth + 1e-8 * depth * east, 0.05 - 2e-5 * north, axes)
+
+
+def test_interpolation_is_exact_for_what_is_linear_in_each_coordinate(sheared):
+    rng = np.random.default_rng(3)
+    x = rng.uniform([-6e3, -6e3, 0.0], [6e3, 6e3, 1500.0], (50, 3))
+    expected = np.stack(
+        [0.1 + 1e-4 * x[:, 2] + 1e-8 * x[:, 2] * x[:, 1], 0.05 - 2e-5 * x[:, 0], np.zeros(50)], axis=-1
+    )
+    np.testing.assert_allclose(Currents.from_dataset(sheared).at(x), expected, rtol=0, atol=1e-14)
+
+
+def test_beyond_the_grid_the_edge_holds(sheared):
+    currents = Currents.from_dataset(sheared)
+    inside, outside = [[6e3, -6e3, 1500.0]], [[9e3, -7e3, 1800.0]]
+    np.testing.assert_array_equal(currents.at(outside), currents.at(inside))
+
+
+def test_sheared_current_integrates_in_closed_form(sheared):
+    """North along the way at depth z(s), linear: the mean of the ends, since the integrand is linear in s."""
+    currents = Currents.from_dataset(sheared)
+    a, b = np.array([-3e3, 0.0, 60.0]), np.array([3e3, 0.0, 390.0])
+    step = b - a
+    mean = 0.5 * (currents.at([a])[0] + currents.at([b])[0])
+    delay = current_delays(straight(a, b), currents, 1)[0]
+    assert delay == pytest.approx(-(mean @ step) / C**2, rel=1e-12)
+
+
+def time_through_shear(shear, length, start, end):
+    """Eigenray of ``c |p| + u . p = 1`` with u = shear times depth along the way, by shooting."""
+
+    def trace(angle):
+        size = 1.0 / (C + shear * start * np.cos(angle))
+        p_along, p_down = size * np.cos(angle), size * np.sin(angle)
+
+        def rates(_, y):
+            norm = np.hypot(p_along, y[1])
+            along = C * p_along / norm + shear * y[0]
+            return [C * y[1] / norm / along, -p_along * shear / along, 1.0 / along]
+
+        done = solve_ivp(rates, (0.0, length), [start, p_down, 0.0], method="DOP853", rtol=1e-12, atol=1e-14)
+        return done.y[0, -1], done.y[2, -1]
+
+    return trace(brentq(lambda angle: trace(angle)[0] - end, -0.3, 0.3, xtol=1e-14))[1]
+
+
+@pytest.mark.parametrize("shear", [1e-3, 2e-3])
+def test_what_first_order_neglects_is_the_shift_of_the_ray(shear):
+    """The exact ray in a sheared current is faster by ``kappa^2 L^3 / 24 c``; the rest is of (u/c)^2 t."""
+    a, b = np.array([0.0, 0.0, 100.0]), np.array([10e3, 0.0, 200.0])
+    depth = np.array([0.0, 1000.0])
+    velocity = np.zeros((1, 1, 2, 2))
+    velocity[..., 0] = shear * depth
+    delay = current_delays(straight(a, b), Currents(np.zeros(1), np.zeros(1), depth, velocity), 1)[0]
+    time = np.linalg.norm(b - a) / C
+    beyond = time_through_shear(shear, 10e3, 100.0, 200.0) - time - delay
+    assert beyond == pytest.approx(-((shear / C) ** 2) * 1e12 / (24 * C), abs=(shear * 200.0 / C) ** 2 * time)
+    assert abs(beyond) < 0.05 * abs(delay)
+
+
+def test_the_way_back_has_the_opposite_delay_so_two_ways_cancel(sheared):
+    currents = Currents.from_dataset(sheared)
+    rng = np.random.default_rng(4)
+    a, b = (rng.uniform([-5e3, -5e3, 10.0], [5e3, 5e3, 1400.0], (20, 3)) for _ in range(2))
+    there = current_delays(straight(a, b), currents, 20)
+    back = current_delays(straight(b, a), currents, 20)
+    assert np.abs(there).max() > 1e-4  # s
+    np.testing.assert_allclose(there + back, 0.0, rtol=0, atol=1e-16)
+
+
+def test_arrivals_without_a_way_have_no_delay():
+    """Number 0 has no points, number 2 starts where it ends: points of no length and slowness NaN."""
+    nodes = straight([[0, 0, 0], [5, 5, 5]], [[1e3, 0, 0], [5, 5, 6]])
+    nodes.arrival = nodes.arrival + 1
+    nodes.slowness = np.where(nodes.arrival[:, None] == 2, np.nan, nodes.slowness)
+    nodes.weight = np.where(nodes.arrival == 2, 0.0, nodes.weight)
+    delay = current_delays(nodes, Currents.uniform(1.0, 0.0), 4)
+    np.testing.assert_allclose(delay, [0.0, -1e3 / C**2, 0.0, 0.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"velocity": np.zeros((1, 1, 2, 2))},
+            r"velocity has shape \(1, 1, 2, 2\); the axes ask for \(1, 1, 1, 2\)",
+        ),
+        ({"velocity": np.full((1, 1, 1, 2), np.nan)}, "2 components are not finite or above 10 m/s"),
+        ({"velocity": np.full((1, 1, 1, 2), 20.0)}, "2 components are not finite or above 10 m/s"),
+        ({"depth": np.array([1.0, 1.0])}, "axis 'depth' must be one-dimensional and strictly increasing"),
+    ],
+)
+def test_impossible_currents_are_refused(change, message):
+    zero = np.zeros(1)
+    good = {"north": zero, "east": zero, "depth": zero, "velocity": np.zeros((1, 1, 1, 2))}
+    with pytest.raises(AcousticsError, match=message):
+        Currents(**good | change)
+
+
+def test_a_data_set_without_currents_is_named():
+    with pytest.raises(AcousticsError, match="lacks current_north, current_east"):
+        Currents.from_dataset(xr.Dataset(coords={"north": [0.0], "east": [0.0], "depth": [0.0]}))

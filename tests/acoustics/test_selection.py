@@ -1,0 +1,147 @@
+"""Which arrival of a link is ranged on: the three rules on arrivals made by hand, and their statuses."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pymantaray.acoustics.selection import choose_arrivals, select
+from pymantaray.errors import AcousticsError
+from pymantaray.records import Arrivals, RayStatus
+
+# link, travel time [s], surface and bottom bounces, spreading [dB]; link 2 has no arrival, link 3 only bounced ones
+TABLE = [
+    (0, 1.00, 1, 0, 3.0),
+    (0, 1.01, 0, 0, 9.0),
+    (0, 1.02, 0, 0, -2.0),
+    (0, 1.50, 0, 1, -4.0),
+    (1, 2.00, 0, 0, 0.0),
+    (3, 4.00, 1, 1, 1.0),
+    (3, 4.25, 2, 1, 0.5),
+]
+STATUS = [RayStatus.OK, RayStatus.OK, RayStatus.WEAK, RayStatus.OK]
+DIRECT, FIRST, STRONGEST = [1.01, 2.0, np.nan, np.nan], [1.0, 2.0, np.nan, 4.0], [1.5, 2.0, np.nan, 4.25]
+
+
+def arrivals_of(table, status):
+    link, time, surface, bottom, spreading = np.array(table, dtype=float).reshape(-1, 5).T
+    n = len(status)
+    return Arrivals(
+        link=link,
+        travel_time=time,
+        surface_bounces=surface,
+        bottom_bounces=bottom,
+        turning_points=np.zeros(link.size),
+        launch_angle=np.zeros(link.size),
+        arrival_angle=np.zeros(link.size),
+        spreading_db=spreading,
+        source_slowness=np.multiply.outer(time, [1.0, 2.0, 3.0]),
+        receiver_slowness=np.multiply.outer(time, [-1.0, 5.0, 7.0]),
+        status=status,
+        chord_travel_time=np.arange(n) + 0.5,
+        source_sound_speed=np.arange(n) + 1500.0,
+        receiver_sound_speed=np.arange(n) + 1400.0,
+        shadow_margin=np.where(np.array(status) == RayStatus.OK, 0.0, 12.0),
+    )
+
+
+@pytest.fixture
+def arrivals():
+    return arrivals_of(TABLE, STATUS)
+
+
+@pytest.mark.parametrize(("rule", "times"), [("direct", DIRECT), ("first", FIRST), ("strongest", STRONGEST)])
+def test_each_rule_picks_its_arrival_with_time_and_slowness(arrivals, rule, times):
+    found = select(arrivals, rule)
+    np.testing.assert_array_equal(found.travel_time, times)
+    np.testing.assert_array_equal(found.source_slowness, np.multiply.outer(times, [1.0, 2.0, 3.0]))
+    np.testing.assert_array_equal(found.receiver_slowness, np.multiply.outer(times, [-1.0, 5.0, 7.0]))
+    for name in ("chord_travel_time", "source_sound_speed", "receiver_sound_speed"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(arrivals, name))
+
+
+def test_first_is_what_the_record_says(arrivals):
+    one, other = select(arrivals, "first"), arrivals.first()
+    for f in fields(one):
+        np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name), err_msg=f.name)
+
+
+def test_a_link_of_bounced_arrivals_is_in_shadow_by_direct_only(arrivals):
+    direct = select(arrivals, "direct")
+    np.testing.assert_array_equal(direct.status, [*STATUS[:3], RayStatus.SHADOW])
+    np.testing.assert_array_equal(direct.shadow_margin, [0.0, 0.0, 12.0, np.nan])
+    for rule in ("first", "strongest"):
+        np.testing.assert_array_equal(select(arrivals, rule).status, STATUS)
+
+
+def test_strongest_goes_by_the_loss_that_is_given(arrivals):
+    loss = np.array([90.0, 70.0, 80.0, 70.0, np.inf, np.nan, 100.0])
+    found = select(arrivals, "strongest", loss_db=loss)
+    np.testing.assert_array_equal(
+        found.travel_time, [1.01, 2.0, np.nan, 4.25]
+    )  # equals: the earliest; NaN: last
+
+
+def test_a_delay_counts_before_the_choice_and_in_the_time(arrivals):
+    """The current slows the first arrival of link 0 behind the second."""
+    delay = np.array([0.015, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0])
+    found = select(arrivals, "first", delay=delay)
+    np.testing.assert_array_equal(found.travel_time, [1.01, 1.75, np.nan, 4.0])
+    np.testing.assert_array_equal(choose_arrivals(arrivals, "first", delay=delay).row, [1, 4, 5])
+
+
+def test_no_arrivals_at_all():
+    nothing = arrivals_of([], [RayStatus.SHADOW, RayStatus.BLOCKED])
+    found = select(nothing, "direct")
+    np.testing.assert_array_equal(found.status, [RayStatus.SHADOW, RayStatus.BLOCKED])
+    assert np.isnan(found.travel_time).all()
+    assert select(arrivals_of([], []), "first").status.size == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rule": "loudest"}, "arrival rule 'loudest'; allowed are direct, first, strongest"),
+        ({"rule": "strongest", "loss_db": [1.0]}, r"loss_db: shape \(1,\); 7 arrivals need one value each"),
+        ({"rule": "first", "delay": np.zeros((7, 1))}, r"delay: shape \(7, 1\); 7 arrivals"),
+    ],
+)
+def test_what_does_not_fit_is_refused(arrivals, options, message):
+    with pytest.raises(AcousticsError, match=message):
+        select(arrivals, **options)
+
+
+rows = st.lists(
+    st.tuples(
+        st.integers(0, 4),
+        st.sampled_from([1.0, 1.5, 2.0]),
+        st.integers(0, 1),
+        st.integers(0, 1),
+        st.sampled_from([-1.0, 0.0, 4.0]),
+    ),
+    max_size=12,
+)
+
+
+@given(rows=rows)
+@settings(max_examples=60)
+def test_rules_are_the_minima_they_say(rows):
+    """Against a search row by row: earliest unbounced, earliest, and least (spreading, time) of each link."""
+    rows = sorted(rows, key=lambda r: r[:2])
+    status = np.full(5, RayStatus.SHADOW)
+    status[[r[0] for r in rows]] = RayStatus.OK
+    arrivals = arrivals_of(rows, status)
+    for link in range(5):
+        own = [r for r in rows if r[0] == link]
+        direct = [r for r in own if r[2] == r[3] == 0]
+        expected = {
+            "direct": min((r[1] for r in direct), default=np.nan),
+            "first": min((r[1] for r in own), default=np.nan),
+            "strongest": min(own, key=lambda r: (r[4], r[1]), default=(0, np.nan))[1],
+        }
+        for rule, time in expected.items():
+            found = select(arrivals, rule)
+            np.testing.assert_array_equal(found.travel_time[link], time)
+            assert (found.status[link] == RayStatus.OK) == np.isfinite(time)

@@ -1,0 +1,227 @@
+"""Laws along whole rays: Snell's invariant, Fermat's principle, and what a change of the ocean does to travel time."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import (
+    CubicHermiteSpline,
+    CubicSpline,
+    NdBSpline,
+    RegularGridInterpolator,
+    make_interp_spline,
+)
+
+from pymantaray.acoustics import (
+    Medium,
+    direct_travel_time_linear_gradient,
+    find_eigenrays,
+    path_integrals,
+    trace_paths,
+    travel_time_sensitivity,
+)
+
+
+@pytest.fixture(scope="module", params=["smooth", "linear"])
+def duct(request, arctic):
+    """Rays of an Arctic profile in random directions: arrivals, their paths and the profile as a function."""
+    depth, speed = arctic
+    medium = Medium.from_profile(depth, speed, bottom_depth=3000.0, interpolation=request.param)
+    rng = np.random.default_rng(9)
+    n = 60
+    bearing, distance = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(500.0, 9e3, n)
+    source = np.column_stack([rng.uniform(-1e3, 1e3, (n, 2)), rng.uniform(5.0, 400.0, n)])
+    step = np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing)])
+    receiver = np.column_stack([source[:, :2] + step, rng.uniform(5.0, 900.0, n)])
+    arrivals = find_eigenrays(medium, source, receiver, tolerance=1e-5)
+    paths = trace_paths(medium, source, receiver, arrivals, tolerance=1e-5)
+    if request.param == "smooth":
+        profile = CubicSpline(depth, speed, bc_type="natural")
+    else:
+        profile = lambda z: np.interp(z, depth, speed)
+    return medium, source, receiver, arrivals, paths, profile
+
+
+def test_horizontal_slowness_is_snells_invariant_at_every_node(duct):
+    _, _, _, arrivals, paths, profile = duct
+    at_source = arrivals.source_slowness[paths.arrival, :2]
+    np.testing.assert_allclose(paths.slowness[:, :2], at_source, rtol=0, atol=1e-10)
+    length = np.linalg.norm(paths.slowness, axis=1)
+    np.testing.assert_allclose(length * profile(paths.position[:, 2]), 1.0, rtol=0, atol=1e-7)
+    assert (paths.boundary == 0).all()
+
+
+def test_path_runs_from_source_to_receiver_in_the_travel_time(duct):
+    _, source, receiver, arrivals, paths, _ = duct
+    first = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
+    last = np.append(first[1:], len(paths.arrival)) - 1
+    assert np.array_equal(paths.arrival[first], np.arange(len(arrivals.link)))
+    np.testing.assert_array_equal(paths.position[first], source[arrivals.link])
+    np.testing.assert_array_equal(paths.position[last], receiver[arrivals.link])
+    np.testing.assert_allclose(paths.travel_time[last], arrivals.travel_time, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(paths.slowness[last], arrivals.receiver_slowness, rtol=0, atol=1e-8)
+    inside = np.diff(paths.arrival) == 0
+    assert (np.diff(paths.travel_time)[inside] >= 0.0).all()
+    turns = np.bincount(
+        paths.arrival[1:][inside],
+        weights=(np.diff(np.sign(paths.slowness[:, 2])) != 0)[inside],
+        minlength=len(arrivals.link),
+    )
+    assert np.array_equal(turns, arrivals.turning_points)
+
+
+def test_travel_time_is_the_integral_of_slowness_along_the_path(duct):
+    _, _, _, arrivals, paths, profile = duct
+    time = path_integrals(paths, lambda x: 1.0 / profile(x[:, 2]))[:, 0]
+    np.testing.assert_allclose(time, arrivals.travel_time, rtol=0, atol=1e-7)
+
+
+def dense(paths, ray, n=2001):
+    """Points of one ray at equal steps of travel time, by the cubic Hermite polynomials between its nodes."""
+    own = paths.arrival == ray
+    t, x, p = paths.travel_time[own], paths.position[own], paths.slowness[own]
+    keep = np.concatenate([[True], np.diff(t) > 0.0])
+    velocity = p / np.sum(p * p, axis=1, keepdims=True)
+    return CubicHermiteSpline(t[keep], x[keep], velocity[keep])(np.linspace(t[0], t[-1], n))
+
+
+def polygon_time(points, speed):
+    """Travel time along a fine polygon: Simpson's rule of slowness on every segment."""
+    a, b = points[:-1], points[1:]
+    mean = (1.0 / speed(a) + 4.0 / speed(0.5 * (a + b)) + 1.0 / speed(b)) / 6.0
+    return float(np.sum(np.linalg.norm(b - a, axis=1) * mean))
+
+
+def bumps(rng, n, chord):
+    """A smooth displacement that vanishes at the ends, across the chord, of 1 to 30 m."""
+    t = np.linspace(0.0, 1.0, n)
+    across = np.linalg.svd(chord[None])[2][1:]
+    waves = np.sin(np.pi * np.arange(1, 6)[:, None] * t)
+    weights = rng.normal(size=(2, 5)) * np.array([1.0, 1.0, 0.5, 0.3, 0.2])
+    shape = (weights @ waves).T @ across
+    return shape * rng.uniform(1.0, 30.0) / np.abs(shape).max()
+
+
+def test_fermat_a_perturbed_path_is_never_faster_without_conjugate_points():
+    """With a constant gradient the metric ds/c has constant negative curvature: every ray is the one minimum."""
+    g, c0, depth = 0.05, 1450.0, np.linspace(0.0, 4000.0, 41)
+    medium = Medium.from_profile(depth, c0 + g * depth, bottom_depth=4000.0)
+    rng = np.random.default_rng(4)
+    n = 12
+    source = np.column_stack([np.zeros((n, 2)), rng.uniform(200.0, 1000.0, n)])
+    receiver = np.column_stack([rng.uniform(-4e3, 4e3, (n, 2)), rng.uniform(200.0, 2500.0, n)])
+    arrivals = find_eigenrays(medium, source, receiver, tolerance=1e-5)
+    paths = trace_paths(medium, source, receiver, arrivals, tolerance=1e-5)
+    exact = direct_travel_time_linear_gradient(source, receiver, sound_speed_surface=c0, gradient=g)
+    speed = lambda x: c0 + g * x[:, 2]
+    assert len(arrivals.link) == n
+    for ray in range(n):
+        points = dense(paths, ray)
+        least = polygon_time(points, speed)
+        assert least == pytest.approx(exact[ray], abs=2e-9)
+        for _ in range(20):
+            shift = bumps(rng, len(points), receiver[ray] - source[ray])
+            excess = [polygon_time(points + scale * shift, speed) - exact[ray] for scale in (1.0, 0.1, -0.1)]
+            assert excess[0] > 0.0, (ray, excess)
+            # and stationary: the change is of second order, alike on both sides
+            assert abs(excess[1] - excess[2]) < 0.1 * excess[0] + 2e-9, (ray, excess)
+            assert excess[1] < 0.05 * excess[0] + 2e-9, (ray, excess)
+
+
+def test_fermat_every_eigenray_is_stationary_and_the_earliest_a_minimum(duct):
+    """Beyond a caustic a ray is a saddle: only the change of first order vanishes. The earliest of all is a minimum."""
+    medium, source, receiver, arrivals, paths, profile = duct
+    speed = lambda x: profile(x[:, 2])
+    rng = np.random.default_rng(5)
+    kinks = 1e-7 if medium.interpolation == "linear" else 0.0  # the polygon cuts the corners of c(z)
+    # the earliest of every ray that there is, where none is lost to the surface
+    everything = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None)
+    earliest = everything.first().travel_time[arrivals.link]
+    minima = 0
+    for ray in range(0, len(arrivals.link), 3):
+        points = dense(paths, ray)
+        own = polygon_time(points, speed)
+        chord = points[-1] - points[0]
+        shape = bumps(rng, len(points), chord)
+        shape /= np.abs(shape).max()
+        first = np.diff([polygon_time(points + scale * shape, speed) for scale in (-0.1, 0.1)])[0] / 0.2
+        assert abs(first) < 5e-8 + 10 * kinks, (ray, first)  # s per metre; a ray out of place has up to 1e-4
+        if abs(arrivals.travel_time[ray] - earliest[ray]) < 1e-9 and points[:, 2].min() > 60.0:
+            minima += 1
+            for _ in range(5):
+                shift = bumps(rng, len(points), chord)
+                assert polygon_time(points + shift, speed) > own - 2e-9 - kinks, ray
+    assert minima >= 3
+
+
+SHAPES = {
+    "depth gaussians": lambda x: np.exp(
+        -(((x[:, 2:] - np.array([40.0, 130.0, 400.0, 900.0])) / np.array([30.0, 60.0, 150.0, 300.0])) ** 2)
+    ),
+    "horizontal slope": lambda x: np.column_stack([(x[:, 0] - 19e3) / 1e4, (x[:, 1] - 15e3) / 1e4]),
+    "eddy": lambda x: np.exp(
+        -((x[:, :1] - 18e3) ** 2 + (x[:, 1:2] - 15e3) ** 2) / 5e3**2 - ((x[:, 2:] - 200.0) / 150.0) ** 2
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+def test_sensitivity_is_the_derivative_of_travel_time_by_sound_speed(
+    name, interpolation, front_medium, links
+):
+    """-integral of phi / c^2 ds against central differences of the solver in a perturbed ocean.
+
+    The shape is what the medium interpolates between its grid points, as the perturbation is.
+    """
+    base = front_medium(interpolation)
+    source, receiver = links(25, 31)
+    source[:, 2] += 7.0
+    receiver[:, 2] += 11.0
+    arrivals = find_eigenrays(base, source, receiver, tolerance=1e-5)
+    paths = trace_paths(base, source, receiver, arrivals, tolerance=1e-5)
+    n, e, z = np.meshgrid(base.north, base.east, base.depth, indexing="ij")
+    grid = np.column_stack([n.ravel(), e.ravel(), z.ravel()])
+    shapes = SHAPES[name](grid).reshape(*n.shape, -1)
+    interpolate = field_of(base, shapes)
+    sensitivity = travel_time_sensitivity(paths, interpolate)
+    amplitude = 0.02 if interpolation == "smooth" else 0.005  # m/s
+    strong = np.flatnonzero(arrivals.spreading_db < 6.0)
+    for k in range(shapes.shape[-1]):
+        times = []
+        for sign in (1.0, -1.0):
+            moved = Medium.from_grid(
+                base.north,
+                base.east,
+                base.depth,
+                base.sound_speed + sign * amplitude * shapes[..., k],
+                bathymetry=base.bathymetry,
+                interpolation=interpolation,
+            )
+            found = find_eigenrays(moved, source, receiver, tolerance=1e-5)
+            times.append([nearest(found, arrivals, row) for row in strong])
+        slope = (np.array(times[0]) - np.array(times[1])) / (2.0 * amplitude)
+        error = np.abs(slope - sensitivity[strong, k])
+        assert np.isfinite(error).mean() > 0.9
+        scale = np.abs(sensitivity[:, k]).max()
+        assert scale > 1e-5  # s per m/s: 1 cm/s over 10 km is 50 us
+        assert np.nanmedian(error) < 1e-4 * scale, (np.nanmedian(error), scale)
+        assert np.nanpercentile(error, 90) < 1e-2 * scale, (np.nanpercentile(error, 90), scale)
+
+
+def nearest(found, arrivals, row):
+    """Travel time of the arrival of the perturbed ocean that leaves most nearly as one of the unperturbed; NaN if none."""
+    same = found.link == arrivals.link[row]
+    gap = np.linalg.norm(found.source_slowness[same] - arrivals.source_slowness[row], axis=1)
+    if not gap.size or gap.min() > 3e-6:  # 4 mrad
+        return np.nan
+    return found.travel_time[same][np.argmin(gap)]
+
+
+def field_of(medium, values):
+    """Interpolate values (north, east, depth, k) as the medium does."""
+    if medium.interpolation == "linear":
+        return RegularGridInterpolator((medium.north, medium.east, medium.depth), values)
+    north = make_interp_spline(medium.north, values, k=3, axis=0)
+    east = make_interp_spline(medium.east, north.c, k=3, axis=1)
+    level = np.moveaxis(east.c, 0, 1)
+    depth = make_interp_spline(medium.depth, level, k=3, axis=2, bc_type="natural")
+    return NdBSpline((north.t, east.t, depth.t), np.moveaxis(depth.c, 0, 2), 3)

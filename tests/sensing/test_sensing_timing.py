@@ -1,0 +1,248 @@
+"""Two-way ranging: half a round trip of moving vehicles, against exact exchanges; clocks in the noise stage."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient
+from pymantaray.errors import SensingError
+from pymantaray.geometry import stream
+from pymantaray.records import RayStatus, Trajectories, VehicleStatus
+from pymantaray.sensing import (
+    ClockModel,
+    Clocks,
+    Landmark,
+    OneWay,
+    PingSchedule,
+    TwoWay,
+    measure_ranges,
+    perturb,
+)
+from pymantaray.sensing.timing import Leg, half_round_trip, velocities
+
+C0, GRADIENT = 1450.0, 0.016
+
+
+def exchange(time, source, receiver, v_source, v_receiver, turn_around):
+    """Half the round trip less the turn-around, by fixed-point iteration of each leg's own equation."""
+    t1 = t2 = 0.0
+    for _ in range(12):
+        t1 = time(source, receiver + v_receiver * t1)
+    answered = t1 + turn_around
+    for _ in range(12):
+        t2 = time(receiver + v_receiver * answered, source + v_source * (answered + t2))
+    return 0.5 * (t1 + t2)
+
+
+def neglected(a, b, v_a, v_b, turn_around):
+    """Bound of the terms beyond first order: ``(v/c)^2 T`` and the curvature of travel time, a tenth to spare."""
+    distance, speed = np.linalg.norm(b - a), np.linalg.norm(v_a) + np.linalg.norm(v_b)
+    duration = 2.0 * distance / C0 + turn_around
+    return 1.1 * ((speed / C0) ** 2 * duration + (speed * duration) ** 2 / (2.0 * distance * C0))
+
+
+def in_gradient(a, b):
+    return float(direct_travel_time_linear_gradient(a, b, sound_speed_surface=C0, gradient=GRADIENT))
+
+
+velocity = st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(-0.5, 0.5)).map(np.array)
+
+
+@given(
+    step=st.tuples(st.floats(500, 9e3), st.floats(-9e3, 9e3), st.floats(-300, 300)).map(np.array),
+    v_source=velocity,
+    v_receiver=velocity,
+    turn_around=st.sampled_from([0.0, 1.0, 10.0]),
+)
+@settings(max_examples=80)
+def test_half_a_round_trip_is_exact_to_first_order(step, v_source, v_receiver, turn_around):
+    """Isovelocity: the difference from the exact exchange stays below the documented bounds."""
+    c = 1480.0
+    distance = np.linalg.norm(step)
+    t, p = distance / c, step / distance / c
+    leg = Leg(np.array([t]), -p[None], p[None])
+    half = half_round_trip(TwoWay(turn_around), leg, leg, v_source[None], v_receiver[None])[0]
+    exact = exchange(
+        lambda a, b: np.linalg.norm(b - a) / c, np.zeros(3), step, v_source, v_receiver, turn_around
+    )
+    bound = neglected(np.zeros(3), step, v_source, v_receiver, turn_around)
+    assert abs(half - exact) <= bound + 1e-13
+
+
+def fleet_in_motion(position, velocity, n_time=13, period=200.0):
+    time = period * np.arange(n_time)
+    path = np.asarray(position)[:, None] + np.asarray(velocity)[:, None] * (time - time[4])[:, None]
+    n = len(path)
+    return Trajectories(
+        name=list("ABCD"[:n]),
+        role=["float"] * n,
+        time=time,
+        position=path,
+        quaternion=np.broadcast_to([1.0, 0, 0, 0], (n, n_time, 4)),
+        status=np.zeros((n, n_time)),
+    )
+
+
+@pytest.fixture(scope="module")
+def water():
+    depth = np.array([0.0, 1500.0, 4000.0])
+    return Medium.from_profile(depth, C0 + GRADIENT * depth, bottom_depth=3900.0, interpolation="linear")
+
+
+PLACES = np.array([[0.0, 0, 300], [4000, 500, 900], [-1500, 2500, 600]])
+SPEEDS = np.array([[0.4, 0.1, 0.3], [-0.5, 0.2, -0.2], [0.0, 0.0, 0.0]])
+LANDMARK = Landmark("L1", (900.0, -2900.0, 300.0))
+
+
+@pytest.mark.parametrize("turn_around", [0.0, 2.0])
+def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(water, turn_around):
+    """Against exact exchanges along circular arcs; motion is worth decimetres, what is neglected millimetres."""
+    truth = fleet_in_motion(PLACES, SPEEDS)
+    schedule = PingSchedule(800.0)
+    still = measure_ranges(truth, [LANDMARK], water, schedule)
+    moving = measure_ranges(truth, [LANDMARK], water, schedule, timing=TwoWay(turn_around))
+    first = moving.attempts.sample == 4
+    rest = np.zeros(3)
+    places, speeds = [*PLACES, LANDMARK.position], [*SPEEDS, rest]
+    for row in np.flatnonzero(first):
+        i, j = moving.attempts.transmitter[row], moving.attempts.receiver[row]
+        exact = exchange(in_gradient, places[i], places[j], speeds[i], speeds[j], turn_around)
+        bound = neglected(places[i], places[j], speeds[i], speeds[j], turn_around)
+        assert bound < 2e-5  # s; the motion itself is worth up to 4e-4
+        assert moving.travel_time[row] == pytest.approx(exact, rel=0, abs=bound + 1e-8), (i, j)
+    assert np.abs(moving.refracted_range - still.refracted_range).max() > 0.5
+    np.testing.assert_array_equal(moving.refracted_range, moving.transmitter_sound_speed * moving.travel_time)
+    np.testing.assert_array_equal(moving.straight_range, still.straight_range)
+
+
+def test_at_rest_two_ways_are_one_way(water):
+    truth = fleet_in_motion(PLACES, 0.0 * SPEEDS)
+    one = measure_ranges(truth, [LANDMARK], water, PingSchedule(800.0))
+    two = measure_ranges(truth, [LANDMARK], water, PingSchedule(800.0), timing=TwoWay(5.0))
+    np.testing.assert_allclose(two.travel_time, one.travel_time, rtol=1e-15)
+
+
+def test_vehicles_at_one_place_and_links_without_an_arrival_keep_their_status(water):
+    """Equal positions have no direction; a receiver in the sea bed has no arrival; a stopped vehicle is silent."""
+    truth = fleet_in_motion([PLACES[0], PLACES[0], PLACES[1]], 0.0 * SPEEDS)
+    status = np.zeros(truth.status.shape)
+    status[2] = VehicleStatus.GROUNDED
+    buried = Landmark("L1", (0.0, 0.0, 3950.0))
+    r = measure_ranges(
+        replace(truth, status=status), [buried], water, PingSchedule(800.0), timing=TwoWay(1.0)
+    )
+    together = (r.attempts.transmitter < 2) & (r.attempts.receiver < 2)
+    assert (r.status[together] == RayStatus.OK).all()
+    np.testing.assert_array_equal(r.travel_time[together], 0.0)
+    assert set(r.status[~together]) == {RayStatus.OUTSIDE, RayStatus.STOPPED}
+    assert np.isnan(r.travel_time[~together]).all()
+
+
+def test_velocity_is_that_after_the_ping_and_before_the_end_of_the_mission(make_truth):
+    truth = make_truth("AB", 5)
+    found = velocities(truth, np.array([1, 4]))
+    np.testing.assert_allclose(found[:, 0] * 200.0, truth.position[:, 2] - truth.position[:, 1])
+    np.testing.assert_allclose(found[:, 1] * 200.0, truth.position[:, 4] - truth.position[:, 3])
+
+
+def shifts(observations, clocks, timing=None):
+    """Metres that clocks add to both ranges of each attempt."""
+    options = {} if timing is None else {"timing": timing}
+    plain = perturb(observations, root_seed=1, realization=0)
+    timed = perturb(observations, root_seed=1, realization=0, clocks=clocks, **options)
+    straight, refracted = (
+        getattr(timed, f) - getattr(plain, f) for f in ("straight_range", "refracted_range")
+    )
+    heard = observations.range_status == RayStatus.OK
+    np.testing.assert_allclose(straight[heard], refracted[heard], rtol=0, atol=1e-9)
+    return straight
+
+
+def test_one_way_a_range_is_off_by_the_difference_of_the_clocks(make_observations):
+    """The receiver's clock minus the transmitter's, each at its own instant; landmarks keep true time."""
+    o = make_observations()
+    offset, skew = np.array([2e-3, -1e-3, 5e-4]), np.array([1e-6, -2e-6, 3e-7])
+    found = shifts(o, Clocks(offset=offset, skew=skew))
+    offset, skew = np.append(offset, [0.0, 0.0]), np.append(skew, [0.0, 0.0])  # L1, L2
+    i, j, sent = o.range_transmitter, o.range_receiver, o.time[o.range_sample]
+    travel = np.where(np.isnan(o.travel_time), o.chord_travel_time, o.travel_time)
+    expected = offset[j] + skew[j] * (sent + travel) - offset[i] - skew[i] * sent
+    np.testing.assert_allclose(found, o.transmitter_sound_speed * expected, rtol=0, atol=1e-9)
+    assert np.isfinite(found).all()  # dropouts too: "straight-all" uses them
+
+
+def test_two_way_the_offset_cancels_and_the_skew_scales_the_round_trip(make_observations):
+    o = make_observations()
+    offset, skew = np.array([2.0, -1.0, 5.0]), np.array([1e-4, -2e-4, 3e-4])
+    np.testing.assert_array_equal(shifts(o, Clocks(offset=offset, skew=0 * skew), TwoWay(2.0)), 0.0)
+    found = shifts(o, Clocks(offset=offset, skew=skew), TwoWay(2.0))
+    k = np.append(skew, [0.0, 0.0])
+    own, other = k[o.range_transmitter], k[o.range_receiver]
+    travel = np.where(np.isnan(o.travel_time), o.chord_travel_time, o.travel_time)
+    # on the clocks: the responder waits until 2 s have passed on its own, the initiator reads the sum on its own
+    exact = 0.5 * ((1 + own) * (2 * travel + 2.0 / (1 + other)) - 2.0) - travel
+    second_order = 1450.0 * (3e-4) ** 2 * 2.0  # m; skew squared times the turn-around
+    np.testing.assert_allclose(found, o.transmitter_sound_speed * exact, rtol=0, atol=second_order)
+    assert np.abs(found).max() > 0.1
+
+
+def test_a_link_out_of_the_water_has_a_finite_straight_pseudorange(make_observations):
+    o = make_observations()
+    nothing = np.full(o.range_status.size, np.nan)
+    o = replace(
+        o,
+        range_status=np.full(nothing.size, RayStatus.OUTSIDE),
+        transmitter_sound_speed=nothing,
+        chord_travel_time=nothing,
+        travel_time=nothing,
+        refracted_range=nothing,
+    )
+    noisy = perturb(o, root_seed=1, realization=0, clocks=ClockModel(1e-3, 1e-6))
+    assert np.isfinite(noisy.straight_range).all()
+
+
+def test_clocks_are_drawn_by_vehicle_and_move_nothing_else(make_observations):
+    o, model = make_observations(), ClockModel(offset_sigma=1e-3, skew_sigma=1e-6)
+    plain = perturb(o, root_seed=5, realization=2)
+    timed = perturb(o, root_seed=5, realization=2, clocks=model)
+    for name in ("odometry_translation", "depth", "gnss_position", "landmark_position", "first_position"):
+        np.testing.assert_array_equal(getattr(timed, name), getattr(plain, name))
+    one, other = (model.draw(names, root_seed=5, realization=2) for names in ("ABC", "CXA"))
+    np.testing.assert_array_equal(one.offset[[0, 2]], other.offset[[2, 0]])
+    np.testing.assert_array_equal(one.skew[[0, 2]], other.skew[[2, 0]])
+    first = stream(5, 2, "sensing", "A", "clock").standard_normal(2)
+    assert (one.offset[0], one.skew[0]) == (first[0] * 1e-3, first[1] * 1e-6)
+
+
+def test_drawn_clocks_have_their_sigmas():
+    model = ClockModel(offset_sigma=2e-3, skew_sigma=3e-6)
+    drawn = [model.draw("ABCDEFGHIJ", root_seed=1, realization=r) for r in range(300)]
+    n = 3000  # variance of a standard normal within 5 of its own standard deviations
+    for name, sigma in (("offset", 2e-3), ("skew", 3e-6)):
+        values = np.concatenate([getattr(c, name) for c in drawn]) / sigma
+        assert abs(np.mean(values**2) - 1.0) < 5 * np.sqrt(2 / n)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: TwoWay(-1.0), "turn_around is -1 s; it must be finite and zero or positive"),
+        (lambda: ClockModel(offset_sigma=np.nan), "offset_sigma is nan; it must be finite"),
+        (lambda: Clocks(offset=[0.0], skew=[0.0, 1.0]), r"offset has shape \(1,\), skew \(2,\)"),
+        (lambda: Clocks(offset=[np.inf], skew=[0.0]), "not finite; 0 is a perfect clock"),
+    ],
+)
+def test_impossible_clocks_and_schemes_are_refused(make, message):
+    with pytest.raises(SensingError, match=message):
+        make()
+
+
+def test_clocks_of_another_fleet_are_refused(make_observations):
+    with pytest.raises(SensingError, match="clocks of 2 vehicles; the observations have 3"):
+        perturb(
+            make_observations(), root_seed=1, realization=0, clocks=Clocks(offset=[0, 0], skew=[0, 0]),
+            timing=OneWay(),
+        )  # fmt: skip
