@@ -123,7 +123,7 @@ def _tube(s, floor, rule, angle, q, length, axis, tol, work):
 
 
 @kernel
-def _collect(s, floor, rule, n_nodes, target, span, axis, steep, link, numerics, count, work):
+def _collect(s, floor, rule, n_nodes, target, span, axis, steep, weak_slope, link, numerics, count, work):
     """Find and refine the reflected rays of one fan; return the rows in use, those too weak, the rays
     traced, and whether none was left out.
     """
@@ -134,7 +134,7 @@ def _collect(s, floor, rule, n_nodes, target, span, axis, steep, link, numerics,
     if math.isinf(cutoff_db):  # every ray there is
         width, trust = 1e-3 * width, 1e-3 * trust
     found, _, rays, complete = find_brackets(
-        s, floor, rule, n_nodes, target, span, axis, coarse, fine, width, trust, steep, work
+        s, floor, rule, n_nodes, target, span, axis, coarse, fine, width, trust, steep, weak_slope, work
     )
     weak = 0
     for i in range(found):
@@ -192,7 +192,19 @@ def _collect(s, floor, rule, n_nodes, target, span, axis, steep, link, numerics,
 
 @kernel
 def add_bounced(
-    s, floor, ends, limit, max_surface, max_bottom, cutoff_db, numerics, spacing, closest, count, work
+    s,
+    floor,
+    ends,
+    limit,
+    max_surface,
+    max_bottom,
+    cutoff_db,
+    numerics,
+    weak_slope,
+    spacing,
+    closest,
+    count,
+    work,
 ):
     """Append all eigenrays with 1 to so many reflections to work.rows; return rows in use, weak ones, rays traced,
     and whether none was left out.
@@ -233,7 +245,19 @@ def add_bounced(
         rule = Rule(FORWARD, max_surface, max_bottom, 0, 0.0)
         axis = (z0, 1.0, 0.0, c0)
         count, w, r, all_there = _collect(
-            s, floor, rule, n + 2 * more, z_end - z0, horizontal, axis, limit, link, limits, count, work
+            s,
+            floor,
+            rule,
+            n + 2 * more,
+            z_end - z0,
+            horizontal,
+            axis,
+            limit,
+            weak_slope,
+            link,
+            limits,
+            count,
+            work,
         )
         weak += w
         rays += r
@@ -264,6 +288,7 @@ def add_bounced(
                     legs * deepest,
                     axis,
                     -1.0,
+                    weak_slope,
                     link,
                     limits,
                     count,

@@ -18,7 +18,7 @@ from pymantaray.acoustics._kernels.limits import (
     turning_limits,
 )
 from pymantaray.acoustics._kernels.paths import chord_travel_time
-from pymantaray.acoustics._kernels.refine import polish, refine
+from pymantaray.acoustics._kernels.refine import polish, refine, unresolved_db
 from pymantaray.acoustics._kernels.rows import N_COLUMNS, finish, sort_rows
 from pymantaray.acoustics._kernels.search import GOOD, MISS, find_brackets, shoot
 from pymantaray.acoustics._kernels.section import LINEAR, cut_section, line_breaks
@@ -29,7 +29,9 @@ SPACING_SMOOTH = 0.016  # rad
 SPACING_LINEAR = 0.008  # rad
 CLOSEST_SMOOTH = 1e-3  # rad; nearer nodes of the first fan are merged
 CLOSEST_LINEAR = 1e-9  # rad
+LONG = 2e4  # m; beyond, the tolerance grows with the length of the link
 N_INFO = 6  # numbers about a link
+RESOLUTION = 1e-6  # rad; narrower intervals of a fan are not divided
 
 
 @kernel
@@ -87,6 +89,7 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
     floor = Floor(north, east, bathymetry, source[0], source[1], un, ue, work.floor_breaks, n_breaks)
     rule = Rule(OPEN, 0, 0, 0, 0.0)
     miss = min(1e-2, 1e-6 * length)
+    tol *= max(1.0, length / LONG)
     fine = min(tol, 1e-4 * length)
     coarse = min(30.0 * tol, 1e-2 * length)
     spacing, closest = SPACING_SMOOTH, CLOSEST_SMOOTH
@@ -94,6 +97,7 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
         fine = min(1e-3 * tol, 1e-8 * length)
         coarse = fine
         spacing, closest = SPACING_LINEAR, CLOSEST_LINEAR
+    weak_slope = length * 10.0 ** (0.1 * cutoff_db + 2.0)
     found, margin, rays, complete = 0, 0.0, 0, True
     if steep:
         # one ray: the bracket of a regula falsi about the chord
@@ -116,7 +120,7 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
         hi = math.acos(math.cos(down) * math.cos(max(slope, 0.0))) + BEYOND
         n_nodes = fan_nodes(lo, hi, spacing, closest, s, c0, work.nodes)
         found, margin, rays, complete = find_brackets(
-            s, floor, rule, n_nodes, target, span, axis, coarse, fine, 1e-6, 0.0, 0.0, work
+            s, floor, rule, n_nodes, target, span, axis, coarse, fine, RESOLUTION, 0.0, 0.0, weak_slope, work
         )
     through_surface, blocked, weak = 0, 0, 0
     count = np.int64(0)  # a literal 0 would compile `add_bounced` once more
@@ -138,16 +142,20 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
         det = work.y[2] * work.y[7]
         finish(rows[count], work.y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb, sb, det)
         rows[count, 11], rows[count, 12] = 0.0, 0.0
+        rows[count, 3] += unresolved_db(
+            brackets[i], RESOLUTION, 30.0 * fine * max(1.0, abs(work.y[2]) / length), work.y[2]
+        )
         if rows[count, 3] > cutoff_db:
             weak += 1
             continue
-        new = True
+        same = count
         for j in range(count):  # a caustic's two brackets may have found one ray
             if abs(rows[j, 0] - rows[count, 0]) < 1e-7 and abs(rows[j, 1] - rows[count, 1]) < 5e-6:
-                new = False
-        if not new:
-            continue
-        count += 1
+                same = j
+        if same < count and rows[count, 3] < rows[same, 3]:
+            for j in range(N_COLUMNS):
+                rows[same, j] = rows[count, j]
+        count += 1 if same == count else 0
     if max_surface + max_bottom > 0:
         ends = (z0, z1, c0, c1, horizontal, length)
         numerics = (coarse, fine, miss)
@@ -160,6 +168,7 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
             max_bottom,
             cutoff_db,
             numerics,
+            weak_slope,
             spacing,
             closest,
             count,

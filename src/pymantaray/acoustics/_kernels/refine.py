@@ -1,5 +1,7 @@
 """The ray of a bracket that meets the receiver, by Newton's method with horizontal refraction."""
 
+import math
+
 import numpy as np
 
 from pymantaray.acoustics._kernels.compile import kernel
@@ -107,3 +109,17 @@ def refine(s, floor, rule, bracket, target, length, axis, tol, miss, work):
             return abs(f) < 1e3 * miss and abs(y[5]) < miss, m, q, steps, turns
         m = new
     return False, m, q, steps, turns
+
+
+@kernel
+def unresolved_db(bracket, resolution, noise, slope):
+    """Spreading to add where a bracket is as narrow as the search goes and the miss jumps across it. [dB]
+
+    Along a sound-speed maximum rays part faster than launch angles have digits: the slope at one of them says nothing.
+    """
+    h = bracket[1, ANGLE] - bracket[0, ANGLE]
+    jump = abs(bracket[1, MISS] - bracket[0, MISS])
+    mean = jump / h
+    if h > resolution or jump < noise or mean <= abs(slope):
+        return 0.0
+    return 10.0 * math.log10(mean / max(abs(slope), 1e-300))

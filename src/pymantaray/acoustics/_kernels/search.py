@@ -23,6 +23,7 @@ MAX_STACK = 128
 MAX_RAYS = 20_000
 MAX_RAYS_INTERVAL = 400
 _RESOLVED = 0.3  # of the vertical slowness: defect of its cubic up to which its cycles are taken as resolved
+_NARROW = 5e-5  # rad; between two weak rays so near to each other none is looked for
 _BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this times each end's slope defect
 
 
@@ -64,13 +65,15 @@ def _copy(source, target):
 
 
 @kernel
-def find_brackets(s, floor, rule, n_nodes, target, length, axis, tol, fine, min_width, trust, steep, work):
+def find_brackets(
+    s, floor, rule, n_nodes, target, length, axis, tol, fine, min_width, trust, steep, weak, work
+):
     """Brackets of all roots of the miss between the first and the last of work.nodes.
 
     Where rays are reflected, only roots of rays that were: the miss is smooth between rays of
     one code; across a change of code it may bend or jump, and its slopes are believed beyond the angle steep and in
-    intervals narrower than trust. Where it comes as near to zero without a change of sign as the tolerance is large, rays
-    are traced anew with the tolerance fine. work.brackets receives the rays at both ends. Returns their number, the smallest
+    intervals narrower than trust. Where it comes as near to zero as the tolerance is large, or changes sign without
+    getting smooth, rays are traced anew with the tolerance fine. Slopes above weak are those of rays too weak to be looked for. work.brackets receives the rays at both ends. Returns their number, the smallest
     miss met, the rays traced and whether the budget sufficed.
     """
     fan, st, brackets = work.fan, work.stack, work.brackets
@@ -134,14 +137,17 @@ def find_brackets(s, floor, rule, n_nodes, target, length, axis, tol, fine, min_
                     reach = 1.5 * _BOUND * (abs(ea) + abs(eb)) + e
                     if h < min_width or (nearest > reach + tol_here and not _oscillates(a, b, h)):
                         continue
-                    if nearest < 4.0 * tol_here and tol_here > fine:
-                        for end in (a, b):
-                            shoot(s, floor, rule, end[ANGLE], target, length, axis, fine, end, work)
-                        a[DEFECT], b[DEFECT] = e, fine
-                        rays += 2
-                        top += 1
-                        continue
             elif h < min_width:
+                continue
+            doubtful = fa * fb < 0.0 and h < _NARROW  # rays part so fast that the fan's tolerance shows
+            if same and tol_here > fine and (doubtful or min(abs(fa), abs(fb)) < 4.0 * tol_here):
+                for end in (a, b):
+                    shoot(s, floor, rule, end[ANGLE], target, length, axis, fine, end, work)
+                a[DEFECT], b[DEFECT] = e, fine
+                rays += 2
+                top += 1
+                continue
+            if same and h < _NARROW and min(abs(a[SLOPE]), abs(b[SLOPE])) > weak:
                 continue
             if rays >= budget or rays >= MAX_RAYS or top + 3 >= st.shape[0]:
                 complete = False

@@ -119,12 +119,13 @@ def _embedded(K, i):
 
 
 @inlined
-def step_error(h, K, ynew, n_eq, remaining, tol):
+def step_error(h, K, ynew, n_eq, remaining, tol, width):
     """Estimated displacement at the end of the ray that this step's error causes. [m]
 
-    Of a full ray, a relative error TUBE of the variation counts as much as the whole tolerance.
+    Of a full ray, a relative error TUBE of the variation, taken as no less than width, counts as much as the whole
+    tolerance.
     """
     total = _embedded(K, 0) + remaining * _embedded(K, 1)
     if n_eq == N_FULL:
-        total += _embedded(K, 4) + _embedded(K, 5) + tol / (TUBE * max(abs(ynew[2]), 1.0)) * _embedded(K, 2)
+        total += _embedded(K, 4) + _embedded(K, 5) + tol / (TUBE * max(abs(ynew[2]), width)) * _embedded(K, 2)
     return abs(h) * total

@@ -31,7 +31,7 @@ from pymantaray.acoustics._kernels.faces import (
 from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level, move_level
 from pymantaray.acoustics._kernels.step import N_FULL, derivative, step, step_error
 
-MAX_STEPS = 20_000
+MAX_STEPS = 100_000
 OPEN, FORWARD, LEGS = 0, 1, 2
 _LONG = 1e7  # m; a leg that a boundary ends
 _HASH = 2**32
@@ -99,7 +99,7 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
     h = min(length, 60.0)
     next_break = 0
     if s.kind == SMOOTH and n_eq == N_FULL:
-        h = min(h, (s.depth[k + 1] - s.depth[k]) / max(abs(down), 1e-9))
+        h = min(h, _to_level(s, k, z_source, down))
     hit = IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
     first_face = 0 if s.kind == LINEAR else SURFACE
@@ -156,7 +156,7 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
             if h < 1e-7 * length:
                 return False, count, turns, surface, bottom, code
             continue
-        error = step_error(h, K, ynew, n_eq, max(length - gone - pos, 0.0), tol)
+        error = step_error(h, K, ynew, n_eq, max(length - gone - pos, 0.0), tol, 0.05 * length)
         allowed = tol * h / length
         if error > allowed and h > 1e-9 * length:
             h *= max(0.2, 0.9 * math.sqrt(math.sqrt(allowed / error)))
@@ -203,9 +203,10 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
         count += 1
         new_down = sb + K[0, 0] * cb
         if s.kind == SMOOTH:
-            k = move_level(s.depth, k, z_source + pos * sb + y[0] * cb)
-            if n_eq == N_FULL:  # the error estimate does not see a layer that a steep ray steps over
-                h = min(h, (s.depth[k + 1] - s.depth[k]) / max(abs(new_down), 1e-9))
+            z = z_source + pos * sb + y[0] * cb
+            k = move_level(s.depth, k, z)
+            if n_eq == N_FULL:
+                h = min(h, _to_level(s, k, z, new_down))
         if new_down * down < 0.0:
             turns += 1
         if new_down != 0.0:
@@ -215,6 +216,18 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
                 return False, count, turns, surface, bottom, code
             _record(path[count], pos, y, K[0], axis, hit)
     return pos >= span, count, turns, surface, bottom, code
+
+
+@kernel
+def _to_level(s, k, z, down):
+    """Step to the next level of a SMOOTH section: the error estimate does not see one that a steep ray steps over."""
+    ahead = 1 if down > 0.0 else 0
+    thickness = s.depth[k + 1] - s.depth[k]
+    gap = abs(s.depth[k + ahead] - z)
+    if gap < 1e-3 * thickness:
+        next_k = min(max(k + (1 if down > 0.0 else -1), 0), s.depth.size - 2)
+        gap += s.depth[next_k + 1] - s.depth[next_k]
+    return (gap + 1e-4 * thickness) / max(abs(down), 1e-9)
 
 
 @kernel

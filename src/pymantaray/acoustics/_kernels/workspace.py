@@ -11,7 +11,7 @@ from pymantaray.acoustics._kernels.search import MAX_ROOTS, MAX_STACK, N_NODE
 from pymantaray.acoustics._kernels.section import MAX_COLUMNS, SMOOTH
 from pymantaray.acoustics._kernels.step import N_FAN, N_FULL
 
-MAX_PATH = 4096
+MAX_PATH = 32_768
 MAX_NODES = 4096
 _ANGLES = 1024  # nodes of a first fan besides those of the levels: twice the widest fan over its spacing
 
@@ -25,16 +25,20 @@ Work.__doc__ = (
 
 
 def shapes(
-    n_depth: int, columns: int = MAX_COLUMNS, lines: int = MAX_COLUMNS, nodes: int = MAX_NODES
+    n_depth: int,
+    columns: int = MAX_COLUMNS,
+    lines: int = MAX_COLUMNS,
+    nodes: int = MAX_NODES,
+    path: int = MAX_PATH,
 ) -> Work:
-    """Shapes of the workspaces, for so many columns of a section, grid lines under a link and angles of a fan."""
+    """Shapes of the workspaces, for so many columns of a section, grid lines under a link, angles of a fan and steps."""
     return Work(
         y=(N_FULL,),
         K=(7, N_FULL),
         K_fan=(7, N_FAN),
         ynew=(N_FULL,),
         no_path=(0, N_PATH),
-        path=(MAX_PATH, N_PATH),
+        path=(path, N_PATH),
         breaks=(columns + 1,),
         floor_breaks=(lines + 2,),
         small=(6, 4),
@@ -54,11 +58,12 @@ def shapes(
 def least_shapes(packed: tuple[Any, ...], longest: float) -> Work:
     """Shapes that suffice for links of at most this horizontal distance in a medium. [m]"""
     kind, north, east, depth, column_step = packed[0], packed[1], packed[2], packed[3], packed[-1]
+    path = min(2048 + int(0.2 * longest), MAX_PATH)  # steps are some 5 m and more
     lines = min(north.size + east.size, MAX_COLUMNS)
     if kind == SMOOTH:  # one column more: distances may round differently on another processor
         columns = min(int(np.ceil(longest / column_step)) + 2, MAX_COLUMNS)
-        return shapes(depth.size, columns, lines, min(_ANGLES + 2 * depth.size, MAX_NODES))
-    return shapes(depth.size, lines, lines, min(_ANGLES + 2 * depth.size * lines, MAX_NODES))
+        return shapes(depth.size, columns, lines, min(_ANGLES + 2 * depth.size, MAX_NODES), path)
+    return shapes(depth.size, lines, lines, min(_ANGLES + 2 * depth.size * lines, MAX_NODES), path)
 
 
 def workspace(n_depth: int) -> Work:
