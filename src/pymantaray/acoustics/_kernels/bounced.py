@@ -9,18 +9,28 @@ across it.
 
 import math
 
-from pymantaray.acoustics._kernels.boundary import floor_at
+from pymantaray.acoustics._kernels.boundary import across_plane, floor_at
 from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.limits import fan_nodes
 from pymantaray.acoustics._kernels.refine import cubic_angle
 from pymantaray.acoustics._kernels.rows import finish
-from pymantaray.acoustics._kernels.search import ANGLE, CODE, GOOD, MISS, SLOPE, find_brackets, shoot
-from pymantaray.acoustics._kernels.trace import FORWARD, LEGS, Rule, trace
+from pymantaray.acoustics._kernels.search import (
+    ANGLE,
+    CODE,
+    GOOD,
+    MISS,
+    SLOPE,
+    fewer_bounces,
+    find_brackets,
+    shoot,
+)
+from pymantaray.acoustics._kernels.trace import FORWARD, LEGS, ON_SURFACE, Rule, trace
 
 STEEPEST_FORWARD = 1.08  # rad
 SHALLOWEST_LEGS = 1.02  # rad; the fans overlap, what both find is kept once
 _SPACING_FORWARD = 0.04  # rad, beyond the angles at which rays can turn
-_N_LEGS = 9
+_SPACING_LEGS = 0.13  # rad
+_SHARES = 4  # steps in which slopes across the plane are brought in where Newton's method fails at once
 _RESOLUTION = 1e-6  # rad; narrower windows between changes of reflection are not looked into
 _TRUST = 2e-4  # rad; rays within the usual cut-off fill wider windows than this
 _INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the travel time corrected (Fermat)
@@ -65,29 +75,52 @@ def refine_bounced(s, floor, rule, bracket, target, length, axis, tol, miss, wor
     """
     y, K, ynew, path = work.y, work.K, work.ynew, work.path
     a, b = bracket[0, ANGLE], bracket[1, ANGLE]
-    counts = int(bracket[0, CODE]) % 256
-    for attempt in range(2):
-        m, q = cubic_angle(bracket[0], bracket[1]), 0.0
+    inner = fewer_bounces(bracket)
+    counts = int(bracket[inner, CODE]) % 256
+    level = bracket[inner, MISS]
+    level = math.copysign(min(_INSET, 0.5 * abs(level)), level) if rule.fold != 0 else 0.0
+    m, q = cubic_angle(bracket[0], bracket[1], level), 0.0
+    start = m
+    for attempt in range(2 + _SHARES):
+        across = 1.0
         if attempt == 1:
+            if rule.fold != 0:
+                continue
             m, ok = _in_plane(s, floor, rule, bracket, target, length, axis, tol, work)
             if not ok:
                 return False, m, q, 0, 0
+            q = 0.0
+        elif attempt > 1 and floor.bathymetry.size == 1:
+            break
+        elif attempt > 1:  # let the slopes across the plane grow from nothing
+            across = (attempt - 1.0) / _SHARES
+            if attempt == 2:
+                m, q = start, 0.0
+        start = m
+        tilted = across_plane(floor, across)
+        done, last = False, attempt in (0, 1, 1 + _SHARES)
         last_m, last_q, last_f, last_y, best = m, q, 0.0, 0.0, math.inf
         j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
         for it in range(30):
-            ok, steps, turns, _, _, code = trace(s, floor, rule, m, q, length, axis, tol, y, K, ynew, path)
+            ok, steps, turns, _, _, code = trace(s, tilted, rule, m, q, length, axis, tol, y, K, ynew, path)
             if not ok or code % 256 != counts:
+                if math.isinf(best) and rule.fold != 0 and it < 20:
+                    m = 0.5 * (m + bracket[inner, ANGLE])
+                    continue
                 if math.isinf(best):
                     break
                 m, q = 0.5 * (m + last_m), 0.5 * (q + last_q)
                 continue
             f, side = y[0] - target, y[5]
             if abs(f) < miss and abs(side) < miss:
-                return True, m, q, steps, turns
+                if last:
+                    return True, m, q, steps, turns
+                done = True
+                break
             dm, dq = m - last_m, q - last_q
             d2 = dm * dm + dq * dq
             if it > 0 and d2 == 0.0:  # no more digits
-                return max(abs(f), abs(side)) < 1e3 * miss, m, q, steps, turns
+                return last and max(abs(f), abs(side)) < 1e3 * miss, m, q, steps, turns
             if math.isinf(best) or abs(f) + abs(side) > 4.0 * best:
                 j00, j01, j10, j11 = y[2], 0.0, 0.0, y[7]
             else:
@@ -106,6 +139,8 @@ def refine_bounced(s, floor, rule, bracket, target, length, axis, tol, miss, wor
             q += shrink * dq
             if attempt == 0 and not a <= m <= b and not floor.bathymetry.size > 1:
                 break
+        if attempt > 1 and not done:
+            break
     return False, 0.0, 0.0, 0, 0
 
 
@@ -123,18 +158,20 @@ def _tube(s, floor, rule, angle, q, length, axis, tol, work):
 
 
 @kernel
-def _collect(s, floor, rule, n_nodes, target, span, axis, steep, weak_slope, link, numerics, count, work):
-    """Find and refine the reflected rays of one fan; return the rows in use, those too weak, the rays
+def _collect(
+    s, floor, rule, n_nodes, target, fold_target, span, axis, steep, weak_slope, link, numerics, count, work
+):
+    """Find and refine the reflected rays of one fan; fold_target is the target of the search. Return the rows in use, those too weak, the rays
     traced, and whether none was left out.
     """
-    c1, length, cutoff_db, on_boundary, cross_slope = link
+    c1, length, cutoff_db, on_boundary, cross_slope, most_s, most_b = link
     coarse, fine, miss, inset = numerics
     rows = work.rows
     width, trust = _RESOLUTION, _TRUST
     if math.isinf(cutoff_db):  # every ray there is
         width, trust = 1e-3 * width, 1e-3 * trust
     found, _, rays, complete = find_brackets(
-        s, floor, rule, n_nodes, target, span, axis, coarse, fine, width, trust, steep, weak_slope, work
+        s, floor, rule, n_nodes, fold_target, span, axis, coarse, fine, width, trust, steep, weak_slope, work
     )
     weak = 0
     for i in range(found):
@@ -142,7 +179,10 @@ def _collect(s, floor, rule, n_nodes, target, span, axis, steep, weak_slope, lin
         ok, angle, q, _, turns = refine_bounced(s, floor, rule, bracket, target, span, axis, fine, miss, work)
         if not ok or count >= rows.shape[0]:
             continue
-        n_s, n_b = int(bracket[0, CODE]) % 256 // 16, int(bracket[0, CODE]) % 16
+        counts = int(bracket[fewer_bounces(bracket), CODE]) % 256
+        n_s, n_b = counts // 16, counts % 16
+        if n_s > most_s or n_b > most_b or counts == 0:
+            continue
         cb, sb = axis[1], axis[2]
         sb_end = -sb if rule.kind == LEGS and rule.legs % 2 == 0 else sb
         row = rows[count]
@@ -182,7 +222,7 @@ def _collect(s, floor, rule, n_nodes, target, span, axis, steep, weak_slope, lin
                 rows[j, 11] == n_s
                 and rows[j, 12] == n_b
                 and abs(rows[j, 0] - row[0]) < _SAME_TIME
-                and abs(rows[j, 1] - row[1]) < _SAME_ANGLE
+                and abs(rows[j, 1] - row[1]) < _SAME_ANGLE + 10.0 * abs(inset) / length
             ):
                 new = False
         if new:
@@ -213,9 +253,10 @@ def add_bounced(
     coarse, fine, miss = numerics
     most = max_surface + max_bottom
     deepest = 0.0
-    cross_slope = 0.0
+    cross_slope, slope = 0.0, 0.0
     for i in range(floor.n_breaks):
-        here, _, f_y, _, _ = floor_at(floor, floor.breaks[i], 0.0, floor.breaks[i])
+        here, f_r, f_y, _, _ = floor_at(floor, floor.breaks[i], 0.0, floor.breaks[i])
+        slope = max(slope, abs(f_r))
         deepest = max(deepest, here)
         cross_slope = max(cross_slope, abs(f_y))
     bed = floor_at(floor, horizontal, 0.0, horizontal)[0]
@@ -225,7 +266,7 @@ def add_bounced(
     elif z1 > bed - _INSET:
         inset, on_boundary = z1 - max(bed - _INSET, 0.5 * bed), 1.0
     z_end = z1 - inset
-    link = (c1, length, cutoff_db, on_boundary, cross_slope)
+    link = (c1, length, cutoff_db, on_boundary, cross_slope, max_surface, max_bottom)
     limits = (coarse, fine, miss, inset)
     weak, rays, complete = 0, 0, True
     steepest = 0.5 * math.pi
@@ -242,7 +283,14 @@ def add_bounced(
             step = (hi - inner) * (i + 1) / more
             work.nodes[more - 1 - i] = -inner - step
             work.nodes[more + n + i] = inner + step
-        rule = Rule(FORWARD, max_surface, max_bottom, 0, 0.0)
+        fold = 0
+        if on_boundary < 0.0:
+            fold = ON_SURFACE
+        elif on_boundary > 0.0:
+            fold = floor_at(floor, horizontal, 0.0, horizontal)[4] + 2
+        # one more at the receiver itself, to be unfolded
+        more_s, more_b = 1 if fold == ON_SURFACE else 0, 1 if fold > ON_SURFACE else 0
+        rule = Rule(FORWARD, max_surface + more_s, max_bottom + more_b, 0, 0.0, fold)
         axis = (z0, 1.0, 0.0, c0)
         count, w, r, all_there = _collect(
             s,
@@ -250,6 +298,7 @@ def add_bounced(
             rule,
             n + 2 * more,
             z_end - z0,
+            z_end - z0 if fold == 0 else (0.0 if fold == ON_SURFACE else bed) - z0,
             horizontal,
             axis,
             limit,
@@ -262,8 +311,10 @@ def add_bounced(
         weak += w
         rays += r
         complete = complete and all_there
-    if steepest > SHALLOWEST_LEGS:
-        half = 0.5 * math.pi - SHALLOWEST_LEGS
+    # on a slope a ray gets steeper by twice its angle at each reflection, and may turn back
+    shallowest = max(SHALLOWEST_LEGS - 2.0 * max_bottom * math.atan(slope), limit + 0.05)
+    if steepest > shallowest:
+        half = 0.5 * math.pi - shallowest
         for first in range(2):
             sb = 1.0 if first == 0 else -1.0
             for legs in range(2, most + 2):
@@ -271,12 +322,12 @@ def add_bounced(
                 n_b = legs - 1 - n_s
                 if n_s > max_surface or n_b > max_bottom:
                     continue
-                if horizontal > 1e-9 and math.atan(1.3 * legs * deepest / horizontal) + 0.1 < SHALLOWEST_LEGS:
+                if horizontal > 1e-9 and math.atan(1.3 * legs * deepest / horizontal) + 0.1 < shallowest:
                     continue
-                n = min(_N_LEGS, work.nodes.size)
+                n = min(int(math.ceil(2.0 * half / _SPACING_LEGS)) + 1, work.nodes.size)
                 for i in range(n):
                     work.nodes[i] = half * (2.0 * i / (n - 1) - 1.0)
-                rule = Rule(LEGS, n_s, n_b, legs, z_end)
+                rule = Rule(LEGS, n_s, n_b, legs, z_end, 0)
                 axis = (z0, 0.0, sb, c0)
                 sb_end = sb if legs % 2 == 1 else -sb
                 count, w, r, all_there = _collect(
@@ -284,6 +335,7 @@ def add_bounced(
                     floor,
                     rule,
                     n,
+                    -horizontal * sb_end,
                     -horizontal * sb_end,
                     legs * deepest,
                     axis,

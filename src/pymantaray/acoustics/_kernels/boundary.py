@@ -17,16 +17,18 @@ IN_WATER, AT_SURFACE, AT_BOTTOM = 0, 1, 2
 TIME, RANGE, DEPTH, SIDE, P_RANGE, P_DEPTH, P_SIDE, BOUNDARY = 0, 1, 2, 3, 4, 5, 6, 7
 N_PATH = 8
 
-Floor = namedtuple("Floor", "north east bathymetry n0 e0 un ue breaks n_breaks")
-Floor.__doc__ = (
-    "The sea bed under one baseline; breaks are the ranges at which it crosses grid lines, the ends too."
-)
+Floor = namedtuple("Floor", "north east bathymetry n0 e0 un ue breaks n_breaks across")
+Floor.__doc__ = """The sea bed under one baseline; breaks are the ranges at which it crosses grid lines, the ends too.
+
+across, usually 1, is the share of its slope across the plane that counts.
+"""
 
 
 @kernel
 def floor_at(floor, r, y, r_cell):
     """Bilinear depth of the sea bed, its derivatives f_r, f_y and f_rr, and its cell, that of range r_cell."""
     north, east, n0, e0, un, ue = floor.north, floor.east, floor.n0, floor.e0, floor.un, floor.ue
+    y *= floor.across
     i, j, sn, se, dn, de = bilinear_weights(
         north,
         east,
@@ -47,9 +49,26 @@ def floor_at(floor, r, y, r_cell):
     return (
         b00 + b10 * sn + b01 * se + b11 * sn * se,
         f_n * un + f_e * ue,
-        f_e * un - f_n * ue,
+        floor.across * (f_e * un - f_n * ue),
         2.0 * b11 / (dn * de) * un * ue,
         i * east.size + j,
+    )
+
+
+@kernel
+def across_plane(floor, share):
+    """Give the same sea bed with a share of its slope across the plane."""
+    return Floor(
+        floor.north,
+        floor.east,
+        floor.bathymetry,
+        floor.n0,
+        floor.e0,
+        floor.un,
+        floor.ue,
+        floor.breaks,
+        floor.n_breaks,
+        share,
     )
 
 
@@ -67,8 +86,10 @@ def bottom_at(north, east, bathymetry, n, e):
 
 
 @kernel
-def clearances(path, steps, floor):
+def clearances(path, steps, floor, miss_r, miss_z, miss_y):
     """Least distances of a recorded path from the surface and from the sea bed, negative beyond. [m]
+
+    The path is turned onto the receiver: of its miss at the end every place gets its share in time.
 
     Every step's cubic Hermite in time is sampled, at nine points, at its turning point, at each edge of the
     bathymetry's cells, where its peaks are, and at the vertex of the parabola through the three lowest samples, where a
@@ -104,9 +125,10 @@ def clearances(path, steps, floor):
                 t = vertex
             else:
                 continue
-            r = cubic(t, h, r0, dr0, r1, dr1)
-            z = cubic(t, h, z0, dz0, z1, dz1)
-            bed = floor_at(floor, r, a[SIDE] + t * (b[SIDE] - a[SIDE]), r)[0]
+            share = (a[TIME] + t * h) / path[steps, TIME]
+            r = cubic(t, h, r0, dr0, r1, dr1) - share * miss_r
+            z = cubic(t, h, z0, dz0, z1, dz1) - share * miss_z
+            bed = floor_at(floor, r, a[SIDE] + t * (b[SIDE] - a[SIDE]) - share * miss_y, r)[0]
             below_surface = min(below_surface, z)
             gap = bed - z
             above_bottom = min(above_bottom, gap)

@@ -10,6 +10,7 @@ from pymantaray.acoustics._kernels.step import N_FULL, step
 TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = 0, 1, 2, 3, 4, 5
 ON_FACE = 1e-9  # m; a ray this near to a face is on it
 _NONE = 1e30
+_SAMPLES = 8  # of a step over a gridded bed
 _NUDGE = 1e-6  # m; by which a point on the edge of a cell is taken to be in the cell of the step
 
 
@@ -63,6 +64,40 @@ def face_distance(s, floor, b, k, face, pos, w, dw, side, dside, axis, nudge):
 
 
 @kernel
+def _over_bed(floor, t, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis):
+    """Height above the bed at the fraction t of a step."""
+    z_source, cb, sb, _ = axis
+    w = cubic(t, h, y[0], K[0, 0], ynew[0], K[6, 0])
+    side = cubic(t, h, side0, dside0, side1, dside1)
+    s = pos + t * h
+    r = s * cb - w * sb
+    return floor_at(floor, r, side, r)[0] - (z_source + s * sb + w * cb)
+
+
+@kernel
+def _bed_crossing(floor, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis):
+    """Fraction of a step at which it meets a gridded bed, 9 if it does not; off the baseline its edges are anywhere."""
+    lo, hi = 0.0, 9.0
+    for j in range(_SAMPLES):
+        t = (j + 1.0) / _SAMPLES
+        if _over_bed(floor, t, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis) < -ON_FACE:
+            hi = t
+            break
+        lo = t
+    if hi > 2.0:
+        return hi
+    for _ in range(40):
+        t = 0.5 * (lo + hi)
+        if _over_bed(floor, t, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis) > 0.0:
+            lo = t
+        else:
+            hi = t
+        if hi - lo < 1e-9:
+            break
+    return hi
+
+
+@kernel
 def crossing(s, floor, b, k, first, last, pos, h, y, K, ynew, n_eq, axis):
     """First of the faces first to last - 1 crossed within a step whose result is in ynew, K[6].
 
@@ -75,6 +110,11 @@ def crossing(s, floor, b, k, first, last, pos, h, y, K, ynew, n_eq, axis):
         side0, side1, dside0, dside1 = y[5], ynew[5], K[0, 5], K[6, 5]
     for i in range(last - first):
         face = last - 1 - i
+        if face == BOTTOM and floor.bathymetry.size > 1:
+            t = _bed_crossing(floor, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis)
+            if t < 2.0:
+                best, best_face = t * h, BOTTOM
+            continue
         g0, e0 = face_distance(s, floor, b, k, face, pos, y[0], K[0, 0], side0, dside0, axis, _NUDGE)
         if g0 >= _NONE:
             continue

@@ -27,7 +27,7 @@ from pymantaray.acoustics._kernels.trace import OPEN, Rule
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK = 0, 1, 2, 3, 4
 SPACING_SMOOTH = 0.016  # rad
 SPACING_LINEAR = 0.008  # rad
-CLOSEST_SMOOTH = 1e-3  # rad; nearer nodes of the first fan are merged
+CLOSEST_SMOOTH = 3e-4  # rad; nearer nodes of the first fan are merged
 CLOSEST_LINEAR = 1e-9  # rad
 LONG = 2e4  # m; beyond, the tolerance grows with the length of the link
 N_INFO = 6  # numbers about a link
@@ -86,8 +86,8 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
     n_breaks = line_breaks(
         north, east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work.floor_breaks
     )
-    floor = Floor(north, east, bathymetry, source[0], source[1], un, ue, work.floor_breaks, n_breaks)
-    rule = Rule(OPEN, 0, 0, 0, 0.0)
+    floor = Floor(north, east, bathymetry, source[0], source[1], un, ue, work.floor_breaks, n_breaks, 1.0)
+    rule = Rule(OPEN, 0, 0, 0, 0.0, 0)
     miss = min(1e-2, 1e-6 * length)
     tol *= max(1.0, length / LONG)
     fine = min(tol, 1e-4 * length)
@@ -123,7 +123,7 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
             s, floor, rule, n_nodes, target, span, axis, coarse, fine, RESOLUTION, 0.0, 0.0, weak_slope, work
         )
     through_surface, blocked, weak = 0, 0, 0
-    count = np.int64(0)  # a literal 0 would compile `add_bounced` once more
+    count = 0 * n_breaks  # a literal 0 would compile `add_bounced` once more
     for i in range(found):
         ok, angle, q, steps, turns = polish(s, floor, rule, brackets[i], target, span, axis, fine, miss, work)
         if not ok:
@@ -132,7 +132,9 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
             )
         if not ok:
             continue
-        below_surface, above_bottom = clearances(work.path, steps, floor)
+        below_surface, above_bottom = clearances(
+            work.path, steps, floor, -sb * (work.y[0] - target), cb * (work.y[0] - target), work.y[5]
+        )
         if below_surface < -TOUCH:
             through_surface += 1
             continue

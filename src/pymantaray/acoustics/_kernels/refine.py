@@ -11,10 +11,10 @@ from pymantaray.acoustics._kernels.trace import trace
 
 
 @kernel
-def cubic_angle(a, b):
-    """Launch angle at which the cubic between two rays of a fan meets the receiver."""
+def cubic_angle(a, b, level):
+    """Launch angle at which the cubic between two rays of a fan has the miss level, between those of the two."""
     h = b[ANGLE] - a[ANGLE]
-    return a[ANGLE] + h * cubic_root(h, a[MISS], a[SLOPE], b[MISS], b[SLOPE])
+    return a[ANGLE] + h * cubic_root(h, a[MISS] - level, a[SLOPE], b[MISS] - level, b[SLOPE])
 
 
 @kernel
@@ -26,7 +26,7 @@ def polish(s, floor, rule, bracket, target, length, axis, tol, miss, work):
     y, K, ynew, path = work.y, work.K, work.ynew, work.path
     a, b, q = bracket[0], bracket[1], 0.0
     lo, hi, rise = a[ANGLE], b[ANGLE], b[MISS] - a[MISS]
-    m = cubic_angle(a, b)
+    m = cubic_angle(a, b, 0.0)
     steps, turns = 0, 0
     for _ in range(6):
         ok, steps, turns, _, _, _ = trace(s, floor, rule, m, q, length, axis, tol, y, K, ynew, path)

@@ -13,7 +13,7 @@ import numpy as np
 
 from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.cubic import cubic
-from pymantaray.acoustics._kernels.trace import OPEN, trace
+from pymantaray.acoustics._kernels.trace import ON_SURFACE, OPEN, append_code, trace
 
 # columns of a ray of a fan; DEFECT is scratch: of the cubic about it, or of the interval that it starts or ends
 ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT = 0, 1, 2, 3, 4, 5, 6, 7
@@ -21,7 +21,7 @@ N_NODE = 8
 MAX_ROOTS = 256
 MAX_STACK = 128
 MAX_RAYS = 20_000
-MAX_RAYS_INTERVAL = 400
+MAX_RAYS_INTERVAL = 1000
 _RESOLVED = 0.3  # of the vertical slowness: defect of its cubic up to which its cycles are taken as resolved
 _NARROW = 5e-5  # rad; between two weak rays so near to each other none is looked for
 _BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this times each end's slope defect
@@ -31,7 +31,8 @@ _BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this ti
 def shoot(s, floor, rule, angle, target, length, axis, tol, node, work):
     """Trace a ray of a fan into a node: angle, miss at the receiver's plane, its slope, slowness, its slope, ok, code.
 
-    Slopes are derivatives by the launch angle.
+    Slopes are derivatives by the launch angle. For a receiver on a boundary a reflection there is unfolded: rays that were
+    reflected just before they reach it miss it on the other side, so that the miss changes sign at the receiver.
     """
     ok, _, _, _, _, code = trace(
         s, floor, rule, angle, 0.0, length, axis, tol, work.y, work.K_fan, work.ynew, work.no_path
@@ -39,6 +40,25 @@ def shoot(s, floor, rule, angle, target, length, axis, tol, node, work):
     node[ANGLE], node[MISS], node[SLOPE] = angle, work.y[0] - target, work.y[2]
     node[SLOWNESS], node[TURN] = work.y[1], work.y[3]
     node[GOOD], node[CODE] = 1.0 if ok else 0.0, code
+    if rule.fold != 0 and (code % 256 // 16 if rule.fold == ON_SURFACE else code % 16) % 2 == 1:
+        for i in (MISS, SLOPE, SLOWNESS, TURN):
+            node[i] = -node[i]
+
+
+@kernel
+def _same_code(a, b, fold):
+    """Whether the miss is smooth between two rays: the same reflections, or one more where the receiver is."""
+    if a[CODE] == b[CODE]:
+        return True
+    return fold != 0 and (
+        append_code(int(a[CODE]), fold) == b[CODE] or append_code(int(b[CODE]), fold) == a[CODE]
+    )
+
+
+@kernel
+def fewer_bounces(bracket):
+    """Which of a bracket's rays has fewer reflections."""
+    return 0 if int(bracket[0, CODE]) % 256 <= int(bracket[1, CODE]) % 256 else 1
 
 
 @kernel
@@ -105,9 +125,9 @@ def find_brackets(
             e, tol_here = a[DEFECT], b[DEFECT]
             h = b[ANGLE] - a[ANGLE]
             alive = a[GOOD] > 0.0 and b[GOOD] > 0.0
-            same = alive and a[CODE] == b[CODE]
+            same = alive and _same_code(a, b, rule.fold)
             top -= 1
-            if a[GOOD] + b[GOOD] == 0.0 or (walls and same and a[CODE] == 0.0):  # lost, or direct
+            if a[GOOD] + b[GOOD] == 0.0 or (walls and same and a[CODE] * b[CODE] == 0.0):  # lost, or direct
                 continue
             if walls and not same:
                 believed = h < trust or min(abs(a[ANGLE]), abs(b[ANGLE])) > steep
@@ -156,7 +176,7 @@ def find_brackets(
             rays += 1
             if m[GOOD] > 0.0:
                 margin = min(margin, abs(m[MISS]))
-            if m[GOOD] > 0.0 and same and a[CODE] == m[CODE]:
+            if m[GOOD] > 0.0 and same and _same_code(a, m, rule.fold) and _same_code(m, b, rule.fold):
                 e = _defect(a, m, b) / 4.0
             elif walls:
                 e = 1e30  # not known: judge the halves by their own middles

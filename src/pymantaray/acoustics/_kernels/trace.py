@@ -36,13 +36,22 @@ OPEN, FORWARD, LEGS = 0, 1, 2
 _LONG = 1e7  # m; a leg that a boundary ends
 _HASH = 2**32
 MOST_BOUNCES = 15  # of each kind
+ON_SURFACE = 1  # mark of a reflection at the surface; at the sea bed it is the cell plus 2
 
-Rule = namedtuple("Rule", "kind max_surface max_bottom legs end_depth")
+Rule = namedtuple("Rule", "kind max_surface max_bottom legs end_depth fold")
 Rule.__doc__ = """What a ray does at the surface and at the sea bed.
 
 OPEN: it goes on beyond them. FORWARD: it is reflected, at most so many times. LEGS: on a vertical axis, it is
-reflected ``legs - 1`` times and ends at end_depth.
+reflected ``legs - 1`` times and ends at end_depth. fold is the mark of the boundary on which the receiver is, 0 if none: the
+search then unfolds the miss, see `search.shoot`.
 """
+
+
+@kernel
+def append_code(code, mark):
+    """Code of a ray's reflections after one more; the last 8 bits count both kinds."""
+    counts = code % 256 + (16 if mark == ON_SURFACE else 1)
+    return ((code // 256 * 8191 + mark) % _HASH) * 256 + counts
 
 
 @kernel
@@ -115,8 +124,8 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
             if rule.kind == LEGS:
                 new_sb = -sb
             r = pos * cb - y[0] * sb
-            cell = floor_at(floor, r, y[5], r)[4] + 2 if hit == AT_BOTTOM else 1
-            code = ((code // 256 * 8191 + cell) % _HASH) * 256 + surface * 16 + bottom
+            cell = floor_at(floor, r, y[5], r)[4] + 2 if hit == AT_BOTTOM else ON_SURFACE
+            code = append_code(code, cell)
             if not reflect(s, floor, b, k, pos, y, n_eq, axis, hit == AT_BOTTOM, new_sb):
                 return False, count, turns, surface, bottom, code
             if rule.kind == LEGS:
@@ -133,6 +142,9 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
             if not derivative(s, b, k, pos, y, K[0], n_eq, axis):
                 return False, count, turns, surface, bottom, code
             down = sb + K[0, 0] * cb
+            if s.kind == SMOOTH and n_eq == N_FULL:
+                k = move_level(s.depth, k, z)
+                h = min(h, _to_level(s, k, z, down))
             if record:
                 count += 1
                 if count >= path.shape[0]:
