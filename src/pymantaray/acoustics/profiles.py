@@ -1,0 +1,273 @@
+"""Raw casts made into profiles that rays can be traced in: thinned or smoothed, with the change on record."""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from pymantaray.acoustics.medium import Interpolation
+from pymantaray.errors import AcousticsError
+
+Array = NDArray[np.float64]
+RAW_SPACING = 2.0  # m; levels closer than this in the median are those of a raw cast
+_FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
+_REACH = 4.0  # standard deviations at which the weights are cut off
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedProfile:
+    """
+    A profile with fewer levels than its raw cast, and how far it departs from it.
+
+    Attributes
+    ----------
+    depth, sound_speed : ndarray, shape (n_levels,)
+        [m, m s⁻¹]
+    method : {"thinned", "smoothed"}
+        How it was made.
+    parameter : float
+        Tolerance of `thin_profile` [m s⁻¹] or length of `smooth_profile` [m].
+    interpolation : {"smooth", "linear"}
+        What lies between the levels, for which the changes hold.
+    raw_levels : int
+        Levels of the cast.
+    rms_change, greatest_change : float
+        Of the interpolated sound speed from that of the cast, over the cast's levels. [m s⁻¹]
+    """
+
+    depth: Array
+    sound_speed: Array
+    method: Literal["thinned", "smoothed"]
+    parameter: float
+    interpolation: Interpolation
+    raw_levels: int
+    rms_change: float
+    greatest_change: float
+
+    def __str__(self) -> str:
+        """One line for people."""
+        how = f"within {self.parameter:g} m/s" if self.method == "thinned" else f"over {self.parameter:g} m"
+        return (
+            f"{self.raw_levels} levels {self.method} {how} to {self.depth.size}, sound speed changed by"
+            f" {self.rms_change:.2g} m/s rms, {self.greatest_change:.2g} m/s at most"
+        )
+
+
+def is_raw_cast(depth: ArrayLike) -> bool:
+    """
+    Whether levels are as close as those of a raw cast.
+
+    A spline through such levels follows every error of the instrument and bends rays by it.
+
+    Parameters
+    ----------
+    depth : array_like, shape (n_levels,)
+        [m]
+
+    Returns
+    -------
+    bool
+        True if the median spacing is below 2 m.
+    """
+    spacing = np.diff(np.asarray(depth, dtype=float))
+    return bool(spacing.size and np.median(spacing) < RAW_SPACING)
+
+
+def thin_profile(
+    depth: ArrayLike,
+    sound_speed: ArrayLike,
+    *,
+    tolerance: float = 0.1,
+    interpolation: Interpolation = "smooth",
+) -> ReducedProfile:
+    """
+    Leave out levels of a cast as long as the interpolation stays near those left out.
+
+    Parameters
+    ----------
+    depth, sound_speed : array_like, shape (n_levels,)
+        Levels of the cast, strictly increasing, and the sound speed there. [m, m s⁻¹]
+    tolerance : float
+        Greatest departure from the cast at any of its levels. [m s⁻¹]
+    interpolation : {"smooth", "linear"}
+        That of the `Medium` to be made.
+
+    Returns
+    -------
+    ReducedProfile
+        Its levels are levels of the cast, the first and last among them.
+
+    Raises
+    ------
+    AcousticsError
+        If the levels do not increase, a value is not finite or the tolerance is not positive.
+
+    Notes
+    -----
+    ``linear`` keeps the fewest levels that the tolerance allows: the shortest chain of chords, each within
+    the tolerance of all levels that it passes [1]_. ``smooth`` adds levels where a natural cubic spline
+    departs most until it fits, then takes out each one that it can spare: few, but not provably the fewest.
+
+    The time t of the fastest path between two places changes by at most a fraction ``tolerance`` / c of t (within
+    what two splines differ more between the cast's levels than at them): in either medium the other's path
+    takes no longer than that. The fastest path is the earliest arrival unless it runs along the surface, the
+    sea bed, or a level where a ``linear`` profile has a maximum, which is no ray.
+
+    References
+    ----------
+    .. [1] Imai, H. and Iri, M. (1988), Polygonal approximations of a curve, in Computational Morphology,
+       71-86; cited second-hand, for the shortest path in the graph of admissible chords.
+
+    Examples
+    --------
+    >>> z = np.arange(0.0, 301.0)
+    >>> kept = thin_profile(z, 1450.0 + 0.05 * np.abs(z - 120.0), tolerance=0.01, interpolation="linear")
+    >>> kept.depth
+    array([  0., 120., 300.])
+    """
+    z, c = _checked(depth, sound_speed)
+    if not (tolerance > 0.0 and math.isfinite(tolerance)):
+        raise AcousticsError(f"tolerance: {tolerance}; a positive sound speed in m/s is needed")
+    rows = _fewest_chords(z, c, tolerance) if interpolation == "linear" else _spline_levels(z, c, tolerance)
+    return _record(z, c, z[rows], c[rows], "thinned", tolerance, interpolation)
+
+
+def smooth_profile(
+    depth: ArrayLike, sound_speed: ArrayLike, *, length: float = 10.0, interpolation: Interpolation = "smooth"
+) -> ReducedProfile:
+    """
+    Average a cast over a length, on even levels half a length apart.
+
+    Parameters
+    ----------
+    depth, sound_speed : array_like, shape (n_levels,)
+        Levels of the cast, strictly increasing, and the sound speed there. [m, m s⁻¹]
+    length : float
+        Full width of the weights at half their height. [m]
+    interpolation : {"smooth", "linear"}
+        That of the `Medium` to be made.
+
+    Returns
+    -------
+    ReducedProfile
+
+    Raises
+    ------
+    AcousticsError
+        If the levels do not increase, a value is not finite, or the length is below the widest gap between
+        levels or above half the depth of the cast.
+
+    Notes
+    -----
+    At each level the value of a straight line fitted with Gaussian weights, each times the share of depth
+    that the cast's level stands for. A constant gradient is kept exactly, at the ends too.
+    """
+    z, c = _checked(depth, sound_speed)
+    gap, extent = float(np.diff(z).max()), float(z[-1] - z[0])
+    if not gap <= length <= 0.5 * extent:
+        raise AcousticsError(
+            f"length: {length:g} m; the cast allows {gap:g} m, its widest gap, to {0.5 * extent:g} m, half its depth"
+        )
+    levels = np.linspace(z[0], z[-1], math.ceil(extent / (0.5 * length)) + 1)
+    share, sigma = np.gradient(z), length / _FWHM
+    smoothed = np.empty(levels.size)
+    for i, level in enumerate(levels):
+        part = slice(*np.searchsorted(z, [level - _REACH * sigma, level + _REACH * sigma]))
+        x = (z[part] - level) / sigma
+        w = share[part] * np.exp(-0.5 * x * x)
+        s0, s1, s2 = w.sum(), (w * x).sum(), (w * x * x).sum()
+        smoothed[i] = (w * (s2 - s1 * x) * c[part]).sum() / (s0 * s2 - s1 * s1)
+    return _record(z, c, levels, smoothed, "smoothed", length, interpolation)
+
+
+def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:
+    z, c = np.array(depth, dtype=float), np.array(sound_speed, dtype=float)
+    if z.ndim != 1 or z.shape != c.shape or z.size < 2:
+        raise AcousticsError(
+            f"profile: depth has shape {z.shape}, sound_speed {c.shape}; both need (n_levels,), at least 2"
+        )
+    if not (np.all(np.isfinite(z)) and np.all(np.isfinite(c))):
+        raise AcousticsError("profile: values are not finite; leave those levels out")
+    if np.any(np.diff(z) <= 0.0):
+        raise AcousticsError(
+            f"profile: depth must increase; it does not after {z[:-1][np.diff(z) <= 0][0]:g} m"
+        )
+    return z, c
+
+
+def _interpolated(levels: Array, values: Array, at: Array, interpolation: Interpolation) -> Array:
+    if interpolation == "linear":
+        return np.interp(at, levels, values)
+    return np.asarray(CubicSpline(levels, values, bc_type="natural")(at))
+
+
+def _record(
+    z: Array,
+    c: Array,
+    levels: Array,
+    values: Array,
+    method: Literal["thinned", "smoothed"],
+    parameter: float,
+    interpolation: Interpolation,
+) -> ReducedProfile:
+    change = _interpolated(levels, values, z, interpolation) - c
+    for array in (levels, values):
+        array.setflags(write=False)
+    return ReducedProfile(
+        depth=levels,
+        sound_speed=values,
+        method=method,
+        parameter=float(parameter),
+        interpolation=interpolation,
+        raw_levels=z.size,
+        rms_change=float(np.sqrt(np.mean(change**2))),
+        greatest_change=float(np.abs(change).max()),
+    )
+
+
+def _fewest_chords(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
+    """Rows of the shortest chain of chords from the first level to the last, breadth first."""
+    n = z.size
+    came_from = np.full(n, -1)
+    front = [0]
+    while came_from[n - 1] < 0:
+        reached: list[int] = []
+        for i in front:
+            dz, dc = z[i + 1 :] - z[i], c[i + 1 :] - c[i]
+            slope = dc / dz
+            lowest = np.maximum.accumulate((dc - tolerance) / dz)
+            highest = np.minimum.accumulate((dc + tolerance) / dz)
+            ends = i + 1 + np.flatnonzero((slope >= lowest) & (slope <= highest))
+            ends = ends[came_from[ends] < 0]
+            came_from[ends] = i
+            reached.extend(ends.tolist())
+        front = reached
+    chain = [n - 1]
+    while chain[-1] > 0:
+        chain.append(int(came_from[chain[-1]]))
+    return np.array(chain[::-1])
+
+
+def _spline_levels(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
+    """Rows through which a natural cubic spline stays within the tolerance of all."""
+
+    def departure(kept: NDArray[np.int64]) -> Array:
+        return np.abs(_interpolated(z[kept], c[kept], z, "smooth") - c)
+
+    rows = np.array([0, z.size - 1])
+    while True:
+        off = departure(rows)
+        off[rows] = 0.0  # by construction, but for rounding
+        if off.max() <= tolerance:
+            break
+        worst = [a + int(np.argmax(off[a:b])) for a, b in pairwise(rows)]
+        rows = np.union1d(rows, [row for row in worst if off[row] > tolerance])
+    for row in rows[1:-1]:
+        fewer = rows[rows != row]
+        if departure(fewer).max() <= tolerance:
+            rows = fewer
+    return rows

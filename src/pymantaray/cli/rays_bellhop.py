@@ -1,0 +1,171 @@
+"""Commands `mantaray rays compare-bellhop` and `write-bellhop`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from pymantaray.cli.rays_io import read_links, write_table
+from pymantaray.cli.rays_options import MediumOptions, with_options
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pymantaray.acoustics import Medium
+    from pymantaray.acoustics.bellhop.listing import Array
+
+_LINKS = typer.Argument(
+    metavar="LINKS.csv",
+    help="Columns source_north, source_east, source_depth, receiver_north, receiver_east, receiver_depth, all in metres.",
+    show_default=False,
+)
+Refine = Annotated[
+    int, typer.Option("--refine", min=1, help="Parts that each cell of a smooth ocean is cut into.")
+]
+StepLength = Annotated[
+    float, typer.Option("--step", help="Step along Bellhop's rays in metres; 0 leaves it to Bellhop.")
+]
+Folder = Annotated[Path, typer.Option("--out", help="Folder for the files.")]
+
+
+@with_options
+def compare_bellhop(
+    links: Annotated[Path, _LINKS],
+    out: Annotated[Path, typer.Option("--out", help="Table to write.")],
+    medium: MediumOptions,
+    refine: Refine = 4,
+    program: Annotated[
+        str | None,
+        typer.Option(
+            "--program", help="bellhopcxx or bellhop3d, on PATH or by its path; default: the first found."
+        ),
+    ] = None,
+    step: StepLength = 50.0,
+    timeout: Annotated[
+        float, typer.Option("--timeout", help="Seconds that one run of Bellhop may take.")
+    ] = 600.0,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress bar and no summary.")] = False,
+) -> None:
+    """Run Bellhop on every link and set its first direct travel times beside ours."""
+    from pymantaray.acoustics.bellhop import compare_with_bellhop, find_bellhop
+    from pymantaray.cli.progress import progress_bars
+
+    binary = find_bellhop(program)
+    _, source, receiver = read_links(links)
+    straight = straight_medium(medium, refine=refine)
+    with progress_bars(quiet=quiet) as progress:
+        table = compare_with_bellhop(
+            straight, source, receiver, program=binary, step=step, timeout=timeout, progress=progress
+        )
+    write_table(table, out)
+    if not quiet:
+        typer.echo(_summary(table))
+    typer.echo(str(out))
+
+
+@with_options
+def write_bellhop(
+    out: Folder,
+    medium: MediumOptions,
+    links: Annotated[Path | None, _LINKS] = None,
+    link: Annotated[
+        list[int] | None, typer.Option("--link", help="Row of the run's links.nc; may be repeated.")
+    ] = None,
+    refine: Refine = 4,
+    output: Annotated[
+        Literal["arrivals", "arrivals-binary", "rays", "eigenrays"],
+        typer.Option("--write", help="What Bellhop is to compute."),
+    ] = "arrivals",
+    beams: Annotated[
+        int, typer.Option("--beams", min=2, help="Beams in declination and again in bearing.")
+    ] = 100,
+    sea_bed: Annotated[
+        Literal["rigid", "vacuum", "matching"], typer.Option("--sea-bed", help="What the sea bed is made of.")
+    ] = "rigid",
+    step: StepLength = 50.0,
+) -> None:
+    """Write links and their ocean as BELLHOP3D input files: .env, .ssp and .bty."""
+    from pymantaray.acoustics.bellhop import write_bellhop as write_files
+    from pymantaray.errors import AcousticsError
+
+    if (links is None) == (link is None):
+        raise AcousticsError(
+            "write-bellhop: give LINKS.csv, or --run with --link ROW, for the ends of the links"
+        )
+    straight = straight_medium(medium, refine=refine)
+    if links is not None:
+        _, source, receiver = read_links(links)
+    else:
+        source, receiver = _links_of_run(medium.run, link or [])
+    paths = write_files(out, straight, source, receiver, run=output, beams=beams, bottom=sea_bed, step=step)
+    for path in paths:
+        typer.echo(str(path))
+
+
+def straight_medium(options: MediumOptions, *, refine: int) -> "Medium":
+    """
+    Medium with straight lines between its grid points, as Bellhop has it.
+
+    Parameters
+    ----------
+    options : MediumOptions
+        Linear unless ``smooth`` is asked for, which is sampled, see `pymantaray.acoustics.bellhop.linear_medium`.
+    refine : int
+        Parts that each cell of a smooth medium is cut into.
+
+    Returns
+    -------
+    Medium
+
+    Raises
+    ------
+    MantaRayError
+        As `pymantaray.cli.rays_medium.load_medium`.
+    """
+    from pymantaray.acoustics.bellhop import linear_medium
+    from pymantaray.cli.rays_medium import load_medium
+
+    medium = load_medium(options, default="linear").medium
+    if medium.interpolation == "smooth":
+        return linear_medium(medium, horizontal=refine, vertical=refine)
+    return medium
+
+
+def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":
+    """True places of both ends of links of a study's run."""
+    import numpy as np
+
+    from pymantaray.errors import AcousticsError
+    from pymantaray.study import open_run
+
+    if run is None:
+        raise AcousticsError("--link: a row of which run? name it with --run FOLDER")
+    results = open_run(run)
+    links, truth = results.links, results.truth
+    wrong = [row for row in rows if not 0 <= row < links.sample.size]
+    if wrong:
+        raise AcousticsError(f"--link {wrong[0]}: the run has links 0 to {links.sample.size - 1}")
+    fixed = np.array([(mark.north, mark.east, mark.depth) for mark in results.config.landmarks]).reshape(
+        -1, 3
+    )
+    ends = []
+    for participants in (links.first[rows], links.second[rows]):
+        moving = truth.position[:, links.sample[rows]]
+        still = np.broadcast_to(fixed[:, None], (len(fixed), len(rows), 3))
+        ends.append(np.concatenate([moving, still])[participants, np.arange(len(rows))])
+    return ends[0], ends[1]
+
+
+def _summary(table: "pd.DataFrame") -> str:
+    both = table["difference_us"].dropna()
+    ours, theirs = (int(table[name].notna().sum()) for name in ("travel_time_s", "bellhop_travel_time_s"))
+    lines = [f"{len(table)} links: {ours} with a direct arrival, {theirs} of Bellhop's"]
+    if len(both):
+        lines.append(
+            f"Bellhop minus ours [us]: median {both.median():+.2f}, rms {(both**2).mean() ** 0.5:.2f},"
+            f" extremes {both.min():+.2f} to {both.max():+.2f}"
+        )
+    lines.append(
+        f"CPU per link [ms]: {table['cpu_ms'].mean():.3f} ours, {table['bellhop_cpu_ms'].median():.0f} Bellhop (median)"
+    )
+    return "\n".join(lines)

@@ -1,0 +1,199 @@
+"""Bellhop's own output files, written by the real programs in water of 1500 m/s, mean what geometry says."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pymantaray.acoustics.bellhop import (
+    BellhopArrivals,
+    read_bellhop_arrivals,
+    read_bellhop_rays,
+    read_environment,
+)
+from pymantaray.errors import AcousticsError
+
+DATA = Path(__file__).parent / "data"
+SPEED = 1500.0
+SINGLE = 1e-6  # relative; Bellhop writes single precision
+BEAM_SPACING = np.radians([3.0, 15.0])  # of the fans in the data, declination and bearing
+BEAM_ERROR = 3e-3  # s; a beam this far off its receiver is early or late by less
+
+
+def pairs(arrivals):
+    """Source depth, bearing, receiver depth and range of each arrival."""
+    z, _, _, bearing, receiver_z, r = np.unravel_index(arrivals.pair, arrivals.count.shape)
+    return (
+        arrivals.source_depth[z],
+        arrivals.receiver_bearing[bearing],
+        arrivals.receiver_depth[receiver_z],
+        arrivals.receiver_range[r],
+    )
+
+
+@pytest.mark.parametrize("name", ["bellhop_fan.arr", "bellhop_fan_binary.arr", "bellhop_plane.arr"])
+def test_every_arrival_belongs_to_its_source_and_receiver(name):
+    arrivals = read_bellhop_arrivals(DATA / name)
+    z, bearing, receiver_z, r = pairs(arrivals)
+    # the image of the source in the flat boundaries that the arrival touched, at 0 and 2000 m
+    images = {(0, 0): z, (1, 0): -z, (0, 1): 4000.0 - z}
+    bounces = list(zip(arrivals.surface_bounces, arrivals.bottom_bounces, strict=True))
+    assert set(bounces) <= set(images)
+    rise = receiver_z - np.array([images[b][i] for i, b in enumerate(bounces)])
+    np.testing.assert_allclose(arrivals.travel_time, np.hypot(r, rise) / SPEED, rtol=0, atol=5 * BEAM_ERROR)
+    launch = np.where(arrivals.surface_bounces + arrivals.bottom_bounces > 0, -1.0, 1.0) * np.arctan2(rise, r)
+    assert np.all(np.abs(arrivals.launch_declination - launch) < 1.01 * BEAM_SPACING[0])
+    assert np.all(np.abs(arrivals.arrival_declination - np.arctan2(rise, r)) < 1.01 * BEAM_SPACING[0])
+    if "plane" in name:
+        assert np.isnan(arrivals.launch_azimuth).all()
+    else:
+        assert np.all(np.abs(arrivals.launch_azimuth - bearing) < 1.01 * BEAM_SPACING[1])
+        np.testing.assert_allclose(arrivals.arrival_azimuth, arrivals.launch_azimuth, atol=SINGLE)
+    np.testing.assert_allclose(arrivals.phase, np.pi * arrivals.surface_bounces, rtol=SINGLE)
+    assert np.all(arrivals.amplitude > 0.0)
+    assert np.all(arrivals.travel_time_imaginary == 0.0)
+    assert np.array_equal(np.bincount(arrivals.pair, minlength=arrivals.count.size), arrivals.count.ravel())
+
+
+@pytest.mark.parametrize("name", ["bellhop_fan.arr", "bellhop_plane.arr"])
+def test_first_direct_arrivals_are_the_straight_lines(name):
+    arrivals = read_bellhop_arrivals(DATA / name)
+    first = arrivals.first_direct()
+    assert first.shape == arrivals.count.shape
+    z, _, _, _, receiver_z, r = np.meshgrid(
+        arrivals.source_depth,
+        arrivals.source_north,
+        arrivals.source_east,
+        arrivals.receiver_bearing,
+        arrivals.receiver_depth,
+        arrivals.receiver_range,
+        indexing="ij",
+    )
+    np.testing.assert_allclose(first, np.hypot(r, receiver_z - z) / SPEED, rtol=0, atol=BEAM_ERROR)
+    # and no two pairs are so alike that a mixed-up order would pass
+    assert np.diff(np.unique(np.hypot(r, receiver_z - z) / SPEED)).max() > 10 * BEAM_ERROR
+
+
+def test_the_grid_is_that_of_the_environment():
+    arrivals, environment = (
+        read_bellhop_arrivals(DATA / "bellhop_fan.arr"),
+        read_environment(DATA / "bellhop_fan"),
+    )
+    for mine, theirs in (
+        (arrivals.source_north, environment.source_x),
+        (arrivals.source_east, environment.source_y),
+        (arrivals.source_depth, environment.source_depth),
+        (arrivals.receiver_range, environment.receiver_range),
+        (arrivals.receiver_bearing, environment.receiver_bearing),
+        (arrivals.receiver_depth, environment.receiver_depth),
+    ):
+        np.testing.assert_allclose(mine, theirs, rtol=SINGLE)
+    assert arrivals.frequency == environment.frequency == 10_000.0
+
+
+def test_text_and_binary_say_the_same():
+    text, binary = (read_bellhop_arrivals(DATA / f"bellhop_fan{kind}.arr") for kind in ("", "_binary"))
+    a, b = text.to_dataset(), binary.to_dataset()
+    assert set(a) == set(b)
+    for name in a.variables:
+        np.testing.assert_allclose(a[name], b[name], rtol=SINGLE, err_msg=str(name))
+    again = BellhopArrivals.from_dataset(a)
+    assert again.to_dataset().identical(a)
+    assert a["travel_time"].attrs["units"] == "s"
+
+
+def test_no_direct_arrival_is_nan():
+    arrivals = read_bellhop_arrivals(DATA / "bellhop_plane.arr")
+    bounced = {f: getattr(arrivals, f) for f in vars(arrivals)} | {
+        "bottom_bounces": np.ones_like(arrivals.bottom_bounces)
+    }
+    assert np.isnan(BellhopArrivals(**bounced).first_direct()).all()
+
+
+@pytest.mark.parametrize(("name", "n_rays"), [("bellhop_fan.ray", 12), ("bellhop_plane.ray", 3)])
+def test_rays_are_straight_and_mirrored_at_the_boundaries(name, n_rays):
+    rays = read_bellhop_rays(DATA / name)
+    assert rays.launch_declination.size == n_rays
+    # 3-D files hold this angle in radians, 2-D files in degrees
+    assert set(np.degrees(rays.launch_declination).round(6)) == {-30.0, 0.0, 30.0}
+    for i in range(n_rays):
+        nodes = rays.position[rays.ray == i]
+        steps = np.diff(nodes, axis=0)
+        length = np.linalg.norm(steps, axis=1)
+        steps = steps[length > 1e-6] / length[length > 1e-6, None]
+        azimuth = rays.launch_azimuth[i]
+        np.testing.assert_allclose(np.arctan2(steps[:, 1], steps[:, 0]), azimuth, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            np.abs(np.arcsin(steps[:, 2])), abs(rays.launch_declination[i]), rtol=0, atol=1e-6
+        )
+        turns = np.count_nonzero(np.diff(np.sign(steps[:, 2].round(9))))
+        assert turns == rays.surface_bounces[i] + rays.bottom_bounces[i]
+        assert (nodes[:, 2].min() == 0.0) == (rays.surface_bounces[i] > 0)
+    if "fan" in name:
+        assert set(np.degrees(rays.launch_azimuth).round(6)) == {-15.0, 45.0}
+        assert {tuple(rays.position[rays.ray == i][0]) for i in range(n_rays)} == {
+            (500.0, -250.0, 500.0),
+            (500.0, -250.0, 800.0),
+        }
+    else:
+        assert np.all(rays.position[:, 1] == 0.0)
+    assert rays.to_dataset()["position"].attrs["units"] == "m"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("'2D'", "10000.0", r"starts with '10000\.0'; '2D' or '3D' is expected, as written since 2018"),
+        ("0.669983149", "none", "could not convert string to float: 'none'"),
+        (
+            "           4\n           2",
+            "           1\n           2",
+            "2 arrivals where at most 1 are announced",
+        ),
+        ("           1   500.000000", "           1.5   500.000000", r"found 1\.5 where a count is expected"),
+    ],
+)
+def test_damaged_arrivals_are_refused_in_one_line(tmp_path, old, new, message):
+    text = (DATA / "bellhop_plane.arr").read_text()
+    assert old in text
+    (tmp_path / "a.arr").write_text(text.replace(old, new, 1))
+    with pytest.raises(AcousticsError, match=message) as caught:
+        read_bellhop_arrivals(tmp_path / "a.arr")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["bellhop_plane.arr", "bellhop_fan_binary.arr", "bellhop_fan.ray"])
+def test_files_that_end_early_or_are_missing_are_refused(tmp_path, name):
+    content = (DATA / name).read_bytes()
+    read = read_bellhop_rays if name.endswith("ray") else read_bellhop_arrivals
+    short = tmp_path / name
+    short.write_bytes(content[: len(content) * 2 // 3])
+    with pytest.raises(AcousticsError, match="the file ends early"):
+        read(short)
+    with pytest.raises(AcousticsError, match="cannot be read: No such file"):
+        read(tmp_path / "nothing")
+
+
+def test_numbers_left_over_are_no_silent_success(tmp_path):
+    (tmp_path / "a.arr").write_text((DATA / "bellhop_plane.arr").read_text() + " 1 2 3\n")
+    with pytest.raises(AcousticsError, match="3 numbers follow the last arrival"):
+        read_bellhop_arrivals(tmp_path / "a.arr")
+    (tmp_path / "a.ray").write_text((DATA / "bellhop_plane.ray").read_text().replace("'rz'", "'xy'"))
+    with pytest.raises(AcousticsError, match="neither 'xyz' nor 'rz'"):
+        read_bellhop_rays(tmp_path / "a.ray")
+
+
+def test_repeat_counts_of_other_compilers_are_read(tmp_path):
+    text = (DATA / "bellhop_plane.arr").read_text()
+    assert text.count("0.669983149       0.00000000") == 1
+    line = next(line for line in text.splitlines() if "0.669983149" in line)
+    packed = line.replace("-6.00000000      -6.00000000", "2*-6.0").replace(
+        "               0           0", " 2*0"
+    )
+    assert packed != line
+    (tmp_path / "a.arr").write_text(text.replace(line, packed))
+    original, found = (
+        read_bellhop_arrivals(DATA / "bellhop_plane.arr"),
+        read_bellhop_arrivals(tmp_path / "a.arr"),
+    )
+    assert found.to_dataset().identical(original.to_dataset())

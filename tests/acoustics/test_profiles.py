@@ -1,0 +1,142 @@
+"""Thinned and smoothed casts: as near as they say, as few as can be, and what that does to travel times."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics.profiles import is_raw_cast, smooth_profile, thin_profile
+from pymantaray.errors import AcousticsError
+from pymantaray.ocean.seawater import sound_speed
+
+CASTS = Path(__file__).parents[3] / "shared" / "data" / "casts"
+RAW = [f"beaufort_axctd_20140724_{lat}N140W.csv" for lat in (74, 75)] + [
+    f"beaufort_xctd_icex20_{i}.csv" for i in (1, 4)
+]
+
+
+def cast(name):
+    """Depth and sound speed of a real cast of 1 m."""
+    if not CASTS.is_dir():
+        pytest.skip(f"{CASTS} is absent")
+    table = pd.read_csv(CASTS / name, comment="#")
+    depth = table["depth_m"].to_numpy()
+    return depth, sound_speed(
+        table["temperature_degC"], table["practical_salinity"], depth, np.full(depth.size, 74.5), -140.0
+    )
+
+
+def between(profile, depth):
+    if profile.interpolation == "linear":
+        return np.interp(depth, profile.depth, profile.sound_speed)
+    return CubicSpline(profile.depth, profile.sound_speed, bc_type="natural")(depth)
+
+
+@st.composite
+def rough_casts(draw, most=40):
+    n = draw(st.integers(2, most))
+    steps = draw(st.lists(st.floats(0.1, 5.0), min_size=n, max_size=n))
+    noise = draw(st.lists(st.floats(-1.0, 1.0), min_size=n, max_size=n))
+    return np.cumsum(steps), 1450.0 + np.array(noise)
+
+
+@settings(max_examples=60, deadline=None)
+@given(rough_casts(), st.sampled_from([0.05, 0.4]), st.sampled_from(["linear", "smooth"]))
+def test_a_thinned_profile_stays_within_its_tolerance(raw, tolerance, interpolation):
+    z, c = raw
+    thin = thin_profile(z, c, tolerance=tolerance, interpolation=interpolation)
+    change = between(thin, z) - c
+    assert np.abs(change).max() <= tolerance * (1 + 1e-9)
+    assert thin.greatest_change == pytest.approx(np.abs(change).max(), abs=1e-9)
+    assert thin.rms_change == pytest.approx(np.sqrt(np.mean(change**2)), abs=1e-9)
+    assert np.isin(thin.depth, z).all()
+    assert (thin.depth[0], thin.depth[-1], thin.raw_levels) == (z[0], z[-1], z.size)
+
+
+@settings(max_examples=30, deadline=None)
+@given(rough_casts(most=9), st.sampled_from([0.1, 0.5]))
+def test_no_fewer_levels_would_do(raw, tolerance):
+    z, c = raw
+    kept = thin_profile(z, c, tolerance=tolerance, interpolation="linear").depth.size
+    for inner in itertools.combinations(range(1, z.size - 1), max(kept - 3, 0)):
+        rows = [0, *inner, z.size - 1]
+        off = np.abs(np.interp(z, z[rows], c[rows]) - c).max()
+        assert kept == 2 or off > tolerance * (1 - 1e-9), rows
+
+
+def test_no_level_of_a_spline_can_be_spared_alone():
+    z = np.arange(0.0, 300.0)
+    c = 1440.0 + 8.0 * np.tanh((z - 80.0) / 20.0) + 0.02 * np.sin(5.0 * z)
+    thin = thin_profile(z, c, tolerance=0.1)
+    assert thin.depth.size < 20
+    for i in range(1, thin.depth.size - 1):
+        levels, speeds = np.delete(thin.depth, i), np.delete(thin.sound_speed, i)
+        assert np.abs(CubicSpline(levels, speeds, bc_type="natural")(z) - c).max() > 0.1
+
+
+def test_smoothing_keeps_a_constant_gradient_and_takes_noise_off():
+    rng = np.random.default_rng(5)
+    z = np.sort(rng.uniform(0.0, 2000.0, 2000))
+    line = 1450.0 + 0.017 * z
+    kept = smooth_profile(z, line, length=60.0)
+    np.testing.assert_allclose(kept.sound_speed, 1450.0 + 0.017 * kept.depth, rtol=0, atol=1e-9)
+    even = np.arange(0.0, 20000.0)
+    noise = rng.normal(0.0, 0.1, even.size)
+    smooth = smooth_profile(even, 1450.0 + noise, length=20.0)
+    sigma = 20.0 / 2.3548  # m; white noise through Gaussian weights: variance / (2 sqrt(pi) sigma)
+    expected = 0.1 / np.sqrt(2.0 * np.sqrt(np.pi) * sigma)
+    assert smooth.sound_speed[5:-5].std() == pytest.approx(expected, rel=0.05)
+    assert np.diff(smooth.depth).max() <= 10.0
+
+
+@pytest.mark.parametrize("name", RAW)
+def test_travel_times_of_a_thinned_cast_differ_within_the_tolerance(name):
+    z, c = cast(name)
+    deepest = 150.0  # m
+    z, c = z[z <= deepest], c[z <= deepest]
+    assert is_raw_cast(z)
+    rng = np.random.default_rng(3)
+    depths = rng.uniform(20.0, 0.4 * deepest, (2, 12))
+    source = np.stack([np.zeros(12), np.zeros(12), depths[0]], axis=-1)
+    receiver = np.stack([rng.uniform(3.0, 6.0, 12) * deepest, np.zeros(12), depths[1]], axis=-1)
+    tolerance = 0.1  # m/s
+
+    def times(depth, speed, interpolation):
+        medium = Medium.from_profile(depth, speed, bottom_depth=deepest, interpolation=interpolation)
+        found = [
+            find_eigenrays(medium, source, receiver, spreading_cutoff_db=None, canonical=way, threads=1)
+            for way in (True, False)  # a ray 40 dB below spherical spreading may be found from one end only
+        ]
+        return np.fmin(*(arrivals.first().travel_time for arrivals in found))
+
+    for interpolation, slack in (("linear", 0.0), ("smooth", 0.2)):
+        # by Fermat, see thin_profile; between the cast's levels two splines differ by a little more than at them
+        raw = times(z, c, interpolation)
+        thin = thin_profile(z, c, tolerance=tolerance, interpolation=interpolation)
+        assert thin.depth.size < 0.5 * z.size
+        change = np.abs(times(thin.depth, thin.sound_speed, interpolation) - raw)
+        both = np.isfinite(change)
+        assert np.count_nonzero(both) >= 9
+        assert np.all(change[both] <= (1.0 + slack) * raw[both] * tolerance / (c.min() - tolerance)), change
+        assert change[both].max() > 1e-7  # s; it is another medium
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: thin_profile([0.0, 2.0, 1.0], [1500.0] * 3), "depth must increase; it does not after 2 m"),
+        (lambda: thin_profile([0.0, 1.0], [1500.0, np.nan]), "not finite; leave those levels out"),
+        (lambda: thin_profile([0.0], [1500.0]), "at least 2"),
+        (lambda: thin_profile([0.0, 1.0], [1500.0] * 2, tolerance=0.0), "tolerance: 0.0; a positive"),
+        (lambda: smooth_profile(np.r_[0:50, 70:100], np.full(80, 1500.0)), "allows 21 m, its widest gap, to 49.5"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_done_is_refused(call, message):
+    with pytest.raises(AcousticsError, match=message):
+        call()
