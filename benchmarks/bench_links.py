@@ -1,18 +1,21 @@
-"""Time the two-point solver: microseconds per link by medium, direct and with bounces, on one thread and more.
+"""Time the two-point solver: microseconds per link by medium, direct and with bounces, by threads or on a CUDA device.
 
 Run with ``python benchmarks/bench_links.py``. Media: isovelocity, constant gradient, Munk's channel, one column of the
-synthetic Beaufort Sea (Arctic 1-D), and that sea in full (Arctic 3-D). Links are the paper's: 42 pings of 11 vehicles, 2,310
-unordered pairs, at made-up positions: its grid and target depths, each vehicle at the surface or at depth by
-chance, displaced by 2 km. Medians of several runs after one that compiles; smallest and largest beside them.
+synthetic Beaufort Sea (Arctic 1-D), that sea in full (Arctic 3-D) and the synthetic Fram Strait in full. Links are the
+paper's: 42 pings of 11 vehicles, 2,310 unordered pairs, at made-up positions: its grid and target depths, each vehicle at the
+surface or at depth by chance, displaced by 2 km. Medians of several runs after one that compiles; smallest and
+largest beside them, and the CPU time of the process, which other work on the machine disturbs less.
 
 ``--bounces N`` adds N reflections at the surface and N at the bottom (2 in the figures of the docs). ``--threads 1 2`` names the
-thread counts. ``--both-ways`` solves the Arctic 3-D links from both ends and compares. ``--start`` times fresh
-processes instead: imports, the first link with an empty cache (compiles everything) and the first link with a full
-one, in a cache folder of its own.
+thread counts. ``--links N`` takes more pings, ``--vehicles N`` all pairs of N vehicles spread over 20 km x 20 km instead.
+``--device cuda`` solves on a CUDA device, one thread a link. ``--both-ways`` solves the links of the 3-D media from both
+ends and compares. ``--start`` times fresh processes instead: imports, the first link with an empty cache (compiles
+everything) and the first link with a full one, in a cache folder of its own.
 """
 
 import argparse
 import os
+import resource
 import statistics
 import subprocess
 import sys
@@ -31,7 +34,7 @@ GRID = (
     * 1e3
 )
 TARGETS = np.array([0.5, 500, 2000, 750, 1000, 1750, 1250, 2250, 1500, 250, 2500])
-PINGS = 42
+LINKS = 2310
 LEVELS = np.concatenate(
     [np.arange(0, 100, 10), np.arange(100, 500, 50), np.arange(500, 5001, 250)]
 )  # m; about HYCOM's
@@ -46,16 +49,23 @@ print(imported - start, time.perf_counter() - imported)
 """
 
 
-def fleet_links(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Both ends of all pairs at 42 pings, shape (2310, 3) each [m]."""
+def fleet_links(rng: np.random.Generator, n_links: int) -> tuple[np.ndarray, np.ndarray]:
+    """Both ends of the first n_links pairs of as many pings as it takes, shape (n_links, 3) each [m]."""
     first, second = np.triu_indices(len(GRID), k=1)
     ends: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
-    for _ in range(PINGS):
+    for _ in range(-(-n_links // first.size)):
         depth = np.where(rng.random(len(GRID)) < 0.1, 0.5, TARGETS)
         place = np.column_stack([GRID + rng.normal(0, 2e3, GRID.shape), depth])
         ends[0].append(place[first])
         ends[1].append(place[second])
-    return np.concatenate(ends[0]), np.concatenate(ends[1])
+    return np.concatenate(ends[0])[:n_links], np.concatenate(ends[1])[:n_links]
+
+
+def crowd_links(rng: np.random.Generator, n_vehicles: int) -> tuple[np.ndarray, np.ndarray]:
+    """Both ends of all pairs of vehicles in a square of 20 km. [m]"""
+    place = np.column_stack([rng.uniform(-10e3, 10e3, (n_vehicles, 2)), rng.choice(TARGETS, n_vehicles)])
+    first, second = np.triu_indices(n_vehicles, k=1)
+    return place[first], place[second]
 
 
 def profile_medium(speed: np.ndarray, depth: np.ndarray = LEVELS) -> Medium:
@@ -64,6 +74,10 @@ def profile_medium(speed: np.ndarray, depth: np.ndarray = LEVELS) -> Medium:
 
 def arctic() -> Medium:
     return Medium.from_dataset(to_local(open_ocean("synthetic:beaufort"), half_extent=(60e3, 60e3)))
+
+
+def fram() -> Medium:
+    return Medium.from_dataset(to_local(open_ocean("synthetic:fram"), half_extent=(60e3, 60e3)))
 
 
 def arctic_column() -> Medium:
@@ -83,34 +97,54 @@ MEDIA: dict[str, Callable[[], Medium]] = {
     "munk": munk,
     "arctic-1d": arctic_column,
     "arctic-3d": arctic,
+    "fram-3d": fram,
 }
 
 
-def time_links(name: str, medium: Medium, bounces: int, threads: int, runs: int) -> None:
-    source, receiver = fleet_links(np.random.default_rng(1))
-    find_eigenrays(medium, source[:1], receiver[:1], bounces, bounces)
-    seconds = []
-    for _ in range(runs):
-        start = time.perf_counter()
-        arrivals = find_eigenrays(medium, source, receiver, bounces, bounces, threads=threads)
+def peak_memory() -> float:
+    """Most memory that the process has had. [MiB]"""
+    unit = 1024.0**2 if sys.platform == "darwin" else 1024.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def time_links(
+    name: str,
+    medium: Medium,
+    ends: tuple[np.ndarray, np.ndarray],
+    bounces: int,
+    threads: int,
+    options: argparse.Namespace,
+) -> None:
+    source, receiver = ends
+    find_eigenrays(medium, source[:1], receiver[:1], bounces, bounces, device=options.device)
+    seconds, busy = [], []
+    for _ in range(options.runs):
+        start, cpu = time.perf_counter(), time.process_time()
+        arrivals = find_eigenrays(
+            medium, source, receiver, bounces, bounces, threads=threads, device=options.device
+        )
         seconds.append(time.perf_counter() - start)
+        busy.append(time.process_time() - cpu)
     each = [1e6 * s / len(source) for s in seconds]
+    where = "CUDA" if options.device == "cuda" else f"{threads} threads"
     print(
-        f"{name:10} {bounces} bounces, {threads} threads: {statistics.median(each):7.0f} us a link"
-        f" ({min(each):.0f} to {max(each):.0f}), {statistics.median(seconds):6.2f} s for {len(source)},"
-        f" {len(arrivals.link)} arrivals, {np.count_nonzero(arrivals.status != RayStatus.OK)} dropouts",
+        f"{name:10} {bounces} bounces, {where}: {statistics.median(each):7.1f} us a link"
+        f" ({min(each):.1f} to {max(each):.1f}; CPU {1e6 * statistics.median(busy) / len(source):.1f}),"
+        f" {statistics.median(seconds):6.2f} s for {len(source)},"
+        f" {len(arrivals.link)} arrivals, {np.count_nonzero(arrivals.status != RayStatus.OK)} dropouts,"
+        f" peak {peak_memory():.0f} MiB",
         flush=True,
     )
 
 
-def compare_ends(medium: Medium, bounces: int) -> None:
-    source, receiver = fleet_links(np.random.default_rng(1))
+def compare_ends(name: str, medium: Medium, bounces: int) -> None:
+    source, receiver = fleet_links(np.random.default_rng(1), LINKS)
     there = find_eigenrays(medium, source, receiver, bounces, bounces, canonical=False)
     back = find_eigenrays(medium, receiver, source, bounces, bounces, canonical=False)
     counts = [np.bincount(a.link, minlength=len(source)) for a in (there, back)]
     gap = np.abs(there.first().travel_time - back.first().travel_time) * 1e6
     print(
-        f"arctic-3d solved from both ends: {np.count_nonzero(counts[0] != counts[1])} links differ in their arrivals;"
+        f"{name} solved from both ends: {np.count_nonzero(counts[0] != counts[1])} links differ in their arrivals;"
         f" first arrivals differ by {np.nanmedian(gap):.4f} us (median), {np.nanpercentile(gap, 99):.3f} (p99),"
         f" {np.nanmax(gap):.3f} (max)"
     )
@@ -120,7 +154,7 @@ def time_start(bounces: int) -> None:
     """Start-up in fresh processes; the cache lies in a folder of its own, so that the installed one is left alone."""
     with tempfile.TemporaryDirectory() as cache:
         for label in ("cold", "cached", "cached"):
-            start = time.perf_counter()
+            start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
             done = subprocess.run(
                 [sys.executable, "-c", FIRST_LINK.format(bounces=bounces)],
                 env={**os.environ, "NUMBA_CACHE_DIR": cache},
@@ -130,7 +164,9 @@ def time_start(bounces: int) -> None:
             )
             imports, first = (float(word) for word in done.stdout.split())
             print(
-                f"{label:6}: imports {imports:.2f} s, first link {first:.2f} s, process {time.perf_counter() - start:.2f} s",
+                f"{label:6}: imports {imports:.2f} s, first link {first:.2f} s,"
+                f" process {time.perf_counter() - start:.2f} s,"
+                f" CPU {resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before:.2f} s",
                 flush=True,
             )
 
@@ -141,7 +177,12 @@ def main() -> None:
     parser.add_argument("--media", nargs="+", choices=MEDIA, default=list(MEDIA))
     parser.add_argument("--bounces", nargs="+", type=int, default=[0])
     parser.add_argument("--threads", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--both-ways", action="store_true", help="solve Arctic 3-D links from both ends")
+    parser.add_argument("--links", type=int, default=LINKS, help="so many, of more pings")
+    parser.add_argument("--vehicles", type=int, default=0, help="all pairs of so many instead")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    parser.add_argument(
+        "--both-ways", action="store_true", help="solve the links of the 3-D media from both ends"
+    )
     parser.add_argument(
         "--start", action="store_true", help="time imports and compilation in fresh processes"
     )
@@ -150,14 +191,15 @@ def main() -> None:
         for bounces in options.bounces:
             time_start(bounces)
         return
+    rng = np.random.default_rng(1)
+    ends = crowd_links(rng, options.vehicles) if options.vehicles else fleet_links(rng, options.links)
     for name in options.media:
         medium = MEDIA[name]()
         for bounces in options.bounces:
-            for threads in options.threads:
-                time_links(name, medium, bounces, threads, options.runs)
-    if options.both_ways:
-        for bounces in options.bounces:
-            compare_ends(arctic(), bounces)
+            for threads in options.threads if options.device == "cpu" else [1]:
+                time_links(name, medium, ends, bounces, threads, options)
+            if options.both_ways and name.endswith("3d"):
+                compare_ends(name, medium, bounces)
 
 
 if __name__ == "__main__":

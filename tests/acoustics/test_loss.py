@@ -102,6 +102,35 @@ def test_lossless_waveguide_has_the_amplitudes_of_the_image_method():
         assert a == pytest.approx(a_image, abs=1e-10)
 
 
+def test_solver_tracer_and_loss_together_are_the_image_method():
+    """Every image with up to two reflections at each boundary, from the medium alone: delay, amplitude and phase."""
+    bottom, surface = FluidBottom.standard("silt"), SeaSurface(7.0)
+    arrivals = find_eigenrays(WAVEGUIDE, SOURCE, RECEIVER, 2, 2)
+    loss = transmission_loss(WAVEGUIDE, SOURCE, RECEIVER, arrivals, FREQUENCY, bottom=bottom, surface=surface)
+    found = sorted(
+        zip(
+            arrivals.surface_bounces,
+            arrivals.bottom_bounces,
+            arrivals.travel_time,
+            loss.geometric_db,
+            loss.surface_db,
+            loss.bottom_db,
+            loss.boundary_phase,
+            strict=True,
+        )
+    )
+    images = sorted((s, b, d) for d, s, b in image_sources() if s <= 2 and b <= 2)
+    assert len(found) == len(images) == 9
+    for row, (s, b, d) in zip(found, images, strict=True):
+        angle = np.arccos(RANGE / d)
+        r = reflection_coefficient(angle, bottom, sound_speed=C)
+        per_surface = surface.loss_db(angle, FREQUENCY, sound_speed=C)
+        expected = (20.0 * np.log10(d), s * per_surface, -20.0 * b * np.log10(np.abs(r)))
+        assert row[:3] == (s, b, pytest.approx(d / C, abs=3e-9))
+        assert row[3:6] == pytest.approx(expected, rel=1e-4, abs=1e-3)
+        assert row[6] == pytest.approx(np.pi * s + b * np.angle(r), abs=1e-4)
+
+
 def test_bounces_and_grazing_angles_are_those_of_the_unfolded_path():
     arrivals, paths = image_arrivals()
     found = find_bounces(paths)

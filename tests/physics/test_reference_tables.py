@@ -14,8 +14,8 @@ pytestmark = pytest.mark.skipif(not REFERENCE.is_dir(), reason=f"no reference da
 MEDIA = ["a_iso", "b_lingrad", "c_munk", "d_beaufort", "e_front_eddy", "f_fram"]
 
 
-def solve(name):
-    rows = pd.read_csv(REFERENCE / "direct.csv").query("medium == @name").reset_index(drop=True)
+def solve(name, *most, links=slice(None)):
+    rows = pd.read_csv(REFERENCE / "direct.csv").query("medium == @name")[links].reset_index(drop=True)
     with np.load(REFERENCE / f"medium_{name}.npz") as m:
         medium = Medium.from_grid(
             m["north"],
@@ -28,7 +28,7 @@ def solve(name):
     ends = [
         rows[[f"{end}_north", f"{end}_east", f"{end}_depth"]].to_numpy() for end in ("source", "receiver")
     ]
-    return rows, find_eigenrays(medium, *ends, spreading_cutoff_db=None)
+    return rows, find_eigenrays(medium, *ends, *most, spreading_cutoff_db=None)
 
 
 @pytest.mark.parametrize("name", MEDIA)
@@ -73,3 +73,50 @@ def test_spreading_agrees_with_finite_difference_ray_tubes():
         # the table's tube is not made reciprocal
         mine = arrivals.spreading_db[at] - 10 * np.log10(ratio[links])
         np.testing.assert_allclose(mine, rows.spreading_db[links], atol=0.25)
+
+
+def compare_with_the_multipath_table(name, links=slice(None)):
+    """Rows that are missed or invented among those with at most three reflections, and the largest error of time."""
+    rows, arrivals = solve(name, 3, 3, links=links)
+    table = pd.read_csv(REFERENCE / "multipath.csv").query("medium == @name")
+    most = 2 if name == "a_iso" else 3  # that table's rows of three reflections are missing
+    missed, errors = [], []
+    total = arrivals.surface_bounces + arrivals.bottom_bounces
+    invented = set(np.flatnonzero(total <= most))
+    for link, label in enumerate(rows.link):
+        for row in table[table.link == label].itertuples():
+            mine = np.flatnonzero(
+                (arrivals.link == link)
+                & (arrivals.surface_bounces == row.surface_bounces)
+                & (arrivals.bottom_bounces == row.bottom_bounces)
+                & (np.abs(arrivals.travel_time - row.travel_time_s) < 1e-6)
+                & (np.abs(np.degrees(arrivals.launch_angle) - row.launch_angle_deg) < 1e-3)
+            )
+            mine = [i for i in mine if i in invented]
+            if not mine:
+                missed.append((label, row.surface_bounces, row.bottom_bounces, row.travel_time_s))
+                continue
+            gap = np.abs(arrivals.travel_time[mine] - row.travel_time_s)
+            errors.append(gap.min())
+            invented.remove(mine[int(np.argmin(gap))])
+    names = ("link", "surface_bounces", "bottom_bounces", "travel_time")
+    return missed, [tuple(getattr(arrivals, n)[i] for n in names) for i in invented], np.array(errors)
+
+
+@pytest.mark.parametrize("name", MEDIA[:4])
+def test_every_bounced_eigenray_of_some_links_of_the_multipath_table(name):
+    missed, invented, errors = compare_with_the_multipath_table(name, slice(0, 20, 7))
+    assert not missed
+    assert not invented
+    assert len(errors) > 12
+    assert errors.max() < 1e-8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MEDIA[:4])
+def test_every_bounced_eigenray_of_the_multipath_table(name):
+    """None missed, none invented, with up to three reflections; the ones with more than the table's are not judged."""
+    missed, invented, errors = compare_with_the_multipath_table(name)
+    assert not missed
+    assert not invented
+    assert errors.max() < 1e-8

@@ -2,12 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.acoustics.absorption import (
     ainslie_mccolm_db_per_km,
@@ -15,6 +13,9 @@ from pymantaray.acoustics.absorption import (
     thorp_db_per_km,
 )
 from pymantaray.errors import AcousticsError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 Formula = Literal["francois-garrison", "ainslie-mccolm"]
@@ -121,7 +122,7 @@ class Absorption:
     @classmethod
     def from_dataset(
         cls,
-        ocean: xr.Dataset,
+        ocean: "xr.Dataset",
         *,
         centre: tuple[float, float] | None = None,
         pH: float = 8.0,
@@ -172,7 +173,9 @@ class Absorption:
         return cls(coefficient)
 
 
-def _geographic_water(ocean: xr.Dataset, centre: tuple[float, float] | None) -> Water:
+def _geographic_water(ocean: "xr.Dataset", centre: tuple[float, float] | None) -> Water:
+    from scipy.interpolate import RegularGridInterpolator
+
     from pymantaray.geometry import LocalFrame
     from pymantaray.ocean.bathymetry import fill_below_sea_bed
     from pymantaray.ocean.window import Window
@@ -196,7 +199,9 @@ def _geographic_water(ocean: xr.Dataset, centre: tuple[float, float] | None) -> 
     return water
 
 
-def _local_water(ocean: xr.Dataset) -> Water:
+def _local_water(ocean: "xr.Dataset") -> Water:
+    from scipy.interpolate import RegularGridInterpolator
+
     names = ("north", "east", "depth")
     axes = [np.asarray(ocean[name].values, dtype=float) for name in names]
     fields = np.stack([ocean[v].transpose(*names).values for v in ("water_temp", "salinity")], axis=-1)

@@ -3,6 +3,7 @@
 import math
 import warnings
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 
 import numpy as np
@@ -56,7 +57,7 @@ def find_eigenrays(
         Where to solve. "auto" takes a CUDA device, where there is one, for 50,000 links or more; its last
         digits differ from the processor's.
     progress : callable, optional
-        Called with the number of links solved and of all links.
+        Called after each block with the number of links solved and of all links.
 
     Returns
     -------
@@ -97,12 +98,17 @@ def find_eigenrays(
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
     settings = (int(max_surface_bounces), int(max_bottom_bounces), cutoff, float(tolerance), canonical)
     solve = solve_on_cuda if on_cuda(device, len(a)) else partial(solve_on_processor, threads=threads)
-    blocks = []
-    for block in solve(medium, a, b, settings):
-        blocks.append(block)
-        if progress is not None:
-            progress(sum(part.counts.size for part in blocks), len(a))
-    return _arrivals(Solved(*(np.concatenate(columns) for columns in zip(*blocks, strict=True))))
+    blocks: list[Solved] = []
+    done = 0
+    with closing(solve(medium, a, b, settings)) as solving:
+        for block in solving:
+            blocks.append(block)
+            done += block.counts.size
+            if progress is not None:
+                progress(done, len(a))
+    solved = Solved(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
+    blocks.clear()  # at most two copies of the result at a time
+    return _arrivals(solved)
 
 
 def _arrivals(solved: Solved) -> Arrivals:

@@ -1,15 +1,15 @@
 """The sound-speed field and sea bed through which rays run, as contiguous arrays."""
 
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, RegularGridInterpolator, make_interp_spline
 
-from pymantaray.acoustics._kernels.section import LINEAR, LUT_SIZE, SMOOTH, depth_lut
 from pymantaray.errors import AcousticsError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
@@ -109,8 +109,12 @@ class Medium:
             )
         if interpolation not in ("smooth", "linear"):
             raise AcousticsError(f"interpolation: {interpolation!r}; allowed are 'smooth' and 'linear'")
+        from pymantaray.acoustics._kernels.section import LUT_SIZE, depth_lut
+
         knots_n = knots_e = np.array([0.0, 1.0])
         if interpolation == "smooth":
+            from scipy.interpolate import CubicSpline
+
             slope = CubicSpline(z, c, axis=2, bc_type="natural")(z, 1)
             both = np.concatenate([c, slope], axis=2)
             both, knots_n = _bspline(n, both, axis=0)
@@ -162,7 +166,7 @@ class Medium:
         )
 
     @classmethod
-    def from_dataset(cls, ocean: xr.Dataset, *, interpolation: Interpolation = "smooth") -> Self:
+    def from_dataset(cls, ocean: "xr.Dataset", *, interpolation: Interpolation = "smooth") -> Self:
         """
         Medium of an ocean data set, geographic as `open_ocean` returns it or already local.
 
@@ -221,6 +225,8 @@ class Medium:
         values = self.bathymetry.reshape([axis.size for axis, _ in axes])
         if not axes:
             return np.full(len(place), float(values))
+        from scipy.interpolate import RegularGridInterpolator
+
         return np.asarray(
             RegularGridInterpolator([axis for axis, _ in axes], values)(np.stack(inside, axis=-1))
         )
@@ -228,6 +234,8 @@ class Medium:
     @property
     def kind(self) -> int:
         """Code of the interpolation in the kernels."""
+        from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH
+
         return SMOOTH if self.interpolation == "smooth" else LINEAR
 
     def packed(self) -> tuple[object, ...]:
@@ -262,5 +270,7 @@ def _bspline(axis_points: Array, values: Array, *, axis: int) -> tuple[Array, Ar
     """Coefficients and knots of the interpolating spline of degree min(3, n - 1) along an axis."""
     if axis_points.size == 1:
         return values, np.array([0.0, 1.0])
+    from scipy.interpolate import make_interp_spline
+
     spline = make_interp_spline(axis_points, values, k=min(3, axis_points.size - 1), axis=axis)
     return np.ascontiguousarray(np.moveaxis(spline.c, 0, axis)), np.ascontiguousarray(spline.t)

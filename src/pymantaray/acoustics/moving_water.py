@@ -1,13 +1,15 @@
 """What a current does to travel times: the first-order change along each ray of the water at rest."""
 
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import AcousticsError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 _GRID = ("north", "east", "depth")
@@ -80,7 +82,7 @@ class Currents:
             )
 
     @classmethod
-    def from_dataset(cls, ocean: xr.Dataset) -> Self:
+    def from_dataset(cls, ocean: "xr.Dataset") -> Self:
         """
         Currents of a local ocean data set.
 

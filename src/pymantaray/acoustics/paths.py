@@ -1,23 +1,32 @@
 """The paths of rays: of the eigenrays that the solver found, and of a fan."""
 
 import math
+import threading
+from contextlib import closing
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics.blocks import in_blocks
 from pymantaray.acoustics.eigenrays import as_positions, solved_backwards
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals, RayPaths
-from pymantaray.records.ray_paths import AT_SURFACE
 
 Array = NDArray[np.float64]
 STEEPEST = 1.5  # rad; a ray of a fan may not be launched steeper
 _NODE_COLUMNS = 8  # travel time, position, slowness, boundary
+_LONGEST = 4  # paths of most nodes for which a thread has room
 
 
 def trace_paths(
-    medium: Medium, source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals, *, tolerance: float = 1e-3
+    medium: Medium,
+    source: ArrayLike,
+    receiver: ArrayLike,
+    arrivals: Arrivals,
+    *,
+    tolerance: float = 1e-3,
+    threads: int | None = None,
 ) -> RayPaths:
     """
     Paths of eigenrays.
@@ -31,6 +40,8 @@ def trace_paths(
         From `find_eigenrays`, for the same medium and positions.
     tolerance : float
         As in `find_eigenrays`. [m]
+    threads : int, optional
+        Threads over blocks of arrivals; the result does not depend on it. Default: all processors.
 
     Returns
     -------
@@ -43,7 +54,7 @@ def trace_paths(
     AcousticsError
         If the positions do not fit the arrivals.
     """
-    from pymantaray.acoustics._kernels.paths import trace_arrival
+    from pymantaray.acoustics._kernels.paths import trace_arrivals
     from pymantaray.acoustics._kernels.workspace import workspace
 
     a, b = as_positions("source", source), as_positions("receiver", receiver)
@@ -51,36 +62,47 @@ def trace_paths(
         raise AcousticsError(
             f"source has shape {a.shape}, receiver {b.shape}; the arrivals are of {arrivals.status.size} links"
         )
-    packed, work = medium.packed(), workspace(medium.depth.size)
-    turned = solved_backwards(a, b)
-    rows: list[Array] = []
-    for i, link in enumerate(arrivals.link):
-        if not np.all(np.isfinite(arrivals.source_slowness[i])):
-            rows.append(np.array([[0.0, *a[link], math.nan, math.nan, math.nan, 0.0]]))
-            continue
-        start, end, slowness = a[link], b[link], arrivals.source_slowness[i]
-        if turned[link]:
-            start, end, slowness = end, start, -arrivals.receiver_slowness[i]
-        steps, c = trace_arrival(
-            packed,
-            medium.bathymetry,
-            start,
-            end,
-            slowness,
-            int(arrivals.surface_bounces[i]),
-            int(arrivals.bottom_bounces[i]),
-            tolerance,
-            work,
-        )
-        nodes = _nodes(work.path[: steps + 1], start, end, c)
-        nodes[-1, 0], nodes[-1, 1:4] = arrivals.travel_time[i], end
-        if turned[link]:
-            nodes = nodes[::-1].copy()
-            nodes[:, 0] = arrivals.travel_time[i] - nodes[:, 0]
-            nodes[:, 4:7] *= -1.0
-        nodes[0, 1:4], nodes[-1, 1:4] = a[link], b[link]
-        rows.append(nodes)
-    return _assemble(rows)
+    packed = medium.packed()
+    backwards = solved_backwards(a, b)
+    directions = np.array([_unit(step) for step in np.where(backwards[:, None], a - b, b - a)[:, :2]])
+    ends, units, turned = (
+        np.stack([a, b], axis=1)[arrivals.link],
+        directions[arrivals.link],
+        backwards[arrivals.link],
+    )
+    slowness = np.where(turned[:, None], -arrivals.receiver_slowness, arrivals.source_slowness)
+    bounces = np.stack([arrivals.surface_bounces, arrivals.bottom_bounces], axis=-1, dtype=np.int64)
+    counts = np.zeros(arrivals.link.size, dtype=np.int64)
+    own = threading.local()
+
+    def trace(start: int, stop: int) -> Array:
+        if not hasattr(own, "work"):
+            own.work = workspace(medium.depth.size)
+            own.nodes = np.empty((_LONGEST * len(own.work.path), _NODE_COLUMNS))
+        done: list[Array] = [own.nodes[:0]]
+        while start < stop:
+            part = slice(start, stop)
+            traced = trace_arrivals(
+                packed,
+                medium.bathymetry,
+                ends[part],
+                units[part],
+                turned[part],
+                slowness[part],
+                arrivals.travel_time[part],
+                bounces[part],
+                tolerance,
+                own.work,
+                own.nodes,
+                counts[part],
+            )
+            done.append(own.nodes[: counts[start : start + traced].sum()].copy())
+            start += traced
+        return np.concatenate(done)
+
+    with closing(in_blocks(trace, arrivals.link.size, threads=threads)) as blocks:
+        table = np.concatenate(list(blocks))
+    return _as_paths(table, counts)
 
 
 def trace_fan(
@@ -124,7 +146,7 @@ def trace_fan(
         If the source or the end of the plane is outside the medium, an angle is too steep, or the distance is not
         positive.
     """
-    from pymantaray.acoustics._kernels.paths import trace_launch
+    from pymantaray.acoustics._kernels.paths import trace_launches
     from pymantaray.acoustics._kernels.workspace import workspace
 
     start = as_positions("source", source)
@@ -149,40 +171,38 @@ def trace_fan(
     if not 0.0 <= start[0, 2] <= bed:
         raise AcousticsError(f"source: depth {start[0, 2]:g} m; the water there reaches from 0 to {bed:g} m")
     packed, work = medium.packed(), workspace(medium.depth.size)
-    rows = []
-    for angle in angles:
-        steps, c = trace_launch(
+    nodes = np.empty((_LONGEST * len(work.path), _NODE_COLUMNS))
+    counts = np.zeros(angles.size, dtype=np.int64)
+    done, table = 0, [nodes[:0]]
+    while done < angles.size:
+        traced = trace_launches(
             packed,
             medium.bathymetry,
             start[0],
             (unit[0], unit[1]),
             float(distance),
-            float(angle),
+            angles[done:],
             max_surface_bounces,
             max_bottom_bounces,
             tolerance,
             work,
+            nodes,
+            counts[done:],
         )
-        rows.append(_nodes(work.path[: steps + 1], start[0], end, c))
-    return _assemble(rows)
+        table.append(nodes[: counts[done : done + traced].sum()].copy())
+        done += traced
+    return _as_paths(np.concatenate(table), counts)
 
 
-def _nodes(path: Array, start: Array, end: Array, c: float) -> Array:
-    """Rows of the kernels' path in the local frame; a reflection becomes two nodes that are both flagged."""
-    step = end[:2] - start[:2]
+def _unit(step: Array) -> tuple[float, float]:
+    """Direction of a horizontal step, north for none."""
     length = math.hypot(*step)
-    u = step / length if length > 0.0 else np.array([1.0, 0.0])
-    time, r, z, y, p_r, p_z, p_y, boundary = path.T
-    z = np.where(boundary == AT_SURFACE, 0.0, z)  # the kernel's last nanometres
-    north, east = start[0] + r * u[0] - y * u[1], start[1] + r * u[1] + y * u[0]
-    p_n, p_e = p_r * u[0] - p_y * u[1], p_r * u[1] + p_y * u[0]
-    return np.stack([time / c, north, east, z, p_n / c, p_e / c, p_z / c, boundary], axis=-1)
+    return (step[0] / length, step[1] / length) if length > 0.0 else (1.0, 0.0)
 
 
-def _assemble(rows: list[Array]) -> RayPaths:
-    table = np.concatenate(rows) if rows else np.empty((0, _NODE_COLUMNS))
+def _as_paths(table: Array, counts: NDArray[np.int64]) -> RayPaths:
     return RayPaths(
-        arrival=np.repeat(np.arange(len(rows)), [len(nodes) for nodes in rows]),
+        arrival=np.repeat(np.arange(counts.size), counts),
         travel_time=table[:, 0],
         position=table[:, 1:4],
         slowness=table[:, 4:7],

@@ -1,9 +1,9 @@
 """Ray paths of one link, for pictures: the section, the chord, the eigenrays and a fan around them."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymantaray.acoustics.eigenrays import as_positions, find_eigenrays
@@ -11,6 +11,9 @@ from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.path_integrals import resample
 from pymantaray.acoustics.paths import STEEPEST, trace_fan, trace_paths
 from pymantaray.errors import AcousticsError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def ray_picture(
@@ -25,7 +28,7 @@ def ray_picture(
     max_surface_bounces: int = 0,
     max_bottom_bounces: int = 0,
     spreading_cutoff_db: float | None = 15.0,
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """
     Vertical section along one link with its chord, its eigenrays and a fan of other rays.
 
@@ -57,6 +60,8 @@ def ray_picture(
     AcousticsError
         If the positions coincide or a position is not finite.
     """
+    import xarray as xr
+
     from pymantaray.acoustics._kernels.paths import section_grid
     from pymantaray.acoustics._kernels.workspace import workspace
 

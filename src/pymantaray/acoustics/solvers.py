@@ -1,15 +1,14 @@
 """Where links are solved: on the processor in threads, or on a CUDA device; both a block at a time."""
 
-import os
-from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+import threading
+from collections.abc import Generator
 from importlib.util import find_spec
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.acoustics.blocks import MOST_ROWS, in_blocks
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
 
@@ -19,7 +18,6 @@ Settings = tuple[int, int, float, float, bool]  # most bounces of both kinds, cu
 
 MAX_ARRIVALS = 64  # kept per link
 MANY_LINKS = 50_000  # from which "auto" takes a CUDA device
-_BLOCK = 64  # links per task of a thread
 _WAVE = 65_536  # links per launch on a device; their rows take 0.4 GB
 
 
@@ -44,15 +42,16 @@ class _Room:
         self.status = np.zeros(n_links, dtype=np.int8)
         self.info = np.empty((n_links, N_INFO))
 
-    def compact(self) -> Solved:
-        """Keep only the rows in use."""
-        used = np.arange(MAX_ARRIVALS) < self.counts[:, None]
-        return Solved(self.rows[used], self.counts, self.status, self.info)
+    def compact(self, n: int) -> Solved:
+        """Copy what the first n links have."""
+        counts = self.counts[:n].copy()
+        used = np.arange(MAX_ARRIVALS) < counts[:, None]
+        return Solved(self.rows[:n][used], counts, self.status[:n].copy(), self.info[:n].copy())
 
 
 def solve_on_processor(
     medium: Medium, source: Array, receiver: Array, settings: Settings, *, threads: int | None = None
-) -> Iterator[Solved]:
+) -> Generator[Solved, None, None]:
     """
     Solve links in threads.
 
@@ -76,48 +75,35 @@ def solve_on_processor(
     from pymantaray.acoustics._kernels.workspace import workspace
 
     packed = medium.packed()
+    own = threading.local()  # arrays made anew for each block would cost page faults
 
-    def solve(start: int) -> Solved:
-        a, b = source[start : start + _BLOCK], receiver[start : start + _BLOCK]
-        room, work = _Room(len(a)), workspace(medium.depth.size)
+    def solve(start: int, stop: int) -> Solved:
+        if not hasattr(own, "room"):
+            own.room, own.work = _Room(MOST_ROWS), workspace(medium.depth.size)
+        room, n = own.room, stop - start
         solve_links(
             packed,
             medium.bathymetry,
-            a,
-            b,
+            source[start:stop],
+            receiver[start:stop],
             *settings,
             0,
             1,
-            work,
-            room.rows,
-            room.counts,
-            room.status,
-            room.info,
+            own.work,
+            room.rows[:n],
+            room.counts[:n],
+            room.status[:n],
+            room.info[:n],
         )
-        return room.compact()
+        solved: Solved = room.compact(n)
+        return solved
 
-    starts = range(0, max(len(source), 1), _BLOCK)
-    workers = min(threads or os.cpu_count() or 1, len(starts))
-    yield solve(0)  # compiles once before the threads start
-    if workers == 1:
-        for start in starts[1:]:
-            yield solve(start)
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        waiting: deque[Future[Solved]] = deque()
-        try:
-            for start in starts[1:]:
-                waiting.append(pool.submit(solve, start))
-                if len(waiting) > 4 * workers:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            for future in waiting:
-                future.cancel()
+    return in_blocks(solve, len(source), threads=threads)
 
 
-def solve_on_cuda(medium: Medium, source: Array, receiver: Array, settings: Settings) -> Iterator[Solved]:
+def solve_on_cuda(
+    medium: Medium, source: Array, receiver: Array, settings: Settings
+) -> Generator[Solved, None, None]:
     """
     Solve links on the current CUDA device.
 
@@ -137,7 +123,7 @@ def solve_on_cuda(medium: Medium, source: Array, receiver: Array, settings: Sett
         part = slice(start, start + _WAVE)
         room = _Room(len(source[part]))
         solver.solve(source[part], receiver[part], room.rows, room.counts, room.status, room.info)
-        yield room.compact()
+        yield room.compact(len(room.counts))
 
 
 def on_cuda(device: str, n_links: int) -> bool:

@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from pymantaray.acoustics.ambient_noise import WenzNoise, check_band
 from pymantaray.errors import AcousticsError
@@ -146,6 +145,8 @@ def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
     excess = np.asarray(excess_db, dtype=float)
     if spread_db == 0.0:
         return np.where(np.isnan(excess), np.nan, (excess >= 0.0).astype(float))
+    from scipy.special import ndtr
+
     return np.asarray(ndtr(excess / spread_db))
 
 

@@ -2,13 +2,15 @@
 
 from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import RecordError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Column = NDArray[Any]  # the declared type of a field made by `column`
 
@@ -81,7 +83,7 @@ class Record:
     def _columns(cls) -> list[Field[Any]]:
         return [f for f in fields(cls) if "dims" in f.metadata]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> "xr.Dataset":
         """
         Give the record as an xarray data set with units and long names.
 
@@ -89,6 +91,8 @@ class Record:
         -------
         xarray.Dataset
         """
+        import xarray as xr
+
         data = {}
         for f in self._columns():
             attrs = {"long_name": f.metadata["long_name"]}
@@ -98,7 +102,7 @@ class Record:
         return xr.Dataset(data, attrs={"Conventions": "CF-1.11", "mantaray_record": self.kind})
 
     @classmethod
-    def from_dataset(cls, dataset: xr.Dataset) -> Self:
+    def from_dataset(cls, dataset: "xr.Dataset") -> Self:
         """
         Build the record from a data set that `to_dataset` made.
 
@@ -151,6 +155,8 @@ class Record:
         RecordError
             If the file is missing, unreadable or of another kind.
         """
+        import xarray as xr
+
         try:
             with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
                 return cls.from_dataset(dataset.load())
@@ -159,7 +165,7 @@ class Record:
             raise RecordError(f"{path}: not a readable {cls.kind} file: {reason}") from None
 
 
-def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
+def write_netcdf(dataset: "xr.Dataset", path: Path) -> None:
     """
     Write a data set under a temporary name, then rename.
 

@@ -13,6 +13,7 @@ class RayStatus(IntEnum):
     WEAK = 4  # rays exist, all of them below the spreading cut-off
     STOPPED = 5  # one of the vehicles has stopped and is silent
     UNHEARD = 6  # an arrival exists, but by chance it was not heard (detection by the sonar equation)
+    UNRESOLVED = 7  # the search was cut short, there being too many rays to look at, before one was found
 
 
 class VehicleStatus(IntEnum):

@@ -34,6 +34,8 @@ _STATUS_LOOK = {
     RayStatus.BLOCKED: (GREEN, "^", "blocked by the bottom"),
     RayStatus.OUTSIDE: (PINK, "D", "outside the domain"),
     RayStatus.STOPPED: (SKY, "v", "vehicle stopped"),
+    RayStatus.UNHEARD: (INK, "x", "not heard"),
+    RayStatus.UNRESOLVED: (INK, "+", "search cut short"),
 }
 
 

@@ -14,7 +14,7 @@ from pymantaray.records import Arrivals, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.detection import Detector
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
-from pymantaray.sensing.reception import Reception, receive
+from pymantaray.sensing.reception import Progress, Reception, receive
 from pymantaray.sensing.schedule import Attempts, PingSchedule, attempts
 from pymantaray.sensing.timing import Leg, OneWay, Timing, TwoWay, half_round_trip, velocities
 
@@ -72,6 +72,7 @@ def measure_ranges(
     timing: Timing = _ONE_WAY,
     detector: Detector | None = None,
     threads: int | None = None,
+    progress: Progress | None = None,
 ) -> Ranging:
     """
     Range every pair at every ping.
@@ -100,6 +101,8 @@ def measure_ranges(
         Gives the probability that an attempt is heard. By default every arrival is.
     threads : int, optional
         Threads of the ray solver; the result does not depend on it.
+    progress : callable, optional
+        Told how many unordered pairs, counted at every ping, are done, and how many there are.
 
     Returns
     -------
@@ -140,7 +143,7 @@ def measure_ranges(
     status = np.full(pair.size, RayStatus.STOPPED, dtype=np.int8)
     time, chord = np.full((pair.size, 2), np.nan), np.full(pair.size, np.nan)
     speed = np.full((pair.size, 2), np.nan)  # at the source, at the receiver
-    heard = ~stopped
+    heard, n_heard = ~stopped, int(np.count_nonzero(~stopped))
     found = receive(
         medium,
         source[heard],
@@ -152,13 +155,20 @@ def measure_ranges(
         currents=currents,
         detector=detector,
         threads=threads,
+        progress=progress and (lambda done, total: progress(done * n_heard // max(total, 1), pair.size)),
     )
     there = found.there
     status[heard], chord[heard] = there.status, there.chord_travel_time
     time[heard] = np.stack([there.travel_time, found.back.travel_time], axis=-1)
     speed[heard] = np.stack([there.source_sound_speed, there.receiver_sound_speed], axis=-1)
     if stopped.any():  # what evaluation needs of a silent pair: its chord and sound speeds, no arrival
-        unheard = find_eigenrays(medium, source[stopped], receiver[stopped], threads=threads)
+        unheard = find_eigenrays(
+            medium,
+            source[stopped],
+            receiver[stopped],
+            threads=threads,
+            progress=progress and (lambda done, _: progress(n_heard + done, pair.size)),
+        )
         chord[stopped] = unheard.chord_travel_time
         speed[stopped] = np.stack([unheard.source_sound_speed, unheard.receiver_sound_speed], axis=-1)
 

@@ -1,5 +1,6 @@
 """What each link's receiver ranges on: rays, the current along them, their loss, and the one arrival chosen."""
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import NamedTuple
 
@@ -14,6 +15,8 @@ from pymantaray.sensing.detection import Detector
 
 Array = NDArray[np.float64]
 _BLOCK = 512  # links whose ray paths are held at a time
+Progress = Callable[[int, int], None]
+"""Told how many parts of the work are done, and how many there are."""
 
 
 class Reception(NamedTuple):
@@ -45,6 +48,7 @@ def receive(
     currents: Currents | None = None,
     detector: Detector | None = None,
     threads: int | None = None,
+    progress: Progress | None = None,
 ) -> Reception:
     """
     Find the arrivals of links and pick the one that each receiver ranges on.
@@ -63,6 +67,9 @@ def receive(
         By default the water is at rest.
     detector : Detector, optional
         By default every arrival is heard.
+    progress : callable, optional
+        Told how many links are done and how many there are to do; each counts once to find its rays, once more to
+        follow them if there is a current or a detector, and by ``direct`` with bounces once more without.
 
     Returns
     -------
@@ -70,6 +77,9 @@ def receive(
         By ``direct``, time and status of a link do not depend on the bounces allowed: a link without a
         direct arrival has the status that it has where none are.
     """
+    n = len(source)
+    again = rule == "direct" and bool(max_surface_bounces or max_bottom_bounces)
+    total = n * (1 + (currents is not None or detector is not None) + again)
     arrivals = find_eigenrays(
         medium,
         source,
@@ -78,13 +88,21 @@ def receive(
         max_bottom_bounces,
         spreading_cutoff_db,
         threads=threads,
+        progress=_from(progress, 0, total),
     )
-    delay, loss = _along_rays(medium, source, receiver, arrivals, currents, detector)
+    delay, loss = _along_rays(
+        medium, source, receiver, arrivals, currents, detector, threads, _from(progress, n, total)
+    )
     there = select(arrivals, rule, loss_db=loss, delay=delay)
-    if rule == "direct" and (max_surface_bounces or max_bottom_bounces):
+    if again:
         lost = there.status != RayStatus.OK
         bare = find_eigenrays(
-            medium, source[lost], receiver[lost], spreading_cutoff_db=spreading_cutoff_db, threads=threads
+            medium,
+            source[lost],
+            receiver[lost],
+            spreading_cutoff_db=spreading_cutoff_db,
+            threads=threads,
+            progress=_from(progress, total - int(np.count_nonzero(lost)), total),
         )
         if np.any(bare.status == RayStatus.OK):
             raise AssertionError("a direct arrival was lost among those that bounce")
@@ -104,6 +122,13 @@ def receive(
     return Reception(arrivals=arrivals, there=there, back=back, probability=probability)
 
 
+def _from(progress: Progress | None, before: int, total: int) -> Progress | None:
+    """Progress of a part of the work that begins when so much is done."""
+    if progress is None:
+        return None
+    return lambda done, _: progress(before + done, total)
+
+
 def _along_rays(
     medium: Medium,
     source: Array,
@@ -111,6 +136,8 @@ def _along_rays(
     arrivals: Arrivals,
     currents: Currents | None,
     detector: Detector | None,
+    threads: int | None,
+    progress: Progress | None,
 ) -> tuple[Array | None, Array | None]:
     """Delay by the current and transmission loss of each arrival, None for what is not asked for."""
     if currents is None and detector is None:
@@ -120,11 +147,13 @@ def _along_rays(
         stop = min(start + _BLOCK, arrivals.status.size)
         rows = slice(*np.searchsorted(arrivals.link, [start, stop]))
         part = _part(arrivals, slice(start, stop), rows)
-        paths = trace_paths(medium, source[start:stop], receiver[start:stop], part)
+        paths = trace_paths(medium, source[start:stop], receiver[start:stop], part, threads=threads)
         if currents is not None:
             delay[rows] = current_delays(quadrature(paths), currents, part.link.size)
         if detector is not None:
             loss[rows] = detector.loss_db(medium, source[start:stop], receiver[start:stop], part, paths)
+        if progress is not None:
+            progress(stop, arrivals.status.size)
     return (None if currents is None else delay), (None if detector is None else loss)
 
 

@@ -53,7 +53,7 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
     watch : Stopwatch
         Gets the duration of each stage.
     progress : callable
-        Told of each stage's begin and end.
+        Told of each stage's begin and end, and in between of the links whose rays are found.
 
     Returns
     -------
@@ -103,13 +103,15 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
             currents=build_currents(config, ocean),
             timing=build_timing(config.ranging),
             detector=build_detector(config, ocean),
+            progress=lambda done, total: progress("rays", done, max(total, 1)),
         )
         observations = assemble(truth, landmarks, ranging, noise, gnss_depth=mission.gnss_depth)
     with watch.stage("picture"):
         picture = picture_of_most_bent_link(
             medium, truth, ranging.links, ranging.arrivals, spreading_cutoff_db=config.acoustics.cutoff_db
         )
-    progress("rays", 1, 1)
+    if not ranging.status.size:  # no pair
+        progress("rays", 1, 1)
     return Mission(
         ocean=ocean,
         truth=truth,

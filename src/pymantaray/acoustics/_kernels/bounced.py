@@ -34,7 +34,7 @@ _SHARES = 4  # steps in which slopes across the plane are brought in where Newto
 _RESOLUTION = 1e-6  # rad; narrower windows between changes of reflection are not looked into
 _TRUST = 2e-4  # rad; rays within the usual cut-off fill wider windows than this
 _INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the travel time corrected (Fermat)
-_SAME_TIME, _SAME_ANGLE = 2e-8, 1e-5  # s, rad
+_SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
 
 
 @kernel

@@ -24,7 +24,7 @@ from pymantaray.acoustics._kernels.search import GOOD, MISS, find_brackets, shoo
 from pymantaray.acoustics._kernels.section import LINEAR, cut_section, line_breaks
 from pymantaray.acoustics._kernels.trace import OPEN, Rule
 
-OK, SHADOW, BLOCKED, OUTSIDE, WEAK = 0, 1, 2, 3, 4
+OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7
 SPACING_SMOOTH = 0.016  # rad
 SPACING_LINEAR = 0.008  # rad
 CLOSEST_SMOOTH = 3e-4  # rad; nearer nodes of the first fan are merged
@@ -185,6 +185,8 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
     if count > 0:
         sort_rows(rows, count)
         return count, OK
+    if not complete:
+        return 0, UNRESOLVED
     if weak > 0:
         return 0, WEAK
     if blocked > 0:

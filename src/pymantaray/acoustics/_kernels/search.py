@@ -111,13 +111,21 @@ def find_brackets(
             m[DEFECT] = _defect(a, m, b) / 8.0
     n_found = 0
     complete = True
-    for i in range(n_nodes - 1):
+    left, right = 0, n_nodes - 2
+    while left <= right:  # the steepest interval first: towards the axis rays may be without number
+        if abs(work.nodes[left]) >= abs(work.nodes[right + 1]):
+            i = left
+            left += 1
+        else:
+            i = right
+            right -= 1
         top = 0
         _copy(fan[i], st[0, 0])
         _copy(fan[i + 1], st[0, 1])
         st[0, 0, DEFECT] = max(fan[i, DEFECT], fan[i + 1, DEFECT])
         st[0, 1, DEFECT] = tol
         budget = rays + MAX_RAYS_INTERVAL
+        room = n_found + MAX_ROOTS // 4
         outwards = fan[i, ANGLE] + fan[i + 1, ANGLE] > 0.0
         while top >= 0:
             a, b, m = st[top, 0], st[top, 1], work.node
@@ -145,7 +153,7 @@ def find_brackets(
                         and not _oscillates(a, b, h)
                     )
                     if (single and e < 0.05 * abs(rise)) or h < min_width:
-                        if n_found < brackets.shape[0]:
+                        if n_found < min(brackets.shape[0], room):
                             _copy(a, brackets[n_found, 0])
                             _copy(b, brackets[n_found, 1])
                             n_found += 1

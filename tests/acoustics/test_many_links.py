@@ -1,0 +1,226 @@
+"""Many links: the same in any number of threads and blocks, in flat memory, counted, and stopped when asked to."""
+
+import subprocess
+import sys
+import threading
+import time
+import tracemalloc
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pymantaray.acoustics import Medium, blocks, find_eigenrays, paths, trace_fan, trace_paths
+from pymantaray.acoustics.blocks import MOST_ROWS, in_blocks
+
+Z = np.array([0.0, 10, 30, 60, 100, 150, 250, 400, 700, 1200, 2000, 3000, 4000])
+DUCT = 1440.0 + 0.016 * Z + 8.0 * np.exp(-(((Z - 60) / 25.0) ** 2))
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+import numpy as np
+from pymantaray.acoustics import Medium, find_eigenrays
+Z, DUCT = np.array({z}), np.array({c})
+medium = Medium.from_profile(Z, DUCT, bottom_depth=3500.0)
+rng = np.random.default_rng(0)
+a, b = (np.column_stack([rng.uniform(0, 2e4, (200_000, 2)), rng.uniform(0, 800, 200_000)]) for _ in range(2))
+seen = []
+def progress(done, total):
+    seen.append(done)
+    if done > 300 and "asked" not in globals():
+        globals()["asked"] = time.monotonic()
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+try:
+    find_eigenrays(medium, a, b, threads={threads}, progress=progress)
+except KeyboardInterrupt:
+    stopped = time.monotonic() - asked - 0.1
+    time.sleep(0.1)  # the timer's thread ends
+    print(stopped, seen[-1], threading.active_count())
+"""
+
+
+def uniform(speed=DUCT):
+    return Medium.from_profile(Z, speed, bottom_depth=3500.0)
+
+
+def scattered(n, side=5e3, seed=3):
+    rng = np.random.default_rng(seed)
+    return [np.column_stack([rng.uniform(0, side, (n, 2)), rng.uniform(0, 500, n)]) for _ in range(2)]
+
+
+def assert_same(one, other):
+    for f in fields(one):
+        np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name), err_msg=f.name)
+
+
+@settings(max_examples=25, deadline=None)
+@given(n=st.integers(0, 700), threads=st.integers(1, 5), each=st.sampled_from([0.0, 1e-6, 1e-3]))
+def test_blocks_hold_every_row_once_and_in_order(n, threads, each):
+    runs = list(in_blocks(lambda start, stop: time.sleep(each) or range(start, stop), n, threads=threads))
+    assert [i for run in runs for i in run] == list(range(n))
+    assert len(runs[0]) == min(n, 1)
+    assert max(len(run) for run in runs) <= MOST_ROWS
+
+
+def test_a_slow_reader_holds_up_the_work():
+    """No more blocks are begun than wait for the reader, so that memory is flat."""
+    begun = []
+    work = in_blocks(lambda *rows: begun.append(rows), 10_000, threads=2)
+    next(work), next(work)
+    time.sleep(0.2)
+    assert len(begun) <= 2 + 4 * 2
+    work.close()
+
+
+def test_what_waits_is_dropped_when_the_reader_stops():
+    begun = []
+
+    def work(*rows):
+        begun.append(rows)
+        time.sleep(0.1)
+
+    running = in_blocks(work, 10_000, threads=2)
+    next(running), next(running)
+    running.close()
+    assert len(begun) <= 6  # of the 11 that were asked for: read, or at work when the reader stopped
+
+
+def test_a_block_that_fails_ends_the_work():
+    def work(start, stop):
+        if start > 0:
+            raise ValueError(start)
+
+    before = threading.active_count()
+    running = in_blocks(work, 10_000, threads=3)
+    next(running)
+    with pytest.raises(ValueError):
+        next(running)
+    assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("bounces", [0, 1])
+def test_threads_and_block_boundaries_change_nothing(monkeypatch, bounces):
+    medium, ends = uniform(), scattered(600 if bounces == 0 else 40)
+    one = find_eigenrays(medium, *ends, bounces, bounces, threads=1)
+    assert one.link.size > 0.9 * len(ends[0])
+    for threads in (2, 5):
+        assert_same(find_eigenrays(medium, *ends, bounces, bounces, threads=threads), one)
+    for seconds in (0.0, 1e-3, 10.0):  # single links, blocks of a few, blocks of most
+        monkeypatch.setattr(blocks, "_SECONDS", seconds)
+        assert_same(find_eigenrays(medium, *ends, bounces, bounces, threads=2), one)
+
+
+def test_progress_rises_to_the_number_of_links():
+    seen = []
+    find_eigenrays(uniform(), *scattered(500), progress=lambda *step: seen.append(step))
+    done, total = zip(*seen, strict=True)
+    assert list(done) == sorted(set(done))
+    assert len(done) > 2
+    assert set(total) == {done[-1]} == {500}
+
+
+def test_memory_grows_by_the_results_only():
+    """Room for 64 arrivals a link would be 6.7 kB; what is kept is two copies of about 0.2 kB."""
+    medium = uniform(np.full(Z.size, 1500.0))
+
+    def most(n):
+        ends = scattered(n)
+        tracemalloc.start()
+        arrivals = find_eigenrays(medium, *ends, threads=2)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return peak, sum(getattr(arrivals, f.name).nbytes for f in fields(arrivals))
+
+    most(50)
+    (few, kept_few), (many, kept_many) = most(2_000), most(10_000)
+    assert (many - few) / 8_000 < 3.5 * (kept_many - kept_few) / 8_000, (few, many, kept_few, kept_many)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interrupt_stops_within_a_block(threads):
+    code = INTERRUPTED.format(z=Z.tolist(), c=DUCT.tolist(), threads=threads)
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    seconds, solved, alive = (float(word) for word in done.stdout.split())
+    assert seconds < 3.0  # a block takes 0.02 s where nothing else runs, the whole a minute
+    assert 300 < solved < 100_000
+    assert alive == 1
+
+
+def test_progress_that_fails_ends_the_work():
+    def progress(done, _total):
+        if done > 1:
+            raise OSError("the terminal is gone")
+
+    before = threading.active_count()
+    with pytest.raises(OSError, match="terminal"):
+        find_eigenrays(uniform(), *scattered(2_000), threads=2, progress=progress)
+    assert threading.active_count() == before
+
+
+def test_paths_of_many_are_the_paths_of_each(monkeypatch):
+    """Links solved from either end, with reflections and between equal places; in threads, blocks and little room."""
+    medium, (a, b) = uniform(), scattered(30)
+    a[7] = b[7]
+    found = find_eigenrays(medium, a, b, 1, 1)
+    together = trace_paths(medium, a, b, found, threads=1)
+    assert set(together.boundary) == {0, 1, 2}
+    for link in (0, 7, 12, 29):
+        alone = trace_paths(medium, a[link], b[link], find_eigenrays(medium, a[link], b[link], 1, 1))
+        rows = np.isin(together.arrival, np.flatnonzero(found.link == link))
+        for name in ("travel_time", "position", "slowness", "boundary"):
+            np.testing.assert_array_equal(getattr(alone, name), getattr(together, name)[rows])
+    for threads in (2, 5):
+        assert_same(trace_paths(medium, a, b, found, threads=threads), together)
+    monkeypatch.setattr(paths, "_LONGEST", 1)  # one ray a call
+    assert_same(trace_paths(medium, a, b, found, threads=2), together)
+
+
+def test_paths_run_from_the_source_to_the_receiver():
+    medium, (a, b) = uniform(), scattered(40)
+    found = find_eigenrays(medium, a, b, 1, 0)
+    rays = trace_paths(medium, a, b, found)
+    first = np.flatnonzero(np.diff(rays.arrival, prepend=-1))
+    last = np.append(first[1:], rays.arrival.size) - 1
+    np.testing.assert_array_equal(rays.arrival[first], np.arange(found.link.size))
+    np.testing.assert_array_equal(rays.position[first], a[found.link])
+    np.testing.assert_array_equal(rays.position[last], b[found.link])
+    np.testing.assert_array_equal(rays.travel_time[first], 0.0)
+    np.testing.assert_array_equal(rays.travel_time[last], found.travel_time)
+    np.testing.assert_allclose(rays.slowness[first], found.source_slowness, rtol=0, atol=1e-5 / 1500)
+    np.testing.assert_allclose(rays.slowness[last], found.receiver_slowness, rtol=0, atol=1e-5 / 1500)
+
+
+def test_a_fan_of_many_rays_is_the_fan_of_each(monkeypatch):
+    medium, angles = uniform(), np.linspace(-0.4, 0.4, 9)
+    options = {"max_surface_bounces": 3, "max_bottom_bounces": 2}
+    fan = trace_fan(medium, [0, 0, 50.0], 0.3, angles, 2e4, **options)
+    for i in (0, 4, 8):
+        alone = trace_fan(medium, [0, 0, 50.0], 0.3, angles[i], 2e4, **options)
+        np.testing.assert_array_equal(alone.position, fan.position[fan.arrival == i])
+    monkeypatch.setattr(paths, "_LONGEST", 1)
+    assert_same(trace_fan(medium, [0, 0, 50.0], 0.3, angles, 2e4, **options), fan)
+
+
+def test_no_paths_of_no_rays():
+    medium, (a, b) = uniform(), scattered(3)
+    a[:, 2] = -1.0  # in the air
+    rays = trace_paths(medium, a, b, find_eigenrays(medium, a, b))
+    assert rays.position.shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    "module", ["", ".loss", ".absorption_field", ".moving_water", ".sonar", ".selection"]
+)
+def test_acoustics_loads_nothing_heavy(module):
+    code = (
+        f"import sys, pymantaray.acoustics{module}\n"
+        "print(*{'xarray', 'scipy', 'pandas', 'numba', 'netCDF4'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

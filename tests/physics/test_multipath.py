@@ -1,0 +1,472 @@
+"""Laws of bounced rays: reflection, Fermat, eikonal gradients, ray tubes, reciprocity, limits and outcomes."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium, find_eigenrays, trace_fan, trace_paths
+from pymantaray.records import Arrivals, RayPaths, RayStatus
+
+Array = NDArray[np.float64]
+SURFACE, BED = 1, 2  # boundary flags of a path
+C = 1500.0
+
+
+def rough_axes():
+    """Lines of unequal spacing, 0.8 to 2.2 km."""
+    return np.cumsum([0.0, 1500, 900, 1200, 2200, 1700, 800, 1900, 1300, 1500]), np.linspace(0.0, 12e3, 9)
+
+
+def twisted_bed(north, east, *, depth=900.0, slope=0.03, roughness=60.0):
+    """Ridges and saddles about a slope: no cell is plane."""
+    rng = np.random.default_rng(41)
+    bed = depth + slope * north[:, None] - 0.5 * slope * east
+    return bed + roughness * rng.uniform(-1.0, 1.0, (north.size, east.size))
+
+
+def make_rough(arctic, *, uniform=False, interpolation="smooth", **shape):
+    """The twisted bed under uniform water, or under a duct that a front crosses."""
+    north, east = rough_axes()
+    depth, speed = arctic
+    c = np.full((north.size, east.size, depth.size), C)
+    if not uniform:
+        c[:] = speed
+        c += 4.0 * np.tanh((north[:, None, None] - 6e3) / 3e3) * np.exp(-depth / 400.0)
+        c += 2.0 * np.sin(east[:, None] / 4e3) * np.exp(-depth / 300.0)
+    return Medium.from_grid(
+        north, east, depth, c, bathymetry=twisted_bed(north, east, **shape), interpolation=interpolation
+    )
+
+
+def make_kind(arctic, kind):
+    return make_rough(
+        arctic, uniform=kind == "uniform", interpolation="linear" if kind == "linear" else "smooth"
+    )
+
+
+def draw_links(n, seed, longest=5e3):
+    """Pairs in the inner part of the rough medium, between the surface and its shallowest bed."""
+    rng = np.random.default_rng(seed)
+    source = rng.uniform((3e3, 2e3, 20.0), (10e3, 10e3, 650.0), (n, 3))
+    bearing, distance = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(200.0, longest, n)
+    receiver = source + np.column_stack(
+        [distance * np.cos(bearing), distance * np.sin(bearing), 0.0 * bearing]
+    )
+    receiver[:, 2] = rng.uniform(20.0, 650.0, n)
+    inside = np.all((receiver[:, :2] > 500.0) & (receiver[:, :2] < (12.5e3, 11.5e3)), axis=1)
+    return source[inside], receiver[inside]
+
+
+class Case(NamedTuple):
+    """Links of one medium, their arrivals and the paths of these."""
+
+    medium: Medium
+    source: Array
+    receiver: Array
+    arrivals: Arrivals
+    paths: RayPaths
+
+
+KINDS = ["uniform", "smooth", "linear"]
+
+
+def make_case(arctic, kind, n, seed=42):
+    """Bounced rays over twisted facets."""
+    medium = make_kind(arctic, kind)
+    source, receiver = draw_links(n, seed)
+    arrivals = find_eigenrays(medium, source, receiver, 2, 2, tolerance=1e-5)
+    return Case(
+        medium,
+        source,
+        receiver,
+        arrivals,
+        trace_paths(medium, source, receiver, arrivals, tolerance=1e-5),
+    )
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def rough(request, arctic):
+    return make_case(arctic, request.param, 40)
+
+
+def bed_normals(medium, place):
+    """Upward unit normals of the bilinear bed, and the distance of places from the lines of its grid."""
+    cell, steps = [], []
+    for axis, k in ((medium.north, 0), (medium.east, 1)):
+        i = np.clip(np.searchsorted(axis, place[:, k], side="right") - 1, 0, axis.size - 2)
+        cell.append(i)
+        steps.append(axis[i + 1] - axis[i])
+    (i, j), (dn, de) = cell, steps
+    u, v = (place[:, 0] - medium.north[i]) / dn, (place[:, 1] - medium.east[j]) / de
+    b = medium.bathymetry
+    slope_n = ((b[i + 1, j] - b[i, j]) * (1.0 - v) + (b[i + 1, j + 1] - b[i, j + 1]) * v) / dn
+    slope_e = ((b[i, j + 1] - b[i, j]) * (1.0 - u) + (b[i + 1, j + 1] - b[i + 1, j]) * u) / de
+    normal = np.column_stack([slope_n, slope_e, np.full(len(u), -1.0)])
+    edge = np.minimum(np.minimum(u, 1.0 - u) * dn, np.minimum(v, 1.0 - v) * de)
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True), edge
+
+
+def bounces(paths):
+    """First of the two nodes of every reflection."""
+    at = np.flatnonzero(paths.boundary > 0)[::2]
+    assert np.array_equal(np.flatnonzero(paths.boundary > 0), np.column_stack([at, at + 1]).ravel())
+    return at
+
+
+def test_reflection_turns_the_slowness_about_the_local_normal(rough):
+    """Angle in is angle out, the tangential slowness stays, and the place is on the boundary."""
+    medium, _, _, arrivals, paths = rough
+    at = bounces(paths)
+    assert at.size > 150
+    np.testing.assert_array_equal(paths.position[at], paths.position[at + 1])
+    np.testing.assert_array_equal(paths.travel_time[at], paths.travel_time[at + 1])
+    np.testing.assert_array_equal(paths.boundary[at], paths.boundary[at + 1])
+    place, on_bed = paths.position[at], paths.boundary[at] == BED
+    normal, edge = bed_normals(medium, place)
+    normal[~on_bed] = [0.0, 0.0, 1.0]
+    gap = np.where(on_bed, medium.bottom_depth(place) - place[:, 2], place[:, 2])
+    np.testing.assert_allclose(gap, 0.0, atol=1e-5)
+    clear = ~on_bed | (edge > 1e-3)  # a normal is that of a cell
+    before, after = paths.slowness[at][clear], paths.slowness[at + 1][clear]
+    normal = normal[clear]
+    across, away = np.sum(before * normal, axis=1), np.sum(after * normal, axis=1)
+    np.testing.assert_allclose(away, -across, rtol=0, atol=1e-10)
+    tangential = [v - s[:, None] * normal for v, s in ((before, across), (after, away))]
+    np.testing.assert_allclose(*tangential, rtol=0, atol=1e-10)
+    counts = [
+        np.bincount(paths.arrival[at], weights=paths.boundary[at] == flag, minlength=len(arrivals.link))
+        for flag in (SURFACE, BED)
+    ]
+    assert np.array_equal(counts[0], arrivals.surface_bounces)
+    assert np.array_equal(counts[1], arrivals.bottom_bounces)
+
+
+def test_bounced_paths_run_between_the_ends_and_stay_in_the_water(rough):
+    medium, source, receiver, arrivals, paths = rough
+    first = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
+    last = np.append(first[1:], len(paths.arrival)) - 1
+    np.testing.assert_array_equal(paths.position[first], source[arrivals.link])
+    np.testing.assert_array_equal(paths.position[last], receiver[arrivals.link])
+    for node, slowness in ((first, arrivals.source_slowness), (last, arrivals.receiver_slowness)):
+        np.testing.assert_allclose(paths.slowness[node], slowness, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(paths.travel_time[last], arrivals.travel_time, rtol=0, atol=1e-12)
+    assert (np.diff(paths.travel_time)[np.diff(paths.arrival) == 0] >= 0.0).all()
+    assert paths.position[:, 2].min() > -1e-5
+    assert (medium.bottom_depth(paths.position) - paths.position[:, 2]).min() > -1e-5
+
+
+def corners(arrivals, paths, source, receiver, ray):
+    """Source, places of reflection and receiver of one ray, and the boundary at each place of reflection."""
+    own = np.flatnonzero(paths.arrival == ray)
+    at = own[paths.boundary[own] > 0][::2]
+    link = arrivals.link[ray]
+    return np.concatenate([[source[link]], paths.position[at], [receiver[link]]]), paths.boundary[at]
+
+
+def test_fermat_travel_time_is_stationary_in_every_place_of_reflection(arctic):
+    """Uniform water: along the boundary the length of the polygon changes to second order only."""
+    medium = make_kind(arctic, "uniform")
+    source, receiver = draw_links(40, 43)
+    arrivals = find_eigenrays(medium, source, receiver, 2, 2, tolerance=1e-5)
+    paths = trace_paths(medium, source, receiver, arrivals, tolerance=1e-5)
+    h, tested = 0.5, 0  # m
+
+    def length(nodes):
+        return np.sum(np.linalg.norm(np.diff(nodes, axis=0), axis=1))
+
+    for ray in range(len(arrivals.link)):
+        nodes, flags = corners(arrivals, paths, source, receiver, ray)
+        assert length(nodes) / C == pytest.approx(arrivals.travel_time[ray], abs=1e-8)
+        _, edge = bed_normals(medium, nodes)
+        for k, flag in enumerate(flags, start=1):
+            if flag == BED and edge[k] < 2.0 * h:
+                continue
+            for axis in (0, 1):
+                change = []
+                for shift in (h, -h, 0.1 * h, -0.1 * h):
+                    moved = nodes.copy()
+                    moved[k, axis] += shift
+                    moved[k, 2] = medium.bottom_depth(moved[k : k + 1])[0] if flag == BED else 0.0
+                    change.append((length(moved) - length(nodes)) / C)
+                slope = (change[0] - change[1]) / (2.0 * h)
+                assert abs(slope) < 5e-8, (ray, k, axis, slope)  # s/m; a place 1 m away has some 3e-6
+                bend = abs(change[0]) + abs(change[1])
+                assert abs(change[2]) + abs(change[3]) < 0.02 * bend + 1e-9, (ray, k, axis, change)
+                tested += 1
+    assert tested > 300
+
+
+def pair(arrivals, ray, other, link):
+    """The row of other arrivals of a link that is the same ray, a little moved: bounces alike, nearest slowness."""
+    same = (other.link == link) & (other.surface_bounces == arrivals.surface_bounces[ray])
+    rows = np.flatnonzero(same & (other.bottom_bounces == arrivals.bottom_bounces[ray]))
+    if rows.size == 0:
+        return None
+    gap = np.linalg.norm(other.source_slowness[rows] - arrivals.source_slowness[ray], axis=1)
+    gap += np.linalg.norm(other.receiver_slowness[rows] - arrivals.receiver_slowness[ray], axis=1)
+    best = rows[np.argmin(gap)]
+    return best if gap.min() < 2e-5 else None
+
+
+def clear_of_edges(medium, arrivals, paths, least):
+    """Whether all bottom reflections of each arrival are so far inside their cells."""
+    at = bounces(paths)
+    _, edge = bed_normals(medium, paths.position[at])
+    short = (paths.boundary[at] == BED) & (edge < least)
+    return np.bincount(paths.arrival[at], weights=short, minlength=len(arrivals.link)) == 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, arctic):
+    """dt/dx_receiver = slowness there, dt/dx_source = minus slowness there, for each bounced ray."""
+    check_gradients(make_case(arctic, kind, 4), least=60)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_slowness_is_the_gradient_of_travel_time_on_many_links(kind, arctic):
+    check_gradients(make_case(arctic, kind, 60, seed=45), least=1200)
+
+
+def check_gradients(case, least):
+    medium, source, receiver, arrivals, paths = case
+    h = 0.5  # m
+    bounced = (arrivals.surface_bounces + arrivals.bottom_bounces > 0) & (arrivals.spreading_db > -3.0)
+    clear = np.flatnonzero(bounced & clear_of_edges(medium, arrivals, paths, 20.0))
+    errors, lost = [], 0
+    for axis in range(3):
+        for end, vector, sign in ((0, arrivals.source_slowness, -1.0), (1, arrivals.receiver_slowness, 1.0)):
+            moved = []
+            for direction in (1.0, -1.0):
+                ends = [source.copy(), receiver.copy()]
+                ends[end][:, axis] += direction * h
+                moved.append(find_eigenrays(medium, *ends, 2, 2, spreading_cutoff_db=18.0, tolerance=1e-5))
+            for ray in clear:
+                rows = [pair(arrivals, ray, other, arrivals.link[ray]) for other in moved]
+                if None in rows:
+                    lost += 1
+                    continue
+                slope = np.subtract(*(other.travel_time[row] for other, row in zip(moved, rows, strict=True)))
+                errors.append(sign * slope / (2.0 * h) - vector[ray, axis])
+    errors = np.abs(errors)
+    assert len(errors) > least
+    assert lost < 0.03 * len(errors), lost
+    assert np.median(errors) < 2e-9, np.median(errors)
+    assert np.percentile(errors, 98) < 1e-7, np.percentile(errors, 98)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_spreading_is_the_ray_tube_of_neighbouring_receivers(kind, arctic):
+    """Solid angle of launch per area across the ray at the receiver, by differences of launch directions."""
+    check_spreading(make_case(arctic, kind, 24), every=14)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_spreading_is_the_ray_tube_on_many_links(kind, arctic):
+    check_spreading(make_case(arctic, kind, 50, seed=46), every=1)
+
+
+def check_spreading(case, every):
+    medium, source, receiver, arrivals, paths = case
+    h = 0.5
+    keep = np.flatnonzero(clear_of_edges(medium, arrivals, paths, 20.0) & (arrivals.spreading_db < 10.0))[
+        ::every
+    ]
+    link = arrivals.link[keep]
+    shifted = []
+    for k in (0, 1):
+        across = np.array([np.linalg.svd(arrivals.receiver_slowness[ray][None])[2][1 + k] for ray in keep])
+        for sign in (1.0, -1.0):
+            found = find_eigenrays(
+                medium, source[link], receiver[link] + sign * h * across, 2, 2, 18.0, tolerance=1e-5
+            )
+            rows = [pair(arrivals, ray, found, i) for i, ray in enumerate(keep)]
+            unit = [
+                np.full(3, np.nan)
+                if row is None
+                else found.source_slowness[row] * found.source_sound_speed[i]
+                for i, row in enumerate(rows)
+            ]
+            shifted.append(np.array(unit))
+    turns = [(shifted[0] - shifted[1]) / (2.0 * h), (shifted[2] - shifted[3]) / (2.0 * h)]
+    solid_angle = np.linalg.norm(np.cross(*turns), axis=1)  # per square metre at the receiver
+    distance = np.linalg.norm(receiver - source, axis=1)[link]
+    ratio = arrivals.source_sound_speed[link] / arrivals.receiver_sound_speed[link]
+    expected = 10.0 * np.log10(ratio / (solid_angle * distance**2))
+    known = np.isfinite(expected)
+    assert known.mean() > 0.97, known.mean()
+    error = np.abs(expected - arrivals.spreading_db[keep])[known]
+    assert np.median(error) < 0.005, np.median(error)
+    assert np.percentile(error, 95) < 0.1, np.sort(error)[-20:]
+
+
+def same_rays(there, back, n, atol):
+    """Rows of two sets of arrivals that are one ray run both ways, and the rows of the first that have no other."""
+    pairs, alone = [], []
+    for link in range(n):
+        left = list(np.flatnonzero(back.link == link))
+        for i in np.flatnonzero(there.link == link):
+            same = (
+                (back.surface_bounces[left] == there.surface_bounces[i])
+                & (back.bottom_bounces[left] == there.bottom_bounces[i])
+                & (np.abs(back.travel_time[left] - there.travel_time[i]) < atol)
+            )
+            gap = np.linalg.norm(back.receiver_slowness[left] + there.source_slowness[i], axis=1)
+            same &= gap < 1e-6
+            if same.any():
+                pairs.append((i, left.pop(int(np.argmin(np.where(same, gap, np.inf))))))
+            else:
+                alone.append(i)
+    return np.array(pairs).reshape(-1, 2), alone
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bounced_rays_are_reciprocal_when_both_ways_are_solved(kind, arctic):
+    """The same families from either end; times within 0.1 us."""
+    check_reciprocity(make_kind(arctic, kind), *draw_links(24, 44), least=130)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_bounced_rays_are_reciprocal_on_many_links(kind, arctic):
+    check_reciprocity(make_kind(arctic, kind), *draw_links(150, 48), least=900)
+
+
+def check_reciprocity(medium, source, receiver, least):
+    there = find_eigenrays(medium, source, receiver, 2, 2, canonical=False)
+    back = find_eigenrays(medium, receiver, source, 2, 2, canonical=False)
+    pairs, alone = same_rays(there, back, len(source), 1e-6)
+    assert len(pairs) > least
+    # rays at the cut-off may fall on either side of it, pairs at a caustic be one or two
+    odd = [i for i in alone if there.spreading_db[i] < 14.5]
+    assert not odd, [
+        (
+            source[there.link[i]].tolist(),
+            receiver[there.link[i]].tolist(),
+            *(
+                getattr(there, name)[i]
+                for name in (
+                    "surface_bounces",
+                    "bottom_bounces",
+                    "travel_time",
+                    "launch_angle",
+                    "spreading_db",
+                )
+            ),
+        )
+        for i in odd
+    ]
+    gap = np.abs(there.travel_time[pairs[:, 0]] - back.travel_time[pairs[:, 1]])
+    assert gap.max() < 1e-7, gap.max()
+    assert np.median(gap) < 5e-9, np.median(gap)
+    spread = np.abs(there.spreading_db[pairs[:, 0]] - back.spreading_db[pairs[:, 1]])
+    assert np.percentile(spread, 95) < 0.05, np.percentile(spread, 95)
+
+
+def flat(arctic, bottom, interpolation="smooth"):
+    return Medium.from_profile(*arctic, bottom_depth=bottom, interpolation=interpolation)
+
+
+def bounced_fan(medium, depth, distance, angles, most):
+    """End depth, travel time, end slowness and bounces of the rays of a fan that reach the distance."""
+    fan = trace_fan(
+        medium,
+        [0.0, 0.0, depth],
+        0.0,
+        angles,
+        distance,
+        max_surface_bounces=most[0],
+        max_bottom_bounces=most[1],
+    )
+    last = np.flatnonzero(np.diff(fan.arrival, append=-1))
+    counts = [
+        np.bincount(fan.arrival, weights=fan.boundary == flag, minlength=len(angles)) / 2
+        for flag in (SURFACE, BED)
+    ]
+    there = np.isclose(fan.position[last, 0], distance, rtol=0, atol=1e-6) & (fan.boundary[last] == 0)
+    rows = last[there]
+    return fan.position[rows, 2], fan.travel_time[rows], fan.slowness[rows, 2], *(n[there] for n in counts)
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+def test_no_ray_of_a_dense_fan_beats_the_earliest_of_its_family(interpolation, arctic):
+    """A fan's ray that ends within a metre arrives, but for that metre, no earlier than the solver's first."""
+    medium, most = flat(arctic, 400.0, interpolation), (1, 1)
+    angles = np.arange(-0.9, 0.9, 1e-3)
+    compared = 0
+    for depth, target, distance in ((130.0, 60.0, 2500.0), (30.0, 250.0, 1800.0)):
+        z, time, slope, surface, bottom = bounced_fan(medium, depth, distance, angles, most)
+        found = find_eigenrays(medium, [0.0, 0.0, depth], [distance, 0.0, target], *most, None)
+        near = np.abs(z - target) < 1.0
+        for family in {*zip(surface[near], bottom[near], strict=True)}:
+            mine = (found.surface_bounces == family[0]) & (found.bottom_bounces == family[1])
+            rays = near & (surface == family[0]) & (bottom == family[1])
+            # the travel time of the wave front at the receiver, but for its curvature
+            at_target = time[rays] - slope[rays] * (z - target)[rays]
+            assert mine.any(), (depth, family)
+            assert found.travel_time[mine].min() < at_target.min() + 2e-7, (depth, family)
+            compared += np.count_nonzero(rays)
+    assert compared >= 6, compared
+
+
+def test_bounce_limits_are_kept_and_asking_for_more_only_adds(arctic):
+    medium = make_kind(arctic, "smooth")
+    source, receiver = draw_links(12, 47)
+    rows = {}
+    for most in ((0, 0), (1, 0), (0, 1), (1, 1), (2, 1), (2, 2)):
+        found = find_eigenrays(medium, source, receiver, *most)
+        assert found.surface_bounces.max() <= most[0]
+        assert found.bottom_bounces.max() <= most[1]
+        names = ("link", "surface_bounces", "bottom_bounces", "travel_time", "launch_angle")
+        rows[most] = np.array(sorted(zip(*(getattr(found, name) for name in names), strict=True)))
+    for few, less in rows.items():
+        for many, more in rows.items():
+            if few[0] <= many[0] and few[1] <= many[1]:
+                kept = more[(more[:, 1] <= few[0]) & (more[:, 2] <= few[1])]
+                assert kept.shape == less.shape, (few, many)
+                # the same rays, polished from other ends of an interval
+                np.testing.assert_allclose(kept[:, :4], less[:, :4], rtol=0, atol=2e-9)
+                np.testing.assert_allclose(kept[:, 4], less[:, 4], rtol=0, atol=1e-6)
+    assert len(rows[2, 2]) > len(rows[1, 1]) > len(rows[0, 0])
+
+
+def test_a_bounced_arrival_makes_a_link_without_direct_ray_ok(arctic):
+    """Behind a ridge and in a shadow; the first arrival and the slowness are those of the bounced ray."""
+    north = np.linspace(0.0, 10e3, 11)
+    bed = np.where(np.arange(11) == 5, 300.0, 1000.0)[:, None] * np.ones(2)
+    speed = np.full((11, 2, 2), C)
+    ridge = Medium.from_grid(north, [-5e3, 5e3], [0.0, 1200.0], speed, bathymetry=bed)
+    ends = [3000.0, 0.0, 600.0], [7000.0, 0.0, 600.0]
+    assert find_eigenrays(ridge, *ends).status[0] == RayStatus.BLOCKED
+    assert find_eigenrays(ridge, *ends, 0, 1).status[0] == RayStatus.BLOCKED
+    over = find_eigenrays(ridge, *ends, 1, 0)
+    first = over.first()
+    assert first.status[0] == RayStatus.OK
+    assert len(over.link) == 1
+    assert first.travel_time[0] == pytest.approx(np.hypot(4000.0, 1200.0) / C, abs=1e-9)
+    expected = np.array([4000.0, 0.0, -1200.0]) / np.hypot(4000.0, 1200.0) / C
+    np.testing.assert_allclose(first.source_slowness[0], expected, rtol=0, atol=1e-9)
+    assert first.shadow_margin[0] == 0.0
+    # downward refraction: two shallow places far apart are in shadow but for the bed
+    depth = np.linspace(0.0, 1000.0, 11)
+    lens = Medium.from_profile(depth, 1500.0 - 0.05 * depth, bottom_depth=1000.0)
+    ends = [0.0, 0.0, 50.0], [0.0, 8000.0, 50.0]
+    assert find_eigenrays(lens, *ends, 0, 0).status[0] == RayStatus.SHADOW
+    found = find_eigenrays(lens, *ends, 0, 2)
+    assert found.status[0] == RayStatus.OK
+    assert (found.bottom_bounces > 0).all()
+
+
+def test_the_cut_off_applies_to_bounced_rays_too():
+    """With images the spreading is known: the rays at 15 dB of a steep link fall on either side of the limit."""
+    medium = Medium.from_profile([0.0, 200.0], [C, C], bottom_depth=200.0)
+    ends = [0.0, 0.0, 100.0], [30.0, 0.0, 110.0]
+    everything = find_eigenrays(medium, *ends, 3, 3, None)
+    for cutoff in (12.0, 15.0, 20.0):
+        some = find_eigenrays(medium, *ends, 3, 3, cutoff)
+        expected = everything.travel_time[everything.spreading_db <= cutoff]
+        np.testing.assert_allclose(some.travel_time, expected, rtol=0, atol=1e-12)
+        assert 0 < len(some.link) < len(everything.link)

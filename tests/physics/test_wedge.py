@@ -1,0 +1,366 @@
+"""Uniform water between a flat surface and a plane sea bed: every bounced ray is the straight line to an image.
+
+The source is mirrored in the planes that a ray meets, in turn and in three dimensions; the ray exists where
+each place of reflection lies on the wet part of its plane. A slope of zero is the wave guide.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium, find_eigenrays
+
+Array = NDArray[np.float64]
+C = 1500.0
+ATOL_TIME = (
+    1e-9  # s; for the ray and for each reflection, which takes place within a micrometre of the boundary
+)
+ATOL_ANGLE = 2e-6  # of slowness times sound speed
+INSET = (
+    1e-3  # m; a receiver on a boundary is met this far inside, which turns the ray and not its travel time
+)
+ATOL_SPREADING = 0.01  # dB
+DOUBT = 2e-3  # m; a corner this near to an end, to the beach or to the edge of the grid may be there or not
+QUICK = settings(
+    max_examples=12,
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    phases=[Phase.explicit, Phase.generate],
+)
+
+
+class Bed(NamedTuple):
+    """A plane: its depth where north = east = 0, and how much it deepens per metre north and east."""
+
+    depth: float
+    north: float = 0.0
+    east: float = 0.0
+
+    def at(self, place):
+        """Depth under places (..., 2 or 3). [m]"""
+        return self.depth + self.north * place[..., 0] + self.east * place[..., 1]
+
+
+class Ray(NamedTuple):
+    """A straight line to an image, folded back into the water."""
+
+    surface: int
+    bottom: int
+    travel_time: float
+    source_slowness: Array
+    receiver_slowness: Array
+    spreading_db: float
+    doubtful: bool
+
+
+def alternating(max_surface, max_bottom):
+    """Orders of reflection: straight lines between two planes meet them in turn."""
+    yield ""
+    for first, second in ("sb", "bs"):
+        for n in range(1, max_surface + max_bottom + 1):
+            family = (first + second) * n
+            family = family[:n]
+            if family.count("s") <= max_surface and family.count("b") <= max_bottom:
+                yield family
+
+
+def unbounded(_):
+    """Distance of any place from the edge of a medium without one. [m]"""
+    return np.inf
+
+
+def images(source, receiver, bed, most, inside=unbounded):
+    """Every ray with at most so many reflections; inside gives the distance of a place from the edge of the grid."""
+    normal = np.array([bed.north, bed.east, -1.0]) / np.sqrt(1.0 + bed.north**2 + bed.east**2)
+    planes = {
+        "s": (np.zeros(3), np.array([0.0, 0.0, 1.0])),
+        "b": (np.array([0.0, 0.0, bed.depth]), normal),
+    }
+    distance = np.linalg.norm(receiver - source)
+    for family in alternating(*most):
+        mirrored = [source]
+        for letter in family:
+            at, n = planes[letter]
+            mirrored.append(mirrored[-1] - 2.0 * ((mirrored[-1] - at) @ n) * n)
+        # from the receiver back: each leg points to the image of the planes that are left
+        corners = [receiver]
+        exists, doubtful = True, False
+        for letter, image in zip(reversed(family), reversed(mirrored[1:]), strict=True):
+            at, n = planes[letter]
+            here = corners[-1]
+            fall, height = (image - here) @ n, (at - here) @ n
+            if abs(height) < 1e-9 or fall * height <= 0.0 or abs(height) > abs(fall):
+                exists = False  # on the plane already, or it does not lie on the way
+                break
+            corner = here + (height / fall) * (image - here)
+            wet = bed.at(corner) if letter == "s" else corner[2]
+            room = min(wet, inside(corner))
+            doubtful |= min(abs(room), np.linalg.norm(corner - here)) < DOUBT
+            exists &= room > 0.0
+            corners.append(corner)
+        if not exists or (family and np.linalg.norm(corners[-1] - source) < 1e-9):
+            continue
+        corners.append(source)
+        corners.reverse()
+        doubtful |= bool(family) and np.linalg.norm(corners[1] - source) < DOUBT
+        length = np.linalg.norm(receiver - mirrored[-1])
+        legs = [(b - a) / np.linalg.norm(b - a) / C for a, b in ((corners[0], corners[1]), corners[-2:])]
+        spreading = 20.0 * np.log10(length / distance)
+        yield Ray(family.count("s"), family.count("b"), length / C, *legs, spreading, bool(doubtful))
+
+
+def differences(arrivals, link, expected, atol_angle=ATOL_ANGLE):
+    """What the arrivals of one link lack, have in excess, or have wrong; an empty list where they agree."""
+    left = list(np.flatnonzero(arrivals.link == link))
+    wrong = []
+    for ray in sorted(expected, key=lambda ray: ray.doubtful):
+        slowness = arrivals.source_slowness[left] - ray.source_slowness
+        gap = np.abs(arrivals.travel_time[left] - ray.travel_time) + np.linalg.norm(slowness, axis=1)
+        same = (arrivals.surface_bounces[left] == ray.surface) & (arrivals.bottom_bounces[left] == ray.bottom)
+        same &= gap < 1e-4
+        if not same.any():
+            if not ray.doubtful:
+                wrong.append(("missed", ray))
+            continue
+        i = left.pop(int(np.argmin(np.where(same, gap, np.inf))))
+        errors = {
+            "travel time": (
+                arrivals.travel_time[i] - ray.travel_time,
+                ATOL_TIME * (1 + ray.surface + ray.bottom),
+            ),
+            "source slowness": (
+                C * np.linalg.norm(arrivals.source_slowness[i] - ray.source_slowness),
+                atol_angle,
+            ),
+            "receiver slowness": (
+                C * np.linalg.norm(arrivals.receiver_slowness[i] - ray.receiver_slowness),
+                atol_angle,
+            ),
+            "launch angle": (np.sin(arrivals.launch_angle[i]) - C * ray.source_slowness[2], atol_angle),
+            "arrival angle": (np.sin(arrivals.arrival_angle[i]) - C * ray.receiver_slowness[2], atol_angle),
+            "spreading": (arrivals.spreading_db[i] - ray.spreading_db, ATOL_SPREADING),
+        }
+        wrong += [(what, error, ray) for what, (error, bar) in errors.items() if not abs(error) <= bar]
+    wrong += [
+        (
+            "invented",
+            int(arrivals.surface_bounces[i]),
+            int(arrivals.bottom_bounces[i]),
+            arrivals.travel_time[i],
+            arrivals.launch_angle[i],
+            arrivals.spreading_db[i],
+        )
+        for i in left
+    ]
+    return wrong
+
+
+def check(medium, bed, source, receiver, most, inside=unbounded, **options):
+    """All links of a medium against the images; returns the number of rays that agree."""
+    arrivals = find_eigenrays(medium, source, receiver, *most, spreading_cutoff_db=None, **options)
+    wrong, rays = [], 0
+    for link, ends in enumerate(zip(source, receiver, strict=True)):
+        expected = list(images(*ends, bed, most, inside))
+        rays += len(expected)
+        atol = ATOL_ANGLE
+        if any(min(end[2], bed.at(end) - end[2]) < INSET for end in ends):
+            atol += 1.5 * INSET / np.linalg.norm(np.subtract(*ends))
+        found = differences(arrivals, link, expected, atol)
+        wrong += [(*(end.tolist() for end in ends), *what) for what in found]
+    assert not wrong, f"{len(wrong)} of {rays} rays, bed {bed}:\n" + "\n".join(map(str, wrong[:20]))
+    assert np.isfinite(arrivals.travel_time).all()
+    return rays
+
+
+def guide(depth, interpolation):
+    """Uniform water over a flat bed, with a level inside."""
+    levels = [0.0, 0.4 * depth, 1.2 * depth]
+    return Medium.from_profile(levels, [C] * 3, bottom_depth=depth, interpolation=interpolation)
+
+
+def guide_links(depth, rng):
+    """From vertical to 50 km; level, near and on the boundaries; and rays at the seam of 60 degrees between two fans."""
+    near = [0.01, 0.5, depth - 0.5, depth - 0.01]
+    pairs = []
+    for distance in (0.0, 0.1, 3.0, 0.5 * depth, 3.0 * depth, 5e3, 5e4, -1.0, -1.0):
+        for kind in range(7):
+            z0, z1 = rng.uniform(0.0, depth, 2)
+            if kind == 1:
+                z1 = z0
+            elif kind == 2:
+                z0, z1 = rng.choice([0.0, depth], 2)
+            elif kind == 3:
+                z0 = rng.choice([0.0, depth])
+            elif kind == 4:
+                z1 = rng.choice([0.0, depth])
+            elif kind == 5:
+                z0, z1 = rng.choice(near, 2)
+            elif kind == 6:
+                z0, z1 = rng.choice([0.0, 0.4 * depth, depth], 2)
+            if (
+                distance < 0.0
+            ):  # so steep that a ray of a few reflections is 50 to 70 degrees from the horizontal
+                climb = depth * rng.integers(1, 6) + rng.choice([-1.0, 1.0]) * z0 + z1
+                distance = max(climb, 1.0) / np.tan(rng.uniform(0.9, 1.2))
+            bearing = rng.choice([0.0, np.pi, rng.uniform(0.0, 2.0 * np.pi)])
+            start = np.array([*rng.uniform(-1e3, 1e3, 2), z0])
+            end = start + distance * np.array([np.cos(bearing), np.sin(bearing), 0.0])
+            end[2] = z1
+            if not np.array_equal(start, end):
+                pairs.append((start, end))
+    source, receiver = (np.array(ends) for ends in zip(*pairs, strict=True))
+    return source, receiver
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+@QUICK
+@given(
+    depth=st.sampled_from([30.0, 200.0, 1000.0, 4000.0]),
+    seed=st.integers(0, 2**32 - 1),
+    canonical=st.booleans(),
+)
+def test_wave_guide_has_every_image_and_no_other_ray(interpolation, depth, seed, canonical):
+    """All families with up to three reflections at each boundary, one by one."""
+    source, receiver = guide_links(depth, np.random.default_rng(seed))
+    rays = check(guide(depth, interpolation), Bed(depth), source, receiver, (3, 3), canonical=canonical)
+    assert rays > 8 * len(source)
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+def test_ends_on_a_boundary_are_no_bounces(interpolation):
+    """Two of the four orders of reflection are left for a place on a boundary, one for both ends on boundaries."""
+    depth = 100.0
+    medium = guide(depth, interpolation)
+    expected = {
+        (50.0, 50.0): 13,
+        (0.0, 50.0): 7,
+        (50.0, 100.0): 7,
+        (0.0, 0.0): 4,
+        (0.0, 100.0): 4,
+        (100.0, 100.0): 4,
+    }
+    for (z0, z1), number in expected.items():
+        for distance in (0.0, 70.0, 300.0, 2e3, 20e3):
+            if distance == 0.0 and z0 == z1:
+                continue
+            for canonical in (True, False):
+                ends = [[0.0, 0.0, z0], [distance, 0.0, z1]]
+                found = find_eigenrays(medium, *ends, 3, 3, spreading_cutoff_db=None, canonical=canonical)
+                assert len(found.link) == number, (
+                    ends,
+                    canonical,
+                    found.surface_bounces,
+                    found.bottom_bounces,
+                )
+                back = find_eigenrays(medium, *ends[::-1], 3, 3, None, canonical=canonical)
+                assert len(back.link) == number, (ends[::-1], canonical, back.surface_bounces)
+
+
+def test_the_direct_ray_reaches_the_surface_and_the_bed():
+    """Without any reflection asked for, both ways, from flat to steep."""
+    depth = 3000.0
+    rng = np.random.default_rng(2)
+    for interpolation in ("smooth", "linear"):
+        distance, z = 10.0 ** rng.uniform(1.0, 4.7, 60), rng.uniform(1.0, depth - 1.0, 60)
+        source = np.column_stack([np.zeros((60, 2)), np.where(np.arange(60) % 2, 0.0, depth)])
+        receiver = np.column_stack([distance, 0.0 * z, z])
+        for ends in ((source, receiver), (receiver, source)):
+            for canonical in (True, False):
+                first = find_eigenrays(guide(depth, interpolation), *ends, canonical=canonical).first()
+                np.testing.assert_allclose(
+                    first.travel_time,
+                    np.linalg.norm(receiver - source, axis=1) / C,
+                    rtol=0,
+                    atol=ATOL_TIME,
+                )
+
+
+def wedge(bed, side=10e3, inner=(), interpolation="linear"):
+    """Uniform water over a plane bed, on a square grid about the origin with the given lines inside."""
+    axis = np.sort(np.array([-side, side, *inner]))
+    north, east = np.meshgrid(axis, axis, indexing="ij")
+    bathymetry = bed.at(np.stack([north, east], axis=-1))
+    lowest = bathymetry.max() + 10.0
+    levels = [0.0, 0.3 * lowest, lowest]
+    speed = np.full((axis.size, axis.size, 3), C)
+    medium = Medium.from_grid(axis, axis, levels, speed, bathymetry=bathymetry, interpolation=interpolation)
+    return medium, lambda place: side - np.max(np.abs(place[:2]))
+
+
+def sloping(depth, slope_deg, azimuth):
+    """A bed that deepens towards an azimuth."""
+    slope = np.tan(np.radians(slope_deg))
+    return Bed(depth, slope * np.cos(azimuth), slope * np.sin(azimuth))
+
+
+def wedge_links(bed, n, rng, bearings, side=10e3):
+    """Pairs 3 m to 8 km apart in at least 20 m of water."""
+    pairs = []
+    while len(pairs) < n:
+        place = rng.uniform(-0.7 * side, 0.7 * side, 2)
+        bearing = rng.choice(bearings) if len(bearings) else rng.uniform(0.0, 2.0 * np.pi)
+        other = place + 10.0 ** rng.uniform(0.5, 3.9) * np.array([np.cos(bearing), np.sin(bearing)])
+        depths = bed.at(np.array([place, other]))
+        if np.abs(other).max() < side and depths.min() > 20.0:
+            z = depths * rng.uniform(0.02, 0.98, 2)
+            pairs.append((np.array([*place, z[0]]), np.array([*other, z[1]])))
+    source, receiver = (np.array(ends) for ends in zip(*pairs, strict=True))
+    return source, receiver
+
+
+DIRECTIONS = {"up": [np.pi], "down": [0.0], "across": [0.5 * np.pi, -0.5 * np.pi], "oblique": []}
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+@pytest.mark.parametrize("slope_deg", [0.5, 2.0, 5.0, 10.0, 20.0])
+def test_wedge_has_every_image_in_the_plane_and_across_it(slope_deg, direction):
+    """Up to two reflections at each boundary, those that turn the ray back among them."""
+    rng = np.random.default_rng(31)
+    for depth in (200.0, 1000.0, 3000.0):
+        azimuth = rng.choice([0.0, 0.5 * np.pi, rng.uniform(0.0, 2.0 * np.pi)])
+        bed = sloping(depth, slope_deg, azimuth)
+        medium, inside = wedge(bed)
+        bearings = [azimuth + turn for turn in DIRECTIONS[direction]]
+        source, receiver = wedge_links(bed, 20, rng, bearings)
+        assert check(medium, bed, source, receiver, (2, 2), inside) > 160
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+@QUICK
+@given(
+    depth=st.floats(100.0, 4000.0),
+    slope_deg=st.floats(0.0, 4.0),
+    azimuth=st.floats(0.0, 6.3),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_cells_of_a_plane_do_not_matter(interpolation, depth, slope_deg, azimuth, seed):
+    """The same plane on a grid of unequal lines, both interpolations."""
+    rng = np.random.default_rng(seed)
+    bed = sloping(depth, slope_deg, azimuth)
+    medium, inside = wedge(bed, inner=rng.uniform(-8e3, 8e3, 4), interpolation=interpolation)
+    check(medium, bed, *wedge_links(bed, 15, rng, []), (2, 2), inside)
+
+
+def turns_back(ray, step):
+    """Whether a ray moves away from its receiver at one end."""
+    return min(ray.source_slowness[:2] @ step, ray.receiver_slowness[:2] @ step) < 0.0
+
+
+def test_rays_that_turn_back_on_the_slope_are_found():
+    """Up a slope of 10 and 20 degrees a steep ray becomes steeper than the vertical."""
+    rng = np.random.default_rng(32)
+    turned = 0
+    for slope_deg in (10.0, 20.0):
+        bed = sloping(3000.0, slope_deg, 0.0)
+        medium, inside = wedge(bed, side=6e3)
+        source, receiver = wedge_links(bed, 30, rng, [np.pi], side=6e3)
+        for ends in zip(source, receiver, strict=True):
+            step = (ends[1] - ends[0])[:2]
+            turned += sum(turns_back(ray, step) for ray in images(*ends, bed, (2, 2), inside))
+        check(medium, bed, source, receiver, (2, 2), inside)
+    assert turned > 30
