@@ -88,7 +88,7 @@ def test_duct_carries_several_arrivals_that_a_dense_fan_confirms():
     arrivals = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None, canonical=False)
     work = workspace(medium.depth.size)
     section, floor = baseline(medium.packed(), medium.bathymetry, source, (1.0, 0.0), 9e3, work)
-    beyond = Rule(OPEN, 0, 0, 0, 0.0, 0)
+    beyond = Rule(OPEN, 0, 0, 0, 0, 0.0, 0)
     axis = (source[2], 1.0, 0.0, float(arrivals.source_sound_speed[0]))
     angles = np.linspace(-0.3, 0.3, 40_001)
     miss = np.empty(angles.size)

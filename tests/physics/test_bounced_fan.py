@@ -236,12 +236,13 @@ def test_the_fan_itself_finds_the_images_of_a_wave_guide():
 
 
 def test_fan_finds_no_bounced_eigenray_that_the_solver_misses(duct):
-    missed, invented, agreed = compare(*duct, 145.0, receivers(12, 3, 6e3), 4e-4, 0.6)
-    assert agreed >= 50, agreed
+    missed, invented, agreed = compare(*duct, 145.0, receivers(10, 3, 5e3), 4e-4, 0.6)
+    assert agreed >= 40, agreed
     assert not missed, report("missed", missed)
     assert not invented, report("invented", invented)
 
 
+@pytest.mark.filterwarnings("ignore:.*more eigenrays:RuntimeWarning")  # 60 m is the crest of the profile
 @pytest.mark.slow
 @pytest.mark.parametrize("depth", [0.5, 60.0, 130.0, 300.0])
 def test_fan_finds_no_bounced_eigenray_that_the_solver_misses_on_many_links(duct, depth):

@@ -76,7 +76,7 @@ def refine_bounced(s, floor, rule, bracket, target, length, axis, tol, miss, wor
     y, K, ynew, path = work.y, work.K, work.ynew, work.path
     a, b = bracket[0, ANGLE], bracket[1, ANGLE]
     inner = fewer_bounces(bracket)
-    counts = int(bracket[inner, CODE]) % 256
+    counts = int(bracket[inner, CODE]) % 1024
     level = bracket[inner, MISS]
     level = math.copysign(min(_INSET, 0.5 * abs(level)), level) if rule.fold != 0 else 0.0
     m, q = cubic_angle(bracket[0], bracket[1], level), 0.0
@@ -103,7 +103,7 @@ def refine_bounced(s, floor, rule, bracket, target, length, axis, tol, miss, wor
         j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
         for it in range(30):
             ok, steps, turns, _, _, code = trace(s, tilted, rule, m, q, length, axis, tol, y, K, ynew, path)
-            if not ok or code % 256 != counts:
+            if not ok or code % 1024 != counts:
                 if math.isinf(best) and rule.fold != 0 and it < 20:
                     m = 0.5 * (m + bracket[inner, ANGLE])
                     continue
@@ -179,8 +179,8 @@ def _collect(
         ok, angle, q, _, turns = refine_bounced(s, floor, rule, bracket, target, span, axis, fine, miss, work)
         if not ok or count >= rows.shape[0]:
             continue
-        counts = int(bracket[fewer_bounces(bracket), CODE]) % 256
-        n_s, n_b = counts // 16, counts % 16
+        counts = int(bracket[fewer_bounces(bracket), CODE]) % 1024
+        n_s, n_b = counts // 32, counts % 32
         if n_s > most_s or n_b > most_b or counts == 0:
             continue
         cb, sb = axis[1], axis[2]
@@ -288,9 +288,7 @@ def add_bounced(
             fold = ON_SURFACE
         elif on_boundary > 0.0:
             fold = floor_at(floor, horizontal, 0.0, horizontal)[4] + 2
-        # one more at the receiver itself, to be unfolded
-        more_s, more_b = 1 if fold == ON_SURFACE else 0, 1 if fold > ON_SURFACE else 0
-        rule = Rule(FORWARD, max_surface + more_s, max_bottom + more_b, 0, 0.0, fold)
+        rule = Rule(FORWARD, max_surface, max_bottom, 1, 0, 0.0, fold)
         axis = (z0, 1.0, 0.0, c0)
         count, w, r, all_there = _collect(
             s,
@@ -327,7 +325,7 @@ def add_bounced(
                 n = min(int(math.ceil(2.0 * half / _SPACING_LEGS)) + 1, work.nodes.size)
                 for i in range(n):
                     work.nodes[i] = half * (2.0 * i / (n - 1) - 1.0)
-                rule = Rule(LEGS, n_s, n_b, legs, z_end, 0)
+                rule = Rule(LEGS, n_s, n_b, 0, legs, z_end, 0)
                 axis = (z0, 0.0, sb, c0)
                 sb_end = sb if legs % 2 == 1 else -sb
                 count, w, r, all_there = _collect(

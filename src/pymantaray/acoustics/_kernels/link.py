@@ -87,7 +87,7 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
         north, east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work.floor_breaks
     )
     floor = Floor(north, east, bathymetry, source[0], source[1], un, ue, work.floor_breaks, n_breaks, 1.0)
-    rule = Rule(OPEN, 0, 0, 0, 0.0, 0)
+    rule = Rule(OPEN, 0, 0, 0, 0, 0.0, 0)
     miss = min(1e-2, 1e-6 * length)
     tol *= max(1.0, length / LONG)
     fine = min(tol, 1e-4 * length)

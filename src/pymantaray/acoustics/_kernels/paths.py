@@ -102,7 +102,7 @@ def trace_arrival(medium, bathymetry, source, receiver, slowness, n_surface, n_b
     side = (slowness[1] * unit[0] - slowness[0] * unit[1]) * c0
     down = slowness[2] * c0
     cb, sb, span = 1.0, 0.0, horizontal
-    rule = Rule(OPEN, 0, 0, 0, 0.0, 0)
+    rule = Rule(OPEN, 0, 0, 0, 0, 0.0, 0)
     if n_surface + n_bottom == 0:
         slope = math.atan2(z1 - z0, horizontal)
         variation = speed_extremes(s, work.extremes)
@@ -110,10 +110,10 @@ def trace_arrival(medium, bathymetry, source, receiver, slowness, n_surface, n_b
         if is_steep(slope, max(up, low)):
             cb, sb, span = math.cos(slope), math.sin(slope), length
     elif abs(down) < math.sin(STEEPEST_FORWARD) and forward > 0.0:
-        rule = Rule(FORWARD, n_surface, n_bottom, 0, 0.0, 0)
+        rule = Rule(FORWARD, n_surface, n_bottom, 0, 0, 0.0, 0)
     else:
         legs = n_surface + n_bottom + 1
-        rule = Rule(LEGS, n_surface, n_bottom, legs, z1, 0)
+        rule = Rule(LEGS, n_surface, n_bottom, 0, legs, z1, 0)
         cb, sb, span = 0.0, 1.0 if down > 0.0 else -1.0, legs * 1e3
     angle = math.asin(min(max(down * cb - forward * sb, -1.0), 1.0))
     axis = (z0, cb, sb, c0)
@@ -173,7 +173,7 @@ def trace_launches(
     """Trace a fan of rays into rows of nodes, in the local frame, as long as there is room for any; return the number traced."""
     s, floor = baseline(medium, bathymetry, source, unit, distance, work)
     c = field_at(s, 0.0, source[2])
-    rule = Rule(FORWARD, max_surface, max_bottom, 0, 0.0, 0)
+    rule = Rule(FORWARD, max_surface, max_bottom, 0, 0, 0.0, 0)
     axis = (source[2], 1.0, 0.0, c)
     n = 0
     for i in range(angles.size):

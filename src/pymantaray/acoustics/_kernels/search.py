@@ -40,7 +40,7 @@ def shoot(s, floor, rule, angle, target, length, axis, tol, node, work):
     node[ANGLE], node[MISS], node[SLOPE] = angle, work.y[0] - target, work.y[2]
     node[SLOWNESS], node[TURN] = work.y[1], work.y[3]
     node[GOOD], node[CODE] = 1.0 if ok else 0.0, code
-    if rule.fold != 0 and (code % 256 // 16 if rule.fold == ON_SURFACE else code % 16) % 2 == 1:
+    if rule.fold != 0 and (code % 1024 // 32 if rule.fold == ON_SURFACE else code % 32) % 2 == 1:
         for i in (MISS, SLOPE, SLOWNESS, TURN):
             node[i] = -node[i]
 
@@ -56,9 +56,16 @@ def _same_code(a, b, fold):
 
 
 @kernel
+def _too_many(node, rule):
+    """Whether a ray was lost or reflected more often than is asked for."""
+    counts = int(node[CODE]) % 1024
+    return node[GOOD] == 0.0 or counts // 32 > rule.max_surface or counts % 32 > rule.max_bottom
+
+
+@kernel
 def fewer_bounces(bracket):
     """Which of a bracket's rays has fewer reflections."""
-    return 0 if int(bracket[0, CODE]) % 256 <= int(bracket[1, CODE]) % 256 else 1
+    return 0 if int(bracket[0, CODE]) % 1024 <= int(bracket[1, CODE]) % 1024 else 1
 
 
 @kernel
@@ -137,6 +144,8 @@ def find_brackets(
             top -= 1
             if a[GOOD] + b[GOOD] == 0.0 or (walls and same and a[CODE] * b[CODE] == 0.0):  # lost, or direct
                 continue
+            if walls and _too_many(a, rule) and _too_many(b, rule):
+                continue
             if walls and not same:
                 believed = h < trust or min(abs(a[ANGLE]), abs(b[ANGLE])) > steep
                 if h < min_width or (believed and _far(a, h) and _far(b, h)):
@@ -178,7 +187,9 @@ def find_brackets(
             if same and h < _NARROW and min(abs(a[SLOPE]), abs(b[SLOPE])) > weak:
                 continue
             if rays >= budget or rays >= MAX_RAYS or top + 3 >= st.shape[0]:
-                complete = False
+                complete = (
+                    complete and walls and not same and h < _NARROW
+                )  # an edge between reflections is no ray
                 continue
             shoot(s, floor, rule, 0.5 * (a[ANGLE] + b[ANGLE]), target, length, axis, tol_here, m, work)
             rays += 1

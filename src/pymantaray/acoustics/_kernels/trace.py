@@ -38,10 +38,11 @@ _HASH = 2**32
 MOST_BOUNCES = 15  # of each kind
 ON_SURFACE = 1  # mark of a reflection at the surface; at the sea bed it is the cell plus 2
 
-Rule = namedtuple("Rule", "kind max_surface max_bottom legs end_depth fold")
+Rule = namedtuple("Rule", "kind max_surface max_bottom spare legs end_depth fold")
 Rule.__doc__ = """What a ray does at the surface and at the sea bed.
 
-OPEN: it goes on beyond them. FORWARD: it is reflected, at most so many times. LEGS: on a vertical axis, it is
+OPEN: it goes on beyond them. FORWARD: it is reflected, at most so many times, and spare times more of each kind: a search
+needs rays on both sides of those that it may keep. LEGS: on a vertical axis, it is
 reflected ``legs - 1`` times and ends at end_depth. fold is the mark of the boundary on which the receiver is, 0 if none: the
 search then unfolds the miss, see `search.shoot`.
 """
@@ -49,9 +50,9 @@ search then unfolds the miss, see `search.shoot`.
 
 @kernel
 def append_code(code, mark):
-    """Code of a ray's reflections after one more; the last 8 bits count both kinds."""
-    counts = code % 256 + (16 if mark == ON_SURFACE else 1)
-    return ((code // 256 * 8191 + mark) % _HASH) * 256 + counts
+    """Code of a ray's reflections after one more; the last 10 bits count both kinds."""
+    counts = code % 1024 + (32 if mark == ON_SURFACE else 1)
+    return ((code // 1024 * 8191 + mark) % _HASH) * 1024 + counts
 
 
 @kernel
@@ -70,8 +71,8 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
     turns, surface, bottom : int
         Turning points in depth and reflections.
     code : int
-        Equal for rays with the same reflections, in order, on the same cells of the sea bed; 16 surface + bottom
-        modulo 256.
+        Equal for rays with the same reflections, in order, on the same cells of the sea bed; 32 surface + bottom
+        modulo 1024.
     """
     out_of_line()
     n_eq = K.shape[1]
@@ -117,7 +118,7 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
         if hit != IN_WATER:
             surface += 1 if hit == AT_SURFACE else 0
             bottom += 1 if hit == AT_BOTTOM else 0
-            if surface > rule.max_surface or bottom > rule.max_bottom:
+            if surface > rule.max_surface + rule.spare or bottom > rule.max_bottom + rule.spare:
                 return False, count, turns, surface, bottom, code
             new_sb = sb
             z = z_source + pos * sb + y[0] * cb
