@@ -16,6 +16,7 @@ from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
 from pymantaray.records import Arrivals, Observations, RayPaths, RayStatus
 from pymantaray.records.base import Column, Record, column
+from pymantaray.sensing.noise import ranged_pairs
 
 Array = NDArray[np.float64]
 
@@ -127,12 +128,8 @@ def draw_unheard(
             f"probability: {np.count_nonzero(wrong)} attempts with an arrival have none in 0 to 1, the first is"
             f" {p[wrong][0]:g}"
         )
-    participants = [str(name) for name in (*o.name, *o.landmark_name)]
-    pair = o.range_transmitter.astype(np.int64) * len(participants) + o.range_receiver
-    chance = np.empty(pair.size)
-    for key in np.unique(pair):
-        rows = np.flatnonzero(pair == key)
-        transmitter, receiver = (participants[i] for i in divmod(int(key), len(participants)))
+    chance = np.empty(ok.size)
+    for transmitter, receiver, rows in ranged_pairs(o):
         generator = stream(root_seed, realization, "sensing", transmitter, "heard", receiver)
         chance[rows] = generator.random(rows.size)
     lost = ok & ~(chance < p)

@@ -1,6 +1,7 @@
 """How noisy each measurement is."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
+from pymantaray.records import Observations
 
 Array = NDArray[np.float64]
 
@@ -99,3 +101,28 @@ class NoiseModel:
         across = np.hypot(self.odometry_xy_fraction * moved, drift)
         vertical = np.hypot(self.odometry_z_fraction * moved, drift)
         return np.stack([turn, turn, turn, across, across, vertical], axis=-1)
+
+
+def ranged_pairs(observations: Observations) -> Iterator[tuple[str, str, NDArray[np.int64]]]:
+    """
+    Range attempts of each ordered pair.
+
+    Parameters
+    ----------
+    observations : Observations
+
+    Yields
+    ------
+    transmitter, receiver : str
+        Names.
+    rows : ndarray of int
+        Attempts of the pair, in order.
+    """
+    o = observations
+    names = [str(name) for name in (*o.name, *o.landmark_name)]
+    pair = o.range_transmitter.astype(np.int64) * len(names) + o.range_receiver
+    order = np.argsort(pair, kind="stable")
+    keys, first = np.unique(pair[order], return_index=True)
+    for key, rows in zip(keys, np.split(order, first[1:]), strict=False):
+        transmitter, receiver = divmod(int(key), len(names))
+        yield names[transmitter], names[receiver], rows

@@ -10,6 +10,7 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 from pymantaray.records import Observations
 from pymantaray.sensing.clocks import ClockModel, Clocks, clock_error
 from pymantaray.sensing.detection import draw_unheard
+from pymantaray.sensing.noise import ranged_pairs
 from pymantaray.sensing.timing import OneWay, Timing
 
 Array = NDArray[np.float64]
@@ -79,13 +80,9 @@ def perturb(
     surveys = [normal((3,), str(name), "survey") for name in o.landmark_name]
     survey = np.array(surveys).reshape(-1, 3) * o.landmark_sigma[:, None]
 
-    participants = [*names, *(str(name) for name in o.landmark_name)]
-    pair = o.range_transmitter.astype(np.int64) * len(participants) + o.range_receiver
-    noise = np.empty(pair.size)
-    for key in np.unique(pair):
-        rows = np.flatnonzero(pair == key)
-        transmitter, receiver = divmod(int(key), len(participants))
-        noise[rows] = normal((rows.size,), participants[transmitter], "range", participants[receiver])
+    noise = np.empty(o.range_status.size)
+    for transmitter, receiver, rows in ranged_pairs(o):
+        noise[rows] = normal((rows.size,), transmitter, "range", receiver)
     noise *= o.range_sigma
     if isinstance(clocks, ClockModel):
         clocks = clocks.draw(names, root_seed=root_seed, realization=realization)
