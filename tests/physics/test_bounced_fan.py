@@ -243,9 +243,18 @@ def test_fan_finds_no_bounced_eigenray_that_the_solver_misses(duct):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("depth", [0.5, 75.0, 130.0, 300.0])
+@pytest.mark.parametrize(
+    "depth",
+    [
+        0.5,
+        pytest.param(60.0, marks=pytest.mark.xfail(reason="from the crest of the profile")),
+        75.0,
+        130.0,
+        300.0,
+    ],
+)
 def test_fan_finds_no_bounced_eigenray_that_the_solver_misses_on_many_links(duct, depth):
-    """160 links; none from the crest of the profile at 60 m, where angles have no digits left."""
+    """200 links."""
     missed, invented, agreed = compare(*duct, depth, receivers(40, int(10 * depth), 9e3), 1e-4)
     assert agreed >= 150, agreed
     assert not missed, report("missed", missed)

@@ -242,14 +242,15 @@ def test_fan_finds_no_eigenray_that_the_solver_misses(sections, name):
     assert not invented, report("invented", invented)
 
 
-@pytest.mark.filterwarnings("ignore:.*more eigenrays:RuntimeWarning")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["arctic", "double", "front"])
 @pytest.mark.parametrize("depth", [0.5, 5.0, 60.0, 100.0, 130.0, 200.0])
-def test_fan_finds_no_eigenray_that_the_solver_misses_on_many_links(sections, name, depth):
-    """900 links. Known limit: three rays are lost, each with an end within 10 m of the crest of a sound-speed maximum."""
-    lost = {("double", 60.0): 2, ("arctic", 5.0): 1}.get((name, depth), 0)
+def test_fan_finds_no_eigenray_that_the_solver_misses_on_many_links(sections, name, depth, request):
+    """900 links."""
+    if (name, depth) in (("double", 60.0), ("arctic", 5.0)):
+        reason = "an end within 10 m of the crest of a sound-speed maximum"
+        request.applymarker(pytest.mark.xfail(reason=reason))
     missed, invented, agreed = compare(sections[name], depth, receivers(50, int(10 * depth)))
     assert agreed >= 10
-    assert len(missed) <= lost, report("missed", missed)
+    assert not missed, report("missed", missed)
     assert not invented, report("invented", invented)
