@@ -143,7 +143,7 @@ def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt
             counts, status = np.zeros(4, dtype=np.int64), np.zeros(4, dtype=np.int8)
             for first in (1, 0):
                 solve_links(
-                    packed, medium.bathymetry, SOURCE[some], RECEIVER[some], 1, 1, 15.0, 1e-3, True,
+                    packed, medium.bed(), SOURCE[some], RECEIVER[some], 1, 1, 15.0, 1e-3, True,
                     first, 2, work, rows, counts, status, info,
                 )  # fmt: skip
             for name, block in zip(Work._fields, blocks, strict=True):

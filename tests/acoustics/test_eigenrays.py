@@ -87,13 +87,13 @@ def test_duct_carries_several_arrivals_that_a_dense_fan_confirms():
     source, receiver = np.array([0.0, 0.0, axis_depth]), np.array([9e3, 0.0, axis_depth + 20.0])
     arrivals = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None, canonical=False)
     work = workspace(medium.depth.size)
-    section, floor = baseline(medium.packed(), medium.bathymetry, source, (1.0, 0.0), 9e3, work)
+    section, floor = baseline(medium.packed(), medium.bed(), source, (1.0, 0.0), 9e3, work)
     beyond = Rule(OPEN, 0, 0, 0, 0, 0.0, 0)
     axis = (source[2], 1.0, 0.0, float(arrivals.source_sound_speed[0]))
     angles = np.linspace(-0.3, 0.3, 40_001)
     miss = np.empty(angles.size)
     for i, angle in enumerate(angles):
-        shoot(section, floor, beyond, angle, 20.0, 9e3, axis, 1e-3, work.node, work)
+        shoot(section, floor, beyond, angle, 20.0, 9e3, axis, 1e-3, 0.0, work.node, work)
         miss[i] = work.node[MISS]
     crossings = angles[:-1][np.diff(np.sign(miss)) != 0]
     wet = [a for a in crossings if np.min(np.abs(arrivals.launch_angle - a)) < 1e-4]

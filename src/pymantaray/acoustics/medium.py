@@ -11,6 +11,8 @@ from pymantaray.errors import AcousticsError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pymantaray.acoustics._kernels.boundary import Bed
+
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
 _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; outside this a unit is wrong
@@ -32,8 +34,10 @@ class Medium:
         Levels, positive down. [m]
     sound_speed : ndarray, shape (n_north, n_east, n_depth)
         [m s⁻¹]
-    bathymetry : ndarray, shape (n_north, n_east)
+    bathymetry : ndarray, shape (n_bed_north, n_bed_east)
         Depth of the sea bed. [m]
+    bed_north, bed_east : ndarray, shape (n_bed_north,), (n_bed_east,)
+        Its axes, those of the sound speed unless it came with its own. [m]
     interpolation : {"smooth", "linear"}
         C2 cubic spline in depth and cubic B-spline horizontally, or piecewise linear in depth and
         bilinear horizontally. The sea bed is bilinear in both.
@@ -44,6 +48,8 @@ class Medium:
     depth: Array
     sound_speed: Array
     bathymetry: Array
+    bed_north: Array
+    bed_east: Array
     interpolation: Interpolation
     field: Array
     knots_north: Array
@@ -60,6 +66,8 @@ class Medium:
         sound_speed: ArrayLike,
         *,
         bathymetry: ArrayLike,
+        bed_north: ArrayLike | None = None,
+        bed_east: ArrayLike | None = None,
         interpolation: Interpolation = "smooth",
     ) -> Self:
         """
@@ -71,8 +79,10 @@ class Medium:
             Axes, strictly increasing. A horizontal axis of one point means no variation along it. [m]
         sound_speed : array_like, shape (n_north, n_east, n_depth)
             [m s⁻¹]
-        bathymetry : array_like, shape (n_north, n_east)
+        bathymetry : array_like, shape (n_bed_north, n_bed_east)
             Depth of the sea bed. [m]
+        bed_north, bed_east : array_like, optional
+            Its axes, where they are not those of the sound speed; they must reach as far. [m]
         interpolation : {"smooth", "linear"}
             What lies between the grid points.
 
@@ -83,18 +93,21 @@ class Medium:
         Raises
         ------
         AcousticsError
-            If an axis does not increase, a shape does not fit, or a sound speed is not finite or outside
+            If an axis does not increase, a shape does not fit, the sea bed does not cover the water, or a sound speed is not finite or outside
             1000 to 2500 m/s.
         """
         axes = [_axis(name, values) for name, values in (("north", north), ("east", east), ("depth", depth))]
         n, e, z = axes
+        bed_n = n if bed_north is None else _axis("bed_north", bed_north)
+        bed_e = e if bed_east is None else _axis("bed_east", bed_east)
+        _check_cover(("bed_north", bed_n, n), ("bed_east", bed_e, e))
         if z.size < 2:
             raise AcousticsError(f"depth: {z.size} level; a medium needs at least 2")
         c = np.array(sound_speed, dtype=float, order="C")
         bottom = np.array(bathymetry, dtype=float, order="C")
         for name, array, shape in (
             ("sound_speed", c, (n.size, e.size, z.size)),
-            ("bathymetry", bottom, (n.size, e.size)),
+            ("bathymetry", bottom, (bed_n.size, bed_e.size)),
         ):
             if array.shape != shape:
                 raise AcousticsError(f"{name}: shape {array.shape}; the axes ask for {shape}")
@@ -124,9 +137,9 @@ class Medium:
             field = c
         lut = np.zeros(LUT_SIZE, dtype=np.int32)
         scale = float(depth_lut(z, lut))
-        for array in (n, e, z, c, bottom, field, knots_n, knots_e, lut):
+        for array in (n, e, z, c, bottom, bed_n, bed_e, field, knots_n, knots_e, lut):
             array.setflags(write=False)
-        return cls(n, e, z, c, bottom, interpolation, field, knots_n, knots_e, lut, scale)
+        return cls(n, e, z, c, bottom, bed_n, bed_e, interpolation, field, knots_n, knots_e, lut, scale)
 
     @classmethod
     def from_profile(
@@ -196,12 +209,16 @@ class Medium:
             raise AcousticsError(
                 f"ocean data set lacks {', '.join(missing)}; make it with open_ocean and to_local"
             )
+        bed = ocean["sea_floor_depth"]
+        axes = ("floor_north", "floor_east") if "floor_north" in bed.dims else ("north", "east")
         return cls.from_grid(
             ocean["north"].values,
             ocean["east"].values,
             ocean["depth"].values,
             ocean["sound_speed"].transpose("north", "east", "depth").values,
-            bathymetry=ocean["sea_floor_depth"].transpose("north", "east").values,
+            bathymetry=bed.transpose(*axes).values,
+            bed_north=bed[axes[0]].values,
+            bed_east=bed[axes[1]].values,
             interpolation=interpolation,
         )
 
@@ -220,7 +237,7 @@ class Medium:
             Bilinear between the grid points, at the edge's depth outside. [m]
         """
         place = np.atleast_2d(np.asarray(position, dtype=float))
-        axes = [(axis, k) for k, axis in enumerate((self.north, self.east)) if axis.size > 1]
+        axes = [(axis, k) for k, axis in enumerate((self.bed_north, self.bed_east)) if axis.size > 1]
         inside = [np.clip(place[:, k], axis[0], axis[-1]) for axis, k in axes]
         values = self.bathymetry.reshape([axis.size for axis, _ in axes])
         if not axes:
@@ -237,6 +254,12 @@ class Medium:
         from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH
 
         return SMOOTH if self.interpolation == "smooth" else LINEAR
+
+    def bed(self) -> "Bed":
+        """Give the sea bed as the kernels take it."""
+        from pymantaray.acoustics._kernels.boundary import Bed
+
+        return Bed(self.bed_north, self.bed_east, self.bathymetry)
 
     def packed(self) -> tuple[object, ...]:
         """Give the medium as the tuple of arrays that the kernels take; columns of a section at an eighth of a cell."""
@@ -264,6 +287,16 @@ def _axis(name: str, values: ArrayLike) -> Array:
     if not np.all(np.isfinite(axis)) or np.any(np.diff(axis) <= 0.0):
         raise AcousticsError(f"{name}: axis must be finite and strictly increasing")
     return axis
+
+
+def _check_cover(*axes: tuple[str, Array, Array]) -> None:
+    """The sea bed must lie under all of the water; one point means that it does not vary along the axis."""
+    for name, own, water in axes:
+        slack = 1e-6 * max(np.ptp(water), 1.0)
+        if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
+            raise AcousticsError(
+                f"{name}: {own[0]:g} to {own[-1]:g} m; must reach over the water, {water[0]:g} to {water[-1]:g} m"
+            )
 
 
 def _bspline(axis_points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:

@@ -62,7 +62,7 @@ def trace_paths(
         raise AcousticsError(
             f"source has shape {a.shape}, receiver {b.shape}; the arrivals are of {arrivals.status.size} links"
         )
-    packed = medium.packed()
+    packed, bed = medium.packed(), medium.bed()
     backwards = solved_backwards(a, b)
     directions = np.array([_unit(step) for step in np.where(backwards[:, None], a - b, b - a)[:, :2]])
     ends, units, turned = (
@@ -84,7 +84,7 @@ def trace_paths(
             part = slice(start, stop)
             traced = trace_arrivals(
                 packed,
-                medium.bathymetry,
+                bed,
                 ends[part],
                 units[part],
                 turned[part],
@@ -177,7 +177,7 @@ def trace_fan(
     while done < angles.size:
         traced = trace_launches(
             packed,
-            medium.bathymetry,
+            medium.bed(),
             start[0],
             (unit[0], unit[1]),
             float(distance),

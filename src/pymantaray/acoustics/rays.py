@@ -95,10 +95,10 @@ def ray_picture(
     floor = np.empty(n_range)
     surface = np.zeros(1)
     section_grid(
-        packed, medium.bathymetry, a, unit, horizontal, ranges, surface, np.empty((n_range, 1)), floor, work
+        packed, medium.bed(), a, unit, horizontal, ranges, surface, np.empty((n_range, 1)), floor, work
     )
     depths, c = np.linspace(0.0, 1.03 * floor.max(), n_depth), np.empty((n_range, n_depth))
-    section_grid(packed, medium.bathymetry, a, unit, horizontal, ranges, depths, c, floor, work)
+    section_grid(packed, medium.bed(), a, unit, horizontal, ranges, depths, c, floor, work)
     metres = {"units": "m"}
     return xr.Dataset(
         {

@@ -74,7 +74,7 @@ def solve_on_processor(
     from pymantaray.acoustics._kernels.link import solve_links
     from pymantaray.acoustics._kernels.workspace import workspace
 
-    packed = medium.packed()
+    packed, bed = medium.packed(), medium.bed()
     own = threading.local()  # arrays made anew for each block would cost page faults
 
     def solve(start: int, stop: int) -> Solved:
@@ -83,7 +83,7 @@ def solve_on_processor(
         room, n = own.room, stop - start
         solve_links(
             packed,
-            medium.bathymetry,
+            bed,
             source[start:stop],
             receiver[start:stop],
             *settings,
@@ -118,7 +118,7 @@ def solve_on_cuda(
     """
     from pymantaray.acoustics._kernels.solve_cuda import CudaSolver
 
-    solver = CudaSolver(medium.packed(), medium.bathymetry, source, receiver, settings)
+    solver = CudaSolver(medium.packed(), medium.bed(), source, receiver, settings)
     for start in range(0, max(len(source), 1), _WAVE):
         part = slice(start, start + _WAVE)
         room = _Room(len(source[part]))

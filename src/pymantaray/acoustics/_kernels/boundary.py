@@ -17,6 +17,9 @@ IN_WATER, AT_SURFACE, AT_BOTTOM = 0, 1, 2
 TIME, RANGE, DEPTH, SIDE, P_RANGE, P_DEPTH, P_SIDE, BOUNDARY = 0, 1, 2, 3, 4, 5, 6, 7
 N_PATH = 8
 
+Bed = namedtuple("Bed", "north east depth")
+Bed.__doc__ = """Bathymetry on its own axes, one point where it does not vary; bilinear."""
+
 Floor = namedtuple("Floor", "north east bathymetry n0 e0 un ue breaks n_breaks across")
 Floor.__doc__ = """The sea bed under one baseline; breaks are the ranges at which it crosses grid lines, the ends too.
 
@@ -73,8 +76,9 @@ def across_plane(floor, share):
 
 
 @kernel
-def bottom_at(north, east, bathymetry, n, e):
+def bottom_at(bed, n, e):
     """Bilinear depth of the sea bed."""
+    north, east, bathymetry = bed.north, bed.east, bed.depth
     i, j, sn, se, _, _ = bilinear_weights(north, east, n, e, n, e)
     di = 1 if north.size > 1 else 0
     dj = 1 if east.size > 1 else 0

@@ -20,7 +20,7 @@ from pymantaray.acoustics._kernels.limits import (
 from pymantaray.acoustics._kernels.paths import chord_travel_time
 from pymantaray.acoustics._kernels.refine import polish, refine, unresolved_db
 from pymantaray.acoustics._kernels.rows import N_COLUMNS, finish, sort_rows
-from pymantaray.acoustics._kernels.search import GOOD, MISS, find_brackets, shoot
+from pymantaray.acoustics._kernels.search import GOOD, MISS, copy_ray, find_brackets, shoot
 from pymantaray.acoustics._kernels.section import LINEAR, cut_section, line_breaks
 from pymantaray.acoustics._kernels.trace import OPEN, Rule
 
@@ -35,7 +35,7 @@ RESOLUTION = 1e-6  # rad; narrower intervals of a fan are not divided
 
 
 @kernel
-def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cutoff_db, tol, work, info):
+def solve_link(medium, bed, source, receiver, max_surface, max_bottom, cutoff_db, tol, work, info):
     """All eigenrays of one link with at most so many reflections.
 
     work.rows receives the arrivals, see `rows`; info receives chord travel time, c at both ends, margin,
@@ -51,8 +51,7 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
             return 0, OUTSIDE
         if east.size > 1 and not east[0] <= point[1] <= east[east.size - 1]:
             return 0, OUTSIDE
-        bed = bottom_at(north, east, bathymetry, point[0], point[1])
-        if not 0.0 <= point[2] <= bed + TOUCH:
+        if not 0.0 <= point[2] <= bottom_at(bed, point[0], point[1]) + TOUCH:
             return 0, OUTSIDE
     dn = receiver[0] - source[0]
     de = receiver[1] - source[1]
@@ -84,9 +83,11 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
         cb, sb, span, target = math.cos(slope), math.sin(slope), length, 0.0
     axis = (z0, cb, sb, c0)
     n_breaks = line_breaks(
-        north, east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work.floor_breaks
+        bed.north, bed.east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work.floor_breaks
     )
-    floor = Floor(north, east, bathymetry, source[0], source[1], un, ue, work.floor_breaks, n_breaks, 1.0)
+    floor = Floor(
+        bed.north, bed.east, bed.depth, source[0], source[1], un, ue, work.floor_breaks, n_breaks, 1.0
+    )
     rule = Rule(OPEN, 0, 0, 0, 0, 0.0, 0)
     miss = min(1e-2, 1e-6 * length)
     tol *= max(1.0, length / LONG)
@@ -102,13 +103,15 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
     if steep:
         # one ray: the bracket of a regula falsi about the chord
         half = 0.02
-        a, b = brackets[0, 0], brackets[0, 1]
+        a, b = work.stack[0, 0], work.stack[0, 1]
         while True:
-            shoot(s, floor, rule, -half, target, span, axis, coarse, a, work)
-            shoot(s, floor, rule, half, target, span, axis, coarse, b, work)
+            shoot(s, floor, rule, -half, target, span, axis, coarse, 0.0, a, work)
+            shoot(s, floor, rule, half, target, span, axis, coarse, 0.0, b, work)
             rays += 2
             if a[GOOD] * b[GOOD] > 0.0 and a[MISS] * b[MISS] <= 0.0:
                 found = 1
+                copy_ray(a, brackets[0, 0])
+                copy_ray(b, brackets[0, 1])
                 break
             half *= 2.0
             if half > 0.64:
@@ -199,7 +202,7 @@ def solve_link(medium, bathymetry, source, receiver, max_surface, max_bottom, cu
 @kernel
 def solve_links(
     medium,
-    bathymetry,
+    bed,
     source,
     receiver,
     max_surface,
@@ -229,9 +232,7 @@ def solve_links(
                     break
         if turned:
             a, b = b, a
-        n, status[i] = solve_link(
-            medium, bathymetry, a, b, max_surface, max_bottom, cutoff_db, tol, work, info[i]
-        )
+        n, status[i] = solve_link(medium, bed, a, b, max_surface, max_bottom, cutoff_db, tol, work, info[i])
         rows = work.rows
         if n > all_rows.shape[1]:
             n = all_rows.shape[1]

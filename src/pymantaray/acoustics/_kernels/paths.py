@@ -66,13 +66,12 @@ def chord_travel_time(s, length, horizontal, z0, z1, cuts):
 
 
 @kernel
-def baseline(medium, bathymetry, source, unit, horizontal, work):
+def baseline(medium, bed, source, unit, horizontal, work):
     """Section and sea bed along a baseline."""
-    north, east = medium[1], medium[2]
     s = cut_section(medium, source[0], source[1], unit[0], unit[1], horizontal, work)
     n = line_breaks(
-        north,
-        east,
+        bed.north,
+        bed.east,
         source[0],
         source[1],
         unit[0],
@@ -82,12 +81,12 @@ def baseline(medium, bathymetry, source, unit, horizontal, work):
         work.floor_breaks,
     )
     return s, Floor(
-        north, east, bathymetry, source[0], source[1], unit[0], unit[1], work.floor_breaks, n, 1.0
+        bed.north, bed.east, bed.depth, source[0], source[1], unit[0], unit[1], work.floor_breaks, n, 1.0
     )
 
 
 @kernel
-def trace_arrival(medium, bathymetry, source, receiver, slowness, n_surface, n_bottom, tol, work):
+def trace_arrival(medium, bed, source, receiver, slowness, n_surface, n_bottom, tol, work):
     """Trace one eigenray again, launched with a slowness, into work.path; return the steps and c at the source."""
     dn, de = receiver[0] - source[0], receiver[1] - source[1]
     z0, z1 = source[2], receiver[2]
@@ -96,7 +95,7 @@ def trace_arrival(medium, bathymetry, source, receiver, slowness, n_surface, n_b
     unit = (1.0, 0.0)
     if horizontal > 0.0:
         unit = (dn / horizontal, de / horizontal)
-    s, floor = baseline(medium, bathymetry, source, unit, horizontal, work)
+    s, floor = baseline(medium, bed, source, unit, horizontal, work)
     c0 = field_at(s, 0.0, z0)
     forward = (slowness[0] * unit[0] + slowness[1] * unit[1]) * c0
     side = (slowness[1] * unit[0] - slowness[0] * unit[1]) * c0
@@ -124,9 +123,7 @@ def trace_arrival(medium, bathymetry, source, receiver, slowness, n_surface, n_b
 
 
 @kernel
-def trace_arrivals(
-    medium, bathymetry, ends, units, turned, slowness, times, bounces, tol, work, nodes, counts
-):
+def trace_arrivals(medium, bed, ends, units, turned, slowness, times, bounces, tol, work, nodes, counts):
     """Trace eigenrays into rows of nodes, in the local frame and from the source, as long as there is room for any.
 
     ends (n, 2, 3) holds source and receiver, units (n, 2) the direction of the baseline from the end of launch, which is the
@@ -146,7 +143,7 @@ def trace_arrivals(
         a = 1 if turned[i] else 0
         start, end = ends[i, a], ends[i, 1 - a]
         steps, c = trace_arrival(
-            medium, bathymetry, start, end, slowness[i], bounces[i, 0], bounces[i, 1], tol, work
+            medium, bed, start, end, slowness[i], bounces[i, 0], bounces[i, 1], tol, work
         )
         m = min(steps + 1, work.path.shape[0])
         for j in range(m):
@@ -168,10 +165,10 @@ def trace_arrivals(
 
 @kernel
 def trace_launches(
-    medium, bathymetry, source, unit, distance, angles, max_surface, max_bottom, tol, work, nodes, counts
+    medium, bed, source, unit, distance, angles, max_surface, max_bottom, tol, work, nodes, counts
 ):
     """Trace a fan of rays into rows of nodes, in the local frame, as long as there is room for any; return the number traced."""
-    s, floor = baseline(medium, bathymetry, source, unit, distance, work)
+    s, floor = baseline(medium, bed, source, unit, distance, work)
     c = field_at(s, 0.0, source[2])
     rule = Rule(FORWARD, max_surface, max_bottom, 0, 0, 0.0, 0)
     axis = (source[2], 1.0, 0.0, c)
@@ -204,12 +201,11 @@ def _local_node(row, start, un, ue, c, node):
 
 
 @kernel
-def section_grid(medium, bathymetry, source, unit, horizontal, ranges, depths, speed, floor, work):
+def section_grid(medium, bed, source, unit, horizontal, ranges, depths, speed, floor, work):
     """Sound speed (range, depth) and sea bed along a baseline."""
-    north, east = medium[1], medium[2]
     s = cut_section(medium, source[0], source[1], unit[0], unit[1], horizontal, work)
     for i in range(ranges.size):
         r = ranges[i]
-        floor[i] = bottom_at(north, east, bathymetry, source[0] + r * unit[0], source[1] + r * unit[1])
+        floor[i] = bottom_at(bed, source[0] + r * unit[0], source[1] + r * unit[1])
         for k in range(depths.size):
             speed[i, k] = field_at(s, r, depths[k])

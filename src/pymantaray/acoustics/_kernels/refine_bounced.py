@@ -20,7 +20,7 @@ def _in_plane(s, floor, rule, bracket, target, length, axis, tol, work):
     node = work.node
     previous = math.inf
     for it in range(60):
-        shoot(s, floor, rule, m, target, length, axis, tol, node, work)
+        shoot(s, floor, rule, m, target, length, axis, tol, 0.0, node, work)
         f, d = node[MISS], node[SLOPE]
         if node[GOOD] == 0.0 or node[CODE] != code:
             return m, False

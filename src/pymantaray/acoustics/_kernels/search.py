@@ -4,7 +4,8 @@ A fan of rays gives the miss ``F`` and its derivative by the launch angle. Betwe
 Hermite polynomial, judged against a ray in the middle wherever a root is possible; intervals are halved
 until each holds one root, none, or is narrower than the resolution. Pairs of roots about an extremum of
 F (a caustic) show by the signs of the derivatives; rays that go through several cycles between neighbours show by
-the slowness at the receiver, whose cubic is then not resolved.
+the slowness at the receiver, whose cubic is then not resolved. Where rays diverge their own errors grow with them: such
+a ray is traced again, more finely, if it comes near the receiver.
 """
 
 import math
@@ -13,33 +14,55 @@ import numpy as np
 
 from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.cubic import cubic
-from pymantaray.acoustics._kernels.trace import ON_SURFACE, OPEN, append_code, trace
+from pymantaray.acoustics._kernels.trace import GONE, GROWN, ON_SURFACE, OPEN, append_code, trace
 
-# columns of a ray of a fan; DEFECT is scratch: of the cubic about it, or of the interval that it starts or ends
-ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT = 0, 1, 2, 3, 4, 5, 6, 7
-N_NODE = 8
+# columns of a ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, which reflections;
+# scratch: error of the cubic about it, where it left the water (0: nowhere), tolerance, how far it diverged on its way
+ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT, LEFT, TOL, GROWTH = range(11)
+N_NODE = 11
+N_BRACKET = 7  # of these an end of a bracket has the first
 MAX_ROOTS = 256
 MAX_STACK = 128
 MAX_RAYS = 20_000
 MAX_RAYS_INTERVAL = 1000
 _RESOLVED = 0.3  # of the vertical slowness: defect of its cubic up to which its cycles are taken as resolved
 _NARROW = 5e-5  # rad; between two weak rays so near to each other none is looked for
-_BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this times each end's slope defect
+_BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this times each end's slope defect;
+_WHOLE, _HALVED = 4.0, 1.5  # safety of it in an interval of the first fan, and in half of one
+# Where rays diverge, measured by straight ones, the errors made on their way grow with them
+_DIVERGING = 3.0  # from here on a ray is traced anew with a tolerance that allows for it,
+_HOPELESS = 1e3  # up to here: weaker ones are no arrivals
+_AMPLIFIED, _MOST = (
+    10.0,
+    100.0,
+)  # the tolerance is smaller by the first times the divergence, or times the second
+_ERRING = 500.0  # times tolerance and divergence away from the receiver, errors do not matter
+_APART = 0.25  # of the link: rays that left the water so far from each other did so at other cycles,
+_WINDOW = 2e-5  # rad; and between them may be a window of rays that did not, if not narrower than this
 
 
 @kernel
-def shoot(s, floor, rule, angle, target, length, axis, tol, node, work):
-    """Trace a ray of a fan into a node: angle, miss at the receiver's plane, its slope, slowness, its slope, ok, code.
+def shoot(s, floor, rule, angle, target, length, axis, tol, growth, node, work):
+    """Trace a ray of a fan into a node, so that it ends within tol of where it should; growth is the divergence to expect.
 
     Slopes are derivatives by the launch angle. For a receiver on a boundary a reflection there is unfolded: rays that were
     reflected just before they reach it miss it on the other side, so that the miss changes sign at the receiver.
     """
-    ok, _, _, _, _, code = trace(
-        s, floor, rule, angle, 0.0, length, axis, tol, work.y, work.K_fan, work.ynew, work.no_path
-    )
+    grown = 0.0
+    while True:
+        allowed = tol / (_AMPLIFIED * min(growth, _MOST)) if _DIVERGING < growth < _HOPELESS else tol
+        ok, _, _, _, _, code = trace(
+            s, floor, rule, angle, 0.0, length, axis, allowed, work.y, work.K_fan, work.ynew, work.no_path
+        )
+        grown = work.y[GROWN] / length
+        far = work.y[GONE] > 0.0 or grown > _HOPELESS or abs(work.y[0] - target) > _ERRING * tol * grown
+        if grown < max(_DIVERGING, 1.5 * growth) or far:
+            break
+        growth = grown
     node[ANGLE], node[MISS], node[SLOPE] = angle, work.y[0] - target, work.y[2]
     node[SLOWNESS], node[TURN] = work.y[1], work.y[3]
     node[GOOD], node[CODE] = 1.0 if ok else 0.0, code
+    node[LEFT], node[TOL], node[GROWTH] = work.y[GONE], tol, grown
     if rule.fold != 0 and (code % 1024 // 32 if rule.fold == ON_SURFACE else code % 32) % 2 == 1:
         for i in (MISS, SLOPE, SLOWNESS, TURN):
             node[i] = -node[i]
@@ -86,8 +109,16 @@ def _oscillates(a, b, h):
 
 
 @kernel
-def _copy(source, target):
-    for i in range(N_NODE):
+def _window(a, b, h, length):
+    """Whether between two rays that left the water may be some that stay in it: that turn below it at one more cycle."""
+    both = a[LEFT] * b[LEFT] > 0.0
+    return both and h > _WINDOW and abs(a[LEFT] - b[LEFT]) > _APART * length
+
+
+@kernel
+def copy_ray(source, target):
+    """Copy as many columns of a ray as there is room for."""
+    for i in range(target.shape[0]):
         target[i] = source[i]
 
 
@@ -108,14 +139,14 @@ def find_brackets(
     margin = np.inf
     rays = n_nodes
     for i in range(n_nodes):
-        shoot(s, floor, rule, work.nodes[i], target, length, axis, tol, fan[i], work)
+        shoot(s, floor, rule, work.nodes[i], target, length, axis, tol, 0.0, fan[i], work)
         fan[i, DEFECT] = 0.0
         if fan[i, GOOD] > 0.0:
             margin = min(margin, abs(fan[i, MISS]))
     for i in range(1, n_nodes - 1):
         a, m, b = fan[i - 1], fan[i], fan[i + 1]
         if a[GOOD] * m[GOOD] * b[GOOD] > 0.0 and a[CODE] == m[CODE] == b[CODE]:
-            m[DEFECT] = _defect(a, m, b) / 8.0
+            m[DEFECT] = 2.0 * _defect(a, m, b)
     n_found = 0
     complete = True
     left, right = 0, n_nodes - 2
@@ -127,17 +158,17 @@ def find_brackets(
             i = right
             right -= 1
         top = 0
-        _copy(fan[i], st[0, 0])
-        _copy(fan[i + 1], st[0, 1])
+        copy_ray(fan[i], st[0, 0])
+        copy_ray(fan[i + 1], st[0, 1])
         st[0, 0, DEFECT] = max(fan[i, DEFECT], fan[i + 1, DEFECT])
-        st[0, 1, DEFECT] = tol
         budget = rays + MAX_RAYS_INTERVAL
         room = n_found + MAX_ROOTS // 4
         outwards = fan[i, ANGLE] + fan[i + 1, ANGLE] > 0.0
+        width = fan[i + 1, ANGLE] - fan[i, ANGLE]
         while top >= 0:
             a, b, m = st[top, 0], st[top, 1], work.node
             fa, fb = a[MISS], b[MISS]
-            e, tol_here = a[DEFECT], b[DEFECT]
+            e, tol_here = a[DEFECT], max(a[TOL], b[TOL])
             h = b[ANGLE] - a[ANGLE]
             alive = a[GOOD] > 0.0 and b[GOOD] > 0.0
             same = alive and _same_code(a, b, rule.fold)
@@ -163,25 +194,33 @@ def find_brackets(
                     )
                     if (single and e < 0.05 * abs(rise)) or h < min_width:
                         if n_found < min(brackets.shape[0], room):
-                            _copy(a, brackets[n_found, 0])
-                            _copy(b, brackets[n_found, 1])
+                            copy_ray(a, brackets[n_found, 0])
+                            copy_ray(b, brackets[n_found, 1])
                             n_found += 1
                         else:
                             complete = False
                         continue
                 else:
                     nearest = min(abs(fa), abs(fb))
-                    reach = 1.5 * _BOUND * (abs(ea) + abs(eb)) + e
-                    if h < min_width or (nearest > reach + tol_here and not _oscillates(a, b, h)):
+                    reach = (_WHOLE if h == width else _HALVED) * _BOUND * (abs(ea) + abs(eb)) + e
+                    window = (
+                        s.n_range > 1
+                        and h > _WINDOW
+                        and a[LEFT] * b[LEFT] > 0.0
+                        and abs(a[LEFT] - b[LEFT]) > _APART * length
+                    )
+                    clear = nearest > reach + tol_here and not window and not _oscillates(a, b, h)
+                    if h < min_width or clear:
                         continue
             elif h < min_width:
                 continue
             doubtful = fa * fb < 0.0 and h < _NARROW  # rays part so fast that the fan's tolerance shows
             if same and tol_here > fine and (doubtful or min(abs(fa), abs(fb)) < 4.0 * tol_here):
                 for end in (a, b):
-                    shoot(s, floor, rule, end[ANGLE], target, length, axis, fine, end, work)
-                a[DEFECT], b[DEFECT] = e, fine
-                rays += 2
+                    if end[TOL] > fine:
+                        shoot(s, floor, rule, end[ANGLE], target, length, axis, fine, end[GROWTH], end, work)
+                        rays += 1
+                a[DEFECT] = e
                 top += 1
                 continue
             if same and h < _NARROW and min(abs(a[SLOPE]), abs(b[SLOPE])) > weak:
@@ -191,33 +230,38 @@ def find_brackets(
                     complete and walls and not same and h < _NARROW
                 )  # an edge between reflections is no ray
                 continue
-            shoot(s, floor, rule, 0.5 * (a[ANGLE] + b[ANGLE]), target, length, axis, tol_here, m, work)
+            growth = min(a[GROWTH], b[GROWTH]) if a[LEFT] * b[LEFT] == 0.0 else 0.0
+            shoot(
+                s, floor, rule, 0.5 * (a[ANGLE] + b[ANGLE]), target, length, axis, tol_here, growth, m, work
+            )
             rays += 1
             if m[GOOD] > 0.0:
                 margin = min(margin, abs(m[MISS]))
             if m[GOOD] > 0.0 and same and _same_code(a, m, rule.fold) and _same_code(m, b, rule.fold):
-                e = _defect(a, m, b) / 4.0
+                e = 4.0 * _defect(a, m, b)
             elif walls:
                 e = 1e30  # not known: judge the halves by their own middles
             # the steeper half goes on top: towards a sound-speed minimum's axis rays may be without number
             top += 1
             if outwards:
-                _copy(b, st[top + 1, 1])
-                _copy(m, st[top + 1, 0])
-                _copy(m, b)
+                copy_ray(b, st[top + 1, 1])
+                copy_ray(m, st[top + 1, 0])
+                copy_ray(m, b)
             else:
-                _copy(a, st[top + 1, 0])
-                _copy(m, st[top + 1, 1])
-                _copy(m, a)
+                copy_ray(a, st[top + 1, 0])
+                copy_ray(m, st[top + 1, 1])
+                copy_ray(m, a)
             for half in range(2):
-                st[top + half, 0, DEFECT], st[top + half, 1, DEFECT] = e, tol_here
+                st[top + half, 0, DEFECT] = e
             top += 1
     return n_found, margin, rays, complete
 
 
 @kernel
 def _defect(a, m, b):
-    """Distance of a ray's miss from the cubic between two others."""
+    """Greatest departure of the cubic over the wider part of [a, b], from that of the ray between: a quartic's."""
     h = b[ANGLE] - a[ANGLE]
     t = (m[ANGLE] - a[ANGLE]) / h
-    return abs(m[MISS] - cubic(t, h, a[MISS], a[SLOPE], b[MISS], b[SLOPE]))
+    found = abs(m[MISS] - cubic(t, h, a[MISS], a[SLOPE], b[MISS], b[SLOPE]))
+    shape = max((t * (1.0 - t)) ** 2, 1e-4)
+    return found / 16.0 / shape * max(t, 1.0 - t) ** 4

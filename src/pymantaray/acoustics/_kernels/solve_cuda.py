@@ -13,6 +13,7 @@ from numba import cuda, float64
 from numba.core.errors import NumbaPerformanceWarning
 from numpy.typing import NDArray
 
+from pymantaray.acoustics._kernels.boundary import Bed
 from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.acoustics._kernels.step import N_FAN, N_FULL
 from pymantaray.acoustics._kernels.workspace import Work, least_shapes
@@ -26,7 +27,7 @@ _SHARE = 0.7  # of the free memory of the device, for workspaces
 @cuda.jit(cache=True)
 def solve_wave(
     medium,
-    bathymetry,
+    bed,
     source,
     receiver,
     max_surface,
@@ -67,7 +68,7 @@ def solve_wave(
     )
     solve_links(
         medium,
-        bathymetry,
+        bed,
         source,
         receiver,
         max_surface,
@@ -91,7 +92,7 @@ class CudaSolver:
     def __init__(
         self,
         packed: tuple[Any, ...],
-        bathymetry: Array,
+        bed: Bed,
         source: Array,
         receiver: Array,
         settings: tuple[int, int, float, float, bool],
@@ -100,7 +101,7 @@ class CudaSolver:
         sizes = least_shapes(packed, float(np.hypot(step[:, 0], step[:, 1]).max(initial=0.0)))
         self._threads = thread_count(len(source), sizes)
         self._medium = tuple(cuda.to_device(a) if isinstance(a, np.ndarray) else a for a in packed)
-        self._floor = cuda.to_device(bathymetry)
+        self._floor = Bed(*(cuda.to_device(a) for a in bed))
         self._work = Work(*(cuda.device_array((self._threads, *shape)) for shape in sizes))
         self._settings = settings
 

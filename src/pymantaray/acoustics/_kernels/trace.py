@@ -29,9 +29,13 @@ from pymantaray.acoustics._kernels.faces import (
     start_cell,
 )
 from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level, move_level
-from pymantaray.acoustics._kernels.step import N_FULL, derivative, step, step_error
+from pymantaray.acoustics._kernels.step import N_FAN, N_FULL, derivative, step, step_error
 
 MAX_STEPS = 100_000
+GONE, GROWN = (
+    4,
+    7,
+)  # of a fan's end state: where an OPEN ray left the water (0: nowhere), the largest |xi| on its way
 OPEN, FORWARD, LEGS = 0, 1, 2
 _LONG = 1e7  # m; a leg that a boundary ends
 _HASH = 2**32
@@ -60,7 +64,7 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
     """Trace one ray to the distance length along the axis, for LEGS to the end of the last leg.
 
     angle is the launch angle from the axis, q0 the slowness out of the plane, tol the end displacement
-    allowed over length. [rad, 1, m] The end state is left in y, its derivative in K[0]. K (7, N_FULL) asks for
+    allowed over length. [rad, 1, m] The end state is left in y (a fan's with GONE and GROWN besides), its derivative in K[0]. K (7, N_FULL) asks for
     the full state, K (7, N_FAN) for that of a fan; path (n, N_PATH) takes every accepted step of a full ray when it has rows.
 
     Returns
@@ -215,8 +219,12 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
                 derivative(s, b, k, pos, y, K[0], n_eq, axis)
         count += 1
         new_down = sb + K[0, 0] * cb
+        z = z_source + pos * sb + y[0] * cb
+        if n_eq == N_FAN:
+            y[GROWN] = max(y[GROWN], abs(y[2]))
+            if z < 0.0 and y[GONE] == 0.0 and not walls:
+                y[GONE] = pos
         if s.kind == SMOOTH:
-            z = z_source + pos * sb + y[0] * cb
             k = move_level(s.depth, k, z)
             if n_eq == N_FULL:
                 h = min(h, _to_level(s, k, z, new_down))

@@ -7,13 +7,13 @@ import numpy as np
 
 from pymantaray.acoustics._kernels.boundary import N_PATH
 from pymantaray.acoustics._kernels.rows import N_COLUMNS
-from pymantaray.acoustics._kernels.search import MAX_ROOTS, MAX_STACK, N_NODE
+from pymantaray.acoustics._kernels.search import MAX_ROOTS, MAX_STACK, N_BRACKET, N_NODE
 from pymantaray.acoustics._kernels.section import MAX_COLUMNS, SMOOTH
 from pymantaray.acoustics._kernels.step import N_FAN, N_FULL
 
 MAX_PATH = 32_768
 MAX_NODES = 4096
-_ANGLES = 1024  # nodes of a first fan besides those of the levels: twice the widest fan over its spacing
+_ANGLES = 768  # nodes of a first fan besides those of the levels: twice the widest fan over its spacing
 
 Work = namedtuple(
     "Work",
@@ -50,7 +50,7 @@ def shapes(
         fan=(nodes, N_NODE),
         extremes=(2, n_depth),
         stack=(MAX_STACK, 2, N_NODE),
-        brackets=(MAX_ROOTS, 2, N_NODE),
+        brackets=(MAX_ROOTS, 2, N_BRACKET),
         rows=(MAX_ROOTS, N_COLUMNS),
     )
 

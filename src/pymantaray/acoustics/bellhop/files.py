@@ -99,7 +99,9 @@ def write_bellhop(
     reach = 10_000.0 + 2.0 * float(np.abs(ends - centre).max())
     x, y = medium.north - north0, medium.east - east0
     uniform = medium.sound_speed.shape[:2] == (1, 1)
-    texts = {".bty": bty_text(x, y, medium.bathymetry, reach=reach)}
+    texts = {
+        ".bty": bty_text(medium.bed_north - north0, medium.bed_east - east0, medium.bathymetry, reach=reach)
+    }
     if not uniform:
         texts[".ssp"] = ssp_text(x, y, medium.depth, medium.sound_speed, reach=reach)
     profile = medium.sound_speed.mean(axis=(0, 1)) if not uniform else medium.sound_speed[0, 0]

@@ -44,8 +44,18 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
                 c = make_interp_spline(old, c, k=min(3, old.size - 1), axis=axis)(new)
     else:
         c = _linear((medium.north, medium.east, medium.depth), c, (north, east, depth))
-    bed = _linear((medium.north, medium.east), medium.bathymetry, (north, east))
-    return Medium.from_grid(north, east, depth, c, bathymetry=bed, interpolation="linear")
+    bed_north, bed_east = _cut(medium.bed_north, horizontal), _cut(medium.bed_east, horizontal)
+    bed = _linear((medium.bed_north, medium.bed_east), medium.bathymetry, (bed_north, bed_east))
+    return Medium.from_grid(
+        north,
+        east,
+        depth,
+        c,
+        bathymetry=bed,
+        bed_north=bed_north,
+        bed_east=bed_east,
+        interpolation="linear",
+    )
 
 
 def merge_grids(
