@@ -45,7 +45,7 @@ lint: $(VENV)/.ready-lint
 bench: $(VENV)/.ready-run
 	@set -e; for script in benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script $(ARGS); done
 
-UV_TEST := uv run --quiet --isolated --no-project --with-editable . --with "pytest>=9" --with "hypothesis>=6.115" --with "evo>=1.31"
+UV_TEST := uv run --quiet --isolated --no-project --with-editable . --with "pytest>=9" --with "hypothesis>=6.115" --with "evo>=1.31" --with "pydap>=3.5.9" --with waitress --with "zarr>=3.1" --with h5py --with copernicusmarine
 
 matrix:
 	for version in 3.11 3.12 3.13; do $(UV_TEST) --python $$version python -m pytest $(ARGS) || exit 1; done

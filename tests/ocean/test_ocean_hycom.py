@@ -1,5 +1,9 @@
 """HYCOM's files as they come: packed or not, apart or together, whole or broken."""
 
+import resource
+import struct
+import time
+
 import gsw
 import numpy as np
 import pytest
@@ -9,7 +13,7 @@ from hypothesis import strategies as st
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean import open_ocean, to_local
-from pymantaray.ocean.hycom import _contiguous
+from pymantaray.ocean.hycom import contiguous
 from pymantaray.ocean.seawater import sound_speed
 
 PACKING = {"dtype": "int16", "scale_factor": 0.001, "_FillValue": -30000}
@@ -115,7 +119,7 @@ def test_longitudes_of_any_convention_are_put_in_a_row(tmp_path, small, conventi
 def test_any_window_less_than_a_circle_becomes_contiguous(start, step, n, turn):
     true = start + step * np.arange(n)
     written = np.roll((true + 180.0) % 360.0 - 180.0, turn % n)
-    order, lon = _contiguous(written)
+    order, lon = contiguous(written)
     np.testing.assert_allclose(np.diff(lon), step, atol=1e-9)
     np.testing.assert_allclose((lon - written[order] + 1.0) % 360.0, 1.0, atol=1e-9)
     assert -180.0 <= 0.5 * (lon[0] + lon[-1]) < 180.0 + 1e-9
@@ -190,12 +194,160 @@ def test_a_file_of_something_else_is_refused(tmp_path, small):
     page = tmp_path / "error.nc"
     page.write_text("<html>503 Service Unavailable</html>")
     assert "neither NetCDF-3 nor NetCDF-4" in message_of(page)
-    other = as_file(
-        tmp_path / "other.nc", small.rename(dict.fromkeys(["water_temp"], "sst")), keep=["sst"], packed=False
-    )
+    other = small.rename(water_temp="sst")
+    other["sst"].attrs = {"units": "degC"}
+    other = as_file(tmp_path / "other.nc", other, keep=["sst"], packed=False)
     assert "none of water_temp" in message_of(other)
     potential = small.copy()
-    potential["water_temp"].attrs["standard_name"] = "sea_water_potential_temperature"
-    assert "in-situ temperature is needed" in message_of(
+    potential["water_temp"].attrs |= {
+        "standard_name": "sea_water_potential_temperature",
+        "comment": "in-situ temperature",
+    }
+    assert "called potential by its standard_name and in situ by its comment" in message_of(
         as_file(tmp_path / "theta.nc", potential, packed=False)
     )
+
+
+def test_the_other_spellings_of_standard_names_and_units_mean_the_same(tmp_path, small):
+    plain = open_ocean(as_file(tmp_path / "plain.nc", small))
+    other = small.copy()
+    other["salinity"].attrs |= {"standard_name": "sea_water_salinity", "units": "psu"}
+    other["water_temp"].attrs |= {"units": "degrees_C"}
+    other["water_u"].attrs = {"units": "m/s"}  # HYCOM's name alone
+    spelled = open_ocean(as_file(tmp_path / "plain2.nc", other))
+    for name in small.data_vars:
+        np.testing.assert_array_equal(plain[name], spelled[name])
+
+
+def test_the_makassar_currents_open_with_the_time_asked_for_and_lack_the_rest(shared_data, tmp_path):
+    path = shared_data / "hycom" / "hycom_glby_930_202212_uv_ncss_netcdf4.nc"
+    assert "no water_temp and no salinity" in message_of(path)
+    # with tracers on the same grid the file is half of an ocean
+    with xr.open_dataset(path) as data:
+        tracers = xr.full_like(data[["water_u"]], 0.0).rename(water_u="water_temp") + 20.0
+        tracers = tracers.where(data["water_u"].notnull())
+        tracers["salinity"] = tracers["water_temp"] + 15.0
+        expected = data["water_v"].isel(time=1).values.astype(float)
+    tracers["water_temp"].attrs = {"standard_name": "sea_water_temperature", "units": "degC"}
+    tracers["salinity"].attrs = {"standard_name": "sea_water_salinity", "units": "psu"}
+    tracers.to_netcdf(tmp_path / "ts.nc", engine="netcdf4")
+    ocean = open_ocean([path, tmp_path / "ts.nc"], time=str(tracers["time"].values[1]))
+    np.testing.assert_array_equal(ocean["water_v"], expected)
+    assert ocean.attrs["source"] == "HYCOM"
+
+
+def test_a_window_reads_what_cropping_the_whole_gives(gulf_stream_files):
+    whole = open_ocean(gulf_stream_files)
+    part = open_ocean(gulf_stream_files, window=(34.7, 35.1, -75.3, -74.6))
+    expected = whole.sel(lat=slice(34.699, 35.101), lon=slice(-75.301, -74.599))
+    assert expected.sizes["lat"] > 5
+    xr.testing.assert_identical(part, expected)
+    east = open_ocean(gulf_stream_files, window=(34.7, 35.1, 284.7, 285.4))  # the other convention
+    xr.testing.assert_identical(part, east)
+    assert "no grid point in the window" in message_of(gulf_stream_files, window=(10.0, 12.0, 0.0, 2.0))
+    for wrong in ((35.0, 34.0, 0.0, 1.0), (1.0, 2.0, 3.0), "here", (np.nan, 1.0, 2.0, 3.0)):
+        assert "window" in message_of(gulf_stream_files, window=wrong)
+
+
+@pytest.mark.parametrize("stored", ["0 to 360", "-180 to 180"])
+def test_a_window_across_the_seam_of_a_global_file(tmp_path, closed_form_ocean, stored):
+    lon = np.arange(0.0, 360.0, 2.0) if stored == "0 to 360" else np.arange(-180.0, 180.0, 2.0)
+    ocean = closed_form_ocean(
+        10.0, 0.0, temperature=lambda z, lat, _lon: 10.0 + 0 * z + lat, n=(6, lon.size), depth=[0.0, 100.0]
+    ).assign_coords(lon=("lon", lon, {"units": "degrees_east", "standard_name": "longitude"}))
+    ocean["salinity"] = ocean["salinity"] * 0 + 30.0 + ocean["lon"] % 360.0 / 90.0
+    ocean["salinity"].attrs = {"units": "psu", "standard_name": "sea_water_salinity"}
+    path = as_file(tmp_path / "global.nc", ocean)
+    assert open_ocean(path).sizes["lon"] == lon.size
+    for west, east in ((170.0, -170.0), (-10.0, 10.0), (350.0, 370.0), (-200.0, -180.0)):
+        part = open_ocean(path, window=(9.0, 11.0, west, east))
+        assert np.all(np.diff(part["lon"]) > 0.0)
+        assert (part["lon"].values[0] - west) % 360.0 == pytest.approx(0.0, abs=1e-9)
+        assert part.sizes["lon"] == round((east - west) % 360.0 / 2.0) + 1
+        expected = 30.0 + part["lon"].values % 360.0 / 90.0
+        np.testing.assert_allclose(part["salinity"].values[0, 0], expected, atol=6e-4)
+
+
+def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path):
+    """A sparse NetCDF-3 file with HYCOM's header: 4.9 GB declared and there, a few pages of it written."""
+    n = {"time": 1, "depth": 40, "lat": 4251, "lon": 4500}
+    axes = {
+        "time": (np.array([0.0]), "hours since 2014-07-15 12:00", "time"),
+        "depth": (np.arange(40.0), "m", "depth"),
+        "lat": (np.linspace(-80.0, 90.0, n["lat"]), "degrees_north", "latitude"),
+        "lon": (np.arange(n["lon"]) * 0.08, "degrees_east", "longitude"),
+    }
+    names = ("water_temp", "salinity", "water_u", "water_v")
+    path = tmp_path / "global.nc"
+    netcdf3_header(path, n, axes, names)
+    assert path.stat().st_size > 4.8e9
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    begin = time.perf_counter()
+    ocean = open_ocean(path, window=(70.0, 71.0, -150.0, -148.0))
+    seconds = time.perf_counter() - begin
+    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    assert ocean.sizes["lon"] == 26
+    assert (ocean["water_temp"] == 20.0).all()  # zero bytes are the offset
+    assert seconds < 2.0
+    assert grown < 100e6
+
+
+def test_more_than_the_machine_holds_is_refused_with_the_remedy(tmp_path, monkeypatch):
+    n = {"time": 1, "depth": 4, "lat": 100, "lon": 100}
+    axes = {
+        "time": (np.array([0.0]), "hours since 2014-07-15 12:00", "time"),
+        "depth": (np.arange(4.0), "m", "depth"),
+        "lat": (np.linspace(0.0, 10.0, 100), "degrees_north", "latitude"),
+        "lon": (np.linspace(0.0, 10.0, 100), "degrees_east", "longitude"),
+    }
+    netcdf3_header(tmp_path / "small.nc", n, axes, ("water_temp", "salinity", "water_u", "water_v"))
+    monkeypatch.setattr("pymantaray.ocean.files._memory", lambda: 12 * 8 * 40_000 - 1)
+    assert "read a window" in message_of(tmp_path / "small.nc")
+    monkeypatch.setattr("pymantaray.ocean.files._memory", lambda: 12 * 8 * 40_000)
+    assert open_ocean(tmp_path / "small.nc").sizes["lat"] == 100
+
+
+def netcdf3_header(path, sizes, axes, names):
+    """Write a 64-bit-offset NetCDF-3 file whose fields are a hole in the file."""
+
+    def text(value):
+        raw = value.encode()
+        return struct.pack(">I", len(raw)) + raw + b"\0" * (-len(raw) % 4)
+
+    def attributes(**attrs):
+        out = struct.pack(">II", 12, len(attrs))
+        for name, value in attrs.items():
+            body = text(value) if isinstance(value, str) else struct.pack(">Id", 1, value)
+            out += text(name) + struct.pack(">I", 2 if isinstance(value, str) else 6) + body
+        return out
+
+    dims = list(sizes)
+    count = {name: 8 * n for name, n in sizes.items()} | dict.fromkeys(
+        names, 2 * int(np.prod([*sizes.values()]))
+    )
+
+    def header(begins):
+        out = b"CDF\x02" + struct.pack(">III", 0, 10, len(dims))
+        out += b"".join(text(d) + struct.pack(">I", sizes[d]) for d in dims)
+        out += struct.pack(">IIII", 0, 0, 11, len(count))
+        for name in count:
+            ids = [dims.index(name)] if name in dims else range(4)
+            out += text(name) + struct.pack(f">I{len(ids)}I", len(ids), *ids)
+            if name in dims:
+                out += attributes(units=axes[name][1], standard_name=axes[name][2]) + struct.pack(">I", 6)
+            else:
+                offset = 20.0 if name in ("water_temp", "salinity") else 0.0
+                unit = {"water_temp": "degC", "salinity": "psu"}.get(name, "m/s")
+                out += attributes(units=unit, scale_factor=0.001, add_offset=offset) + struct.pack(">I", 3)
+            out += struct.pack(">IQ", count[name] % 2**32, begins.get(name, 0))
+        return out
+
+    begins, end = {}, len(header({}))
+    for name, n in count.items():
+        begins[name] = end
+        end += n
+    with path.open("wb") as stream:
+        stream.write(header(begins))
+        for name in dims:
+            stream.write(axes[name][0].astype(">f8").tobytes())
+        stream.truncate(end)

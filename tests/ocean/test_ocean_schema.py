@@ -1,10 +1,14 @@
 """Each way of not being a valid ocean is refused with one line."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.schema import parse_instant, validate_ocean
+from pymantaray.ocean import open_ocean
+from pymantaray.ocean.schema import VARIABLES, parse_instant, validate_ocean, with_history
 
 
 @pytest.fixture
@@ -61,3 +65,35 @@ def test_instants_are_utc():
     for rubbish in ("yesterday-ish", "NaT"):
         with pytest.raises(OceanError, match="not an instant"):
             parse_instant(rubbish)
+
+
+def test_history_grows_by_lines(ocean):
+    once = with_history(ocean, "  thinned ")
+    twice = with_history(once, "perturbed by 0.5 m/s rms")
+    assert once.attrs["history"] == "thinned"
+    assert twice.attrs["history"] == "thinned\nperturbed by 0.5 m/s rms"
+    assert "history" not in ocean.attrs
+    validate_ocean(twice)
+    for wrong in ("", " \n", "two\nlines"):
+        with pytest.raises(OceanError, match="one line of text"):
+            with_history(ocean, wrong)
+
+
+def test_the_reference_page_s_example_writes_a_valid_ocean(tmp_path, monkeypatch):
+    page = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ocean-files.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, str(page), "exec"), {})  # noqa: S102
+    ocean = open_ocean("ligurian.nc")
+    assert dict(ocean.sizes) == {"depth": 4, "lat": 26, "lon": 13}
+    assert ocean.attrs == {"title": "Ligurian Sea", "source": "my model, run 7", "synthetic": 1}
+    assert float(ocean["water_temp"][0, 0, 0]) == 22.0
+    assert "history" not in ocean.attrs  # nothing was converted
+
+
+def test_the_reference_page_states_the_limits_that_the_schema_has():
+    page = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ocean-files.md"
+    text = page.read_text(encoding="utf-8")
+    for v in VARIABLES:
+        (row,) = [line for line in text.splitlines() if line.startswith(f"| `{v.name}`")]
+        assert f"`{v.standard_name}` | {v.units} | {v.lowest:g} to {v.highest:g} |" in row

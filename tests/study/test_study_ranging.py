@@ -84,7 +84,7 @@ def test_sections_become_what_ranging_takes(tiny_tree):
         "detection": DETECTION | {"wind_speed": 12.0, "surface_loss": "coherent", "sediment": "silt"},
     }
     config = parse_study(tree)
-    ocean = build_ocean(config.ocean)
+    ocean = build_ocean(config.ocean, config.mission.duration_h * 3600.0)
     assert build_timing(config.ranging) == TwoWay(turn_around=0.5)
     assert build_clocks(config.ranging) == ClockModel(skew_sigma=1e-6)
     currents = build_currents(config, ocean)

@@ -303,7 +303,13 @@ def _bspline(axis_points: Array, values: Array, *, axis: int) -> tuple[Array, Ar
     """Coefficients and knots of the interpolating spline of degree min(3, n - 1) along an axis."""
     if axis_points.size == 1:
         return values, np.array([0.0, 1.0])
-    from scipy.interpolate import make_interp_spline
+    from scipy.interpolate import BSpline, make_interp_spline
+    from scipy.sparse.linalg import splu
 
-    spline = make_interp_spline(axis_points, values, k=min(3, axis_points.size - 1), axis=axis)
-    return np.ascontiguousarray(np.moveaxis(spline.c, 0, axis)), np.ascontiguousarray(spline.t)
+    degree = min(3, axis_points.size - 1)
+    knots = make_interp_spline(axis_points, axis_points, k=degree).t
+    # many right-hand sides: LAPACK's banded solver waits for its own threads on a busy machine
+    lines = np.moveaxis(values, axis, 0)
+    solver = splu(BSpline.design_matrix(axis_points, knots, degree).tocsc())
+    solved = solver.solve(np.ascontiguousarray(lines.reshape(len(lines), -1))).reshape(lines.shape)
+    return np.ascontiguousarray(np.moveaxis(solved, 0, axis)), np.ascontiguousarray(knots)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 import pymantaray
-from pymantaray.cli import rays, study
+from pymantaray.cli import ocean, rays, study
 from pymantaray.errors import MantaRayError
 
 EXIT_KNOWN_ERROR = 2
@@ -20,6 +20,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(study.app, name="study")
+app.add_typer(ocean.app, name="ocean")
 app.add_typer(rays.app, name="rays")
 
 

@@ -1,27 +1,18 @@
 """The medium that the options of `mantaray rays` ask for, and a record of how it was made."""
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from pymantaray.cli.rays_io import Table, read_table, require_columns
 from pymantaray.cli.rays_options import MediumOptions
-from pymantaray.errors import AcousticsError
+from pymantaray.errors import AcousticsError, OceanError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from pymantaray.acoustics import Medium
+    from pymantaray.ocean.cast_table import CastTable
 
-_NAMES = {
-    "depth": ("depth", "depth_m"),
-    "pressure": ("pressure", "pressure_dbar"),
-    "sound_speed": ("sound_speed", "sound_speed_m_s"),
-    "temperature": ("temperature", "temperature_degC"),
-    "salinity": ("salinity", "practical_salinity"),
-}
-_PLACE = re.compile(r"\blat\s+(-?\d+(?:\.\d+)?)\D*?\blon\s+(-?\d+(?:\.\d+)?)")
 _GAP = 100.0  # m; a profile that ends higher above the sea bed is worth a note
 _ONLY = {
     "profile": ("bottom", "thin", "smooth", "position"),
@@ -184,54 +175,51 @@ def read_profile(
     import gsw
     import numpy as np
 
+    from pymantaray.ocean.cast_table import read_cast_table
     from pymantaray.ocean.seawater import sound_speed
 
-    table = read_table(path)
-    names = {key: _column(table, key) for key in _NAMES}
-    has_speed = names["sound_speed"] is not None
-    has_water = names["temperature"] is not None and names["salinity"] is not None
-    if (names["depth"] is None and names["pressure"] is None) or not (has_speed or has_water):
-        wanted = ["depth"] if names["pressure"] is None else []
-        wanted += [] if has_water else ["sound_speed"]
-        hint = "; pressure serves for depth, temperature and salinity for sound_speed"
-        require_columns(table, wanted, hint)
-    vertical = names["depth"] or names["pressure"]
-    used = [vertical, *([names["sound_speed"]] if has_speed else [names["temperature"], names["salinity"]])]
-    values = table.numbers([name for name in used if name is not None])
-    record: dict[str, Any] = {"profile": str(path), "raw_levels": len(values)}
-    level = values[:, 0]
+    try:
+        table = read_cast_table(path)
+        has_speed, has_water = table.has("sound_speed"), table.has("temperature", "salinity")
+        vertical = "depth" if table.has("depth") else "pressure"
+        if not table.has(vertical) or not (has_speed or has_water):
+            wanted = ["depth"] if not table.has(vertical) else []
+            wanted += [] if has_speed or has_water else ["sound_speed"]
+            raise AcousticsError(
+                f"{path}: lacks {', '.join(wanted)}; found {', '.join(table.header)}; pressure serves for depth,"
+                " temperature and salinity for sound_speed"
+            )
+        used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
+        level, *water = (table.values(name, complete=True) for name in used)
+    except OceanError as error:
+        raise AcousticsError(str(error)) from None
+    record: dict[str, Any] = {"profile": str(path), "raw_levels": level.size}
     falls = np.flatnonzero(np.diff(level) <= 0.0)
     if falls.size:
-        line = table.line[falls[0] + 1]
+        line = table.lines[falls[0] + 1]
         raise AcousticsError(
-            f"{path}, line {line}: {vertical} is {level[falls[0] + 1]:g} after {level[falls[0]]:g}; it must increase"
+            f"{path}, line {line}: {table.name(vertical)} is {level[falls[0] + 1]:g} after {level[falls[0]]:g}; it must"
+            " increase"
         )
     if level[0] < 0.0:
-        raise AcousticsError(f"{path}: {vertical} begins at {level[0]:g}; it is positive down")
-    if has_speed and names["depth"] is not None:
-        return level, values[:, 1], record
+        raise AcousticsError(f"{path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down")
+    if has_speed and vertical == "depth":
+        return level, water[0], record
     lat, lon = _place(table, position)
     record |= {"position_deg": [lat, lon], "computed": "TEOS-10"}
-    depth = level if names["depth"] is not None else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
-    return (
-        depth,
-        values[:, 1] if has_speed else sound_speed(values[:, 1], values[:, 2], depth, lat, lon),
-        record,
-    )
+    depth = level if vertical == "depth" else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
+    return depth, water[0] if has_speed else sound_speed(water[0], water[1], depth, lat, lon), record
 
 
-def _column(table: Table, key: str) -> str | None:
-    lower = {name.lower(): name for name in reversed(list(table.text.columns))}
-    return next((lower[name.lower()] for name in _NAMES[key] if name.lower() in lower), None)
+def _place(table: "CastTable", position: tuple[float, float] | None) -> tuple[float, float]:
+    from pymantaray.ocean.casts import place_in_comments
 
-
-def _place(table: Table, position: tuple[float, float] | None) -> tuple[float, float]:
-    found = [match for line in table.comments if (match := _PLACE.search(line))]
-    if position is None and not found:
+    found = position or place_in_comments(table.comments)
+    if found is None:
         raise AcousticsError(
             f"{table.path}: sound speed or depth has to be computed, for which --position LAT LON is needed"
         )
-    lat, lon = position or (float(found[0][1]), float(found[0][2]))
+    lat, lon = found
     if not (-90.0 <= lat <= 90.0 and -360.0 <= lon <= 360.0):
         raise AcousticsError(
             f"{table.path}: position {lat:g} {lon:g}; latitude and longitude in degrees are needed"

@@ -1,4 +1,4 @@
-"""Compiled fixed-step integrators: a body twist a step, carried over the step by the exponential map.
+"""Compiled fixed-step integrators of vehicles that swim: a body twist a step, carried over by its exponential map.
 
 Vehicles do not act on each other, so each is integrated on its own from start to end and its path
 cannot depend on the rest of the fleet. Sample k is written after exactly k times `steps` steps.
@@ -22,29 +22,26 @@ _SMALL = 1e-4  # rad; below it Taylor series replace the closed forms
 
 
 class Water(NamedTuple):
-    """Ocean as the kernels read it: uniform horizontal axes, currents and the sea floor."""
+    """
+    Ocean as the kernels read it: uniform horizontal axes, currents and the sea floor on axes of its own.
+
+    Currents have the axes time, north, east and depth; they are linear between the instants. Water that
+    stands still in time has one.
+    """
 
     north: float
     east: float
     per_north: float
     per_east: float
     depth: np.ndarray
+    time: np.ndarray
     current_north: np.ndarray
     current_east: np.ndarray
+    floor_north: float
+    floor_east: float
+    floor_per_north: float
+    floor_per_east: float
     floor: np.ndarray
-
-
-class Cycle(NamedTuple):
-    """A float's cycle, times counted in steps."""
-
-    target: float
-    surface: float
-    speed: float
-    gain: float
-    tolerance: float
-    delay: int
-    hold_depth: int
-    hold_surface: int
 
 
 @njit(**OPTIONS)
@@ -52,7 +49,7 @@ def place(water, north, east, depth):
     """Tell the status of a vehicle at a position; the domain's edge and the sea floor are inside."""
     x = (north - water.north) * water.per_north
     y = (east - water.east) * water.per_east
-    n, m = water.floor.shape
+    _, n, m, _ = water.current_north.shape
     if not (0.0 <= x <= n - 1.0 and 0.0 <= y <= m - 1.0):
         return LEFT_DOMAIN
     if depth > floor_depth(water, north, east):
@@ -63,115 +60,19 @@ def place(water, north, east, depth):
 @njit(**OPTIONS)
 def floor_depth(water, north, east):
     """Interpolate the depth of the sea floor bilinearly; constant outside the domain."""
-    i, x = _cell((north - water.north) * water.per_north, water.floor.shape[0])
-    j, y = _cell((east - water.east) * water.per_east, water.floor.shape[1])
+    i, x = cell_of((north - water.floor_north) * water.floor_per_north, water.floor.shape[0])
+    j, y = cell_of((east - water.floor_east) * water.floor_per_east, water.floor.shape[1])
     near = water.floor[i, j] * (1.0 - y) + water.floor[i, j + 1] * y
     far = water.floor[i + 1, j] * (1.0 - y) + water.floor[i + 1, j + 1] * y
     return near * (1.0 - x) + far * x
 
 
 @njit(**OPTIONS)
-def _cell(x, n):
+def cell_of(x, n):
+    """Find the cell of an axis that holds a coordinate, counted in cells, and the place in it; clamped."""
     x = min(max(x, 0.0), n - 1.0)
     i = min(int(x), n - 2)
     return i, x - i
-
-
-@njit(**OPTIONS)
-def _form(values, i, j, k, thickness):
-    """Write the trilinear interpolant of a cell as a polynomial: 1, x, y, xy and the same times z."""
-    a = values[i, j, k]
-    b = values[i + 1, j, k] - a
-    c = values[i, j + 1, k] - a
-    d = values[i + 1, j + 1, k] - a - b - c
-    e = values[i, j, k + 1]
-    f = values[i + 1, j, k + 1] - e
-    g = values[i, j + 1, k + 1] - e
-    h = values[i + 1, j + 1, k + 1] - e - f - g
-    return a, b, c, d, (e - a) / thickness, (f - b) / thickness, (g - c) / thickness, (h - d) / thickness
-
-
-@njit(**OPTIONS)
-def _evaluate(form, x, y, z):
-    a, b, c, d, e, f, g, h = form
-    return a + b * x + (c + d * x) * y + (e + f * x + (g + h * x) * y) * z
-
-
-@njit(**OPTIONS)
-def _level(depth, k, z):
-    """Find the layer that holds a depth, starting from the one last visited."""
-    while k > 0 and z < depth[k]:
-        k -= 1
-    while k < depth.size - 2 and z >= depth[k + 1]:
-        k += 1
-    return k
-
-
-@njit(**OPTIONS)
-def run_float(water, cycle, dt, steps, position, status):
-    """
-    Integrate a float; row 0 of `position` is its start, the others are filled.
-
-    The current of a step is that at its middle, which last step's current predicts: second order with
-    one interpolation. The body never turns, so the exponential map of the body twist ``R^T u`` is the
-    translation ``u dt`` itself, and the rotation drops out. A float stays in one cell of the ocean for
-    thousands of steps, so the cell's interpolant, box and shallowest corner are kept.
-    """
-    n, m = water.floor.shape
-    level = water.depth
-    north, east, depth = position[0]
-    per_north, per_east = water.per_north, water.per_east
-    k = 0
-    cell_north, cell_east, cell_depth, shallowest = 0.0, 0.0, 0.0, 0.0
-    thickness = -1.0  # no cell visited yet: no depth lies in it
-    form_u = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    form_v = form_u
-    u, v = 0.0, 0.0
-    half = 0.0  # the first evaluation is at the start itself: nothing predicts its middle yet
-    state = ACTIVE
-    down, holding, until = False, True, cycle.delay
-    wanted = cycle.surface
-    step = 0
-    for sample in range(1, position.shape[0]):
-        for _ in range(steps if state == ACTIVE else 0):
-            if holding:
-                if step >= until:
-                    down, holding = not down, False
-                    wanted = cycle.target if down else cycle.surface
-            elif abs(wanted - depth) <= cycle.tolerance:
-                holding = True
-                until = step + (cycle.hold_depth if down else cycle.hold_surface)
-            w = min(max(cycle.gain * (wanted - depth), -cycle.speed), cycle.speed)
-            for _ in range(2 if step == 0 else 1):
-                x = (north + half * u - cell_north) * per_north
-                y = (east + half * v - cell_east) * per_east
-                z = depth + half * w - cell_depth
-                if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and 0.0 <= z <= thickness):
-                    i, x = _cell((north + half * u - water.north) * per_north, n)
-                    j, y = _cell((east + half * v - water.east) * per_east, m)
-                    z = min(max(depth + half * w, level[0]), level[-1])
-                    k = _level(level, k, z)
-                    z -= level[k]
-                    thickness = level[k + 1] - level[k]
-                    cell_north, cell_east = water.north + i / per_north, water.east + j / per_east
-                    cell_depth = level[k]
-                    form_u = _form(water.current_north, i, j, k, thickness)
-                    form_v = _form(water.current_east, i, j, k, thickness)
-                    shallowest = water.floor[i : i + 2, j : j + 2].min()
-                u, v = _evaluate(form_u, x, y, z), _evaluate(form_v, x, y, z)
-                half = 0.5 * dt
-            new_north, new_east = north + u * dt, east + v * dt
-            new_depth = max(depth + w * dt, 0.0)
-            x = (new_north - cell_north) * per_north
-            y = (new_east - cell_east) * per_east
-            if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and new_depth <= shallowest):
-                state = place(water, new_north, new_east, new_depth)
-                if state != ACTIVE:
-                    break
-            north, east, depth = new_north, new_east, new_depth
-            step += 1
-        position[sample, 0], position[sample, 1], position[sample, 2] = north, east, depth
-        status[sample] = state
 
 
 @njit(**OPTIONS)

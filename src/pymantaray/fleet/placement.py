@@ -11,8 +11,8 @@ from pymantaray.fleet.behaviours import FloatCycle, Vehicle, Waypoints
 def _check_point(owner: str, what: str, point: NDArray[np.float64], water: Water) -> None:
     north, east, depth = (float(value) for value in point)
     if place(water, north, east, 0.0) == LEFT_DOMAIN:
-        span_north = (water.floor.shape[0] - 1) / water.per_north
-        span_east = (water.floor.shape[1] - 1) / water.per_east
+        span_north = (water.current_north.shape[1] - 1) / water.per_north
+        span_east = (water.current_north.shape[2] - 1) / water.per_east
         raise FleetError(
             f"{owner}: {what} is at north {north:g}, east {east:g} m, outside the ocean; north must lie in"
             f" {water.north:g} to {water.north + span_north:g} and east in {water.east:g} to"

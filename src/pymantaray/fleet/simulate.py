@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet import _kernel
+from pymantaray.fleet import _kernel, _kernel_float
 from pymantaray.fleet.behaviours import ConstantTwist, FloatCycle, Vehicle, Waypoints, unique_names
 from pymantaray.fleet.placement import check_placement, check_step
 from pymantaray.fleet.water import water_from_dataset
@@ -45,7 +45,7 @@ def _run(
     """Fill one vehicle's rows, which hold its start pose everywhere."""
     behaviour = vehicle.behaviour
     if isinstance(behaviour, FloatCycle):
-        cycle = _kernel.Cycle(
+        cycle = _kernel_float.Cycle(
             target=float(behaviour.target_depth),
             surface=float(behaviour.surface_depth),
             speed=float(behaviour.vertical_speed),
@@ -55,7 +55,7 @@ def _run(
             hold_depth=round(behaviour.hold_depth_time / step),
             hold_surface=round(behaviour.hold_surface_time / step),
         )
-        _kernel.run_float(water, cycle, step, steps, position, status)
+        _kernel_float.run_float(water, cycle, step, steps, position, status)
     elif isinstance(behaviour, ConstantTwist):
         _kernel.run_twist(water, behaviour.twist, step, steps, position, quaternion, status)
     elif isinstance(behaviour, Waypoints):
@@ -91,7 +91,9 @@ def simulate(
         Names must be unique.
     ocean : xarray.Dataset
         Local data set: uniform axes ``north`` and ``east``, levels ``depth`` [m]; ``current_north``,
-        ``current_east`` (north, east, depth) [m s⁻¹]; ``sea_floor_depth`` (north, east) [m].
+        ``current_east`` (north, east, depth) [m s⁻¹]; ``sea_floor_depth`` (north, east) or
+        (floor_north, floor_east) [m]. Currents with a further axis ``time``, seconds from the mission's
+        start, are linear between its instants, which must enclose the mission.
     duration : float
         Length of the mission, a whole number of sampling periods. [s]
     physics_step : float
@@ -108,14 +110,14 @@ def simulate(
     Raises
     ------
     FleetError
-        If the times do not fit each other, a vehicle starts outside the ocean or below the sea floor,
+        If the times do not fit each other or the ocean's, a vehicle starts outside the ocean or below the sea floor,
         has its target there, shares its name, or needs a shorter step; one line with the remedy.
 
     Notes
     -----
     Every step a vehicle commands a body twist, which the exponential map carries over the step
-    exactly. A float commands the current at the middle of the step, predicted with the previous
-    step's current: second order in the step. Hold times and delays are rounded to whole steps.
+    exactly. A float commands the current at the middle of the step, in place and time, the place predicted
+    with the previous step's current: second order in the step. Hold times and delays are rounded to whole steps.
     """
     for name, value in (
         ("duration", duration),
@@ -128,6 +130,11 @@ def simulate(
     periods = _whole("duration", duration, "sampling_period", sampling_period)
     names = unique_names(vehicles)
     water = water_from_dataset(ocean)
+    if water.time.size > 1 and not (water.time[0] <= 0.0 and duration <= water.time[-1]):
+        raise FleetError(
+            f"simulate: the currents are given from {water.time[0]:g} to {water.time[-1]:g} s; the mission takes 0 to"
+            f" {duration:g} s: give snapshots that enclose it"
+        )
     for vehicle in vehicles:
         check_placement(vehicle, water)
         check_step(vehicle, physics_step)

@@ -1,13 +1,21 @@
-"""Coarse sea floor from what is valid, and values below it for the interpolants."""
+"""Coarse sea floor from what is valid or a finer one from a file, and values below it for the interpolants."""
+
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
+MAX_FLOOR_NODES = 1_000_000
+"""Nodes of a finer sea floor in the local frame at most; with more its spacing is widened."""
+_SAME_SPACING = 1.01  # a file as fine as the ocean's grid to within 1 % is not coarser
+_MIN_CELLS = 2  # on either side of the centre
 
 
 def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
@@ -73,3 +81,141 @@ def fill_below_sea_bed(field: NDArray[np.floating], lat: Array) -> Array:
         ~wet, sampling=(1.0, aspect), return_distances=False, return_indices=True
     )
     return np.ascontiguousarray(filled[:, rows, columns])
+
+
+@dataclass(frozen=True, eq=False)
+class FinerFloor:
+    """Sea floor of a file on a grid of its own in the local frame."""
+
+    north: Array
+    """Shape (n_north,). [m]"""
+    east: Array
+    """Shape (n_east,). [m]"""
+    depth: Array
+    """Shape (n_north, n_east), positive down. [m]"""
+    spacing: tuple[float, float]
+    """Of the file at the frame's centre, north and east. [m]"""
+    widened: bool
+    """Whether the nodes lie farther apart than the file's points, to keep within `MAX_FLOOR_NODES`."""
+    averaged: int
+    """Points of the file in each direction that were averaged for one node; 1 if none had to be."""
+
+
+def is_finer(sea_floor: xr.DataArray, window: Window) -> bool:
+    """
+    Whether a sea floor's grid is as fine as the ocean's, or finer.
+
+    Parameters
+    ----------
+    sea_floor : xarray.DataArray
+        From `pymantaray.ocean.topography.open_sea_floor`.
+    window : Window
+        Of the ocean.
+
+    Returns
+    -------
+    bool
+        By the area of a grid cell at the frame's centre.
+    """
+    ours, theirs = np.prod(window.native_spacing()), np.prod(_window_of(sea_floor, window).native_spacing())
+    return bool(np.sqrt(theirs) <= _SAME_SPACING * np.sqrt(ours))
+
+
+def local_floor(sea_floor: xr.DataArray, window: Window, half_extent: tuple[float, float]) -> FinerFloor:
+    """
+    Put a file's sea floor on a regular grid of the local frame, spaced about as the file is.
+
+    Parameters
+    ----------
+    sea_floor : xarray.DataArray
+        From `pymantaray.ocean.topography.open_sea_floor`.
+    window : Window
+        Of the ocean; gives the frame.
+    half_extent : tuple of float
+        Half sides (north, east) of the domain. [m]
+
+    Returns
+    -------
+    FinerFloor
+        Bilinear between the file's points. With more than `MAX_FLOOR_NODES` at the file's own spacing the
+        nodes are set wider apart, and the file is averaged over as many points first.
+
+    Raises
+    ------
+    OceanError
+        If the domain does not fit into the file's window.
+    """
+    theirs = _window_of(sea_floor, window)
+    if not theirs.holds(*half_extent):
+        lat, lon = theirs.lat, theirs.lon
+        raise OceanError(
+            f"sea floor {sea_floor.attrs.get('source', '')}: covers latitude {lat[0]:g} to {lat[-1]:g}, longitude"
+            f" {lon[0]:g} to {lon[-1]:g}, not the domain of +-{half_extent[0] / 1e3:g} km by"
+            f" +-{half_extent[1] / 1e3:g} km; fetch a larger window or shrink half_extent"
+        )
+    spacing = theirs.native_spacing()
+    wider = 1.0
+    while True:
+        cells = [max(_MIN_CELLS, round(h / (wider * s))) for h, s in zip(half_extent, spacing, strict=True)]
+        if np.prod([2.0 * n + 1.0 for n in cells]) <= MAX_FLOOR_NODES:
+            break
+        wider *= 1.1
+    north, east = (np.linspace(-h, h, 2 * n + 1) for h, n in zip(half_extent, cells, strict=True))
+    depth = np.asarray(sea_floor.values, dtype=float)
+    averaged = 2 * (int(0.5 * wider)) + 1
+    if averaged > 1:
+        depth = ndimage.uniform_filter(depth, averaged, mode="nearest")
+    bilinear = RegularGridInterpolator((theirs.lat, theirs.lon), depth, bounds_error=False, fill_value=None)
+    at_lat, at_lon = theirs.geographic(north[:, None], east[None, :])
+    at_lat = np.clip(at_lat, theirs.lat[0], theirs.lat[-1])  # a side may lie on the window's edge
+    at_lon = np.clip(at_lon, theirs.lon[0], theirs.lon[-1])
+    found = np.clip(bilinear((at_lat, at_lon)), depth.min(), depth.max())
+    return FinerFloor(north, east, found, spacing, wider > 1.0, averaged)
+
+
+def levels_to(depth: Array, deepest: float) -> Array:
+    """
+    Levels that a sea floor beneath the deepest one asks for.
+
+    Parameters
+    ----------
+    depth : ndarray, shape (depth,)
+        Levels of the ocean. [m]
+    deepest : float
+        Deepest point of the sea floor. [m]
+
+    Returns
+    -------
+    ndarray, shape (added,)
+        Evenly spaced, not wider than the ocean's last two levels, the last one at the deepest point;
+        empty if the levels reach it. [m]
+    """
+    missing = deepest - depth[-1]
+    if missing <= 0.0:
+        return np.empty(0)
+    count = int(np.ceil(missing / (depth[-1] - depth[-2]) - 1e-9))
+    return np.asarray(np.linspace(depth[-1], deepest, count + 1)[1:])
+
+
+def window_of(ocean: xr.Dataset) -> tuple[float, float, float, float]:
+    """
+    Window of an ocean, to ask a file of the sea floor for.
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+
+    Returns
+    -------
+    south, north, west, east : float
+        [degrees]
+    """
+    lat, lon = ocean["lat"].values, ocean["lon"].values
+    return float(lat[0]), float(lat[-1]), float(lon[0]), float(lon[-1])
+
+
+def _window_of(sea_floor: xr.DataArray, ocean: Window) -> Window:
+    """Window of a sea floor about the ocean's frame; longitudes may be counted otherwise than the ocean's."""
+    lat, lon = (np.asarray(sea_floor[name].values, dtype=float) for name in ("lat", "lon"))
+    return Window(lat, lon, ocean.frame)

@@ -1,12 +1,23 @@
 """From latitude and longitude to the local frame: every node is looked up where it truly lies."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean.bathymetry import fill_below_sea_bed, sea_floor_depth
+from pymantaray.ocean.bathymetry import (
+    MAX_FLOOR_NODES,
+    FinerFloor,
+    fill_below_sea_bed,
+    is_finer,
+    levels_to,
+    local_floor,
+    sea_floor_depth,
+)
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.spline import TensorSpline
@@ -20,6 +31,9 @@ def to_local(
     ocean: xr.Dataset,
     centre: tuple[float, float] | None = None,
     half_extent: tuple[float, float] | None = None,
+    *,
+    sea_floor: xr.DataArray | None = None,
+    equation: Equation = "teos-10",
 ) -> xr.Dataset:
     """
     Sound speed, currents and sea floor of an ocean on a regular grid in the local NED frame.
@@ -37,6 +51,11 @@ def to_local(
     half_extent : tuple of float, optional
         Half sides (north, east) of the domain about the centre, by default of the rectangle of largest
         area that the window holds. [m]
+    sea_floor : xarray.DataArray, optional
+        From `pymantaray.ocean.topography.open_sea_floor`. It is taken if its grid is as fine as the ocean's
+        or finer; otherwise, and by default, the sea floor is where the ocean's levels end. [m]
+    equation : {"teos-10", "del-grosso", "unesco"}
+        Equation of sound speed, see `pymantaray.ocean.seawater.sound_speed`.
 
     Returns
     -------
@@ -47,16 +66,23 @@ def to_local(
         ``centre_longitude_deg``, ``proj_string``, ``scale_error_max`` (largest distortion of lengths in
         the domain), ``time``, ``title``, ``source``, ``synthetic``.
 
+        A sea floor that is taken lies on axes of its own, ``(floor_north, floor_east)`` [m], spaced about as
+        its file is, and levels are added down to its deepest point. Where one was given, taken or not,
+        attribute ``sea_floor_source`` says which it is and why; ``sea_floor_spacing`` [m] and
+        ``levels_added`` [m] say what was done. An equation other than TEOS-10 is named in
+        ``sound_speed_equation``.
+
     Raises
     ------
     OceanError
-        If the ocean is not valid, or the domain does not fit into its window.
+        If the ocean is not valid, or the domain does not fit into its window or the sea floor's.
 
     Notes
     -----
     Sound speed is computed from temperature and salinity at the ocean's own grid points. Beneath the sea
     bed both are carried downward first, so that sound speed goes on rising with pressure there and the
-    spline meets no step where the coarse floor lies between two levels.
+    spline meets no step where the coarse floor lies between two levels. Added levels carry them on in the
+    same way, and the currents, which no vehicle above the coarse floor meets.
     """
     validate_ocean(ocean)
     lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
@@ -64,33 +90,39 @@ def to_local(
     window = Window(lat, lon, LocalFrame(*(middle if centre is None else centre)))
     half = window.largest_rectangle() if half_extent is None else _checked(half_extent, window)
     north, east = (_axis(h, step) for h, step in zip(half, window.native_spacing(), strict=True))
+    finer, notes = _finer(sea_floor, window, half)
+    added = np.empty(0) if finer is None else levels_to(depth, float(finer.depth.max()))
 
-    fields = {v.name: fill_below_sea_bed(ocean[v.name].values, lat) for v in VARIABLES}
-    speed = sound_speed(fields["water_temp"], fields["salinity"], depth[:, None, None], lat[:, None], lon)
+    fields = {v.name: _carried(fill_below_sea_bed(ocean[v.name].values, lat), added.size) for v in VARIABLES}
+    if added.size:
+        notes["levels_added"] = added
+        depth = np.concatenate([depth, added])
+    if equation != "teos-10":
+        notes["sound_speed_equation"] = equation
+    place = (depth[:, None, None], lat[:, None], lon)
+    speed = sound_speed(fields["water_temp"], fields["salinity"], *place, equation=equation)
     at_lat, at_lon = window.geographic(north[:, None], east[None, :])
     smooth = TensorSpline(lat, lon, at_lat, at_lon)
-    floor = sea_floor_depth(ocean).values
-    flat = TensorSpline(lat, lon, at_lat, at_lon, degree=1)(floor[None])[..., 0]
     u, v = smooth(fields["water_u"]), smooth(fields["water_v"])
     bearing = window.frame.convergence(at_lat, at_lon)[..., None]
     cos, sin = np.cos(bearing), np.sin(bearing)
     scale = window.frame.scale_factor(north[:, None], east[None, :])
-    grid, plane = ("north", "east", "depth"), ("north", "east")
+    grid = ("north", "east", "depth")
+    floor, floor_axes = (
+        _own_floor(ocean, (lat, lon), (at_lat, at_lon)) if finer is None else _file_floor(finer)
+    )
     return xr.Dataset(
         {
             "sound_speed": (grid, smooth(speed), _attrs("speed_of_sound_in_sea_water", "m s-1")),
             "current_north": (grid, v * cos - u * sin, _attrs("sea_water_y_velocity", "m s-1")),
             "current_east": (grid, v * sin + u * cos, _attrs("sea_water_x_velocity", "m s-1")),
-            "sea_floor_depth": (
-                plane,
-                np.clip(flat, floor.min(), floor.max()),  # not even by rounding below the deepest level
-                _attrs("sea_floor_depth_below_sea_surface", "m"),
-            ),
+            "sea_floor_depth": floor,
         },
         coords={
             "north": ("north", north, _attrs("projection_y_coordinate", "m")),
             "east": ("east", east, _attrs("projection_x_coordinate", "m")),
             "depth": ("depth", depth, {**_attrs("depth", "m"), "positive": "down"}),
+            **floor_axes,
         },
         attrs={
             "Conventions": "CF-1.8",
@@ -100,8 +132,59 @@ def to_local(
             "scale_error_max": float(np.max(np.abs(scale - 1.0))),
             "time": str(np.datetime_as_string(ocean["time"].values, unit="s")),
             **{name: ocean.attrs[name] for name in ("title", "source", "synthetic")},
+            **notes,
         },
     )
+
+
+def _finer(
+    sea_floor: xr.DataArray | None, window: Window, half: tuple[float, float]
+) -> tuple[FinerFloor | None, dict[str, object]]:
+    """Sea floor of a file if it is to be taken, and what there is to record about that."""
+    if sea_floor is None:
+        return None, {}
+    if sea_floor.dims != ("lat", "lon") or min(sea_floor.shape) < 2:
+        raise OceanError(
+            f"sea_floor has dimensions {sea_floor.dims}, shape {sea_floor.shape}; needs (lat, lon) with at least"
+            " 2 points each, as open_sea_floor returns it"
+        )
+    name = str(sea_floor.attrs.get("source", "sea_floor"))
+    if not is_finer(sea_floor, window):
+        return None, {"sea_floor_source": f"where the ocean's levels end; the grid of {name} is coarser"}
+    finer = local_floor(sea_floor, window, half)
+    north, east = finer.spacing
+    said = f"{name}, {north:.0f} m by {east:.0f} m"
+    if finer.widened:
+        step = finer.north[1] - finer.north[0], finer.east[1] - finer.east[0]
+        said += (
+            f", on nodes {step[0]:.0f} m by {step[1]:.0f} m apart because at most {MAX_FLOOR_NODES:,} are kept,"
+            f" mean of {finer.averaged} by {finer.averaged} points"
+        )
+    return finer, {"sea_floor_source": said, "sea_floor_spacing": [north, east]}
+
+
+def _own_floor(
+    ocean: xr.Dataset, axes: tuple[Array, Array], at: tuple[Array, Array]
+) -> tuple[Any, dict[str, Any]]:
+    """Sea floor from the ocean's own levels on the local grid; no axes of its own."""
+    floor = sea_floor_depth(ocean).values
+    flat = TensorSpline(*axes, *at, degree=1)(floor[None])[..., 0]
+    flat = np.clip(flat, floor.min(), floor.max())  # not even by rounding below the deepest level
+    return (("north", "east"), flat, _attrs("sea_floor_depth_below_sea_surface", "m")), {}
+
+
+def _file_floor(finer: FinerFloor) -> tuple[Any, dict[str, Any]]:
+    """Sea floor of a file, and its axes."""
+    dims = ("floor_north", "floor_east")
+    return (dims, finer.depth, _attrs("sea_floor_depth_below_sea_surface", "m")), {
+        "floor_north": ("floor_north", finer.north, _attrs("projection_y_coordinate", "m")),
+        "floor_east": ("floor_east", finer.east, _attrs("projection_x_coordinate", "m")),
+    }
+
+
+def _carried(field: Array, levels: int) -> Array:
+    """Repeat the deepest level so many times beneath it."""
+    return np.concatenate([field, np.repeat(field[-1:], levels, axis=0)]) if levels else field
 
 
 def _attrs(standard_name: str, units: str) -> dict[str, str]:

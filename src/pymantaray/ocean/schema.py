@@ -88,6 +88,32 @@ def assemble_ocean(
     return ocean
 
 
+def with_history(ocean: xr.Dataset, line: str) -> xr.Dataset:
+    """
+    Record in the attribute ``history`` what was done to an ocean; the newest line is the last.
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+    line : str
+        One line of text.
+
+    Returns
+    -------
+    xarray.Dataset
+        Another data set with the same values.
+
+    Raises
+    ------
+    OceanError
+        If the text is empty or more than a line.
+    """
+    if not line.strip() or len(line.splitlines()) != 1:
+        raise OceanError(f"ocean: history takes one line of text, not {line[:40]!r}")
+    before = str(ocean.attrs.get("history", "")).rstrip("\n")
+    return ocean.assign_attrs(history=f"{before}\n{line.strip()}" if before else line.strip())
+
+
 def parse_instant(time: str | np.datetime64) -> np.datetime64:
     """
     Instant in UTC from text or numpy's type.

@@ -4,6 +4,8 @@ import gsw
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.ocean.equations import Equation, check_equation, del_grosso, unesco
+
 Array = NDArray[np.float64]
 
 
@@ -44,7 +46,13 @@ def absolute_and_conservative(
 
 
 def sound_speed(
-    temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
+    temperature: ArrayLike,
+    salinity: ArrayLike,
+    depth: ArrayLike,
+    lat: ArrayLike,
+    lon: ArrayLike,
+    *,
+    equation: Equation = "teos-10",
 ) -> Array:
     """
     Sound speed from in-situ temperature, practical salinity, depth and place.
@@ -53,17 +61,28 @@ def sound_speed(
     ----------
     temperature, salinity, depth, lat, lon : array_like, shape (...)
         As in `absolute_and_conservative`; NaN stays NaN.
+    equation : {"teos-10", "del-grosso", "unesco"}
+        See `pymantaray.ocean.equations` for the latter two. Pressure comes from depth by TEOS-10 in all.
 
     Returns
     -------
     ndarray, shape (...)
         [m/s]
 
+    Raises
+    ------
+    OceanError
+        If the equation is unknown.
+
     Examples
     --------
     >>> print(f"{float(sound_speed(-1.2, 27.4, 10.0, 74.5, -140.0)):.1f}")
     1433.3
     """
+    check_equation(equation)
+    if equation != "teos-10":
+        p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
+        return (del_grosso if equation == "del-grosso" else unesco)(temperature, salinity, p)
     SA, CT, p = absolute_and_conservative(temperature, salinity, depth, lat, lon)
     return np.asarray(gsw.sound_speed(SA, CT, p), dtype=float)
 

@@ -7,13 +7,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.ocean.bathymetry import sea_floor_depth
-from pymantaray.ocean.schema import validate_ocean
+from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.seawater import sound_speed
 
 Array = NDArray[np.float64]
 
 
-def region_table(ocean: xr.Dataset) -> pd.DataFrame:
+def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.DataFrame:
     """
     Table of a region's place, size, grid and values (the paper's Table I of this ocean).
 
@@ -21,6 +22,8 @@ def region_table(ocean: xr.Dataset) -> pd.DataFrame:
     ----------
     ocean : xarray.Dataset
         A valid ocean.
+    equation : {"teos-10", "del-grosso", "unesco"}
+        Of sound speed.
 
     Returns
     -------
@@ -33,7 +36,7 @@ def region_table(ocean: xr.Dataset) -> pd.DataFrame:
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = 0.5 * (lat[0] + lat[-1])
     meridian = pyproj.Geod(ellps="WGS84").inv(lon[0], lat[0], lon[0], lat[-1])[2]
-    speed = _sound_speed(ocean)
+    speed = _sound_speed(ocean, equation)
     current = np.hypot(ocean["water_u"].values, ocean["water_v"].values)
     floor = sea_floor_depth(ocean).values
     rows: dict[str, object] = {
@@ -61,7 +64,7 @@ def region_table(ocean: xr.Dataset) -> pd.DataFrame:
     return table
 
 
-def sound_speed_profile_spread(ocean: xr.Dataset) -> xr.Dataset:
+def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> xr.Dataset:
     """
     Mean, least and greatest sound speed at each level over the wet points.
 
@@ -69,6 +72,8 @@ def sound_speed_profile_spread(ocean: xr.Dataset) -> xr.Dataset:
     ----------
     ocean : xarray.Dataset
         A valid ocean.
+    equation : {"teos-10", "del-grosso", "unesco"}
+        Of sound speed.
 
     Returns
     -------
@@ -77,7 +82,7 @@ def sound_speed_profile_spread(ocean: xr.Dataset) -> xr.Dataset:
         wet. The mean is over grid points, each counting the same.
     """
     validate_ocean(ocean)
-    speed = _sound_speed(ocean)
+    speed = _sound_speed(ocean, equation)
     columns = speed.reshape(len(speed), -1)
     wet = np.isfinite(columns)
     count = wet.sum(axis=1)
@@ -100,10 +105,87 @@ def sound_speed_profile_spread(ocean: xr.Dataset) -> xr.Dataset:
     )
 
 
-def _sound_speed(ocean: xr.Dataset) -> Array:
+def ocean_facts(ocean: xr.Dataset) -> dict[str, str]:
+    """
+    Extent, levels, time and origin of an ocean in words.
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+
+    Returns
+    -------
+    dict of str to str
+        In the order to be shown.
+    """
+    validate_ocean(ocean)
+    lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
+    wet = np.isfinite(ocean["water_temp"].values)
+    floor = sea_floor_depth(ocean).values
+    meridian = pyproj.Geod(ellps="WGS84").inv(lon[0], lat[0], lon[0], lat[-1])[2]
+    middle = 0.5 * (lat[0] + lat[-1])
+    deepest = depth[wet.any(axis=(1, 2))][-1]
+    return {
+        "title": str(ocean.attrs["title"]),
+        "source": str(ocean.attrs["source"]),
+        "made up": "yes" if ocean.attrs["synthetic"] else "no",
+        "time": f"{str(np.datetime_as_string(ocean['time'].values, unit='m')).replace('T', ' ')} UTC",
+        "latitude": f"{lat[0]:.6g} to {lat[-1]:.6g} degrees north, {lat.size} points, {_spacing(lat)} apart",
+        "longitude": f"{lon[0]:.6g} to {lon[-1]:.6g} degrees east, {lon.size} points, {_spacing(lon)} apart",
+        "size": f"{_width(middle, lon):.0f} km west to east at the centre, {meridian / 1e3:.0f} km south to north",
+        "levels": f"{depth.size}, 0 to {depth[-1]:g} m, water down to {deepest:g} m",
+        "sea floor": f"{floor.min():g} to {floor.max():g} m, where the levels end",
+        "wet points": f"{wet.sum():,} of {wet.size:,}, {100.0 * wet[0].mean():.0f} % of the surface",
+    }
+
+
+def variable_table(ocean: xr.Dataset, equation: Equation = "teos-10") -> pd.DataFrame:
+    """
+    Least, mean and greatest value of each variable, of the current's speed and of sound speed.
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+    equation : {"teos-10", "del-grosso", "unesco"}
+        Equation of sound speed.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row a variable; columns ``units``, ``least``, ``mean`` (over wet grid points, each counting the
+        same) and ``greatest``.
+    """
+    validate_ocean(ocean)
+    fields = {v.name: (v.units.replace("m s-1", "m/s"), ocean[v.name].values) for v in VARIABLES}
+    fields["current speed"] = ("m/s", np.hypot(ocean["water_u"].values, ocean["water_v"].values))
+    fields["sound speed"] = ("m/s", _sound_speed(ocean, equation))
+    rows = [
+        (name, units, float(np.nanmin(values)), float(np.nanmean(values)), float(np.nanmax(values)))
+        for name, (units, values) in fields.items()
+    ]
+    return pd.DataFrame(rows, columns=["variable", "units", "least", "mean", "greatest"]).set_index(
+        "variable"
+    )
+
+
+def _spacing(axis: Array) -> str:
+    steps = np.diff(axis)
+    if np.ptp(steps) < 0.01 * steps.mean():
+        return f"{steps.mean():.4g} degrees"
+    return f"{steps.min():.4g} to {steps.max():.4g} degrees"
+
+
+def _sound_speed(ocean: xr.Dataset, equation: Equation = "teos-10") -> Array:
     depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
     return sound_speed(
-        ocean["water_temp"].values, ocean["salinity"].values, depth[:, None, None], lat[:, None], lon
+        ocean["water_temp"].values,
+        ocean["salinity"].values,
+        depth[:, None, None],
+        lat[:, None],
+        lon,
+        equation=equation,
     )
 
 

@@ -35,3 +35,9 @@ SOUND_SPEED = part_of(cmocean.cm.ice, 0.99, 0.55)
 
 DEPTH = part_of(cmocean.cm.thermal, 0.88, 0.08)
 """Light at the surface, dark below; lines of all its colours stand out on white."""
+
+WATER = part_of(cmocean.cm.thermal, 0.12, 0.98)
+"""Sound speed where its structure is the subject: slow dark, fast light."""
+
+FLOOR = part_of(cmocean.cm.deep, 0.04, 0.85)
+"""Depth of the sea floor in plan: shallow light, deep dark."""

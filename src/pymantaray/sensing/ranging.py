@@ -1,7 +1,8 @@
 """Noise-free ranges from acoustic travel times, by both of the paper's models."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from pymantaray.records import Arrivals, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.detection import Detector
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
-from pymantaray.sensing.reception import Progress, Reception, receive
+from pymantaray.sensing.reception import Progress, Reception, join, receive
 from pymantaray.sensing.schedule import Attempts, PingSchedule, attempts
 from pymantaray.sensing.timing import Leg, OneWay, Timing, TwoWay, half_round_trip, velocities
 
@@ -61,14 +62,14 @@ class Ranging(NamedTuple):
 def measure_ranges(
     truth: Trajectories,
     landmarks: Sequence[Landmark],
-    medium: Medium,
+    medium: Medium | Callable[[float], Medium],
     schedule: PingSchedule,
     *,
     spreading_cutoff_db: float | None = 15.0,
     max_surface_bounces: int = 0,
     max_bottom_bounces: int = 0,
     arrival: Rule = "direct",
-    currents: Currents | None = None,
+    currents: Currents | Callable[[float], Currents] | None = None,
     timing: Timing = _ONE_WAY,
     detector: Detector | None = None,
     threads: int | None = None,
@@ -83,8 +84,9 @@ def measure_ranges(
         Where the vehicles are.
     landmarks : sequence of Landmark
         Fixed receivers.
-    medium : Medium
-        Sound speed and bathymetry.
+    medium : Medium or callable
+        Sound speed and bathymetry; where they vary in time, a function that gives them at a time of the truth
+        [s]. It is called once a ping.
     schedule : PingSchedule
         When the vehicles ping.
     spreading_cutoff_db : float or None
@@ -93,8 +95,9 @@ def measure_ranges(
         Reflections that an arrival may have.
     arrival : {"direct", "first", "strongest"}
         The arrival that is ranged on, see `pymantaray.acoustics.selection.select`.
-    currents : Currents, optional
-        Their first-order effect on travel times. By default the water is at rest.
+    currents : Currents or callable, optional
+        Their first-order effect on travel times, likewise a function where they vary. By default the water is
+        at rest.
     timing : OneWay or TwoWay
         One-way, the fleet is at rest while it pings; two-way, it moves on as the truth says.
     detector : Detector, optional
@@ -119,6 +122,9 @@ def measure_ranges(
 
     Notes
     -----
+    Sound runs through the water as it is at the ping, two-way also the answer: in the seconds of an exchange
+    the ocean does not change. Media that vary are held one at a time.
+
     Travel time is reciprocal but for the current, so each unordered pair is solved once. The two refracted
     ranges ``c t`` of a pair differ, since the sound speed is that at the transmitter (two-way: the initiator).
     """
@@ -143,34 +149,58 @@ def measure_ranges(
     status = np.full(pair.size, RayStatus.STOPPED, dtype=np.int8)
     time, chord = np.full((pair.size, 2), np.nan), np.full(pair.size, np.nan)
     speed = np.full((pair.size, 2), np.nan)  # at the source, at the receiver
-    heard, n_heard = ~stopped, int(np.count_nonzero(~stopped))
-    found = receive(
-        medium,
-        source[heard],
-        receiver[heard],
-        spreading_cutoff_db=spreading_cutoff_db,
-        max_surface_bounces=max_surface_bounces,
-        max_bottom_bounces=max_bottom_bounces,
-        rule=arrival,
-        currents=currents,
-        detector=detector,
-        threads=threads,
-        progress=progress and (lambda done, total: progress(done * n_heard // max(total, 1), pair.size)),
-    )
-    there = found.there
-    status[heard], chord[heard] = there.status, there.chord_travel_time
-    time[heard] = np.stack([there.travel_time, found.back.travel_time], axis=-1)
-    speed[heard] = np.stack([there.source_sound_speed, there.receiver_sound_speed], axis=-1)
-    if stopped.any():  # what evaluation needs of a silent pair: its chord and sound speeds, no arrival
-        unheard = find_eigenrays(
-            medium,
-            source[stopped],
-            receiver[stopped],
+    heard = ~stopped
+
+    def solve(links: slice, water: Medium, moving: Currents | None) -> Reception:
+        loud, quiet = links.start + np.flatnonzero(heard[links]), links.start + np.flatnonzero(stopped[links])
+
+        def tell(before: int, count: int) -> Progress | None:
+            if progress is None:
+                return None
+            return lambda done, total: progress(before + done * count // max(total, 1), pair.size)
+
+        found = receive(
+            water,
+            source[loud],
+            receiver[loud],
+            spreading_cutoff_db=spreading_cutoff_db,
+            max_surface_bounces=max_surface_bounces,
+            max_bottom_bounces=max_bottom_bounces,
+            rule=arrival,
+            currents=moving,
+            detector=detector,
             threads=threads,
-            progress=progress and (lambda done, _: progress(n_heard + done, pair.size)),
+            progress=tell(links.start, loud.size),
         )
-        chord[stopped] = unheard.chord_travel_time
-        speed[stopped] = np.stack([unheard.source_sound_speed, unheard.receiver_sound_speed], axis=-1)
+        there = found.there
+        status[loud], chord[loud] = there.status, there.chord_travel_time
+        time[loud] = np.stack([there.travel_time, found.back.travel_time], axis=-1)
+        speed[loud] = np.stack([there.source_sound_speed, there.receiver_sound_speed], axis=-1)
+        if quiet.size:  # what evaluation needs of a silent pair: its chord and sound speeds, no arrival
+            unheard = find_eigenrays(
+                water,
+                source[quiet],
+                receiver[quiet],
+                threads=threads,
+                progress=tell(links.start + loud.size, quiet.size),
+            )
+            chord[quiet] = unheard.chord_travel_time
+            speed[quiet] = np.stack([unheard.source_sound_speed, unheard.receiver_sound_speed], axis=-1)
+        return found
+
+    ends: list[int] = [0, pair.size]  # of the runs of links that share their water
+    if callable(medium) or callable(currents):
+        ends = (first.size * np.arange(n_epochs + 1)).tolist()
+    found = join(
+        [
+            solve(
+                slice(start, stop),
+                medium(now) if callable(medium) else medium,
+                currents(now) if callable(currents) else currents,
+            )
+            for now, (start, stop) in zip(truth.time[epochs].tolist(), pairwise(ends), strict=False)
+        ]
+    )
 
     table = attempts(n_agents, len(fixed), epochs)
     per_epoch = table.sample.size // n_epochs

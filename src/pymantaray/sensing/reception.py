@@ -1,8 +1,8 @@
 """What each link's receiver ranges on: rays, the current along them, their loss, and the one arrival chosen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +120,34 @@ def receive(
             link, row = choose_arrivals(arrivals, rule, loss_db=loss, delay=d)
             probability[link, way] = heard[row]
     return Reception(arrivals=arrivals, there=there, back=back, probability=probability)
+
+
+def join(parts: Sequence[Reception]) -> Reception:
+    """
+    Make one reception of several, their links one after the other.
+
+    Parameters
+    ----------
+    parts : sequence of Reception
+        At least one; all with a detector or all without.
+
+    Returns
+    -------
+    Reception
+    """
+    before = np.cumsum([0, *(part.arrivals.status.size for part in parts)])
+    link = np.concatenate([part.arrivals.link + n for part, n in zip(parts, before[:-1], strict=True)])
+    chances = [part.probability for part in parts if part.probability is not None]
+    return Reception(
+        arrivals=Arrivals(**_columns([part.arrivals for part in parts]) | {"link": link}),
+        there=FirstArrivals(**_columns([part.there for part in parts])),
+        back=FirstArrivals(**_columns([part.back for part in parts])),
+        probability=np.concatenate(chances) if chances else None,
+    )
+
+
+def _columns(records: Sequence[Arrivals] | Sequence[FirstArrivals]) -> dict[str, Any]:
+    return {f.name: np.concatenate([getattr(r, f.name) for r in records]) for f in fields(records[0])}
 
 
 def _from(progress: Progress | None, before: int, total: int) -> Progress | None:

@@ -2,21 +2,33 @@
 
 import datetime as dt
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from pymantaray.fleet import Behaviour, ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints
 from pymantaray.ocean import open_ocean, region_table, sound_speed_profile_spread, to_local
+from pymantaray.ocean.bathymetry import window_of
+from pymantaray.ocean.series import open_ocean_series
+from pymantaray.ocean.source import ocean_times
+from pymantaray.ocean.topography import open_sea_floor
 from pymantaray.study.config import OceanSection, StudyConfig
 from pymantaray.study.config_fleet import AnyVehicle, FloatSection, FloatVehicle, StationVehicle, TwistVehicle
+from pymantaray.study.varying import series_of, snapshot_at
 
 
 @dataclass(frozen=True, eq=False)
 class StudyOcean:
-    """The water that a study takes place in, and what there is to say about where it comes from."""
+    """
+    The water that a study takes place in, and what there is to say about where it comes from.
+
+    Where it varies in time, everything but `series` is of the first snapshot, the last one at or before the
+    mission's start.
+    """
 
     geographic: xr.Dataset
     """Temperature, salinity and currents as the source has them: depth, lat, lon."""
@@ -26,15 +38,39 @@ class StudyOcean:
     """Mean, least and greatest sound speed of each level over the region."""
     region: pd.DataFrame
     """Properties of the region, one row each."""
+    series: xr.Dataset | None = None
+    """The local ocean over the mission: time [s], north, east, depth; None if it stands still."""
+
+    @property
+    def drift(self) -> xr.Dataset:
+        """The local ocean that the fleet drifts in, over time where it varies."""
+        return self.local if self.series is None else self.series
+
+    def local_at(self, time: float) -> xr.Dataset:
+        """
+        Local ocean at a time of the mission.
+
+        Parameters
+        ----------
+        time : float
+            Since its start. [s]
+
+        Returns
+        -------
+        xarray.Dataset
+        """
+        return self.local if self.series is None else snapshot_at(self.series, time)
 
 
-def build_ocean(section: OceanSection) -> StudyOcean:
+def build_ocean(section: OceanSection, duration: float) -> StudyOcean:
     """
     Ocean of a study, in its local frame.
 
     Parameters
     ----------
     section : OceanSection
+    duration : float
+        Of the mission; not read where the ocean stands still. [s]
 
     Returns
     -------
@@ -43,18 +79,49 @@ def build_ocean(section: OceanSection) -> StudyOcean:
     Raises
     ------
     OceanError
-        If the source cannot be read, is not a valid ocean or does not hold the domain asked for.
+        If the source cannot be read, is not a valid ocean, or does not hold the domain or the times asked for.
     """
-    time = section.time
-    if time is not None and time.tzinfo is not None:
-        time = time.astimezone(dt.UTC).replace(tzinfo=None)
-    geographic = open_ocean(section.source, time=None if time is None else np.datetime64(time, "ns"))
+    oceans, time = _open(section, duration)
+    geographic = oceans[0]
+    sea_floor = None
+    if section.bathymetry is not None:
+        sea_floor = open_sea_floor(section.bathymetry, window=window_of(geographic))
+
+    def local_ones() -> Iterator[xr.Dataset]:
+        oceans.reverse()
+        while oceans:  # each is let go once it is brought to the local grid
+            yield to_local(
+                oceans.pop(),
+                centre=section.centre,
+                half_extent=section.half_extent,
+                sea_floor=sea_floor,
+                equation=section.equation,
+            )
+
+    series = series_of(local_ones(), time) if section.time_varying else None
     return StudyOcean(
         geographic=geographic,
-        local=to_local(geographic, centre=section.centre, half_extent=section.half_extent),
-        profile=sound_speed_profile_spread(geographic),
-        region=region_table(geographic),
+        local=next(local_ones()) if series is None else series.isel(time=0, drop=True),
+        profile=sound_speed_profile_spread(geographic, equation=section.equation),
+        region=region_table(geographic, equation=section.equation),
+        series=series,
     )
+
+
+def _open(section: OceanSection, duration: float) -> tuple[list[xr.Dataset], NDArray[np.float64]]:
+    """Snapshots of a mission, the only one where the ocean stands still, and when they are. [s]"""
+    instant = section.time
+    if instant is not None and instant.tzinfo is not None:
+        instant = instant.astimezone(dt.UTC).replace(tzinfo=None)
+    start = None if instant is None else np.datetime64(instant, "ns")
+    if not section.time_varying:
+        return [open_ocean(section.source, time=start, currents=section.currents)], np.zeros(1)
+    if start is None:
+        start = ocean_times(section.source)[0]
+    second = np.timedelta64(1_000_000_000, "ns")
+    stop = start + round(duration * 1e9) * np.timedelta64(1, "ns")
+    oceans = list(open_ocean_series(section.source, start, stop, currents=section.currents))
+    return oceans, np.array([(ocean["time"].values - start) / second for ocean in oceans])
 
 
 def build_fleet(config: StudyConfig) -> list[Vehicle]:

@@ -1,9 +1,11 @@
 """From configuration to what ranging needs: currents, detector, timing scheme and clocks."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import xarray as xr
 
+from pymantaray.acoustics import Medium
 from pymantaray.acoustics.absorption_field import Absorption
 from pymantaray.acoustics.ambient_noise import WenzNoise
 from pymantaray.acoustics.moving_water import Currents
@@ -51,7 +53,28 @@ def build_clocks(section: RangingSection) -> ClockModel | None:
     return ClockModel(offset_sigma=section.clock_offset_sigma, skew_sigma=section.clock_skew_sigma)
 
 
-def build_currents(config: StudyConfig, ocean: "StudyOcean") -> Currents | None:
+def build_medium(config: StudyConfig, ocean: "StudyOcean") -> Medium | Callable[[float], Medium]:
+    """
+    Medium of a study's rays.
+
+    Parameters
+    ----------
+    config : StudyConfig
+    ocean : StudyOcean
+
+    Returns
+    -------
+    Medium or callable
+        A function of the time since the mission's start [s] if the ocean varies.
+    """
+
+    def at(time: float) -> Medium:
+        return Medium.from_dataset(ocean.local_at(time), interpolation=config.acoustics.interpolation)
+
+    return at(0.0) if ocean.series is None else at
+
+
+def build_currents(config: StudyConfig, ocean: "StudyOcean") -> Currents | Callable[[float], Currents] | None:
     """
     Currents along the rays of a study.
 
@@ -62,10 +85,17 @@ def build_currents(config: StudyConfig, ocean: "StudyOcean") -> Currents | None:
 
     Returns
     -------
-    Currents or None
-        None if rays are to run through water at rest.
+    Currents, callable or None
+        None if rays are to run through water at rest; a function of the time since the mission's start [s] if
+        the ocean varies.
     """
-    return Currents.from_dataset(ocean.local) if config.acoustics.currents else None
+    if not config.acoustics.currents:
+        return None
+
+    def at(time: float) -> Currents:
+        return Currents.from_dataset(ocean.local_at(time))
+
+    return at(0.0) if ocean.series is None else at
 
 
 def build_detector(config: StudyConfig, ocean: "StudyOcean") -> Detector | None:
@@ -76,6 +106,7 @@ def build_detector(config: StudyConfig, ocean: "StudyOcean") -> Detector | None:
     ----------
     config : StudyConfig
     ocean : StudyOcean
+        Absorption is that of its first snapshot, also where the ocean varies.
 
     Returns
     -------

@@ -30,10 +30,14 @@ class StudySection(Section):
 
 
 class OceanSection(Section):
-    """Where the water comes from, and the centre of the local frame."""
+    """Where the water and the sea floor come from, whether they vary, and the centre of the local frame."""
 
     source: tuple[str, ...] = Field(min_length=1, strict=False)
     time: dt.datetime | None = None
+    time_varying: bool = False
+    currents: Literal["required", "rest"] = "required"
+    equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
+    bathymetry: str | None = Field(default=None, min_length=1)
     centre_latitude_deg: float | None = Field(default=None, ge=-90.0, le=90.0)
     centre_longitude_deg: float | None = Field(default=None, ge=-180.0, le=360.0)
     half_extent_north: PositiveFloat | None = None
@@ -61,8 +65,9 @@ class OceanSection(Section):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Input files; empty for a synthetic ocean."""
-        return () if self.synthetic else self.source
+        """Input files, that of the sea floor last; a synthetic ocean has none of its own."""
+        water = () if self.synthetic else self.source
+        return water if self.bathymetry is None else (*water, self.bathymetry)
 
     @property
     def centre(self) -> tuple[float, float] | None:

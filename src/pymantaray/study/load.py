@@ -71,7 +71,7 @@ def load_study(
     Parameters
     ----------
     name_or_file : str or pathlib.Path
-        Name of a preset, or a TOML file. Ocean files named in it are relative to its folder.
+        Name of a preset, or a TOML file. Ocean and sea floor files named in it are relative to its folder.
     realizations : int, optional
         Number of realizations in place of the configured one.
     ocean : sequence of path, optional
@@ -186,6 +186,8 @@ def _anchor_sources(tree: dict[str, Any], folder: Path) -> None:
         ocean["source"] = [anchor(entry) for entry in source]
     elif source is not None:
         ocean["source"] = anchor(source)
+    if "bathymetry" in ocean:
+        ocean["bathymetry"] = anchor(ocean["bathymetry"])
 
 
 def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:

@@ -70,6 +70,7 @@ def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int
         "ocean": {
             "source": list(config.ocean.source),
             "synthetic": config.ocean.synthetic,
+            "time_varying": config.ocean.time_varying,
             "sha256": {file: sha256(Path(file)) for file in config.ocean.files},
         },
         "random": {
@@ -96,7 +97,7 @@ def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int
 
 def sha256(path: Path) -> str:
     """
-    Checksum of a file's content.
+    Checksum of a file's content, or of a folder's.
 
     Parameters
     ----------
@@ -105,8 +106,13 @@ def sha256(path: Path) -> str:
     Returns
     -------
     str
-        64 hexadecimal digits.
+        64 hexadecimal digits. A folder's (a zarr store) is that of its files' checksums and names, a line
+        each as ``sha256sum`` writes them, sorted by name.
     """
+    if path.is_dir():
+        names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
+        lines = "".join(f"{sha256(path / name)}  {name}\n" for name in names)
+        return hashlib.sha256(lines.encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymantaray.acoustics import Medium
 from pymantaray.fleet import simulate
 from pymantaray.records import Arrivals, Observations, Trajectories
 from pymantaray.sensing import (
@@ -19,7 +18,7 @@ from pymantaray.sensing import (
     measure_ranges,
 )
 from pymantaray.study.assemble import StudyOcean, build_fleet, build_ocean
-from pymantaray.study.assemble_ranging import build_currents, build_detector, build_timing
+from pymantaray.study.assemble_ranging import build_currents, build_detector, build_medium, build_timing
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.picture import picture_of_most_bent_link
@@ -73,14 +72,14 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
 
     progress("ocean", 0, 1)
     with watch.stage("ocean"):
-        ocean = build_ocean(config.ocean)
+        ocean = build_ocean(config.ocean, mission.duration_h * 3600.0)
     progress("ocean", 1, 1)
 
     progress("fleet", 0, 1)
     with watch.stage("fleet"):
         truth = simulate(
             vehicles,
-            ocean.local,
+            ocean.drift,
             duration=mission.duration_h * 3600.0,
             physics_step=mission.physics_step_s,
             sampling_period=mission.sampling_period_s,
@@ -89,7 +88,7 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
 
     progress("rays", 0, 1)
     with watch.stage("medium"):
-        medium = Medium.from_dataset(ocean.local, interpolation=config.acoustics.interpolation)
+        medium, currents = build_medium(config, ocean), build_currents(config, ocean)
     with watch.stage("rays"):
         ranging = measure_ranges(
             truth,
@@ -100,7 +99,7 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
             max_surface_bounces=config.acoustics.max_surface_bounces,
             max_bottom_bounces=config.acoustics.max_bottom_bounces,
             arrival=config.acoustics.arrival,
-            currents=build_currents(config, ocean),
+            currents=currents,
             timing=build_timing(config.ranging),
             detector=build_detector(config, ocean),
             progress=lambda done, total: progress("rays", done, max(total, 1)),

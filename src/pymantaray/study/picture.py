@@ -1,5 +1,7 @@
 """The one link that a study draws: the section of the water between two vehicles, and its rays."""
 
+from collections.abc import Callable
+
 import numpy as np
 import xarray as xr
 
@@ -13,7 +15,7 @@ FAN = np.radians(np.linspace(-15.0, 15.0, 41))
 
 
 def picture_of_most_bent_link(
-    medium: Medium,
+    medium: Medium | Callable[[float], Medium],
     truth: Trajectories,
     links: Links,
     arrivals: Arrivals,
@@ -25,7 +27,8 @@ def picture_of_most_bent_link(
 
     Parameters
     ----------
-    medium : Medium
+    medium : Medium or callable
+        A function of time [s] where the water varies; it is drawn as it is at the link's ping.
     truth : Trajectories
     links : Links
         Between vehicles or from a vehicle to a landmark; landmarks are not drawn.
@@ -51,8 +54,9 @@ def picture_of_most_bent_link(
     source, receiver = truth.position[a, sample], truth.position[b, sample]
     step = receiver - source
     slope = float(np.arctan2(step[2], np.hypot(step[0], step[1])))
+    water = medium(float(truth.time[sample])) if callable(medium) else medium
     picture = ray_picture(
-        medium, source, receiver, fan_angles=slope + FAN, spreading_cutoff_db=spreading_cutoff_db
+        water, source, receiver, fan_angles=slope + FAN, spreading_cutoff_db=spreading_cutoff_db
     )
     return picture.assign_attrs(
         source=str(truth.name[a]), receiver=str(truth.name[b]), time_h=float(truth.time[sample]) / 3600.0

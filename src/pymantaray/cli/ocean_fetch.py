@@ -1,0 +1,150 @@
+"""Commands of `mantaray ocean fetch`: HYCOM and GLORYS12 by place and time."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from pymantaray.ocean.fetch import Fetched
+
+app = typer.Typer(help="Fetch an ocean by place and time.", no_args_is_help=True)
+
+Lat = Annotated[str, typer.Option("--lat", metavar="SOUTH,NORTH", help="Latitudes [degrees].")]
+Lon = Annotated[
+    str,
+    typer.Option(
+        "--lon", metavar="WEST,EAST", help="Longitudes in any convention; 170,-170 crosses the antimeridian."
+    ),
+]
+Time = Annotated[str, typer.Option("--time", help="Instant in UTC, as 2014-07-15T12.")]
+Out = Annotated[Path, typer.Option("--out", metavar="FILE", help="NetCDF file to write.")]
+Servers = Annotated[
+    str | None,
+    typer.Option(
+        "--servers",
+        metavar="FILE|URL",
+        help="TOML file of servers, or the address of an OPeNDAP root; else MANTARAY_OCEAN_SERVERS.",
+    ),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no remarks.")]
+
+
+@app.command()
+def hycom(
+    lat: Lat,
+    lon: Lon,
+    time: Time,
+    out: Out,
+    nearest: Annotated[
+        bool, typer.Option("--nearest", help="Take the nearest step where the one asked for does not exist.")
+    ] = False,
+    experiment: Annotated[
+        str | None, typer.Option("--experiment", help="Name of an experiment, in place of the preferred one.")
+    ] = None,
+    servers: Servers = None,
+    cache: Annotated[
+        Path | None, typer.Option("--cache", help="Folder of what is kept; else MANTARAY_CACHE.")
+    ] = None,
+    no_cache: Annotated[bool, typer.Option("--no-cache", help="Keep nothing, use nothing kept.")] = False,
+    time_limit: Annotated[
+        float, typer.Option("--time-limit", metavar="SECONDS", help="For the whole fetch.")
+    ] = 1800.0,
+    attempts: Annotated[int, typer.Option("--attempts", min=1, help="For each request.")] = 4,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """A window of HYCOM at one time, as a valid ocean."""
+    from pymantaray.cli.progress import progress_bars
+    from pymantaray.ocean.fetch import Limits, fetch_hycom
+
+    with progress_bars(quiet=quiet) as progress:
+        fetched = fetch_hycom(
+            parse_pair("--lat", lat),
+            parse_pair("--lon", lon),
+            time,
+            out,
+            servers=servers,
+            experiment=experiment,
+            nearest=nearest,
+            cache=cache,
+            use_cache=not no_cache,
+            limits=Limits(total_s=time_limit, attempts=attempts),
+            overwrite=overwrite,
+            progress=progress,
+        )
+    _tell(fetched, quiet=quiet)
+
+
+@app.command()
+def copernicus(
+    lat: Lat,
+    lon: Lon,
+    time: Time,
+    out: Out,
+    product: Annotated[
+        str | None, typer.Option("--product", help="Name of a product, in place of the first that covers.")
+    ] = None,
+    servers: Servers = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """A window of GLORYS12's daily means, as a valid ocean; needs an account of Copernicus Marine."""
+    from pymantaray.ocean.fetch import fetch_copernicus
+
+    fetched = fetch_copernicus(
+        parse_pair("--lat", lat),
+        parse_pair("--lon", lon),
+        time,
+        out,
+        product=product,
+        servers=servers,
+        overwrite=overwrite,
+    )
+    _tell(fetched, quiet=quiet)
+
+
+def parse_pair(option: str, text: str) -> tuple[float, float]:
+    """
+    Two numbers with a comma between.
+
+    Parameters
+    ----------
+    option : str
+        For the message.
+    text : str
+
+    Returns
+    -------
+    tuple of float
+
+    Raises
+    ------
+    OceanError
+        If they are none.
+
+    Examples
+    --------
+    >>> parse_pair("--lon", "-150,-130")
+    (-150.0, -130.0)
+    """
+    from pymantaray.errors import OceanError
+
+    try:
+        first, second = (float(word) for word in text.split(","))
+    except ValueError:
+        raise OceanError(f"{option} is {text!r}; needs two numbers with a comma between, as 73,76") from None
+    return first, second
+
+
+def _tell(fetched: "Fetched", *, quiet: bool) -> None:
+    if not quiet:
+        for remark in fetched.remarks:
+            typer.echo(f"note: {remark}", err=True)
+        typer.echo(
+            f"{fetched.title}, over {fetched.service}: {fetched.requests} requests, {fetched.kept} answers kept"
+            " from before",
+            err=True,
+        )
+    typer.echo(str(fetched.path))

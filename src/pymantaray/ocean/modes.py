@@ -1,0 +1,187 @@
+"""Vertical modes of sound speed in the columns of an ocean or in casts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import OceanError
+from pymantaray.ocean.cast import Cast
+from pymantaray.ocean.covariance import SoundSpeedCovariance, layer_weights, weighted_eigen
+from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.schema import validate_ocean
+from pymantaray.ocean.seawater import sound_speed
+
+__all__ = ["SoundSpeedCovariance", "VerticalModes", "layer_weights", "vertical_modes"]
+
+Array = NDArray[np.float64]
+_REACH = 0.5  # share of the wet columns that must reach a level for modes to be taken down to it
+
+
+@dataclass(frozen=True, eq=False)
+class VerticalModes:
+    """
+    Shapes in which sound speed varies with depth, each with the variance that it carries.
+
+    Attributes
+    ----------
+    depth : ndarray, shape (n_levels,)
+        [m]
+    mean : ndarray, shape (n_levels,)
+        Sound speed about which they vary. [m/s]
+    modes : ndarray, shape (n_modes, n_levels)
+        Orthonormal under `layer_weights`: the mean over the water column of the product of two modes is 1 or
+        0. [-]
+    variance : ndarray, shape (n_modes,)
+        Of the modes' amplitudes, falling. [m²/s²]
+    total_variance : float
+        Mean over the water column, the modes left out included. [m²/s²]
+    """
+
+    depth: Array
+    mean: Array
+    modes: Array
+    variance: Array
+    total_variance: float
+
+    def at(self, depth: ArrayLike) -> Array:
+        """
+        Modes at other depths, linear between the levels and constant beyond them.
+
+        Parameters
+        ----------
+        depth : array_like, shape (...)
+            [m]
+
+        Returns
+        -------
+        ndarray, shape (n_modes, ...)
+        """
+        z = np.asarray(depth, dtype=float)
+        return np.stack([np.interp(z, self.depth, mode) for mode in self.modes])
+
+    def amplitudes(self, sound_speed: ArrayLike) -> Array:
+        """
+        Amplitudes of the modes in profiles on the same levels.
+
+        Parameters
+        ----------
+        sound_speed : array_like, shape (..., n_levels)
+            [m/s]
+
+        Returns
+        -------
+        ndarray, shape (..., n_modes)
+            [m/s]
+        """
+        anomaly = np.asarray(sound_speed, dtype=float) - self.mean
+        return np.asarray((anomaly * layer_weights(self.depth)) @ self.modes.T)
+
+    def covariance(self, horizontal_scale: float) -> SoundSpeedCovariance:
+        """
+        Covariance of sound speed whose vertical part is that of these modes.
+
+        Parameters
+        ----------
+        horizontal_scale : float
+            Of the Gaussian correlation; infinite for amplitudes that are the same everywhere. [m]
+
+        Returns
+        -------
+        SoundSpeedCovariance
+        """
+        matrix = np.einsum("k,ki,kj->ij", self.variance, self.modes, self.modes)
+        return SoundSpeedCovariance(self.depth, matrix, horizontal_scale)
+
+
+def vertical_modes(
+    columns: xr.Dataset | Sequence[Cast],
+    *,
+    n_modes: int | None = None,
+    levels: ArrayLike | None = None,
+    equation: Equation = "teos-10",
+) -> VerticalModes:
+    """
+    Empirical orthogonal functions of sound speed from an ocean's columns or from casts.
+
+    Parameters
+    ----------
+    columns : xarray.Dataset or sequence of Cast
+        A valid ocean, each of whose wet columns counts the same, or at least two casts.
+    n_modes : int, optional
+        Default: those that carry 99.99 % of the variance.
+    levels : array_like, optional
+        For casts only: levels onto which they are averaged, within the samples of all. Default: every 5 m
+        between the deepest first and the shallowest last sample. [m]
+    equation : {"teos-10", "del-grosso", "unesco"}
+
+    Returns
+    -------
+    VerticalModes
+        An ocean's are on its levels down to the deepest that half of its columns reach; shallower columns
+        are left out. Signs are such that each mode is positive where it is largest.
+
+    Raises
+    ------
+    OceanError
+        If there are fewer than two columns, they do not differ, or the levels leave the casts' samples.
+
+    Notes
+    -----
+    Eigenvectors of the columns' covariance, each level weighted by the layer that it stands for, so that
+    the sum of variances is the mean square anomaly over the water column whatever the spacing of levels.
+    """
+    depth, speed = (
+        _ocean_columns(columns, equation)
+        if isinstance(columns, xr.Dataset)
+        else _cast_columns(columns, levels, equation)
+    )
+    if len(speed) < 2:
+        raise OceanError(f"modes: {len(speed)} column(s) down to {depth[-1]:g} m; at least 2 are needed")
+    mean = speed.mean(axis=0)
+    anomaly = speed - mean
+    matrix = anomaly.T @ anomaly / (len(speed) - (0 if isinstance(columns, xr.Dataset) else 1))
+    variance, modes = weighted_eigen(matrix, layer_weights(depth))
+    total = float(variance.sum())
+    if not total > 1e-12:
+        raise OceanError("modes: the columns do not differ; take an ocean that varies, or several casts")
+    share = 1 + int(np.searchsorted(np.cumsum(variance), 0.9999 * total))
+    rank = int(np.count_nonzero(variance > 1e-12 * total))
+    kept = min(share if n_modes is None else n_modes, rank)
+    if kept < 1:
+        raise OceanError(f"modes: n_modes is {n_modes}; at least 1 is needed")
+    return VerticalModes(depth, mean, modes[:kept], variance[:kept], total)
+
+
+def _ocean_columns(ocean: xr.Dataset, equation: Equation) -> tuple[Array, Array]:
+    validate_ocean(ocean)
+    depth, lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("depth", "lat", "lon"))
+    wet = np.isfinite(ocean["water_temp"].values)
+    reach = wet.sum(axis=(1, 2)) >= _REACH * wet[0].sum()
+    used = max(int(np.count_nonzero(reach)), 2)
+    rows, cols = np.nonzero(wet[used - 1])
+    speed = sound_speed(
+        ocean["water_temp"].values[:used, rows, cols],
+        ocean["salinity"].values[:used, rows, cols],
+        depth[:used, None],
+        lat[rows],
+        lon[cols],
+        equation=equation,
+    )
+    return depth[:used], speed.T
+
+
+def _cast_columns(casts: Sequence[Cast], levels: ArrayLike | None, equation: Equation) -> tuple[Array, Array]:
+    if not casts:
+        raise OceanError("modes: no cast given; at least 2 are needed")
+    first, last = max(c.depth[0] for c in casts), min(c.depth[-1] for c in casts)
+    if levels is None:
+        z = np.arange(5.0 * np.ceil(first / 5.0), last + 1e-9, 5.0)
+    else:
+        z = np.asarray(levels, dtype=float)
+    if z.size < 2 or z[0] < first or z[-1] > last:
+        raise OceanError(f"modes: levels must lie within the samples of all casts, {first:g} to {last:g} m")
+    speed = [sound_speed(*c.cell_means(z), z, c.lat, c.lon, equation=equation) for c in casts]
+    return z, np.array(speed)

@@ -1,0 +1,102 @@
+"""A local ocean that varies in time: snapshots on one grid, linear between their instants."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.errors import StudyError
+
+Array = NDArray[np.float64]
+VARYING = ("sound_speed", "current_north", "current_east")
+"""What varies; the sea floor and everything else is that of the first snapshot."""
+
+
+def series_of(snapshots: Iterable[xr.Dataset], time: Array) -> xr.Dataset:
+    """
+    Put local snapshots one after the other.
+
+    Parameters
+    ----------
+    snapshots : iterable of xarray.Dataset
+        From `pymantaray.ocean.to_local`, on one grid. One is held at a time.
+    time : ndarray, shape (n,)
+        Their instants, rising. [s]
+
+    Returns
+    -------
+    xarray.Dataset
+        The first snapshot with `VARYING` over (time, north, east, depth) and the coordinate ``time``, a number
+        of seconds.
+
+    Raises
+    ------
+    StudyError
+        If there are not as many snapshots as instants, or their grids differ.
+    """
+    first: xr.Dataset | None = None
+    fields: dict[str, Array] = {}
+    count = 0
+    for snapshot in snapshots:
+        if first is None:
+            first = snapshot
+            fields = {name: np.empty((time.size, *snapshot[name].shape)) for name in VARYING}
+        elif not all(np.array_equal(snapshot[name], first[name]) for name in ("north", "east", "depth")):
+            raise StudyError(
+                f"ocean: the local grid at {snapshot.attrs['time']} differs from that at {first.attrs['time']};"
+                " an ocean that varies in time needs one grid"
+            )
+        if count < time.size:
+            for name, values in fields.items():
+                values[count] = snapshot[name].values
+        count += 1
+    if first is None or count != time.size:
+        raise StudyError(
+            f"ocean: {count} snapshots for {time.size} instants; needs one each, and at least one"
+        )
+    return first.assign(
+        {name: (("time", *first[name].dims), values, first[name].attrs) for name, values in fields.items()}
+    ).assign_coords(time=("time", time, {"long_name": "time since the start of the mission", "units": "s"}))
+
+
+def snapshot_at(series: xr.Dataset, time: float) -> xr.Dataset:
+    """
+    Snapshot of an ocean at a time, linear between the instants that it is given at.
+
+    Parameters
+    ----------
+    series : xarray.Dataset
+        From `series_of`.
+    time : float
+        [s]
+
+    Returns
+    -------
+    xarray.Dataset
+        Without the dimension ``time``. At an instant of the series it is what was given there, to the last
+        digit, and so it is between two that are equal.
+
+    Raises
+    ------
+    StudyError
+        If the series does not hold the time.
+    """
+    instants = series["time"].values
+    if not instants[0] <= time <= instants[-1]:
+        raise StudyError(
+            f"ocean: {time:g} s is not within its {instants[0]:g} to {instants[-1]:g} s after the mission's start"
+        )
+    after = int(np.searchsorted(instants, time))
+    if instants[after] == time:
+        return series.isel(time=after, drop=True)
+    before = after - 1
+    share = (time - instants[before]) / (instants[after] - instants[before])
+    still = series.isel(time=before, drop=True)
+    fields = {name: series[name].values for name in VARYING}
+    return still.assign(
+        {
+            name: (still[name].dims, v[before] + share * (v[after] - v[before]), still[name].attrs)
+            for name, v in fields.items()
+        }
+    )

@@ -1,0 +1,96 @@
+"""`ocean fetch` as a user calls it, against a server on loopback."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from pymantaray.cli.ocean_fetch import app, parse_pair
+from pymantaray.errors import OceanError
+from pymantaray.ocean.schema import validate_ocean
+
+HERE = Path(__file__).resolve().parent.parent / "ocean" / "fetch"
+SPEC = importlib.util.spec_from_file_location("fetch_conftest", HERE / "conftest.py")
+WINDOW = ["--lat", "73,73.4", "--lon", "-150,-149.5"]
+
+
+@pytest.fixture(scope="module")
+def thredds():
+    pytest.importorskip("pydap.parsers", reason="the extra 'fetch' is not installed")
+    pytest.importorskip(
+        "waitress", reason="waitress, which serves pydap's application here, is not installed"
+    )
+    servers = importlib.util.module_from_spec(SPEC)
+    SPEC.loader.exec_module(servers)
+    module = servers.server
+    running = module.Running(module.Thredds({"GLBv0.08/expt_53.X/data/2014": module.reanalysis()}))
+    yield running
+    running.stop()
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Call `fetch` with words in an empty folder; gives the result."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MANTARAY_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    monkeypatch.delenv("MANTARAY_OCEAN_SERVERS", raising=False)
+    return lambda *words: CliRunner().invoke(app, [str(w) for w in words])
+
+
+@pytest.mark.network
+def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monkeypatch, tmp_path):
+    monkeypatch.setenv("MANTARAY_OCEAN_SERVERS", f"{thredds.root}/dodsC")
+    result = run("hycom", *WINDOW, "--time", "2014-07-15T12", "--out", "ocean.nc")
+    assert result.exception is None, result.exception
+    assert result.stdout == "ocean.nc\n"
+    assert (
+        "expt_53.X, 2014-07-15T12:00Z, over OPeNDAP: 6 requests, 0 answers kept from before" in result.stderr
+    )
+    with xr.open_dataset("ocean.nc") as ocean:
+        validate_ocean(ocean)
+        assert dict(ocean.sizes) == {"depth": 40, "lat": 11, "lon": 8}
+    assert any((tmp_path / "cache").iterdir())
+    again = run("hycom", *WINDOW, "--time", "2014-07-15T12", "--out", "ocean.nc")
+    assert isinstance(again.exception, OceanError)
+    assert "exists already" in str(again.exception)
+    quiet = run("hycom", *WINDOW, "--time", "2014-07-15T12", "--out", "ocean.nc", "--overwrite", "--quiet")
+    assert (quiet.stdout, quiet.stderr) == ("ocean.nc\n", "")
+
+
+@pytest.mark.network
+def test_a_missing_step_is_refused_and_the_nearest_can_be_taken(run, thredds):
+    words = [
+        "hycom",
+        *WINDOW,
+        "--time",
+        "2014-06-28T18",
+        "--out",
+        "ocean.nc",
+        "--servers",
+        f"{thredds.root}/dodsC",
+    ]
+    result = run(*words)
+    assert isinstance(result.exception, OceanError)
+    assert "nearest: 2014-06-28T09:00 and 2014-06-29T12:00" in str(result.exception)
+    assert not Path("ocean.nc").exists()
+    result = run(*words, "--nearest", "--no-cache")
+    assert result.exception is None, result.exception
+    assert "note: 2014-06-28T18:00 does not exist: 2014-06-28T09:00 was taken" in result.stderr
+    assert not Path("cache").exists()
+
+
+@pytest.mark.parametrize("text", ["73", "73,", "a,b", "1,2,3", ""])
+def test_a_pair_that_is_none_is_refused(text):
+    with pytest.raises(OceanError, match=r"--lat is .* needs two numbers with a comma between"):
+        parse_pair("--lat", text)
+
+
+@pytest.mark.parametrize("command", ["hycom", "copernicus"])
+def test_help_names_every_option(run, command):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    for option in ("--lat", "--lon", "--time", "--out", "--servers", "--overwrite", "--quiet"):
+        assert option in result.stdout

@@ -1,0 +1,173 @@
+"""Floats in currents that vary in time against closed forms, and a sea floor finer than the ocean's grid."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+
+from pymantaray.errors import FleetError
+from pymantaray.fleet import StationKeeping, Vehicle, Waypoints
+from pymantaray.records import VehicleStatus
+
+BOX, FLOOR = 5000.0, 1000.0  # m; half the side and the depth of the domain that conftest builds
+
+
+def over_time(times, oceans):
+    """Oceans at their instants as one data set."""
+    fields = {
+        name: (("time", *oceans[0][name].dims), np.stack([ocean[name].values for ocean in oceans]))
+        for name in ("current_north", "current_east")
+    }
+    return oceans[0].assign(fields).assign_coords(time=np.asarray(times, dtype=float))
+
+
+@pytest.mark.parametrize(
+    "times", [[0.0, 4000.0], [-700.0, 1300.0, 4100.0], [0.0, 125.0, 2000.0, 2025.0, 9e3]]
+)
+def test_a_current_that_grows_steadily_gives_a_quadratic_drift(run, make_float, make_ocean, times):
+    """x = a t + b t² / 2: the middle of a step is exact for it, however the snapshots lie."""
+    a, b = np.array([0.3, -0.1]), np.array([-1e-4, 2e-4])
+    water = over_time(times, [make_ocean(uniform=tuple(a + b * t)) for t in times])
+    truth = run(make_float(), water=water)
+    t = truth.time[:, None]
+    np.testing.assert_allclose(truth.position[0, :, :2], a * t + b * t**2 / 2, rtol=0, atol=1e-8)
+
+
+def test_between_snapshots_the_current_is_linear_in_time(run, make_float, make_ocean):
+    """Random currents at uneven instants, all ends of steps: the drift is the area under the polygon."""
+    times = np.array([-40.0, 0.0, 100.0, 130.0, 900.0, 2500.0, 2501.0, 4000.0])
+    speed = np.random.default_rng(1).uniform(-1.0, 1.0, (times.size, 2))
+    water = over_time(times, [make_ocean(uniform=tuple(u)) for u in speed])
+    truth = run(make_float(), water=water, physics_step=0.5)
+    fine = np.arange(0.0, 4000.1, 0.5)
+    now = np.stack([np.interp(fine, times, u) for u in speed.T])
+    area = np.concatenate([np.zeros((2, 1)), np.cumsum(0.25 * (now[:, 1:] + now[:, :-1]), axis=1)], axis=1)
+    np.testing.assert_allclose(truth.position[0, :, :2], area[:, ::100].T, rtol=0, atol=1e-8)
+
+
+def test_equal_snapshots_are_still_water_to_the_last_digit(run, make_float, make_ocean):
+    ocean = make_ocean(rotation=3e-4, shear=1e-4, uniform=(0.1, -0.2), slope=0.1)
+    fleet = [make_float("B", 100.0), make_float("C", -700.0, 900.0, target_depth=700.0)]
+    still = run(*fleet, water=ocean, duration=20_000.0)
+    varying = run(*fleet, water=over_time([-100.0, 333.0, 2e4], [ocean] * 3), duration=20_000.0)
+    np.testing.assert_array_equal(varying.position, still.position)
+    np.testing.assert_array_equal(varying.status, still.status)
+    assert np.ptp(still.position[..., 0]) > 2000.0  # several cells of the ocean
+
+
+def test_drift_in_rotation_that_speeds_up_is_a_circle_to_second_order(run, make_float, make_ocean):
+    """x' = r(t) J x turns by the integral of r; the error of a step falls with its square."""
+    slow, fast, radius, duration = 5e-4, 2e-3, 2000.0, 4000.0
+    water = over_time([0.0, duration], [make_ocean(rotation=rate) for rate in (slow, fast)])
+    errors = []
+    for step in (2.5, 5.0, 10.0):
+        truth = run(make_float(north=radius, start_delay=1e9), water=water, physics_step=step)
+        angle = slow * truth.time + (fast - slow) * truth.time**2 / (2.0 * duration)
+        circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        errors.append(np.linalg.norm(truth.position[0, :, :2] - circle, axis=-1).max())
+    np.testing.assert_allclose(np.log2(np.array(errors[1:]) / errors[:-1]), 2.0, rtol=0, atol=0.1)
+    assert errors[0] < 0.1  # m, of a way of 10 km
+
+
+def test_order_of_the_dimensions_does_not_matter(run, make_float, make_ocean):
+    water = over_time([0.0, 5000.0], [make_ocean(rotation=1e-4), make_ocean(rotation=3e-4, shear=1e-4)])
+    turned = water.transpose("depth", "east", "time", "north")
+    np.testing.assert_array_equal(
+        run(make_float(), water=water).position, run(make_float(), water=turned).position
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda o: o.isel(time=[0, 1]), "currents are given from 0 to 1000 s; the mission takes 0 to 4000 s: give"),
+        (lambda o: o.assign_coords(time=o.time + 1.0), "currents are given from 1 to 5001 s"),
+        (lambda o: o.isel(time=[1, 0, 2]), "axis 'time' has 3 values; it needs at least 2, finite and incr"),
+        (lambda o: o.isel(time=[0]), "axis 'time' has 1 values"),
+        (lambda o: o.assign_coords(time=o.time.astype("datetime64[ns]")), "time is of type datetime64"),
+        (lambda o: o.assign(current_east=o.current_east[0]), "current_east has dimensions"),
+        (lambda o: o.where(o.time < 2000.0).assign(sea_floor_depth=o.sea_floor_depth), "missing values"),
+    ],
+)  # fmt: skip
+def test_currents_that_do_not_enclose_the_mission_are_refused(run, make_float, make_ocean, change, message):
+    water = over_time([0.0, 1000.0, 5000.0], [make_ocean(uniform=(0.1 * k, 0.0)) for k in range(3)])
+    with pytest.raises(FleetError, match=message) as error:
+        run(make_float(), water=change(water))
+    assert "\n" not in str(error.value)
+
+
+def with_own_floor(ocean, north, east, depth):
+    return ocean.drop_vars("sea_floor_depth").assign(
+        sea_floor_depth=(("floor_north", "floor_east"), depth), floor_north=north, floor_east=east
+    )
+
+
+@pytest.fixture(scope="module")
+def ridged(make_ocean):
+    """A ridge up to 60 m at north 1300 m, 50 m wide either way: within one cell of the ocean, 1000 m by 1250 m."""
+
+    def make(**current):
+        north, east = np.linspace(-BOX, BOX, 201), np.linspace(-BOX, BOX, 3)
+        depth = np.repeat(np.where(np.abs(north - 1300.0) < 1.0, 60.0, FLOOR)[:, None], 3, axis=1)
+        return with_own_floor(make_ocean(**current), north, east, depth)
+
+    return make
+
+
+def test_a_floats_drift_ends_at_a_ridge_that_the_oceans_grid_does_not_see(run, make_float, ridged):
+    """Drifting at 100 m, it meets the flank where that is 100 m deep: 40 / 940 of 50 m before the crest."""
+    vehicle = make_float(depth=100.0, surface_depth=99.0, hold_depth_time=1e9)
+    truth = run(vehicle, water=ridged(uniform=(0.5, 0.1)))
+    assert truth.status[0, -1] == VehicleStatus.GROUNDED
+    where = 1300.0 - 50.0 * 40.0 / (FLOOR - 60.0)
+    assert truth.position[0, -1, 0] == pytest.approx(where, rel=0, abs=0.25)
+    assert truth.position[0, -1, 0] <= where
+
+
+def test_a_float_above_the_ridge_drifts_on(run, make_float, ridged):
+    truth = run(make_float(target_depth=50.0), water=ridged(uniform=(0.5, 0.1)))
+    assert (truth.status == VehicleStatus.ACTIVE).all()
+    np.testing.assert_allclose(truth.position[0, -1, :2], [2000.0, 400.0], rtol=0, atol=1e-8)
+
+
+def test_a_swimmer_stops_at_the_ridge_and_its_crest_is_no_place_to_start(run, ridged):
+    swimmer = Vehicle("W", (0, 0, 550.0), Waypoints([(4000.0, 0, 550.0)], 1.0, 0.1))
+    truth = run(swimmer, water=ridged())
+    assert truth.status[0, -1] == VehicleStatus.GROUNDED
+    where = 1300.0 - 50.0 * 490.0 / (FLOOR - 60.0)
+    assert truth.position[0, -1, 0] == pytest.approx(where, rel=0, abs=0.5)
+    with pytest.raises(FleetError, match=r"start position is 70 m deep; .* at 60 m: choose"):
+        run(Vehicle("A", (1300.0, 0, 70.0), StationKeeping(70.0)), water=ridged())
+
+
+@pytest.mark.parametrize("n", [(11, 9), (101, 9), (23, 47), (6, 4)])
+def test_a_floor_of_random_heights_stops_floats_where_it_lies(run, make_float, make_ocean, n):
+    """On any axes: above the bilinear floor at every sample, and where a float grounds the next step is into it."""
+    rng = np.random.default_rng(sum(n))
+    axes = [np.linspace(-BOX, BOX, k) for k in n]
+    heights = rng.uniform(90.0, 400.0, n)
+    heights[:, 0] = 90.0  # where all drift to
+    water = with_own_floor(make_ocean(uniform=(0.4, -0.3)), *axes, heights)
+    floor = RegularGridInterpolator(axes, heights)
+    targets = 85.0 + 15.0 * np.arange(9)
+    starts = np.linspace([-3000.0, 2500.0], [2000.0, -1500.0], 9)
+    fleet = [
+        make_float(name, *start, target_depth=target, hold_depth_time=1e9)
+        for name, start, target in zip("BCDEFGHIJ", starts, targets, strict=True)
+        if target < floor(start)
+    ]
+    truth = run(*fleet, water=water, duration=8000.0)
+    assert (truth.position[..., 2] <= floor(truth.position[..., :2]) + 1e-9).all()
+    grounded = truth.status[:, -1] == VehicleStatus.GROUNDED
+    assert 0 < grounded.sum() < len(fleet)
+    last = truth.position[grounded, -1]
+    ahead = floor(last[:, :2] + 0.5 * np.array([0.4, -0.3]))  # half a second on
+    assert (last[:, 2] + 0.25 > ahead).all()
+
+
+def test_a_floor_that_does_not_reach_the_oceans_edge_is_refused(run, make_float, make_ocean):
+    north, east = np.linspace(-4000.0, BOX, 11), np.linspace(-BOX, BOX, 9)
+    water = with_own_floor(make_ocean(), north, east, np.full((11, 9), FLOOR))
+    with pytest.raises(
+        FleetError, match="axis 'floor_north' reaches from -4000 to 5000 m, the ocean from -5000"
+    ):
+        run(make_float(), water=water)

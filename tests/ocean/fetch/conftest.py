@@ -1,0 +1,153 @@
+"""A server on loopback with the data sets of the catalogue, and a fetch that asks it."""
+
+import importlib.util
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pymantaray.errors import OceanError
+from pymantaray.ocean.fetch.catalogue import load_catalogue
+from pymantaray.ocean.schema import validate_ocean
+from pymantaray.study.toml import dumps
+
+pytest.importorskip("pydap.parsers", reason="the extra 'fetch' is not installed")
+pytest.importorskip("waitress", reason="waitress, which serves pydap's application here, is not installed")
+
+SERVER = Path(__file__).with_name("ocean_server.py")
+SPEC = importlib.util.spec_from_file_location("ocean_server", SERVER)
+server = importlib.util.module_from_spec(SPEC)
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # pydap's server imports webob, and that cgi
+    SPEC.loader.exec_module(server)
+
+
+def steps(start, stop):
+    return server.three_hourly(start, stop)
+
+
+def catalogue_models():
+    glby_lat, glby_lon = (-80.0 + 0.04 * np.arange(4251)).astype("f4").astype(float), server.longitudes(0.0)
+    glby = steps("2018-12-04T12", "2019-06-01")
+    # one step is missing from the currents only; the axis steps back once, as GLBv0.08 93.0's does
+    back = np.concatenate([glby[:800], glby[799:]])
+    espc = steps("2025-01-01T12", "2025-02-01")
+    lat, lon = server.glbv_latitudes(), server.longitudes(-180.0)
+    models = {
+        "GLBv0.08/expt_53.X/data/2014": server.reanalysis(2014),
+        "GLBv0.08/expt_53.X/data/2015": server.reanalysis(2015),
+        "GLBv0.08/expt_56.3": server.Model(steps("2014-07-01T12", "2016-10-01"), lat, lon),
+        "GLBv0.08/expt_57.2": server.Model(steps("2016-05-01T12", "2017-02-01T12"), lat, lon),
+        "GLBy0.08/expt_93.0/ts3z": server.Model(back, glby_lat, glby_lon, ("water_temp", "salinity")),
+        "GLBy0.08/expt_93.0/uv3z": server.Model(
+            glby[glby != np.datetime64("2019-03-07T18")], glby_lat, glby_lon, ("water_u", "water_v")
+        ),
+    }
+    for short, name in zip(("t3z", "s3z", "u3z", "v3z"), server.PACKING, strict=True):
+        models[f"ESPC-D-V02/{short}/2025"] = server.Model(espc, glby_lat, glby_lon, (name,))
+    return models
+
+
+@pytest.fixture(scope="session")
+def ocean_server():
+    """The module of the stand-in server."""
+    return server
+
+
+@pytest.fixture(scope="session")
+def _running():
+    running = server.Running(server.Thredds(catalogue_models()))
+    yield running
+    running.stop()
+
+
+@pytest.fixture
+def thredds(_running, monkeypatch):
+    """The server, well behaved and with nothing asked yet."""
+    for name in ("MANTARAY_OCEAN_SERVERS", "MANTARAY_CACHE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    app = _running.app
+    app.faults.clear()
+    app.asked.clear()
+    app.services = ("dodsC", "ncss")
+    app.release.clear()
+    yield SimpleNamespace(app=app, root=_running.root)
+    app.release.set()
+
+
+@pytest.fixture
+def servers_file(thredds, tmp_path):
+    """A catalogue whose addresses are the server's."""
+    path = tmp_path / "servers.toml"
+    path.write_text(f'[addresses]\nopendap = "{thredds.root}/dodsC"\nsubset = "{thredds.root}/ncss"\n')
+    return path
+
+
+@pytest.fixture
+def without_known_gaps(servers_file, tmp_path):
+    """Write the shipped catalogue without its list of missing steps, to learn of them from the server alone."""
+
+    def write(year_starts_h=12):
+        shipped = load_catalogue().model_dump(mode="json", exclude_none=True)["experiments"]
+        for experiment in shipped:
+            experiment |= {"missing": "", "year_starts_h": year_starts_h}
+        path = tmp_path / "mirror.toml"
+        path.write_text(servers_file.read_text() + dumps({"experiments": shipped}))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def fetch(servers_file, tmp_path):
+    """Fetch from the server with a cache of its own and little patience; gives what happened and the ocean."""
+    from pymantaray.ocean.fetch import Limits, fetch_hycom
+
+    def call(lat=(73.0, 73.6), lon=(-150.0, -149.0), time="2014-07-15T12", out="ocean.nc", **options):
+        limits = {"attempts": 3, "backoff_s": 0.01, "idle_s": 0.25, "request_s": 0.5, "total_s": 20.0}
+        limits |= options.pop("limits", {})
+        options = {"servers": servers_file, "cache": tmp_path / "cache", "limits": Limits(**limits)} | options
+        got = fetch_hycom(lat, lon, time, tmp_path / out, **options)
+        with xr.open_dataset(got.path) as written:
+            ocean = written.load()
+        validate_ocean(ocean)
+        return got, ocean
+
+    return call
+
+
+@pytest.fixture
+def refusal(fetch, tmp_path):
+    """The one line with which a fetch fails; nothing must be left under the final name."""
+
+    def call(**options):
+        with pytest.raises(OceanError) as caught:
+            fetch(**options)
+        message = str(caught.value)
+        assert "\n" not in message
+        assert len(message) < 700, message
+        assert not (tmp_path / options.get("out", "ocean.nc")).exists()
+        assert not list(tmp_path.glob("*.part"))
+        return message
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def is_true():
+    """Compare an ocean with the closed form at its own points: within half a packing step, same sea bed."""
+
+    def check(ocean, time):
+        hour = server.hours(np.datetime64(time))
+        grid = np.ix_(ocean["depth"].values, ocean["lat"].values, ocean["lon"].values)
+        for name in server.PACKING:
+            expected = server.truth(name, hour, *grid)
+            np.testing.assert_array_equal(np.isnan(ocean[name].values), np.isnan(expected))
+            np.testing.assert_allclose(ocean[name].values, expected, rtol=0, atol=0.00051)
+        assert ocean["time"].values == np.datetime64(time)
+
+    return check

@@ -1,0 +1,327 @@
+"""
+A THREDDS stand-in on loopback: pydap's server for OPeNDAP and a subset service, with HYCOM's schema.
+
+The fields are closed forms of depth, place and time, packed as HYCOM packs them; the axes are those of HYCOM's global
+grids and are never held in memory as a whole. Run as a program it prints its port and dies after a number of requests.
+"""
+
+import gzip
+import logging
+import os
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import parse_qs
+
+import netCDF4
+import numpy as np
+import waitress
+import xarray as xr
+from pydap.handlers.lib import BaseHandler
+from pydap.model import BaseType, DatasetType, GridType
+
+DEPTHS = np.fromstring(  # metres
+    "0 2 4 6 8 10 12 15 20 25 30 35 40 45 50 60 70 80 90 100 125 150 200 250 300 350 400 500 600 700 800 900 1000"
+    " 1250 1500 2000 2500 3000 4000 5000",
+    sep=" ",
+)
+FILL = -30000
+PACKING = {
+    "water_temp": (0.001, 20.0),
+    "salinity": (0.001, 20.0),
+    "water_u": (0.001, 0.0),
+    "water_v": (0.001, 0.0),
+}
+EPOCH = np.datetime64("2000-01-01T00:00:00")
+
+
+def glbv_latitudes():
+    """GLBv0.08: 0.04 degree poleward of 40, 0.08 between; off the exact grid as HYCOM's are."""
+    south, middle = -80.0 + 0.04 * np.arange(1000), -40.0 + 0.08 * np.arange(1000)
+    north = 40.0 + 0.04 * np.arange(1251)
+    return np.concatenate([south, middle, north]).astype("f4").astype(float)
+
+
+def longitudes(first):
+    return (first + 0.08 * np.arange(4500)).astype("f4").astype(float)
+
+
+def hours(instants):
+    return (np.asarray(instants, dtype="datetime64[s]") - EPOCH) / np.timedelta64(3600, "s")
+
+
+def three_hourly(start, stop):
+    first, last = np.datetime64(start, "s"), np.datetime64(stop, "s")
+    return np.arange(first, last, np.timedelta64(3 * 3600, "s"))
+
+
+def truth(name, hour, depth, lat, lon):
+    """Closed form of a variable; NaN on land and below the sea bed. Arguments broadcast."""
+    hour, depth, lat, lon = np.broadcast_arrays(hour, depth, lat, lon)
+    east = np.radians(lon)
+    value = {
+        "water_temp": lambda: 8.0 * np.exp(-depth / 300.0) * np.cos(np.radians(lat)) + np.sin(7 * east),
+        "salinity": lambda: 34.0 + 0.5 * np.tanh(depth / 200.0) + 0.2 * np.cos(5 * east),
+        "water_u": lambda: 0.3 * np.cos(9 * east) * np.exp(-depth / 800.0),
+        "water_v": lambda: 0.2 * np.sin(11 * east) * np.exp(-depth / 800.0) + 0.001 * np.radians(lat),
+    }[name]()
+    value = value + 0.01 * np.sin(hour / 3.0)
+    floor = 2600.0 + 3600.0 * np.sin(3 * east + 1.0) * np.cos(np.radians(2 * lat)) + 300 * np.sin(200 * east)
+    return np.where(depth <= floor, value, np.nan)
+
+
+@dataclass
+class Packed:
+    """One packed variable of a data set, computed where it is sliced."""
+
+    name: str
+    axes: tuple
+    dtype: np.dtype = field(default_factory=lambda: np.dtype("i2"))
+
+    ndim = 4
+
+    @property
+    def shape(self):
+        return tuple(a.size for a in self.axes)
+
+    def __getitem__(self, key):
+        parts = [a[k] for a, k in zip(self.axes, key, strict=True)]
+        grid = np.ix_(*parts)
+        scale, offset = PACKING[self.name]
+        value = truth(self.name, *grid)
+        packed = np.round((np.nan_to_num(value) - offset) / scale)
+        return np.where(np.isnan(value), FILL, packed).astype("i2")
+
+
+@dataclass
+class Model:
+    """A data set of HYCOM: its axes and the variables it holds."""
+
+    instants: np.ndarray
+    lat: np.ndarray
+    lon: np.ndarray
+    variables: tuple = tuple(PACKING)
+    depth: np.ndarray = field(default_factory=lambda: DEPTHS)
+
+    def dap(self):
+        """The data set as THREDDS serves it: grids with maps."""
+        data = DatasetType("hycom")
+        axes = {"time": hours(self.instants), "depth": self.depth, "lat": self.lat, "lon": self.lon}
+        units = {
+            "time": "hours since 2000-01-01 00:00:00",
+            "depth": "m",
+            "lat": "degrees_north",
+            "lon": "degrees_east",
+        }
+        for name in self.variables:
+            scale, offset = PACKING[name]
+            grid = GridType(name)
+            packed = Packed(name, tuple(axes.values()))
+            attributes = {
+                "units": "degC" if name == "water_temp" else "1",
+                "_FillValue": np.int16(FILL),
+                "missing_value": np.int16(FILL),
+                "scale_factor": np.float32(scale),
+                "add_offset": np.float32(offset),
+            }
+            grid[name] = BaseType(name, packed, dims=tuple(axes), **attributes)
+            grid.attributes.update(attributes)
+            for axis, values in axes.items():
+                grid[axis] = BaseType(axis, values, dims=(axis,))
+            data[name] = grid
+        for axis, values in axes.items():
+            data[axis] = BaseType(axis, values, dims=(axis,), units=units[axis])
+        data["tau"] = BaseType(
+            "tau", np.zeros(self.instants.size), dims=("time",), units="hours since analysis"
+        )
+        return BaseHandler(data)
+
+    def subset(self, query):
+        """What the subset service answers: NetCDF-4, unpacked float32 with NaN."""
+        one = {key: values[0] for key, values in query.items()}
+        wanted = np.datetime64(one["time_start"].rstrip("Z"))
+        step = np.flatnonzero(self.instants.astype("datetime64[s]") == wanted)
+        if not step.size:
+            return "400 Bad Request", b"Requested time range does not intersect the data set"
+        rows = (self.lat >= float(one["south"])) & (self.lat <= float(one["north"]))
+        columns = (self.lon >= float(one["west"])) & (self.lon <= float(one["east"]))
+        lat, lon, hour = self.lat[rows], self.lon[columns], hours(self.instants[step])
+        fields = {
+            name: (
+                ("time", "depth", "lat", "lon"),
+                truth(name, *np.ix_(hour, self.depth, lat, lon)).astype("f4"),
+            )
+            for name in query["var"]
+        }
+        data = xr.Dataset(fields, {"time": hour, "depth": self.depth, "lat": lat, "lon": lon})
+        data["time"].attrs["units"] = "hours since 2000-01-01"
+        data["tau"] = ("time", np.zeros(1), {"units": "hours since analysis"})
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "subset.nc"
+            data.to_netcdf(path, engine="netcdf4")
+            return "200 OK", path.read_bytes()
+
+
+def file_dap(path):
+    """A NetCDF file as it is, packed; pydap's own handler of files cannot cut windows (3.5.9)."""
+    data = DatasetType(path.name)
+    with netCDF4.Dataset(path) as held:
+        held.set_auto_maskandscale(False)
+        for name, variable in held.variables.items():
+            attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
+            data[name] = BaseType(name, variable[:], dims=variable.dimensions, **attributes)
+    return BaseHandler(data)
+
+
+class Thredds:
+    """Both services of one server, counting what it is asked and misbehaving on request."""
+
+    def __init__(self, models, *, services=("dodsC", "ncss")):
+        self.models = models
+        self.services = services
+        self.handlers = {}
+        self.faults = []  # (text in the address, what happens); each is used once
+        self.asked = []
+        self.release = threading.Event()
+        self.die_after = None
+
+    def __call__(self, environ, start_response):
+        address = environ["PATH_INFO"] + ("?" + environ["QUERY_STRING"] if environ["QUERY_STRING"] else "")
+        self.asked.append(address)
+        if self.die_after is not None and len(self.asked) > self.die_after:
+            os._exit(9)
+        fault = next((f for f in self.faults if f[0] in address), None)
+        if fault is not None:
+            if fault[1] != "always 500":
+                self.faults.remove(fault)
+            return self.misbehave(fault[1], environ, start_response)
+        return self.answer(environ, start_response)
+
+    def answer(self, environ, start_response):
+        _, _, service, path = environ["PATH_INFO"].split("/", 3)
+        dataset, suffix = path.rsplit(".", 1) if service == "dodsC" else (path, "")
+        if service not in self.services or dataset not in self.models:
+            start_response("404 Not Found", [("Content-Type", "text/html")])
+            return [b"<html><body>No such <b>data set</b>\n</body></html>"]
+        model = self.models[dataset]
+        if service == "ncss":
+            status, body = model.subset(parse_qs(environ["QUERY_STRING"], keep_blank_values=True))
+            start_response(status, [("Content-Length", str(len(body)))])
+            return [body]
+        if dataset not in self.handlers:
+            self.handlers[dataset] = file_dap(model) if isinstance(model, os.PathLike) else model.dap()
+        environ["SCRIPT_NAME"] = ""
+        environ["PATH_INFO"] = f"/data.{suffix}"
+        return self.handlers[dataset](environ, start_response)
+
+    def misbehave(self, what, environ, start_response):
+        def plain(status, body, *headers):
+            start_response(status, [("Content-Type", "text/html"), *headers])
+            return [body]
+
+        if what.endswith("500"):
+            return plain(
+                "500 Internal Server Error", b"<html>\n<h1>java.lang.NullPointerException</h1></html>"
+            )
+        if what == "503":
+            return plain("503 Service Unavailable", b"", ("Retry-After", "0"))
+        if what == "404":
+            return plain("404 Not Found", b"")
+        if what == "page":
+            return plain("200 OK", b"<html><body>down for maintenance</body></html>")
+        if what == "error":
+            return plain("200 OK", b'Error {\n    code = 500;\n    message = "timeout in reader";\n};\n')
+        if what == "garbage":
+            return plain("200 OK", np.random.default_rng(0).bytes(5000))
+        if what == "loop":
+            return plain("302 Found", b"", ("Location", environ["PATH_INFO"]))
+        if what == "hang":
+            self.release.wait(20.0)
+            return plain("504 Gateway Timeout", b"")
+        held = {}
+        whole = b"".join(
+            self.answer(environ, lambda status, headers, _=None: held.update(s=status, h=headers))
+        )
+        if what == "drip":
+            start_response(held["s"], [("Content-Length", str(len(whole)))])
+            return self.drip(whole)
+        if what == "cut":  # fewer bytes than announced, then the connection closes
+            start_response(held["s"], [("Content-Length", str(len(whole)))])
+            return [whole[: len(whole) // 2]]
+        if what == "chunk":  # chunked without an end
+            start_response(held["s"], [])
+            return self.broken(whole)
+        if what.startswith("gzip"):
+            body = gzip.compress(whole)
+            body = body[: len(body) // 2] if what == "gzip cut" else body
+            start_response(held["s"], [("Content-Length", str(len(body))), ("Content-Encoding", "gzip")])
+            return [body]
+        body = {
+            "short": lambda: whole[: len(whole) // 2],  # honest about its length, not about its content
+            "long": lambda: whole + b"\0" * 4096,
+            "flood": lambda: whole + b"\0" * (16 << 20),
+            "shift": lambda: whole.replace(
+                b"Data:\n" + whole.split(b"Data:\n")[1][:4], b"Data:\n\x7f\xff\xff\xff"
+            ),
+            "hdf": lambda: b"\x89HDF\r\n\x1a\n" + whole[:3000],
+        }[what]()
+        start_response(held["s"], [("Content-Length", str(len(body)))])
+        return [body]
+
+    def broken(self, whole):
+        yield whole[: len(whole) // 2]
+        raise ConnectionAbortedError("on purpose")
+
+    def drip(self, whole):
+        for i in range(len(whole)):
+            if self.release.wait(0.02):
+                return
+            yield whole[i : i + 1]
+
+
+class Running:
+    """A server in a thread, on a free port of loopback."""
+
+    def __init__(self, app, port=0):
+        logging.getLogger("waitress").setLevel(logging.CRITICAL)
+        self.app = app
+        self.map = {}
+        self.server = waitress.server.create_server(app, map=self.map, host="127.0.0.1", port=port, threads=4)
+        self.root = f"http://127.0.0.1:{self.server.effective_port}/thredds"
+        self.thread = threading.Thread(target=self.serve, daemon=True)
+        self.thread.start()
+
+    def serve(self):
+        while self.map:
+            waitress.wasyncore.loop(timeout=0.05, map=self.map, count=1)
+
+    def stop(self):
+        self.app.release.set()
+        waitress.wasyncore.close_all(map=self.map)
+        self.map.clear()
+        self.thread.join(5.0)
+        self.server.task_dispatcher.shutdown()
+
+
+def reanalysis(year=2014):
+    """53.X as served: a year from 12Z to 09Z, -180 to 180, with the run of 31 December missing and other gaps."""
+    steps = three_hourly(f"{year}-01-01T12", f"{year + 1}-01-01T12")
+    gaps = ["2014-07-05T12", "2014-12-31T12", "2014-12-31T15", "2015-01-01T09", "2014-03-03T03"]
+    run = three_hourly("2014-06-28T12", "2014-06-29T12")
+    gaps = np.concatenate([np.array(gaps, dtype=run.dtype), run])
+    return Model(steps[~np.isin(steps, gaps)], glbv_latitudes(), longitudes(-180.0))
+
+
+def main():
+    app = Thredds({"GLBv0.08/expt_53.X/data/2014": reanalysis()})
+    app.die_after = int(sys.argv[1])
+    running = Running(app)
+    print(running.root, flush=True)
+    time.sleep(60.0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,246 @@
+"""HYCOM fetched by place and time from a server on loopback: the right water, whatever the server's habits."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pymantaray.ocean import open_ocean
+
+pytestmark = pytest.mark.network
+
+
+def test_a_window_of_the_reanalysis_is_the_server_s_water(fetch, is_true, thredds):
+    progress = []
+    got, ocean = fetch(progress=lambda *words: progress.append(words))
+    is_true(ocean, "2014-07-15T12:00")
+    # what was asked for and no more than one point beyond
+    assert 72.95 < ocean["lat"][0] <= 73.0 + 1e-4 < 73.6 - 1e-4 <= ocean["lat"][-1] < 73.65
+    assert -150.09 < ocean["lon"][0] <= -150.0 + 1e-4 < -149.0 - 1e-4 <= ocean["lon"][-1] < -148.91
+    assert ocean.sizes["depth"] == 40
+    assert ocean.attrs["title"] == "HYCOM GOFS 3.1 reanalysis GLBv0.08 expt_53.X, 2014-07-15T12:00Z"
+    assert ocean.attrs["synthetic"] == 0
+    assert got.service == "OPeNDAP"
+    assert got.remarks == ()
+    assert got.requests == len(thredds.app.asked) == 6  # attributes, axes, four variables
+    assert progress == [("fetch", i, 4) for i in range(5)]
+
+
+def test_what_was_fetched_opens_unchanged(fetch):
+    got, ocean = fetch()
+    opened = open_ocean(got.path)
+    xr.testing.assert_identical(opened, ocean)
+
+
+def test_only_the_window_is_read_in_blocks_of_levels(fetch, is_true, thredds):
+    _, ocean = fetch(lat=(74.0, 76.0), lon=(-150.0, -140.0))
+    is_true(ocean, "2014-07-15T12:00")
+    blocks = [a for a in thredds.app.asked if "water_" in a or "salinity" in a]
+    points = ocean.sizes["lat"] * ocean.sizes["lon"]
+    assert len(blocks) == 4 * -(-40 // (200_000 // points))
+    assert not any("bottom" in a for a in thredds.app.asked)
+
+
+@pytest.mark.parametrize("lon", [(210.0, 211.0), (-150.0, -149.0), (-150.0, 211.0)])
+@pytest.mark.parametrize("time", ["2014-07-15T12", "2019-03-07T15"])
+def test_longitudes_of_any_convention_from_servers_of_any_convention(fetch, is_true, lon, time):
+    _, ocean = fetch(lon=lon, time=time)
+    is_true(ocean, time)
+    assert -150.1 < ocean["lon"][0] <= -150.0 + 1e-3
+    assert -149.0 - 1e-3 <= ocean["lon"][-1] < -148.9
+
+
+@pytest.mark.parametrize(
+    ("lon", "time", "seam"),
+    [
+        ((179.5, -179.5), "2014-07-15T12", True),  # axis begins at -180
+        ((179.5, 180.5), "2019-03-07T15", False),  # axis begins at 0
+        ((-0.5, 0.5), "2019-03-07T15", True),
+        ((359.5, 0.5), "2014-07-15T12", False),
+    ],
+)
+def test_a_window_across_a_server_s_seam_is_two_requests_joined(fetch, is_true, thredds, lon, time, seam):
+    _, ocean = fetch(lon=lon, time=time, lat=(-30.0, -29.0))
+    is_true(ocean, time)
+    blocks = [a for a in thredds.app.asked if "water_temp" in a]
+    assert len(blocks) == 1 + seam, blocks
+    np.testing.assert_allclose(np.diff(ocean["lon"]), 0.08, atol=1e-4)
+    middle = 0.5 * float(ocean["lon"][0] + ocean["lon"][-1])
+    assert -180.0 <= middle < 180.0
+    assert abs((middle - lon[0] - 0.5 + 180.0) % 360.0 - 180.0) < 0.09
+
+
+@pytest.mark.parametrize(
+    ("time", "dataset"),
+    [
+        ("2014-01-01T12", "data/2014."),
+        ("2015-01-01T00", "data/2014."),  # the file of a year runs from 12Z
+        ("2015-01-01T06", "data/2014."),
+        ("2015-01-01T12", "data/2015."),
+        ("2016-01-15T00", "expt_56.3."),
+        ("2016-06-01T00", "expt_57.2."),
+        ("2018-12-04T12", "GLBy0.08/expt_93.0/uv3z."),
+        ("2025-01-15T03", "ESPC-D-V02/v3z/2025."),
+    ],
+)
+def test_the_experiment_and_the_year_file_that_hold_the_time_are_found(
+    fetch, is_true, thredds, without_known_gaps, time, dataset
+):
+    _, ocean = fetch(time=time, servers=without_known_gaps())
+    is_true(ocean, time)
+    assert any(dataset in a for a in thredds.app.asked)
+
+
+@pytest.mark.parametrize(
+    ("starts", "time", "asked_first"),
+    [
+        (0, "2015-01-01T00", "data/2015."),
+        (0, "2015-01-01T06", "data/2015."),
+        (48, "2015-01-01T18", "data/2014."),
+    ],
+)
+def test_a_year_file_that_does_not_reach_the_time_gives_way_to_its_neighbour(
+    fetch, is_true, thredds, without_known_gaps, starts, time, asked_first
+):
+    _, ocean = fetch(time=time, servers=without_known_gaps(starts))
+    is_true(ocean, time)
+    assert asked_first in thredds.app.asked[0]
+
+
+def test_between_two_year_files_the_nearest_steps_come_from_both(refusal, fetch, is_true, without_known_gaps):
+    message = refusal(time="2015-01-01T09", servers=without_known_gaps())
+    assert "nearest: 2015-01-01T06:00 and 2015-01-01T12:00" in message
+    _, ocean = fetch(time="2015-01-01T10", nearest=True, servers=without_known_gaps())
+    is_true(ocean, "2015-01-01T12:00")
+    # by the shipped list the whole run of 31 December is missing
+    assert "nearest: 2014-12-31T09:00 and 2015-01-01T12:00" in refusal(time="2014-12-31T15", out="other.nc")
+
+
+def test_separate_data_sets_give_one_ocean(fetch, is_true, thredds):
+    _, ocean = fetch(time="2025-01-15T03")
+    is_true(ocean, "2025-01-15T03:00")
+    assert len(thredds.app.asked) == 4 * 3
+
+
+def test_a_step_known_to_be_missing_is_refused_without_asking_the_server(refusal, fetch, is_true, thredds):
+    message = refusal(time="2014-06-28T18")
+    assert "has no step 2014-06-28T18:00; nearest: 2014-06-28T09:00 and 2014-06-29T12:00" in message
+    assert thredds.app.asked == []
+    got, ocean = fetch(time="2014-06-28T18", nearest=True)
+    is_true(ocean, "2014-06-28T09:00")
+    assert got.remarks == ("2014-06-28T18:00 does not exist: 2014-06-28T09:00 was taken",)
+    assert got.remarks[0] in ocean.attrs["history"].splitlines()
+
+
+def test_a_step_that_the_server_lacks_is_refused_with_its_neighbours(refusal, fetch, is_true):
+    message = refusal(time="2014-03-03T03")
+    assert "has no step 2014-03-03T03:00; nearest: 2014-03-03T00:00 and 2014-03-03T06:00" in message
+    assert "2014-07-15T12:00 and 2014-07-15T15:00" in refusal(time="2014-07-15T13:30")
+    _, ocean = fetch(time="2014-07-15T14", nearest=True)
+    is_true(ocean, "2014-07-15T15:00")
+
+
+def test_a_step_that_only_one_of_two_data_sets_has_is_missing(refusal, fetch, is_true):
+    assert "nearest: 2019-03-07T15:00 and 2019-03-07T21:00" in refusal(time="2019-03-07T18")
+    # the axis of ts3z repeats a step
+    _, ocean = fetch(time="2019-03-14T09")
+    is_true(ocean, "2019-03-14T09:00")
+
+
+def test_an_experiment_that_does_not_reach_the_time_gives_way_to_the_next(fetch, is_true, thredds):
+    thredds.app.models["GLBv0.08/expt_57.2"].instants, kept = (
+        thredds.app.models["GLBv0.08/expt_57.2"].instants[800:],
+        thredds.app.models["GLBv0.08/expt_57.2"].instants,
+    )
+    thredds.app.handlers.pop("GLBv0.08/expt_57.2", None)
+    try:
+        got, ocean = fetch(time="2016-06-01T00")
+    finally:
+        thredds.app.models["GLBv0.08/expt_57.2"].instants = kept
+        thredds.app.handlers.pop("GLBv0.08/expt_57.2", None)
+    is_true(ocean, "2016-06-01T00:00")
+    assert "expt_56.3" in got.title
+    assert "expt_57.2 does not reach 2016-06-01T00:00" in got.remarks[0]
+
+
+def test_times_that_no_experiment_covers_are_refused(refusal, thredds):
+    assert "no experiment covers 1980-01-01T00:00; there is expt_53.X 1994-01-01" in refusal(
+        time="1980-01-01"
+    )
+    assert "no experiment is called 'mine'" in refusal(experiment="mine")
+    assert "is not an instant" in refusal(time="last summer")
+    assert thredds.app.asked == []
+
+
+def test_the_subset_service_takes_over_and_gives_the_same_window(fetch, is_true, thredds):
+    _, first = fetch(lon=(179.5, -179.5))
+    thredds.app.services = ("ncss",)
+    got, second = fetch(lon=(179.5, -179.5), out="second.nc", use_cache=False)
+    assert got.service == "the NetCDF Subset Service"
+    assert got.remarks[0].startswith(
+        "OPeNDAP failed: 127.0.0.1/thredds/dodsC/GLBv0.08/expt_53.X/data/2014.das: "
+    )
+    is_true(second, "2014-07-15T12:00")
+    for name in ("lat", "lon", "depth"):
+        np.testing.assert_array_equal(first[name], second[name])
+    asked = [a for a in thredds.app.asked if "ncss" in a]
+    assert len(asked) == 4 * 2  # two boxes for each variable
+    thredds.app.services = ("ncss",)
+    got, night = fetch(time="2015-06-01T00", lon=(-1.0, 1.0), out="third.nc")
+    is_true(night, "2015-06-01T00:00")
+
+
+def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(fetch, thredds, gulf_stream_files):
+    before = dict(thredds.app.models)
+    thredds.app.models |= {
+        f"GLBy0.08/expt_93.0/{kind}": path
+        for kind, path in zip(("ts3z", "uv3z"), gulf_stream_files, strict=True)
+    }
+    thredds.app.handlers.clear()
+    try:
+        _, fetched = fetch(lat=(34.4, 35.6), lon=(284.5, 285.5), time="2019-03-07T15")
+    finally:
+        thredds.app.models |= before
+        thredds.app.handlers.clear()
+    opened = open_ocean(gulf_stream_files)
+    expected = opened.sel(lat=fetched["lat"], lon=fetched["lon"], method="nearest", tolerance=1e-6)
+    for name in ("water_temp", "salinity", "water_u", "water_v"):
+        np.testing.assert_array_equal(np.isnan(fetched[name]), np.isnan(expected[name]))
+        np.testing.assert_allclose(fetched[name], expected[name], rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        ({"lat": (73.0, 73.0)}, "lat is 73,73; the window is empty"),
+        ({"lat": (73.0, 95.0)}, "lat is 73,95; needs two numbers from -90 to 90"),
+        ({"lat": (float("nan"), 1.0)}, "lat is nan,1; needs"),
+        ({"lon": (-130.0, -150.0)}, "goes 340 degrees eastwards; allowed are 180; write west,east"),
+        ({"lat": (-85.0, -82.0)}, "data cover latitude -80 to 90; -85 to -82 were asked for"),
+        ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, "points; allowed are 20,000,000, make it smaller"),
+        ({"lon": (-150.0, -149.99)}, "point(s) along 'lon'; needs at least 4"),
+        ({"out": "nowhere/ocean.nc"}, "no such folder; make it first"),
+        ({"servers": "ftp://example.org"}, "cannot be read"),
+        ({"servers": "http://"}, "is not an address"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(refusal, options, line):
+    assert line in refusal(**options)
+
+
+def test_a_window_on_land_is_refused(refusal):
+    message = refusal(lat=(0.0, 0.4), lon=(-49.3, -48.9))
+    assert (
+        "lat 0 to 0.4, lon -49.3 to -48.9: ocean: water_temp has no valid value; is the window on land?"
+        in message
+    )
+
+
+def test_an_existing_file_is_left_alone_unless_it_may_be_overwritten(fetch, tmp_path, thredds):
+    from pymantaray.errors import OceanError
+
+    (tmp_path / "mine.nc").write_text("mine")
+    with pytest.raises(OceanError, match=r"mine.nc: exists already"):
+        fetch(out="mine.nc")
+    assert (tmp_path / "mine.nc").read_text() == "mine"
+    assert thredds.app.asked == []
+    fetch(out="mine.nc", overwrite=True)

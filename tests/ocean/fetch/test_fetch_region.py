@@ -1,0 +1,81 @@
+"""The window on a server's axes: enclosing, contiguous, in any convention."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pymantaray.errors import OceanError
+from pymantaray.ocean.fetch.region import Region, runs
+
+STEP = 0.08
+AXES = {first: first + STEP * np.arange(4500) for first in (-180.0, 0.0, 74.16)}
+
+
+@given(
+    first=st.sampled_from(sorted(AXES)),
+    west=st.floats(-180.0, 360.0),
+    width=st.floats(0.01, 179.9),
+    turns=st.integers(-1, 0),
+)
+def test_any_window_of_a_circle_is_enclosed_by_at_most_one_point(first, west, width, turns):
+    east = west + width
+    east -= 360.0 if east > 360.0 else 0.0
+    axis = (AXES[first] + 180.0) % 360.0 - 180.0 if turns else AXES[first]
+    indices, lon = Region.of((0.0, 1.0), (west, east)).longitudes(axis)
+    np.testing.assert_allclose(np.diff(lon), STEP, atol=1e-9)
+    np.testing.assert_allclose((lon - axis[indices] + 180.0) % 360.0 - 180.0, 0.0, atol=1e-9)
+    middle = 0.5 * (lon[0] + lon[-1])
+    assert -180.0 - 1e-9 <= middle < 180.0 + 1e-9
+    left = (west - lon[0] + 180.0) % 360.0 - 180.0  # how far the window's side lies inside
+    right = lon[-1] - lon[0] - left - width
+    assert -1.1e-4 <= left < STEP
+    assert -1.1e-4 <= right < STEP
+    assert len(runs(indices)) <= 2
+
+
+@given(south=st.floats(-79.9, 89.0), height=st.floats(0.01, 1.0))
+def test_latitudes_are_enclosed_by_at_most_one_point(south, height):
+    axis = -80.0 + 0.04 * np.arange(4251)
+    rows = Region.of((south, south + height), (0.0, 1.0)).latitudes(axis)
+    assert np.all(np.diff(rows) == 1)
+    assert -1.1e-4 <= south - axis[rows[0]] < 0.04 + 1e-9
+    assert -1.1e-4 <= axis[rows[-1]] - south - height < 0.04 + 1e-9
+
+
+@given(
+    west=st.floats(-180.0, 179.9), width=st.floats(0.01, 100.0), seam=st.sampled_from([-180.0, 0.0, 74.16])
+)
+def test_boxes_cover_the_window_within_the_server_s_longitudes(west, width, seam):
+    boxes = Region(0.0, 1.0, west, width).boxes(seam, 0.1)
+    assert all(seam <= a < b <= seam + 360.0 + 1e-9 for a, b in boxes)
+    assert sum(b - a for a, b in boxes) == pytest.approx(width + 0.2)
+    start = (boxes[0][0] - west + 180.0) % 360.0 - 180.0
+    assert start == pytest.approx(-0.1)
+
+
+def test_a_regional_axis_covers_only_itself():
+    axis = -75.68 + STEP * np.arange(18)
+    indices, lon = Region.of((0.0, 1.0), (284.4, 285.2)).longitudes(axis)
+    np.testing.assert_allclose(lon, axis[indices])
+    for lon in ((-76.0, -75.0), (-75.0, -74.0), (10.0, 11.0), (-80.0, -70.0)):
+        with pytest.raises(OceanError, match=r"data cover longitude -75\.68 to -74\.32"):
+            Region.of((0.0, 1.0), lon).longitudes(axis)
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [
+        np.array([0.0]),
+        np.array([0.0, np.nan, 1.0]),
+        np.array([0.0, 1.0, 1.0, 2.0]),
+        np.array([3.0, 2.0, 1.0, 0.0]),
+    ],
+)
+def test_axes_that_are_none_are_refused(axis):
+    region = Region.of((0.5, 1.5), (0.5, 1.5))
+    with pytest.raises(OceanError):
+        region.latitudes(axis)
+    if axis[0] != 3.0:  # longitudes may come in any order
+        with pytest.raises(OceanError):
+            region.longitudes(axis)

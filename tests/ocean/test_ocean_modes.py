@@ -1,0 +1,158 @@
+"""Vertical modes and covariances of sound speed, and random fields of a stated correlation."""
+
+import numpy as np
+import pytest
+
+from pymantaray.errors import OceanError
+from pymantaray.geometry import LocalFrame
+from pymantaray.ocean.casts import Cast, read_casts
+from pymantaray.ocean.modes import SoundSpeedCovariance, layer_weights, vertical_modes
+from pymantaray.ocean.random_field import random_fields
+from pymantaray.ocean.seawater import sound_speed
+
+
+def columns(ocean, used):
+    z, lat, lon = (ocean[n].values for n in ("depth", "lat", "lon"))
+    c = sound_speed(
+        ocean["water_temp"].values, ocean["salinity"].values, z[:, None, None], lat[:, None], lon
+    )[:used]
+    return c[:, np.isfinite(c[-1])].T
+
+
+def test_modes_are_orthonormal_and_carry_the_oceans_variance(beaufort_sea):
+    found = vertical_modes(beaufort_sea)
+    weights = layer_weights(found.depth)
+    np.testing.assert_allclose(
+        (found.modes * weights) @ found.modes.T, np.eye(len(found.modes)), rtol=0, atol=1e-9
+    )
+    speed = columns(beaufort_sea, found.depth.size)
+    np.testing.assert_allclose(found.mean, speed.mean(axis=0), rtol=0, atol=1e-9)
+    amplitudes = found.amplitudes(speed)
+    np.testing.assert_allclose(np.cov(amplitudes.T, bias=True), np.diag(found.variance), rtol=0, atol=1e-9)
+    pooled = np.mean(((speed - found.mean) ** 2) @ weights)
+    assert found.total_variance == pytest.approx(pooled, rel=1e-9)
+    assert found.variance.sum() > 0.9999 * found.total_variance
+    assert np.all(np.diff(found.variance) < 0.0)
+    rebuilt = found.mean + amplitudes @ found.modes
+    assert np.mean(((speed - rebuilt) ** 2) @ weights) < 1e-4 * pooled
+
+
+def test_a_known_mode_is_found(closed_form_ocean):
+    """Temperature that varies in one shape only gives one mode, of that shape."""
+    ocean = closed_form_ocean(
+        45.0,
+        0.0,
+        temperature=lambda z, lat, _: 10.0 + 0.1 * (lat - 45.0) * np.exp(-0.5 * ((z - 100.0) / 50.0) ** 2),
+        n=(11, 9),
+        depth=np.arange(0.0, 501.0, 10.0),
+    )
+    found = vertical_modes(ocean)
+    shape = np.exp(-0.5 * ((found.depth - 100.0) / 50.0) ** 2)
+    shape /= np.sqrt(np.sum(layer_weights(found.depth) * shape**2))
+    assert found.variance[0] > 0.999 * found.total_variance
+    np.testing.assert_allclose(found.modes[0], shape, rtol=0, atol=0.03)
+    assert vertical_modes(ocean, n_modes=1).modes.shape == (1, found.depth.size)
+
+
+def test_modes_of_casts(shared_data):
+    casts = read_casts(sorted((shared_data / "casts").glob("beaufort_*ctd*.csv")))
+    found = vertical_modes(casts)
+    assert len(found.variance) <= len(casts) - 1
+    speed = np.array([sound_speed(*c.cell_means(found.depth), found.depth, c.lat, c.lon) for c in casts])
+    pooled = np.sum(((speed - speed.mean(axis=0)) ** 2) @ layer_weights(found.depth)) / (len(casts) - 1)
+    assert found.total_variance == pytest.approx(pooled, rel=1e-9)
+    with pytest.raises(OceanError, match="levels must lie within the samples of all casts"):
+        vertical_modes(casts, levels=[0.0, 5_000.0])
+    with pytest.raises(OceanError, match=r"1 column\(s\) down to .*; at least 2 are needed"):
+        vertical_modes(casts[:1])
+
+
+def test_columns_that_do_not_differ_have_no_modes(closed_form_ocean):
+    # sound speed still differs by mm/s, for pressure at a depth depends on latitude: at one latitude nothing does
+    same = [
+        Cast(n, 0.0, 0.0, np.datetime64("2020-01-01"), [0.0, 100.0], [5.0, 4.0], [35.0, 35.0]) for n in "ab"
+    ]
+    with pytest.raises(OceanError, match="the columns do not differ"):
+        vertical_modes(same)
+
+
+def test_covariance_of_modes_is_their_sum_and_falls_with_distance(beaufort_sea):
+    found = vertical_modes(beaufort_sea, n_modes=4)
+    covariance = found.covariance(30e3)
+    z = found.depth
+    a = np.stack([0.0 * z, 0.0 * z, z], axis=-1)
+    expected = np.einsum("k,ki,kj->ij", found.variance, found.modes, found.modes)
+    np.testing.assert_allclose(covariance(a[:, None], a[None]), expected, rtol=0, atol=1e-12)
+    b = a + np.array([18e3, 24e3, 0.0])
+    np.testing.assert_allclose(covariance(a, b), np.exp(-0.5) * np.diag(expected), rtol=0, atol=1e-12)
+    between = covariance([0.0, 0.0, 0.5 * (z[3] + z[4])], [0.0, 0.0, z[9]])
+    assert between == pytest.approx(0.5 * (expected[3, 9] + expected[4, 9]))
+    points = np.random.default_rng(1).uniform([-5e4, -5e4, 0.0], [5e4, 5e4, 3e3], (60, 3))
+    assert np.linalg.eigvalsh(covariance(points[:, None], points[None])).min() > -1e-9
+
+
+def test_gaussian_covariance_and_its_principal_modes():
+    z = np.arange(0.0, 1001.0, 20.0)
+    covariance = SoundSpeedCovariance.gaussian(
+        z, rms=np.where(z < 500.0, 1.0, 0.2), vertical_scale=100.0, horizontal_scale=1e4
+    )
+    assert covariance([0, 0, 100.0], [0, 0, 200.0]) == pytest.approx(np.exp(-0.5))
+    assert covariance([0, 0, 100.0], [0, 0, 600.0]) == pytest.approx(0.2 * np.exp(-12.5))
+    modes, variance = covariance.principal()
+    rebuilt = np.einsum("k,ki,kj->ij", variance, modes, modes)
+    np.testing.assert_allclose(rebuilt, covariance.matrix, rtol=0, atol=1e-2)
+    assert variance.size < z.size
+    with pytest.raises(OceanError, match="symmetric"):
+        SoundSpeedCovariance(z, np.triu(covariance.matrix), 1e4)
+    with pytest.raises(OceanError, match="horizontal_scale is 0 m"):
+        SoundSpeedCovariance(z, covariance.matrix, 0.0)
+
+
+def test_random_fields_have_the_stated_covariance():
+    """Over 4000 fields: variance, correlation at one and two scales, independence, kurtosis; within 5 standard errors."""
+    lat, lon, scale, n = 75.0 + 0.09 * np.arange(9), -140.0 + 0.3 * np.arange(8), 20e3, 4_000
+    fields = random_fields(lat, lon, count=n, scale=scale, rng=np.random.default_rng(7))
+    north, east = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1])).to_local(lat[:, None], lon)
+    x = np.stack([north, east], axis=-1).reshape(-1, 2)
+    expected = np.exp(-0.5 * np.sum((x[:, None] - x) ** 2, axis=-1) / scale**2)
+    flat = fields.reshape(n, -1)
+    error = np.sqrt((1.0 + expected**2) / n)
+    assert np.abs((flat.T @ flat / n - expected) / error).max() < 5.0
+    assert np.abs(flat.mean(axis=0)).max() < 5.0 / np.sqrt(n)
+    assert np.mean(flat[:, 0] ** 4) == pytest.approx(3.0, abs=5.0 * np.sqrt(96.0 / n))
+    assert abs(np.mean(flat[1:, 0] * flat[:-1, 0])) < 5.0 / np.sqrt(n)
+
+
+def test_the_spline_between_nodes_loses_no_variance():
+    """At points off the lattice, from its weights: of the field's own factors, without sampling."""
+    lat, lon, scale = np.linspace(-0.5, 0.5, 41), np.linspace(-0.5, 0.5, 37), 15e3
+
+    class Unit:
+        """Generator stand-in that gives unit draws one by one, so that the sum of squares is the variance."""
+
+        def __init__(self):
+            self.k = 0
+
+        def standard_normal(self, shape):
+            z = np.zeros(np.prod(shape))
+            if self.k < z.size:
+                z[self.k] = 1.0
+            self.size, self.k = z.size, self.k + 1
+            return z.reshape(shape)
+
+    unit = Unit()
+    random_fields(lat, lon, count=1, scale=scale, rng=unit)
+    unit.k = 0
+    total = random_fields(lat, lon, count=unit.size, scale=scale, rng=unit)
+    np.testing.assert_allclose(np.sum(total**2, axis=0), 1.0, rtol=0, atol=2e-3)
+
+
+def test_an_infinite_scale_is_one_number_and_bad_ones_are_refused():
+    lat, lon = np.linspace(70.0, 76.0, 5), np.linspace(0.0, 20.0, 6)
+    fields = random_fields(lat, lon, count=3, scale=np.inf, rng=np.random.default_rng(1))
+    assert np.ptp(fields, axis=(1, 2)).max() == 0.0
+    assert np.ptp(fields) > 0.0
+    with pytest.raises(OceanError, match="must be positive"):
+        random_fields(lat, lon, count=1, scale=0.0, rng=np.random.default_rng(1))
+    with pytest.raises(OceanError, match="nodes across the window, 1500 are allowed; take at least"):
+        random_fields(lat, lon, count=1, scale=100.0, rng=np.random.default_rng(1))

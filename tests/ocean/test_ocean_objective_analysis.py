@@ -1,0 +1,229 @@
+"""Oceans corrected by casts: the closed forms of one and two, the limits, and the duct that the grid lacks."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+
+from pymantaray.errors import OceanError
+from pymantaray.geometry import LocalFrame
+from pymantaray.ocean.cast_ocean import cast_ocean
+from pymantaray.ocean.casts import Cast, read_cast
+from pymantaray.ocean.objective_analysis import column_at, correct_with_casts, density_inversions
+from pymantaray.ocean.schema import validate_ocean
+from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.synthetic import HYCOM_DEPTHS
+
+LEVELS = np.array([0.0, 20.0, 50.0, 100.0, 200.0, 400.0])
+DAY = 86_400.0
+
+
+@pytest.fixture(scope="module")
+def background(closed_form_ocean):
+    return closed_form_ocean(
+        74.5,
+        -140.0,
+        temperature=lambda z, lat, lon: 1.0 - 0.005 * z + 0.1 * (lat - 74.5) + 0.02 * (lon + 140.0),
+        salinity=lambda z, _lat, _lon: 30.0 + 0.01 * z,
+        floor=lambda lat, _lon: 300.0 + 200.0 * (lat > 74.5),
+        n=(41, 61),
+        depth=LEVELS,
+    )
+
+
+def cast_at(lat, lon, warmer, saltier=0.0, *, deepest=400.0, name="c", time="2020-01-01"):
+    """A cast that is the background at its place plus constants; sampled at the edges of the levels' cells."""
+    z = np.linspace(0.0, deepest, 2001)
+    t = 1.0 - 0.005 * z + 0.1 * (lat - 74.5) + 0.02 * (lon + 140.0)
+    return Cast(name, lat, lon, np.datetime64(time), z, t + warmer, 30.0 + 0.01 * z + saltier)
+
+
+def increment(ocean, corrected, name="water_temp"):
+    return corrected[name].values - ocean[name].values
+
+
+def own_difference(ocean, cast):
+    """Of a cast from the background at each level: the constant plus what averaging over uneven cells adds."""
+    return np.stack(cast.cell_means(LEVELS), axis=-1) - column_at(ocean, cast.lat, cast.lon, cast.name)
+
+
+def squared_distance(ocean, cast):
+    frame = LocalFrame(74.5, -140.0)
+    north, east = frame.to_local(ocean["lat"].values[:, None], ocean["lon"].values[None])
+    n, e = frame.to_local(cast.lat, cast.lon)
+    return (north - n) ** 2, (east - e) ** 2
+
+
+def test_one_cast_is_the_closed_form(background):
+    cast = cast_at(74.63, -139.77, 0.5, -0.2)
+    corrected = correct_with_casts(background, [cast], horizontal_scale=(20e3, 30e3), noise_ratio=0.25)
+    north, east = squared_distance(background, cast)
+    weight = np.exp(-0.5 * (north / 20e3**2 + east / 30e3**2)) / 1.25
+    d = own_difference(background, cast)
+    for k, name in enumerate(("water_temp", "salinity")):
+        found = increment(background, corrected, name)
+        expected = np.where(np.isfinite(found), d[:, k, None, None] * weight, np.nan)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+    assert abs(d[1, 0] - 0.5) < 0.2  # the constant dominates
+    for name in ("water_u", "water_v"):
+        np.testing.assert_array_equal(corrected[name], background[name])
+
+
+def test_two_casts_are_the_closed_form(background):
+    casts = [cast_at(74.6, -140.1, 0.5, name="a"), cast_at(74.66, -139.9, -0.3, name="b")]
+    L, r = 25e3, 0.1
+    corrected = correct_with_casts(background, casts, horizontal_scale=L, noise_ratio=r)
+    squares = [sum(squared_distance(background, c)) for c in casts]
+    frame = LocalFrame(74.5, -140.0)
+    x = np.array([frame.to_local(c.lat, c.lon) for c in casts])
+    rho = np.exp(-0.5 * np.sum((x[0] - x[1]) ** 2) / L**2)
+    da, db = (own_difference(background, c)[:, 0, None, None] for c in casts)
+    ga, gb = (np.exp(-0.5 * s / L**2) for s in squares)
+    det = (1.0 + r) ** 2 - rho**2
+    expected = (ga * ((1.0 + r) * da - rho * db) + gb * ((1.0 + r) * db - rho * da)) / det
+    found = increment(background, corrected)
+    wet = np.isfinite(found)
+    np.testing.assert_allclose(found[wet], np.broadcast_to(expected, found.shape)[wet], rtol=0, atol=1e-12)
+
+
+def test_two_casts_at_one_place_share_the_weight(background):
+    pair = [cast_at(74.6, -140.0, 0.5, name=name) for name in "ab"]
+    r = 0.4
+    one, two = (
+        correct_with_casts(background, pair[:n], horizontal_scale=20e3, noise_ratio=r) for n in (1, 2)
+    )
+    ratio = (increment(background, two) / increment(background, one))[0, 25, 30]
+    assert ratio == pytest.approx((2.0 / (2.0 + r)) / (1.0 / (1.0 + r)), rel=1e-9)
+
+
+def test_exact_casts_are_met_and_worthless_ones_ignored(background):
+    i, j = 28, 33
+    cast = cast_at(float(background["lat"][i]), float(background["lon"][j]), 0.5, -0.3)
+    exact = correct_with_casts(background, [cast], horizontal_scale=20e3, noise_ratio=1e-9)
+    means = cast.cell_means(LEVELS)
+    for mean, name in zip(means, ("water_temp", "salinity"), strict=True):
+        np.testing.assert_allclose(exact[name].values[:, i, j], mean, rtol=0, atol=1e-8)
+    none = correct_with_casts(background, [cast], horizontal_scale=20e3, noise_ratio=1e12)
+    np.testing.assert_allclose(none["water_temp"], background["water_temp"], rtol=0, atol=1e-11)
+
+
+def test_the_grid_stands_far_from_the_casts(background):
+    cast = cast_at(74.0, -141.5, 0.5)
+    corrected = correct_with_casts(background, [cast], horizontal_scale=8e3)
+    north, east = squared_distance(background, cast)
+    far = north + east > (8.0 * 8e3) ** 2
+    assert far.any()
+    assert np.nanmax(np.abs(increment(background, corrected)[:, far])) < 1e-13
+
+
+def test_below_the_deepest_sample_the_difference_decays(background):
+    cast = cast_at(74.6, -140.0, 0.5, deepest=100.0)
+    corrected = correct_with_casts(background, [cast], horizontal_scale=50e3, vertical_scale=150.0)
+    i, j = np.argmin(np.abs(background["lat"].values - 74.6)), 30
+    found = increment(background, corrected)[:, i, j]
+    expected = found[3] * np.exp(-0.5 * (np.array([100.0, 300.0]) / 150.0) ** 2)
+    np.testing.assert_allclose(found[4:], expected, rtol=1e-12)
+
+
+def test_a_cast_of_another_day_counts_less(background):
+    same, later = cast_at(74.6, -140.0, 0.5), cast_at(74.6, -140.0, 0.5, time="2020-01-04")
+    options = {"horizontal_scale": 20e3, "time_scale": 2.0 * DAY}
+    today = increment(background, correct_with_casts(background, [same], **options))
+    then = increment(background, correct_with_casts(background, [later], **options))
+    wet = np.isfinite(today)
+    np.testing.assert_allclose(
+        then[wet], np.exp(-0.5 * (3.0 / 2.0) ** 2) * today[wet], rtol=1e-12, atol=1e-15
+    )
+    with pytest.raises(OceanError, match="its time is unknown, which time_scale needs"):
+        correct_with_casts(background, [replace(same, time=np.datetime64("NaT"))], **options)
+
+
+def test_inversions_are_counted_and_told(background):
+    assert not density_inversions(background).any()
+    light = cast_at(74.6, -140.0, 0.0, -8.0, deepest=400.0)
+    upper = replace(light, salinity=light.salinity + np.where(light.depth < 30.0, 16.0, 8.0))  # salty cap
+    corrected = correct_with_casts(background, [upper], horizontal_scale=10e3)
+    count = int(np.count_nonzero(density_inversions(corrected)))
+    assert count > 3
+    assert re.search(
+        rf"^{count} density inversions .* introduced by the casts \(0 before\)",
+        corrected.attrs["history"],
+        re.MULTILINE,
+    )
+    validate_ocean(corrected)
+
+
+def test_casts_that_cannot_be_used_are_refused(background, closed_form_ocean):
+    with pytest.raises(OceanError, match=r"cast far: 80 N -140 E is outside the ocean's window"):
+        correct_with_casts(background, [cast_at(80.0, -140.0, 0.5, name="far")], horizontal_scale=1e4)
+    with pytest.raises(OceanError, match="none given"):
+        correct_with_casts(background, [], horizontal_scale=1e4)
+    for name, value in (("horizontal_scale", 0.0), ("noise_ratio", -1.0), ("vertical_scale", 0.0)):
+        options = {"horizontal_scale": 1e4} | {name: value}
+        with pytest.raises(OceanError, match=f"{name} is .*; it must be positive"):
+            correct_with_casts(background, [cast_at(74.6, -140.0, 0.5)], **options)
+    coast = closed_form_ocean(
+        74.5, -140.0, temperature=lambda z, *_: 0 * z, floor=lambda lat, _: 500.0 * (lat > 74.5) - 1
+    )
+    with pytest.raises(OceanError, match="is over the ocean's land; leave it out"):
+        correct_with_casts(coast, [cast_at(74.0, -140.0, 0.5)], horizontal_scale=1e4)
+
+
+def speed_at(ocean, cast):
+    """Sound speed of an ocean below a cast's place, at the ocean's levels."""
+    t, s = column_at(ocean, cast.lat, cast.lon, cast.name).T
+    return sound_speed(t, s, ocean["depth"].values, cast.lat, cast.lon)
+
+
+def duct(z, c):
+    """Depth and speed of the warm layer's maximum, and of the minimum beneath it."""
+    warm = (z >= 40.0) & (z <= 70.0)
+    cold = (z >= 90.0) & (z <= 160.0)
+    return z[warm][c[warm].argmax()], c[warm].max(), z[cold][c[cold].argmin()], c[cold].min()
+
+
+def test_the_casts_sharpen_the_warm_layer_of_the_synthetic_beaufort_sea(shared_data, beaufort_sea):
+    casts = [read_cast(shared_data / "casts" / f"beaufort_axctd_20140724_{n}N140W.csv") for n in (74, 75)]
+    corrected = correct_with_casts(beaufort_sea, casts, horizontal_scale=30e3, noise_ratio=0.01)
+    z = beaufort_sea["depth"].values
+    upper = z <= 300.0
+    for cast in casts:
+        truth = sound_speed(*cast.cell_means(z), z, cast.lat, cast.lon)
+        before, after = (np.abs(speed_at(o, cast) - truth)[upper] for o in (beaufort_sea, corrected))
+        assert before.max() > 0.5
+        assert after[1:].max() < 0.1
+        where_warm, warm, where_cold, cold = duct(z, speed_at(corrected, cast))
+        assert 1444.0 < warm < 1447.0
+        assert 45.0 <= where_warm <= 60.0
+        assert 100.0 <= where_cold <= 150.0
+        assert 3.0 < warm - cold < 4.5
+    far = RegularGridInterpolator(
+        tuple(beaufort_sea[n].values for n in ("lat", "lon")),
+        np.abs(increment(beaufort_sea, corrected)[:20]).max(axis=0),
+    )
+    assert far((74.5, -148.0)) < 1e-9
+    assert "0 density inversions" in corrected.attrs["history"]
+
+
+def test_the_warm_layer_that_hycom_lacks_is_put_back(shared_data):
+    """HYCOM's own column, carried to the casts' place: no duct before, the casts' duct after."""
+    point = read_cast(next((shared_data / "hycom").glob("*point_ncss.csv")))
+    there = replace(point, lat=74.5, lon=-140.0, time=np.datetime64("2014-07-24"))
+    levels = [z for z in HYCOM_DEPTHS if z <= 3000.0]
+    hycom = cast_ocean(there, bottom_depth=3000.0, half_extent=(120e3, 120e3), levels=levels)
+    casts = [read_cast(shared_data / "casts" / f"beaufort_axctd_20140724_{n}N140W.csv") for n in (74, 75)]
+    corrected = correct_with_casts(
+        hycom, casts, horizontal_scale=50e3, noise_ratio=0.01, vertical_scale=300.0
+    )
+    z = hycom["depth"].values
+    _, warm, _, cold = duct(z, speed_at(hycom, casts[0]))
+    assert warm < 1442.5
+    assert warm - cold < 1.0
+    for cast in casts:
+        where_warm, warm, where_cold, cold = duct(z, speed_at(corrected, cast))
+        assert 1444.0 < warm < 1447.0
+        assert 45.0 <= where_warm <= 60.0
+        assert 100.0 <= where_cold <= 150.0
+        assert warm - cold > 3.0

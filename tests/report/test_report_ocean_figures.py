@@ -1,0 +1,137 @@
+"""Maps and sections of an ocean show the data: artists are read back and compared with what they were given."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.collections import QuadMesh
+from matplotlib.quiver import Quiver
+
+from pymantaray.errors import ReportError
+from pymantaray.ocean import synthetic_ocean
+from pymantaray.ocean.seawater import sound_speed
+from pymantaray.report import style
+from pymantaray.report.figures_ocean_map import sea_floor_map, sound_speed_map
+from pymantaray.report.figures_ocean_section import sound_speed_sections
+from pymantaray.report.ocean_axes import latitude_tick, longitude_tick
+from pymantaray.report.ocean_plots import write_ocean_plots
+
+HEADER = "Test Sea, synthetic ocean"
+
+
+@pytest.fixture(scope="module")
+def ocean():
+    return synthetic_ocean("fram").isel(lat=slice(0, 75, 3), lon=slice(0, 237, 4))
+
+
+@pytest.fixture(scope="module")
+def floor():
+    lat, lon = np.arange(76.0, 80.0, 0.05), np.arange(350.0, 370.5, 0.2)
+    depth = 1_500.0 + 400.0 * (lat[:, None] - 78.0) + 100.0 * (lon - 360.0)
+    return xr.DataArray(
+        np.maximum(depth, 0.0),
+        coords={"lat": lat, "lon": lon},
+        dims=("lat", "lon"),
+        attrs={"source": "made.nc: z"},
+    )
+
+
+def test_figures_have_units_the_header_and_a_paper_s_width(look, ocean, floor):
+    for figure in (
+        sound_speed_sections(ocean, (78.0, 0.0), HEADER),
+        sound_speed_map(ocean, 100.0, HEADER),
+        sea_floor_map(ocean, HEADER),
+        sea_floor_map(ocean, HEADER, floor),
+    ):
+        look.draw(figure)
+        assert figure.get_suptitle() == HEADER
+        labels = [t for axes in figure.axes for t in (axes.get_xlabel(), axes.get_ylabel()) if t]
+        assert len(labels) >= 3
+        assert all("[" in label for label in labels), labels
+        assert figure.get_figwidth() in (style.COLUMN, style.DOUBLE)
+
+
+def test_the_map_shows_the_level_s_sound_speed_and_currents(look, ocean):
+    figure = look.draw(sound_speed_map(ocean, 90.0, HEADER))
+    axes = figure.axes[0]
+    level = ocean.sel(depth=90.0)
+    mesh = next(c for c in axes.collections if isinstance(c, QuadMesh))
+    expected = sound_speed(
+        level["water_temp"].values,
+        level["salinity"].values,
+        90.0,
+        level["lat"].values[:, None],
+        level["lon"].values,
+    )
+    shown = np.ma.filled(mesh.get_array(), np.nan).reshape(expected.shape)
+    np.testing.assert_allclose(shown, expected)
+    arrows = next(c for c in axes.collections if isinstance(c, Quiver))
+    for x, y, u, v in list(zip(arrows.X, arrows.Y, arrows.U, arrows.V, strict=True))[::37]:
+        here = level.sel(lat=y, lon=x)
+        if not np.ma.is_masked(u):
+            assert (u, v) == pytest.approx((float(here["water_u"]), float(here["water_v"])))
+    assert "at 90 m depth" in axes.get_title(loc="left")
+
+
+def test_a_kilometre_is_as_long_northward_as_eastward(look, ocean):
+    axes = look.draw(sound_speed_map(ocean, 90.0, HEADER)).axes[0]
+    middle = 0.5 * float(ocean["lat"][0] + ocean["lat"][-1])
+    (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 78.0), (1.0, 79.0)])
+    assert (x1 - x0) / (y1 - y0) == pytest.approx(np.cos(np.radians(middle)), rel=1e-3)
+
+
+def test_a_file_s_sea_floor_is_drawn_where_the_ocean_counts_its_longitudes(look, ocean, floor):
+    axes = look.draw(sea_floor_map(ocean, HEADER, floor)).axes[0]
+    mesh = next(c for c in axes.collections if isinstance(c, QuadMesh))
+    corners = mesh.get_coordinates()[..., 0]
+    assert corners.min() == pytest.approx(-10.1)
+    assert "made.nc: z" in axes.get_title(loc="left")
+    figure = sound_speed_sections(ocean, (78.0, 0.0), HEADER, floor)
+    bed = figure.axes[2].lines[0]
+    lat = ocean["lat"].values[np.argmin(np.abs(ocean["lat"].values - 78.0))]
+    expected = 1_500.0 + 400.0 * (lat - 78.0) + 100.0 * bed.get_xdata()
+    np.testing.assert_allclose(bed.get_ydata(), expected, atol=1e-6)
+
+
+def test_sections_go_through_the_place_and_depth_grows_downward(look, ocean):
+    figure = look.draw(sound_speed_sections(ocean, (77.5, 4.1), HEADER))
+    upper, _, lower, lower_north = figure.axes[:4]
+    assert upper.get_ylim() == (500.0, 0.0)
+    assert lower.get_ylim()[0] == pytest.approx(3_060.0)
+    assert "77.48° N" in upper.get_title(loc="left")
+    crossing = [line for line in lower_north.lines if line.get_linestyle() == ":"]
+    assert crossing[0].get_xdata()[0] == pytest.approx(77.48)
+
+
+def test_uniform_water_at_rest_and_a_flat_bed_can_be_drawn(look, ocean):
+    still = ocean.copy(deep=True)
+    for name, value in (("water_temp", 1.0), ("salinity", 35.0), ("water_u", 0.0), ("water_v", 0.0)):
+        still[name] = (ocean[name].dims, np.full(ocean[name].shape, value))
+    for figure in (
+        sound_speed_sections(still, (78.0, 0.0), HEADER),
+        sound_speed_map(still, 0.0, HEADER),
+        sea_floor_map(still, HEADER),
+    ):
+        look.draw(figure)
+    axes = sound_speed_map(still, 0.0, HEADER).axes[0]
+    assert not [c for c in axes.collections if isinstance(c, Quiver)]
+
+
+def test_ticks_say_which_side():
+    assert [longitude_tick(x) for x in (-140.0, 0.0, 180.0, 190.0, 359.5)] == [
+        "140W",
+        "0",
+        "180",
+        "170W",
+        "0.5W",
+    ]
+    assert [latitude_tick(x) for x in (-33.5, 0.0, 78.0)] == ["33.5S", "0", "78N"]
+
+
+def test_all_are_written_or_the_reason_is_given(ocean, tmp_path):
+    written = write_ocean_plots(ocean, tmp_path / "a", place=(78.0, 361.0))
+    assert [p.suffix for p in written] == [".png", ".pdf"] * 4
+    assert all(p.stat().st_size > 5_000 for p in written)
+    with pytest.raises(ReportError, match="outside the ocean"):
+        write_ocean_plots(ocean, tmp_path / "b", place=(70.0, 0.0))
+    with pytest.raises(ReportError, match="allowed 0 to 3000 m"):
+        write_ocean_plots(ocean, tmp_path / "b", depth=4_000.0)

@@ -1,0 +1,322 @@
+"""An ocean that varies in time, from the configuration to the run folder; and a sea floor from a file."""
+
+import datetime as dt
+import hashlib
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.errors import OceanError, StudyError
+from pymantaray.fleet import simulate
+from pymantaray.ocean import open_ocean, to_local
+from pymantaray.ocean.synthetic import EPOCH
+from pymantaray.records import RayStatus
+from pymantaray.records.base import write_netcdf
+from pymantaray.study import load_study, open_run, parse_study, preset_text, run_study
+from pymantaray.study.assemble import build_fleet, build_ocean
+from pymantaray.study.assemble_ranging import build_currents, build_medium
+from pymantaray.study.manifest import Stopwatch, describe_run, sha256
+from pymantaray.study.mission import simulate_mission
+from pymantaray.study.varying import VARYING, series_of, snapshot_at
+
+WINDOW = (74.2, 74.8, -141.2, -138.8)
+HOUR = 3600.0
+
+
+def same(a, b):
+    return a.to_dataset().identical(b.to_dataset())
+
+
+def run_of(tree, folder, **ocean):
+    tree["study"].update(conditions=["odometry", "refracted"], realizations=1)
+    tree["ocean"].update(ocean)
+    return run_study(parse_study(tree, "tiny"), folder / "run", workers=1)
+
+
+def local(speed, current=0.0, depth=(0.0, 50.0, 400.0)):
+    """A small local ocean of one sound speed."""
+    axes = {"north": np.linspace(-1e3, 1e3, 5), "east": np.linspace(-1e3, 1e3, 4), "depth": np.array(depth)}
+    shape = tuple(axis.size for axis in axes.values())
+    fields = {"sound_speed": speed, "current_north": current, "current_east": -current}
+    return xr.Dataset(
+        {name: (tuple(axes), np.full(shape, value), {"units": "m s-1"}) for name, value in fields.items()}
+        | {"sea_floor_depth": (("north", "east"), np.full(shape[:2], 300.0))},
+        coords=axes,
+        attrs={"time": "2014-07-15T12:00:00", "title": "small"},
+    )
+
+
+def test_between_snapshots_the_ocean_is_linear_in_time_and_on_them_exact():
+    snapshots = [local(1450.0, 0.1), local(1460.1, 0.3), local(1440.7, -0.7)]
+    series = series_of(iter(snapshots), np.array([-600.0, 3000.0, 9000.0]))
+    for time, snapshot in zip((-600.0, 3000.0, 9000.0), snapshots, strict=True):
+        assert snapshot_at(series, time).identical(snapshot)
+    for time in (-599.0, 0.0, 2999.0, 4000.0, 8999.9):
+        now = snapshot_at(series, time)
+        for name, values in (("sound_speed", (1450.0, 1460.1, 1440.7)), ("current_east", (-0.1, -0.3, 0.7))):
+            expected = np.interp(time, [-600.0, 3000.0, 9000.0], values)
+            np.testing.assert_allclose(now[name], expected, rtol=1e-13)
+        assert now.attrs == snapshots[0].attrs
+        assert set(now.coords) == {"north", "east", "depth"}
+    for time in (-601.0, 9000.1):
+        with pytest.raises(StudyError, match="not within its -600 to 9000 s"):
+            snapshot_at(series, time)
+
+
+def test_between_equal_snapshots_nothing_changes():
+    rng = np.random.default_rng(3)
+    one = local(1450.0)
+    for name in VARYING:
+        one[name] = one[name] + rng.uniform(-0.5, 0.5, one[name].shape)
+    series = series_of([one, one.copy(deep=True)], np.array([0.0, 10_800.0]))
+    for time in (0.0, 0.1, 3600.0, 10_799.0, 10_800.0):
+        for name in (*VARYING, "sea_floor_depth"):
+            np.testing.assert_array_equal(snapshot_at(series, time)[name], one[name])
+
+
+def test_snapshots_on_other_grids_or_too_few_are_refused():
+    times = np.array([0.0, 1.0])
+    with pytest.raises(StudyError, match="local grid at 2014-07-15T12:00:00 differs"):
+        series_of([local(1450.0), local(1450.0, depth=(0.0, 60.0, 400.0))], times)
+    for count in (0, 1, 3):
+        with pytest.raises(StudyError, match=f"{count} snapshots for 2 instants"):
+            series_of([local(1450.0)] * count, times)
+
+
+def test_by_default_the_ocean_is_a_snapshot():
+    for name in ("beaufort", "fram", "quick"):
+        ocean = load_study(name).ocean
+        assert (ocean.time_varying, ocean.bathymetry) == (False, None)
+        assert (ocean.currents, ocean.equation) == ("required", "teos-10")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "expected"),
+    [
+        ("equation", "mackenzie", "ocean.equation: found 'mackenzie'; allowed: 'teos-10', 'del-grosso' or 'unesco'"),
+        ("currents", "none", "ocean.currents: found 'none'; allowed: 'required' or 'rest'"),
+        ("time_varying", "yes", "ocean.time_varying: found 'yes'"),
+        ("bathymetry", "", "ocean.bathymetry: found ''"),
+        ("time_variing", True, "ocean.time_variing: unknown key; did you mean time_varying?"),
+    ],
+)  # fmt: skip
+def test_each_bad_value_is_one_line(tiny_tree, key, value, expected):
+    tiny_tree["ocean"][key] = value
+    with pytest.raises(StudyError) as caught:
+        parse_study(tiny_tree, "tiny")
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_sea_floors_file_is_relative_to_the_configuration_and_among_the_inputs(tmp_path):
+    (tmp_path / "floor.nc").write_bytes(b"floor")
+    text = preset_text("quick").replace("[ocean]", '[ocean]\nbathymetry = "floor.nc"')
+    (tmp_path / "mine.toml").write_text(text)
+    config = load_study(tmp_path / "mine.toml")
+    floor = str(tmp_path / "floor.nc")
+    assert config.ocean.bathymetry == floor
+    assert config.ocean.synthetic
+    assert config.ocean.files == (floor,)
+    described = describe_run(config, {}, workers=1)["ocean"]
+    assert described["sha256"] == {floor: hashlib.sha256(b"floor").hexdigest()}
+    (tmp_path / "files.toml").write_text(text.replace('"synthetic:beaufort"', '["a.nc"]'))
+    assert load_study(tmp_path / "files.toml").ocean.files == (str(tmp_path / "a.nc"), floor)
+
+
+def test_checksum_of_a_folder_tells_of_every_file_and_its_name(tmp_path):
+    def store(folder, **files):
+        for name, content in files.items():
+            path = folder / name.replace("_", "/")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        return sha256(folder)
+
+    one = store(tmp_path / "1", meta=b"x", c_0=b"ab", c_1=b"c")
+    assert store(tmp_path / "2", c_1=b"c", c_0=b"ab", meta=b"x") == one
+    others = [
+        store(tmp_path / "3", meta=b"x", c_0=b"a", c_1=b"bc"),
+        store(tmp_path / "4", meta=b"x", c_0=b"ab", c_2=b"c"),
+        store(tmp_path / "5", meta=b"x", c_0=b"ab"),
+    ]
+    assert len({one, *others}) == 4
+
+
+def written(folder, times):
+    """Files of the same water, a part of the synthetic Beaufort Sea, one for each time."""
+    ocean, files = open_ocean("synthetic:beaufort", window=WINDOW), []
+    for time in times:
+        files.append(folder / f"{np.datetime_as_string(time, unit='h')}.nc")
+        write_netcdf(ocean.assign_coords(time=((), time, ocean["time"].attrs)), files[-1])
+    return [str(file) for file in files]
+
+
+def hours(*after):
+    return [np.datetime64(EPOCH, "ns") + np.timedelta64(h, "h") for h in after]
+
+
+def test_equal_snapshots_are_the_study_in_still_water(tiny_tree, make_tiny_tree, tmp_path):
+    """Files of the same water at 12, 15 and 18 h: truth, rays and measurements to the last digit."""
+    tiny_tree["acoustics"] = {"currents": True}
+    files = written(tmp_path, hours(0, 3, 6))
+    for name in ("still", "varying"):
+        (tmp_path / name).mkdir()
+    still = run_of(tiny_tree, tmp_path / "still", source=files[:1])
+    tree = make_tiny_tree() | {"acoustics": {"currents": True}}
+    varying = run_of(tree, tmp_path / "varying", source=files, time_varying=True)
+    for name in ("truth", "links", "arrivals", "observations", "estimates"):
+        assert same(getattr(varying, name), getattr(still, name)), name
+    assert varying.ocean.identical(still.ocean)
+    assert varying.ray_picture.identical(still.ray_picture)
+    assert varying.profile.identical(still.profile)
+    assert set(varying.manifest["ocean"]["sha256"]) == set(files)
+    assert varying.manifest["ocean"]["time_varying"]
+    assert not still.manifest["ocean"]["time_varying"]
+    again = open_run(varying.path)
+    assert again.config == varying.config
+    assert again.config.ocean.time_varying
+    assert same(again.noisy_observations(0), still.noisy_observations(0))
+
+
+def test_files_that_end_before_the_mission_are_refused(tiny_tree, tmp_path):
+    files = written(tmp_path, hours(0, 3))
+    with pytest.raises(OceanError, match=r"does not cover 2014-07-15T12:00 to 2014-07-15T16:00"):
+        run_of(tiny_tree, tmp_path, source=files, time_varying=True)
+    assert not (tmp_path / "run").exists()
+
+
+EDDY = {"centre_latitude_deg": 74.8, "centre_longitude_deg": -136.95}
+"""Near the centre of a Pacific Winter Water eddy that moves 4 km a day to the south."""
+
+
+@pytest.fixture(scope="module")
+def moving_config(make_tiny_tree):
+    """Four hours in an eddy from 13:30 on, so that it begins between snapshots and passes one."""
+    tree = make_tiny_tree() | {"acoustics": {"currents": True}}
+    start = dt.datetime(2014, 7, 15, 13, 30)  # noqa: DTZ001  TOML's local time, taken as UTC
+    tree["ocean"].update(time_varying=True, time=start, **EDDY)
+    return parse_study(tree)
+
+
+@pytest.fixture(scope="module")
+def moving(moving_config):
+    return simulate_mission(moving_config, Stopwatch(), lambda *_: None)
+
+
+def test_the_series_encloses_the_mission_and_is_the_sources_own_water(moving_config, moving):
+    section, ocean = moving_config.ocean, moving.ocean
+    np.testing.assert_array_equal(ocean.series["time"], [-1.5 * HOUR, 1.5 * HOUR, 4.5 * HOUR])
+    own = to_local(
+        open_ocean("synthetic:beaufort", time="2014-07-15T18:00"), section.centre, section.half_extent
+    )
+    for name in VARYING:
+        np.testing.assert_array_equal(ocean.local_at(4.5 * HOUR)[name], own[name])
+    assert ocean.local.attrs["time"] == "2014-07-15T12:00:00"
+    medium, currents = build_medium(moving_config, ocean), build_currents(moving_config, ocean)
+    middle = 0.5 * (ocean.series["sound_speed"][0] + ocean.series["sound_speed"][1])
+    np.testing.assert_allclose(medium(0.0).sound_speed, middle, rtol=1e-14)
+    middle = 0.5 * (ocean.series["current_east"][1] + ocean.series["current_east"][2])
+    np.testing.assert_allclose(currents(3.0 * HOUR).velocity[..., 1], middle, rtol=0, atol=1e-15)
+
+
+def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, moving):
+    """Arrivals and chords, solved again in media that are interpolated by hand."""
+    truth, links, series = moving.truth, moving.links, moving.ocean.series
+    marks = np.array([[m.north, m.east, m.depth] for m in moving_config.landmarks])
+    found, chord = moving.arrivals.first().travel_time, moving.arrivals.chord_travel_time
+    first = Medium.from_dataset(moving.ocean.local)
+    assert set(truth.time[links.sample]) == {HOUR, 2 * HOUR, 3 * HOUR, 4 * HOUR}
+    changed = []
+    for sample in set(links.sample):
+        now, time = links.sample == sample, truth.time[sample]
+        k = int(np.searchsorted(series["time"], time)) - 1
+        share = (time - series["time"].values[k]) / (3.0 * HOUR)
+        c = (1.0 - share) * series["sound_speed"][k] + share * series["sound_speed"][k + 1]
+        places = np.concatenate([truth.position[:, sample], marks])
+        ends = places[links.first[now]], places[links.second[now]]
+        own = find_eigenrays(Medium.from_dataset(moving.ocean.local.assign(sound_speed=c)), *ends).first()
+        np.testing.assert_allclose(found[now], own.travel_time, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(chord[now], own.chord_travel_time, rtol=0, atol=1e-10)
+        changed.append(found[now] - find_eigenrays(first, *ends).first().travel_time)
+    assert np.nanmax(np.abs(np.concatenate(changed))) > 1e-6  # s
+    assert moving.picture["ray_arrives"].sum() > 0
+
+
+def test_a_fleet_in_moving_water_goes_elsewhere_than_in_its_first_snapshot(moving_config, moving):
+    m = moving_config.mission
+    still = simulate(
+        build_fleet(moving_config),
+        moving.ocean.local,
+        duration=4.0 * HOUR,
+        physics_step=m.physics_step_s,
+        sampling_period=m.sampling_period_s,
+    )
+    floating = moving.truth.role == "float"
+    away = np.linalg.norm(moving.truth.position - still.position, axis=-1).max(axis=-1)
+    assert (away[floating] > 0.5).all(), away  # m; the eddy moves by 700 m in the four hours
+    assert (away[~floating] == 0.0).all()
+
+
+def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny_tree, tiny_run, tmp_path):
+    lat, lon = np.linspace(74.0, 75.0, 121), np.linspace(-142.0, -138.0, 161)
+    depth = 2900.0 + 50.0 * np.sin(40.0 * lat)[:, None] * np.cos(30.0 * lon)
+    floor = xr.DataArray(-depth, coords={"lat": lat, "lon": lon}, dims=("lat", "lon"), name="elevation")
+    floor["lat"].attrs["units"], floor["lon"].attrs["units"] = "degrees_north", "degrees_east"
+    floor = floor.assign_attrs(standard_name="height_above_mean_sea_level", units="m")
+    floor.to_netcdf(tmp_path / "floor.nc")
+    tiny_tree["ocean"].update(bathymetry=str(tmp_path / "floor.nc"), equation="del-grosso", time_varying=True)
+    ocean = build_ocean(parse_study(tiny_tree).ocean, 1.0 * HOUR)
+    for part in (ocean.local, ocean.drift, ocean.local_at(600.0)):
+        assert part["sea_floor_depth"].dims == ("floor_north", "floor_east")
+        here = float(part["sea_floor_depth"].interp(floor_north=0.0, floor_east=0.0))
+        assert here == pytest.approx(-float(floor.interp(lat=74.5, lon=-140.0)), rel=0, abs=0.5)
+    assert ocean.local.attrs["sound_speed_equation"] == "del-grosso"
+    difference = np.abs(ocean.local["sound_speed"].values - tiny_run.ocean["sound_speed"].values)
+    assert 0.01 < difference.max() < 1.0  # m/s, between the equations
+
+
+@pytest.mark.slow
+def test_a_day_in_the_beaufort_sea_runs_and_its_eddies_move(make_tiny_tree, tmp_path):
+    """The paper's fleet over 24 h; the eddy nearest to it goes where its table says."""
+    from pymantaray.ocean.beaufort import EDDIES
+
+    config = load_study("quick", realizations=1)
+    config = config.model_copy(
+        update={
+            "ocean": config.ocean.model_copy(update={"time_varying": True}),
+            "acoustics": config.acoustics.model_copy(update={"currents": True}),
+        }
+    )
+    run = run_study(config, tmp_path / "day", workers=1)
+    assert run.manifest["outcome"]["stopped_vehicles"] == {}
+    assert np.count_nonzero(run.observations.range_status == RayStatus.OK) > 300
+    assert np.isfinite(run.estimates.position).all()
+    ocean = build_ocean(config.ocean, 24.0 * HOUR)
+    assert ocean.series.sizes["time"] == 9
+    inside = [e for e in EDDIES if e.core_depth < 75.0 and abs(e.north) < 100e3 and abs(e.east) < 200e3]
+    assert inside
+    day = 24.0 * HOUR
+    for eddy in inside:
+        level = int(np.abs(ocean.local["depth"].values - eddy.core_depth).argmin())
+        drift = np.array([eddy.drift_north, eddy.drift_east]) * day
+        north, east = np.array([eddy.north, eddy.east]) + 0.5 * drift
+        centres = []
+        for time in (0.0, day):  # cold water within one circle about both of the eddy's places
+            c = ocean.local_at(time)["sound_speed"].isel(depth=level)
+            near = np.hypot(c["north"] - north, c["east"] - east) < 1.5 * eddy.radius + np.hypot(*drift) / 2
+            weight = ((c.where(near).max() - c) * near).clip(0.0) ** 4
+            centres.append([float((weight * c[axis]).sum() / weight.sum()) for axis in ("north", "east")])
+        moved = np.subtract(centres[1], centres[0])
+        np.testing.assert_allclose(moved, drift, rtol=0, atol=700.0)  # m; the grid's step is 2.4 to 4.5 km
+        assert np.hypot(*drift) > 2000.0
+
+
+@pytest.mark.slow
+def test_results_do_not_depend_on_the_number_of_workers(make_tiny_tree, tmp_path):
+    tree = make_tiny_tree()
+    tree["study"].update(conditions=["odometry", "refracted"], realizations=2)
+    tree["ocean"]["time_varying"] = True
+    one, two = (run_study(parse_study(tree), tmp_path / str(n), workers=n) for n in (1, 2))
+    for name in ("truth", "arrivals", "observations", "estimates"):
+        assert same(getattr(one, name), getattr(two, name)), name
