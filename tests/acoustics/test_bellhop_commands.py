@@ -152,10 +152,10 @@ def test_links_of_a_run_come_with_the_runs_ocean(call, files, run_folder):
             ["--profile", "links.csv", "--bottom", "9"],
             r"links\.csv: lacks depth, sound_speed; found source_north",
         ),
-        (["--profile", "nothing.csv", "--bottom", "9"], "not a readable table: .*No such file"),
+        (["--profile", "nothing.csv", "--bottom", "9"], r"nothing\.csv: cannot be read: No such file"),
         (
             ["--profile", "holes.csv", "--bottom", "9"],
-            r"holes\.csv, line 3: every one of depth, sound_speed needs",
+            r"holes\.csv, line 3: sound_speed needs a number; it is \'\'",
         ),
         (["--run", "."], "not a run folder"),
         (

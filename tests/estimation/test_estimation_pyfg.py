@@ -7,6 +7,7 @@ import pytest
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, build_graph, read_pyfg, write_pyfg
+from pymantaray.estimation.pyfg import load_pyfg
 from pymantaray.records import SolveStatus
 
 HAND = """\
@@ -110,7 +111,10 @@ def broken(line, old, new):
             broken(1, "VERTEX_SE3:QUAT", "EDGE_RANGE"),
             r"line 1: begins with 'EDGE_RANGE'; .*in the first line",
         ),
-        (broken(1, "VERTEX_SE3:QUAT", "VERTEX_SE2"), r"line 1: begins with 'VERTEX_SE2'"),
+        (
+            broken(1, "VERTEX_SE3:QUAT", "VERTEX_SE2"),
+            r"line 1: VERTEX_SE2, a graph in two dimensions; allowed: .*three",
+        ),
         (broken(2, "11 2 3", "11  2 3"), r"line 2: VERTEX_SE3:QUAT with 11 fields; allowed: 10"),
         (
             broken(2, "11 2 3", "11 two 3"),
@@ -128,6 +132,27 @@ def broken(line, old, new):
         (broken(8, "A1", "A7"), r"line 8: name A7; allowed: names of the file's vertices"),
         (broken(9, "A1 L0", "L0 A1"), r"line 9: .*the pose first"),
         (broken(9, "A1 L0", "A1 A1"), r"line 9: .*from A1 to itself"),
+        (
+            broken(9, "A1 L0", "A0001 L99999999999999999999"),
+            r"line 9: EDGE_RANGE: number of L9+; allowed: .* 2147483647",
+        ),
+        (broken(1, "A0", "A2147483648"), r"line 1: VERTEX_SE3:QUAT: number of A2147483648"),
+        (broken(2, "A1", "A00"), r"line 2: second vertex named A0"),
+        (broken(2, "11 2 3", "1_1 2 3"), r"line 2: .*an underscore or a tab"),
+        (
+            broken(2, "11 2 3", "1.1e9 2 3"),
+            r"line 2: VERTEX_SE3:QUAT with 1.1e\+09; allowed: positions of at most 1e\+09 m",
+        ),
+        (broken(8, "1 0 0 0 0 0.001", "0 0 0 0 0 0.001"), r"A1: odometry variance is .*0,.*positive finite"),
+        (
+            broken(4, "0.01 0.001", "0.01 0.02"),
+            r"A0: first-pose prior covariance's eigenvalues, scaled .*is .-0.4",
+        ),
+        (
+            broken(9, "EDGE_RANGE 200 A1 L0 8.5 4", "EDGE_SE3_XYZ 200 A1 L0 1 2 3 1 0 0 1 0 1"),
+            r"line 9: EDGE_SE3_XYZ, a landmark's place .*no factor",
+        ),
+        (broken(9, "EDGE_RANGE", "EDGE_SE2_XY"), r"line 9: EDGE_SE2_XY, a graph in two dimensions"),
         (HAND + "\n", r"line 10: begins with ''"),
         (broken(9, "8.5 4", "8.5 -4"), r"A1: range variance is .-4."),
         (HAND.splitlines()[2] + "\n", r"no VERTEX_SE3:QUAT in the file"),
@@ -170,3 +195,121 @@ def test_values_that_do_not_fit_are_refused(tmp_path):
     )
     with pytest.raises(EstimationError, match="values for 1 poses and 1 landmarks; the graph has 2 and 1"):
         write_pyfg(graph, tmp_path / "g.pyfg", initial=short)
+
+
+# as PyFactorGraph's own writer lays a file out: fixed decimals, all vertices first, the odometry of each vehicle,
+# then loop closures (one of a vehicle with itself, one between two), sightings and ranges; times of factors of their own
+FOREIGN = """\
+VERTEX_SE3:QUAT 0.500000000 A0 0.000000 0.000000 0.000000 0.0000000 0.0000000 0.0000000 1.0000000
+VERTEX_SE3:QUAT 1.500000000 A1 1.000000 0.000000 0.000000 0.0000000 0.0000000 0.7071068 0.7071068
+VERTEX_SE3:QUAT 2.500000000 A2 1.000000 1.000000 0.000000 0.0000000 0.0000000 1.0000000 0.0000000
+VERTEX_SE3:QUAT 0.500000000 B0 0.000000 2.000000 0.500000 0.0000000 0.0000000 0.0000000 1.0000000
+VERTEX_SE3:QUAT 1.500000000 B1 1.000000 2.000000 0.500000 0.0000000 0.0000000 0.0000000 1.0000000
+VERTEX_XYZ L0 3.000000 0.000000 1.000000
+VERTEX_XYZ L7 0.000000 3.000000 1.000000
+VERTEX_SE3:QUAT:PRIOR 0.500000000 A0 0.000000 0.000000 0.000000 0.0000000 0.0000000 0.0000000 1.0000000 {noise}
+VERTEX_XYZ:PRIOR 0.500000 L0 3.000000 0.000000 1.000000 0.010000 0.000000 0.000000 0.010000 0.000000 0.010000
+VERTEX_XYZ:PRIOR 0.500000 L7 0.000000 3.000000 1.000000 0.010000 0.000000 0.000000 0.010000 0.000000 0.010000
+EDGE_SE3:QUAT 0.750000000 A0 A1 1.000000 0.000000 0.000000 0.0000000 0.0000000 0.7071068 0.7071068 {noise}
+EDGE_SE3:QUAT 1.750000000 A1 A2 1.000000 0.000000 0.000000 0.0000000 0.0000000 0.7071068 0.7071068 {noise}
+EDGE_SE3:QUAT 0.750000000 B0 B1 1.000000 0.000000 0.000000 0.0000000 0.0000000 0.0000000 1.0000000 {noise}
+EDGE_SE3:QUAT 2.600000000 A2 A0 1.000000 1.000000 0.000000 0.0000000 0.0000000 1.0000000 0.0000000 {noise}
+EDGE_SE3:QUAT 0.600000000 A0 B0 0.000000 2.000000 0.500000 0.0000000 0.0000000 0.0000000 1.0000000 {noise}
+EDGE_SE3_XYZ 0.600000000 A0 L0 3.000000 0.000000 1.000000 0.010000 0.000000 0.000000 0.010000 0.000000 0.010000
+EDGE_RANGE 1.600000000 A1 L0 2.236068 0.010000
+EDGE_RANGE 1.600000000 A1 B1 2.061553 0.010000
+EDGE_RANGE 1.600000000 L0 L7 4.242641 0.010000
+""".format(
+    noise="0.010000 0.000000 0.000000 0.000000 0.000000 0.000000 0.010000 0.000000 0.000000 0.000000 0.000000 0.010000"
+    " 0.000000 0.000000 0.000000 0.040000 0.000000 0.000000 0.040000 0.000000 0.040000"
+)
+
+
+def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tmp_path):
+    path = tmp_path / "foreign.pyfg"
+    path.write_text(FOREIGN)
+    graph, values, left_out = load_pyfg(path, leave_out=["EDGE_SE3_XYZ"])
+    assert left_out == {"EDGE_SE3_XYZ": 1}
+    assert graph.pose_time.tolist() == [0.5, 1.5, 2.5, 0.5, 1.5]
+    assert graph.landmark_name.tolist() == ["L0", "L7"]
+    edges = [
+        (graph.variable_name(a), graph.variable_name(b))
+        for a, b in zip(graph.edge_from, graph.edge_to, strict=True)
+    ]
+    assert edges == [("A0", "A1"), ("A1", "A2"), ("B0", "B1"), ("A2", "A0"), ("A0", "B0")]
+    solution = GraphSolver().solve(graph, values, model_is_right=False)
+    assert solution.status == SolveStatus.OK
+    assert solution.initial_cost < 1e-8  # the measurements are those of the truth, to their seven digits
+    np.testing.assert_allclose(solution.position, values.position, atol=1e-6)
+
+
+def test_landmarks_keep_their_numbers_and_trailing_blanks_do_not_matter(tmp_path):
+    text = "".join(f"{line} \n" for line in FOREIGN.splitlines() if not line.startswith("EDGE_SE3_XYZ"))
+    graph, values = read_text(tmp_path, text.replace("VERTEX_XYZ L7", "VERTEX_XYZ L007"))
+    write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
+    again, _ = read_pyfg(tmp_path / "again.pyfg")
+    assert again.landmark_name.tolist() == ["L0", "L7"]
+    assert_same(graph, again)
+
+
+def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_path, make_fleet):
+    fleet = make_fleet(n_agents=1, n_times=4)
+    graph = build_graph(fleet.noisy)
+    initial = GraphValues(
+        position=fleet.position.reshape(-1, 3),
+        quaternion=fleet.quaternion.reshape(-1, 4),
+        landmark_position=np.empty((0, 3)),
+    )
+    write_pyfg(graph, tmp_path / "g.pyfg", initial=initial)
+    lines = [x.split() for x in (tmp_path / "g.pyfg").read_text().splitlines() if ":PRIOR" in x]
+    corner = np.cumsum([0, 6, 5, 4, 3, 2])  # where the diagonal stands in an upper triangle by rows
+    for line in lines[1:]:
+        diagonal = [float(line[10 + i]) for i in corner]
+        assert diagonal == [1e12, 1e12, fleet.noisy.depth_sigma[0] ** 2, 1e12, 1e12, 1e12]
+    again, _ = read_pyfg(tmp_path / "g.pyfg")
+    assert again.prior_pose.size == 1
+    assert again.fix_pose.size == 0
+    np.testing.assert_array_equal(again.depth_variance, graph.depth_variance)
+    # zero precision, not 1e-12: with that, depths would hold a fleet that nothing else holds across
+    loose = replace(
+        again,
+        prior_pose=[],
+        prior_position=np.empty((0, 3)),
+        prior_quaternion=np.empty((0, 4)),
+        prior_covariance=np.empty((0, 6, 6)),
+    )
+    near, far = (
+        GraphSolver().solve(loose, replace(initial, position=initial.position + np.array([shift, 0.0, 0.0])))
+        for shift in (0.0, 2.0**26)  # a power of two: sums stay exact
+    )
+    assert near.status == far.status == SolveStatus.FAILED
+    assert far.initial_cost == pytest.approx(near.initial_cost, rel=1e-3)  # 1e-12 would add 9,000
+
+
+def test_what_can_be_left_out_is_named(tmp_path):
+    (tmp_path / "g.pyfg").write_text(HAND)
+    with pytest.raises(EstimationError, match=r"leave out \['EDGE_RANGE'\]; allowed: EDGE_SE3_XYZ"):
+        load_pyfg(tmp_path / "g.pyfg", leave_out=["EDGE_RANGE"])
+
+
+def test_pyfactorgraph_itself_reads_what_we_write_and_we_what_it_writes(tmp_path):
+    theirs = pytest.importorskip(
+        "py_factor_graph.io.pyfg_text", reason="PyFactorGraph is not installed (it is not on PyPI)"
+    )
+    (tmp_path / "foreign.pyfg").write_text(FOREIGN)
+    graph, values, _ = load_pyfg(tmp_path / "foreign.pyfg", leave_out=["EDGE_SE3_XYZ"])
+    between_landmarks = graph.range_first >= graph.n_poses  # theirs has none
+    graph = replace(
+        graph,
+        range_first=graph.range_first[~between_landmarks],
+        range_second=graph.range_second[~between_landmarks],
+        range_distance=graph.range_distance[~between_landmarks],
+        range_variance=graph.range_variance[~between_landmarks],
+    )
+    write_pyfg(graph, tmp_path / "ours.pyfg", initial=values)
+    read = theirs.read_from_pyfg_text(str(tmp_path / "ours.pyfg"))
+    assert [r.dist for r in read.range_measurements] == graph.range_distance.tolist()
+    theirs.save_to_pyfg_text(read, str(tmp_path / "theirs.pyfg"))
+    again, _ = read_pyfg(tmp_path / "theirs.pyfg")
+    np.testing.assert_allclose(again.edge_translation, graph.edge_translation, atol=1e-6)
+    np.testing.assert_allclose(again.range_distance, graph.range_distance, atol=1e-6)

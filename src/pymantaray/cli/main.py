@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 import pymantaray
-from pymantaray.cli import ocean, rays, study
+from pymantaray.cli import graph, ocean, rays, study
 from pymantaray.errors import MantaRayError
 
 EXIT_KNOWN_ERROR = 2
@@ -21,6 +21,7 @@ app = typer.Typer(
 )
 app.add_typer(study.app, name="study")
 app.add_typer(ocean.app, name="ocean")
+app.add_typer(graph.app, name="graph")
 app.add_typer(rays.app, name="rays")
 
 

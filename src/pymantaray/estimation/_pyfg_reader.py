@@ -1,6 +1,9 @@
 """Line by line reader of PyFactorGraph text; `pymantaray.estimation.pyfg` is its public face."""
 
+import math
 import re
+from collections import Counter
+from collections.abc import Collection
 from typing import NoReturn
 
 import numpy as np
@@ -10,14 +13,18 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation._pyfg_words import (
     AGENT_LETTERS,
     EDGE,
+    FLAT,
     FREE_VARIANCE,
     LANDMARK,
+    LANDMARK_LETTER,
     LANDMARK_PRIOR,
     POSE,
     POSE_PRIOR,
     RANGE,
+    SIGHTING,
     TO_FILE,
 )
+from pymantaray.estimation._refusals import LARGEST, QUATERNION_TOLERANCE, VARIANCES
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.geometry.se3 import matrix_from_quaternion
 
@@ -32,9 +39,10 @@ _GRAMMAR: dict[str, tuple[bool, int, int, int | None]] = {
     LANDMARK_PRIOR: (True, 1, 3 + 6, None),
     EDGE: (True, 2, 7 + 21, 3),
     RANGE: (True, 2, 2, None),
+    SIGHTING: (True, 2, 3 + 6, None),
 }
-_POSE_NAME = re.compile(rf"([{AGENT_LETTERS}])(\d+)")
-_LANDMARK_NAME = re.compile(r"L\d+")
+_LARGEST_NUMBER = 2**31 - 1  # of a pose; records keep it in 32 bits
+_NAME = re.compile(rf"([{AGENT_LETTERS}{LANDMARK_LETTER}])([0-9]+)")
 _Row = tuple[int, float, list[str], list[float]]
 
 
@@ -46,11 +54,15 @@ class Reader:
     ----------
     source : str
         Name of the file, for messages.
+    leave_out : collection of str
+        Words whose lines are checked, counted and left out.
     """
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, leave_out: Collection[str] = ()) -> None:
         self._source = source
-        self._rows: dict[str, list[_Row]] = {word: [] for word in _GRAMMAR}
+        self._leave_out = frozenset(leave_out)
+        self.left_out: Counter[str] = Counter()
+        self._rows: dict[str, list[_Row]] = {word: [] for word in _GRAMMAR}  # SIGHTING's stays empty
         self._variable: dict[str, int] = {}
 
     def take(self, number: int, line: str) -> None:
@@ -64,11 +76,15 @@ class Reader:
         line : str
             Without its end.
         """
-        fields = line.split(" ")
+        fields = line.strip(" ").split(" ")
         word = fields[0]
+        if word in FLAT:
+            self._refuse(number, f"{word}, a graph in two dimensions", "graphs in three dimensions")
         if word not in _GRAMMAR:
             self._refuse(
-                number, f"begins with {word!r}", f"{', '.join(_GRAMMAR)}, with one space between fields"
+                number,
+                f"begins with {word[:40]!r}",
+                f"{', '.join(_GRAMMAR)}, with one space between fields",
             )
         if number == 1 and word not in {POSE, LANDMARK}:
             self._refuse(number, f"begins with {word!r}", f"{POSE} or {LANDMARK} in the first line")
@@ -84,16 +100,33 @@ class Reader:
             values = [float(f) for f in fields[n_heads:]]
             time = float(fields[1]) if has_time else 0.0
         except ValueError as error:
-            self._refuse(number, f"{word}: {error}", "numbers")
-        if not np.isfinite(values).all() or not np.isfinite(time):
+            self._refuse(number, f"{word}: {str(error)[:80]}", "numbers")
+        if not all(map(math.isfinite, values)) or not math.isfinite(time):
             self._refuse(number, f"{word} with a value that is not finite", "finite numbers")
-        if quaternion is not None and abs(np.linalg.norm(values[quaternion : quaternion + 4]) - 1.0) > 1e-3:
+        if "_" in line[len(word) :] or "\t" in line:
+            self._refuse(number, f"{word} with an underscore or a tab among its numbers", "digits and spaces")
+        if word != RANGE and max(map(abs, values[:3])) > LARGEST:
             self._refuse(
-                number, f"{word}: quaternion {values[quaternion : quaternion + 4]}", "x y z w of length 1"
+                number, f"{word} with {max(map(abs, values[:3])):g}", f"positions of at most {LARGEST:g} m"
             )
-        names = fields[1 + has_time : n_heads]
+        if max(map(abs, values)) > VARIANCES[1]:
+            self._refuse(number, f"{word} with {max(map(abs, values)):g}", f"at most {VARIANCES[1]:g}")
+        if quaternion is not None:
+            q = values[quaternion : quaternion + 4]
+            if abs(math.hypot(*q) - 1.0) > QUATERNION_TOLERANCE:
+                self._refuse(number, f"{word}: quaternion {q}", "x y z w of length 1")
+        names = self._names(number, word, fields[1 + has_time : n_heads])
         self._check_names(number, word, names)
-        self._rows[word].append((number, time, names, values))
+        if word in self._leave_out:
+            self.left_out[word] += 1
+        elif word == SIGHTING:
+            self._refuse(
+                number,
+                f"{word}, a landmark's place in a pose's body frame, which the graph has no factor for",
+                "the other words; or leave these lines out by choice",
+            )
+        else:
+            self._rows[word].append((number, time, names, values))
 
     def finish(self) -> tuple[FactorGraph, GraphValues]:
         """
@@ -181,21 +214,33 @@ class Reader:
             )
         return full, fix, vertical
 
+    def _names(self, number: int, word: str, fields: list[str]) -> list[str]:
+        """Names without leading zeros, so that A01 and A1 are the same."""
+        names = []
+        for field in fields:
+            found = _NAME.fullmatch(field)
+            if found is None:
+                self._refuse(
+                    number,
+                    f"name {field[:40]!r}",
+                    "a capital letter and a number, as A0, or L0 for a landmark",
+                )
+            digits = found[2].lstrip("0") or "0"
+            if len(digits) > 10 or int(digits) > _LARGEST_NUMBER:
+                self._refuse(number, f"{word}: number of {field[:40]}", f"numbers up to {_LARGEST_NUMBER}")
+            names.append(found[1] + digits)
+        return names
+
     def _check_names(self, number: int, word: str, names: list[str]) -> None:
-        landmark = [bool(_LANDMARK_NAME.fullmatch(n)) for n in names]
-        wrong = [
-            n for n, is_l in zip(names, landmark, strict=True) if not is_l and not _POSE_NAME.fullmatch(n)
-        ]
-        if wrong:
-            self._refuse(
-                number, f"name {wrong[0]!r}", "a capital letter and a number, as A0, or L0 for a landmark"
-            )
+        landmark = [name[0] == LANDMARK_LETTER for name in names]
         if word in {POSE, POSE_PRIOR, EDGE} and any(landmark):
             self._refuse(number, f"{word} with landmark {names[landmark.index(True)]}", "poses")
         if word in {LANDMARK, LANDMARK_PRIOR} and not all(landmark):
             self._refuse(number, f"{word} with pose {names[0]}", "a landmark, as L0")
         if len(names) == 2 and names[0] == names[1]:
             self._refuse(number, f"{word} from {names[0]} to itself", "two different names")
+        if word == SIGHTING and landmark != [False, True]:
+            self._refuse(number, f"{word} from {names[0]} to {names[1]}", "a pose, then a landmark")
         if landmark == [True, False]:
             self._refuse(number, f"{word} from {names[0]} to {names[1]}", "the pose first")
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,23 @@ CONDITIONS: Mapping[str, Condition] = MappingProxyType(
         "straight-all": Condition(ranges="straight", links="all"),
     }
 )
+
+
+class TimedRanges(NamedTuple):
+    """What was measured of each range of a graph, row by row; the transmitter may be either of its variables."""
+
+    transmitter: NDArray[np.intp]
+    """Variable, shape (n,)."""
+    receiver: NDArray[np.intp]
+    """Variable, shape (n,)."""
+    epoch: NDArray[np.intp]
+    """Number of the ping, from 0, shape (n,)."""
+    time: NDArray[np.float64]
+    """Of the ping since the start of the mission, shape (n,). [s]"""
+    sound_speed: NDArray[np.float64]
+    """Measured at the transmitter, shape (n,). [m s⁻¹]"""
+    travel_time: NDArray[np.float64]
+    """Measured, with its noise, shape (n,). [s]"""
 
 
 def build_graph(observations: Observations, ranges: Ranges = None, links: Links = "refracted") -> FactorGraph:
@@ -97,20 +114,8 @@ def with_ranges(graph: FactorGraph, observations: Observations, ranges: Ranges, 
     EstimationError
         If ``ranges`` or ``links`` is not one of the allowed words, or both contradict each other.
     """
-    if ranges not in {"straight", "refracted", None} or links not in {"refracted", "all"}:
-        raise EstimationError(
-            f"ranges {ranges!r} over links {links!r}; allowed are 'straight', 'refracted' or None over 'refracted' or"
-            " 'all'"
-        )
-    if ranges == "refracted" and links == "all":
-        raise EstimationError("refracted ranges over all links: a dropout has none; use links='refracted'")
     o = observations
-    if ranges is None:
-        use = np.zeros(o.range_status.size, dtype=bool)
-    elif links == "refracted":
-        use = o.range_status == RayStatus.OK
-    else:
-        use = o.range_status != RayStatus.STOPPED
+    use = _used(o, ranges, links)
     first, second = (
         _variables(o, end[use], o.range_sample[use]) for end in (o.range_transmitter, o.range_receiver)
     )
@@ -125,6 +130,64 @@ def with_ranges(graph: FactorGraph, observations: Observations, ranges: Ranges, 
         range_distance=distance[use],
         range_variance=_variance("range", graph, first, o.range_sigma[use]),
     )
+
+
+def timed_ranges(observations: Observations, ranges: Ranges, links: Links) -> TimedRanges:
+    """
+    Travel times behind the ranges of a graph.
+
+    Parameters
+    ----------
+    observations : Observations
+    ranges, links : str
+        As in `build_graph`, for a graph with whose ranges the rows are to agree.
+
+    Returns
+    -------
+    TimedRanges
+        A range is the sound speed at its transmitter times what is measured: the travel time is the
+        quotient of both, noise included.
+
+    Raises
+    ------
+    EstimationError
+        As `with_ranges`, or if a sound speed at a transmitter is not positive.
+    """
+    o = observations
+    use = _used(o, ranges, links)
+    speed = o.transmitter_sound_speed[use]
+    if not np.all(speed > 0.0):
+        first = int(np.argmin(speed > 0.0))
+        raise EstimationError(
+            f"sound speed at the transmitter of range {np.flatnonzero(use)[first]} is {speed[first]:g} m/s; needs"
+            " positive values"
+        )
+    distance = o.refracted_range if ranges == "refracted" else o.straight_range
+    sample = o.range_sample[use]
+    return TimedRanges(
+        transmitter=_variables(o, o.range_transmitter[use], sample),
+        receiver=_variables(o, o.range_receiver[use], sample),
+        epoch=np.unique(sample, return_inverse=True)[1],
+        time=o.time[sample],
+        sound_speed=speed,
+        travel_time=distance[use] / speed,
+    )
+
+
+def _used(o: Observations, ranges: Ranges, links: Links) -> NDArray[np.bool_]:
+    """Attempts whose ranges enter the graph."""
+    if ranges not in {"straight", "refracted", None} or links not in {"refracted", "all"}:
+        raise EstimationError(
+            f"ranges {ranges!r} over links {links!r}; allowed are 'straight', 'refracted' or None over 'refracted' or"
+            " 'all'"
+        )
+    if ranges == "refracted" and links == "all":
+        raise EstimationError("refracted ranges over all links: a dropout has none; use links='refracted'")
+    if ranges is None:
+        return np.zeros(o.range_status.size, dtype=bool)
+    if links == "refracted":
+        return np.asarray(o.range_status == RayStatus.OK)
+    return np.asarray(o.range_status != RayStatus.STOPPED)
 
 
 def _without_ranges(o: Observations) -> FactorGraph:

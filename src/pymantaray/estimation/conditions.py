@@ -1,20 +1,65 @@
 """One realization under several ranging conditions, and all realizations as one record."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.assemble import CONDITIONS, build_graph, with_ranges
+from pymantaray.estimation.assemble import (
+    CONDITIONS,
+    Condition,
+    Links,
+    Ranges,
+    build_graph,
+    timed_ranges,
+    with_ranges,
+)
 from pymantaray.estimation.dead_reckoning import dead_reckon
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
-from pymantaray.estimation.solve import GraphSolver, Solution
+from pymantaray.estimation.outer import BelievedRanges
+from pymantaray.estimation.range_models import (
+    ConstantSpeed,
+    RangeModel,
+    TransmitterSpeed,
+    TravelTimeUncertainty,
+)
+from pymantaray.estimation.solve import GraphSolver, Solution, Variant
 from pymantaray.records import Estimates, Observations, SolveStatus
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimator:
+    """
+    One more way to estimate from the same observations, beside the conditions.
+
+    Parameters
+    ----------
+    ranges, links : str
+        As in `build_graph`.
+    model : RangeModel
+        What is believed of a range. One speed for a link makes a distance of it; other models take outer iterations.
+    uncertainty : TravelTimeUncertainty, optional
+        Adds to the variance of the ranges.
+    correlated : bool
+        Whether its covariances count too, between the links of an epoch.
+    initial : tuple of ndarray, optional
+        Where the solver starts, as in `solve_conditions`; the default is dead reckoning.
+    model_is_right : bool
+        Whether the final cost has to lie within its chi-square bounds.
+    """
+
+    ranges: Ranges
+    links: Links
+    model: RangeModel
+    uncertainty: TravelTimeUncertainty | None = None
+    correlated: bool = False
+    initial: tuple[Array, Array] | None = None
+    model_is_right: bool = False
 
 
 def solve_conditions(
@@ -22,6 +67,7 @@ def solve_conditions(
     conditions: Sequence[str],
     initial: tuple[Array, Array] | None = None,
     *,
+    estimators: Mapping[str, Estimator] | None = None,
     solver: GraphSolver | None = None,
 ) -> dict[str, Solution]:
     """
@@ -37,36 +83,43 @@ def solve_conditions(
         Where the solver starts: positions of shape (n_agents, n_times, 3) [m] and quaternions (w, x, y, z)
         of shape (n_agents, n_times, 4). The paper starts at the truth; the default is dead reckoning.
         Landmarks start at their surveyed positions.
+    estimators : mapping of str to Estimator, optional
+        Solved after the conditions, from the same observations; their names must be no conditions.
     solver : GraphSolver, optional
         Hand in the same one for all realizations of a process: it keeps what they share.
 
     Returns
     -------
     dict of str to Solution
-        In the order of ``conditions``; arrays of shape ``(n_agents, n_times, ...)``.
+        In the order of ``conditions``, then of ``estimators``; arrays of shape ``(n_agents, n_times, ...)``.
 
     Raises
     ------
     EstimationError
-        If a condition is unknown, or for what `build_graph` and `GraphSolver` refuse. A solve that fails
+        If a condition is unknown, an estimator has the name of one, or for what `build_graph` and `GraphSolver` refuse. A solve that fails
         is no error but has a status.
     """
     unknown = [c for c in conditions if c not in CONDITIONS]
     if unknown:
         raise EstimationError(f"unknown condition {unknown[0]!r}; allowed are {', '.join(CONDITIONS)}")
+    more = dict(estimators or {})
+    taken = [name for name in more if name in CONDITIONS]
+    if taken:
+        raise EstimationError(f"estimator {taken[0]!r} has the name of a condition; give it another")
     o = observations
     solved: dict[str, Solution] = {}
-    variants = _variants(o, conditions)
+    variants = _variants(o, conditions, more)
     if variants:
-        position, quaternion = dead_reckon(o) if initial is None else initial
-        start = GraphValues(
-            position=np.asarray(position).reshape(-1, 3),
-            quaternion=np.asarray(quaternion).reshape(-1, 4),
-            landmark_position=o.landmark_position,
+        reckoned = (
+            dead_reckon(o) if initial is None or any(e.initial is None for e in more.values()) else None
         )
-        solved = (solver or GraphSolver()).solve_variants(variants, start)
+        for name, e in more.items():
+            start = reckoned if e.initial is None else e.initial
+            variants[name] = variants[name]._replace(initial=_values(o, start or dead_reckon(o)))
+        first = _values(o, initial or reckoned or dead_reckon(o))
+        solved = (solver or GraphSolver()).solve_variants(variants, first)
     out = {}
-    for name in conditions:
+    for name in [*conditions, *more]:
         if name in solved:
             flat = solved[name]
             out[name] = replace(
@@ -126,23 +179,51 @@ def collect_estimates(observations: Observations, solutions: Sequence[Mapping[st
         final_cost=table("final_cost"),
         expected_cost=table("expected_cost"),
         gradient_norm=table("gradient_norm"),
+        gated_links=table("gated_links"),
     )
 
 
-def _variants(o: Observations, conditions: Sequence[str]) -> dict[str, tuple[FactorGraph, bool]]:
-    variants: dict[str, tuple[FactorGraph, bool]] = {}
+def _variants(
+    o: Observations, conditions: Sequence[str], estimators: Mapping[str, Estimator]
+) -> dict[str, Variant]:
+    wanted: list[tuple[str, Condition | Estimator]] = [
+        (name, CONDITIONS[name]) for name in conditions if not CONDITIONS[name].dead_reckoned
+    ]
+    variants: dict[str, Variant] = {}
     base = None
-    for name in conditions:
-        c = CONDITIONS[name]
-        if c.dead_reckoned:
-            continue
+    for name, c in [*wanted, *estimators.items()]:
         if base is None:
             base = graph = build_graph(o, c.ranges, c.links)
         else:
             graph = with_ranges(base, o, c.ranges, c.links)
             check_graph(graph)
-        variants[name] = (graph, c.model_is_right)
+        believed = None
+        if isinstance(c, Estimator):
+            graph, believed = _believed(graph, o, c)
+        variants[name] = Variant(graph, c.model_is_right, believed)
     return variants
+
+
+def _believed(graph: FactorGraph, o: Observations, e: Estimator) -> tuple[FactorGraph, BelievedRanges | None]:
+    """Graph of an estimator; one speed for each link makes its ranges distances, and nothing is left to believe."""
+    timed = timed_ranges(o, e.ranges, e.links)
+    if isinstance(e.model, ConstantSpeed | TransmitterSpeed) and e.uncertainty is None:
+        ratio = e.model.speed(timed.sound_speed) / timed.sound_speed
+        scaled = replace(
+            graph,
+            range_distance=ratio * graph.range_distance,
+            range_variance=ratio**2 * graph.range_variance,
+        )
+        return scaled, None
+    return graph, BelievedRanges(e.model, timed, e.uncertainty, e.correlated)
+
+
+def _values(o: Observations, start: tuple[Array, Array]) -> GraphValues:
+    return GraphValues(
+        position=np.asarray(start[0]).reshape(-1, 3),
+        quaternion=np.asarray(start[1]).reshape(-1, 4),
+        landmark_position=o.landmark_position,
+    )
 
 
 def _reckoned(o: Observations) -> Solution:

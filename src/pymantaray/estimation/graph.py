@@ -9,6 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pymantaray.errors import EstimationError
+from pymantaray.estimation._refusals import LARGEST, QUATERNION_TOLERANCE, VARIANCES, check_full, refuse
 from pymantaray.records.base import Column, Record, column
 
 Array = NDArray[np.float64]
@@ -115,8 +116,16 @@ def check_graph(graph: FactorGraph) -> None:
     Raises
     ------
     EstimationError
-        If a measurement is not finite, a variance is not positive and finite, or a covariance is not
-        positive definite; the message names the first variable concerned.
+        If a measurement is not finite or beyond `LARGEST`, a quaternion is not of length 1, a variance is
+        not positive and finite, a covariance is not symmetric or not safely positive definite, an edge or a
+        range ends where it begins, or two variables share a name; the message names the first variable
+        concerned.
+
+    Notes
+    -----
+    What passes can be handed to GTSAM: there, a zero sigma silently becomes a hard constraint, one triangle
+    of an asymmetric matrix is ignored, a scaled rotation is taken as it is, and a singular or overflowing
+    covariance surfaces as an exception in the middle of a solve.
     """
     landmarks = np.asarray(graph.survey_landmark) + graph.n_poses
     _check_variables(graph)
@@ -131,7 +140,12 @@ def check_graph(graph: FactorGraph) -> None:
         ("range", graph.range_first, graph.range_distance[:, None]),
     ]
     for what, variables, values in measured:
-        _refuse(graph, what, variables, values, np.isfinite(values).all(axis=1), "finite values")
+        refuse(graph, what, variables, values, np.isfinite(values).all(axis=1), "finite values")
+        fine = np.asarray((np.abs(values) <= LARGEST).all(axis=1))
+        refuse(graph, what, variables, values, fine, f"values of at most {LARGEST:g}")
+        if values.shape[1] == 4:
+            fine = np.asarray(np.abs(np.linalg.norm(values, axis=1) - 1.0) <= QUATERNION_TOLERANCE)
+            refuse(graph, f"{what} quaternion", variables, values, fine, "length 1")
     noises = [
         ("first-pose prior", graph.prior_pose, graph.prior_covariance),
         ("GNSS fix", graph.fix_pose, graph.fix_covariance),
@@ -142,28 +156,53 @@ def check_graph(graph: FactorGraph) -> None:
     ]
     for what, variables, covariance in noises:
         diagonal = np.diagonal(covariance, axis1=1, axis2=2)
-        fine = np.isfinite(diagonal).all(axis=1) & (diagonal > 0.0).all(axis=1)
-        _refuse(graph, f"{what} variance", variables, diagonal, fine, "positive finite variances")
-        full = np.count_nonzero(covariance, axis=(1, 2)) > covariance.shape[1]
-        if full.any():
-            smallest = np.linalg.eigvalsh(covariance[full])[:, :1]
-            _refuse(
-                graph,
-                f"{what} covariance's eigenvalues",
-                variables[full],
-                smallest,
-                smallest[:, 0] > 0.0,
-                "a positive definite matrix",
-            )
+        fine = np.asarray(
+            ((diagonal >= VARIANCES[0]) & (diagonal <= VARIANCES[1])).all(axis=1)
+        )  # NaN does not pass
+        allowed = f"positive finite variances, {VARIANCES[0]:g} to {VARIANCES[1]:g}"
+        refuse(graph, f"{what} variance", variables, diagonal, fine, allowed)
+        check_full(graph, what, variables, covariance)
+    still = graph.edge_from != graph.edge_to
+    refuse(graph, "odometry", graph.edge_from, graph.edge_to[:, None], still, "two different poses")
     same = graph.range_first != graph.range_second
-    _refuse(graph, "range", graph.range_first, graph.range_second[:, None], same, "two different variables")
+    refuse(graph, "range", graph.range_first, graph.range_second[:, None], same, "two different variables")
     turned = (graph.range_first >= graph.n_poses) & (graph.range_second < graph.n_poses)
-    _refuse(graph, "range", graph.range_first, graph.range_second[:, None], ~turned, "the pose named first")
+    refuse(graph, "range", graph.range_first, graph.range_second[:, None], ~turned, "the pose named first")
+
+
+def check_values(graph: FactorGraph, values: GraphValues) -> None:
+    """
+    Refuse values that do not fit a graph or cannot be a starting point.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    values : GraphValues
+
+    Raises
+    ------
+    EstimationError
+        If there are too few or too many, one is not finite or beyond `LARGEST`, or a quaternion is not of
+        length 1; the message names the first variable concerned.
+    """
+    found = values.position.shape[0], values.landmark_position.shape[0]
+    needed = graph.n_poses, int(graph.landmark_name.size)
+    if found != needed:
+        raise EstimationError(
+            f"values for {found[0]} poses and {found[1]} landmarks; the graph has {needed[0]} and {needed[1]}"
+        )
+    variables = np.arange(sum(needed), dtype=np.int32)
+    place = np.concatenate([values.position, values.landmark_position])
+    fine = np.asarray((np.abs(place) <= LARGEST).all(axis=1))  # NaN does not pass
+    refuse(graph, "position", variables, place, fine, f"finite values of at most {LARGEST:g}")
+    fine = np.asarray(np.abs(np.linalg.norm(values.quaternion, axis=1) - 1.0) <= QUATERNION_TOLERANCE)
+    refuse(graph, "quaternion", variables[: needed[0]], values.quaternion, fine, "length 1")
 
 
 def _check_variables(graph: FactorGraph) -> None:
     n_poses, n_landmarks = graph.n_poses, int(graph.landmark_name.size)
     for what, variables, size in (
+        ("pose", graph.pose_agent, int(graph.agent_name.size)),
         ("first-pose prior", graph.prior_pose, n_poses),
         ("GNSS fix", graph.fix_pose, n_poses),
         ("depth", graph.depth_pose, n_poses),
@@ -174,26 +213,16 @@ def _check_variables(graph: FactorGraph) -> None:
         wrong = (variables < 0) | (variables >= size)
         if wrong.any():
             raise EstimationError(
-                f"{what}: refers to variable {variables[wrong][0]}; allowed are 0 to {size - 1}"
+                f"{what}: refers to {'vehicle' if what == 'pose' else 'variable'} {variables[wrong][0]};"
+                f" allowed are 0 to {size - 1}"
             )
-
-
-def _refuse(
-    graph: FactorGraph,
-    what: str,
-    variables: NDArray[np.int32],
-    values: Array,
-    fine: NDArray[np.bool_],
-    allowed: str,
-) -> None:
-    if fine.all():
-        return
-    first = int(np.argmin(fine))
-    found = ", ".join(f"{v:g}" for v in np.atleast_1d(values[first]))
-    raise EstimationError(
-        f"{graph.variable_name(int(variables[first]))}: {what} is [{found}] ({np.count_nonzero(~fine)} such in all);"
-        f" needs {allowed}"
-    )
+    # one integer for each name: the chain's number is 32 bits wide
+    pose = graph.pose_agent.astype(np.int64) << 32 | graph.pose_number.astype(np.int64) & 0xFFFFFFFF
+    for names, first in ((pose, 0), (graph.landmark_name, n_poses)):
+        kept = np.unique(names, return_index=True)[1]
+        if kept.size != names.size:
+            twice = first + int(np.setdiff1d(np.arange(names.size), kept)[0])
+            raise EstimationError(f"{graph.variable_name(twice)}: two variables of this name; allowed is one")
 
 
 def check_anchored(graph: FactorGraph) -> None:
@@ -212,17 +241,35 @@ def check_anchored(graph: FactorGraph) -> None:
     EstimationError
         If a set of connected variables has no such prior; the message names its first variable.
     """
+    _, loose = parts(graph)
+    if loose.any():
+        raise EstimationError(
+            f"{graph.variable_name(int(np.argmax(loose)))}: no first-pose prior, GNSS fix or landmark prior anchors it,"
+            f" nor anything that it is tied to ({np.count_nonzero(loose)} variables in all); give its vehicle a prior"
+        )
+
+
+def parts(graph: FactorGraph) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """
+    Sets of variables that odometry and ranges connect, and those that nothing ties to the world.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+
+    Returns
+    -------
+    part : ndarray, shape (n_variables,)
+        Number of the set that each variable is in.
+    loose : ndarray of bool, shape (n_variables,)
+        Whether its set has no first-pose prior, GNSS fix or landmark prior.
+    """
     n = graph.n_poses + graph.landmark_name.size
     ends = (
         np.concatenate([graph.edge_from, graph.range_first]),
         np.concatenate([graph.edge_to, graph.range_second]),
     )
     links = coo_array((np.ones(ends[0].size), ends), shape=(n, n))
-    _, label = connected_components(links, directed=False)
+    _, part = connected_components(links, directed=False)
     anchors = np.concatenate([graph.prior_pose, graph.fix_pose, graph.survey_landmark + graph.n_poses])
-    loose = ~np.isin(label, label[anchors.astype(int)])
-    if loose.any():
-        raise EstimationError(
-            f"{graph.variable_name(int(np.argmax(loose)))}: no first-pose prior, GNSS fix or landmark prior anchors it,"
-            f" nor anything that it is tied to ({np.count_nonzero(loose)} variables in all); give its vehicle a prior"
-        )
+    return part, ~np.isin(part, part[anchors.astype(int)])

@@ -1,7 +1,9 @@
 """Factor graphs as PyFactorGraph text in three dimensions: grammar, writer and public reader."""
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +19,20 @@ from pymantaray.estimation._pyfg_words import (
     POSE,
     POSE_PRIOR,
     RANGE,
+    SIGHTING,
     TO_FILE,
 )
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
 
 Array = NDArray[np.float64]
+
+
+class GraphFile(NamedTuple):
+    """A graph read from a file, the file's values of its variables, and what was left out, counted by kind."""
+
+    graph: FactorGraph
+    values: GraphValues
+    left_out: dict[str, int]
 
 
 def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) -> None:
@@ -32,7 +43,7 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     ----------
     graph : FactorGraph
         Vehicles keep their names if all are single capital letters other than L, and landmarks theirs if
-        all are L0, L1, ...; else they get such names in order.
+        all are an L and a number; else they get such names in order.
     path : pathlib.Path or str
         File to make or replace; its folder must exist.
     initial : GraphValues
@@ -97,14 +108,52 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
         If the file cannot be read or a line is not in the grammar; the message names the line, what was
         found and what is allowed.
 
+    See Also
+    --------
+    load_pyfg : the same, with a choice of what to leave out.
+
     Notes
     -----
     A pose prior whose rotation is free (variance 1e12 or more) becomes a position fix, and a depth prior
     if north and east are free too. Full covariances are kept, as PyFactorGraph's own reader does not.
-    Time stamps of factors are those of their poses and are not read.
+    Time stamps of factors are read and checked, and not kept: each factor is taken to be at the time of its
+    poses. Vertices are the ground truth in files that PyFactorGraph wrote.
+    """
+    graph, values, _ = load_pyfg(path)
+    return graph, values
+
+
+def load_pyfg(path: Path | str, *, leave_out: Collection[str] = ()) -> GraphFile:
+    """
+    Read a factor graph from PyFactorGraph text, leaving out what is named.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+    leave_out : collection of str
+        Words whose lines are checked but left out: ``EDGE_SE3_XYZ``, a landmark's place in the body frame
+        of a pose, has no factor here and is refused otherwise. PyFactorGraph's own reader [1]_ skips these
+        lines without a word.
+
+    Returns
+    -------
+    GraphFile
+        Graph, values of the vertices, and how many lines were left out.
+
+    Raises
+    ------
+    EstimationError
+        As `read_pyfg` does; or if a word of ``leave_out`` is one that the graph holds.
+
+    References
+    ----------
+    .. [1] PyFactorGraph, ``read_from_pyfg_text`` in ``py_factor_graph/io/pyfg_text.py``,
+       https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
     path = Path(path)
-    reader = Reader(str(path))
+    if not set(leave_out) <= {SIGHTING}:
+        raise EstimationError(f"{path}: leave out {sorted(leave_out)}; allowed: {SIGHTING}")
+    reader = Reader(str(path), leave_out)
     try:
         with path.open(encoding="ascii") as file:
             for number, line in enumerate(file, start=1):
@@ -112,8 +161,11 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     except (OSError, UnicodeDecodeError) as error:
         raise EstimationError(f"{path}: not a readable text file: {error}") from None
     graph, values = reader.finish()
-    check_graph(graph)
-    return graph, values
+    try:
+        check_graph(graph)
+    except EstimationError as error:
+        raise EstimationError(f"{path}: {error}") from None
+    return GraphFile(graph, values, dict(reader.left_out))
 
 
 def _file_names(graph: FactorGraph, path: Path) -> list[str]:
@@ -126,7 +178,9 @@ def _file_names(graph: FactorGraph, path: Path) -> list[str]:
     agents = graph.agent_name.tolist()
     if not set(agents) <= set(AGENT_LETTERS):
         agents = list(AGENT_LETTERS[:n_agents])
-    landmarks = [f"L{i}" for i in range(graph.landmark_name.size)]
+    landmarks: list[str] = graph.landmark_name.tolist()
+    if not all(re.fullmatch("L(0|[1-9][0-9]{0,8})", name) for name in landmarks):
+        landmarks = [f"L{i}" for i in range(len(landmarks))]
     poses = zip(graph.pose_agent.tolist(), graph.pose_number.tolist(), strict=True)
     return [f"{agents[a]}{k}" for a, k in poses] + landmarks
 

@@ -1,14 +1,16 @@
 """Batch solves of factor graphs, each passed through the health gate; gtsam is loaded at first use."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.gate import SolveOptions, gate
+from pymantaray.estimation.gate import Progress, SolveOptions, gate
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
+from pymantaray.estimation.outer import BelievedRanges, iterate, solve_vector_factors
 from pymantaray.records import SolveStatus
 
 Array = NDArray[np.float64]
@@ -20,7 +22,9 @@ class Solution:
     Values that a solve ended with, and its health; the values are NaN unless ``usable``.
 
     Fields mean what they mean in `Estimates`; ``position`` and ``quaternion`` have one row for each pose
-    of the graph, or the shape ``(n_agents, n_times, ...)`` where `solve_conditions` returns them.
+    of the graph, or the shape ``(n_agents, n_times, ...)`` where `solve_conditions` returns them. Of a solve
+    with a range model, ``gated_links`` counts the ranges that the believed ocean does not allow in the end, and
+    ``expansions`` the times that the model was asked and the graph solved.
     """
 
     position: Array
@@ -32,11 +36,26 @@ class Solution:
     final_cost: float
     expected_cost: float
     gradient_norm: float
+    gated_links: int = 0
+    expansions: int = 0
 
     @property
     def usable(self) -> bool:
         """Whether the values are a converged optimum."""
         return self.status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE}
+
+
+class Variant(NamedTuple):
+    """One of several graphs that differ in their ranges only, and how it is to be solved."""
+
+    graph: FactorGraph
+    model_is_right: bool
+    believed: BelievedRanges | None = None
+    """What is believed of its ranges; None takes them as the distances that the graph has."""
+    initial: GraphValues | None = None
+    """Where to start if not where all do."""
+    vector_factors: bool = False
+    """Whether what is believed is solved by nonlinear factors that ask the model, in place of outer iterations."""
 
 
 class GraphSolver:
@@ -56,7 +75,15 @@ class GraphSolver:
         self.options = options or SolveOptions()
         self._builder = FactorBuilder()
 
-    def solve(self, graph: FactorGraph, initial: GraphValues, *, model_is_right: bool = True) -> Solution:
+    def solve(
+        self,
+        graph: FactorGraph,
+        initial: GraphValues,
+        *,
+        model_is_right: bool = True,
+        believed: BelievedRanges | None = None,
+        vector_factors: bool = False,
+    ) -> Solution:
         """
         Solve one graph.
 
@@ -67,6 +94,11 @@ class GraphSolver:
             Where to start.
         model_is_right : bool
             Whether the final cost has to lie within its chi-square bounds.
+        believed : BelievedRanges, optional
+            Range model and what was measured, for outer iterations. By default the graph's ranges are distances.
+        vector_factors : bool
+            Solve with nonlinear factors that ask the model at every evaluation instead, one for each ping. Slow: the
+            check of the outer iterations.
 
         Returns
         -------
@@ -76,23 +108,25 @@ class GraphSolver:
         ------
         EstimationError
             If a measurement or a noise level of the graph cannot be used, or the starting point does not
-            fit the graph or is not finite.
+            fit the graph or is not finite, or what is believed is of other ranges.
         """
         check_graph(graph)
-        return self.solve_variants({"": (graph, model_is_right)}, initial)[""]
+        return self.solve_variants(
+            {"": Variant(graph, model_is_right, believed, vector_factors=vector_factors)}, initial
+        )[""]
 
     def solve_variants(
-        self, graphs: Mapping[str, tuple[FactorGraph, bool]], initial: GraphValues
+        self, graphs: Mapping[str, Variant | tuple[FactorGraph, bool]], initial: GraphValues
     ) -> dict[str, Solution]:
         """
         Solve graphs that differ in nothing but their ranges; the common part is built once.
 
         Parameters
         ----------
-        graphs : mapping of str to (FactorGraph, bool)
+        graphs : mapping of str to Variant
             Graphs that pass `check_graph`, and whether the model is right in each.
         initial : GraphValues
-            Where to start, for all of them.
+            Where to start, for all that have no start of their own.
 
         Returns
         -------
@@ -101,36 +135,59 @@ class GraphSolver:
         Raises
         ------
         EstimationError
-            If the starting point does not fit the graphs or is not finite.
+            If a starting point does not fit the graphs or is not finite.
         """
-        from pymantaray.estimation._gtsam.factors import to_graph_values
         from pymantaray.estimation._gtsam.optimize import optimize
 
         solutions: dict[str, Solution] = {}
         common = None
-        for name, (graph, model_is_right) in graphs.items():
+        for name, given in graphs.items():
+            variant = Variant(*given)
+            graph = variant.graph
+            start = initial if variant.initial is None else variant.initial
             if common is None:
                 _check_initial(graph, initial)
                 common = self._builder.base(graph)
-            factors = self._builder.with_ranges(common, graph)
-            values, progress = optimize(
-                factors, self._builder.values(initial), self._builder.ordering(graph, factors), self.options
-            )
-            status = gate(progress, graph.degrees_of_freedom, self.options, model_is_right=model_is_right)
-            found = to_graph_values(values, initial)
-            mask = 1.0 if status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE} else np.nan
-            solutions[name] = Solution(
-                position=found.position * mask,
-                quaternion=found.quaternion * mask,
-                landmark_position=found.landmark_position * mask,
-                status=status,
-                iterations=progress.iterations,
-                initial_cost=progress.initial_cost,
-                final_cost=progress.final_cost,
-                expected_cost=graph.degrees_of_freedom / 2.0,
-                gradient_norm=progress.gradient_norm,
-            )
+            if variant.initial is not None:
+                _check_initial(graph, start)
+            if variant.believed is None:
+                factors = self._builder.with_ranges(common, graph)
+                values, progress = optimize(
+                    factors, self._builder.values(start), self._builder.ordering(graph, factors), self.options
+                )
+                solutions[name] = self._solution(variant, start, values, progress)
+            else:
+                way = solve_vector_factors if variant.vector_factors else iterate
+                end = way(self._builder, common, graph, variant.believed, start, self.options)
+                gated = int(np.count_nonzero(~end.possible))
+                solutions[name] = replace(
+                    self._solution(variant, start, end.values, end.progress, gated),
+                    gated_links=gated,
+                    expansions=end.expansions,
+                )
         return solutions
+
+    def _solution(
+        self, variant: Variant, initial: GraphValues, values: object, progress: Progress, gated: int = 0
+    ) -> Solution:
+        """Values and verdict of one solve."""
+        from pymantaray.estimation._gtsam.factors import to_graph_values
+
+        freedom = variant.graph.degrees_of_freedom - gated
+        status = gate(progress, freedom, self.options, model_is_right=variant.model_is_right)
+        found = to_graph_values(values, initial)
+        mask = 1.0 if status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE} else np.nan
+        return Solution(
+            position=found.position * mask,
+            quaternion=found.quaternion * mask,
+            landmark_position=found.landmark_position * mask,
+            status=status,
+            iterations=progress.iterations,
+            initial_cost=progress.initial_cost,
+            final_cost=progress.final_cost,
+            expected_cost=freedom / 2.0,
+            gradient_norm=progress.gradient_norm,
+        )
 
 
 def _check_initial(graph: FactorGraph, initial: GraphValues) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pymantaray.errors import MantaRayError
+from pymantaray.estimation import FactorGraph, GraphValues
 
 
 def write_tum(path: Path | str, time: ArrayLike, position: ArrayLike, quaternion: ArrayLike) -> None:
@@ -47,3 +48,38 @@ def write_tum(path: Path | str, time: ArrayLike, position: ArrayLike, quaternion
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -> list[Path]:
+    """
+    Write the trajectory of each vehicle of a graph as TUM text.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+        File for a graph of one vehicle. With several, each vehicle's name stands before the ending:
+        ``run.tum`` becomes ``run-A.tum``, ``run-B.tum`` and so on.
+    graph : FactorGraph
+        Gives vehicles, the order of their poses (by number) and times.
+    values : GraphValues
+
+    Returns
+    -------
+    list of pathlib.Path
+        Files made or replaced.
+
+    Raises
+    ------
+    MantaRayError
+        If a pose is not finite.
+    """
+    path = Path(path)
+    several = graph.agent_name.size > 1
+    files = []
+    for agent, name in enumerate(graph.agent_name.tolist()):
+        rows = np.flatnonzero(graph.pose_agent == agent)
+        rows = rows[np.argsort(graph.pose_number[rows], kind="stable")]
+        file = path.with_name(f"{path.stem}-{name}{path.suffix}") if several else path
+        write_tum(file, graph.pose_time[rows], values.position[rows], values.quaternion[rows])
+        files.append(file)
+    return files

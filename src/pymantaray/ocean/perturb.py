@@ -116,7 +116,7 @@ def perturb_ocean(
             depth, rms=sigma, vertical_scale=_given(vertical_scale), horizontal_scale=1.0
         ).principal()
         told = f"a Gaussian process of vertical scale {vertical_scale:g} m"
-    factor = _given(rms) / _pooled_rms(ocean, variance @ shapes**2, down_to)
+    factor = _given(rms) / pooled_rms(ocean, variance @ shapes**2, down_to)
     assert rng is not None  # checked above; for the type checker
     fields = random_fields(
         *(np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon")),
@@ -229,8 +229,29 @@ def _given(value: float | None) -> float:
     return float(value)
 
 
-def _pooled_rms(ocean: xr.Dataset, variance: Array, down_to: float | None) -> float:
-    """Root of the mean over the water of a variance that depends on depth, by layers' thickness."""
+def pooled_rms(ocean: xr.Dataset, variance: Array, down_to: float | None) -> float:
+    """
+    Root of the mean over the water of a variance that depends on depth.
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+    variance : ndarray, shape (depth,)
+        [m2/s2]
+    down_to : float or None
+        Depth down to which it is taken; None for all of the water. [m]
+
+    Returns
+    -------
+    float
+        Levels count by the thickness of their layers and their wet points. [m/s]
+
+    Raises
+    ------
+    OceanError
+        If it is zero.
+    """
     z = np.asarray(ocean["depth"].values, dtype=float)
     edges = np.concatenate([z[:1], 0.5 * (z[:-1] + z[1:]), z[-1:]])
     if down_to is not None:

@@ -1,11 +1,12 @@
 """What a study is: strict, frozen sections whose defaults are the paper's tables."""
 
 import datetime as dt
-from typing import Literal, Self
+from typing import Literal, Self, get_args
 
 from pydantic import Field, field_validator, model_validator
 
 from pymantaray.study.config_acoustics import AcousticsSection, DetectionSection, RangingSection
+from pymantaray.study.config_estimators import RangeEstimatorSection
 from pymantaray.study.config_fleet import FleetSection, LandmarkSection
 from pymantaray.study.section import NonNegativeFloat, PositiveFloat, Section, require_unique
 
@@ -148,10 +149,17 @@ class StudyConfig(Section):
     fleet: FleetSection
     landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
     estimator: EstimatorSection = EstimatorSection()
+    estimators: tuple[RangeEstimatorSection, ...] | None = Field(default=None, strict=False)
 
     @model_validator(mode="after")
     def _distinct_landmarks(self) -> Self:
         require_unique("landmark names", [m.name for m in self.landmarks])
+        return self
+
+    @model_validator(mode="after")
+    def _distinct_estimators(self) -> Self:
+        names = [e.name for e in self.estimators or ()]
+        require_unique("names of conditions and estimators", [*get_args(Condition), *names])
         return self
 
     @model_validator(mode="after")

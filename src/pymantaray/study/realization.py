@@ -1,6 +1,9 @@
-"""One noise realization, solved under every condition; the unit of work of a process."""
+"""One noise realization, solved under every condition and by every estimator; the unit of work of a process."""
 
 from pymantaray.estimation import GraphSolver, Solution, solve_conditions
+from pymantaray.estimation.conditions import Estimator
+from pymantaray.study.config import StudyConfig
+from pymantaray.study.config_estimators import RangeEstimatorSection
 from pymantaray.study.store import Run
 
 
@@ -11,12 +14,18 @@ class RealizationSolver:
     Parameters
     ----------
     run : Run
-        Of whose folder the configuration, the truth and the noise-free observations are there already.
+        Of whose folder the configuration, the truth, the true ocean and the noise-free observations are there
+        already.
     """
 
     def __init__(self, run: Run) -> None:
         self._run = run
         self._solver = GraphSolver()
+        self._sections = estimator_sections(run.config)
+        if self._sections:  # ray tracing and the ocean are heavy
+            from pymantaray.study.estimators import EstimatorFactory
+
+            self._factory = EstimatorFactory(run)
 
     def solve(self, realization: int) -> dict[str, Solution]:
         """
@@ -30,9 +39,29 @@ class RealizationSolver:
         Returns
         -------
         dict of str to Solution
-            One for each condition, in the configured order; all see the same noise.
+            One for each condition, then one for each estimator, in the configured order; all see the same noise.
         """
         config, truth = self._run.config, self._run.truth
         initial = (truth.position, truth.quaternion) if config.estimator.initialise == "truth" else None
         noisy = self._run.noisy_observations(realization)
-        return solve_conditions(noisy, config.study.conditions, initial, solver=self._solver)
+        estimators: dict[str, Estimator] = {
+            section.name: self._factory.estimator(section, realization) for section in self._sections
+        }
+        return solve_conditions(
+            noisy, config.study.conditions, initial, estimators=estimators, solver=self._solver
+        )
+
+
+def estimator_sections(config: StudyConfig) -> tuple[RangeEstimatorSection, ...]:
+    """
+    Estimators of a study.
+
+    Parameters
+    ----------
+    config : StudyConfig
+
+    Returns
+    -------
+    tuple of RangeEstimatorSection
+    """
+    return config.estimators or ()

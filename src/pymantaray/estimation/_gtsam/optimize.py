@@ -44,7 +44,7 @@ def optimize(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> 
     values, progress = _gauss_newton(graph, initial, ordering, options)
     if not (progress.singular or np.isnan(progress.last_step)):
         return values, progress
-    damped, iterations = _levenberg_marquardt(graph, initial, ordering, options)
+    damped, iterations = _levenberg_marquardt(getattr(graph, "stock", graph), initial, ordering, options)
     if iterations == 0:
         return initial, replace(progress, iterations=0, final_cost=progress.initial_cost)
     values, end = _gauss_newton(graph, damped, ordering, options)

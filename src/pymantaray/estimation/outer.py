@@ -1,0 +1,285 @@
+"""Outer iterations: travel times of a range model, expanded about the estimate and expanded again where it moved."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.assemble import TimedRanges
+from pymantaray.estimation.expansion import Expansion, chord
+from pymantaray.estimation.gate import Progress, SolveOptions
+from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.range_models import (
+    Prediction,
+    RangeLinks,
+    RangeModel,
+    TravelTimeUncertainty,
+)
+
+Array = NDArray[np.float64]
+_CORRECTION = 1e-3  # m; a range that a new prediction moves by less has settled
+_FIRST_TOLERANCE = 0.1  # m; the first expansion is left early, for the next one is better
+_MOST = 25  # expansions
+_RETURNS = 2  # a link gated so many times stays gated
+_REWEIGH = 100.0  # m; a larger move of any end asks for new variances
+
+
+@dataclass(frozen=True, eq=False)
+class BelievedRanges:
+    """
+    What an estimator makes of the ranges of a graph.
+
+    Parameters
+    ----------
+    model : RangeModel
+    ranges : TimedRanges
+        What was measured, row by row the ranges of the graph.
+    uncertainty : TravelTimeUncertainty, optional
+        Adds to the ranges' own variance. By default that stands alone.
+    correlated : bool
+        Whether the covariances between the links of an epoch count, beside the variances.
+    """
+
+    model: RangeModel
+    ranges: TimedRanges
+    uncertainty: TravelTimeUncertainty | None = None
+    correlated: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """End of the outer iterations."""
+
+    values: Any
+    progress: Progress
+    possible: NDArray[np.bool_]
+    """Whether each range was used; the others were gated."""
+    expansions: int
+
+
+def iterate(
+    builder: Any,
+    common: Any,
+    graph: FactorGraph,
+    believed: BelievedRanges,
+    initial: GraphValues,
+    options: SolveOptions,
+) -> Outcome:
+    """
+    Minimize the cost of a graph whose ranges are a model's.
+
+    Parameters
+    ----------
+    builder : FactorBuilder
+    common : gtsam.NonlinearFactorGraph
+        All factors of the graph but its ranges.
+    graph : FactorGraph
+    believed : BelievedRanges
+    initial : GraphValues
+    options : SolveOptions
+
+    Returns
+    -------
+    Outcome
+        If the expansions do not settle the last step of its progress is NaN, which no gate passes.
+
+    Raises
+    ------
+    EstimationError
+        If the measured ranges are not those of the graph.
+
+    Notes
+    -----
+    The model is asked at the estimate, the travel times are expanded there (`Expansion`), the graph is solved, and
+    so on until a new prediction moves no range by more than 1 mm. A link that is not possible at an estimate is
+    gated until the next one; one that was gated twice stays gated, so that the set of links settles.
+    Variances that depend on the rays are computed again where an end has moved by more than 100 m.
+    """
+    from pymantaray.estimation._gtsam.optimize import optimize
+    from pymantaray.estimation._gtsam.vector_factor import ExpandedRanges, epoch_terms, positions
+
+    r, n = believed.ranges, graph.n_poses
+    _check_rows(graph, r)
+    start = values = builder.values(initial)
+    ordering = builder.ordering(graph, builder.with_ranges(common, graph))
+    keys, at = np.unique(np.concatenate([r.transmitter, r.receiver]), return_inverse=True)
+    weights = _Weights(believed, graph.range_variance)
+    used, gated = np.ones(r.time.size, dtype=bool), np.zeros(r.time.size, dtype=int)
+    expansion: Expansion | None = None
+    first: tuple[Prediction, Array] | None = None
+    progress = Progress(iterations=0, initial_cost=np.nan, final_cost=np.nan)
+    iterations, settled, tight, count = 0, False, False, 0
+    while True:
+        place = positions(values, keys, n)
+        a, b = place[at[: r.time.size]], place[at[r.time.size :]]
+        if expansion is not None and tight and expansion.is_good_at(a, b):
+            settled = True
+            break
+        if count == _MOST:
+            break
+        links = RangeLinks(r.time, a, b, r.sound_speed)
+        found = believed.model.predict(links)
+        gated += used & ~found.possible
+        before, used = used, found.possible & (gated < _RETURNS)
+        residual = r.sound_speed * (np.where(found.possible, found.travel_time, 0.0) - r.travel_time)
+        if first is None:
+            first = found, residual
+        if expansion is not None:
+            off = np.abs(residual - expansion(a, b)[0])[used & before]
+            if tight and np.array_equal(used, before) and off.max(initial=0.0) <= _CORRECTION:
+                settled = True
+                break
+        expansion = Expansion(found, links, r.travel_time)
+        terms = epoch_terms(r, weights.blocks(links, used))
+        stock = _stock(builder, common, graph, used, chord(a, b)[0] - residual)
+        expanded = ExpandedRanges(common, stock, terms, n, expansion, (r.transmitter, r.receiver))
+        tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
+        values, progress = optimize(expanded, values, ordering, replace(options, step_tolerance=tolerance))
+        iterations, count, tight = iterations + progress.iterations, count + 1, count > 0
+        if progress.singular or not np.isfinite(progress.final_cost):
+            break
+    assert first is not None  # the loop ran once at least
+    assert expansion is not None
+    # the starting cost of the links used in the end; those not possible at the start count as they end
+    end, _, _ = expansion(a, b)
+    comparable = np.where(first[0].possible, first[1], end)
+    initial_cost = float(common.error(start)) + _cost(weights.kept(used), comparable)
+    progress = replace(progress, iterations=iterations, initial_cost=initial_cost)
+    if not settled:
+        progress = replace(progress, last_step=np.nan)
+    return Outcome(values, progress, used, count)
+
+
+def solve_vector_factors(
+    builder: Any,
+    common: Any,
+    graph: FactorGraph,
+    believed: BelievedRanges,
+    initial: GraphValues,
+    options: SolveOptions,
+) -> Outcome:
+    """
+    Minimize the same cost with nonlinear factors that ask the model at every evaluation.
+
+    Slower than `iterate` many times over, and independent of its expansions: its check.
+
+    Parameters
+    ----------
+    builder, common, graph, believed, initial, options
+        As in `iterate`. Variances that depend on the rays are those of the start.
+
+    Returns
+    -------
+    Outcome
+    """
+    from pymantaray.estimation._gtsam.optimize import optimize
+    from pymantaray.estimation._gtsam.vector_factor import epoch_terms, positions, vector_factors
+
+    r, n = believed.ranges, graph.n_poses
+    _check_rows(graph, r)
+    values = builder.values(initial)
+
+    def links_at(values: Any) -> RangeLinks:
+        a, b = (positions(values, ends, n) for ends in (r.transmitter, r.receiver))
+        return RangeLinks(r.time, a, b, r.sound_speed)
+
+    every = np.ones(r.time.size, dtype=bool)
+    terms = epoch_terms(r, _Weights(believed, graph.range_variance).blocks(links_at(values), every))
+    factors = vector_factors(believed.model, r, terms, n)
+    factors.push_back(common)
+    ordering = builder.ordering(graph, builder.with_ranges(common, graph))
+    values, progress = optimize(factors, values, ordering, options)
+    return Outcome(values, progress, believed.model.predict(links_at(values)).possible, 1)
+
+
+def corrected_graph(graph: FactorGraph, believed: BelievedRanges, at: GraphValues) -> FactorGraph:
+    """
+    Graph with distances for stock range factors that have the model's residuals at given values.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    believed : BelievedRanges
+    at : GraphValues
+        Where the model is asked, for example a solution.
+
+    Returns
+    -------
+    FactorGraph
+        Without the ranges that are not possible there. At the values its residuals are the model's; their
+        gradients are those of the chord, which differ from the ray's in direction and by the ratio of sound
+        speeds. So its optimum is the model's where residuals vanish, and some centimetres off where
+        they are of a metre.
+    """
+    r = believed.ranges
+    _check_rows(graph, r)
+    place = np.concatenate([at.position, at.landmark_position])
+    a, b = place[r.transmitter], place[r.receiver]
+    found = believed.model.predict(RangeLinks(r.time, a, b, r.sound_speed))
+    residual = r.sound_speed * (np.where(found.possible, found.travel_time, 0.0) - r.travel_time)
+    return _with_distances(graph, found.possible, chord(a, b)[0] - residual)
+
+
+class _Weights:
+    """Covariances of the residuals of each epoch, computed when the ends have moved far."""
+
+    def __init__(self, believed: BelievedRanges, variance: Array) -> None:
+        self._believed, self._variance = believed, variance
+        epoch = believed.ranges.epoch
+        self._rows = [np.flatnonzero(epoch == e) for e in range(int(epoch.max(initial=-1)) + 1)]
+        self._place: Array | None = None
+        self._full = [np.diag(variance[rows]) for rows in self._rows]
+
+    def blocks(self, links: RangeLinks, used: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], Array]]:
+        uncertainty, place = self._believed.uncertainty, np.concatenate([links.transmitter, links.receiver])
+        stale = self._place is None or float(np.abs(place - self._place).max(initial=0.0)) > _REWEIGH
+        if uncertainty is not None and stale:
+            self._place = place
+            c = links.sound_speed
+            for e, extra in enumerate(uncertainty.covariances(links, self._believed.ranges.epoch)):
+                rows = self._rows[e]
+                added = c[rows][:, None] * extra * c[rows]
+                kept = added if self._believed.correlated else np.diag(np.diagonal(added))
+                self._full[e] = np.diag(self._variance[rows]) + kept
+        return self.kept(used)
+
+    def kept(self, used: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], Array]]:
+        out = []
+        for rows, full in zip(self._rows, self._full, strict=True):
+            mine = used[rows]
+            out.append((rows[mine], full[np.ix_(mine, mine)]))
+        return out
+
+
+def _cost(blocks: list[tuple[NDArray[np.intp], Array]], residual: Array) -> float:
+    return 0.5 * sum(float(residual[rows] @ np.linalg.solve(full, residual[rows])) for rows, full in blocks)
+
+
+def _stock(
+    builder: Any, common: Any, graph: FactorGraph, used: NDArray[np.bool_], distance: Array
+) -> Callable[[], Any]:
+    """Graph of stock factors, made only if damped steps are needed."""
+    return lambda: builder.with_ranges(common, _with_distances(graph, used, distance))
+
+
+def _with_distances(graph: FactorGraph, used: NDArray[np.bool_], distance: Array) -> FactorGraph:
+    return replace(
+        graph,
+        range_first=graph.range_first[used],
+        range_second=graph.range_second[used],
+        range_distance=distance[used],
+        range_variance=graph.range_variance[used],
+    )
+
+
+def _check_rows(graph: FactorGraph, r: TimedRanges) -> None:
+    ends = np.sort(np.stack([r.transmitter, r.receiver], axis=1), axis=1)
+    rows = np.sort(np.stack([graph.range_first, graph.range_second], axis=1), axis=1)
+    if not np.array_equal(ends, rows):
+        raise EstimationError(
+            f"{len(ends)} timed ranges do not join the variables of the graph's {len(rows)} ranges; take"
+            " both from the same observations, ranges and links"
+        )

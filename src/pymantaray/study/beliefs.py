@@ -1,0 +1,182 @@
+"""The oceans that estimators believe in: exact, perturbed, averaged, one cast, or another day's."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.acoustics.moving_water import Currents
+from pymantaray.geometry import LocalFrame, stream
+from pymantaray.ocean import open_ocean, to_local
+from pymantaray.ocean.bathymetry import window_of
+from pymantaray.ocean.covariance import SoundSpeedCovariance
+from pymantaray.ocean.modes import vertical_modes
+from pymantaray.ocean.perturb import pooled_rms
+from pymantaray.ocean.perturb import perturb_ocean
+from pymantaray.ocean.topography import open_sea_floor
+from pymantaray.study.assemble import build_ocean
+from pymantaray.study.config_estimators import (
+    AnyBelief,
+    CastBelief,
+    ExactBelief,
+    MeanBelief,
+    OtherDayBelief,
+    PerturbedBelief,
+)
+from pymantaray.study.config_fleet import StationVehicle
+from pymantaray.study.store import Run
+
+Array = NDArray[np.float64]
+
+
+class Belief(NamedTuple):
+    """An ocean as an estimator has it."""
+
+    local: xr.Dataset
+    medium: Medium
+    currents: Currents | None
+    """None unless the study's rays run through currents."""
+
+    def profile(self) -> tuple[Array, Array]:
+        """
+        Horizontal mean of the sound speed.
+
+        Returns
+        -------
+        depth, sound_speed : ndarray, shape (n_levels,)
+            [m, m s⁻¹]
+        """
+        return self.medium.depth, self.medium.sound_speed.mean(axis=(0, 1))
+
+
+class Beliefs:
+    """
+    Makes the believed oceans of one study, each once: for the study, or for a realization if it is random.
+
+    Parameters
+    ----------
+    run : Run
+        Of whose folder the configuration and the true ocean are there already.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._config = run.config
+        self._geographic: xr.Dataset | None = None
+        self._sea_floor: xr.DataArray | None = None
+        self._kept: dict[AnyBelief, tuple[int, Belief]] = {}
+
+    def believed(self, section: AnyBelief, realization: int) -> Belief:
+        """
+        Ocean that an estimator believes in.
+
+        Parameters
+        ----------
+        section : ExactBelief, PerturbedBelief, MeanBelief, CastBelief or OtherDayBelief
+        realization : int
+            Names the random stream of a perturbed one.
+
+        Returns
+        -------
+        Belief
+            Where the true ocean varies in time, the believed one is a snapshot of its start.
+
+        Raises
+        ------
+        OceanError
+            If the ocean cannot be made, for example there is none on the other day.
+        """
+        of = realization if isinstance(section, PerturbedBelief) else -1
+        kept = self._kept.get(section)
+        if kept is None or kept[0] != of:
+            self._kept[section] = kept = (of, self._made(section, realization))
+        return kept[1]
+
+    def covariance(self, rms: float, horizontal_scale: float, down_to: float | None) -> SoundSpeedCovariance:
+        """
+        Covariance of a sound-speed error in the vertical modes of the study's region.
+
+        Parameters
+        ----------
+        rms : float
+            Pooled over the water as in `perturb_ocean`. [m s⁻¹]
+        horizontal_scale : float
+            [m]
+        down_to : float or None
+            Depth down to which it is pooled; None for all. [m]
+
+        Returns
+        -------
+        SoundSpeedCovariance
+        """
+        ocean = self._true()
+        modes = vertical_modes(ocean, equation=self._config.ocean.equation)
+        depth = np.asarray(ocean["depth"].values, dtype=float)
+        shapes = modes.at(depth)
+        factor = rms / pooled_rms(ocean, modes.variance @ shapes**2, down_to)
+        matrix = factor**2 * np.einsum("k,ki,kj->ij", modes.variance, shapes, shapes)
+        return SoundSpeedCovariance(depth, 0.5 * (matrix + matrix.T), horizontal_scale)
+
+    def _made(self, section: AnyBelief, realization: int) -> Belief:
+        local = self._run.ocean if isinstance(section, ExactBelief) else self._local(section, realization)
+        acoustics = self._config.acoustics
+        return Belief(
+            local=local,
+            medium=Medium.from_dataset(local, interpolation=acoustics.interpolation),
+            currents=Currents.from_dataset(local) if acoustics.currents else None,
+        )
+
+    def _local(self, section: AnyBelief, realization: int) -> xr.Dataset:
+        ocean = self._config.ocean
+        return to_local(
+            self._geographic_belief(section, realization),
+            centre=ocean.centre,
+            half_extent=ocean.half_extent,
+            sea_floor=self._sea_floor,
+            equation=ocean.equation,
+        )
+
+    def _geographic_belief(self, section: AnyBelief, realization: int) -> xr.Dataset:
+        true, config = self._true(), self._config
+        if isinstance(section, PerturbedBelief):
+            return perturb_ocean(
+                true,
+                "eof",
+                rms=section.rms,
+                horizontal_scale=section.horizontal_scale,
+                down_to=section.down_to,
+                n_modes=section.n_modes,
+                rng=stream(config.study.seed, realization, "belief", "perturbed"),
+                equation=config.ocean.equation,
+            )
+        if isinstance(section, MeanBelief):
+            return perturb_ocean(true, "mean")
+        if isinstance(section, CastBelief):
+            return perturb_ocean(true, "column", place=self._cast_place(section))
+        assert isinstance(section, OtherDayBelief)  # the exact one is on disk; for the type checker
+        earlier = np.timedelta64(round(section.days_earlier * 86400), "s")
+        time = np.datetime64(str(true["time"].values), "ns") - earlier
+        return open_ocean(config.ocean.source, time=time, currents=config.ocean.currents)
+
+    def _true(self) -> xr.Dataset:
+        """Geographic ocean of the mission's start, and with it the sea floor."""
+        if self._geographic is None:
+            section = self._config.ocean
+            self._geographic = build_ocean(section, self._config.mission.duration_h * 3600.0).geographic
+            if section.bathymetry is not None:
+                self._sea_floor = open_sea_floor(section.bathymetry, window=window_of(self._geographic))
+        return self._geographic
+
+    def _cast_place(self, section: CastBelief) -> tuple[float, float]:
+        """Latitude and longitude of the cast. [degrees]."""
+        north, east = section.north, section.east
+        if north is None or east is None:
+            stations = (v for v in self._config.fleet.vehicles if isinstance(v, StationVehicle))
+            first = next(stations, None)
+            north, east = (0.0, 0.0) if first is None else (first.north, first.east)
+        attrs = self._run.ocean.attrs
+        frame = LocalFrame(attrs["centre_latitude_deg"], attrs["centre_longitude_deg"])
+        lat, lon = frame.to_geodetic(north, east)
+        return float(lat), float(lon)

@@ -1,0 +1,142 @@
+"""Sections of a configuration about estimators: what each believes of ranges and of the ocean."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from pymantaray.study.section import PositiveFloat, Section
+
+
+class ExactBelief(Section):
+    """The true ocean; where that varies in time, its first snapshot."""
+
+    kind: Literal["exact"]
+
+
+class PerturbedBelief(Section):
+    """
+    The true ocean with random errors in its vertical modes, one member for each realization.
+
+    ``rms`` of the sound speed over the water column or its upper ``down_to`` metres. Beliefs of one study
+    that differ in ``rms`` alone have errors in proportion.
+    """
+
+    kind: Literal["perturbed"]
+    rms: PositiveFloat
+    horizontal_scale: PositiveFloat
+    down_to: PositiveFloat | None = None
+    n_modes: int | None = Field(default=None, ge=1)
+
+
+class MeanBelief(Section):
+    """The horizontal mean of each level, as a climatology has it."""
+
+    kind: Literal["mean"]
+
+
+class CastBelief(Section):
+    """One cast at the start, everywhere; by default where the first vehicle on station is, else in the centre."""
+
+    kind: Literal["cast"]
+    north: float | None = None
+    east: float | None = None
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> Self:
+        if (self.north is None) != (self.east is None):
+            raise ValueError("north and east must be given together")
+        return self
+
+
+class OtherDayBelief(Section):
+    """The ocean of the same source some days earlier."""
+
+    kind: Literal["other-day"]
+    days_earlier: float
+
+
+AnyBelief = Annotated[
+    ExactBelief | PerturbedBelief | MeanBelief | CastBelief | OtherDayBelief, Field(discriminator="kind")
+]
+
+
+class RangeEstimatorSection(Section):
+    """
+    One estimator: one more condition of the study, on the same noise.
+
+    ``sound_speed`` belongs to ``constant``; ``belief`` to the models that need an ocean. The variance is the
+    fixed one of the ranges, or has that of the travel time by the ocean's uncertainty added, alone or
+    with the covariances between the links of a ping: of sound speed ``uncertainty_rms`` in the study's vertical
+    modes, by default what a perturbed belief has.
+    """
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    ranges: Literal["refracted", "straight"] = "refracted"
+    links: Literal["refracted", "all"] = "refracted"
+    range_model: Literal["constant", "transmitter", "mean-slowness", "eigenray"] = "transmitter"
+    sound_speed: PositiveFloat | None = None
+    belief: AnyBelief | None = None
+    variance: Literal["fixed", "per-link", "correlated"] = "fixed"
+    uncertainty_rms: PositiveFloat | None = None
+    uncertainty_horizontal_scale: PositiveFloat | None = None
+    uncertainty_down_to: PositiveFloat | None = None
+    loss: Literal["none"] = "none"
+    start: Literal["truth", "dead-reckoning"] = "truth"
+
+    @model_validator(mode="after")
+    def _ranges_fit(self) -> Self:
+        if self.ranges == "refracted" and self.links == "all":
+            raise ValueError('refracted ranges over all links: a dropout has none; use links = "refracted"')
+        if self.ranges == "straight" and self.range_model != "transmitter":
+            raise ValueError(
+                f"range_model is {self.range_model}, but a straight range knows nothing of the water; leave it out"
+                ' or set ranges = "refracted"'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _model_has_what_it_needs(self) -> Self:
+        model = self.range_model
+        for key, value, users in (
+            ("sound_speed", self.sound_speed, ("constant",)),
+            ("belief", self.belief, ("mean-slowness", "eigenray")),
+        ):
+            if value is None and model in users:
+                raise ValueError(f"range_model {model} needs {key}")
+            if value is not None and model not in users:
+                raise ValueError(f"{key} is given, but range_model {model} does not use it; leave it out")
+        return self
+
+    @model_validator(mode="after")
+    def _variance_has_what_it_needs(self) -> Self:
+        given = (self.uncertainty_rms, self.uncertainty_horizontal_scale)
+        if self.variance == "fixed":
+            if any(v is not None for v in (*given, self.uncertainty_down_to)):
+                raise ValueError(
+                    'uncertainty_* is given, but variance is "fixed"; leave it out or set another'
+                )
+            return self
+        if self.range_model != "eigenray":
+            raise ValueError(
+                f'variance "{self.variance}" is computed along eigenrays; range_model is {self.range_model}'
+            )
+        if None in given and not (
+            given == (None, None)
+            and self.uncertainty_down_to is None
+            and isinstance(self.belief, PerturbedBelief)
+        ):
+            raise ValueError(
+                f'variance "{self.variance}" needs uncertainty_rms and uncertainty_horizontal_scale; both may be left'
+                " out where the belief is a perturbed one"
+            )
+        return self
+
+    @property
+    def uncertainty(self) -> tuple[float, float, float | None] | None:
+        """Uncertainty of sound speed: rms, horizontal scale and depth it is pooled down to; None if fixed. [m/s, m, m]."""
+        if self.variance == "fixed":
+            return None
+        if self.uncertainty_rms is not None and self.uncertainty_horizontal_scale is not None:
+            return self.uncertainty_rms, self.uncertainty_horizontal_scale, self.uncertainty_down_to
+        assert isinstance(self.belief, PerturbedBelief)  # checked above; for the type checker
+        return self.belief.rms, self.belief.horizontal_scale, self.belief.down_to

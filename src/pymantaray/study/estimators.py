@@ -1,0 +1,90 @@
+"""From the sections of a configuration to estimators with their range models and uncertainties."""
+
+from pymantaray.estimation.conditions import Estimator
+from pymantaray.estimation.range_models import (
+    ConstantSpeed,
+    MeanSlowness,
+    RangeModel,
+    TransmitterSpeed,
+)
+from pymantaray.study.beliefs import Beliefs
+from pymantaray.study.config_estimators import AnyBelief, ExactBelief, PerturbedBelief, RangeEstimatorSection
+from pymantaray.study.eigenray_model import EigenrayModel
+from pymantaray.study.ray_uncertainty import RayUncertainty
+from pymantaray.study.store import Run
+
+
+class EstimatorFactory:
+    """
+    Makes the estimators of a study; what realizations share is made once.
+
+    Parameters
+    ----------
+    run : Run
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._beliefs = Beliefs(run)
+        self._eigenray: dict[AnyBelief, tuple[int, EigenrayModel]] = {}
+
+    def estimator(self, section: RangeEstimatorSection, realization: int) -> Estimator:
+        """
+        Estimator of one section, for one realization.
+
+        Parameters
+        ----------
+        section : RangeEstimatorSection
+        realization : int
+
+        Returns
+        -------
+        Estimator
+            Its cost has to lie within its chi-square bounds where what is believed is how things are: straight
+            ranges, or eigenrays through the exact ocean.
+
+        Raises
+        ------
+        OceanError
+            If the believed ocean cannot be made.
+        """
+        model = self._model(section, realization)
+        uncertainty = None
+        if section.uncertainty is not None and isinstance(model, EigenrayModel):
+            uncertainty = RayUncertainty(model, self._beliefs.covariance(*section.uncertainty))
+        truth = self._run.truth
+        exact = section.range_model == "eigenray" and isinstance(section.belief, ExactBelief)
+        return Estimator(
+            ranges=section.ranges,
+            links=section.links,
+            model=model,
+            uncertainty=uncertainty,
+            correlated=section.variance == "correlated",
+            initial=(truth.position, truth.quaternion) if section.start == "truth" else None,
+            model_is_right=section.variance == "fixed" and (section.ranges == "straight" or exact),
+        )
+
+    def _model(self, section: RangeEstimatorSection, realization: int) -> RangeModel:
+        if section.range_model == "constant":
+            assert section.sound_speed is not None  # checked by the section; for the type checker
+            return ConstantSpeed(section.sound_speed)
+        if section.range_model == "transmitter":
+            return TransmitterSpeed()
+        assert section.belief is not None  # checked by the section; for the type checker
+        if section.range_model == "mean-slowness":
+            return MeanSlowness(*self._beliefs.believed(section.belief, realization).profile())
+        return self._eigenrays(section.belief, realization)
+
+    def _eigenrays(self, section: AnyBelief, realization: int) -> EigenrayModel:
+        """Model of a belief: estimators that share the belief share the rays."""
+        of = realization if isinstance(section, PerturbedBelief) else -1
+        kept = self._eigenray.get(section)
+        if kept is None or kept[0] != of:
+            belief = self._beliefs.believed(section, realization)
+            model = EigenrayModel(
+                belief.medium,
+                spreading_cutoff_db=self._run.config.acoustics.cutoff_db,
+                currents=belief.currents,
+            )
+            self._eigenray[section] = kept = (of, model)
+        return kept[1]

@@ -1,0 +1,140 @@
+"""The commands `mantaray graph`: what they print and write, and what they refuse in one line."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pymantaray.cli import main as entry
+from pymantaray.cli.graph import app
+from pymantaray.estimation import read_pyfg
+
+NOISE = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
+TEXT = f"""\
+VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1
+VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1
+VERTEX_SE3:QUAT 2 A2 20 0 0 0 0 0 1
+VERTEX_SE3:QUAT 0 B0 0 9 0 0 0 0 1
+VERTEX_SE3:QUAT 1 B1 10 9 0 0 0 0 1
+VERTEX_XYZ L2 5 6 7
+VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}
+VERTEX_XYZ:PRIOR 0 L2 5 6 7 0.5 0 0 0.5 0 0.5
+EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {NOISE}
+EDGE_SE3:QUAT 2 A1 A2 10.1 0 0 0 0 0 1 {NOISE}
+EDGE_SE3:QUAT 1 B0 B1 9.9 0.1 0 0 0 0 1 {NOISE}
+EDGE_SE3:QUAT 2 A0 A2 20 0 0 0 0 0 1 {NOISE}
+EDGE_SE3:QUAT 1 A1 B1 0 9 0 0 0 0 1 {NOISE}
+EDGE_RANGE 1 A1 B1 9.05 0.01
+EDGE_RANGE 1 A2 L2 17.7 0.01
+EDGE_SE3_XYZ 1 A1 L2 -5 6 7 0.1 0 0 0.1 0 0.1
+"""
+
+
+@pytest.fixture(autouse=True)
+def _with_graph_commands():
+    if all(group.name != "graph" for group in entry.app.registered_groups):
+        entry.app.add_typer(app, name="graph")
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "g.pyfg"
+    path.write_text("".join(line + "\n" for line in TEXT.splitlines() if "SE3_XYZ" not in line))
+    return path
+
+
+def test_show_counts_what_is_there(mantaray, file):
+    done = mantaray("graph", "show", file)
+    assert done.code == 0, done.err
+    lines = dict(line.split(maxsplit=1) for line in done.out.replace("loop closures", "loops").splitlines())
+    assert lines["vehicles"] == "A (3 poses), B (2 poses)"
+    assert lines["landmarks"] == "L2"
+    assert lines["odometry"] == "3"
+    assert lines["loops"] == "1 of one vehicle, 1 between two"
+    assert lines["ranges"] == "1 between poses, 1 to landmarks, 0 between landmarks"
+    assert lines["priors"] == "1 of poses, 0 fixes, 0 depths, 1 of landmarks"
+    assert lines["determined"] == "yes"
+
+
+@pytest.mark.parametrize("start", ["file", "dead-reckoning"])
+def test_solve_writes_trajectories_and_a_summary(mantaray, file, tmp_path, start):
+    out = tmp_path / "out"
+    done = mantaray("graph", "solve", file, "--out", out, "--start", start)
+    assert done.code == 0, done.err
+    assert done.out.splitlines()[-1] == str(out)
+    assert "RMSE" in done.out
+    assert sorted(p.name for p in out.iterdir()) == [
+        "estimate-A.tum", "estimate-B.tum", "estimate.nc", "graph.nc", "start-A.tum", "start-B.tum", "start.nc",
+        "summary.json", "truth-A.tum", "truth-B.tum", "truth.nc",
+    ]  # fmt: skip
+    summary = json.loads((out / "summary.json").read_text())
+    estimate, truth = (np.loadtxt(out / f"{name}-A.tum") for name in ("estimate", "truth"))
+    error = np.linalg.norm(estimate[:, 1:4] - truth[:, 1:4], axis=1)
+    assert summary["trajectory_error"]["A"]["max_m"] == pytest.approx(error.max(), rel=1e-12)
+    refused = mantaray("graph", "solve", file, "--out", out)
+    assert (refused.code, refused.err) == (
+        2,
+        f"error: {out}: folder is not empty; give an empty or a new one\n",
+    )
+
+
+def test_without_a_folder_nothing_is_written(mantaray, file, tmp_path):
+    assert mantaray("graph", "solve", file, "--no-truth").code == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["g.pyfg"]
+
+
+def test_sightings_are_refused_or_left_out_and_counted(mantaray, tmp_path):
+    (tmp_path / "s.pyfg").write_text(TEXT)
+    refused = mantaray("graph", "show", tmp_path / "s.pyfg")
+    assert refused.code == 2
+    assert "line 16: EDGE_SE3_XYZ, a landmark's place" in refused.err
+    done = mantaray("graph", "solve", tmp_path / "s.pyfg", "--leave-out", "EDGE_SE3_XYZ")
+    assert done.code == 0, done.err
+    assert "left out: 1 EDGE_SE3_XYZ" in done.out
+
+
+def test_convert_there_and_back(mantaray, file, tmp_path):
+    refused = mantaray("graph", "convert", file, tmp_path / "g.g2o")
+    assert (refused.code, len(refused.err.splitlines())) == (2, 1)
+    assert "2 ranges, 1 landmarks" in refused.err
+    done = mantaray("graph", "convert", file, tmp_path / "g.g2o", "--leave-out", "all", "--symbols")
+    assert done.code == 0, done.err
+    assert "left out: 2 ranges" in done.err
+    assert mantaray("graph", "convert", tmp_path / "g.g2o", tmp_path / "back.pyfg").code == 0
+    back, values = read_pyfg(tmp_path / "back.pyfg")
+    assert back.agent_name.tolist() == ["A", "B"]
+    np.testing.assert_array_equal(values.position, read_pyfg(file)[1].position)
+    anchored = mantaray("graph", "solve", tmp_path / "g.g2o", "--anchor")
+    assert anchored.code == 0, anchored.err
+    assert "given a prior at the file's value: A0" in anchored.out
+    done = mantaray("graph", "convert", file, tmp_path / "t.tum")
+    assert done.out.splitlines() == [str(tmp_path / "t-A.tum"), str(tmp_path / "t-B.tum")]
+    again = mantaray("graph", "convert", file, tmp_path / "g.g2o")
+    assert again.err == f"error: {tmp_path / 'g.g2o'}: exists already; overwrite it with --force\n"
+
+
+def broken(old, new):
+    assert old in TEXT
+    return SimpleNamespace(text=TEXT.replace(old, new).replace(TEXT.splitlines()[-1] + "\n", ""))
+
+
+@pytest.mark.parametrize(
+    ("case", "said"),
+    [
+        (broken(f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}\n", ""), "B0: priors, odometry and ranges do not"),
+        (broken("EDGE_RANGE 1 A2 L2 17.7 0.01\nEDGE", "EDGE"), None),
+        (broken("EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 0.01", "EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 0"), "A1: odometry variance is"),
+        (broken("VERTEX_SE3:QUAT 0 B0 0 9 0", "VERTEX_SE2 0 B0 0 9 0"), "line 4: VERTEX_SE2, a graph in two dimensions"),
+    ],
+    ids=["no prior", "landmark by its prior", "no variance", "two dimensions"],
+)  # fmt: skip
+def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, tmp_path, case, said):
+    (tmp_path / "b.pyfg").write_text(case.text)
+    done = mantaray("graph", "solve", tmp_path / "b.pyfg")
+    if said is None:
+        assert done.code == 0, done.err
+        return
+    assert done.code == 2
+    assert len(done.err.splitlines()) == 1
+    assert said in done.err

@@ -1,0 +1,158 @@
+"""Pose graphs as g2o text: there and back, as GTSAM reads it, and what the format cannot hold."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import GraphValues, build_graph
+from pymantaray.estimation.g2o import LEFT_OUT, load_g2o, write_g2o
+from pymantaray.geometry.se3 import matrix_from_quaternion
+
+HAND = """\
+# a comment
+
+VERTEX_SE3:QUAT 3 1 2 3 0 0 0 1
+VERTEX_SE3:QUAT 7 11 2 3 0 0 0.6 0.8
+EDGE_SE3:QUAT 3 7 10 0 0 0 0 0.6 0.8 4 0 0 0 0 0.5 5 0 0 0 0 6 0 0 0 100 0 0 200 0 400
+"""
+
+
+@pytest.fixture
+def pose_graph(make_fleet):
+    """Poses and edges of two vehicles, with full covariances, and their values."""
+    fleet = make_fleet(seed=5, n_agents=2, n_times=6, n_landmarks=1, gnss_every=3)
+    graph = build_graph(fleet.noisy, "straight")
+    rng = np.random.default_rng(0)
+    root = rng.normal(0, 1, (graph.edge_from.size, 6, 6))
+    scale = np.array([1e-3] * 3 + [2.0] * 3)
+    covariance = (root @ np.swapaxes(root, 1, 2) + np.eye(6)) * scale[:, None] * scale
+    values = GraphValues(
+        position=fleet.position.reshape(-1, 3),
+        quaternion=fleet.quaternion.reshape(-1, 4),
+        landmark_position=fleet.noisy.landmark_position,
+    )
+    return replace(graph, edge_covariance=covariance), values
+
+
+@pytest.mark.parametrize("half_angles", [False, True])
+@pytest.mark.parametrize("symbols", [False, True])
+def test_poses_and_edges_come_back(tmp_path, pose_graph, symbols, half_angles):
+    graph, values = pose_graph
+    path = tmp_path / "g.g2o"
+    write_g2o(graph, path, initial=values, leave_out=LEFT_OUT, symbols=symbols, half_angles=half_angles)
+    again, where, left_out = load_g2o(path, half_angles=half_angles)
+    assert left_out == {}
+    assert again.agent_name.tolist() == (["A", "B"] if symbols else ["A"])
+    np.testing.assert_array_equal(where.position, values.position)
+    np.testing.assert_array_equal(where.quaternion, values.quaternion)
+    for name in ("edge_from", "edge_to", "edge_translation", "edge_quaternion"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(graph, name))
+    sigma = np.sqrt(np.diagonal(graph.edge_covariance, axis1=1, axis2=2))
+    difference = (again.edge_covariance - graph.edge_covariance) / sigma[:, :, None] / sigma[:, None, :]
+    assert np.abs(difference).max() < 1e-12  # two inversions
+    if symbols:
+        np.testing.assert_array_equal(again.pose_number, graph.pose_number)
+
+
+def test_gtsam_reads_the_same_graph(tmp_path, pose_graph):
+    graph, values = pose_graph
+    write_g2o(graph, tmp_path / "g.g2o", initial=values, leave_out=LEFT_OUT)
+    factors, read = gtsam.readG2o(str(tmp_path / "g.g2o"), True)
+    assert factors.size() == graph.edge_from.size
+    for i in range(factors.size()):
+        factor = factors.at(i)
+        assert list(factor.keys()) == [graph.edge_from[i], graph.edge_to[i]]
+        root = factor.noiseModel().R()
+        np.testing.assert_allclose(
+            root.T @ root, np.linalg.inv(graph.edge_covariance[i]), rtol=1e-6, atol=1e-6
+        )
+        np.testing.assert_allclose(factor.measured().translation(), graph.edge_translation[i], atol=1e-12)
+    rotation = matrix_from_quaternion(values.quaternion)
+    for i in range(graph.n_poses):
+        np.testing.assert_allclose(read.atPose3(i).matrix()[:3, :3], rotation[i], atol=1e-12)
+
+
+def test_we_read_what_gtsam_writes(tmp_path, pose_graph):
+    graph, values = pose_graph
+    write_g2o(graph, tmp_path / "ours.g2o", initial=values, leave_out=LEFT_OUT)
+    gtsam.writeG2o(*gtsam.readG2o(str(tmp_path / "ours.g2o"), True), str(tmp_path / "theirs.g2o"))
+    again, where, _ = load_g2o(tmp_path / "theirs.g2o")
+    np.testing.assert_allclose(
+        where.position, values.position, rtol=1e-5, atol=1e-4
+    )  # it rounds to six digits
+    np.testing.assert_allclose(again.edge_translation, graph.edge_translation, rtol=1e-5, atol=1e-4)
+
+
+def test_hand_written_file_means_what_it_says(tmp_path):
+    (tmp_path / "g.g2o").write_text(HAND)
+    graph, values, _ = load_g2o(tmp_path / "g.g2o")
+    assert [graph.variable_name(i) for i in range(2)] == ["A3", "A7"]
+    np.testing.assert_array_equal(values.quaternion[1], [0.8, 0, 0, 0.6])
+    information = np.linalg.inv(graph.edge_covariance[0])  # rotation first
+    np.testing.assert_allclose(np.diagonal(information), [100, 200, 400, 4, 5, 6], rtol=1e-12)
+    assert information[2, 3] == pytest.approx(0.5, rel=1e-12)
+    half, _, _ = load_g2o(tmp_path / "g.g2o", half_angles=True)
+    np.testing.assert_allclose(
+        np.diagonal(np.linalg.inv(half.edge_covariance[0])), [25, 50, 100, 4, 5, 6], rtol=1e-12
+    )
+
+
+def test_what_the_format_cannot_hold_is_refused_or_counted(tmp_path, pose_graph):
+    graph, values = pose_graph
+    path = tmp_path / "g.g2o"
+    with pytest.raises(
+        EstimationError, match=r"6 ranges, 1 landmarks, 1 landmark priors, 2 pose priors, 4 fixes, 12 depth"
+    ):
+        write_g2o(graph, path, initial=values)
+    with pytest.raises(EstimationError, match=r"the graph has 12 depth priors besides"):
+        write_g2o(graph, path, initial=values, leave_out=[x for x in LEFT_OUT if x != "depth priors"])
+    with pytest.raises(EstimationError, match=r"leave out \['edges'\]; allowed: ranges,"):
+        write_g2o(graph, path, initial=values, leave_out=["edges"])
+    assert list(tmp_path.iterdir()) == []
+    lost = write_g2o(graph, path, initial=values, leave_out=LEFT_OUT)
+    assert lost == dict(zip(LEFT_OUT, (6, 1, 1, 2, 4, 12), strict=True))
+    named = replace(graph, agent_name=np.array(["glider", "float"]))
+    with pytest.raises(
+        EstimationError, match="symbols need vehicles named by one letter; found glider, float"
+    ):
+        write_g2o(named, path, initial=values, leave_out=LEFT_OUT, symbols=True)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT 3", "line 4: second vertex 3"),
+        ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT -7", "line 4: id '-7'; allowed: integers up to 2147483647"),
+        ("VERTEX_SE3:QUAT 7", f"VERTEX_SE3:QUAT {'7' * 5000}", "line 4: id '7+'"),
+        ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT 2147483648", "line 4: id '2147483648'"),
+        ("VERTEX_SE3:QUAT 7", "VERTEX_TRACKXYZ 7", "line 4: begins with 'VERTEX_TRACKXYZ'"),
+        ("EDGE_SE3:QUAT 3 7", "EDGE_SE3:QUAT 3 8", "line 5: id 8; allowed: ids of the file's vertices"),
+        ("EDGE_SE3:QUAT 3 7", "EDGE_SE3:QUAT 3 3", "line 5: EDGE_SE3:QUAT from 3 to itself"),
+        ("0 0 0.6 0.8 4", "0 0 0.6 0.9 4", r"line 5: EDGE_SE3:QUAT: quaternion"),
+        ("0.8 4", "0.8 0", "line 5: EDGE_SE3:QUAT with information 0; allowed: a positive diagonal"),
+        ("0.8 4", "0.8 1e-4", "line 5: EDGE_SE3:QUAT with singular information"),
+        ("200 0 400", "200 0 nan", "line 5: EDGE_SE3:QUAT with a value that is too large or not finite"),
+        ("200 0 400", "200 0 x", "line 5: EDGE_SE3:QUAT: could not convert"),
+        ("200 0 400", "200 0", "line 5: EDGE_SE3:QUAT with 30 fields; allowed: 31"),
+        ("200 0 400", "200 0 1e-200", "line 5: EDGE_SE3:QUAT with singular information; allowed: a positive"),
+        (HAND, "", "no VERTEX_SE3:QUAT in the file"),
+        (HAND, "FIX 3\n", "line 1: begins with 'FIX'"),
+    ],
+)
+def test_fault_is_one_line_that_names_the_place(tmp_path, old, new, message):
+    assert old in HAND
+    (tmp_path / "g.g2o").write_text(HAND.replace(old, new, 1))
+    with pytest.raises(EstimationError, match=message) as caught:
+        load_g2o(tmp_path / "g.g2o")
+    assert "\n" not in str(caught.value)
+
+
+def test_lines_of_other_kinds_are_left_out_by_choice(tmp_path):
+    (tmp_path / "g.g2o").write_text(HAND + "FIX 3\nVERTEX_TRACKXYZ 9 1 2 3\n")
+    assert load_g2o(tmp_path / "g.g2o", leave_out=["FIX", "VERTEX_TRACKXYZ"]).left_out == {
+        "FIX": 1,
+        "VERTEX_TRACKXYZ": 1,
+    }

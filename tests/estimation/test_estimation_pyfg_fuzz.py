@@ -1,0 +1,210 @@
+"""Files that were damaged: each gives a graph or one clear line, and no graph that was read harms the solver."""
+
+import random
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import GraphValues, build_graph, read_pyfg, write_pyfg
+from pymantaray.estimation.pyfg import load_pyfg
+from pymantaray.records import SolveStatus
+from pymantaray.study.external import solve_graph
+
+LIMIT_S = 20.0  # a whole read and solve; a healthy one takes milliseconds
+LONGEST_LINE = 600
+
+NASTY = [
+    *(
+        "nan",
+        "-nan",
+        "inf",
+        "-inf",
+        "0",
+        "-0",
+        "-1",
+        "1e-300",
+        "1e300",
+        "1e12",
+        "1e9",
+        "1.0000001e9",
+        "1e-31",
+        "1e31",
+    ),
+    *(
+        "",
+        " ",
+        "\t",
+        "0x10",
+        "1_0",
+        "1,5",
+        "½",
+        "1e",
+        "--1",
+        "A",
+        "L",
+        "A0",
+        "A1",
+        "B0",
+        "L0",
+        "L1",
+        "Z9",
+        "a0",
+        "A-1",
+    ),
+    *(
+        "A00",
+        "A01",
+        "L00",
+        "A99999999999999999999",
+        "A2147483647",
+        "A2147483648",
+        "AA1",
+        "A1.5",
+        "9" * 5000,
+        "\x00",
+    ),
+    *(
+        "EDGE_RANGE",
+        "EDGE_SE3:QUAT",
+        "EDGE_SE2",
+        "VERTEX_SE2",
+        "EDGE_SE3_XYZ",
+        "VERTEX_XYZ",
+        "VERTEX_SE3:QUAT",
+    ),
+    *("VERTEX_SE3:QUAT:PRIOR", "VERTEX_XYZ:PRIOR", "FIX", "#"),
+]
+
+
+def damage(text, rng):
+    """One to four faults of the kinds that hands, disks and other programs make."""
+    data = text
+    for _ in range(rng.choice([1, 1, 1, 2, 4])):
+        lines = data.split("\n")
+        kind = rng.choice([0, 1, 2, 3, 4, 5, 5, 6, 7, 8, 8, 8])
+        row = rng.randrange(len(lines))
+        fields = lines[row].split(" ")
+        column = rng.randrange(len(fields))
+        if kind <= 2:  # a field
+            fields[column] = rng.choice(NASTY)
+            lines[row] = " ".join(fields)
+        elif kind == 3:  # fields exchanged
+            other = rng.randrange(len(fields))
+            fields[column], fields[other] = fields[other], fields[column]
+            lines[row] = " ".join(fields)
+        elif kind == 4:  # a line twice, somewhere else
+            lines.insert(rng.randrange(len(lines)), lines[row])
+        elif kind == 5 and len(lines) > 1:  # a line lost
+            del lines[row]
+        elif kind == 6:  # the end lost
+            lines = data[: rng.randrange(len(data) + 1)].split("\n")
+        elif kind == 7:  # a byte
+            at = rng.randrange(len(data) + 1)
+            lines = (data[:at] + chr(rng.randrange(256)) + data[at + rng.randrange(2) :]).split("\n")
+        else:  # a number scaled
+            try:
+                fields[column] = repr(float(fields[column]) * rng.choice([-1.0, 0.0, 1e-6, 1e6, 1e-20, 1e20]))
+            except ValueError:
+                fields[column] += rng.choice(["0", "9", " ", "-"])
+            lines[row] = " ".join(fields)
+        data = "\n".join(lines)
+        if not data:
+            break
+    return data
+
+
+def too_slow(_signal, _frame):
+    raise TimeoutError(f"more than {LIMIT_S} s")
+
+
+def outcome_of(path):
+    """Read the file and solve what was read; give what became of it."""
+    signal.signal(signal.SIGALRM, too_slow)
+    signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+    try:
+        file = load_pyfg(path, leave_out=["EDGE_SE3_XYZ"])
+    except EstimationError as error:
+        return "refused", str(error)
+    else:
+        try:
+            result = solve_graph(file)
+        except EstimationError as error:
+            return "unsolvable", str(error)
+        if result.diagnosis is not None:
+            return "failed", result.diagnosis
+        assert np.isfinite(result.values.position).all()
+        return "solved", ""
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+@pytest.fixture
+def texts(tmp_path, make_fleet):
+    """Two small graphs with every word of the grammar between them."""
+    fleet = make_fleet(seed=2, n_agents=2, n_times=8, n_landmarks=1, gnss_every=4)
+    initial = GraphValues(
+        position=fleet.position.reshape(-1, 3),
+        quaternion=fleet.quaternion.reshape(-1, 4),
+        landmark_position=fleet.noisy.landmark_position,
+    )
+    write_pyfg(build_graph(fleet.noisy, "straight"), tmp_path / "whole.pyfg", initial=initial)
+    full = " ".join(
+        ["0.25", "0.01", "0", "0", "0", "0", "0.25", *["0"] * 4, "0.25", *["0"] * 3, "1e-4", "0", "0"]
+    )
+    hand = (
+        "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0.6 0.8\n"
+        "VERTEX_SE3:QUAT 0 B0 0 9 0 0 0 0 1\nVERTEX_XYZ L3 5 6 7\n"
+        f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {full} 1e-4 0 1e-4\n"
+        f"EDGE_SE3:QUAT 1 A0 A1 10 0 0 0 0 0.6 0.8 {full} 1e-4 0 1e-4\n"
+        f"EDGE_SE3:QUAT 1 A1 B0 3 4 0 0 0 0 1 {full} 1e-4 0 1e-4\n"
+        "VERTEX_XYZ:PRIOR 0 L3 5 6 7 0.5 0.1 0 0.6 0 0.7\nEDGE_RANGE 1 A1 L3 10.5 4\n"
+        "EDGE_SE3_XYZ 1 A1 L3 1 2 3 0.1 0 0 0.1 0 0.1\n"
+    )
+    return [(tmp_path / "whole.pyfg").read_text(), hand]
+
+
+def fuzz(texts, tmp_path, seed, count):
+    rng = random.Random(seed)
+    seen = {}
+    path = tmp_path / "damaged.pyfg"
+    for number in range(count):
+        path.write_bytes(damage(rng.choice(texts), rng).encode("utf-8"))
+        begin = time.monotonic()
+        try:
+            what, line = outcome_of(path)
+        except BaseException as error:
+            (tmp_path / "crash.pyfg").write_bytes(path.read_bytes())
+            raise AssertionError(f"file {number} of seed {seed}: {error!r}") from error
+        assert time.monotonic() - begin < LIMIT_S
+        assert "\n" not in line
+        assert len(line) < LONGEST_LINE
+        assert (what == "solved") == (line == "")
+        seen[what] = seen.get(what, 0) + 1
+        if what == "solved" and number % 10 == 0:
+            graph, values = load_pyfg(path, leave_out=["EDGE_SE3_XYZ"])[:2]
+            write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
+            again, _ = read_pyfg(tmp_path / "again.pyfg")
+            np.testing.assert_array_equal(again.edge_covariance, graph.edge_covariance)
+    return seen
+
+
+def test_undamaged_files_are_solved(texts, tmp_path):
+    for text in texts:
+        (tmp_path / "t.pyfg").write_text(text)
+        result = solve_graph(load_pyfg(tmp_path / "t.pyfg", leave_out=["EDGE_SE3_XYZ"]))
+        assert result.solution.status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE}
+
+
+def test_damaged_files_give_one_line_or_a_graph(texts, tmp_path):
+    seen = fuzz(texts, tmp_path, seed=1, count=300)
+    assert set(seen) >= {"refused", "unsolvable", "solved"}, seen
+
+
+@pytest.mark.slow
+def test_ten_thousand_damaged_files_give_one_line_or_a_graph(texts, tmp_path):
+    seen = fuzz(texts, tmp_path, seed=2, count=10_000)
+    print(seen)
+    assert set(seen) == {"refused", "unsolvable", "failed", "solved"}, seen

@@ -1,0 +1,163 @@
+"""The range model that traces rays, and the covariance of its travel times, in a front over a sloping sea bed."""
+
+import numpy as np
+import pytest
+
+from pymantaray.acoustics import Medium, find_eigenrays, quadrature, travel_time_sensitivity
+from pymantaray.acoustics.moving_water import Currents
+from pymantaray.estimation.range_models import RangeLinks
+from pymantaray.ocean.covariance import SoundSpeedCovariance
+from pymantaray.study import eigenray_model
+from pymantaray.study.eigenray_model import EigenrayModel, pairs_of
+from pymantaray.study.ray_uncertainty import RayUncertainty
+
+NORTH, EAST, DEPTH = np.linspace(-8e3, 8e3, 9), np.linspace(-8e3, 8e3, 9), np.linspace(0.0, 1200.0, 13)
+
+
+@pytest.fixture(scope="module")
+def medium():
+    warm = 8.0 * np.tanh(NORTH / 3e3)[:, None, None] * np.exp(-DEPTH / 200.0)
+    speed = 1450.0 + 0.016 * DEPTH + warm + np.zeros((9, 9, 13))
+    return Medium.from_grid(NORTH, EAST, DEPTH, speed, bathymetry=np.full((9, 9), 1200.0))
+
+
+def links_between(medium, a, b, epochs=1):
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    n = len(a)
+    return RangeLinks(np.repeat(np.arange(epochs), n // epochs) * 3600.0, a, b, np.full(n, 1450.0))
+
+
+@pytest.fixture(scope="module")
+def ends():
+    rng = np.random.default_rng(3)
+    low, high = [-5e3, -5e3, 50.0], [5e3, 5e3, 1000.0]
+    return rng.uniform(low, high, (8, 3)), rng.uniform(low, high, (8, 3))
+
+
+def test_travel_times_are_the_solvers_and_their_gradients_finite_differences(medium, ends):
+    model = EigenrayModel(medium)
+    a, b = ends
+    found = model.predict(links_between(medium, a, b))
+    first = find_eigenrays(medium, a, b).first()
+    np.testing.assert_array_equal(found.travel_time, first.travel_time)
+    assert found.possible.all()
+    step = 5.0  # truncated at 2e-9, as its square; the integrator's tolerance leaves 1e-8 m over the step
+    for k in range(3):
+        e = np.eye(3)[k] * step
+        for end, gradient in ((0, found.transmitter_gradient), (1, found.receiver_gradient)):
+            ahead, behind = (
+                model.predict(links_between(medium, a + s * e * (end == 0), b + s * e * end)).travel_time
+                for s in (1, -1)
+            )
+            np.testing.assert_allclose(gradient[:, k], (ahead - behind) / (2 * step), rtol=0, atol=3e-9)
+
+
+def test_there_and_back_are_one_ray_solved_once(medium, ends, monkeypatch):
+    solved = []
+
+    def counted(medium, source, receiver, **options):
+        solved.append(len(source))
+        return find_eigenrays(medium, source, receiver, **options)
+
+    monkeypatch.setattr(eigenray_model, "find_eigenrays", counted)
+    a, b = ends
+    model = EigenrayModel(medium)
+    both = links_between(medium, np.concatenate([a, b]), np.concatenate([b, a]))
+    found = model.predict(both)
+    assert solved == [8]
+    np.testing.assert_array_equal(found.travel_time[:8], found.travel_time[8:])
+    np.testing.assert_array_equal(found.transmitter_gradient[:8], found.receiver_gradient[8:])
+    np.testing.assert_array_equal(found.receiver_gradient[:8], found.transmitter_gradient[8:])
+    model.predict(both)
+    assert solved == [8]  # the start of the next realization
+    model.predict(links_between(medium, a + 1.0, b))
+    model.predict(both)
+    assert solved == [8, 8]
+
+
+def test_current_makes_one_way_earlier_and_the_other_later_by_as_much(medium, ends):
+    a, b = ends
+    both = links_between(medium, np.concatenate([a, b]), np.concatenate([b, a]))
+    still = EigenrayModel(medium).predict(both).travel_time
+    moved = EigenrayModel(medium, currents=Currents.uniform(0.3, -0.1)).predict(both).travel_time
+    np.testing.assert_allclose(moved[:8] - still[:8], still[8:] - moved[8:], rtol=0, atol=1e-15)
+    along = (b - a) @ [0.3, -0.1, 0.0]
+    np.testing.assert_allclose(moved[:8] - still[:8], -along / 1460.0**2, rtol=0.03, atol=1e-8)
+
+
+def test_what_the_ocean_does_not_allow_is_not_possible():
+    ridge = np.full((9, 9), 1200.0)
+    ridge[4] = 300.0
+    speed = np.broadcast_to(1450.0 + 0.016 * DEPTH, (9, 9, 13))
+    model = EigenrayModel(Medium.from_grid(NORTH, EAST, DEPTH, speed, bathymetry=ridge))
+    a = np.array([[-4e3, 0.0, 800.0], [-4e3, 0.0, 800.0], [-4e3, 0.0, 800.0], [-4e3, 0.0, 800.0]])
+    b = np.array([[4e3, 0.0, 800.0], [-4e3, 3e3, 800.0], [9e3, 0.0, 50.0], [-4e3, 0.0, 1300.0]])
+    found = model.predict(links_between(None, a, b))
+    # behind the ridge, beside it, outside the domain, and below the sea bed
+    assert found.possible.tolist() == [False, True, False, False]
+    assert np.isnan(found.travel_time[[0, 2, 3]]).all()
+
+
+def brute_force(model, covariance, links):
+    """The double integral by its definition, point by point."""
+    pairs = pairs_of(links)
+    paths, _ = model.paths(pairs)
+    points = quadrature(paths)
+    weight = points.weight * np.sum(points.slowness**2, axis=1)
+    n = pairs.source.shape[0]
+    out = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            p, q = points.arrival == i, points.arrival == j
+            c = covariance(points.position[p][:, None], points.position[q][None])
+            out[i, j] = weight[p] @ c @ weight[q]
+    return out[np.ix_(pairs.pair, pairs.pair)]
+
+
+@pytest.mark.parametrize("scale", [2500.0, 20e3, np.inf], ids=["short", "long", "everywhere"])
+def test_covariance_is_the_double_integral_along_the_rays(medium, ends, scale):
+    covariance = SoundSpeedCovariance.gaussian(
+        DEPTH, rms=2.0 * np.exp(-DEPTH / 300.0), vertical_scale=150.0, horizontal_scale=scale
+    )
+    model = EigenrayModel(medium)
+    links = links_between(medium, *ends)
+    (found,) = RayUncertainty(model, covariance).covariances(links, np.zeros(8, dtype=int))
+    expected = brute_force(model, covariance, links)
+    typical = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / typical, expected / typical, rtol=0, atol=2e-3)
+    assert (expected / typical)[0, 1:].max() > 0.01  # links that share water
+    assert np.linalg.eigvalsh(found).min() > -1e-12 * found.max()
+
+
+def test_one_amplitude_everywhere_is_the_sensitivity_squared(medium, ends):
+    shape = np.exp(-DEPTH / 150.0)
+    covariance = SoundSpeedCovariance(DEPTH, 4.0 * np.outer(shape, shape), np.inf)
+    model = EigenrayModel(medium)
+    links = links_between(medium, *ends)
+    (found,) = RayUncertainty(model, covariance).covariances(links, np.zeros(8, dtype=int))
+    pairs = pairs_of(links)
+    paths, _ = model.paths(pairs)
+    by_amplitude = travel_time_sensitivity(paths, lambda x: np.interp(x[:, 2], DEPTH, shape))[pairs.pair, 0]
+    np.testing.assert_allclose(found, 4.0 * np.outer(by_amplitude, by_amplitude), rtol=1e-9)
+
+
+def test_epochs_are_apart_and_both_ways_of_a_link_are_one(medium, ends):
+    a, b = ends
+    model = EigenrayModel(medium)
+    covariance = SoundSpeedCovariance.gaussian(DEPTH, rms=1.0, vertical_scale=100.0, horizontal_scale=5e3)
+    links = links_between(
+        medium, np.concatenate([a[:4], b[:4], a[4:]]), np.concatenate([b[:4], a[:4], b[4:]])
+    )
+    first, second = RayUncertainty(model, covariance).covariances(links, np.repeat([0, 1], [8, 4]))
+    assert first.shape == (8, 8)
+    assert second.shape == (4, 4)
+    np.testing.assert_array_equal(first[:4], first[4:])
+    np.testing.assert_array_equal(first[:4, :4], first[:4, 4:])
+
+
+def test_link_without_a_ray_has_no_variance(medium):
+    covariance = SoundSpeedCovariance.gaussian(DEPTH, rms=1.0, vertical_scale=100.0, horizontal_scale=5e3)
+    links = links_between(medium, [[0, 0, 100.0], [0, 0, 100.0]], [[0, 9e3, 100.0], [0, 3e3, 100.0]])
+    (found,) = RayUncertainty(EigenrayModel(medium), covariance).covariances(links, np.zeros(2, dtype=int))
+    assert found[0].tolist() == [0.0, 0.0]
+    assert found[1, 1] > 0.0

@@ -1,0 +1,292 @@
+"""Estimators of a study: their sections, what they believe, and their place among the conditions."""
+
+import datetime as dt
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from pydantic import Field, ValidationError
+
+from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon
+from pymantaray.estimation.assemble import timed_ranges
+from pymantaray.estimation.conditions import solve_conditions
+from pymantaray.estimation.outer import BelievedRanges
+from pymantaray.estimation.range_models import RangeLinks
+from pymantaray.ocean import open_ocean, to_local
+from pymantaray.records import Estimates, SolveStatus
+from pymantaray.study import parse_study, preset_text, run_study
+from pymantaray.study.beliefs import Beliefs
+from pymantaray.study.config import StudyConfig
+from pymantaray.study.config_estimators import (
+    CastBelief,
+    ExactBelief,
+    MeanBelief,
+    OtherDayBelief,
+    PerturbedBelief,
+    RangeEstimatorSection,
+)
+from pymantaray.study.eigenray_model import EigenrayModel
+from pymantaray.study.estimators import EstimatorFactory
+from pymantaray.study.ray_uncertainty import RayUncertainty
+from pymantaray.study.realization import RealizationSolver
+from pymantaray.study.store import Run
+from pymantaray.study.toml import dumps
+
+EXACT = {"kind": "exact"}
+PERTURBED = {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 20e3, "down_to": 300.0}
+
+
+class WithEstimators(StudyConfig):
+    """A study with the table under test."""
+
+    estimators: tuple[RangeEstimatorSection, ...] | None = Field(default=None, strict=False)
+
+
+def section(**values):
+    return RangeEstimatorSection.model_validate({"name": "e", **values})
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory):
+    """A day in the Beaufort Sea: the fleet of the preset, a smaller window."""
+    tree = tomllib.loads(preset_text("quick"))
+    tree["study"]["realizations"] = 2
+    tree["study"]["conditions"] = ["straight", "refracted"]
+    tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
+    tree["mission"]["physics_step_s"] = 1.0
+    return run_study(parse_study(tree), tmp_path_factory.mktemp("runs") / "day", workers=1)
+
+
+@pytest.fixture(scope="module")
+def beliefs(day):
+    return Beliefs(day)
+
+
+def with_estimators(run, *entries):
+    """The same run as if its study had these estimators."""
+    tree = run.config.model_dump() | {"estimators": [{"name": f"e{i}", **e} for i, e in enumerate(entries)]}
+    again = Run(run.path)
+    again.__dict__["config"] = WithEstimators.model_validate(tree)
+    return again
+
+
+def off(a, b):
+    return float(np.abs(a - b).max())
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"range_model": "constant"}, "range_model constant needs sound_speed"),
+        ({"range_model": "eigenray"}, "range_model eigenray needs belief"),
+        ({"belief": EXACT}, "belief is given, but range_model transmitter does not use it"),
+        ({"sound_speed": 1500.0}, "sound_speed is given, but"),
+        ({"links": "all"}, "a dropout has none"),
+        (
+            {"ranges": "straight", "range_model": "constant", "sound_speed": 1500.0},
+            "knows nothing of the water",
+        ),
+        ({"variance": "per-link"}, "computed along eigenrays"),
+        ({"range_model": "eigenray", "belief": EXACT, "variance": "per-link"}, "needs uncertainty_rms and"),
+        ({"uncertainty_rms": 1.0}, 'variance is "fixed"'),
+        (
+            {"range_model": "mean-slowness", "belief": {"kind": "cast", "north": 1.0}},
+            "must be given together",
+        ),
+        ({"range_model": "eigenray", "belief": {"kind": "perturbed"}}, "rms"),
+        ({"range_model": "eigenray", "belief": {"kind": "exact", "rms": 1.0}}, "rms"),
+        ({"loss": "huber"}, "loss"),
+        ({"name": "two words"}, "name"),
+    ],
+)
+def test_sections_that_contradict_themselves_are_refused(values, message):
+    with pytest.raises(ValidationError, match=message):
+        section(**values)
+
+
+def test_section_survives_the_trip_through_toml():
+    entries = [
+        section(range_model="eigenray", belief=PERTURBED, variance="correlated", start="dead-reckoning"),
+        section(range_model="constant", sound_speed=1450.0),
+        section(range_model="mean-slowness", belief={"kind": "other-day", "days_earlier": 5.0}),
+    ]
+    text = dumps({"estimators": [e.model_dump() for e in entries]})
+    again = [RangeEstimatorSection.model_validate(e) for e in tomllib.loads(text)["estimators"]]
+    assert again == entries
+    assert entries[0].uncertainty == (1.0, 20e3, 300.0)
+
+
+def test_exact_ocean_leads_from_dead_reckoning_to_the_truth(day):
+    exact = EstimatorFactory(day).estimator(section(range_model="eigenray", belief=EXACT), 0)
+    start = dead_reckon(day.noisy_observations(0))
+    assert off(start[0], day.truth.position) > 100.0
+    there = replace(exact, initial=start, model_is_right=False)
+    found = solve_conditions(day.observations, [], estimators={"e": there})["e"]
+    assert found.status == SolveStatus.OK
+    assert found.gated_links == 0
+    assert off(found.position, day.truth.position) < 1e-3
+    naive = solve_conditions(day.observations, ["refracted"], start)["refracted"]
+    assert off(naive.position, day.truth.position) > 1.0
+
+
+@pytest.mark.parametrize("variance", ["fixed", pytest.param("correlated", marks=pytest.mark.slow)])
+def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reckoning(day, variance):
+    o, truth = day.noisy_observations(0), day.truth
+    extra = {} if variance == "fixed" else {"uncertainty_rms": 1.0, "uncertainty_horizontal_scale": 20e3}
+    e = EstimatorFactory(day).estimator(
+        section(range_model="eigenray", belief=EXACT, variance=variance, **extra), 0
+    )
+    believed = BelievedRanges(e.model, timed_ranges(o, "refracted", "refracted"), e.uncertainty, e.correlated)
+    graph, solver, found = build_graph(o, "refracted"), GraphSolver(), []
+    for position, quaternion in ((truth.position, truth.quaternion), dead_reckon(o)):
+        start = GraphValues(position.reshape(-1, 3), quaternion.reshape(-1, 4), o.landmark_position)
+        found.append(solver.solve(graph, start, believed=believed))
+    start = GraphValues(truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), o.landmark_position)
+    found.append(solver.solve(graph, start, believed=believed, vector_factors=True))
+    assert [s.status for s in found] == [SolveStatus.OK] * 3
+    for other in found[1:]:
+        assert off(other.position, found[0].position) < 1e-2
+        assert other.final_cost == pytest.approx(found[0].final_cost, rel=1e-4)
+
+
+def test_exact_eigenrays_do_as_well_as_straight_ranges_and_transmitter_as_refracted(day):
+    run = with_estimators(
+        day,
+        {"range_model": "eigenray", "belief": EXACT},
+        {"range_model": "transmitter"},
+        {"range_model": "mean-slowness", "belief": EXACT},
+    )
+    solved = RealizationSolver(run).solve(0)
+    assert list(solved) == ["straight", "refracted", "e0", "e1", "e2"]
+
+    def ate(name):
+        return np.sqrt(np.mean(np.sum((solved[name].position - day.truth.position) ** 2, axis=-1)))
+
+    assert ate("e0") == pytest.approx(ate("straight"), rel=0.05)
+    np.testing.assert_array_equal(solved["e1"].position, solved["refracted"].position)
+    assert solved["e0"].status == SolveStatus.OK
+    assert solved["straight"].final_cost < solved["e2"].final_cost < solved["refracted"].final_cost
+
+
+def test_conditions_are_the_same_bytes_with_and_without_estimators(day):
+    plain = RealizationSolver(day).solve(1)
+    run = with_estimators(day, {"range_model": "eigenray", "belief": EXACT, "start": "dead-reckoning"})
+    more = RealizationSolver(run).solve(1)
+    for name, solution in plain.items():
+        for field in ("position", "quaternion", "final_cost", "gradient_norm", "iterations"):
+            np.testing.assert_array_equal(getattr(more[name], field), getattr(solution, field))
+            stored = getattr(day.estimates, field)[list(day.estimates.condition).index(name), 1]
+            np.testing.assert_array_equal(stored, np.asarray(getattr(solution, field), dtype=stored.dtype))
+
+
+def test_count_of_gated_links_is_kept_and_absent_where_none_is(day, tmp_path):
+    with xr.open_dataset(day.path / "estimates.nc") as dataset:
+        assert "gated_links" not in dataset
+    assert day.estimates.gated_links.tolist() == [[0, 0], [0, 0]]
+    counted = replace(day.estimates, gated_links=[[0, 3], [5, 0]])
+    counted.save(tmp_path / "estimates.nc")
+    np.testing.assert_array_equal(Estimates.load(tmp_path / "estimates.nc").gated_links, counted.gated_links)
+
+
+@pytest.mark.slow
+def test_perturbed_oceans_are_members_by_realization_in_proportion_to_rms(day, beliefs):
+    one, two = (
+        PerturbedBelief(kind="perturbed", rms=rms, horizontal_scale=20e3, down_to=300.0) for rms in (0.5, 1.0)
+    )
+    true = day.ocean["sound_speed"].values
+    half = beliefs.believed(one, 0).medium.sound_speed - true
+    whole = beliefs.believed(two, 0).medium.sound_speed - true
+    other = beliefs.believed(one, 1).medium.sound_speed - true
+    again = beliefs.believed(one, 0).medium.sound_speed - true
+    np.testing.assert_array_equal(half, again)  # made anew, after that of the other realization
+    np.testing.assert_allclose(
+        whole, 2.0 * half, rtol=0, atol=0.02
+    )  # a cubic spline of what is exact at nodes
+    assert off(half, other) > 0.1
+    assert 0.1 < np.sqrt(np.mean(half[..., day.ocean["depth"].values <= 300.0] ** 2)) < 1.5
+
+
+def test_mean_and_cast_are_the_same_everywhere_and_the_cast_the_column_of_the_beacon(day, beliefs):
+    mean, cast = (beliefs.believed(s, 0) for s in (MeanBelief(kind="mean"), CastBelief(kind="cast")))
+    for belief in (mean, cast):
+        assert (
+            np.ptp(belief.medium.sound_speed, axis=(0, 1)).max() < 0.15
+        )  # pressure and gravity with latitude
+    here = day.ocean["sound_speed"].interp(north=0.0, east=0.0).values
+    np.testing.assert_allclose(
+        cast.profile()[1][:20], here[:20], rtol=0, atol=0.3
+    )  # nearest grid point, 2 km
+    assert beliefs.believed(MeanBelief(kind="mean"), 1) is mean
+    elsewhere = beliefs.believed(CastBelief(kind="cast", north=12e3, east=-12e3), 0)
+    assert off(elsewhere.profile()[1], cast.profile()[1]) > 0.1
+
+
+def test_other_day_is_the_source_at_that_day_and_exact_the_run_itself(day, beliefs):
+    earlier = beliefs.believed(OtherDayBelief(kind="other-day", days_earlier=5.0), 0)
+    time = day.config.ocean.time - dt.timedelta(days=5)
+    expected = to_local(
+        open_ocean("synthetic:beaufort", time=np.datetime64(time, "ns")),
+        centre=day.config.ocean.centre,
+        half_extent=day.config.ocean.half_extent,
+    )
+    np.testing.assert_array_equal(earlier.medium.sound_speed, expected["sound_speed"].values)
+    exact = beliefs.believed(ExactBelief(kind="exact"), 0)
+    np.testing.assert_array_equal(exact.medium.sound_speed, day.ocean["sound_speed"].values)
+    # in these 30 km the eddies of this ocean change little in five days; by the last digits it is another one
+    assert not np.array_equal(exact.medium.sound_speed, earlier.medium.sound_speed)
+
+
+@pytest.mark.parametrize("down_to", [300.0, None])
+def test_uncertainty_has_the_rms_asked_for_over_the_water(day, beliefs, down_to):
+    covariance = beliefs.covariance(1.5, 20e3, down_to)
+    ocean = open_ocean("synthetic:beaufort", time=np.datetime64(day.config.ocean.time, "ns"))
+    z = ocean["depth"].values
+    edges = np.concatenate([z[:1], 0.5 * (z[:-1] + z[1:]), z[-1:]])
+    thickness = np.diff(np.minimum(edges, down_to or np.inf))
+    weight = thickness * np.isfinite(ocean["water_temp"].values).sum(axis=(1, 2))
+    assert np.average(np.diag(covariance.matrix), weights=weight) == pytest.approx(1.5**2, rel=1e-9)
+    assert covariance.horizontal_scale == 20e3
+
+
+def test_larger_variance_never_costs_more(day):
+    naive = {"range_model": "eigenray", "belief": EXACT}
+    unsure = {"uncertainty_rms": 1.0, "uncertainty_horizontal_scale": 20e3}
+    run = with_estimators(
+        day, naive, naive | unsure | {"variance": "per-link"}, naive | unsure | {"variance": "correlated"}
+    )
+    solved = RealizationSolver(run).solve(0)
+    fixed, apart, together = (solved[f"e{i}"].final_cost for i in range(3))
+    assert apart < fixed
+    assert together < fixed
+
+
+@pytest.mark.slow
+def test_members_travel_times_scatter_as_the_covariance_says(day, beliefs):
+    """Travel times through random members, in the standard deviations that their rays have."""
+    o, scale = day.observations, 20e3
+    ranges = timed_ranges(o, "refracted", "refracted")
+    place = day.truth.position.reshape(-1, 3)
+    links = RangeLinks(ranges.time, place[ranges.transmitter], place[ranges.receiver], ranges.sound_speed)
+    model = EigenrayModel(beliefs.believed(ExactBelief(kind="exact"), 0).medium)
+    exact = model.predict(links)
+    covariances = RayUncertainty(model, beliefs.covariance(0.5, scale, 300.0)).covariances(
+        links, ranges.epoch
+    )
+    sigma = np.empty(ranges.time.size)
+    for e, covariance in enumerate(covariances):
+        sigma[ranges.epoch == e] = np.sqrt(np.diag(covariance))
+    section = PerturbedBelief(kind="perturbed", rms=0.5, horizontal_scale=scale, down_to=300.0)
+    scatter = []
+    for r in range(12):
+        member = EigenrayModel(beliefs.believed(section, r).medium).predict(links)
+        # where the first arrival is of another family in the member, no first order can say so: here two
+        # vehicles at the surface, between which the ray of the surface duct is too weak in some members
+        turned = 1450.0 * np.abs(member.transmitter_gradient - exact.transmitter_gradient).max(axis=1)
+        same = member.possible & (turned < 0.02)
+        assert np.mean(~same) < 0.05
+        late = (member.travel_time - exact.travel_time)[same] / sigma[same]
+        scatter.append(np.mean(late**2))
+    # the links of one member share water: a dozen members are some thirty independent numbers
+    assert 0.5 < np.sqrt(np.mean(scatter)) < 1.6
