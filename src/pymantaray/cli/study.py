@@ -17,8 +17,10 @@ def list_command() -> None:
     """Names of the presets."""
     from pymantaray.study import list_presets
 
-    for name, description in list_presets().items():
-        typer.echo(f"{name:<10} {description}")
+    presets = list_presets()
+    width = max(map(len, presets))
+    for name, description in presets.items():
+        typer.echo(f"{name:<{width}} {description}")
 
 
 @app.command()
