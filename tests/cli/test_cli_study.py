@@ -25,7 +25,14 @@ def test_version(mantaray):
 
 def test_list_names_each_preset_and_show_prints_it(mantaray):
     listed = mantaray("study", "list").out.splitlines()
-    assert [line.split()[0] for line in listed] == ["beaufort", "fram", "quick"]
+    assert [line.split()[0] for line in listed] == [
+        "beaufort",
+        "estimators-beaufort",
+        "estimators-fram",
+        "fram",
+        "quick",
+        "survey",
+    ]
     assert mantaray("study", "show", "fram").out == preset_text("fram")
 
 
@@ -174,7 +181,10 @@ def test_full_output_folder_is_refused_untouched(mantaray, small_text, tmp_path)
     ("words", "expected"),
     [
         (("run", "quick", "--realizations", "0"), "quick: study.realizations: found 0; allowed: 1 or more"),
-        (("run", "fast"), "no preset 'fast'; there are beaufort, fram, quick"),
+        (
+            ("run", "fast"),
+            "no preset 'fast'; there are beaufort, estimators-beaufort, estimators-fram, fram, quick, survey",
+        ),
         (("run", "no.toml"), "no.toml: cannot be read: No such file or directory"),
         (("show", "fast"), "no preset 'fast'"),
         (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),

@@ -142,7 +142,10 @@ def test_configuration_is_frozen():
 
 
 def test_unknown_preset_lists_those_there_are():
-    with pytest.raises(StudyError, match=r"no preset 'fast'; there are beaufort, fram, quick"):
+    with pytest.raises(
+        StudyError,
+        match=r"no preset 'fast'; there are beaufort, estimators-beaufort, estimators-fram, fram, quick, survey",
+    ):
         load_study("fast")
 
 

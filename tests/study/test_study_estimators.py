@@ -97,7 +97,9 @@ def off(a, b):
         ),
         ({"range_model": "eigenray", "belief": {"kind": "perturbed"}}, "rms"),
         ({"range_model": "eigenray", "belief": {"kind": "exact", "rms": 1.0}}, "rms"),
-        ({"loss": "huber"}, "loss"),
+        ({"loss": "tukey"}, "loss"),
+        ({"loss": "gnc", "solver": "incremental"}, "gnc"),
+        ({"range_model": "eigenray", "belief": EXACT, "solver": "incremental"}, "incremental"),
         ({"name": "two words"}, "name"),
     ],
 )

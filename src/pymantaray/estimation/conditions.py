@@ -19,6 +19,7 @@ from pymantaray.estimation.assemble import (
 )
 from pymantaray.estimation.dead_reckoning import dead_reckon
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
+from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.outer import BelievedRanges
 from pymantaray.estimation.range_models import (
     ConstantSpeed,
@@ -51,6 +52,10 @@ class Estimator:
         Where the solver starts, as in `solve_conditions`; the default is dead reckoning.
     model_is_right : bool
         Whether the final cost has to lie within its chi-square bounds.
+    loss : Loss, optional
+        Of the ranges, in place of least squares.
+    incremental : bool
+        Whether the factors are replayed in the order of time.
     """
 
     ranges: Ranges
@@ -60,6 +65,8 @@ class Estimator:
     correlated: bool = False
     initial: tuple[Array, Array] | None = None
     model_is_right: bool = False
+    loss: Loss | None = None
+    incremental: bool = False
 
 
 def solve_conditions(
@@ -201,6 +208,8 @@ def _variants(
         if isinstance(c, Estimator):
             graph, believed = _believed(graph, o, c)
         variants[name] = Variant(graph, c.model_is_right, believed)
+        if isinstance(c, Estimator):
+            variants[name] = variants[name]._replace(loss=c.loss, incremental=c.incremental)
     return variants
 
 

@@ -12,6 +12,7 @@ from pymantaray.estimation.assemble import TimedRanges
 from pymantaray.estimation.expansion import Expansion, chord
 from pymantaray.estimation.gate import Progress, SolveOptions
 from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.range_models import (
     Prediction,
     RangeLinks,
@@ -67,6 +68,8 @@ def iterate(
     believed: BelievedRanges,
     initial: GraphValues,
     options: SolveOptions,
+    *,
+    loss: Loss | None = None,
 ) -> Outcome:
     """
     Minimize the cost of a graph whose ranges are a model's.
@@ -98,11 +101,15 @@ def iterate(
     gated until the next one; one that was gated twice stays gated, so that the set of links settles.
     Variances that depend on the rays are computed again where an end has moved by more than 100 m.
     """
-    from pymantaray.estimation._gtsam.optimize import optimize
-    from pymantaray.estimation._gtsam.vector_factor import ExpandedRanges, epoch_terms, positions
+    from pymantaray.estimation._gtsam.graduated import minimize_expanded
+    from pymantaray.estimation._gtsam.vector_factor import epoch_terms, positions
 
     r, n = believed.ranges, graph.n_poses
     _check_rows(graph, r)
+    if loss is not None and believed.correlated:
+        raise EstimationError(
+            "a robust loss on correlated ranges: each has a loss of its own; leave one of them out"
+        )
     start = values = builder.values(initial)
     ordering = builder.ordering(graph, builder.with_ranges(common, graph))
     keys, at = np.unique(np.concatenate([r.transmitter, r.receiver]), return_inverse=True)
@@ -134,11 +141,16 @@ def iterate(
                 break
         expansion = Expansion(found, links, r.travel_time)
         terms = epoch_terms(r, weights.blocks(links, used))
-        stock = _stock(builder, common, graph, used, chord(a, b)[0] - residual)
-        expanded = ExpandedRanges(common, stock, terms, n, expansion, (r.transmitter, r.receiver))
+        stock = _stock(builder, common, graph, used, chord(a, b)[0] - residual, loss)
+        parts = (common, stock, terms, n, expansion, (r.transmitter, r.receiver))
         tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
-        values, progress = optimize(expanded, values, ordering, replace(options, step_tolerance=tolerance))
-        iterations, count, tight = iterations + progress.iterations, count + 1, count > 0
+        rough = replace(options, step_tolerance=tolerance)
+        values, progress = minimize_expanded(parts, loss, values, ordering, rough, first=count == 0)
+        iterations, count, tight = (
+            iterations + progress.iterations,
+            count + 1,
+            count > 0,
+        )
         if progress.singular or not np.isfinite(progress.final_cost):
             break
     assert first is not None  # the loop ran once at least
@@ -146,7 +158,7 @@ def iterate(
     # the starting cost of the links used in the end; those not possible at the start count as they end
     end, _, _ = expansion(a, b)
     comparable = np.where(first[0].possible, first[1], end)
-    initial_cost = float(common.error(start)) + _cost(weights.kept(used), comparable)
+    initial_cost = float(common.error(start)) + _cost(weights.kept(used), comparable, loss)
     progress = replace(progress, iterations=iterations, initial_cost=initial_cost)
     if not settled:
         progress = replace(progress, last_step=np.nan)
@@ -176,7 +188,11 @@ def solve_vector_factors(
     Outcome
     """
     from pymantaray.estimation._gtsam.optimize import optimize
-    from pymantaray.estimation._gtsam.vector_factor import epoch_terms, positions, vector_factors
+    from pymantaray.estimation._gtsam.vector_factor import (
+        epoch_terms,
+        positions,
+        vector_factors,
+    )
 
     r, n = believed.ranges, graph.n_poses
     _check_rows(graph, r)
@@ -234,7 +250,10 @@ class _Weights:
         self._full = [np.diag(variance[rows]) for rows in self._rows]
 
     def blocks(self, links: RangeLinks, used: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], Array]]:
-        uncertainty, place = self._believed.uncertainty, np.concatenate([links.transmitter, links.receiver])
+        uncertainty, place = (
+            self._believed.uncertainty,
+            np.concatenate([links.transmitter, links.receiver]),
+        )
         stale = self._place is None or float(np.abs(place - self._place).max(initial=0.0)) > _REWEIGH
         if uncertainty is not None and stale:
             self._place = place
@@ -254,15 +273,26 @@ class _Weights:
         return out
 
 
-def _cost(blocks: list[tuple[NDArray[np.intp], Array]], residual: Array) -> float:
+def _cost(blocks: list[tuple[NDArray[np.intp], Array]], residual: Array, loss: Loss | None) -> float:
+    if loss is not None:
+        return sum(
+            float(loss.cost(residual[rows] / np.sqrt(np.diagonal(full))).sum()) for rows, full in blocks
+        )
     return 0.5 * sum(float(residual[rows] @ np.linalg.solve(full, residual[rows])) for rows, full in blocks)
 
 
 def _stock(
-    builder: Any, common: Any, graph: FactorGraph, used: NDArray[np.bool_], distance: Array
+    builder: Any,
+    common: Any,
+    graph: FactorGraph,
+    used: NDArray[np.bool_],
+    distance: Array,
+    loss: Loss | None,
 ) -> Callable[[], Any]:
     """Graph of stock factors, made only if damped steps are needed."""
-    return lambda: builder.with_ranges(common, _with_distances(graph, used, distance))
+    from pymantaray.estimation._gtsam.robust import robust_factors
+
+    return lambda: robust_factors(builder, common, _with_distances(graph, used, distance), loss)
 
 
 def _with_distances(graph: FactorGraph, used: NDArray[np.bool_], distance: Array) -> FactorGraph:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.gate import Progress, SolveOptions, gate
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
+from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.outer import BelievedRanges, iterate, solve_vector_factors
+from pymantaray.estimation.robust import minimize_robust, robust_solution
 from pymantaray.records import SolveStatus
 
 Array = NDArray[np.float64]
@@ -54,6 +56,10 @@ class Variant(NamedTuple):
     """What is believed of its ranges; None takes them as the distances that the graph has."""
     initial: GraphValues | None = None
     """Where to start if not where all do."""
+    loss: Loss | None = None
+    """Of the ranges; None is least squares."""
+    incremental: bool = False
+    """Whether the factors are replayed in the order of time; only for ranges as distances."""
     vector_factors: bool = False
     """Whether what is believed is solved by nonlinear factors that ask the model, in place of outer iterations."""
 
@@ -112,11 +118,14 @@ class GraphSolver:
         """
         check_graph(graph)
         return self.solve_variants(
-            {"": Variant(graph, model_is_right, believed, vector_factors=vector_factors)}, initial
+            {"": Variant(graph, model_is_right, believed, vector_factors=vector_factors)},
+            initial,
         )[""]
 
     def solve_variants(
-        self, graphs: Mapping[str, Variant | tuple[FactorGraph, bool]], initial: GraphValues
+        self,
+        graphs: Mapping[str, Variant | tuple[FactorGraph, bool]],
+        initial: GraphValues,
     ) -> dict[str, Solution]:
         """
         Solve graphs that differ in nothing but their ranges; the common part is built once.
@@ -150,15 +159,43 @@ class GraphSolver:
                 common = self._builder.base(graph)
             if variant.initial is not None:
                 _check_initial(graph, start)
-            if variant.believed is None:
+            if variant.incremental:
+                from pymantaray.estimation.incremental import (
+                    replay,
+                )  # takes Solution from here
+
+                if variant.believed is not None:
+                    raise EstimationError(
+                        "a replay takes ranges as distances; choose constant or transmitter"
+                    )
+                solutions[name] = replay(graph, start, loss=variant.loss).solution
+            elif variant.believed is None and variant.loss is not None:
+                values, progress = minimize_robust(
+                    self._builder, common, graph, variant.loss, start, self.options
+                )
+                solutions[name] = self._solution(variant, start, values, progress)
+            elif variant.believed is None:
                 factors = self._builder.with_ranges(common, graph)
                 values, progress = optimize(
-                    factors, self._builder.values(start), self._builder.ordering(graph, factors), self.options
+                    factors,
+                    self._builder.values(start),
+                    self._builder.ordering(graph, factors),
+                    self.options,
                 )
                 solutions[name] = self._solution(variant, start, values, progress)
             else:
-                way = solve_vector_factors if variant.vector_factors else iterate
-                end = way(self._builder, common, graph, variant.believed, start, self.options)
+                problem = (
+                    self._builder,
+                    common,
+                    graph,
+                    variant.believed,
+                    start,
+                    self.options,
+                )
+                if variant.vector_factors:
+                    end = solve_vector_factors(*problem)
+                else:
+                    end = iterate(*problem, loss=variant.loss)
                 gated = int(np.count_nonzero(~end.possible))
                 solutions[name] = replace(
                     self._solution(variant, start, end.values, end.progress, gated),
@@ -168,11 +205,18 @@ class GraphSolver:
         return solutions
 
     def _solution(
-        self, variant: Variant, initial: GraphValues, values: object, progress: Progress, gated: int = 0
+        self,
+        variant: Variant,
+        initial: GraphValues,
+        values: object,
+        progress: Progress,
+        gated: int = 0,
     ) -> Solution:
         """Values and verdict of one solve."""
         from pymantaray.estimation._gtsam.factors import to_graph_values
 
+        if variant.loss is not None:
+            return robust_solution(to_graph_values(values, initial), progress, self.options)
         freedom = variant.graph.degrees_of_freedom - gated
         status = gate(progress, freedom, self.options, model_is_right=variant.model_is_right)
         found = to_graph_values(values, initial)

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp
 from pymantaray.records import Observations
 from pymantaray.sensing.clocks import ClockModel, Clocks, clock_error
 from pymantaray.sensing.detection import draw_unheard
+from pymantaray.sensing.mistaken import Candidates, take_arrivals
 from pymantaray.sensing.noise import ranged_pairs
 from pymantaray.sensing.timing import OneWay, Timing
 
@@ -25,6 +27,7 @@ def perturb(
     timing: Timing = _ONE_WAY,
     clocks: ClockModel | Clocks | None = None,
     probability: ArrayLike | None = None,
+    candidates: Candidates | None = None,
 ) -> Observations:
     """
     Add one realization's noise to noise-free observations.
@@ -43,6 +46,9 @@ def perturb(
         Clocks of the vehicles, drawn anew in each realization or given. By default they are synchronous.
     probability : array_like, shape (n_ranges,), optional
         That an attempt with an arrival is heard. By default it is.
+    candidates : Candidates, optional
+        Arrivals that may be taken for the direct ones; their probabilities include that of being heard, so
+        `probability` is left out. By default the receiver never errs.
 
     Returns
     -------
@@ -50,12 +56,13 @@ def perturb(
         Ranges, depths, GNSS fixes and landmark surveys with added Gaussian noise; odometry and
         first-pose priors with noise ``T Exp(xi)`` on the manifold. Travel times stay as they were: they
         are the simulator's record of the ray, not a measurement. With clocks, both ranges of an attempt
-        are pseudoranges. An attempt that was not heard has status UNHEARD.
+        are pseudoranges. An attempt that was not heard has status UNHEARD. One that took another arrival for
+        the direct one has that arrival's travel time and refracted range, see `take_arrivals`.
 
     Raises
     ------
     SensingError
-        If clocks or probabilities do not fit the observations.
+        If clocks, probabilities or candidates do not fit the observations, or both of the latter are given.
 
     Notes
     -----
@@ -68,6 +75,12 @@ def perturb(
         return stream(root_seed, realization, "sensing", *names).standard_normal(shape)
 
     o = observations
+    if candidates is not None:
+        if probability is not None:
+            raise SensingError(
+                "perturb: probability and candidates are given; candidates hold both, give them alone"
+            )
+        o = take_arrivals(o, candidates, root_seed=root_seed, realization=realization)
     names = [str(name) for name in o.name]
     n_time = o.time.size
     edges = o.odometry_sigma.shape[1:]

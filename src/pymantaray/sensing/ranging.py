@@ -57,6 +57,10 @@ class Ranging(NamedTuple):
     arrivals: Arrivals
     probability: Array | None = None
     """That an attempt is heard, two-way the ping and the answer; NaN without an arrival, None without a detector."""
+    loss_db: Array | None = None
+    """Transmission loss of each of the arrivals, None without a detector. [dB]"""
+    delay: Array | None = None
+    """What the current adds to each arrival's travel time from source to receiver, None at rest. [s]"""
 
 
 def measure_ranges(
@@ -230,6 +234,8 @@ def measure_ranges(
         links=Links(sample=epochs[epoch][heard], first=first[pair][heard], second=second[pair][heard]),
         arrivals=found.arrivals,
         probability=_probabilities(found, heard, timing, link, backward),
+        loss_db=found.loss_db,
+        delay=found.delay,
     )
 
 

@@ -34,6 +34,10 @@ class Reception(NamedTuple):
     """From receiver to source."""
     probability: Array | None
     """Shape (n_links, 2): that the arrival there and the one back are heard; None without a detector."""
+    loss_db: Array | None = None
+    """Transmission loss of each arrival; None without a detector. [dB]"""
+    delay: Array | None = None
+    """What the current adds to each travel time from source to receiver; None at rest. [s]"""
 
 
 def receive(
@@ -119,7 +123,7 @@ def receive(
         for way, d in enumerate((delay, None if delay is None else -delay)):
             link, row = choose_arrivals(arrivals, rule, loss_db=loss, delay=d)
             probability[link, way] = heard[row]
-    return Reception(arrivals=arrivals, there=there, back=back, probability=probability)
+    return Reception(arrivals, there, back, probability, loss_db=loss, delay=delay)
 
 
 def join(parts: Sequence[Reception]) -> Reception:
@@ -129,7 +133,7 @@ def join(parts: Sequence[Reception]) -> Reception:
     Parameters
     ----------
     parts : sequence of Reception
-        At least one; all with a detector or all without.
+        At least one; all with a detector or all without, and so with currents.
 
     Returns
     -------
@@ -137,13 +141,19 @@ def join(parts: Sequence[Reception]) -> Reception:
     """
     before = np.cumsum([0, *(part.arrivals.status.size for part in parts)])
     link = np.concatenate([part.arrivals.link + n for part, n in zip(parts, before[:-1], strict=True)])
-    chances = [part.probability for part in parts if part.probability is not None]
     return Reception(
         arrivals=Arrivals(**_columns([part.arrivals for part in parts]) | {"link": link}),
         there=FirstArrivals(**_columns([part.there for part in parts])),
         back=FirstArrivals(**_columns([part.back for part in parts])),
-        probability=np.concatenate(chances) if chances else None,
+        probability=_joined([part.probability for part in parts]),
+        loss_db=_joined([part.loss_db for part in parts]),
+        delay=_joined([part.delay for part in parts]),
     )
+
+
+def _joined(parts: Sequence[Array | None]) -> Array | None:
+    there = [part for part in parts if part is not None]
+    return np.concatenate(there) if there else None
 
 
 def _columns(records: Sequence[Arrivals] | Sequence[FirstArrivals]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""From configuration to what ranging needs: currents, detector, timing scheme and clocks."""
+"""From configuration to what ranging needs: currents, detector, timing scheme, clocks and what a receiver mistakes."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from pymantaray.acoustics.reflection import FluidBottom
 from pymantaray.acoustics.sonar import Sonar
 from pymantaray.acoustics.surface_loss import SeaSurface
 from pymantaray.sensing import ClockModel, Detector, OneWay, Timing, TwoWay
+from pymantaray.sensing.picker import Picker
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.config_acoustics import DetectionSection, RangingSection
 
@@ -51,6 +52,30 @@ def build_clocks(section: RangingSection) -> ClockModel | None:
     if section.clock_offset_sigma == 0.0 and section.clock_skew_sigma == 0.0:
         return None
     return ClockModel(offset_sigma=section.clock_offset_sigma, skew_sigma=section.clock_skew_sigma)
+
+
+def build_picker(section: RangingSection, detector: Detector | None) -> Picker | None:
+    """
+    Rule by which a study's receivers take an arrival for the direct one.
+
+    Parameters
+    ----------
+    section : RangingSection
+    detector : Detector or None
+        What `build_detector` returned.
+
+    Returns
+    -------
+    Picker or None
+        None if they never err.
+    """
+    if section.mistaken == "off":
+        return None
+    return Picker(
+        rule=section.mistaken,
+        sonar=None if detector is None else detector.sonar,
+        below_strongest_db=section.below_strongest_db,
+    )
 
 
 def build_medium(config: StudyConfig, ocean: "StudyOcean") -> Medium | Callable[[float], Medium]:

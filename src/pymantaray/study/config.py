@@ -5,7 +5,12 @@ from typing import Literal, Self, get_args
 
 from pydantic import Field, field_validator, model_validator
 
-from pymantaray.study.config_acoustics import AcousticsSection, DetectionSection, RangingSection
+from pymantaray.study.config_acoustics import (
+    AcousticsSection,
+    DetectionSection,
+    RangingSection,
+    check_mistaken,
+)
 from pymantaray.study.config_estimators import RangeEstimatorSection
 from pymantaray.study.config_fleet import FleetSection, LandmarkSection
 from pymantaray.study.section import NonNegativeFloat, PositiveFloat, Section, require_unique
@@ -160,6 +165,11 @@ class StudyConfig(Section):
     def _distinct_estimators(self) -> Self:
         names = [e.name for e in self.estimators or ()]
         require_unique("names of conditions and estimators", [*get_args(Condition), *names])
+        return self
+
+    @model_validator(mode="after")
+    def _mistakes_need_a_rule(self) -> Self:
+        check_mistaken(self.acoustics, self.ranging, self.detection)
         return self
 
     @model_validator(mode="after")

@@ -26,12 +26,19 @@ class AcousticsSection(Section):
 
 
 class RangingSection(Section):
-    """How travel times are measured; the paper has synchronous clocks, one way, and a fleet at rest."""
+    """
+    How travel times are measured; the paper has synchronous clocks, one way, and a fleet at rest.
+
+    With ``mistaken`` the receiver does not know the direct arrival from the others: it takes the first or the
+    strongest that it detects, by ``[detection]`` or, without, by a threshold below the link's strongest arrival.
+    """
 
     timing: Literal["one-way", "two-way"] = "one-way"
     turn_around_s: NonNegativeFloat = 0.0
     clock_offset_sigma: NonNegativeFloat = 0.0
     clock_skew_sigma: NonNegativeFloat = 0.0
+    mistaken: Literal["off", "first-detected", "strongest-detected"] = "off"
+    below_strongest_db: NonNegativeFloat | None = None
 
     @model_validator(mode="after")
     def _only_two_way_turns_around(self) -> Self:
@@ -39,6 +46,15 @@ class RangingSection(Section):
             raise ValueError(
                 f"turn_around_s is {self.turn_around_s:g} s, but timing is one-way, where nobody answers;"
                 ' leave it out or set timing = "two-way"'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _only_the_first_needs_a_threshold(self) -> Self:
+        if self.below_strongest_db is not None and self.mistaken != "first-detected":
+            raise ValueError(
+                f"below_strongest_db is {self.below_strongest_db:g}, but mistaken is {self.mistaken}, which has no"
+                ' use for it; leave it out or set mistaken = "first-detected"'
             )
         return self
 
@@ -76,3 +92,38 @@ class DetectionSection(Section):
                 "shipping and noise_spectral_level_db exclude each other: one makes the noise, the other gives it"
             )
         return self
+
+
+def check_mistaken(
+    acoustics: AcousticsSection, ranging: RangingSection, detection: DetectionSection | None
+) -> None:
+    """
+    Check that sections fit together about arrivals taken for the direct one.
+
+    Parameters
+    ----------
+    acoustics : AcousticsSection
+    ranging : RangingSection
+    detection : DetectionSection or None
+
+    Raises
+    ------
+    ValueError
+        If they do not; pydantic makes a finding of it.
+    """
+    if ranging.mistaken == "off":
+        return
+    if acoustics.arrival != "direct":
+        raise ValueError(
+            f"ranging.mistaken is {ranging.mistaken}, but acoustics.arrival is {acoustics.arrival}: what is taken for the"
+            " direct arrival has no meaning there; leave one of them out"
+        )
+    if ranging.mistaken == "first-detected" and detection is None and ranging.below_strongest_db is None:
+        raise ValueError(
+            "ranging.mistaken is first-detected, but nothing says what is detected; add [detection] or"
+            " ranging.below_strongest_db, such as 12.0"
+        )
+    if detection is not None and ranging.below_strongest_db is not None:
+        raise ValueError(
+            "ranging.below_strongest_db and [detection] exclude each other: both say what is detected; leave one out"
+        )

@@ -56,7 +56,8 @@ class OtherDayBelief(Section):
 
 
 AnyBelief = Annotated[
-    ExactBelief | PerturbedBelief | MeanBelief | CastBelief | OtherDayBelief, Field(discriminator="kind")
+    ExactBelief | PerturbedBelief | MeanBelief | CastBelief | OtherDayBelief,
+    Field(discriminator="kind"),
 ]
 
 
@@ -80,7 +81,8 @@ class RangeEstimatorSection(Section):
     uncertainty_rms: PositiveFloat | None = None
     uncertainty_horizontal_scale: PositiveFloat | None = None
     uncertainty_down_to: PositiveFloat | None = None
-    loss: Literal["none"] = "none"
+    loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
+    solver: Literal["batch", "incremental"] = "batch"
     start: Literal["truth", "dead-reckoning"] = "truth"
 
     @model_validator(mode="after")
@@ -105,6 +107,21 @@ class RangeEstimatorSection(Section):
                 raise ValueError(f"range_model {model} needs {key}")
             if value is not None and model not in users:
                 raise ValueError(f"{key} is given, but range_model {model} does not use it; leave it out")
+        return self
+
+    @model_validator(mode="after")
+    def _solver_fits(self) -> Self:
+        if self.loss != "none" and self.variance == "correlated":
+            raise ValueError(f'loss {self.loss} is of each range alone; set variance = "fixed" or "per-link"')
+        if self.solver == "incremental" and self.range_model not in {
+            "constant",
+            "transmitter",
+        }:
+            raise ValueError(
+                f'solver "incremental" takes ranges as distances; range_model is {self.range_model}'
+            )
+        if self.solver == "incremental" and self.loss == "gnc":
+            raise ValueError('solver "incremental" cannot use loss gnc, which takes all ranges at once')
         return self
 
     @model_validator(mode="after")
@@ -137,6 +154,10 @@ class RangeEstimatorSection(Section):
         if self.variance == "fixed":
             return None
         if self.uncertainty_rms is not None and self.uncertainty_horizontal_scale is not None:
-            return self.uncertainty_rms, self.uncertainty_horizontal_scale, self.uncertainty_down_to
+            return (
+                self.uncertainty_rms,
+                self.uncertainty_horizontal_scale,
+                self.uncertainty_down_to,
+            )
         assert isinstance(self.belief, PerturbedBelief)  # checked above; for the type checker
         return self.belief.rms, self.belief.horizontal_scale, self.belief.down_to

@@ -1,6 +1,7 @@
 """From the sections of a configuration to estimators with their range models and uncertainties."""
 
 from pymantaray.estimation.conditions import Estimator
+from pymantaray.estimation.losses import LOSSES
 from pymantaray.estimation.range_models import (
     ConstantSpeed,
     MeanSlowness,
@@ -8,7 +9,12 @@ from pymantaray.estimation.range_models import (
     TransmitterSpeed,
 )
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config_estimators import AnyBelief, ExactBelief, PerturbedBelief, RangeEstimatorSection
+from pymantaray.study.config_estimators import (
+    AnyBelief,
+    ExactBelief,
+    PerturbedBelief,
+    RangeEstimatorSection,
+)
 from pymantaray.study.eigenray_model import EigenrayModel
 from pymantaray.study.ray_uncertainty import RayUncertainty
 from pymantaray.study.store import Run
@@ -60,6 +66,8 @@ class EstimatorFactory:
             model=model,
             uncertainty=uncertainty,
             correlated=section.variance == "correlated",
+            loss=LOSSES.get(section.loss),
+            incremental=section.solver == "incremental",
             initial=(truth.position, truth.quaternion) if section.start == "truth" else None,
             model_is_right=section.variance == "fixed" and (section.ranges == "straight" or exact),
         )

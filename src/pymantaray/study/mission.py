@@ -17,8 +17,16 @@ from pymantaray.sensing import (
     assemble,
     measure_ranges,
 )
+from pymantaray.sensing.candidates import find_candidates
+from pymantaray.sensing.mistaken import Candidates
 from pymantaray.study.assemble import StudyOcean, build_fleet, build_ocean
-from pymantaray.study.assemble_ranging import build_currents, build_detector, build_medium, build_timing
+from pymantaray.study.assemble_ranging import (
+    build_currents,
+    build_detector,
+    build_medium,
+    build_picker,
+    build_timing,
+)
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.picture import picture_of_most_bent_link
@@ -40,6 +48,8 @@ class Mission:
     """Probability of each attempt to be heard; None if every arrival is."""
     picture: xr.Dataset | None
     """Section through the water along one link, with its rays; None if no ray arrives anywhere."""
+    candidates: Candidates | None = None
+    """What each attempt may take for its direct arrival; None if no receiver errs."""
 
 
 def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) -> Mission:
@@ -89,6 +99,8 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
     progress("rays", 0, 1)
     with watch.stage("medium"):
         medium, currents = build_medium(config, ocean), build_currents(config, ocean)
+        timing, detector = build_timing(config.ranging), build_detector(config, ocean)
+        picker = build_picker(config.ranging, detector)
     with watch.stage("rays"):
         ranging = measure_ranges(
             truth,
@@ -100,11 +112,12 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
             max_bottom_bounces=config.acoustics.max_bottom_bounces,
             arrival=config.acoustics.arrival,
             currents=currents,
-            timing=build_timing(config.ranging),
-            detector=build_detector(config, ocean),
+            timing=timing,
+            detector=detector,
             progress=lambda done, total: progress("rays", done, max(total, 1)),
         )
         observations = assemble(truth, landmarks, ranging, noise, gnss_depth=mission.gnss_depth)
+        candidates = None if picker is None else find_candidates(ranging, truth, picker, timing=timing)
     with watch.stage("picture"):
         picture = picture_of_most_bent_link(
             medium, truth, ranging.links, ranging.arrivals, spreading_cutoff_db=config.acoustics.cutoff_db
@@ -119,4 +132,5 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
         observations=observations,
         hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),
         picture=picture,
+        candidates=candidates,
     )

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.records import Estimates, RayStatus, SolveStatus, VehicleStatus
-from pymantaray.sensing import Hearing
 from pymantaray.study.mission import Mission
 
 
@@ -24,7 +23,8 @@ def summarize(mission: Mission, estimates: Estimates) -> dict[str, Any]:
     dict
         ``links``: attempts by `RayStatus`; ``stopped_vehicles``: status and time by name;
         ``unhealthy_solves``: condition, realization and `SolveStatus` of each solve that is not OK; with a
-        detector, ``expected_unheard``: mean number of attempts with an arrival that a realization does not hear.
+        detector, ``expected_unheard``: mean number of attempts with an arrival that a realization does not hear;
+        where receivers err, ``expected_mistaken``: mean number that take another arrival for the direct one.
     """
     status = mission.observations.range_status
     truth = mission.truth
@@ -45,7 +45,9 @@ def summarize(mission: Mission, estimates: Estimates) -> dict[str, Any]:
         for c, r in np.argwhere(estimates.solve_status != SolveStatus.OK)
     ]
     hearing = mission.hearing
-    chance = {} if hearing is None else {"expected_unheard": _expected_unheard(status, hearing)}
+    chance = {} if hearing is None else {"expected_unheard": _expected_unheard(status, mission)}
+    if mission.candidates is not None:
+        chance["expected_mistaken"] = mission.candidates.expected_mistaken
     return {
         "range_attempts": int(status.size),
         "links": {member.name: int(np.count_nonzero(status == member)) for member in RayStatus},
@@ -55,5 +57,9 @@ def summarize(mission: Mission, estimates: Estimates) -> dict[str, Any]:
     }
 
 
-def _expected_unheard(status: NDArray[np.int8], hearing: Hearing) -> float:
-    return float(np.sum(1.0 - hearing.probability[status == RayStatus.OK]))
+def _expected_unheard(status: NDArray[np.int8], mission: Mission) -> float:
+    probability = None if mission.hearing is None else mission.hearing.probability
+    if mission.candidates is not None:
+        taken = mission.candidates
+        probability = np.bincount(taken.attempt, taken.probability, minlength=status.size)
+    return 0.0 if probability is None else float(np.sum(1.0 - probability[status == RayStatus.OK]))

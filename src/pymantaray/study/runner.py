@@ -104,6 +104,8 @@ def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
     mission.observations.save(folder / store.OBSERVATIONS)
     if mission.hearing is not None:
         mission.hearing.save(folder / store.HEARING)
+    if mission.candidates is not None:
+        mission.candidates.save(folder / store.CANDIDATES)
     if mission.picture is not None:
         write_netcdf(mission.picture, folder / store.RAY_PICTURE)
 

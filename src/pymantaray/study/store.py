@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from pymantaray.errors import StudyError
 from pymantaray.records import Arrivals, Estimates, Observations, Trajectories
 from pymantaray.sensing import Hearing, Links, perturb
+from pymantaray.sensing.mistaken import Candidates, draw_taken
 from pymantaray.study.assemble_ranging import build_clocks, build_timing
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.load import load_study
@@ -21,7 +23,7 @@ MANIFEST, CONFIG = "manifest.json", "config.toml"
 OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
 TRUTH, LINKS, ARRIVALS = "truth.nc", "links.nc", "arrivals.nc"
 OBSERVATIONS, HEARING, ESTIMATES = "observations.nc", "hearing.nc", "estimates.nc"
-RAY_PICTURE = "ray_picture.nc"
+CANDIDATES, RAY_PICTURE = "candidates.nc", "ray_picture.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
 
 
@@ -96,6 +98,13 @@ class Run:
         return None if self.config.detection is None else Hearing.load(self.path / HEARING)
 
     @cached_property
+    def candidates(self) -> Candidates | None:
+        """What each range attempt may take for its direct arrival; None if no receiver errs."""
+        if self.config.ranging.mistaken == "off":
+            return None
+        return Candidates.load(self.path / CANDIDATES)
+
+    @cached_property
     def estimates(self) -> Estimates:
         """Estimated trajectories of all conditions and realizations, with the health of each solve."""
         return Estimates.load(self.path / ESTIMATES)
@@ -128,10 +137,9 @@ class Run:
         StudyError
             If the run has no such realization.
         """
-        count = self.config.study.realizations
-        if not 0 <= realization < count:
-            raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
-        ranging, hearing = self.config.ranging, self.hearing
+        self._check(realization)
+        ranging, candidates = self.config.ranging, self.candidates
+        hearing = self.hearing if candidates is None else None  # what is heard is in the candidates then
         return perturb(
             self.observations,
             root_seed=self.config.study.seed,
@@ -139,7 +147,38 @@ class Run:
             timing=build_timing(ranging),
             clocks=build_clocks(ranging),
             probability=None if hearing is None else hearing.probability,
+            candidates=candidates,
         )
+
+    def mistaken(self, realization: int) -> NDArray[np.bool_]:
+        """
+        Range attempts that took another arrival for the direct one in one realization.
+
+        Parameters
+        ----------
+        realization : int
+            Index of the realization, from 0.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_ranges,)
+
+        Raises
+        ------
+        StudyError
+            If the run has no such realization.
+        """
+        self._check(realization)
+        candidates, seed = self.candidates, self.config.study.seed
+        if candidates is None:
+            return np.zeros(self.observations.range_status.size, dtype=bool)
+        taken = draw_taken(self.observations, candidates, root_seed=seed, realization=realization)
+        return np.asarray((taken >= 0) & (np.append(candidates.direct, 1)[taken] == 0))
+
+    def _check(self, realization: int) -> None:
+        count = self.config.study.realizations
+        if not 0 <= realization < count:
+            raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
 
     def _dataset(self, name: str) -> xr.Dataset:
         path = self.path / name

@@ -9,7 +9,7 @@ from pymantaray.acoustics._kernels.search import ANGLE, CODE, GOOD, MISS, SLOPE,
 from pymantaray.acoustics._kernels.trace import trace
 
 INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the travel time corrected (Fermat)
-_SHARES = 4  # steps in which slopes across the plane are brought in where Newton's method fails at once
+_SHARES = 16  # steps in which slopes across the plane are brought in where Newton's method fails at once
 
 
 @kernel

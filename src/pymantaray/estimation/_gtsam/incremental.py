@@ -1,0 +1,195 @@
+"""GTSAM's iSAM2, fed with the factors of a graph in the order of their time."""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.estimation.graph import FactorGraph
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """
+    When each factor and each variable enters.
+
+    Parameters
+    ----------
+    factor_update : ndarray of int, shape (n_factors,)
+        Number of the update that each factor belongs to.
+    variable_update : ndarray of int, shape (n_variables,)
+        The same of variables; -1 where no factor mentions one.
+    """
+
+    factor_update: NDArray[np.intp]
+    variable_update: NDArray[np.intp]
+
+
+def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline:
+    """
+    Sort factors and variables by the update at which all they need is there.
+
+    Parameters
+    ----------
+    factors : gtsam.NonlinearFactorGraph
+        With variables numbered from 0.
+    variable_time : ndarray, shape (n_variables,)
+        Minus infinity for what is always there. [s]
+    update_time : ndarray, shape (n_updates,)
+        Ascending; the last is no earlier than any variable. [s]
+
+    Returns
+    -------
+    Timeline
+    """
+    of_variable = np.searchsorted(update_time, variable_time)
+    last = update_time.size
+    first_use = np.full(variable_time.size, last)
+    of_factor = np.empty(factors.size(), dtype=int)
+    for i in range(factors.size()):
+        keys = list(factors.at(i).keys())
+        of_factor[i] = of_variable[keys].max()
+        first_use[keys] = np.minimum(first_use[keys], of_factor[i])
+    return Timeline(of_factor, np.where(first_use == last, -1, first_use))
+
+
+class IncrementalSmoother:
+    """
+    A running estimate; after an update that fails it is of no further use.
+
+    Parameters
+    ----------
+    relinearize : float
+        Variables that moved by more than this since they were last linearized are linearized again. [m, rad]
+    wildfire : float
+        A change smaller than this is not passed on. [m, rad]
+    """
+
+    def __init__(self, relinearize: float, wildfire: float) -> None:
+        steps = gtsam.ISAM2GaussNewtonParams()
+        steps.setWildfireThreshold(wildfire)
+        parameters = gtsam.ISAM2Params()
+        parameters.setOptimizationParams(steps)
+        parameters.setRelinearizeThreshold(relinearize)
+        parameters.relinearizeSkip = 1
+        parameters.setFactorization("CHOLESKY")
+        self._smoother = gtsam.ISAM2(parameters)
+
+    def update(self, factors: Any, rows: NDArray[np.intp], new: Any) -> tuple[float, int] | None:
+        """
+        Feed factors and the variables that they bring, and take one step.
+
+        Parameters
+        ----------
+        factors : gtsam.NonlinearFactorGraph
+        rows : ndarray of int
+            Those to feed; none takes one more step.
+        new : gtsam.Values
+            Variables that are not in yet.
+
+        Returns
+        -------
+        seconds : float
+        relinearized : int
+            Number of variables linearized again.
+            None in place of both if the system cannot be solved.
+        """
+        added = gtsam.NonlinearFactorGraph()
+        for i in rows.tolist():
+            added.add(factors.at(i))
+        begin = time.perf_counter()
+        try:
+            result = self._smoother.update(added, new)
+        except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
+            return None
+        return time.perf_counter() - begin, int(result.getVariablesRelinearized())
+
+    def pose(self, key: int) -> Any:
+        """
+        Estimate of one pose now.
+
+        Parameters
+        ----------
+        key : int
+
+        Returns
+        -------
+        gtsam.Pose3
+        """
+        return self._smoother.calculateEstimatePose3(key)
+
+    def values(self) -> Any:
+        """
+        Estimate of everything now.
+
+        Returns
+        -------
+        gtsam.Values
+        """
+        return self._smoother.calculateEstimate()
+
+
+class Entering:
+    """
+    Where new poses start: at their prior, at the end of an edge from a pose that is there, or where they are told.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    start : gtsam.Values
+        For what has neither prior nor edge, and for landmarks.
+    """
+
+    def __init__(self, graph: FactorGraph, start: Any) -> None:
+        self._start, self._n_poses = start, graph.n_poses
+        self._time = graph.pose_time
+        self._prior = {int(p): row for row, p in reversed(list(enumerate(graph.prior_pose.tolist())))}
+        self._graph = graph
+        self._edges: dict[int, list[tuple[int, int, bool]]] = {}
+        for row, (a, b) in enumerate(zip(graph.edge_from.tolist(), graph.edge_to.tolist(), strict=True)):
+            self._edges.setdefault(b, []).append((a, row, True))
+            self._edges.setdefault(a, []).append((b, row, False))
+        self._there: set[int] = set()
+
+    def values(self, variables: NDArray[np.intp], smoother: IncrementalSmoother) -> Any:
+        """
+        Starting values of variables that are new.
+
+        Parameters
+        ----------
+        variables : ndarray of int
+        smoother : IncrementalSmoother
+            Has what was there before.
+
+        Returns
+        -------
+        gtsam.Values
+        """
+        out = gtsam.Values()
+        poses = variables[variables < self._n_poses]
+        for key in poses[np.argsort(self._time[poses], kind="stable")].tolist():
+            out.insert(key, self._pose(key, out, smoother))
+            self._there.add(key)
+        for key in variables[variables >= self._n_poses].tolist():
+            out.insertPoint3(key, self._start.atPoint3(key))
+        return out
+
+    def _pose(self, key: int, new: Any, smoother: Any) -> Any:
+        g = self._graph
+        if key in self._prior:
+            row = self._prior[key]
+            return self._made(g.prior_quaternion[row], g.prior_position[row])
+        for other, row, forward in self._edges.get(key, ()):
+            if other in self._there:
+                step = self._made(g.edge_quaternion[row], g.edge_translation[row])
+                at = new.atPose3(other) if new.exists(other) else smoother.pose(other)
+                return at.compose(step if forward else step.inverse())
+        return self._start.atPose3(key)
+
+    def _made(self, quaternion: Array, translation: Array) -> Any:
+        return gtsam.Pose3(gtsam.Rot3.Quaternion(*quaternion.tolist()), translation)

@@ -1,0 +1,161 @@
+"""Robust losses: what a range costs that is off by more than its noise explains, and how little it then weighs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.expansion import chord
+from pymantaray.estimation.graph import FactorGraph, GraphValues
+
+Array = NDArray[np.float64]
+Kind = Literal["huber", "cauchy", "geman-mcclure"]
+# 95 % as efficient as least squares where all noise is normal
+_EFFICIENT: Mapping[str, float] = MappingProxyType(
+    {"huber": 1.344998, "cauchy": 2.384947, "geman-mcclure": 3.787419}
+)
+
+
+@dataclass(frozen=True)
+class Loss:
+    r"""
+    Cost of a whitened residual that grows more slowly than its square.
+
+    Parameters
+    ----------
+    kind : {"huber", "cauchy", "geman-mcclure"}
+    scale : float
+        Residual from which on a range counts for less, in its standard deviations. [-]
+    graduated : bool
+        Whether the solver begins with a scale so large that the loss is nearly a square, and narrows it step by
+        step: graduated non-convexity. For ``geman-mcclure`` only.
+
+    Raises
+    ------
+    EstimationError
+        If the kind is unknown, the scale is not positive and finite, or the kind cannot be graduated.
+
+    Notes
+    -----
+    With the whitened residual :math:`u` and the scale :math:`k`:
+
+    - ``huber``: :math:`u^2/2` up to :math:`k`, :math:`k(|u| - k/2)` beyond; convex
+    - ``cauchy``: :math:`(k^2/2) \log(1 + u^2/k^2)`; falls for ever in weight
+    - ``geman-mcclure``: :math:`(k^2/2)\, u^2/(k^2 + u^2)`; at most :math:`k^2/2`, however far off
+
+    The surrogates of graduated non-convexity [1]_ for Geman-McClure with control parameter :math:`\mu` are the
+    same loss with the scale :math:`k\sqrt{\mu}`.
+
+    References
+    ----------
+    .. [1] GTSAM, ``gtsam/nonlinear/GncOptimizer.h`` (functions initializeMu, updateMu), which names Yang,
+       Antonante, Tzoumas and Carlone, "Graduated Non-Convexity for Robust Spatial Perception", as its source.
+    """
+
+    kind: Kind
+    scale: float
+    graduated: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what no solver could use."""
+        if self.kind not in _EFFICIENT:
+            raise EstimationError(f"loss {self.kind!r}; allowed are {', '.join(_EFFICIENT)}")
+        if not (self.scale > 0.0 and np.isfinite(self.scale)):
+            raise EstimationError(
+                f"loss {self.kind}: scale is {self.scale:g}; it must be positive and finite"
+            )
+        if self.graduated and self.kind != "geman-mcclure":
+            raise EstimationError(f"loss {self.kind} cannot be graduated; only geman-mcclure can")
+
+    def cost(self, residual: ArrayLike) -> Array:
+        """
+        Cost of whitened residuals.
+
+        Parameters
+        ----------
+        residual : array_like
+            In standard deviations. [-]
+
+        Returns
+        -------
+        ndarray
+            Half the square near zero. [-]
+        """
+        u, k = np.abs(np.asarray(residual, dtype=float)), self.scale
+        if self.kind == "huber":
+            return np.asarray(np.where(u <= k, 0.5 * u**2, k * (u - 0.5 * k)))
+        if self.kind == "cauchy":
+            return np.asarray(0.5 * k**2 * np.log1p((u / k) ** 2))
+        return np.asarray(0.5 * u**2 / (1.0 + (u / k) ** 2))
+
+    def weight(self, residual: ArrayLike) -> Array:
+        """
+        Share of its least-squares weight that a range keeps: the cost's slope over the residual.
+
+        Parameters
+        ----------
+        residual : array_like
+            In standard deviations. [-]
+
+        Returns
+        -------
+        ndarray
+            From 0 to 1, 1 at zero. [-]
+        """
+        u, k = np.abs(np.asarray(residual, dtype=float)), self.scale
+        if self.kind == "huber":
+            return np.asarray(k / np.maximum(u, k))
+        if self.kind == "cauchy":
+            return np.asarray(1.0 / (1.0 + (u / k) ** 2))
+        return np.asarray(1.0 / (1.0 + (u / k) ** 2) ** 2)
+
+
+LOSSES: Mapping[str, Loss] = MappingProxyType(
+    {
+        **{kind: Loss(kind, _EFFICIENT[kind]) for kind in ("huber", "cauchy", "geman-mcclure")},
+        "gnc": Loss("geman-mcclure", _EFFICIENT["geman-mcclure"], graduated=True),
+    }
+)
+"""By name, each with the scale that makes it 95 % as efficient as least squares where there are no outliers."""
+
+
+def whitened_ranges(graph: FactorGraph, values: GraphValues) -> Array:
+    """
+    Residuals of a graph's ranges as distances, in their standard deviations.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    values : GraphValues
+
+    Returns
+    -------
+    ndarray, shape (n_ranges,)
+        Distance between the values less the measured one, over its standard deviation. [-]
+    """
+    place = np.concatenate([values.position, values.landmark_position])
+    distance, _ = chord(place[graph.range_first], place[graph.range_second])
+    return np.asarray((distance - graph.range_distance) / np.sqrt(graph.range_variance))
+
+
+def range_weights(graph: FactorGraph, values: GraphValues, loss: Loss) -> Array:
+    """
+    Weight that a loss leaves each range of a graph: which ones an estimate does not believe.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    values : GraphValues
+        For example a solution.
+    loss : Loss
+
+    Returns
+    -------
+    ndarray, shape (n_ranges,)
+        From 0 to 1. [-]
+    """
+    return loss.weight(whitened_ranges(graph, values))

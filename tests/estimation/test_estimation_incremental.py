@@ -1,0 +1,196 @@
+"""iSAM2 replay: the batch optimum in the end, what was known in between, and failures that are statuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import GraphSolver, GraphValues, SolveOptions, build_graph, dead_reckon
+from pymantaray.estimation.incremental import ReplayOptions, replay
+from pymantaray.estimation.losses import LOSSES
+from pymantaray.estimation.robust import solve_robust
+from pymantaray.records import SolveStatus
+
+ATOL = 1e-2  # m; what the default threshold of relinearization may leave
+TIGHT = SolveOptions(step_tolerance=1e-7)
+
+
+def values_of(position, quaternion, landmarks):
+    return GraphValues(
+        position=np.asarray(position).reshape(-1, 3),
+        quaternion=np.asarray(quaternion).reshape(-1, 4),
+        landmark_position=landmarks,
+    )
+
+
+@pytest.fixture
+def mission(make_fleet):
+    """Three turning vehicles, a landmark, fixes and ranges at 5, 10, ... samples."""
+    fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
+    o = fleet.noisy
+    return fleet, build_graph(o, "straight"), values_of(*dead_reckon(o), o.landmark_position)
+
+
+def cut(graph, until):
+    """What of a graph is known at a time, all variables kept; later ones are left to odometry."""
+    time = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
+    r = np.maximum(time[graph.range_first], time[graph.range_second]) <= until
+    f = graph.pose_time[graph.fix_pose] <= until
+    d = graph.pose_time[graph.depth_pose] <= until
+    return replace(
+        graph,
+        range_first=graph.range_first[r],
+        range_second=graph.range_second[r],
+        range_distance=graph.range_distance[r],
+        range_variance=graph.range_variance[r],
+        fix_pose=graph.fix_pose[f],
+        fix_position=graph.fix_position[f],
+        fix_covariance=graph.fix_covariance[f],
+        depth_pose=graph.depth_pose[d],
+        depth=graph.depth[d],
+        depth_variance=graph.depth_variance[d],
+    )
+
+
+@pytest.mark.parametrize("every", ["ping", "sample"])
+def test_last_update_ends_at_the_batch_optimum(mission, every):
+    _, graph, start = mission
+    batch = GraphSolver(TIGHT).solve(graph, start)
+    end = replay(graph, start, options=ReplayOptions(every=every)).solution
+    assert end.status == SolveStatus.OK
+    np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=ATOL)
+    np.testing.assert_allclose(end.landmark_position, batch.landmark_position, rtol=0, atol=ATOL)
+    assert end.final_cost == pytest.approx(batch.final_cost, abs=1e-3)
+    assert end.expected_cost == batch.expected_cost
+
+
+def test_distance_from_the_batch_optimum_falls_with_the_threshold(mission):
+    _, graph, start = mission
+    batch = GraphSolver(TIGHT).solve(graph, start)
+    off = []
+    for relinearize in (1e-1, 1e-3, 1e-5):
+        options = ReplayOptions(relinearize=relinearize, wildfire=1e-3 * relinearize, step_tolerance=1.0)
+        end = replay(graph, start, options=options).solution
+        off.append(np.abs(end.position - batch.position).max())
+    assert off[2] <= off[1] <= off[0], off
+    assert off[2] < 1e-3, off
+
+
+def test_estimate_at_each_epoch_is_the_batch_optimum_of_what_was_known_then(mission):
+    _, graph, start = mission
+    on_line = replay(graph, start, options=ReplayOptions(every="sample"))
+    for when in (1000.0, 3000.0, 5000.0):
+        known = GraphSolver(TIGHT).solve(cut(graph, when), start, model_is_right=False)
+        now = graph.pose_time == when
+        assert now.any()
+        # one step of the smoother per sample: centimetres where the batch solver iterates
+        np.testing.assert_allclose(on_line.position[now], known.position[now], rtol=0, atol=0.1)
+
+
+def test_between_pings_a_vehicle_knows_what_it_reckons_from_the_last(mission):
+    fleet, graph, start = mission
+    on_line = replay(graph, start)
+    np.testing.assert_array_equal(on_line.update_time, np.array([5, 10, 15, 20, 25, 29]) * 200.0)
+    n = fleet.position.shape[1]
+    first = slice(0, 5)  # before the first ping there is odometry alone
+    reckoned = start.position.reshape(-1, n, 3)
+    kept = on_line.position.reshape(-1, n, 3)
+    np.testing.assert_allclose(kept[:, first], reckoned[:, first], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(on_line.before.reshape(-1, n, 3)[:, 5], reckoned[:, 5], rtol=0, atol=1e-9)
+    assert np.linalg.norm(kept[:, 5] - reckoned[:, 5], axis=1).max() > 0.5  # the ping moved it
+    # from a ping to the next sample: the same step that the odometry has
+    step = np.linalg.norm(kept[:, 6] - kept[:, 5], axis=1)
+    np.testing.assert_allclose(
+        step, np.linalg.norm(reckoned[:, 6] - reckoned[:, 5], axis=1), rtol=0, atol=1e-9
+    )
+    assert np.isfinite(on_line.quaternion).all()
+
+
+def test_the_future_does_not_reach_back(mission):
+    _, graph, start = mission
+    whole = replay(graph, start)
+    when = 3000.0
+    later = graph.pose_time[graph.range_first] > when
+    other = replace(graph, range_distance=graph.range_distance + np.where(later, 77.0, 0.0))
+    changed = replay(other, start)
+    before = graph.pose_time <= when
+    np.testing.assert_array_equal(whole.position[before], changed.position[before])
+    assert np.abs(whole.position - changed.position).max() > 1.0
+
+
+@pytest.mark.parametrize("kind", ["huber", "cauchy", "geman-mcclure"])
+def test_replay_with_a_robust_loss_ends_at_its_batch_optimum(mission, kind):
+    _, graph, start = mission
+    rng = np.random.default_rng(0)
+    late = rng.random(graph.range_first.size) < 0.1
+    dirty = replace(
+        graph, range_distance=graph.range_distance + np.where(late, rng.uniform(50, 500, late.size), 0)
+    )
+    end = replay(dirty, start, loss=LOSSES[kind]).solution
+    assert end.status == SolveStatus.OK
+    batch = solve_robust(dirty, values_of(end.position, end.quaternion, end.landmark_position), LOSSES[kind])
+    np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=ATOL)
+    assert np.isnan(end.expected_cost)
+
+
+def test_starting_values_of_what_odometry_reaches_do_not_matter(mission):
+    _, graph, start = mission
+    elsewhere = replace(start, position=start.position + 500.0)
+    a, b = (replay(graph, s) for s in (start, elsewhere))
+    np.testing.assert_array_equal(a.position, b.position)
+
+
+def test_every_update_is_timed(mission):
+    _, graph, start = mission
+    on_line = replay(graph, start)
+    assert on_line.seconds.shape == on_line.update_time.shape == on_line.relinearized.shape
+    assert (on_line.seconds > 0.0).all()
+    assert on_line.relinearized[1:].any()
+
+
+def test_undetermined_variables_fail_at_their_update_and_the_interpreter_lives(mission):
+    _, graph, start = mission
+    unknown = replace(
+        graph, survey_landmark=[], survey_position=np.empty((0, 3)), survey_covariance=np.empty((0, 3, 3))
+    )
+    one = graph.range_second < graph.n_poses
+    one[np.flatnonzero(~one)[:1]] = True  # a landmark without a prior, ranged once
+    unknown = replace(
+        unknown,
+        range_first=graph.range_first[one],
+        range_second=graph.range_second[one],
+        range_distance=graph.range_distance[one],
+        range_variance=graph.range_variance[one],
+    )
+    failed = replay(unknown, start)
+    assert failed.solution.status == SolveStatus.FAILED
+    assert np.isnan(failed.solution.position).all()
+    assert np.isnan(failed.seconds).any()
+
+
+def test_what_cannot_be_replayed_is_refused_in_one_line(mission):
+    _, graph, start = mission
+    when = np.array(graph.pose_time)
+    when[7] = np.nan
+    with pytest.raises(EstimationError, match=r"^A7: its time is not finite"):
+        replay(replace(graph, pose_time=when), start)
+    with pytest.raises(EstimationError, match="graduate"):
+        replay(graph, start, loss=LOSSES["gnc"])
+    with pytest.raises(EstimationError, match="every 'hour'"):
+        replay(graph, start, options=ReplayOptions(every="hour"))
+    last = graph.n_poses - 1
+    cut_off = graph.edge_to != last
+    lonely = replace(
+        graph,
+        edge_from=graph.edge_from[cut_off],
+        edge_to=graph.edge_to[cut_off],
+        edge_quaternion=graph.edge_quaternion[cut_off],
+        edge_translation=graph.edge_translation[cut_off],
+        edge_covariance=graph.edge_covariance[cut_off],
+        depth_pose=graph.depth_pose[:-1],
+        depth=graph.depth[:-1],
+        depth_variance=graph.depth_variance[:-1],
+    )
+    with pytest.raises(EstimationError, match=r"^C29: no factor mentions it"):
+        replay(lonely, start)

@@ -1,0 +1,249 @@
+"""Robust losses: their laws, GTSAM's idea of them, and what they make of late arrivals in a real mission."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import GraphSolver, GraphValues, SolveOptions, build_graph, dead_reckon
+from pymantaray.estimation._gtsam.factors import FactorBuilder
+from pymantaray.estimation._gtsam.robust import RobustExpandedRanges, m_estimator, robust_factors
+from pymantaray.estimation._gtsam.vector_factor import epoch_terms
+from pymantaray.estimation.assemble import timed_ranges
+from pymantaray.estimation.expansion import Expansion
+from pymantaray.estimation.losses import LOSSES, Loss, range_weights, whitened_ranges
+from pymantaray.estimation.range_models import RangeLinks, TransmitterSpeed
+from pymantaray.estimation.robust import solve_robust
+from pymantaray.records import SolveStatus
+from pymantaray.sensing import perturb
+from pymantaray.study.load import load_study
+from pymantaray.study.manifest import Stopwatch
+from pymantaray.study.mission import simulate_mission
+
+KINDS = ["huber", "cauchy", "geman-mcclure"]
+RESIDUALS = st.floats(-1e4, 1e4)
+
+
+def values_of(position, quaternion, landmarks):
+    return GraphValues(
+        position=np.asarray(position).reshape(-1, 3),
+        quaternion=np.asarray(quaternion).reshape(-1, 4),
+        landmark_position=landmarks,
+    )
+
+
+def with_late_arrivals(graph, rate, seed):
+    """A share of the ranges is too long by 50 to 500 m."""
+    rng = np.random.default_rng(seed)
+    late = rng.random(graph.range_first.size) < rate
+    error = np.where(late, rng.uniform(50.0, 500.0, late.size), 0.0)
+    return replace(graph, range_distance=graph.range_distance + error), late
+
+
+class Study:
+    """Preset quick, one realization: a graph of straight ranges, where to start, and what is true."""
+
+    def __init__(self):
+        config = load_study("quick")
+        mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+        o = perturb(mission.observations, root_seed=config.study.seed, realization=0)
+        self.graph = build_graph(o, "straight")
+        self.truth = values_of(mission.truth.position, mission.truth.quaternion, o.landmark_position)
+        self.reckoned = values_of(*dead_reckon(o), o.landmark_position)
+        self.clean = self.ate(GraphSolver().solve(self.graph, self.reckoned))
+        self.dirty, self.late = with_late_arrivals(self.graph, 0.1, 1)
+        self._solved = {}
+
+    def solve(self, name, start="reckoned"):
+        """Solve with a tenth of late arrivals, once for all tests."""
+        if (name, start) not in self._solved:
+            self._solved[name, start] = solve_robust(self.dirty, getattr(self, start), LOSSES[name])
+        return self._solved[name, start]
+
+    def ate(self, solution):
+        error = np.linalg.norm(solution.position - self.truth.position, axis=1)
+        return float(np.sqrt(np.mean(error**2)))
+
+
+@pytest.fixture(scope="module")
+def study():
+    return Study()
+
+
+@pytest.fixture
+def small(make_fleet):
+    fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
+    graph = build_graph(fleet.noisy, "straight")
+    return fleet, graph, values_of(*dead_reckon(fleet.noisy), fleet.noisy.landmark_position)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(u=RESIDUALS, scale=st.floats(0.1, 100.0))
+def test_cost_and_weight_are_gtsams(kind, u, scale):
+    loss = Loss(kind, scale)
+    theirs = m_estimator(loss)
+    assert loss.cost(u) == pytest.approx(theirs.loss(u), rel=1e-9, abs=1e-12)
+    assert loss.weight(u) == pytest.approx(theirs.weight(u), rel=1e-9, abs=1e-300)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(u=st.floats(0.01, 100.0))
+def test_weight_is_the_costs_slope_over_the_residual(kind, u):
+    loss, h = LOSSES[kind], 1e-5 * u
+    slope = (loss.cost(u + h) - loss.cost(u - h)) / (2 * h)
+    assert slope == pytest.approx(u * loss.weight(u), rel=1e-5, abs=1e-7)
+    assert 0.0 < loss.weight(u) <= 1.0
+    assert loss.cost(u) <= 0.5 * u**2
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_scales_are_95_percent_efficient_where_noise_is_normal(kind):
+    # variance of an M-estimate of location over the mean's: E[psi'] squared over E[psi squared]
+    loss = LOSSES[kind]
+
+    def mean(f):
+        k = loss.scale
+        return quad(lambda u: f(u) * np.exp(-0.5 * u**2) / np.sqrt(2 * np.pi), -12, 12, points=[-k, k])[0]
+
+    def psi(u):
+        return u * loss.weight(u)
+
+    slope = mean(lambda u: u * psi(u))  # E[psi'] by Stein's identity
+    assert slope**2 / mean(lambda u: psi(u) ** 2) == pytest.approx(0.95, abs=1e-5)
+
+
+def test_bad_losses_are_refused_in_one_line():
+    for arguments in (("tukey", 1.0), ("huber", 0.0), ("cauchy", np.nan), ("huber", 1.0, True)):
+        with pytest.raises(EstimationError, match="loss"):
+            Loss(*arguments)
+
+
+def test_wide_losses_are_least_squares(small):
+    _, graph, start = small
+    tight = SolveOptions(step_tolerance=1e-8)
+    plain = GraphSolver(tight).solve(graph, start)
+    for kind in KINDS:
+        wide = solve_robust(graph, start, Loss(kind, 1e6), options=tight)
+        assert wide.status == SolveStatus.OK
+        np.testing.assert_allclose(wide.position, plain.position, rtol=0, atol=1e-6)
+        assert wide.final_cost == pytest.approx(plain.final_cost, rel=1e-6)
+        assert np.isnan(wide.expected_cost)  # no chi-square
+
+
+def test_optimum_is_where_least_squares_with_its_own_weights_is(small):
+    _, graph, start = small
+    dirty, _ = with_late_arrivals(graph, 0.1, 0)
+    tight = SolveOptions(step_tolerance=1e-7)
+    for name, loss in LOSSES.items():
+        found = solve_robust(dirty, start, loss, options=tight)
+        at = values_of(found.position, found.quaternion, found.landmark_position)
+        weighted = replace(dirty, range_variance=dirty.range_variance / range_weights(dirty, at, loss))
+        plain = GraphSolver(tight).solve(weighted, at, model_is_right=False)
+        np.testing.assert_allclose(found.position, plain.position, rtol=0, atol=1e-5, err_msg=name)
+
+
+def test_one_vehicle_that_ranges_hold_alone_is_singular_once_they_are_gone(small):
+    _, graph, start = small
+    none = np.empty(0)
+    loose = replace(
+        graph,
+        prior_pose=graph.prior_pose[1:],
+        prior_position=graph.prior_position[1:],
+        prior_quaternion=graph.prior_quaternion[1:],
+        prior_covariance=graph.prior_covariance[1:],
+        fix_pose=none,
+        fix_position=np.empty((0, 3)),
+        fix_covariance=np.empty((0, 3, 3)),
+        range_first=none,
+        range_second=none,
+        range_distance=none,
+        range_variance=none,
+    )
+    for loss in LOSSES.values():
+        found = solve_robust(loose, start, loss)
+        assert found.status == SolveStatus.FAILED
+        assert np.isnan(found.position).all()
+
+
+def test_ten_percent_of_late_arrivals_ruin_least_squares_and_not_robust_losses(study):
+    dirty, late = study.dirty, study.late
+    plain = GraphSolver().solve(dirty, study.reckoned, model_is_right=False)
+    assert study.ate(plain) > study.clean + 10.0
+    for name in ("huber", "cauchy", "gnc"):
+        found = study.solve(name)
+        assert found.status == SolveStatus.OK, name
+        assert abs(study.ate(found) - study.clean) < 0.5, name
+        at = values_of(found.position, found.quaternion, np.empty((0, 3)))
+        weight = range_weights(dirty, at, LOSSES[name])
+        assert (weight[late] < 0.1).all(), name  # kept out, every one
+        assert (weight[~late] > 0.1).all(), name  # and nothing else
+
+
+def test_truth_start_hides_the_local_minimum_that_dead_reckoning_leads_to(study):
+    hidden, honest = study.solve("geman-mcclure", "truth"), study.solve("geman-mcclure")
+    assert hidden.status == honest.status == SolveStatus.OK  # both are stationary: no gate can tell
+    assert honest.final_cost > hidden.final_cost + 10.0
+    assert np.abs(honest.position - hidden.position).max() > 5.0
+    assert study.ate(honest) > study.ate(hidden)
+    graduated = study.solve("gnc")
+    assert graduated.final_cost == pytest.approx(hidden.final_cost, abs=1e-3)
+    np.testing.assert_allclose(graduated.position, hidden.position, rtol=0, atol=1e-2)
+
+
+@pytest.mark.slow
+def test_without_outliers_robust_losses_cost_next_to_nothing(study):
+    for name, loss in LOSSES.items():
+        found = solve_robust(study.graph, study.reckoned, loss)
+        assert found.status == SolveStatus.OK
+        assert abs(study.ate(found) - study.clean) < 0.1 * study.clean, name
+
+
+@pytest.mark.slow
+def test_convex_loss_ends_in_one_place(study):
+    dirty, _ = with_late_arrivals(study.graph, 0.1, 2)
+    ends = [solve_robust(dirty, s, LOSSES["huber"]) for s in (study.truth, study.reckoned)]
+    np.testing.assert_allclose(ends[0].position, ends[1].position, rtol=0, atol=1e-2)
+
+
+def test_expanded_travel_times_under_a_loss_cost_and_pull_as_stock_factors_do(small):
+    """The speed at the transmitter makes a distance of a travel time: both roads are one."""
+    fleet, graph, start = small
+    graph, late = with_late_arrivals(graph, 0.2, 0)
+    timed = timed_ranges(fleet.noisy, "straight", "refracted")
+    timed = timed._replace(travel_time=graph.range_distance / timed.sound_speed)
+    assert late.any()
+    builder = FactorBuilder()
+    common, at, n = builder.base(graph), builder.values(start), graph.n_poses
+    place = np.concatenate([start.position, start.landmark_position])
+    links = RangeLinks(timed.time, place[timed.transmitter], place[timed.receiver], timed.sound_speed)
+    expansion = Expansion(TransmitterSpeed().predict(links), links, timed.travel_time)
+    rows = [np.flatnonzero(timed.epoch == e) for e in range(timed.epoch.max() + 1)]
+    terms = epoch_terms(timed, [(r, np.diag(graph.range_variance[r])) for r in rows])
+    for loss in LOSSES.values():
+        mine = RobustExpandedRanges(
+            loss, common, lambda: None, terms, n, expansion, (timed.transmitter, timed.receiver)
+        )
+        stock = robust_factors(builder, common, graph, loss)
+        assert mine.error(at) == pytest.approx(stock.error(at), rel=1e-9)
+        ordering = gtsam.Ordering.ColamdNonlinearFactorGraph(stock)
+        pulls = [g.linearize(at).gradientAtZero().vector() for g in (mine, stock)]
+        np.testing.assert_allclose(pulls[0], pulls[1], rtol=1e-6, atol=1e-6 * np.abs(pulls[1]).max())
+        steps = [g.linearize(at).optimize(ordering).vector() for g in (mine, stock)]
+        np.testing.assert_allclose(steps[0], steps[1], rtol=0, atol=1e-6 * np.abs(steps[1]).max())
+
+
+def test_whitened_ranges_count_landmarks_and_sigmas(small):
+    fleet, graph, _ = small
+    truth = values_of(fleet.position, fleet.quaternion, fleet.noise_free.landmark_position)
+    exact = build_graph(fleet.noise_free, "straight")
+    np.testing.assert_allclose(whitened_ranges(exact, truth), 0.0, atol=1e-9)
+    longer = replace(
+        exact, range_distance=exact.range_distance + 6.0, range_variance=0 * exact.range_variance + 4.0
+    )
+    np.testing.assert_allclose(whitened_ranges(longer, truth), -3.0, atol=1e-9)
+    assert (graph.range_second >= graph.n_poses).any()

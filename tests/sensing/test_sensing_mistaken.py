@@ -1,0 +1,303 @@
+"""Arrivals taken for the direct one: with what probability, by which draw, and what the range becomes."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from pymantaray.acoustics import Medium
+from pymantaray.acoustics.moving_water import Currents
+from pymantaray.acoustics.sonar import Sonar
+from pymantaray.errors import SensingError
+from pymantaray.records import RayStatus
+from pymantaray.sensing import (
+    ClockModel,
+    Detector,
+    Landmark,
+    NoiseModel,
+    OneWay,
+    PingSchedule,
+    TwoWay,
+    assemble,
+    measure_ranges,
+    perturb,
+)
+from pymantaray.sensing.candidates import find_candidates
+from pymantaray.sensing.mistaken import Candidates, draw_taken, take_arrivals
+from pymantaray.sensing.picker import Picker
+
+C = 1480.0
+SCHEDULE = PingSchedule(800.0)
+HIDDEN = Landmark("L1", (4000.0, 0.0, 250.0))
+BOUNCES = {"max_surface_bounces": 1, "max_bottom_bounces": 1}
+ONE_WAY = OneWay()
+CURRENT = Currents.uniform(0.3, -0.4)
+
+
+def sonar(source_level_db, spread_db=6.0):
+    """Figure of merit: the source level less 100 dB."""
+    return Sonar(
+        source_level_db=source_level_db, frequency_hz=25e3, bandwidth_hz=1e3, noise=60.0, spread_db=spread_db
+    )
+
+
+CERTAIN = Picker("first-detected", sonar(400.0))
+RULES = ("first-detected", "strongest-detected")
+losses = st.lists(st.floats(40.0, 120.0), min_size=1, max_size=6)
+
+
+@given(losses, st.sampled_from(RULES))
+@settings(max_examples=40)
+def test_something_is_taken_unless_nothing_is_heard(loss, rule):
+    modem = sonar(180.0)
+    taken = Picker(rule, modem).probabilities(loss, np.zeros(len(loss)), np.arange(len(loss)))
+    assert (taken >= 0.0).all()
+    assert taken.sum() == pytest.approx(1.0 - np.prod(1.0 - modem.probability_heard(loss)), abs=1e-9)
+
+
+@given(
+    losses, st.sampled_from([Picker("first-detected", below_strongest_db=6.0), Picker("strongest-detected")])
+)
+@settings(max_examples=40)
+def test_without_a_sonar_something_always_is_and_only_relative_levels_count(loss, picker):
+    link, time = np.zeros(len(loss)), np.arange(len(loss))
+    taken = picker.probabilities(loss, link, time)
+    assert taken.sum() == pytest.approx(1.0, abs=1e-9)
+    np.testing.assert_allclose(picker.probabilities(np.add(loss, 30.0), link, time), taken, rtol=0, atol=1e-9)
+
+
+def test_of_two_arrivals_both_rules_are_closed_forms():
+    time = [0.0, 1.0]
+    loud = Picker("strongest-detected").probabilities([70.0, 67.0], [0, 0], time)
+    np.testing.assert_allclose(loud, norm.cdf([-3.0 / np.sqrt(72.0), 3.0 / np.sqrt(72.0)]), rtol=1e-9)
+    modem = sonar(170.0)
+    p = norm.cdf([0.0, 0.5])
+    first = Picker("first-detected", modem).probabilities([70.0, 67.0], [0, 0], time)
+    np.testing.assert_allclose(first, [p[0], (1.0 - p[0]) * p[1]], rtol=1e-9)
+    bare = Picker("first-detected", below_strongest_db=3.0).probabilities([70.0, 67.0], [0, 0], time)
+    none = (1.0 - p[0]) * (1.0 - p[1])  # then the stronger is taken
+    np.testing.assert_allclose(bare, [p[0], (1.0 - p[0]) * p[1] + none], rtol=1e-9)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_probabilities_are_shares_of_simulated_receptions(rule):
+    """Levels drawn one by one, and the receiver's rule applied to each ping."""
+    loss, n = np.array([75.0, 66.0, 72.0, 69.0]), 40000
+    modem = sonar(168.0)
+    level = modem.figure_of_merit_db - loss + 6.0 * np.random.default_rng(5).standard_normal((n, 4))
+    heard = level > 0.0
+    pick = np.argmax(heard, axis=1) if rule == "first-detected" else np.argmax(level, axis=1)
+    share = np.bincount(pick[heard.any(axis=1)], minlength=4) / n
+    p = Picker(rule, modem).probabilities(loss, np.zeros(4), np.arange(4))
+    assert (np.abs(share - p) < 4.0 * np.sqrt(p * (1.0 - p) / n)).all()
+
+
+def test_links_do_not_mix_and_the_order_of_rows_does_not_matter():
+    rng = np.random.default_rng(2)
+    link, loss, time = np.repeat([7, 3, 90], [3, 1, 4]), rng.uniform(60, 80, 8), rng.random(8)
+    shuffled = rng.permutation(8)
+    for picker in (CERTAIN, Picker("strongest-detected"), Picker("first-detected", below_strongest_db=6.0)):
+        whole = picker.probabilities(loss, link, time)
+        again = picker.probabilities(loss[shuffled], link[shuffled], time[shuffled])
+        np.testing.assert_allclose(again, whole[shuffled], rtol=0, atol=1e-14)
+        for one in np.unique(link):
+            rows = link == one
+            alone = picker.probabilities(loss[rows], link[rows], time[rows])
+            np.testing.assert_allclose(alone, whole[rows], rtol=0, atol=1e-14)
+
+
+def test_without_spread_the_picks_are_certain():
+    loss, time = [90.0, 70.0, 60.0, 60.0, np.nan], [0.0, 1.0, 2.0, 3.0, -1.0]
+    step = sonar(175.0, spread_db=0.0)
+    first = Picker("first-detected", step).probabilities(loss, np.zeros(5), time)
+    np.testing.assert_array_equal(first, [0, 1, 0, 0, 0])
+    strongest = Picker("strongest-detected", step).probabilities(loss, np.zeros(5), time)
+    np.testing.assert_array_equal(strongest, [0, 0, 1, 0, 0])
+    deaf = Picker("strongest-detected", sonar(150.0, spread_db=0.0))
+    assert not deaf.probabilities(loss, np.zeros(5), time).any()
+
+
+@pytest.fixture(scope="module")
+def truth(make_truth):
+    return make_truth("ABC")
+
+
+@pytest.fixture(scope="module")
+def ridged():
+    """A ridge up to 150 m hides one side from the other, but not from a bounce at the surface."""
+    north, east = np.array([-5e3, 1.9e3, 2e3, 2.1e3, 8e3]), np.array([-5e3, 5e3])
+    bathymetry = np.full((5, 2), 1000.0)
+    bathymetry[2] = 150.0
+    return Medium.from_grid(
+        north, east, [0.0, 2000.0], np.full((5, 2, 2), C), bathymetry=bathymetry, interpolation="linear"
+    )
+
+
+def mission(truth, water, picker, timing=ONE_WAY, **options):
+    """Noise-free observations and candidates; the picker's sonar is the detector's."""
+    detector = None if picker.sonar is None else Detector(picker.sonar)
+    ranging = measure_ranges(
+        truth, [HIDDEN], water, SCHEDULE, timing=timing, detector=detector, **BOUNCES, **options
+    )
+    observations = assemble(truth, [HIDDEN], ranging, NoiseModel())
+    return ranging, observations, find_candidates(ranging, truth, picker, timing=timing)
+
+
+def assert_same(one, two):
+    for f in fields(one):
+        np.testing.assert_array_equal(getattr(one, f.name), getattr(two, f.name), err_msg=f.name)
+
+
+@pytest.mark.parametrize("currents", [None, CURRENT])
+@pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
+def test_with_certain_detection_the_first_arrival_is_always_taken(truth, ridged, timing, currents):
+    """The same as ranging on the first of all arrivals, hidden links by their bounce included."""
+    _, o, candidates = mission(truth, ridged, CERTAIN, timing, currents=currents)
+    taken = take_arrivals(o, candidates, root_seed=1, realization=0)
+    first = measure_ranges(
+        truth, [HIDDEN], ridged, SCHEDULE, timing=timing, arrival="first", currents=currents, **BOUNCES
+    )
+    assert (first.status != o.range_status).any()
+    np.testing.assert_array_equal(taken.range_status, first.status)
+    np.testing.assert_allclose(taken.travel_time, first.travel_time, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(taken.refracted_range, first.refracted_range, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(taken.straight_range, o.straight_range)
+
+
+@pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
+def test_where_mistakes_have_probability_zero_all_is_as_without_them(truth, ridged, timing):
+    clocks = ClockModel(1e-3, 1e-6)
+    _, o, candidates = mission(truth, ridged, Picker("strongest-detected"), timing)
+    certain = replace(candidates, probability=candidates.direct)
+    noisy = perturb(o, root_seed=1, realization=2, timing=timing, clocks=clocks, candidates=certain)
+    assert_same(noisy, perturb(o, root_seed=1, realization=2, timing=timing, clocks=clocks))
+    assert certain.expected_mistaken == 0.0
+    assert candidates.expected_mistaken > 1.0
+
+
+@pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
+def test_without_other_arrivals_the_outcome_is_that_of_detection_alone(truth, timing):
+    water = Medium.from_profile([0.0, 4000.0], [C, C], bottom_depth=3000.0, interpolation="linear")
+    modem = sonar(170.0)
+    ranging = measure_ranges(truth, [HIDDEN], water, SCHEDULE, timing=timing, detector=Detector(modem))
+    o = assemble(truth, [HIDDEN], ranging, NoiseModel())
+    candidates = find_candidates(ranging, truth, Picker("first-detected", modem), timing=timing)
+    options = {"root_seed": 3, "realization": 1, "timing": timing}
+    plain = perturb(o, **options, probability=ranging.probability)
+    assert {RayStatus.OK, RayStatus.UNHEARD} == set(plain.range_status)
+    assert_same(perturb(o, **options, candidates=candidates), plain)
+
+
+def test_mistakes_come_in_the_place_of_what_was_not_heard(truth, ridged):
+    """In water of constant sound speed the direct arrival is the first: heard is heard."""
+    ranging, o, candidates = mission(truth, ridged, Picker("first-detected", sonar(168.0)))
+    gained = 0
+    for realization in range(20):
+        without = perturb(o, root_seed=3, realization=realization, probability=ranging.probability)
+        with_them = perturb(o, root_seed=3, realization=realization, candidates=candidates)
+        heard = without.range_status == RayStatus.OK
+        np.testing.assert_array_equal(with_them.refracted_range[heard], without.refracted_range[heard])
+        more = ~heard & (with_them.range_status == RayStatus.OK)
+        assert (
+            with_them.refracted_range[more] > with_them.straight_range[more] + 20.0
+        ).all()  # bounced: far longer
+        gained += more.sum()
+    assert gained > 50
+
+
+@pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
+def test_each_candidate_is_taken_as_often_as_its_probability_says(truth, ridged, timing):
+    _, o, candidates = mission(truth, ridged, Picker("first-detected", sonar(170.0)), timing)
+    n = 400
+    taken = np.concatenate([draw_taken(o, candidates, root_seed=9, realization=r) for r in range(n)])
+    count = np.bincount(taken[taken >= 0], minlength=candidates.attempt.size)
+    p = candidates.probability
+    assert (np.abs(count - n * p) < 5.0 * np.sqrt(n * p * (1.0 - p)) + 1.0).all()
+    mistaken = count[candidates.direct == 0].sum() / n
+    assert candidates.expected_mistaken == pytest.approx(mistaken, rel=0.05)
+    nothing = np.ones(o.range_status.size) - np.bincount(candidates.attempt, p, o.range_status.size)
+    assert np.count_nonzero(taken < 0) / n == pytest.approx(nothing.sum(), rel=0.05)
+
+
+def test_candidates_are_the_arrivals_of_the_link_in_both_directions(truth, ridged):
+    ranging, o, candidates = mission(truth, ridged, Picker("strongest-detected"))
+    pings = np.bincount(ranging.arrivals.link)  # landmarks only listen
+    expected = np.sum(pings * np.where(ranging.links.second == 3, 1, 2))
+    assert candidates.attempt.size == expected
+    first = np.unique(candidates.attempt, return_index=True)[1]
+    np.testing.assert_array_equal(
+        candidates.direct[first] == 1, o.range_status[candidates.attempt[first]] == RayStatus.OK
+    )
+    assert candidates.direct.sum() == np.count_nonzero(o.range_status == RayStatus.OK)
+    direct = candidates.direct == 1
+    np.testing.assert_array_equal(
+        candidates.travel_time[direct], o.travel_time[o.range_status == RayStatus.OK]
+    )
+    assert not candidates.bounces[direct].any()
+    assert candidates.bounces[~direct].all()
+    assert set(o.range_status) == {RayStatus.OK, RayStatus.BLOCKED}
+
+
+def test_the_direct_candidate_comes_first_even_if_it_is_not_the_earliest(truth, ridged):
+    """A surface duct can do that; here the bounces of each link's first two arrivals are exchanged."""
+    ranging, _, _ = mission(truth, ridged, Picker("strongest-detected"))
+    arrivals = ranging.arrivals
+    first = np.unique(arrivals.link, return_index=True)[1]
+    first = first[np.bincount(arrivals.link)[arrivals.link[first]] > 1]
+    surface, bottom = arrivals.surface_bounces.copy(), arrivals.bottom_bounces.copy()
+    direct = first[surface[first] + bottom[first] == 0]
+    assert direct.size > 5
+    surface[direct], surface[direct + 1], bottom[direct + 1] = 1, 0, 0
+    other = ranging._replace(arrivals=replace(arrivals, surface_bounces=surface, bottom_bounces=bottom))
+    for timing in (ONE_WAY, TwoWay(1.0)):
+        found = find_candidates(other, truth, Picker("strongest-detected"), timing=timing)
+        start = np.unique(found.attempt, return_index=True)[1]
+        begins = np.isin(np.arange(found.attempt.size), start)
+        assert found.direct.sum() > 5
+        assert begins[found.direct == 1].all()
+        later = np.flatnonzero((found.direct == 1) & (np.append(found.attempt[1:], -1) == found.attempt))
+        assert (found.travel_time[later + 1] < found.travel_time[later]).any()
+
+
+def test_what_is_stopped_has_no_candidates(truth, ridged):
+    status = truth.status.copy()
+    status[1] = 1
+    _, o, candidates = mission(replace(truth, status=status), ridged, Picker("strongest-detected"))
+    silent = np.flatnonzero(o.range_status == RayStatus.STOPPED)
+    assert silent.size
+    assert not np.isin(candidates.attempt, silent).any()
+    noisy = perturb(o, root_seed=1, realization=0, candidates=candidates)
+    assert (noisy.range_status[silent] == RayStatus.STOPPED).all()
+
+
+def test_candidates_are_kept_on_disk(tmp_path):
+    kept = Candidates([0, 0], [1.0, 1.5], [0.75, 0.25], [1, 0], [0, 2])
+    kept.save(tmp_path / "candidates.nc")
+    assert_same(Candidates.load(tmp_path / "candidates.nc"), kept)
+    np.testing.assert_array_equal(kept.taken_by([0.7499, 0.0]), [0, -1])
+    np.testing.assert_array_equal(kept.taken_by([0.75]), [1])
+
+
+def test_what_does_not_fit_is_refused(truth, ridged):
+    with pytest.raises(SensingError, match="rule 'loudest'; allowed are first-detected, strongest-detected"):
+        Picker("loudest")
+    with pytest.raises(
+        SensingError, match="below_strongest_db is None; first-detected without a sonar needs it"
+    ):
+        Picker("first-detected")
+    with pytest.raises(SensingError, match=r"below_strongest_db is 3\.0"):
+        Picker("strongest-detected", below_strongest_db=3.0)
+    ranging, o, candidates = mission(truth, ridged, Picker("strongest-detected"))
+    with pytest.raises(
+        SensingError, match="a picker with a sonar needs ranges that were measured with a detector"
+    ):
+        find_candidates(ranging, truth, CERTAIN)
+    with pytest.raises(SensingError, match=r"candidates of attempt \d+; the observations have 2"):
+        candidates.taken_by([0.5, 0.5])
+    with pytest.raises(SensingError, match="candidates hold both, give them alone"):
+        perturb(
+            o, root_seed=1, realization=0, candidates=candidates, probability=np.ones(o.range_status.size)
+        )

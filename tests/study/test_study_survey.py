@@ -1,0 +1,171 @@
+"""The preset `survey`, and receivers that mistake arrivals, from the file to the estimates."""
+
+import tomllib
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from pymantaray.errors import StudyError
+from pymantaray.records import RayStatus, SolveStatus
+from pymantaray.sensing.picker import Picker
+from pymantaray.study import load_study, open_run, parse_study, preset_text, run_study, study_toml
+from pymantaray.study.assemble_ranging import build_picker
+from pymantaray.study.config import Condition
+from pymantaray.study.config_acoustics import RangingSection
+
+DETECTION = {"source_level_db": 165.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
+BOUNCES = {"max_surface_bounces": 1, "max_bottom_bounces": 1}
+FIRST = {"mistaken": "first-detected"}
+
+
+def short_survey(**study):
+    """Two hours of the preset with a ping every half an hour: all AUVs turn at least once."""
+    tree = tomllib.loads(preset_text("survey"))
+    tree["study"] |= {"realizations": 1} | study
+    tree["mission"] |= {"duration_h": 2.0, "ping_interval_h": 0.5, "physics_step_s": 0.5}
+    return parse_study(tree, "survey")
+
+
+@pytest.fixture(scope="module")
+def survey_run(tmp_path_factory):
+    config = short_survey(conditions=list(get_args(Condition)))
+    return run_study(config, tmp_path_factory.mktemp("survey") / "run", workers=1)
+
+
+def test_survey_is_a_driven_fleet_with_clocks_and_landmarks():
+    config = load_study("survey")
+    assert sorted(v.kind for v in config.fleet.vehicles) == ["station"] + 4 * ["waypoints"]
+    assert len(config.landmarks) == 2
+    assert (config.ranging.timing, config.ranging.mistaken) == ("one-way", "off")
+    assert config.ranging.clock_offset_sigma > 0.0
+    assert config.ranging.clock_skew_sigma > 0.0
+
+
+def test_survey_mows_its_lawn(survey_run):
+    truth, o = survey_run.truth, survey_run.observations
+    assert survey_run.manifest["outcome"]["stopped_vehicles"] == {}
+    turned = 2.0 * np.linalg.norm(o.odometry_rotation[..., 1:], axis=-1).max(
+        axis=1
+    )  # sin of half the angle, twice
+    assert turned[0] == 0.0
+    assert (turned[1:] > 1.0).all()
+    field = np.ptp(truth.position[1:], axis=1)
+    assert (field[:, 1] > 2800.0).all()
+    assert (field[:, 0] > 300.0).all()
+    assert (field[:, 2] < 1.0).all()
+    assert set(o.gnss_agent) == {0}
+    floor = float(survey_run.ocean["sea_floor_depth"].min())
+    assert (o.landmark_position[:, 2] > floor - 20.0).all()
+
+
+def test_every_condition_solves_the_survey(survey_run):
+    e, truth = survey_run.estimates, survey_run.truth
+    assert list(e.condition) == list(get_args(Condition))
+    assert (e.solve_status == SolveStatus.OK).all()
+    error = np.linalg.norm(e.position - truth.position, axis=-1)[:, 0, 1:].mean(axis=(1, 2))
+    by = dict(zip(e.condition, error, strict=True))
+    assert max(by["straight"], by["straight-all"]) < by["refracted"]
+    assert by["straight"] < by["odometry"]
+
+
+@pytest.mark.slow
+def test_the_whole_survey_runs_healthy(tmp_path):
+    run = run_study(load_study("survey", realizations=2), tmp_path / "run", workers=1)
+    assert run.manifest["outcome"]["unhealthy_solves"] == []
+    assert run.manifest["outcome"]["stopped_vehicles"] == {}
+    assert run.manifest["outcome"]["links"]["OK"] > 800
+
+
+def test_by_default_no_receiver_errs():
+    for name in ("beaufort", "fram", "quick", "survey"):
+        assert build_picker(load_study(name).ranging, None) is None
+
+
+@pytest.mark.parametrize(
+    ("sections", "expected"),
+    [
+        ({"ranging": {"mistaken": "first"}}, "ranging.mistaken: found 'first'; allowed: 'off', 'first-detected' or"),
+        ({"ranging": {"below_strongest_db": 6.0}}, "ranging: below_strongest_db is 6, but mistaken is off"),
+        (
+            {"ranging": {"mistaken": "strongest-detected", "below_strongest_db": 6.0}},
+            "ranging: below_strongest_db is 6, but mistaken is strongest-detected",
+        ),
+        ({"ranging": FIRST | {"below_strongest_db": -1.0}}, "ranging.below_strongest_db: found -1.0; allowed: 0 or"),
+        ({"ranging": FIRST}, "tiny: ranging.mistaken is first-detected, but nothing says what is detected"),
+        (
+            {"ranging": FIRST | {"below_strongest_db": 6.0}, "detection": DETECTION},
+            "tiny: ranging.below_strongest_db and [detection] exclude each other",
+        ),
+        (
+            {"ranging": FIRST, "detection": DETECTION, "acoustics": {"arrival": "first"}},
+            "tiny: ranging.mistaken is first-detected, but acoustics.arrival is first",
+        ),
+    ],
+)  # fmt: skip
+def test_each_contradiction_is_one_line(tiny_tree, sections, expected):
+    with pytest.raises(StudyError) as caught:
+        parse_study(tiny_tree | sections, "tiny")
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_sections_become_a_picker(tiny_tree, tmp_path):
+    ranging = FIRST | {"below_strongest_db": 9.0}
+    config = parse_study(tiny_tree | {"ranging": ranging})
+    assert build_picker(config.ranging, None) == Picker("first-detected", below_strongest_db=9.0)
+    (tmp_path / "config.toml").write_text(study_toml(config))
+    assert load_study(tmp_path / "config.toml") == config
+    assert build_picker(RangingSection(mistaken="strongest-detected"), None) == Picker("strongest-detected")
+
+
+def erring(tree, **ranging):
+    tree["study"].update(conditions=["odometry", "straight", "refracted"], realizations=4)
+    return parse_study(
+        tree | {"acoustics": BOUNCES, "ranging": FIRST | ranging, "detection": DETECTION}, "tiny"
+    )
+
+
+@pytest.fixture(scope="module")
+def erring_run(make_tiny_tree, tmp_path_factory):
+    return run_study(erring(make_tiny_tree()), tmp_path_factory.mktemp("erring") / "run", workers=1)
+
+
+def test_mistakes_are_counted_and_become_ranges(erring_run, tiny_run):
+    run, o = erring_run, erring_run.observations
+    outcome = run.manifest["outcome"]
+    drawn = [run.mistaken(r) for r in range(4)]
+    expected = outcome["expected_mistaken"]
+    assert 3.0 < expected < o.range_status.size
+    spread = np.sqrt(expected)  # no more than independent attempts have
+    assert abs(np.mean([m.sum() for m in drawn]) - expected) < 4.0 * spread / 2.0
+    np.testing.assert_array_equal(o.travel_time, tiny_run.observations.travel_time)
+    for realization, mistaken in enumerate(drawn):
+        noisy = run.noisy_observations(realization)
+        assert (noisy.range_status[mistaken] == RayStatus.OK).all()
+        right = (noisy.range_status == RayStatus.OK) & ~mistaken
+        np.testing.assert_array_equal(noisy.travel_time[right], o.travel_time[right])
+        late = noisy.travel_time[mistaken] - o.travel_time[mistaken]
+        assert (late[np.isfinite(late)] > 0.0).all()
+        range_of = noisy.transmitter_sound_speed * noisy.travel_time
+        heard = noisy.range_status == RayStatus.OK
+        assert np.abs(noisy.refracted_range - range_of)[heard].max() < 5.0  # the noise has a sigma of 1 m
+    lost = [np.count_nonzero(run.noisy_observations(r).range_status == RayStatus.UNHEARD) for r in range(4)]
+    assert np.mean(lost) == pytest.approx(outcome["expected_unheard"], rel=0.4)
+
+
+def test_results_do_not_depend_on_the_number_of_workers(erring_run, make_tiny_tree, tmp_path):
+    two = run_study(erring(make_tiny_tree()), tmp_path / "run", workers=2)
+    np.testing.assert_array_equal(two.estimates.position, erring_run.estimates.position)
+    np.testing.assert_array_equal(two.candidates.probability, erring_run.candidates.probability)
+    np.testing.assert_array_equal(open_run(two.path).mistaken(3), erring_run.mistaken(3))
+    assert np.unique([erring_run.mistaken(r).sum() for r in range(4)]).size > 1
+
+
+def test_without_mistakes_there_is_no_file_and_none_is_mistaken(tiny_run):
+    assert tiny_run.candidates is None
+    assert not (tiny_run.path / "candidates.nc").exists()
+    assert not tiny_run.mistaken(0).any()
+    assert "expected_mistaken" not in tiny_run.manifest["outcome"]
+    with pytest.raises(StudyError, match="realization 2: the run has 0 to 1"):
+        tiny_run.mistaken(2)
