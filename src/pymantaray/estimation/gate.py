@@ -95,7 +95,9 @@ def gate(
     flat = abs(progress.newton_decrement) <= options.decrement_tolerance
     if not (stopped and flat):  # NaN does not pass
         return SolveStatus.NOT_CONVERGED
-    half_width = options.chi_square_sigmas * math.sqrt(max(degrees_of_freedom, 0) / 2.0) + options.decrement_tolerance
+    half_width = (
+        options.chi_square_sigmas * math.sqrt(max(degrees_of_freedom, 0) / 2.0) + options.decrement_tolerance
+    )
     if model_is_right and abs(progress.final_cost - degrees_of_freedom / 2.0) > half_width:
         return SolveStatus.OVER_CHI_SQUARE
     return SolveStatus.OK
