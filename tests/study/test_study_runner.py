@@ -32,7 +32,7 @@ def test_the_configurations_conditions_are_the_estimators():
 
 def test_run_folder_holds_every_file_and_nothing_else(tiny_run):
     assert names_in(tiny_run.path) == [
-        "arrivals.nc", "config.toml", "estimates.nc", "links.nc", "manifest.json", "observations.nc",
+        "arrivals.nc", "config.toml", "covariances.nc", "estimates.nc", "links.nc", "manifest.json", "observations.nc",
         "ocean.nc", "profile.nc", "pyfg", "ray_picture.nc", "region.csv", "truth.nc",
     ]  # fmt: skip
     assert names_in(tiny_run.path / "pyfg") == [

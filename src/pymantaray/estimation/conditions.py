@@ -17,6 +17,7 @@ from pymantaray.estimation.assemble import (
     timed_ranges,
     with_ranges,
 )
+from pymantaray.estimation.covariance import reckoned_covariances
 from pymantaray.estimation.dead_reckoning import dead_reckon
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
 from pymantaray.estimation.losses import Loss
@@ -76,6 +77,7 @@ def solve_conditions(
     *,
     estimators: Mapping[str, Estimator] | None = None,
     solver: GraphSolver | None = None,
+    covariance_samples: NDArray[np.intp] | None = None,
 ) -> dict[str, Solution]:
     """
     Estimate a fleet's trajectories from one realization under each of several ranging conditions.
@@ -94,6 +96,8 @@ def solve_conditions(
         Solved after the conditions, from the same observations; their names must be no conditions.
     solver : GraphSolver, optional
         Hand in the same one for all realizations of a process: it keeps what they share.
+    covariance_samples : ndarray of int, shape (n_epochs,), optional
+        Samples at which every solution gets its covariances. By default none has any.
 
     Returns
     -------
@@ -124,7 +128,10 @@ def solve_conditions(
             start = reckoned if e.initial is None else e.initial
             variants[name] = variants[name]._replace(initial=_values(o, start or dead_reckon(o)))
         first = _values(o, initial or reckoned or dead_reckon(o))
-        solved = (solver or GraphSolver()).solve_variants(variants, first)
+        poses = None
+        if covariance_samples is not None:
+            poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, covariance_samples].T
+        solved = (solver or GraphSolver()).solve_variants(variants, first, covariance_poses=poses)
     out = {}
     for name in [*conditions, *more]:
         if name in solved:
@@ -135,7 +142,7 @@ def solve_conditions(
                 quaternion=flat.quaternion.reshape(*o.depth.shape, 4),
             )
         else:
-            out[name] = _reckoned(o)
+            out[name] = _reckoned(o, covariance_samples)
     return out
 
 
@@ -235,7 +242,7 @@ def _values(o: Observations, start: tuple[Array, Array]) -> GraphValues:
     )
 
 
-def _reckoned(o: Observations) -> Solution:
+def _reckoned(o: Observations, samples: NDArray[np.intp] | None) -> Solution:
     position, quaternion = dead_reckon(o)
     return Solution(
         position=position,
@@ -247,4 +254,5 @@ def _reckoned(o: Observations) -> Solution:
         final_cost=np.nan,
         expected_cost=np.nan,
         gradient_norm=np.nan,
+        covariances=None if samples is None else reckoned_covariances(o, samples),
     )

@@ -59,6 +59,8 @@ class Outcome:
     possible: NDArray[np.bool_]
     """Whether each range was used; the others were gated."""
     expansions: int
+    factors: Any
+    """What has its optimum at the values, the ranges last; for covariances."""
 
 
 def iterate(
@@ -102,7 +104,7 @@ def iterate(
     Variances that depend on the rays are computed again where an end has moved by more than 100 m.
     """
     from pymantaray.estimation._gtsam.graduated import minimize_expanded
-    from pymantaray.estimation._gtsam.vector_factor import epoch_terms, positions
+    from pymantaray.estimation._gtsam.vector_factor import ExpandedRanges, epoch_terms, positions
 
     r, n = believed.ranges, graph.n_poses
     _check_rows(graph, r)
@@ -162,7 +164,7 @@ def iterate(
     progress = replace(progress, iterations=iterations, initial_cost=initial_cost)
     if not settled:
         progress = replace(progress, last_step=np.nan)
-    return Outcome(values, progress, used, count)
+    return Outcome(values, progress, used, count, ExpandedRanges(*parts))
 
 
 def solve_vector_factors(
@@ -208,7 +210,7 @@ def solve_vector_factors(
     factors.push_back(common)
     ordering = builder.ordering(graph, builder.with_ranges(common, graph))
     values, progress = optimize(factors, values, ordering, options)
-    return Outcome(values, progress, believed.model.predict(links_at(values)).possible, 1)
+    return Outcome(values, progress, believed.model.predict(links_at(values)).possible, 1, factors)
 
 
 def corrected_graph(graph: FactorGraph, believed: BelievedRanges, at: GraphValues) -> FactorGraph:

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
+from pymantaray.estimation.covariance import EpochCovariances, factor_covariances
 from pymantaray.estimation.gate import Progress, SolveOptions, gate
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
 from pymantaray.estimation.losses import Loss
@@ -40,6 +41,8 @@ class Solution:
     gradient_norm: float
     gated_links: int = 0
     expansions: int = 0
+    covariances: EpochCovariances | None = None
+    """At the epochs asked for; None if none were, or the values are not usable."""
 
     @property
     def usable(self) -> bool:
@@ -126,6 +129,8 @@ class GraphSolver:
         self,
         graphs: Mapping[str, Variant | tuple[FactorGraph, bool]],
         initial: GraphValues,
+        *,
+        covariance_poses: NDArray[np.intp] | None = None,
     ) -> dict[str, Solution]:
         """
         Solve graphs that differ in nothing but their ranges; the common part is built once.
@@ -136,6 +141,8 @@ class GraphSolver:
             Graphs that pass `check_graph`, and whether the model is right in each.
         initial : GraphValues
             Where to start, for all that have no start of their own.
+        covariance_poses : ndarray of int, shape (n_epochs, n_agents), optional
+            Poses whose covariances are wanted. By default none are computed; a replay and a robust loss have none.
 
         Returns
         -------
@@ -159,6 +166,8 @@ class GraphSolver:
                 common = self._builder.base(graph)
             if variant.initial is not None:
                 _check_initial(graph, start)
+            factors: Any = None
+            first_range: int | None = common.size()
             if variant.incremental:
                 from pymantaray.estimation.incremental import (
                     replay,
@@ -202,6 +211,13 @@ class GraphSolver:
                     gated_links=gated,
                     expansions=end.expansions,
                 )
+                if variant.loss is None:
+                    factors, values = end.factors, end.values
+                if variant.vector_factors:
+                    first_range = None  # there the ranges come first
+            if covariance_poses is not None and factors is not None and solutions[name].usable:
+                found = factor_covariances(factors, values, graph, covariance_poses, first_range)
+                solutions[name] = replace(solutions[name], covariances=found)
         return solutions
 
     def _solution(

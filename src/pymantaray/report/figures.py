@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymantaray.report.ends import range_ends
+from pymantaray.report.figures_consistency import consistency_over_time
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_ocean import ray_picture, sound_speed_profiles
 from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
@@ -145,6 +146,19 @@ def run_plates(found: Findings) -> list[Plate]:
             lambda: error_over_time(truth.time, truth.name.tolist(), found.errors, found.fixes, header),
         ),
     ]
+    if "consistency_per_epoch" in found.tables:
+        plates.append(
+            (
+                "consistency",
+                (
+                    f"Consistency over {count} realizations at fixed epochs: (a) squared error of the fleet's horizontal"
+                    " positions in their joint covariance, (b) squared innovation of the ranges of a ping, each by its"
+                    " degrees of freedom; where they are drawn, (c, d) the same near the bounds. A consistent estimator"
+                    " is at 1 on average and inside the grey 95 % bounds; empty markers are outside."
+                ),
+                lambda: consistency_over_time(found.tables["consistency_per_epoch"], header),
+            )
+        )
     return [
         Plate(name, caption, draw, found.synthetic)
         for name, caption, draw in plates

@@ -21,12 +21,17 @@ SYNTHETIC_NOTE = (
 CAPTIONS = {
     "ate_pooled": "Position error by condition, pooled over vehicles, times and realizations",
     "ate_difference": "Difference of position error between conditions, 95 % intervals over realizations",
+    "consistency": "Consistency: sums over realizations of NEES and of range innovations by their degrees of freedom,"
+    " and at how many epochs they are inside their 95 % bounds",
     "dropouts": "Range attempts and dropouts by kind of link, and their causes",
     "range_error": "Signed range error, refracted minus straight, by kind of link",
     "range_error_split": "Range error split into reference speed and bending",
     "region": "Region",
     "ate_per_agent": "Position error by condition and vehicle",
     "ate_per_realization": "Position error by condition and realization",
+    "consistency_per_epoch": "Consistency at each epoch",
+    "consistency_per_agent": "Consistency of each vehicle at each epoch",
+    "coverage": "Share of position errors within 1 and 3 sigma, with binomial bounds",
     "solves": "Health of each solve",
 }
 _SHOWN = {  # where the CSV file has more columns than fit on a page
@@ -38,7 +43,14 @@ _SHOWN = {  # where the CSV file has more columns than fit on a page
     "range_error": "category n mean_m sd_m skewness excess_kurtosis p1_m p5_m p95_m p99_m min_m max_m"
     " percent_beyond_3_sigma",
 }
-_FOLDED = {"ate_per_agent", "ate_per_realization", "solves"}
+_FOLDED = {
+    "ate_per_agent",
+    "ate_per_realization",
+    "consistency_per_epoch",
+    "consistency_per_agent",
+    "coverage",
+    "solves",
+}
 
 
 def run_page(found: Findings, plates: Sequence[Plate]) -> str:
@@ -72,6 +84,8 @@ def run_page(found: Findings, plates: Sequence[Plate]) -> str:
     body += [figure_html(plate.name, plate.full_caption) for plate in plates]
     body.append("<h2>Tables</h2>")
     for key, caption in CAPTIONS.items():
+        if key not in found.tables:  # a run without covariances
+            continue
         table = found.tables[key]
         shown = table[_SHOWN[key].split()] if key in _SHOWN else readable(table)
         body.append(table_html(shown, caption, f"tables/{key}.csv", folded=key in _FOLDED))

@@ -15,6 +15,7 @@ from pymantaray.evaluation import (
     range_error_table,
     range_split_table,
 )
+from pymantaray.evaluation.consistency import consistency_summary, consistency_table, coverage_table
 from pymantaray.records import Estimates, SolveStatus
 from pymantaray.study.store import Run
 
@@ -40,7 +41,18 @@ def make_tables(run: Run) -> dict[str, pd.DataFrame]:
         If truth, observations and estimates do not fit together.
     """
     truth, observations, estimates = run.truth, run.observations, run.estimates
+    consistency: dict[str, pd.DataFrame] = {}
+    if run.covariances is not None:
+        known = (truth, estimates, run.covariances)
+        by_epoch, by_agent = consistency_table(*known), consistency_table(*known, by_agent=True)
+        consistency = {
+            "consistency": consistency_summary(by_epoch),
+            "consistency_per_epoch": by_epoch,
+            "consistency_per_agent": by_agent,
+            "coverage": coverage_table(*known),
+        }
     return {
+        **consistency,
         "ate_pooled": error_table(truth, estimates),
         "ate_difference": comparison_table(truth, estimates, root_seed=run.config.study.seed),
         "ate_per_agent": error_table(truth, estimates, by=("agent",)),

@@ -136,9 +136,10 @@ class NoiseSection(Section):
 
 
 class EstimatorSection(Section):
-    """Where the optimizer starts from."""
+    """Where the optimizer starts from, and how often covariances are kept, the end included."""
 
     initialise: Literal["truth", "dead-reckoning"] = "truth"
+    covariance_interval_h: PositiveFloat = 24.0
 
 
 class StudyConfig(Section):

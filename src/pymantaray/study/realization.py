@@ -2,6 +2,7 @@
 
 from pymantaray.estimation import GraphSolver, Solution, solve_conditions
 from pymantaray.estimation.conditions import Estimator
+from pymantaray.estimation.covariance import fixed_epochs
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.config_estimators import RangeEstimatorSection
 from pymantaray.study.store import Run
@@ -48,7 +49,12 @@ class RealizationSolver:
             section.name: self._factory.estimator(section, realization) for section in self._sections
         }
         return solve_conditions(
-            noisy, config.study.conditions, initial, estimators=estimators, solver=self._solver
+            noisy,
+            config.study.conditions,
+            initial,
+            estimators=estimators,
+            solver=self._solver,
+            covariance_samples=fixed_epochs(truth.time, config.estimator.covariance_interval_h * 3600.0),
         )
 
 

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, collect_estimates, write_pyfg
+from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
 from pymantaray.records import Estimates
 from pymantaray.records.base import write_netcdf
 from pymantaray.study import store
@@ -84,6 +85,9 @@ def run_study(
         with watch.stage("files"):
             estimates = collect_estimates(mission.observations, solutions)
             _write_results(config, mission, estimates, stage)
+            epochs = fixed_epochs(mission.truth.time, config.estimator.covariance_interval_h * 3600.0)
+            kept = [{name: s.covariances for name, s in one.items()} for one in solutions]
+            collect_covariances(mission.observations, epochs, kept).save(stage / store.COVARIANCES)
         content = describe_run(config, watch.seconds, workers=workers)
         content["outcome"] = summarize(mission, estimates)
         store.write_json(content, stage / store.MANIFEST)

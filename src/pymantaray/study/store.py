@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import StudyError
 from pymantaray.records import Arrivals, Estimates, Observations, Trajectories
+from pymantaray.records.covariances import PoseCovariances
 from pymantaray.sensing import Hearing, Links, perturb
 from pymantaray.sensing.mistaken import Candidates, draw_taken
 from pymantaray.study.assemble_ranging import build_clocks, build_timing
@@ -23,6 +24,7 @@ MANIFEST, CONFIG = "manifest.json", "config.toml"
 OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
 TRUTH, LINKS, ARRIVALS = "truth.nc", "links.nc", "arrivals.nc"
 OBSERVATIONS, HEARING, ESTIMATES = "observations.nc", "hearing.nc", "estimates.nc"
+COVARIANCES = "covariances.nc"
 CANDIDATES, RAY_PICTURE = "candidates.nc", "ray_picture.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
 
@@ -108,6 +110,12 @@ class Run:
     def estimates(self) -> Estimates:
         """Estimated trajectories of all conditions and realizations, with the health of each solve."""
         return Estimates.load(self.path / ESTIMATES)
+
+    @cached_property
+    def covariances(self) -> PoseCovariances | None:
+        """Covariances of all solves at fixed epochs; None in a run of an older version."""
+        path = self.path / COVARIANCES
+        return PoseCovariances.load(path) if path.is_file() else None
 
     @cached_property
     def ray_picture(self) -> xr.Dataset:

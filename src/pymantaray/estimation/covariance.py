@@ -1,0 +1,247 @@
+"""Covariances of a fleet's poses at fixed epochs, of batch solves and of dead reckoning, and all solves as one record."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.dead_reckoning import dead_reckon
+from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
+from pymantaray.geometry.se3 import hat, matrix_from_quaternion
+from pymantaray.records import Observations
+from pymantaray.records.covariances import PoseCovariances
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class EpochCovariances:
+    """
+    Covariances of one solve; fields mean what they mean in `PoseCovariances`.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n_epochs, n_agents, 3, n_agents, 3)
+        Joint, in the world's axes. [m²]
+    pose : ndarray, shape (n_epochs, n_agents, 6, 6)
+        In the tangents of the estimated poses. [rad, m]
+    range_nis : ndarray, shape (n_epochs,)
+    range_dimension : ndarray of int, shape (n_epochs,)
+    """
+
+    position: Array
+    pose: Array
+    range_nis: Array
+    range_dimension: Indices
+
+
+def fixed_epochs(time: Array, interval: float) -> Indices:
+    """
+    Samples at every multiple of an interval, and the last one.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n_time,)
+        Sample times since the start, rising. [s]
+    interval : float
+        The sample nearest to each multiple is taken, the start is not. [s]
+
+    Returns
+    -------
+    ndarray of int, shape (n_epochs,)
+
+    Raises
+    ------
+    EstimationError
+        If the interval is not positive.
+    """
+    if not interval > 0.0:
+        raise EstimationError(f"interval of epochs is {interval:g} s; needs a positive number")
+    wanted = np.arange(interval, time[-1] * (1.0 + 1e-12), interval)
+    nearest = np.abs(time[None, :] - wanted[:, None]).argmin(axis=1)
+    return np.unique([*nearest, time.size - 1])
+
+
+def graph_covariances(graph: FactorGraph, values: GraphValues, poses: Indices) -> EpochCovariances:
+    """
+    Covariances of chosen poses of a solved graph whose ranges are distances.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    values : GraphValues
+        Its optimum; elsewhere the covariances are those of the graph linearized there.
+    poses : ndarray of int, shape (n_epochs, n_agents)
+        Variables; none twice.
+
+    Returns
+    -------
+    EpochCovariances
+        NaN if the linear system is singular: `pymantaray.estimation.diagnose.diagnose` says why.
+
+    Raises
+    ------
+    EstimationError
+        If the graph or the values cannot be used, or a chosen variable is no pose or chosen twice.
+    """
+    from pymantaray.estimation._gtsam.factors import FactorBuilder
+
+    check_graph(graph)
+    check_values(graph, values)
+    builder = FactorBuilder()
+    common = builder.base(graph)
+    return factor_covariances(
+        builder.with_ranges(common, graph), builder.values(values), graph, poses, common.size()
+    )
+
+
+def factor_covariances(
+    factors: Any,
+    values: Any,
+    graph: FactorGraph,
+    poses: Indices,
+    first_range: int | None = None,
+) -> EpochCovariances:
+    """
+    Do the same for factors and values as the solver has them, whatever its ranges are.
+
+    Parameters
+    ----------
+    factors : gtsam.NonlinearFactorGraph or ExpandedRanges
+        What was optimized.
+    values : gtsam.Values
+        Its optimum.
+    graph : FactorGraph
+        What both were made from.
+    poses : ndarray of int, shape (n_epochs, n_agents)
+    first_range : int, optional
+        Number of the factors that come before those of ranges; by default ranges are not judged.
+
+    Returns
+    -------
+    EpochCovariances
+
+    Raises
+    ------
+    EstimationError
+        If a chosen variable is no pose of the graph or is chosen twice.
+    """
+    from pymantaray.estimation._gtsam.marginals import group_marginals
+
+    chosen = np.asarray(poses)
+    used = np.concatenate(
+        [graph.prior_pose, graph.fix_pose, graph.depth_pose, graph.edge_from, graph.edge_to]
+    )
+    wrong = chosen[(chosen < 0) | (chosen >= graph.n_poses)]
+    if wrong.size or np.unique(chosen).size != chosen.size:
+        what = f"variable {wrong[0]} is no pose" if wrong.size else "a pose is chosen twice"
+        raise EstimationError(f"covariances: {what}; allowed are 0 to {graph.n_poses - 1}, each once")
+    free = chosen[~np.isin(chosen, used)]
+    if free.size:  # GTSAM would stop at a variable that no factor knows
+        raise EstimationError(
+            f"covariances: {graph.variable_name(int(free[0]))} has neither prior nor odometry; leave it out"
+        )
+    m = group_marginals(factors, values, chosen, graph.n_poses, first_range)
+    agents = np.arange(chosen.shape[1])
+    return EpochCovariances(
+        position=np.einsum("eaij,eajbk,eblk->eaibl", m.rotation, m.covariance[:, :, 3:, :, 3:], m.rotation),
+        pose=np.moveaxis(m.covariance[:, agents, :, agents, :], 0, 1),
+        range_nis=m.nis,
+        range_dimension=m.dimension,
+    )
+
+
+def reckoned_covariances(observations: Observations, samples: Indices) -> EpochCovariances:
+    r"""
+    Covariances of dead reckoning, to first order.
+
+    Parameters
+    ----------
+    observations : Observations
+        With noise.
+    samples : ndarray of int, shape (n_epochs,)
+
+    Returns
+    -------
+    EpochCovariances
+        Vehicles are independent; there are no ranges.
+
+    Notes
+    -----
+    Every step :math:`T_{j} = T_{j-1} D_j \exp(q_j)` errs in the tangent of the pose that it leads to. At pose k that is
+    :math:`\sum_{j \le k} \mathrm{Ad}(T_k^{-1} T_j) q_j`, and the covariances add up.
+    """
+    o = observations
+    position, quaternion = dead_reckon(o)
+    rotation = matrix_from_quaternion(quaternion)
+    sigma = np.concatenate([o.first_sigma[:, None], o.odometry_sigma], axis=1)
+    n_agents, n_epochs = o.name.size, len(samples)
+    joint = np.zeros((n_epochs, n_agents, 3, n_agents, 3))
+    pose = np.empty((n_epochs, n_agents, 6, 6))
+    agents = np.arange(n_agents)
+    for e, k in enumerate(samples):
+        r = rotation[:, : k + 1]
+        adjoint = np.zeros((n_agents, k + 1, 6, 6))
+        adjoint[..., :3, :3] = adjoint[..., 3:, 3:] = r
+        adjoint[..., 3:, :3] = hat(position[:, : k + 1] - position[:, k : k + 1]) @ r
+        adjoint *= sigma[:, : k + 1, None, :]
+        world = np.einsum("akij,aklj->ail", adjoint, adjoint, optimize=True)
+        turn = np.zeros((n_agents, 6, 6))
+        turn[:, :3, :3] = turn[:, 3:, 3:] = r[:, k]
+        pose[e] = np.swapaxes(turn, 1, 2) @ world @ turn
+        joint[e, agents, :, agents, :] = world[:, 3:, 3:]
+    return EpochCovariances(joint, pose, np.full(n_epochs, np.nan), np.zeros(n_epochs, dtype=np.intp))
+
+
+def collect_covariances(
+    observations: Observations, samples: Indices, solutions: Sequence[Mapping[str, EpochCovariances | None]]
+) -> PoseCovariances:
+    """
+    Put the covariances of all realizations into one record.
+
+    Parameters
+    ----------
+    observations : Observations
+        Of any realization: gives names and times.
+    samples : ndarray of int, shape (n_epochs,)
+    solutions : sequence of mapping of str to EpochCovariances or None
+        One for each realization, all with the same conditions; None where a solve was not usable.
+
+    Returns
+    -------
+    PoseCovariances
+
+    Raises
+    ------
+    EstimationError
+        If there is no realization, or two of them have different conditions.
+    """
+    conditions = list(solutions[0]) if solutions else []
+    if not solutions or any(list(s) != conditions for s in solutions):
+        raise EstimationError("covariances: needs one realization at least, all with the same conditions")
+    e, a = len(samples), observations.name.size
+    nothing = EpochCovariances(
+        np.full((e, a, 3, a, 3), np.nan),
+        np.full((e, a, 6, 6), np.nan),
+        np.full(e, np.nan),
+        np.zeros(e, dtype=np.intp),
+    )
+
+    def table(attribute: str) -> NDArray[Any]:
+        return np.array([[getattr(s[c] or nothing, attribute) for s in solutions] for c in conditions])
+
+    return PoseCovariances(
+        condition=np.array(conditions),
+        realization=np.arange(len(solutions)),
+        name=observations.name,
+        sample=samples,
+        time=observations.time[samples],
+        position_covariance=table("position"),
+        pose_covariance=table("pose"),
+        range_nis=table("range_nis"),
+        range_dimension=table("range_dimension"),
+    )
