@@ -125,3 +125,12 @@ def test_modes_of_casts_and_one_column(run):
     done = run("perturb", "ocean.nc", "b.nc", "--method", "column", "--place", 74, -140)
     assert done.exit_code == 0, done.exception
     assert "perturbation eof: horizontal_scale and rms needed" in refused(run("perturb", "ocean.nc", "c.nc"))
+
+
+def test_help_tells_the_units():
+    """Brackets in a help text are taken for markup and vanish."""
+    app = typer.Typer()
+    register(app)
+    for command, units in (("from-cast", ["in m", "in km"]), ("perturb", ["in m/s", "in km"])):
+        shown = " ".join(CliRunner().invoke(app, [command, "--help"]).stdout.replace("│", " ").split())
+        assert all(unit in shown for unit in units), shown

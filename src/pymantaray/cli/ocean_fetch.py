@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Fetch an ocean by place and time.", no_args_is_help=True)
 
-Lat = Annotated[str, typer.Option("--lat", metavar="SOUTH,NORTH", help="Latitudes [degrees].")]
+Lat = Annotated[str, typer.Option("--lat", metavar="SOUTH,NORTH", help="Latitudes, in degrees.")]
 Lon = Annotated[
     str,
     typer.Option(

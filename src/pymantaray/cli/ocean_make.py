@@ -47,10 +47,10 @@ Ocean = Annotated[
 ]
 Out = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
 Lat = Annotated[
-    float | None, typer.Option("--lat", help="The cast's latitude, if its file has none [degrees].")
+    float | None, typer.Option("--lat", help="The cast's latitude, if its file has none, in degrees.")
 ]
 Lon = Annotated[
-    float | None, typer.Option("--lon", help="The cast's longitude, if its file has none [degrees].")
+    float | None, typer.Option("--lon", help="The cast's longitude, if its file has none, in degrees.")
 ]
 Time = Annotated[str | None, typer.Option("--time", help="Instant (UTC), as 2014-07-24T19:20.")]
 Name = Annotated[str | None, typer.Option("--name", help="The cast to take, if the file holds several.")]
@@ -75,10 +75,11 @@ def from_cast(
     cast: Cast,
     out: Out,
     bottom: Annotated[
-        float | None, typer.Option("--bottom", help="Depth of the sea bed [m]. Default: what the file tells.")
+        float | None,
+        typer.Option("--bottom", help="Depth of the sea bed, in m. Default: what the file tells."),
     ] = None,
     half_extent: Annotated[
-        tuple[float, float], typer.Option("--half-extent", help="Half sides north and east [km].")
+        tuple[float, float], typer.Option("--half-extent", help="Half sides north and east, in km.")
     ] = (60.0, 60.0),
     below: Annotated[
         Below, typer.Option("--below", help="Below the deepest sample: an error, or its water.")
@@ -116,16 +117,17 @@ def correct(
     casts: Casts,
     out: Out,
     scale: Annotated[
-        float, typer.Option("--scale", help="Horizontal scale of the background's error [km].")
+        float, typer.Option("--scale", help="Horizontal scale of the background's error, in km.")
     ] = 50.0,
     noise_ratio: Annotated[
         float, typer.Option("--noise-ratio", help="Variance of the casts' errors over the background's.")
     ] = 0.1,
     vertical_scale: Annotated[
-        float, typer.Option("--vertical-scale", help="Decay below the deepest sample [m].")
+        float, typer.Option("--vertical-scale", help="Decay below the deepest sample, in m.")
     ] = 100.0,
     time_scale: Annotated[
-        float | None, typer.Option("--time-scale", help="Scale in time [days]. Default: casts count in full.")
+        float | None,
+        typer.Option("--time-scale", help="Scale in time, in days. Default: casts count in full."),
     ] = None,
     time: Time = None,
     force: Overwrite = False,
@@ -151,17 +153,17 @@ def perturb(
     ocean: Ocean,
     out: Out,
     method: Annotated[Perturbation, typer.Option("--method", help="How it is changed.")] = Perturbation.eof,
-    rms: Annotated[float | None, typer.Option("--rms", help="Of sound speed [m/s].")] = None,
+    rms: Annotated[float | None, typer.Option("--rms", help="Of sound speed, in m/s.")] = None,
     scale: Annotated[
         float | None,
-        typer.Option("--scale", help="Horizontal scale of the error [km]; inf for one everywhere."),
+        typer.Option("--scale", help="Horizontal scale of the error, in km; inf for one everywhere."),
     ] = None,
     vertical_scale: Annotated[
-        float | None, typer.Option("--vertical-scale", help="Vertical scale, for gaussian-process [m].")
+        float | None, typer.Option("--vertical-scale", help="Vertical scale, for gaussian-process, in m.")
     ] = None,
     down_to: Annotated[
         float | None,
-        typer.Option("--down-to", help="Depth down to which rms is meant [m]. Default: the sea bed."),
+        typer.Option("--down-to", help="Depth down to which rms is meant, in m. Default: the sea bed."),
     ] = None,
     mode_casts: Annotated[
         list[Path] | None, typer.Option("--mode-cast", help="For eof: casts whose modes are taken.")
