@@ -15,7 +15,8 @@ from pymantaray.evaluation import (
     range_error_table,
     range_split_table,
 )
-from pymantaray.evaluation.consistency import consistency_summary, consistency_table, coverage_table
+from pymantaray.evaluation.consistency import consistency_summary, consistency_table
+from pymantaray.evaluation.coverage import coverage_table
 from pymantaray.records import Estimates, SolveStatus
 from pymantaray.study.store import Run
 
