@@ -17,8 +17,9 @@ from pymantaray.estimation import (
 from pymantaray.estimation._gtsam import optimize
 from pymantaray.estimation.assemble import timed_ranges
 from pymantaray.estimation.conditions import Estimator
-from pymantaray.estimation.outer import BelievedRanges, corrected_graph
+from pymantaray.estimation.outer import corrected_graph
 from pymantaray.estimation.range_models import ConstantSpeed, MeanSlowness, RangeLinks
+from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 from pymantaray.records import RayStatus, SolveStatus
 

@@ -12,8 +12,8 @@ from pydantic import Field, ValidationError
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon
 from pymantaray.estimation.assemble import timed_ranges
 from pymantaray.estimation.conditions import solve_conditions
-from pymantaray.estimation.outer import BelievedRanges
 from pymantaray.estimation.range_models import RangeLinks
+from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.records import Estimates, SolveStatus
 from pymantaray.study import parse_study, preset_text, run_study

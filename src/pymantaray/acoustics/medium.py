@@ -128,10 +128,12 @@ class Medium:
         if interpolation == "smooth":
             from scipy.interpolate import CubicSpline
 
+            from pymantaray.ocean.spline import spline_coefficients
+
             slope = CubicSpline(z, c, axis=2, bc_type="natural")(z, 1)
             both = np.concatenate([c, slope], axis=2)
-            both, knots_n = _bspline(n, both, axis=0)
-            both, knots_e = _bspline(e, both, axis=1)
+            both, knots_n = spline_coefficients(n, both, axis=0)
+            both, knots_e = spline_coefficients(e, both, axis=1)
             field = np.ascontiguousarray(both)
         else:
             field = c
@@ -297,19 +299,3 @@ def _check_cover(*axes: tuple[str, Array, Array]) -> None:
             raise AcousticsError(
                 f"{name}: {own[0]:g} to {own[-1]:g} m; must reach over the water, {water[0]:g} to {water[-1]:g} m"
             )
-
-
-def _bspline(axis_points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
-    """Coefficients and knots of the interpolating spline of degree min(3, n - 1) along an axis."""
-    if axis_points.size == 1:
-        return values, np.array([0.0, 1.0])
-    from scipy.interpolate import BSpline, make_interp_spline
-    from scipy.sparse.linalg import splu
-
-    degree = min(3, axis_points.size - 1)
-    knots = make_interp_spline(axis_points, axis_points, k=degree).t
-    # many right-hand sides: LAPACK's banded solver waits for its own threads on a busy machine
-    lines = np.moveaxis(values, axis, 0)
-    solver = splu(BSpline.design_matrix(axis_points, knots, degree).tocsc())
-    solved = solver.solve(np.ascontiguousarray(lines.reshape(len(lines), -1))).reshape(lines.shape)
-    return np.ascontiguousarray(np.moveaxis(solved, 0, axis)), np.ascontiguousarray(knots)

@@ -21,13 +21,13 @@ from pymantaray.estimation.covariance import reckoned_covariances
 from pymantaray.estimation.dead_reckoning import dead_reckon
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.outer import BelievedRanges
 from pymantaray.estimation.range_models import (
     ConstantSpeed,
     RangeModel,
     TransmitterSpeed,
     TravelTimeUncertainty,
 )
+from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.estimation.solve import GraphSolver, Solution, Variant
 from pymantaray.records import Estimates, Observations, SolveStatus
 

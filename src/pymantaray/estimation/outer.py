@@ -13,41 +13,14 @@ from pymantaray.estimation.expansion import Expansion, chord
 from pymantaray.estimation.gate import Progress, SolveOptions
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.range_models import (
-    Prediction,
-    RangeLinks,
-    RangeModel,
-    TravelTimeUncertainty,
-)
+from pymantaray.estimation.range_models import Prediction, RangeLinks
+from pymantaray.estimation.range_weights import BelievedRanges, RangeWeights, cost_of_ranges
 
 Array = NDArray[np.float64]
 _CORRECTION = 1e-3  # m; a range that a new prediction moves by less has settled
 _FIRST_TOLERANCE = 0.1  # m; the first expansion is left early, for the next one is better
 _MOST = 25  # expansions
 _RETURNS = 2  # a link gated so many times stays gated
-_REWEIGH = 100.0  # m; a larger move of any end asks for new variances
-
-
-@dataclass(frozen=True, eq=False)
-class BelievedRanges:
-    """
-    What an estimator makes of the ranges of a graph.
-
-    Parameters
-    ----------
-    model : RangeModel
-    ranges : TimedRanges
-        What was measured, row by row the ranges of the graph.
-    uncertainty : TravelTimeUncertainty, optional
-        Adds to the ranges' own variance. By default that stands alone.
-    correlated : bool
-        Whether the covariances between the links of an epoch count, beside the variances.
-    """
-
-    model: RangeModel
-    ranges: TimedRanges
-    uncertainty: TravelTimeUncertainty | None = None
-    correlated: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +88,7 @@ def iterate(
     start = values = builder.values(initial)
     ordering = builder.ordering(graph, builder.with_ranges(common, graph))
     keys, at = np.unique(np.concatenate([r.transmitter, r.receiver]), return_inverse=True)
-    weights = _Weights(believed, graph.range_variance)
+    weights = RangeWeights(believed, graph.range_variance)
     used, gated = np.ones(r.time.size, dtype=bool), np.zeros(r.time.size, dtype=int)
     expansion: Expansion | None = None
     first: tuple[Prediction, Array] | None = None
@@ -160,7 +133,7 @@ def iterate(
     # the starting cost of the links used in the end; those not possible at the start count as they end
     end, _, _ = expansion(a, b)
     comparable = np.where(first[0].possible, first[1], end)
-    initial_cost = float(common.error(start)) + _cost(weights.kept(used), comparable, loss)
+    initial_cost = float(common.error(start)) + cost_of_ranges(weights.kept(used), comparable, loss)
     progress = replace(progress, iterations=iterations, initial_cost=initial_cost)
     if not settled:
         progress = replace(progress, last_step=np.nan)
@@ -205,7 +178,7 @@ def solve_vector_factors(
         return RangeLinks(r.time, a, b, r.sound_speed)
 
     every = np.ones(r.time.size, dtype=bool)
-    terms = epoch_terms(r, _Weights(believed, graph.range_variance).blocks(links_at(values), every))
+    terms = epoch_terms(r, RangeWeights(believed, graph.range_variance).blocks(links_at(values), every))
     factors = vector_factors(believed.model, r, terms, n)
     factors.push_back(common)
     ordering = builder.ordering(graph, builder.with_ranges(common, graph))
@@ -239,48 +212,6 @@ def corrected_graph(graph: FactorGraph, believed: BelievedRanges, at: GraphValue
     found = believed.model.predict(RangeLinks(r.time, a, b, r.sound_speed))
     residual = r.sound_speed * (np.where(found.possible, found.travel_time, 0.0) - r.travel_time)
     return _with_distances(graph, found.possible, chord(a, b)[0] - residual)
-
-
-class _Weights:
-    """Covariances of the residuals of each epoch, computed when the ends have moved far."""
-
-    def __init__(self, believed: BelievedRanges, variance: Array) -> None:
-        self._believed, self._variance = believed, variance
-        epoch = believed.ranges.epoch
-        self._rows = [np.flatnonzero(epoch == e) for e in range(int(epoch.max(initial=-1)) + 1)]
-        self._place: Array | None = None
-        self._full = [np.diag(variance[rows]) for rows in self._rows]
-
-    def blocks(self, links: RangeLinks, used: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], Array]]:
-        uncertainty, place = (
-            self._believed.uncertainty,
-            np.concatenate([links.transmitter, links.receiver]),
-        )
-        stale = self._place is None or float(np.abs(place - self._place).max(initial=0.0)) > _REWEIGH
-        if uncertainty is not None and stale:
-            self._place = place
-            c = links.sound_speed
-            for e, extra in enumerate(uncertainty.covariances(links, self._believed.ranges.epoch)):
-                rows = self._rows[e]
-                added = c[rows][:, None] * extra * c[rows]
-                kept = added if self._believed.correlated else np.diag(np.diagonal(added))
-                self._full[e] = np.diag(self._variance[rows]) + kept
-        return self.kept(used)
-
-    def kept(self, used: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], Array]]:
-        out = []
-        for rows, full in zip(self._rows, self._full, strict=True):
-            mine = used[rows]
-            out.append((rows[mine], full[np.ix_(mine, mine)]))
-        return out
-
-
-def _cost(blocks: list[tuple[NDArray[np.intp], Array]], residual: Array, loss: Loss | None) -> float:
-    if loss is not None:
-        return sum(
-            float(loss.cost(residual[rows] / np.sqrt(np.diagonal(full))).sum()) for rows, full in blocks
-        )
-    return 0.5 * sum(float(residual[rows] @ np.linalg.solve(full, residual[rows])) for rows, full in blocks)
 
 
 def _stock(

@@ -12,7 +12,8 @@ from pymantaray.estimation.covariance import EpochCovariances, factor_covariance
 from pymantaray.estimation.gate import Progress, SolveOptions, gate
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.outer import BelievedRanges, iterate, solve_vector_factors
+from pymantaray.estimation.outer import iterate, solve_vector_factors
+from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.estimation.robust import minimize_robust, robust_solution
 from pymantaray.records import SolveStatus
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import OceanError
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, vertical_modes
-from pymantaray.ocean.random_field import random_fields
+from pymantaray.ocean.random_field import pooled_rms, random_fields
 from pymantaray.ocean.schema import VARIABLES, validate_ocean, with_history
 from pymantaray.ocean.seawater import absolute_and_conservative, sound_speed
 
@@ -227,42 +227,6 @@ def _check_arguments(method: str, given: dict[str, object]) -> None:
 def _given(value: float | None) -> float:
     assert value is not None  # checked before; for the type checker
     return float(value)
-
-
-def pooled_rms(ocean: xr.Dataset, variance: Array, down_to: float | None) -> float:
-    """
-    Root of the mean over the water of a variance that depends on depth.
-
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-    variance : ndarray, shape (depth,)
-        [m2/s2]
-    down_to : float or None
-        Depth down to which it is taken; None for all of the water. [m]
-
-    Returns
-    -------
-    float
-        Levels count by the thickness of their layers and their wet points. [m/s]
-
-    Raises
-    ------
-    OceanError
-        If it is zero.
-    """
-    z = np.asarray(ocean["depth"].values, dtype=float)
-    edges = np.concatenate([z[:1], 0.5 * (z[:-1] + z[1:]), z[-1:]])
-    if down_to is not None:
-        edges = np.minimum(edges, down_to)
-    weight = np.diff(edges) * np.isfinite(ocean["water_temp"].values).sum(axis=(1, 2))
-    pooled = float(np.sqrt(np.sum(weight * variance) / np.sum(weight)))
-    if not pooled > 0.0:
-        raise OceanError(
-            "perturbation: nothing varies where rms is pooled; take other modes, spread or down_to"
-        )
-    return pooled
 
 
 def _horizontal_mean(ocean: xr.Dataset) -> xr.Dataset:

@@ -1,8 +1,9 @@
-"""Gaussian random fields with a Gaussian correlation on the grid of an ocean."""
+"""Gaussian random fields with a Gaussian correlation on the grid of an ocean, and how large they are over its water."""
 
 import math
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
@@ -76,3 +77,39 @@ def _factor(axis: Array, scale: float) -> Array:
     values, vectors = np.linalg.eigh(correlation)
     kept = values > 1e-12 * values[-1]  # the rest is rounding
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def pooled_rms(ocean: xr.Dataset, variance: Array, down_to: float | None) -> float:
+    """
+    Root of the mean over the water of a variance that depends on depth.
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+    variance : ndarray, shape (depth,)
+        [m2/s2]
+    down_to : float or None
+        Depth down to which it is taken; None for all of the water. [m]
+
+    Returns
+    -------
+    float
+        Levels count by the thickness of their layers and their wet points. [m/s]
+
+    Raises
+    ------
+    OceanError
+        If it is zero.
+    """
+    z = np.asarray(ocean["depth"].values, dtype=float)
+    edges = np.concatenate([z[:1], 0.5 * (z[:-1] + z[1:]), z[-1:]])
+    if down_to is not None:
+        edges = np.minimum(edges, down_to)
+    weight = np.diff(edges) * np.isfinite(ocean["water_temp"].values).sum(axis=(1, 2))
+    pooled = float(np.sqrt(np.sum(weight * variance) / np.sum(weight)))
+    if not pooled > 0.0:
+        raise OceanError(
+            "perturbation: nothing varies where rms is pooled; take other modes, spread or down_to"
+        )
+    return pooled

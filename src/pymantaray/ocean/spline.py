@@ -3,8 +3,8 @@
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
-from scipy.sparse.linalg import splu
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.sparse.linalg import SuperLU, splu
 
 from pymantaray.errors import OceanError
 
@@ -36,7 +36,6 @@ class TensorSpline:
     def __init__(
         self, rows: Array, columns: Array, at_rows: Array, at_columns: Array, *, degree: int = 3
     ) -> None:
-        # a sparse factorization each: LAPACK's banded solver waits on its own threads on a busy machine
         self._solvers = [splu(_collocation(axis, axis, degree).tocsc()) for axis in (rows, columns)]
         self._shape = at_rows.shape
         self._weights = _face_splitting_product(
@@ -59,11 +58,42 @@ class TensorSpline:
         """
         coefficients = field
         for axis, solver in enumerate(self._solvers, start=1):
-            lines = np.moveaxis(coefficients, axis, 0)
-            solved = solver.solve(np.ascontiguousarray(lines.reshape(len(lines), -1)))
-            coefficients = np.moveaxis(solved.reshape(lines.shape), 0, axis)
+            coefficients = _solve_along(solver, coefficients, axis)
         flat = coefficients.reshape(len(field), -1)
         return np.asarray(self._weights @ flat.T).reshape(*self._shape, len(field))
+
+
+def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
+    """
+    B-spline through values along one axis, cubic where there are points enough, with not-a-knot ends.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n,)
+        Strictly rising. With one point nothing varies along the axis.
+    values : ndarray, shape (..., n, ...)
+    axis : int
+        Along which the points lie.
+
+    Returns
+    -------
+    coefficients : ndarray, shape of values
+    knots : ndarray, shape (n + degree + 1,)
+        In the unit of the points; the degree is min(3, n - 1). For one point 0 and 1.
+    """
+    if points.size == 1:
+        return values, np.array([0.0, 1.0])
+    degree = min(3, points.size - 1)
+    knots = make_interp_spline(points, points, k=degree).t
+    solver = splu(BSpline.design_matrix(points, knots, degree).tocsc())
+    return np.ascontiguousarray(_solve_along(solver, values, axis)), np.ascontiguousarray(knots)
+
+
+def _solve_along(solver: SuperLU, values: Array, axis: int) -> Array:
+    """Coefficients along an axis. By a sparse factorization: LAPACK's banded solver waits for its own threads."""
+    lines = np.moveaxis(values, axis, 0)
+    solved = solver.solve(np.ascontiguousarray(lines.reshape(len(lines), -1)))
+    return np.asarray(np.moveaxis(solved.reshape(lines.shape), 0, axis))
 
 
 def _basis(axis: Array, points: Array, degree: int) -> sp.csr_array:

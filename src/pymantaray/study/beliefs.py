@@ -13,7 +13,8 @@ from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.bathymetry import window_of
 from pymantaray.ocean.covariance import SoundSpeedCovariance
 from pymantaray.ocean.modes import vertical_modes
-from pymantaray.ocean.perturb import perturb_ocean, pooled_rms
+from pymantaray.ocean.perturb import perturb_ocean
+from pymantaray.ocean.random_field import pooled_rms
 from pymantaray.ocean.topography import open_sea_floor
 from pymantaray.study.assemble import build_ocean
 from pymantaray.study.config_estimators import (
