@@ -22,9 +22,7 @@ _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
 @dataclass(frozen=True, eq=False)
 class Medium:
     """
-    Sound speed and bathymetry on a local grid, prepared for ray tracing.
-
-    Build it with `from_profile`, `from_grid` or `from_dataset`.
+    Sound speed and bathymetry on a local grid; build it with `from_profile`, `from_grid` or `from_dataset`.
 
     Attributes
     ----------
