@@ -17,7 +17,6 @@ from pymantaray.estimation import (
 from pymantaray.estimation._gtsam import optimize
 from pymantaray.estimation.assemble import timed_ranges
 from pymantaray.estimation.conditions import Estimator
-from pymantaray.estimation.outer import corrected_graph
 from pymantaray.estimation.range_models import ConstantSpeed, MeanSlowness, RangeLinks
 from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
@@ -204,21 +203,6 @@ def test_model_that_never_settles_is_not_converged(make_fleet):
     found = estimate(o, Moody(drift=1e-3))
     assert found.status == SolveStatus.NOT_CONVERGED
     assert np.isnan(found.position).all()
-
-
-@pytest.mark.parametrize(("noisy", "within"), [(False, 1e-4), (True, 0.1)], ids=["exact", "noisy"])
-def test_corrected_distances_have_the_same_optimum_but_for_rays_directions(make_fleet, noisy, within):
-    fleet = make_fleet(seed=9, gnss_every=10)
-    o = ranged_in(WATER, fleet.noisy if noisy else fleet.noise_free, fleet.position)
-    graph, solver = build_graph(o, "refracted"), GraphSolver()
-    initial = GraphValues(fleet.position.reshape(-1, 3), fleet.quaternion.reshape(-1, 4), np.zeros((0, 3)))
-    believed = BelievedRanges(WATER, timed_ranges(o, "refracted", "refracted"))
-    found = solver.solve(graph, initial, believed=believed, model_is_right=noisy)
-    values = GraphValues(found.position, found.quaternion, found.landmark_position)
-    stock = solver.solve(corrected_graph(graph, believed, values), initial, model_is_right=noisy)
-    assert stock.final_cost == pytest.approx(found.final_cost, rel=1e-4, abs=1e-6)
-    # the gradients differ by some 2 %, which is felt in proportion to the ranges' noise of 1 m
-    assert off(stock.position, found.position) < within
 
 
 class Shared:

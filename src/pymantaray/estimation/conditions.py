@@ -29,6 +29,7 @@ from pymantaray.estimation.range_models import (
 )
 from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.estimation.solve import GraphSolver, Solution, Variant
+from pymantaray.estimation.unknowns import AdjustableModel, ClockPrior, Unknowns
 from pymantaray.records import Estimates, Observations, SolveStatus
 
 Array = NDArray[np.float64]
@@ -57,6 +58,9 @@ class Estimator:
         Of the ranges, in place of least squares.
     incremental : bool
         Whether the factors are replayed in the order of time.
+    clocks : ClockPrior, optional
+        Offset and skew of all clocks are then estimated with the poses, as amplitudes are if the model is an
+        `AdjustableModel`.
     """
 
     ranges: Ranges
@@ -68,6 +72,7 @@ class Estimator:
     model_is_right: bool = False
     loss: Loss | None = None
     incremental: bool = False
+    clocks: ClockPrior | None = None
 
 
 def solve_conditions(
@@ -223,7 +228,8 @@ def _variants(
 def _believed(graph: FactorGraph, o: Observations, e: Estimator) -> tuple[FactorGraph, BelievedRanges | None]:
     """Graph of an estimator; one speed for each link makes its ranges distances, and nothing is left to believe."""
     timed = timed_ranges(o, e.ranges, e.links)
-    if isinstance(e.model, ConstantSpeed | TransmitterSpeed) and e.uncertainty is None:
+    plain = e.uncertainty is None and e.clocks is None
+    if isinstance(e.model, ConstantSpeed | TransmitterSpeed) and plain:
         ratio = e.model.speed(timed.sound_speed) / timed.sound_speed
         scaled = replace(
             graph,
@@ -231,7 +237,10 @@ def _believed(graph: FactorGraph, o: Observations, e: Estimator) -> tuple[Factor
             range_variance=ratio**2 * graph.range_variance,
         )
         return scaled, None
-    return graph, BelievedRanges(e.model, timed, e.uncertainty, e.correlated)
+    unknowns = None
+    if e.clocks is not None or isinstance(e.model, AdjustableModel):
+        unknowns = Unknowns(e.model, timed, graph.pose_agent, graph.agent_name.tolist(), clocks=e.clocks)
+    return graph, BelievedRanges(e.model, timed, e.uncertainty, e.correlated, unknowns)
 
 
 def _values(o: Observations, start: tuple[Array, Array]) -> GraphValues:

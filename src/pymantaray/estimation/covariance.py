@@ -145,7 +145,8 @@ def factor_covariances(
         raise EstimationError(
             f"covariances: {graph.variable_name(int(free[0]))} has neither prior nor odometry; leave it out"
         )
-    m = group_marginals(factors, values, chosen, graph.n_poses, first_range)
+    shared = getattr(factors, "shared", None)
+    m = group_marginals(factors, values, chosen, graph.n_poses, first_range, shared)
     agents = np.arange(chosen.shape[1])
     return EpochCovariances(
         position=np.einsum("eaij,eajbk,eblk->eaibl", m.rotation, m.covariance[:, :, 3:, :, 3:], m.rotation),

@@ -7,6 +7,9 @@ from pymantaray.estimation.range_models import Prediction, RangeLinks
 
 Array = NDArray[np.float64]
 _STEADY, _BEND = 0.1, 1e-5  # m; no new prediction after a smaller move that bends the chords by less
+_SAME = (
+    0.01  # standard deviations of an unknown; its second order is then a ten-thousandth of what it is for one
+)
 
 
 class Expansion:
@@ -20,6 +23,10 @@ class Expansion:
         Where it was asked.
     travel_time : ndarray, shape (n,)
         Measured. [s]
+    unknowns : ndarray, shape (n_unknowns,)
+        What else the model was asked with. [-]
+    by_unknowns : ndarray, shape (n, n_unknowns)
+        Change of the travel times by them. [s]
 
     Notes
     -----
@@ -27,8 +34,13 @@ class Expansion:
     speed; what is left out is the change of refraction alone.
     """
 
-    def __init__(self, found: Prediction, links: RangeLinks, travel_time: Array) -> None:
+    def __init__(
+        self, found: Prediction, links: RangeLinks, travel_time: Array, unknowns: Array, by_unknowns: Array
+    ) -> None:
         fine = found.possible
+        self._unknowns = unknowns
+        self.by_unknowns = links.sound_speed[:, None] * np.where(fine[:, None], by_unknowns, 0.0)
+        """Change of the residuals by the unknowns, shape (n, n_unknowns). [m]"""
         self._a, self._b, self._speed, self._measured = (
             links.transmitter,
             links.receiver,
@@ -42,7 +54,7 @@ class Expansion:
         self._distance, self._unit = chord(self._a, self._b)
         self._slowness = self._time / np.where(self._distance > 0.0, self._distance, 1.0)
 
-    def __call__(self, transmitter: Array, receiver: Array) -> tuple[Array, Array, Array]:
+    def __call__(self, transmitter: Array, receiver: Array, unknowns: Array) -> tuple[Array, Array, Array]:
         """
         Residuals and their gradients.
 
@@ -50,6 +62,8 @@ class Expansion:
         ----------
         transmitter, receiver : ndarray, shape (n, 3)
             [m]
+        unknowns : ndarray, shape (n_unknowns,)
+            [-]
 
         Returns
         -------
@@ -68,19 +82,21 @@ class Expansion:
         )
         speed = self._speed[:, None]
         return (
-            self._speed * (time - self._measured),
+            self._speed * (time - self._measured) + self.by_unknowns @ (unknowns - self._unknowns),
             speed * (self._by_a - turned),
             speed * (self._by_b + turned),
         )
 
-    def is_good_at(self, transmitter: Array, receiver: Array) -> bool:
+    def is_good_at(self, transmitter: Array, receiver: Array, unknowns: Array) -> bool:
         """
-        Whether the ends moved so little that a new prediction could not differ.
+        Whether ends and unknowns moved so little that a new prediction could not differ.
 
         Parameters
         ----------
         transmitter, receiver : ndarray, shape (n, 3)
             [m]
+        unknowns : ndarray, shape (n_unknowns,)
+            [-]
 
         Returns
         -------
@@ -89,6 +105,8 @@ class Expansion:
         da, db = transmitter - self._a, receiver - self._b
         distance, _ = chord(transmitter, receiver)
         far = max(float(np.abs(d).max(initial=0.0)) for d in (da, db))
+        if float(np.abs(unknowns - self._unknowns).max(initial=0.0)) > _SAME:
+            return False
         return far <= _STEADY and float(np.abs(self._bent(distance, da, db)).max(initial=0.0)) <= _BEND
 
     def _bent(self, distance: Array, da: Array, db: Array) -> Array:

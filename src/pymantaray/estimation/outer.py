@@ -34,6 +34,8 @@ class Outcome:
     expansions: int
     factors: Any
     """What has its optimum at the values, the ranges last; for covariances."""
+    shared: int | None = None
+    """Key of the unknowns that ranges share."""
 
 
 def iterate(
@@ -85,8 +87,8 @@ def iterate(
         raise EstimationError(
             "a robust loss on correlated ranges: each has a loss of its own; leave one of them out"
         )
-    start = values = builder.values(initial)
-    ordering = builder.ordering(graph, builder.with_ranges(common, graph))
+    values, ordering, shared = _start(builder, common, graph, believed, initial)
+    start, every = values, np.arange(r.time.size)
     keys, at = np.unique(np.concatenate([r.transmitter, r.receiver]), return_inverse=True)
     weights = RangeWeights(believed, graph.range_variance)
     used, gated = np.ones(r.time.size, dtype=bool), np.zeros(r.time.size, dtype=int)
@@ -96,28 +98,28 @@ def iterate(
     iterations, settled, tight, count = 0, False, False, 0
     while True:
         place = positions(values, keys, n)
-        a, b = place[at[: r.time.size]], place[at[r.time.size :]]
-        if expansion is not None and tight and expansion.is_good_at(a, b):
+        a, b, u = place[at[: r.time.size]], place[at[r.time.size :]], unknowns_at(values, shared)
+        if expansion is not None and tight and expansion.is_good_at(a, b, u):
             settled = True
             break
         if count == _MOST:
             break
         links = RangeLinks(r.time, a, b, r.sound_speed)
-        found = believed.model.predict(links)
+        found, by_unknowns = believed.predict(links, every, u)
         gated += used & ~found.possible
         before, used = used, found.possible & (gated < _RETURNS)
         residual = r.sound_speed * (np.where(found.possible, found.travel_time, 0.0) - r.travel_time)
         if first is None:
             first = found, residual
         if expansion is not None:
-            off = np.abs(residual - expansion(a, b)[0])[used & before]
+            off = np.abs(residual - expansion(a, b, u)[0])[used & before]
             if tight and np.array_equal(used, before) and off.max(initial=0.0) <= _CORRECTION:
                 settled = True
                 break
-        expansion = Expansion(found, links, r.travel_time)
+        expansion = Expansion(found, links, r.travel_time, u, by_unknowns)
         terms = epoch_terms(r, weights.blocks(links, used))
         stock = _stock(builder, common, graph, used, chord(a, b)[0] - residual, loss)
-        parts = (common, stock, terms, n, expansion, (r.transmitter, r.receiver))
+        parts = (common, stock, terms, n, expansion, (r.transmitter, r.receiver), shared)
         tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
         rough = replace(options, step_tolerance=tolerance)
         values, progress = minimize_expanded(parts, loss, values, ordering, rough, first=count == 0)
@@ -131,13 +133,13 @@ def iterate(
     assert first is not None  # the loop ran once at least
     assert expansion is not None
     # the starting cost of the links used in the end; those not possible at the start count as they end
-    end, _, _ = expansion(a, b)
+    end, _, _ = expansion(a, b, u)
     comparable = np.where(first[0].possible, first[1], end)
     initial_cost = float(common.error(start)) + cost_of_ranges(weights.kept(used), comparable, loss)
     progress = replace(progress, iterations=iterations, initial_cost=initial_cost)
     if not settled:
         progress = replace(progress, last_step=np.nan)
-    return Outcome(values, progress, used, count, ExpandedRanges(*parts))
+    return Outcome(values, progress, used, count, ExpandedRanges(*parts), shared)
 
 
 def solve_vector_factors(
@@ -171,7 +173,7 @@ def solve_vector_factors(
 
     r, n = believed.ranges, graph.n_poses
     _check_rows(graph, r)
-    values = builder.values(initial)
+    values, ordering, shared = _start(builder, common, graph, believed, initial)
 
     def links_at(values: Any) -> RangeLinks:
         a, b = (positions(values, ends, n) for ends in (r.transmitter, r.receiver))
@@ -179,39 +181,43 @@ def solve_vector_factors(
 
     every = np.ones(r.time.size, dtype=bool)
     terms = epoch_terms(r, RangeWeights(believed, graph.range_variance).blocks(links_at(values), every))
-    factors = vector_factors(believed.model, r, terms, n)
+    factors = vector_factors(believed, terms, n, shared)
     factors.push_back(common)
-    ordering = builder.ordering(graph, builder.with_ranges(common, graph))
     values, progress = optimize(factors, values, ordering, options)
-    return Outcome(values, progress, believed.model.predict(links_at(values)).possible, 1, factors)
+    found, _ = believed.predict(links_at(values), np.arange(r.time.size), unknowns_at(values, shared))
+    return Outcome(values, progress, found.possible, 1, factors, shared)
 
 
-def corrected_graph(graph: FactorGraph, believed: BelievedRanges, at: GraphValues) -> FactorGraph:
+def unknowns_at(values: Any, shared: int | None) -> Array:
     """
-    Graph with distances for stock range factors that have the model's residuals at given values.
+    Value of the unknowns that ranges share.
 
     Parameters
     ----------
-    graph : FactorGraph
-    believed : BelievedRanges
-    at : GraphValues
-        Where the model is asked, for example a solution.
+    values : gtsam.Values
+    shared : int or None
+        Their key; None if there are none.
 
     Returns
     -------
-    FactorGraph
-        Without the ranges that are not possible there. At the values its residuals are the model's; their
-        gradients are those of the chord, which differ from the ray's in direction and by the ratio of sound
-        speeds. So its optimum is the model's where residuals vanish, and some centimetres off where
-        they are of a metre.
+    ndarray, shape (n_unknowns,)
+        In their standard deviations. [-]
     """
-    r = believed.ranges
-    _check_rows(graph, r)
-    place = np.concatenate([at.position, at.landmark_position])
-    a, b = place[r.transmitter], place[r.receiver]
-    found = believed.model.predict(RangeLinks(r.time, a, b, r.sound_speed))
-    residual = r.sound_speed * (np.where(found.possible, found.travel_time, 0.0) - r.travel_time)
-    return _with_distances(graph, found.possible, chord(a, b)[0] - residual)
+    return np.empty(0) if shared is None else np.array(values.atVector(shared), dtype=float)
+
+
+def _start(
+    builder: Any, common: Any, graph: FactorGraph, believed: BelievedRanges, initial: GraphValues
+) -> tuple[Any, Any, int | None]:
+    """Starting values, ordering, and the key of the unknowns, which start at zero and are eliminated last."""
+    values = builder.values(initial)
+    ordering = builder.ordering(graph, builder.with_ranges(common, graph))
+    if believed.unknowns is None:
+        return values, ordering, None
+    from pymantaray.estimation._gtsam.factors import with_shared
+
+    shared = graph.n_poses + int(graph.landmark_name.size)
+    return *with_shared(values, ordering, shared, believed.n_unknowns), shared
 
 
 def _stock(

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from pymantaray.estimation.assemble import TimedRanges
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.range_models import RangeLinks, RangeModel, TravelTimeUncertainty
+from pymantaray.estimation.range_models import Prediction, RangeLinks, RangeModel, TravelTimeUncertainty
+from pymantaray.estimation.unknowns import Unknowns
 
 Array = NDArray[np.float64]
 _REWEIGH = 100.0  # m; a larger move of any end asks for new variances
@@ -27,12 +28,42 @@ class BelievedRanges:
         Adds to the ranges' own variance. By default that stands alone.
     correlated : bool
         Whether the covariances between the links of an epoch count, beside the variances.
+    unknowns : Unknowns, optional
+        What is to be estimated with the poses. By default nothing is.
     """
 
     model: RangeModel
     ranges: TimedRanges
     uncertainty: TravelTimeUncertainty | None = None
     correlated: bool = False
+    unknowns: Unknowns | None = None
+
+    @property
+    def n_unknowns(self) -> int:
+        """Dimension of the variable that all ranges share."""
+        return 0 if self.unknowns is None else self.unknowns.sigma.size
+
+    def predict(self, links: RangeLinks, rows: NDArray[np.intp], u: Array) -> tuple[Prediction, Array]:
+        """
+        Travel times to be expected of some of the ranges.
+
+        Parameters
+        ----------
+        links : RangeLinks
+        rows : ndarray of int, shape (n,)
+            Which ranges they are.
+        u : ndarray, shape (n_unknowns,)
+            Unknowns in their standard deviations.
+
+        Returns
+        -------
+        found : Prediction
+        by_unknowns : ndarray, shape (n, n_unknowns)
+            [s]
+        """
+        if self.unknowns is None:
+            return self.model.predict(links), np.empty((links.time.size, 0))
+        return self.unknowns.predict(links, rows, u)
 
 
 class RangeWeights:

@@ -12,9 +12,10 @@ from pymantaray.estimation.covariance import EpochCovariances, factor_covariance
 from pymantaray.estimation.gate import Progress, SolveOptions, gate
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.outer import iterate, solve_vector_factors
+from pymantaray.estimation.outer import Outcome, iterate, solve_vector_factors, unknowns_at
 from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.estimation.robust import minimize_robust, robust_solution
+from pymantaray.estimation.unknowns import UnknownsEstimate
 from pymantaray.records import SolveStatus
 
 Array = NDArray[np.float64]
@@ -44,6 +45,8 @@ class Solution:
     expansions: int = 0
     covariances: EpochCovariances | None = None
     """At the epochs asked for; None if none were, or the values are not usable."""
+    unknowns: UnknownsEstimate | None = None
+    """What the ranges share, if anything was to be estimated of it and the values are usable."""
 
     @property
     def usable(self) -> bool:
@@ -212,6 +215,8 @@ class GraphSolver:
                     gated_links=gated,
                     expansions=end.expansions,
                 )
+                if solutions[name].usable:
+                    solutions[name] = replace(solutions[name], unknowns=_unknowns(variant, end))
                 if variant.loss is None:
                     factors, values = end.factors, end.values
                 if variant.vector_factors:
@@ -249,6 +254,21 @@ class GraphSolver:
             expected_cost=freedom / 2.0,
             gradient_norm=progress.gradient_norm,
         )
+
+
+def _unknowns(variant: Variant, end: Outcome) -> UnknownsEstimate | None:
+    """What was found of the unknowns, in their units."""
+    unknowns = None if variant.believed is None else variant.believed.unknowns
+    if unknowns is None or end.shared is None:
+        return None
+    from pymantaray.estimation._gtsam.marginals import vector_marginal
+
+    sigma = unknowns.sigma
+    covariance = np.full((sigma.size, sigma.size), np.nan)
+    if variant.loss is None:
+        covariance = sigma[:, None] * vector_marginal(end.factors, end.values, end.shared) * sigma
+    value = sigma * unknowns_at(end.values, end.shared)
+    return UnknownsEstimate(unknowns.name, unknowns.unit, sigma, value, covariance)
 
 
 def _check_initial(graph: FactorGraph, initial: GraphValues) -> None:

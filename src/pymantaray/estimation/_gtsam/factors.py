@@ -169,6 +169,32 @@ class FactorBuilder:
         return kept[1]
 
 
+def with_shared(values: Any, ordering: Any, key: int, dimension: int) -> tuple[Any, Any]:
+    """
+    Put a vector that all ranges share into values and ordering.
+
+    Parameters
+    ----------
+    values : gtsam.Values
+    ordering : gtsam.Ordering
+    key, dimension : int
+
+    Returns
+    -------
+    values : gtsam.Values
+        A copy in which the vector is zero.
+    ordering : gtsam.Ordering
+        A copy in which it comes last: everything else is eliminated before.
+    """
+    more = gtsam.Values(values)
+    more.insert(key, np.zeros(dimension))
+    longer = gtsam.Ordering()
+    for i in range(ordering.size()):
+        longer.push_back(ordering.at(i))
+    longer.push_back(key)
+    return more, longer
+
+
 def to_graph_values(values: Any, initial: GraphValues) -> GraphValues:
     """
     Numbers of GTSAM values, in the order of the graph's variables.

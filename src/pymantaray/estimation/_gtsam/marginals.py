@@ -41,6 +41,7 @@ def group_marginals(
     groups: NDArray[np.intp],
     n_poses: int,
     first_range: int | None = None,
+    shared: int | None = None,
 ) -> Marginals:
     r"""
     Covariances of groups of poses at the given values, joint within each group.
@@ -58,6 +59,8 @@ def group_marginals(
     first_range : int, optional
         Number of the first linear factor that is of ranges; all after it are. By default innovations of ranges
         are not asked for.
+    shared : int, optional
+        Key of a vector that ranges share.
 
     Returns
     -------
@@ -78,8 +81,8 @@ def group_marginals(
     linear = factors.linearize(values)
     chosen = groups.ravel().tolist()
     blocks = _range_blocks(linear, groups, n_poses, first_range)
-    landmarks = sorted({key for rows in blocks for keys, _, _ in rows for key in keys if key >= n_poses})
-    left = _eliminated(linear, [*chosen, *landmarks])
+    more = sorted({key for rows in blocks for keys, _, _ in rows for key in keys if key >= n_poses})
+    left = _eliminated(linear, [*chosen, *more])
     covariance = None if left is None else _inverse(left[0])
     if left is None or covariance is None:
         return _nothing(groups)
@@ -89,11 +92,11 @@ def group_marginals(
     diagonal = np.stack(
         [covariance[size * g : size * (g + 1), size * g : size * (g + 1)] for g in range(n_groups)]
     )
-    first = [*range(0, 6 * len(chosen), 6), *range(6 * len(chosen), len(covariance), 3)]
-    place = {
-        key: slice(i, i + (6 if key < n_poses else 3))
-        for key, i in zip([*chosen, *landmarks], first, strict=True)
-    }
+    width = [6] * len(chosen) + [3] * len(more)
+    if shared is not None and shared in more:
+        width[-1] += len(covariance) - sum(width)  # the largest key
+    edge = np.concatenate([[0], np.cumsum(width)]).tolist()
+    place = {key: slice(edge[i], edge[i + 1]) for i, key in enumerate([*chosen, *more])}
     fits = [_innovation(rows, covariance, step, place) for rows in blocks]
     return Marginals(
         covariance=diagonal.reshape(n_groups, members, 6, members, 6),
@@ -103,6 +106,28 @@ def group_marginals(
         nis=np.array([nis for nis, _ in fits]),
         dimension=np.array([dimension for _, dimension in fits], dtype=np.intp),
     )
+
+
+def vector_marginal(factors: Any, values: Any, key: int) -> Array:
+    """
+    Covariance of one vector at the optimum.
+
+    Parameters
+    ----------
+    factors : gtsam.NonlinearFactorGraph or ExpandedRanges
+    values : gtsam.Values
+    key : int
+        Of a variable that is a vector.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        NaN if the system is singular.
+    """
+    left = _eliminated(factors.linearize(values), [key])
+    covariance = None if left is None else _inverse(left[0])
+    n = values.atVector(key).size
+    return np.full((n, n), np.nan) if covariance is None else covariance
 
 
 def _nothing(groups: NDArray[np.intp]) -> Marginals:

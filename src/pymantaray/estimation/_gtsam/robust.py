@@ -102,7 +102,7 @@ class RobustExpandedRanges(ExpandedRanges):
         float
         """
         cost = sum(float(self._loss.cost(u).sum()) for u in self.whitened(values))
-        return float(self._base.error(values)) + cost
+        return self._error_without_ranges(values) + cost
 
     def linearize(self, values: Any) -> Any:
         """

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from pymantaray.estimation.assemble import TimedRanges
-from pymantaray.estimation.range_models import RangeLinks, RangeModel
+from pymantaray.estimation.expansion import Expansion
+from pymantaray.estimation.range_models import RangeLinks
+from pymantaray.estimation.range_weights import BelievedRanges
 
 Array = NDArray[np.float64]
 
@@ -63,11 +65,12 @@ class ExpandedRanges:
     terms : list of EpochTerms
     n_poses : int
         Keys from here on are landmarks.
-    expansion : callable
-        Takes positions of transmitters and receivers (n, 3), gives residuals (n,) [m] and their gradients by
-        both (n, 3) [-], rows of all ranges.
+    expansion : Expansion
+        Of all ranges.
     rows : tuple of ndarray
         Variables of the transmitters and the receivers of all ranges.
+    shared : int, optional
+        Key of the unknowns that all ranges share; their prior is of unit covariance about zero.
     """
 
     def __init__(
@@ -76,10 +79,11 @@ class ExpandedRanges:
         stock: Any,
         terms: list[EpochTerms],
         n_poses: int,
-        expansion: Any,
+        expansion: Expansion,
         rows: tuple[NDArray[np.intp], NDArray[np.intp]],
+        shared: int | None = None,
     ) -> None:
-        self._stock = stock
+        self._stock, self.shared = stock, shared
         self._base, self._terms, self._n_poses, self._expansion = base, terms, n_poses, expansion
         self._keys, at = np.unique(np.concatenate(rows), return_inverse=True)
         self._ends = at[: rows[0].size], at[rows[0].size :]
@@ -103,7 +107,7 @@ class ExpandedRanges:
         """
         residual, _, _ = self._at(values)
         white = (solve_triangular(t.root, residual[t.rows], lower=True) for t in self._terms)
-        return float(self._base.error(values)) + 0.5 * sum(float(w @ w) for w in white)
+        return self._error_without_ranges(values) + 0.5 * sum(float(w @ w) for w in white)
 
     def linearize(self, values: Any) -> Any:
         """
@@ -121,16 +125,45 @@ class ExpandedRanges:
         residual, by_transmitter, by_receiver = self._at(values)
         for t in self._terms:
             jacobian = _jacobians(values, t, self._n_poses, by_transmitter[t.rows], by_receiver[t.rows])
-            linear.push_back(_linear_factor(t, residual[t.rows], jacobian, values))
+            keys = t.keys
+            if self.shared is not None:
+                keys = [*keys, self.shared]
+                jacobian.append(_whitened(t, self._expansion.by_unknowns[t.rows]))
+            linear.push_back(_linear_factor(t, keys, residual[t.rows], jacobian, values))
+        if self.shared is not None:
+            linear.push_back(unit_prior(self.shared, self._unknowns(values).size).linearize(values))
         return linear
+
+    def _error_without_ranges(self, values: Any) -> float:
+        return float(self._base.error(values)) + 0.5 * float(np.sum(self._unknowns(values) ** 2))
+
+    def _unknowns(self, values: Any) -> Array:
+        return np.empty(0) if self.shared is None else np.asarray(values.atVector(self.shared), dtype=float)
 
     def _at(self, values: Any) -> tuple[Array, Array, Array]:
         place = positions(values, self._keys, self._n_poses)
-        residual, by_transmitter, by_receiver = self._expansion(place[self._ends[0]], place[self._ends[1]])
-        return residual, by_transmitter, by_receiver
+        return self._expansion(place[self._ends[0]], place[self._ends[1]], self._unknowns(values))
 
 
-def vector_factors(model: RangeModel, ranges: TimedRanges, terms: list[EpochTerms], n_poses: int) -> Any:
+def unit_prior(key: int, dimension: int) -> Any:
+    """
+    Prior of unit covariance about zero.
+
+    Parameters
+    ----------
+    key, dimension : int
+        Of a vector.
+
+    Returns
+    -------
+    gtsam.PriorFactorVector
+    """
+    return gtsam.PriorFactorVector(key, np.zeros(dimension), gtsam.noiseModel.Unit.Create(dimension))
+
+
+def vector_factors(
+    believed: BelievedRanges, terms: list[EpochTerms], n_poses: int, shared: int | None = None
+) -> Any:
     """
     Nonlinear factors, one for each epoch, that ask the model at every evaluation.
 
@@ -139,11 +172,12 @@ def vector_factors(model: RangeModel, ranges: TimedRanges, terms: list[EpochTerm
 
     Parameters
     ----------
-    model : RangeModel
-    ranges : TimedRanges
+    believed : BelievedRanges
     terms : list of EpochTerms
     n_poses : int
         Keys from here on are landmarks.
+    shared : int, optional
+        Key of the unknowns, if any are believed; their prior is among the factors.
 
     Returns
     -------
@@ -151,7 +185,10 @@ def vector_factors(model: RangeModel, ranges: TimedRanges, terms: list[EpochTerm
     """
     out = gtsam.NonlinearFactorGraph()
     for t in terms:
-        out.add(gtsam.CustomFactor(_unit(t), t.keys, _error_function(model, ranges, t, n_poses)))
+        keys = t.keys if shared is None else [*t.keys, shared]
+        out.add(gtsam.CustomFactor(_unit(t), keys, _error_function(believed, t, n_poses, shared)))
+    if shared is not None:
+        out.add(unit_prior(shared, believed.n_unknowns))
     return out
 
 
@@ -179,13 +216,15 @@ def _unit(t: EpochTerms) -> Any:
     return gtsam.noiseModel.Unit.Create(t.rows.size)
 
 
-def _error_function(model: RangeModel, ranges: TimedRanges, t: EpochTerms, n_poses: int) -> Any:
+def _error_function(believed: BelievedRanges, t: EpochTerms, n_poses: int, shared: int | None) -> Any:
+    ranges = believed.ranges
     speed = ranges.sound_speed[t.rows]
 
     def error(_factor: Any, values: Any, jacobians: Any) -> Array:
         place = positions(values, t.keys, n_poses)
         links = RangeLinks(ranges.time[t.rows], place[t.transmitter], place[t.receiver], speed)
-        found = model.predict(links)
+        u = np.empty(0) if shared is None else np.asarray(values.atVector(shared), dtype=float)
+        found, by_unknowns = believed.predict(links, t.rows, u)
         residual = np.where(found.possible, speed * (found.travel_time - ranges.travel_time[t.rows]), 0.0)
         if jacobians is not None:
             scale = np.where(found.possible, speed, 0.0)[:, None]
@@ -193,7 +232,10 @@ def _error_function(model: RangeModel, ranges: TimedRanges, t: EpochTerms, n_pos
                 scale * np.where(found.possible[:, None], g, 0.0)
                 for g in (found.transmitter_gradient, found.receiver_gradient)
             ]
-            for i, block in enumerate(_jacobians(values, t, n_poses, *gradients)):
+            blocks = _jacobians(values, t, n_poses, *gradients)
+            if shared is not None:
+                blocks.append(_whitened(t, scale * np.where(found.possible[:, None], by_unknowns, 0.0)))
+            for i, block in enumerate(blocks):
                 jacobians[i] = block
         return np.asarray(solve_triangular(t.root, residual, lower=True))
 
@@ -220,7 +262,13 @@ def _jacobians(
     return [np.asfortranarray(block) for block in out]
 
 
-def _linear_factor(t: EpochTerms, residual: Array, jacobian: list[Array], values: Any) -> Any:
+def _whitened(t: EpochTerms, block: Array) -> Array:
+    return np.asfortranarray(solve_triangular(t.root, block, lower=True))
+
+
+def _linear_factor(
+    t: EpochTerms, keys: list[int], residual: Array, jacobian: list[Array], values: Any
+) -> Any:
     """Linear factor of any number of variables; GTSAM's constructors for Python take at most three."""
     white = solve_triangular(t.root, residual, lower=True)
 
@@ -231,9 +279,11 @@ def _linear_factor(t: EpochTerms, residual: Array, jacobian: list[Array], values
         return np.asarray(white)
 
     few = gtsam.Values()
-    for key, block in zip(t.keys, jacobian, strict=True):
-        if block.shape[1] == 6:
+    for i, (key, block) in enumerate(zip(keys, jacobian, strict=True)):
+        if i == len(t.keys):  # what all ranges share
+            few.insert(key, np.asarray(values.atVector(key)))
+        elif block.shape[1] == 6:
             few.insert(key, values.atPose3(key))
         else:
             few.insertPoint3(key, values.atPoint3(key))
-    return gtsam.CustomFactor(_unit(t), t.keys, error).linearize(few)
+    return gtsam.CustomFactor(_unit(t), keys, error).linearize(few)
