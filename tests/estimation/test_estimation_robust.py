@@ -221,7 +221,10 @@ def test_expanded_travel_times_under_a_loss_cost_and_pull_as_stock_factors_do(sm
     common, at, n = builder.base(graph), builder.values(start), graph.n_poses
     place = np.concatenate([start.position, start.landmark_position])
     links = RangeLinks(timed.time, place[timed.transmitter], place[timed.receiver], timed.sound_speed)
-    expansion = Expansion(TransmitterSpeed().predict(links), links, timed.travel_time)
+    none = np.empty(0)
+    expansion = Expansion(
+        TransmitterSpeed().predict(links), links, timed.travel_time, none, np.empty((timed.time.size, 0))
+    )
     rows = [np.flatnonzero(timed.epoch == e) for e in range(timed.epoch.max() + 1)]
     terms = epoch_terms(timed, [(r, np.diag(graph.range_variance[r])) for r in rows])
     for loss in LOSSES.values():

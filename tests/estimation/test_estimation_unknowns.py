@@ -238,6 +238,16 @@ def test_robust_loss_finds_the_water_in_spite_of_outliers(make_fleet):
     assert off(plain.unknowns.value, [2.5, -1.5]) > 2.0 * off(robust.unknowns.value, [2.5, -1.5])
 
 
+def test_clocks_whose_prior_is_zero_are_known(make_fleet):
+    fleet = make_fleet(seed=5, gnss_every=5, n_landmarks=1)
+    clocks = Clocks(offset=[0.0] * 3, skew=[4e-6, -2e-6, 1e-6])
+    o = measured(fleet.noisy, fleet.position, Adjustable(), clocks)
+    skews = estimate(o, TransmitterSpeed(), clocks=ClockPrior(0.0, 5e-6)).unknowns
+    assert skews.name == ("clock skew A", "clock skew B", "clock skew C")
+    offsets = estimate(o, TransmitterSpeed(), clocks=ClockPrior(1e-2, 0.0)).unknowns
+    assert offsets.name == ("clock offset A", "clock offset B", "clock offset C")
+
+
 def test_same_input_gives_the_same_to_the_last_digit(make_fleet):
     fleet = make_fleet(seed=11, gnss_every=10)
     o = measured(fleet.noisy, fleet.position, Adjustable(amplitudes=(1.0, 1.0)))
@@ -250,10 +260,12 @@ def test_bad_priors_are_refused_by_name(make_fleet):
     fleet = make_fleet(seed=11)
     o = fleet.noisy
     assert isinstance(Adjustable(), AdjustableModel)
-    with pytest.raises(EstimationError, match="prior sigma of clock skew A is 0 1; needs a positive"):
-        estimate(o, Adjustable(), clocks=ClockPrior(1e-3, 0.0))
+    with pytest.raises(EstimationError, match="prior sigma of clock skew A is -1e-08 1; needs a positive"):
+        estimate(o, Adjustable(), clocks=ClockPrior(1e-3, -1e-8))
     with pytest.raises(EstimationError, match="prior sigma of mode 2 is nan m/s"):
         estimate(o, Adjustable(sigma=(1.0, np.nan)))
     timed = timed_ranges(o, "refracted", "refracted")
     with pytest.raises(EstimationError, match="neither modes nor clocks"):
-        Unknowns(TransmitterSpeed(), timed, build_graph(o).pose_agent, list("ABC"))
+        Unknowns(
+            TransmitterSpeed(), timed, build_graph(o).pose_agent, list("ABC"), clocks=ClockPrior(0.0, 0.0)
+        )

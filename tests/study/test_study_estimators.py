@@ -160,7 +160,7 @@ def test_exact_eigenrays_do_as_well_as_straight_ranges_and_transmitter_as_refrac
         {"range_model": "transmitter"},
         {"range_model": "mean-slowness", "belief": EXACT},
     )
-    solved = RealizationSolver(run).solve(0)
+    solved = RealizationSolver(run).solve(0).solutions
     assert list(solved) == ["straight", "refracted", "e0", "e1", "e2"]
 
     def ate(name):
@@ -173,9 +173,9 @@ def test_exact_eigenrays_do_as_well_as_straight_ranges_and_transmitter_as_refrac
 
 
 def test_conditions_are_the_same_bytes_with_and_without_estimators(day):
-    plain = RealizationSolver(day).solve(1)
+    plain = RealizationSolver(day).solve(1).solutions
     run = with_estimators(day, {"range_model": "eigenray", "belief": EXACT, "start": "dead-reckoning"})
-    more = RealizationSolver(run).solve(1)
+    more = RealizationSolver(run).solve(1).solutions
     for name, solution in plain.items():
         for field in ("position", "quaternion", "final_cost", "gradient_norm", "iterations"):
             np.testing.assert_array_equal(getattr(more[name], field), getattr(solution, field))
@@ -258,7 +258,7 @@ def test_larger_variance_never_costs_more(day):
     run = with_estimators(
         day, naive, naive | unsure | {"variance": "per-link"}, naive | unsure | {"variance": "correlated"}
     )
-    solved = RealizationSolver(run).solve(0)
+    solved = RealizationSolver(run).solve(0).solutions
     fixed, apart, together = (solved[f"e{i}"].final_cost for i in range(3))
     assert apart < fixed
     assert together < fixed

@@ -37,9 +37,9 @@ class ClockPrior(NamedTuple):
     """What is known of the vehicles' clocks beforehand; landmarks keep true time."""
 
     offset_sigma: float
-    """Standard deviation of each clock's offset at the start of the mission. [s]"""
+    """Standard deviation of each clock's offset at the start of the mission; 0 where it is known to be none. [s]"""
     skew_sigma: float
-    """Of its growth with time. [-]"""
+    """Of its growth with time, likewise. [-]"""
     turn_around: float | None = None
     """From ping to answer of a two-way exchange; None where ranging is one way. [s]"""
 
@@ -95,10 +95,16 @@ class Unknowns:
         n = len(agent_name)
         names = [f"mode {k + 1}" for k in range(modes.size)]
         units, sigma = ["m/s"] * modes.size, [*modes]
+        self._known = [
+            clocks is None or clocks.offset_sigma == 0.0,
+            clocks is None or clocks.skew_sigma == 0.0,
+        ]
         if clocks is not None:
-            names += [f"{what} {name}" for what in ("clock offset", "clock skew") for name in agent_name]
-            units += ["s"] * n + ["1"] * n
-            sigma += [clocks.offset_sigma] * n + [clocks.skew_sigma] * n
+            kinds = ("clock offset", "s", clocks.offset_sigma), ("clock skew", "1", clocks.skew_sigma)
+            for known, (what, unit, prior) in zip(self._known, kinds, strict=True):
+                names += [] if known else [f"{what} {name}" for name in agent_name]
+                units += [] if known else [unit] * n
+                sigma += [] if known else [prior] * n
         self.name, self.unit, self.sigma = tuple(names), tuple(units), np.array(sigma, dtype=float)
         if not self.name:
             raise EstimationError(
@@ -146,14 +152,14 @@ class Unknowns:
             columns.append(model.sensitivity(links))
         else:
             found = self._model.predict(links)
-        if self._clocks is not None:
+        if not all(self._known):
             by_clocks = self._by_clocks(links.time, np.where(found.possible, found.travel_time, 0.0), rows)
             found = found._replace(travel_time=found.travel_time + by_clocks @ value[k:])
             columns.append(by_clocks)
         return found, np.hstack(columns) * self.sigma
 
     def _by_clocks(self, sent: Array, time: Array, rows: NDArray[np.intp]) -> Array:
-        """Change of measured travel times by the offsets of all clocks, then by their skews."""
+        """Change of measured travel times by the offsets of all clocks, then by their skews; without the known ones."""
         assert self._clocks is not None  # asked only then
         n = self._n_agents
         offset, skew = np.zeros((rows.size, n + 1)), np.zeros((rows.size, n + 1))
@@ -166,7 +172,9 @@ class Unknowns:
         else:
             skew[row, t] += time + 0.5 * self._clocks.turn_around
             skew[row, r] -= 0.5 * self._clocks.turn_around
-        return np.hstack([offset[:, :n], skew[:, :n]])
+        return np.hstack(
+            [by[:, :n] for by, known in zip((offset, skew), self._known, strict=True) if not known]
+        )
 
 
 class UnknownsEstimate(NamedTuple):

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.moving_water import Currents
+from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.bathymetry import window_of
+from pymantaray.ocean.casts import read_casts
 from pymantaray.ocean.covariance import SoundSpeedCovariance
 from pymantaray.ocean.modes import vertical_modes
 from pymantaray.ocean.perturb import perturb_ocean
@@ -22,6 +24,7 @@ from pymantaray.study.config_estimators import (
     CastBelief,
     ExactBelief,
     MeanBelief,
+    ModesSection,
     OtherDayBelief,
     PerturbedBelief,
 )
@@ -111,13 +114,50 @@ class Beliefs:
         -------
         SoundSpeedCovariance
         """
-        ocean = self._true()
-        modes = vertical_modes(ocean, equation=self._config.ocean.equation)
-        depth = np.asarray(ocean["depth"].values, dtype=float)
-        shapes = modes.at(depth)
-        factor = rms / pooled_rms(ocean, modes.variance @ shapes**2, down_to)
-        matrix = factor**2 * np.einsum("k,ki,kj->ij", modes.variance, shapes, shapes)
+        depth, shapes, sigma = self._scaled_modes((), rms, down_to)
+        matrix = np.einsum("k,ki,kj->ij", sigma**2, shapes, shapes)
         return SoundSpeedCovariance(depth, 0.5 * (matrix + matrix.T), horizontal_scale)
+
+    def modes(self, section: ModesSection) -> tuple[Array, Array, Array]:
+        """
+        Vertical modes whose amplitudes are to be estimated.
+
+        Parameters
+        ----------
+        section : ModesSection
+
+        Returns
+        -------
+        depth : ndarray, shape (n_levels,)
+            [m]
+        shapes : ndarray, shape (n_modes, n_levels)
+            [-]
+        sigma : ndarray, shape (n_modes,)
+            Standard deviation of each amplitude, beforehand. [m s⁻¹]
+
+        Raises
+        ------
+        OceanError
+            If a cast cannot be read, or ocean or casts do not have so many modes.
+        """
+        depth, shapes, sigma = self._scaled_modes(section.casts, section.rms, section.down_to)
+        if section.count > sigma.size:
+            raise OceanError(
+                f"modes: count is {section.count}, but there are {sigma.size} that vary; give at most so many"
+            )
+        return depth, shapes[: section.count], sigma[: section.count]
+
+    def _scaled_modes(
+        self, casts: tuple[str, ...], rms: float | None, down_to: float | None
+    ) -> tuple[Array, Array, Array]:
+        """Levels, shapes and standard deviations of the modes of the ocean, or of casts in files."""
+        ocean = self._true()
+        columns = read_casts(casts) if casts else ocean
+        taken = vertical_modes(columns, equation=self._config.ocean.equation)
+        depth = np.asarray(ocean["depth"].values, dtype=float)
+        shapes = taken.at(depth)
+        factor = 1.0 if rms is None else rms / pooled_rms(ocean, taken.variance @ shapes**2, down_to)
+        return depth, shapes, factor * np.sqrt(taken.variance)
 
     def _made(self, section: AnyBelief, realization: int) -> Belief:
         local = self._run.ocean if isinstance(section, ExactBelief) else self._local(section, realization)

@@ -157,6 +157,12 @@ class StudyConfig(Section):
     estimator: EstimatorSection = EstimatorSection()
     estimators: tuple[RangeEstimatorSection, ...] | None = Field(default=None, strict=False)
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All input files: of the ocean and of casts, each once."""
+        casts = (file for e in self.estimators or () if e.modes is not None for file in e.modes.casts)
+        return tuple(dict.fromkeys([*self.ocean.files, *casts]))
+
     @model_validator(mode="after")
     def _distinct_landmarks(self) -> Self:
         require_unique("landmark names", [m.name for m in self.landmarks])
@@ -166,6 +172,17 @@ class StudyConfig(Section):
     def _distinct_estimators(self) -> Self:
         names = [e.name for e in self.estimators or ()]
         require_unique("names of conditions and estimators", [*get_args(Condition), *names])
+        return self
+
+    @model_validator(mode="after")
+    def _clocks_have_a_prior(self) -> Self:
+        own = self.ranging.clock_offset_sigma, self.ranging.clock_skew_sigma
+        for e in self.estimators or ():
+            if e.clocks is not None and not any(e.clocks.priors(*own)):
+                raise ValueError(
+                    f"estimator {e.name} estimates clocks, but their priors are 0: give ranging.clock_offset_sigma or"
+                    " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
+                )
         return self
 
     @model_validator(mode="after")

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pymantaray.study.section import PositiveFloat, Section
+from pymantaray.study.section import NonNegativeFloat, PositiveFloat, Section
 
 
 class ExactBelief(Section):
@@ -61,6 +61,52 @@ AnyBelief = Annotated[
 ]
 
 
+class ModesSection(Section):
+    """
+    Amplitudes of vertical sound-speed modes, the same everywhere, that are estimated with the poses.
+
+    The first ``count`` modes of the study's ocean or of casts, counted from what is believed. Their prior is what
+    they vary by, or in proportion such that all modes have ``rms`` over the water column or its upper ``down_to`` metres.
+    """
+
+    count: int = Field(ge=1)
+    rms: PositiveFloat | None = None
+    down_to: PositiveFloat | None = None
+    casts: tuple[str, ...] = Field(default=(), strict=False)
+
+    @model_validator(mode="after")
+    def _depth_of_something(self) -> Self:
+        if self.down_to is not None and self.rms is None:
+            raise ValueError("down_to is given without rms, which is what is pooled down to there; give both")
+        return self
+
+
+class ClocksSection(Section):
+    """Offset and skew of every vehicle's clock, estimated with the poses; priors are the study's unless given."""
+
+    offset_sigma: NonNegativeFloat | None = None
+    skew_sigma: NonNegativeFloat | None = None
+
+    def priors(self, offset_sigma: float, skew_sigma: float) -> tuple[float, float]:
+        """
+        Standard deviations of offset and skew.
+
+        Parameters
+        ----------
+        offset_sigma, skew_sigma : float
+            Of the study. [s, -]
+
+        Returns
+        -------
+        tuple of float
+            [s, -]
+        """
+        return (
+            offset_sigma if self.offset_sigma is None else self.offset_sigma,
+            skew_sigma if self.skew_sigma is None else self.skew_sigma,
+        )
+
+
 class RangeEstimatorSection(Section):
     """
     One estimator: one more condition of the study, on the same noise.
@@ -68,7 +114,7 @@ class RangeEstimatorSection(Section):
     ``sound_speed`` belongs to ``constant``; ``belief`` to the models that need an ocean. The variance is the
     fixed one of the ranges, or has that of the travel time by the ocean's uncertainty added, alone or
     with the covariances between the links of a ping: of sound speed ``uncertainty_rms`` in the study's vertical
-    modes, by default what a perturbed belief has.
+    modes, by default what a perturbed belief has. With ``modes`` or ``clocks`` water or clocks are estimated too.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
@@ -84,6 +130,8 @@ class RangeEstimatorSection(Section):
     loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
     solver: Literal["batch", "incremental"] = "batch"
     start: Literal["truth", "dead-reckoning"] = "truth"
+    modes: ModesSection | None = None
+    clocks: ClocksSection | None = None
 
     @model_validator(mode="after")
     def _ranges_fit(self) -> Self:
@@ -107,6 +155,18 @@ class RangeEstimatorSection(Section):
                 raise ValueError(f"range_model {model} needs {key}")
             if value is not None and model not in users:
                 raise ValueError(f"{key} is given, but range_model {model} does not use it; leave it out")
+        return self
+
+    @model_validator(mode="after")
+    def _unknowns_fit(self) -> Self:
+        if self.modes is not None and self.range_model != "eigenray":
+            raise ValueError(f"modes are estimated along eigenrays; range_model is {self.range_model}")
+        if self.modes is not None and self.variance != "fixed":
+            raise ValueError(
+                f'modes are given and variance is "{self.variance}": the water\'s error would count twice; set "fixed"'
+            )
+        if self.solver == "incremental" and (self.modes is not None or self.clocks is not None):
+            raise ValueError('solver "incremental" does not estimate modes or clocks; set solver = "batch"')
         return self
 
     @model_validator(mode="after")

@@ -60,6 +60,22 @@ class EigenrayModel:
         self._cutoff, self._currents, self._threads = spreading_cutoff_db, currents, threads
         self._kept: dict[bytes, Arrivals] = {}
 
+    def through(self, medium: Medium) -> "EigenrayModel":
+        """
+        Give the same model in another medium.
+
+        Parameters
+        ----------
+        medium : Medium
+
+        Returns
+        -------
+        EigenrayModel
+        """
+        return EigenrayModel(
+            medium, spreading_cutoff_db=self._cutoff, currents=self._currents, threads=self._threads
+        )
+
     def predict(self, links: RangeLinks) -> Prediction:
         """
         Travel times of the direct arrivals.

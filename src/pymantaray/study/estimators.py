@@ -8,6 +8,8 @@ from pymantaray.estimation.range_models import (
     RangeModel,
     TransmitterSpeed,
 )
+from pymantaray.estimation.unknowns import ClockPrior
+from pymantaray.study.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import (
     AnyBelief,
@@ -18,6 +20,7 @@ from pymantaray.study.config_estimators import (
 from pymantaray.study.eigenray_model import EigenrayModel
 from pymantaray.study.ray_uncertainty import RayUncertainty
 from pymantaray.study.store import Run
+from pymantaray.study.true_unknowns import true_amplitudes, true_clocks
 
 
 class EstimatorFactory:
@@ -58,6 +61,8 @@ class EstimatorFactory:
         uncertainty = None
         if section.uncertainty is not None and isinstance(model, EigenrayModel):
             uncertainty = RayUncertainty(model, self._beliefs.covariance(*section.uncertainty))
+        if section.modes is not None and isinstance(model, EigenrayModel):
+            model = AdjustableEigenrays(model, *self._beliefs.modes(section.modes))
         truth = self._run.truth
         exact = section.range_model == "eigenray" and isinstance(section.belief, ExactBelief)
         return Estimator(
@@ -70,7 +75,41 @@ class EstimatorFactory:
             incremental=section.solver == "incremental",
             initial=(truth.position, truth.quaternion) if section.start == "truth" else None,
             model_is_right=section.variance == "fixed" and (section.ranges == "straight" or exact),
+            clocks=self._clocks(section),
         )
+
+    def true_unknowns(self, section: RangeEstimatorSection, realization: int) -> dict[str, float]:
+        """
+        True values of what an estimator estimates besides the poses.
+
+        Parameters
+        ----------
+        section : RangeEstimatorSection
+        realization : int
+
+        Returns
+        -------
+        dict of str to float
+            By the names of `Unknowns`, in their units; more than those perhaps.
+        """
+        run = self._run
+        out: dict[str, float] = {}
+        if section.modes is not None:
+            assert section.belief is not None  # checked by the section; for the type checker
+            believed = self._beliefs.believed(section.belief, realization)
+            rays = self._eigenrays(section.belief, realization)
+            model = AdjustableEigenrays(rays, *self._beliefs.modes(section.modes))
+            out |= true_amplitudes(model, run.ocean, believed.local, run.truth)
+        if section.clocks is not None:
+            out |= true_clocks(run.config, run.truth.name.tolist(), realization)
+        return out
+
+    def _clocks(self, section: RangeEstimatorSection) -> ClockPrior | None:
+        if section.clocks is None:
+            return None
+        ranging = self._run.config.ranging
+        offset, skew = section.clocks.priors(ranging.clock_offset_sigma, ranging.clock_skew_sigma)
+        return ClockPrior(offset, skew, None if ranging.timing == "one-way" else ranging.turn_around_s)
 
     def _model(self, section: RangeEstimatorSection, realization: int) -> RangeModel:
         if section.range_model == "constant":

@@ -188,6 +188,11 @@ def _anchor_sources(tree: dict[str, Any], folder: Path) -> None:
         ocean["source"] = anchor(source)
     if "bathymetry" in ocean:
         ocean["bathymetry"] = anchor(ocean["bathymetry"])
+    estimators = tree.get("estimators")
+    for estimator in estimators if isinstance(estimators, list) else []:
+        modes = estimator.get("modes") if isinstance(estimator, dict) else None
+        if isinstance(modes, dict) and isinstance(modes.get("casts"), list):
+            modes["casts"] = [anchor(entry) for entry in modes["casts"]]
 
 
 def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:

@@ -71,7 +71,7 @@ def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int
             "source": list(config.ocean.source),
             "synthetic": config.ocean.synthetic,
             "time_varying": config.ocean.time_varying,
-            "sha256": {file: sha256(Path(file)) for file in config.ocean.files},
+            "sha256": {file: sha256(Path(file)) for file in config.files},
         },
         "random": {
             "seed": config.study.seed,

@@ -15,6 +15,7 @@ from pymantaray.study.manifest import Stopwatch, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
 from pymantaray.study.outcome import summarize
 from pymantaray.study.store import Run, open_run
+from pymantaray.study.true_unknowns import collect_unknowns
 from pymantaray.study.workers import refuse_unguarded_scripts, solve_realizations
 
 _REALIZATIONS_PER_WORKER = 3
@@ -78,16 +79,18 @@ def run_study(
             _write_mission(config, mission, stage)
         report("realizations", 0, count)
         with watch.stage("realizations"):
-            solutions = solve_realizations(
-                Run(stage), workers, lambda done: report("realizations", done, count)
-            )
+            solved = solve_realizations(Run(stage), workers, lambda done: report("realizations", done, count))
         report("files", 0, 1)
         with watch.stage("files"):
+            solutions = [one.solutions for one in solved]
             estimates = collect_estimates(mission.observations, solutions)
             _write_results(config, mission, estimates, stage)
             epochs = fixed_epochs(mission.truth.time, config.estimator.covariance_interval_h * 3600.0)
             kept = [{name: s.covariances for name, s in one.items()} for one in solutions]
             collect_covariances(mission.observations, epochs, kept).save(stage / store.COVARIANCES)
+            unknowns = collect_unknowns(solutions, [one.true_unknowns for one in solved])
+            if unknowns is not None:
+                unknowns.save(stage / store.UNKNOWNS)
         content = describe_run(config, watch.seconds, workers=workers)
         content["outcome"] = summarize(mission, estimates)
         store.write_json(content, stage / store.MANIFEST)

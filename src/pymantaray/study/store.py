@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pymantaray.errors import StudyError
 from pymantaray.records import Arrivals, Estimates, Observations, Trajectories
 from pymantaray.records.covariances import PoseCovariances
+from pymantaray.records.unknowns import SharedUnknowns
 from pymantaray.sensing import Hearing, Links, perturb
 from pymantaray.sensing.mistaken import Candidates, draw_taken
 from pymantaray.study.assemble_ranging import build_clocks, build_timing
@@ -24,7 +25,7 @@ MANIFEST, CONFIG = "manifest.json", "config.toml"
 OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
 TRUTH, LINKS, ARRIVALS = "truth.nc", "links.nc", "arrivals.nc"
 OBSERVATIONS, HEARING, ESTIMATES = "observations.nc", "hearing.nc", "estimates.nc"
-COVARIANCES = "covariances.nc"
+COVARIANCES, UNKNOWNS = "covariances.nc", "unknowns.nc"
 CANDIDATES, RAY_PICTURE = "candidates.nc", "ray_picture.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
 
@@ -116,6 +117,12 @@ class Run:
         """Covariances of all solves at fixed epochs; None in a run of an older version."""
         path = self.path / COVARIANCES
         return PoseCovariances.load(path) if path.is_file() else None
+
+    @cached_property
+    def unknowns(self) -> SharedUnknowns | None:
+        """What estimators found of modes and clocks; None if none estimated any."""
+        path = self.path / UNKNOWNS
+        return SharedUnknowns.load(path) if path.is_file() else None
 
     @cached_property
     def ray_picture(self) -> xr.Dataset:

@@ -12,8 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pymantaray.errors import StudyError
-from pymantaray.estimation import Solution
-from pymantaray.study.realization import RealizationSolver
+from pymantaray.study.realization import RealizationSolver, Solved
 from pymantaray.study.store import Run
 
 # read by the numerical libraries when a process starts; more threads than cores only slow it down
@@ -28,7 +27,7 @@ _ONE_THREAD = (
 _solver: RealizationSolver | None = None  # of this worker process
 
 
-def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> list[dict[str, Solution]]:
+def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> list[Solved]:
     """
     Solve all realizations of a study.
 
@@ -43,7 +42,7 @@ def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> l
 
     Returns
     -------
-    list of dict of str to Solution
+    list of Solved
         By realization; it does not depend on the number of workers.
 
     Raises
@@ -64,7 +63,7 @@ def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> l
     with ProcessPoolExecutor(workers, context, _start_worker, (run.path,)) as pool:
         with _fit_for_workers():  # submitting starts the processes
             futures = {pool.submit(_solve, realization): realization for realization in range(count)}
-        found: dict[int, dict[str, Solution]] = {}
+        found: dict[int, Solved] = {}
         try:
             for future in as_completed(futures):
                 found[futures[future]] = future.result()
@@ -104,7 +103,7 @@ def _start_worker(folder: Path) -> None:
     _solver = RealizationSolver(Run(folder))
 
 
-def _solve(realization: int) -> dict[str, Solution]:
+def _solve(realization: int) -> Solved:
     if _solver is None:
         raise AssertionError("worker was not started")
     return _solver.solve(realization)
