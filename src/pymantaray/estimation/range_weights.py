@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from pymantaray.estimation.assemble import TimedRanges
 from pymantaray.estimation.losses import Loss
@@ -154,4 +155,27 @@ def cost_of_ranges(blocks: list[tuple[NDArray[np.intp], Array]], residual: Array
         return sum(
             float(loss.cost(residual[rows] / np.sqrt(np.diagonal(full))).sum()) for rows, full in blocks
         )
-    return 0.5 * sum(float(residual[rows] @ np.linalg.solve(full, residual[rows])) for rows, full in blocks)
+    white = (
+        whiten(np.asarray(np.linalg.cholesky(full), dtype=float), residual[rows]) for rows, full in blocks
+    )
+    return 0.5 * sum(float(w @ w) for w in white)
+
+
+def whiten(root: Array, values: Array) -> Array:
+    """
+    Divide by the root of a covariance.
+
+    Parameters
+    ----------
+    root : ndarray, shape (m, m)
+        Lower triangular; most often diagonal, for links that share no error.
+    values : ndarray, shape (m,) or (m, k)
+
+    Returns
+    -------
+    ndarray
+        Of the shape of the values, ordered by columns.
+    """
+    if np.count_nonzero(root) == root.shape[0]:
+        return np.asfortranarray((values.T / np.diagonal(root)).T)
+    return np.asfortranarray(solve_triangular(root, values, lower=True))

@@ -12,6 +12,7 @@ from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_ocean import ray_picture, sound_speed_profiles
 from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
 from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pooled_ape
+from pymantaray.report.figures_unknowns import unknowns_before_and_after
 from pymantaray.report.findings import Findings
 
 
@@ -157,6 +158,18 @@ def run_plates(found: Findings) -> list[Plate]:
                     " is at 1 on average and inside the grey 95 % bounds; empty markers are outside."
                 ),
                 lambda: consistency_over_time(found.tables["consistency_per_epoch"], header),
+            )
+        )
+    if "unknowns" in found.tables:
+        plates.append(
+            (
+                "unknowns",
+                (
+                    f"Sound-speed modes and clocks estimated with the poses, over {count} realizations: standard deviation"
+                    " that the estimator gives (blue) and error of its estimate (orange), both by the standard deviation"
+                    " beforehand (grey line): on it the ranges say nothing."
+                ),
+                lambda: unknowns_before_and_after(found.tables["unknowns"], header),
             )
         )
     return [

@@ -23,6 +23,8 @@ CAPTIONS = {
     "ate_difference": "Difference of position error between conditions, 95 % intervals over realizations",
     "consistency": "Consistency: sums over realizations of NEES and of range innovations by their degrees of freedom,"
     " and at how many epochs they are inside their 95 % bounds",
+    "unknowns": "Sound-speed modes and clocks: standard deviation before and after, the share of the prior variance that"
+    " the measurements took away, and the errors",
     "dropouts": "Range attempts and dropouts by kind of link, and their causes",
     "range_error": "Signed range error, refracted minus straight, by kind of link",
     "range_error_split": "Range error split into reference speed and bending",
@@ -32,6 +34,7 @@ CAPTIONS = {
     "consistency_per_epoch": "Consistency at each epoch",
     "consistency_per_agent": "Consistency of each vehicle at each epoch",
     "coverage": "Share of position errors within 1 and 3 sigma, with binomial bounds",
+    "unknowns_directions": "Combinations of modes and clocks that the measurements see, from best to least",
     "solves": "Health of each solve",
 }
 _SHOWN = {  # where the CSV file has more columns than fit on a page
@@ -49,6 +52,7 @@ _FOLDED = {
     "consistency_per_epoch",
     "consistency_per_agent",
     "coverage",
+    "unknowns_directions",
     "solves",
 }
 

@@ -17,6 +17,7 @@ from pymantaray.evaluation import (
 )
 from pymantaray.evaluation.consistency import consistency_summary, consistency_table
 from pymantaray.evaluation.coverage import coverage_table
+from pymantaray.evaluation.unknowns import directions_table, unknowns_table
 from pymantaray.records import Estimates, SolveStatus
 from pymantaray.study.store import Run
 
@@ -34,7 +35,9 @@ def make_tables(run: Run) -> dict[str, pd.DataFrame]:
     dict of str to pandas.DataFrame
         ``ate_pooled``, ``ate_difference`` (paired confidence intervals between conditions),
         ``ate_per_agent``, ``ate_per_realization``, ``dropouts``, ``range_error``, ``range_error_split``,
-        ``region`` and ``solves`` (health of each solve). Units are in the names of columns or properties.
+        ``region`` and ``solves`` (health of each solve); with covariances ``consistency``,
+        ``consistency_per_epoch``, ``consistency_per_agent`` and ``coverage``; where modes or clocks are
+        estimated ``unknowns`` and ``unknowns_directions``. Units are in the names of columns or properties.
 
     Raises
     ------
@@ -42,18 +45,21 @@ def make_tables(run: Run) -> dict[str, pd.DataFrame]:
         If truth, observations and estimates do not fit together.
     """
     truth, observations, estimates = run.truth, run.observations, run.estimates
-    consistency: dict[str, pd.DataFrame] = {}
+    more: dict[str, pd.DataFrame] = {}
     if run.covariances is not None:
         known = (truth, estimates, run.covariances)
         by_epoch, by_agent = consistency_table(*known), consistency_table(*known, by_agent=True)
-        consistency = {
+        more = {
             "consistency": consistency_summary(by_epoch),
             "consistency_per_epoch": by_epoch,
             "consistency_per_agent": by_agent,
             "coverage": coverage_table(*known),
         }
+    if run.unknowns is not None:
+        more["unknowns"] = unknowns_table(run.unknowns)
+        more["unknowns_directions"] = directions_table(run.unknowns)
     return {
-        **consistency,
+        **more,
         "ate_pooled": error_table(truth, estimates),
         "ate_difference": comparison_table(truth, estimates, root_seed=run.config.study.seed),
         "ate_per_agent": error_table(truth, estimates, by=("agent",)),
@@ -79,7 +85,7 @@ def solve_table(estimates: Estimates) -> pd.DataFrame:
     pandas.DataFrame
         One row for each condition and realization: ``status`` (name of the `SolveStatus`), ``iterations``,
         ``initial_cost``, ``final_cost``, ``expected_cost`` (half the degrees of freedom),
-        ``gradient_norm``; costs are without units.
+        ``gradient_norm``, ``gated_links``; costs are without units.
     """
     rows: list[dict[str, Any]] = []
     for c, r in np.ndindex(estimates.solve_status.shape):
@@ -93,11 +99,12 @@ def solve_table(estimates: Estimates) -> pd.DataFrame:
                 "final_cost": float(estimates.final_cost[c, r]),
                 "expected_cost": float(estimates.expected_cost[c, r]),
                 "gradient_norm": float(estimates.gradient_norm[c, r]),
+                "gated_links": int(estimates.gated_links[c, r]),
             }
         )
     columns = ["condition", "realization", "status", "iterations"]
     costs = ["initial_cost", "final_cost", "expected_cost", "gradient_norm"]
-    return pd.DataFrame(rows, columns=columns + costs)
+    return pd.DataFrame(rows, columns=[*columns, *costs, "gated_links"])
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:

@@ -6,12 +6,11 @@ from typing import Any, NamedTuple
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from pymantaray.estimation.assemble import TimedRanges
 from pymantaray.estimation.expansion import Expansion
 from pymantaray.estimation.range_models import RangeLinks
-from pymantaray.estimation.range_weights import BelievedRanges
+from pymantaray.estimation.range_weights import BelievedRanges, whiten
 
 Array = NDArray[np.float64]
 
@@ -106,7 +105,7 @@ class ExpandedRanges:
         float
         """
         residual, _, _ = self._at(values)
-        white = (solve_triangular(t.root, residual[t.rows], lower=True) for t in self._terms)
+        white = (whiten(t.root, residual[t.rows]) for t in self._terms)
         return self._error_without_ranges(values) + 0.5 * sum(float(w @ w) for w in white)
 
     def linearize(self, values: Any) -> Any:
@@ -128,7 +127,7 @@ class ExpandedRanges:
             keys = t.keys
             if self.shared is not None:
                 keys = [*keys, self.shared]
-                jacobian.append(_whitened(t, self._expansion.by_unknowns[t.rows]))
+                jacobian.append(whiten(t.root, self._expansion.by_unknowns[t.rows]))
             linear.push_back(_linear_factor(t, keys, residual[t.rows], jacobian, values))
         if self.shared is not None:
             linear.push_back(unit_prior(self.shared, self._unknowns(values).size).linearize(values))
@@ -234,10 +233,10 @@ def _error_function(believed: BelievedRanges, t: EpochTerms, n_poses: int, share
             ]
             blocks = _jacobians(values, t, n_poses, *gradients)
             if shared is not None:
-                blocks.append(_whitened(t, scale * np.where(found.possible[:, None], by_unknowns, 0.0)))
+                blocks.append(whiten(t.root, scale * np.where(found.possible[:, None], by_unknowns, 0.0)))
             for i, block in enumerate(blocks):
                 jacobians[i] = block
-        return np.asarray(solve_triangular(t.root, residual, lower=True))
+        return whiten(t.root, residual)
 
     return error
 
@@ -251,7 +250,7 @@ def _jacobians(
     row = np.arange(m)
     np.add.at(dense, (row, t.transmitter), by_transmitter)
     np.add.at(dense, (row, t.receiver), by_receiver)
-    white = solve_triangular(t.root, dense.reshape(m, -1), lower=True).reshape(dense.shape)
+    white = whiten(t.root, dense.reshape(m, -1)).reshape(dense.shape)
     out = []
     for i, key in enumerate(t.keys):
         if key < n_poses:
@@ -262,15 +261,11 @@ def _jacobians(
     return [np.asfortranarray(block) for block in out]
 
 
-def _whitened(t: EpochTerms, block: Array) -> Array:
-    return np.asfortranarray(solve_triangular(t.root, block, lower=True))
-
-
 def _linear_factor(
     t: EpochTerms, keys: list[int], residual: Array, jacobian: list[Array], values: Any
 ) -> Any:
     """Linear factor of any number of variables; GTSAM's constructors for Python take at most three."""
-    white = solve_triangular(t.root, residual, lower=True)
+    white = whiten(t.root, residual)
 
     def error(_factor: Any, _values: Any, jacobians: Any) -> Array:
         if jacobians is not None:

@@ -1,0 +1,119 @@
+"""What ranges say of water and clocks: each unknown before and after, and the combinations that they see best and least."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.records.unknowns import SharedUnknowns
+
+Array = NDArray[np.float64]
+_LARGE = 0.3  # of the largest share in a combination; smaller ones are not named
+_NAMED = 4  # shares of a combination at most
+
+
+def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
+    r"""
+    Every unknown of every condition: how well it was known beforehand, and how well and how rightly after.
+
+    Parameters
+    ----------
+    unknowns : SharedUnknowns
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``condition``, ``unknown``, ``unit``; ``prior_sigma`` and ``sigma``, the root mean square of the standard
+        deviations that the solves give, in the unit; ``resolution``, the share of the prior variance that the
+        measurements took away: 0 where they say nothing, 1 where they say everything; ``rms_error`` of the estimates in the
+        unit; ``error_ratio``, the mean square of error over standard deviation, 1 for a consistent estimator; and
+        ``realizations`` with a usable solve.
+
+    Notes
+    -----
+    A standard deviation well below the prior does not make an unknown observable alone: see `directions_table`.
+    """
+    rows: list[dict[str, Any]] = []
+    for c, i in np.argwhere(np.isfinite(unknowns.prior_sigma)):
+        prior = float(unknowns.prior_sigma[c, i])
+        variance = unknowns.covariance[c, :, i, i]
+        error = unknowns.value[c, :, i] - unknowns.truth[c, :, i]
+        rows.append(
+            {
+                "condition": str(unknowns.condition[c]),
+                "unknown": str(unknowns.name[i]),
+                "unit": str(unknowns.unit[i]),
+                "realizations": int(np.isfinite(unknowns.value[c, :, i]).sum()),
+                "prior_sigma": prior,
+                "sigma": np.sqrt(_mean(variance)),
+                "resolution": 1.0 - _mean(variance) / prior**2,
+                "rms_error": np.sqrt(_mean(error**2)),
+                "error_ratio": _mean(error**2 / variance),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def directions_table(unknowns: SharedUnknowns) -> pd.DataFrame:
+    r"""
+    Independent combinations of the unknowns of each condition, from the one that is seen best to the one seen least.
+
+    Parameters
+    ----------
+    unknowns : SharedUnknowns
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``condition``; ``direction``, from 1; ``sigma_ratio``, standard deviation after over before;
+        ``resolution``, 1 less its square; ``seen_so_far``, the sum of resolutions down to here, of which the last is the number of
+        quantities that the measurements determine; ``combination``, its largest shares in units of the priors. A condition without covariances has no
+        rows.
+
+    Notes
+    -----
+    Eigenvectors of the mean over realizations of :math:`D^{-1} P D^{-1}`, with P the covariance of the unknowns
+    and D their prior standard deviations. An eigenvalue of 1 is a combination of which the measurements say nothing: what is
+    written for it is the prior. The trace of the resolution matrix :math:`I - D^{-1} P D^{-1}` counts what they determine.
+    """
+    rows: list[dict[str, Any]] = []
+    for c, name in enumerate(unknowns.condition):
+        mine = np.flatnonzero(np.isfinite(unknowns.prior_sigma[c]))
+        all_of_them = unknowns.covariance[c][:, mine][:, :, mine]
+        good = np.isfinite(all_of_them).all(axis=(1, 2))
+        if not good.any():
+            continue
+        prior = unknowns.prior_sigma[c, mine]
+        whitened = all_of_them[good].mean(axis=0) / prior[:, None] / prior
+        values, vectors = np.linalg.eigh(0.5 * (whitened + whitened.T))
+        resolution = 1.0 - values
+        for k, (value, seen) in enumerate(zip(values, np.cumsum(resolution), strict=True)):
+            rows.append(
+                {
+                    "condition": str(name),
+                    "direction": k + 1,
+                    "sigma_ratio": float(np.sqrt(max(value, 0.0))),
+                    "resolution": float(resolution[k]),
+                    "seen_so_far": float(seen),
+                    "combination": _words(vectors[:, k], [str(n) for n in unknowns.name[mine]]),
+                }
+            )
+    columns = ["condition", "direction", "sigma_ratio", "resolution", "seen_so_far", "combination"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _mean(values: Array) -> float:
+    """Mean of what is finite; NaN if nothing is."""
+    kept = values[np.isfinite(values)]
+    return float(kept.mean()) if kept.size else np.nan
+
+
+def _words(vector: Array, names: list[str]) -> str:
+    """Name the largest shares of a combination, the first of them positive."""
+    order = np.argsort(-np.round(np.abs(vector), 2), kind="stable")
+    large = [i for i in order if abs(vector[i]) >= _LARGE * abs(vector[order[0]])]
+    sign = 1.0 if vector[order[0]] > 0.0 else -1.0
+    shown = [f"{sign * vector[i]:+.2f} {names[i]}" for i in large[:_NAMED]]
+    more = len(large) - len(shown)
+    return " ".join(shown) + (f" and {more} more" if more else "")
