@@ -61,8 +61,9 @@ def test_singular_graphs_are_diagnosed_by_name_exactly_where_the_solver_fails(wh
     _, graph, values = whole
     graph = replace(graph, **change)
     line = diagnose(graph, values)
-    status = GraphSolver().solve(graph, values, model_is_right=False).status
-    assert status.name == "FAILED"
+    solution = GraphSolver().solve(graph, values, model_is_right=False)
+    assert solution.status.name == "FAILED"
+    assert solution.diagnosis == line
     assert line is not None
     assert "\n" not in line
     assert line.split(":")[0][0] in "ABCL"
@@ -90,6 +91,29 @@ def test_vehicle_held_by_one_range_is_named(make_fleet):
     line = diagnose(graph, values)
     assert line is not None
     assert line.startswith("B")
+    assert GraphSolver().solve(graph, values).diagnosis == line
+
+
+def test_vehicle_never_ranged_is_solved_with_a_prior_and_named_without(make_fleet):
+    fleet = make_fleet(seed=1, n_agents=3, n_times=8)
+    graph = build_graph(fleet.noisy, "straight")
+    c = range(int(graph.prior_pose[2]), graph.n_poses)
+    used = ~(np.isin(graph.range_first, c) | np.isin(graph.range_second, c))
+    alone = replace(graph, **{name: getattr(graph, name)[used] for name in NO_RANGES})
+    values = GraphValues(
+        position=fleet.position.reshape(-1, 3),
+        quaternion=fleet.quaternion.reshape(-1, 4),
+        landmark_position=np.empty((0, 3)),
+    )
+    solution = GraphSolver().solve(alone, values)
+    assert solution.status.name == "OK"
+    assert solution.diagnosis is None
+    alone = replace(alone, **{name: getattr(graph, name)[:2] for name in NO_PRIOR})
+    solution = GraphSolver().solve(alone, values)
+    assert not solution.usable
+    assert solution.diagnosis.startswith("C")
+    assert "singular" in solution.diagnosis
+    assert "\n" not in solution.diagnosis
 
 
 @pytest.mark.parametrize("variance", [1e-16, 1e-20, 1e-28])
@@ -180,6 +204,8 @@ def test_values_that_cannot_be_a_start_are_refused(whole, change, message):
     _, graph, values = whole
     with pytest.raises(EstimationError, match=message):
         check_values(graph, replace(values, **change))
+    with pytest.raises(EstimationError, match=message):
+        GraphSolver().solve(graph, replace(values, **change))
 
 
 def test_dead_reckoning_over_a_graph_is_dead_reckoning_of_its_observations(whole):

@@ -73,12 +73,45 @@ def test_same_optimum_from_the_truth_and_from_dead_reckoning(fleet):
         assert from_odometry[name].initial_cost > from_odometry[name].final_cost
 
 
-def test_default_tolerance_leaves_less_than_half_a_millimetre(fleet):
+def test_default_tolerance_leaves_less_than_a_hundredth_of_a_millimetre(fleet):
     tight, default = (
         solve_conditions(fleet.noisy, ["refracted"], solver=GraphSolver(o))["refracted"]
         for o in (TIGHT, SolveOptions())
     )
-    np.testing.assert_allclose(default.position, tight.position, rtol=0, atol=5e-4)
+    np.testing.assert_allclose(default.position, tight.position, rtol=0, atol=1e-5)
+
+
+def test_steps_with_a_kept_factorization_end_where_newly_factorized_ones_do(fleet, monkeypatch):
+    eliminated, calls = optimize._eliminated, []
+    monkeypatch.setattr(optimize, "_eliminated", lambda *a: calls.append(1) or eliminated(*a))
+    graph, start = build_graph(fleet.noisy, "refracted"), values_of(fleet.position, fleet.quaternion)
+    kept = GraphSolver(TIGHT).solve(graph, start, model_is_right=False)
+    assert len(calls) < kept.iterations
+    calls.clear()
+    monkeypatch.setattr(optimize, "_NEAR", 0.0)
+    anew = GraphSolver(TIGHT).solve(graph, start, model_is_right=False)
+    assert len(calls) == anew.iterations
+    assert kept.status == anew.status == SolveStatus.OK
+    assert kept.iterations <= anew.iterations + 1
+    np.testing.assert_allclose(kept.position, anew.position, rtol=0, atol=1e-8)
+    assert kept.final_cost == pytest.approx(anew.final_cost, rel=1e-12)
+
+
+@pytest.mark.parametrize("variance", [1e-8, 1e-10, 1e-12])
+def test_depths_so_good_that_cholesky_takes_them_for_singular_are_solved(fleet, variance):
+    graph = build_graph(fleet.noisy, "straight")
+    graph = replace(graph, depth_variance=np.full(graph.depth.size, variance))
+    near = GraphSolver().solve(graph, values_of(fleet.position, fleet.quaternion), model_is_right=False)
+    assert near.status == SolveStatus.OK
+    assert near.iterations < 10
+    np.testing.assert_allclose(near.position[:, 2], graph.depth, rtol=0, atol=1e-3)
+    looser = replace(graph, depth_variance=np.full(graph.depth.size, 1e-6))  # Cholesky does that
+    less = GraphSolver().solve(looser, values_of(fleet.position, fleet.quaternion), model_is_right=False)
+    np.testing.assert_allclose(near.position, less.position, rtol=0, atol=0.01)
+    if variance == 1e-10:  # damped steps, too
+        far = GraphSolver().solve(graph, far_start(fleet), model_is_right=False)
+        assert far.status == SolveStatus.OK
+        np.testing.assert_allclose(far.position, near.position, rtol=0, atol=1e-4)
 
 
 def far_start(fleet):

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances, factor_covariances
+from pymantaray.estimation.diagnose import diagnose
 from pymantaray.estimation.gate import Progress, SolveOptions, gate
-from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
+from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.outer import Outcome, iterate, solve_vector_factors, unknowns_at
 from pymantaray.estimation.range_weights import BelievedRanges
@@ -47,6 +48,8 @@ class Solution:
     """At the epochs asked for; None if none were, or the values are not usable."""
     unknowns: UnknownsEstimate | None = None
     """What the ranges share, if anything was to be estimated of it and the values are usable."""
+    diagnosis: str | None = None
+    """From `GraphSolver.solve`, of values that are not usable: what is singular or badly conditioned, if anything is."""
 
     @property
     def usable(self) -> bool:
@@ -116,6 +119,7 @@ class GraphSolver:
         Returns
         -------
         Solution
+            If not usable, with its ``diagnosis``: one line that names a variable.
 
         Raises
         ------
@@ -124,10 +128,12 @@ class GraphSolver:
             fit the graph or is not finite, or what is believed is of other ranges.
         """
         check_graph(graph)
-        return self.solve_variants(
+        check_values(graph, initial)
+        solution = self.solve_variants(
             {"": Variant(graph, model_is_right, believed, vector_factors=vector_factors)},
             initial,
         )[""]
+        return solution if solution.usable else replace(solution, diagnosis=diagnose(graph, initial))
 
     def solve_variants(
         self,
