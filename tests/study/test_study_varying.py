@@ -2,6 +2,7 @@
 
 import datetime as dt
 import hashlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import xarray as xr
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.errors import OceanError, StudyError
+from pymantaray.estimation import solve_conditions
 from pymantaray.fleet import simulate
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
@@ -17,6 +19,7 @@ from pymantaray.records.base import write_netcdf
 from pymantaray.study import load_study, open_run, parse_study, preset_text, run_study
 from pymantaray.study.assemble import build_fleet, build_ocean
 from pymantaray.study.assemble_ranging import build_currents, build_medium
+from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.manifest import Stopwatch, describe_run, sha256
 from pymantaray.study.mission import simulate_mission
 from pymantaray.study.varying import VARYING, series_of, snapshot_at
@@ -320,3 +323,45 @@ def test_results_do_not_depend_on_the_number_of_workers(make_tiny_tree, tmp_path
     one, two = (run_study(parse_study(tree), tmp_path / str(n), workers=n) for n in (1, 2))
     for name in ("truth", "arrivals", "observations", "estimates"):
         assert same(getattr(one, name), getattr(two, name)), name
+
+
+@pytest.mark.slow
+def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(make_tiny_tree, tmp_path):
+    """Without noise it leads to the truth; frozen at the start it does not; the same day taken again is the same."""
+    tree = make_tiny_tree() | {"acoustics": {"currents": True}}
+    start = dt.datetime(2014, 7, 15, 13, 30)  # noqa: DTZ001  TOML's local time, taken as UTC
+    beliefs = {
+        "varying": {"kind": "exact", "time_varying": True},
+        "frozen": {"kind": "exact"},
+        "same-day": {"kind": "other-day", "days_earlier": 0.0, "time_varying": True},
+    }
+    tree["estimators"] = [{"name": n, "range_model": "eigenray", "belief": b} for n, b in beliefs.items()]
+    run = run_of(tree, tmp_path, time_varying=True, time=start, **EDDY)
+    factory = EstimatorFactory(run)
+    o, off = run.observations, {}
+    for section in run.config.estimators:
+        estimator = replace(factory.estimator(section, 0), initial=(run.truth.position, run.truth.quaternion))
+        found = solve_conditions(o, [], estimators={"e": estimator})["e"]
+        assert found.usable
+        off[section.name] = np.abs(found.position - run.truth.position).max()
+    assert off["varying"] < 1e-4
+    assert off["frozen"] > 10.0 * off["varying"]
+    at = run.estimates.condition.tolist().index
+    same_day, varying = (run.estimates.position[at(n)] for n in ("same-day", "varying"))
+    np.testing.assert_array_equal(same_day, varying)
+
+
+def test_belief_that_varies_is_refused_where_the_water_does_not(make_tiny_tree):
+    tree = make_tiny_tree()
+    varying = {"kind": "exact", "time_varying": True}
+    tree["estimators"] = [{"name": "e", "range_model": "eigenray", "belief": varying}]
+    with pytest.raises(
+        StudyError, match="estimator e believes in water that varies, but the study's stands still"
+    ):
+        parse_study(tree)
+    tree["ocean"]["time_varying"] = True
+    tree["estimators"][0]["modes"] = {"count": 1}
+    with pytest.raises(
+        StudyError, match='time_varying is for range_model "eigenray" with variance "fixed" and'
+    ):
+        parse_study(tree)

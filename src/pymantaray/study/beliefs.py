@@ -1,5 +1,6 @@
 """The oceans that estimators believe in: exact, perturbed, averaged, one cast, or another day's."""
 
+import datetime as dt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +18,10 @@ from pymantaray.ocean.covariance import SoundSpeedCovariance
 from pymantaray.ocean.modes import vertical_modes
 from pymantaray.ocean.perturb import perturb_ocean
 from pymantaray.ocean.random_field import pooled_rms
+from pymantaray.ocean.source import ocean_times
 from pymantaray.ocean.topography import open_sea_floor
-from pymantaray.study.assemble import build_ocean
+from pymantaray.study.assemble import StudyOcean, build_ocean
+from pymantaray.study.config import OceanSection
 from pymantaray.study.config_estimators import (
     AnyBelief,
     CastBelief,
@@ -70,6 +73,7 @@ class Beliefs:
         self._geographic: xr.Dataset | None = None
         self._sea_floor: xr.DataArray | None = None
         self._kept: dict[AnyBelief, tuple[int, Belief]] = {}
+        self._over_time: dict[AnyBelief, StudyOcean] = {}
 
     def believed(self, section: AnyBelief, realization: int) -> Belief:
         """
@@ -96,6 +100,32 @@ class Beliefs:
         if kept is None or kept[0] != of:
             self._kept[section] = kept = (of, self._made(section, realization))
         return kept[1]
+
+    def varying(self, section: ExactBelief | OtherDayBelief) -> StudyOcean:
+        """
+        Ocean over the mission, of the day that is believed in.
+
+        Parameters
+        ----------
+        section : ExactBelief or OtherDayBelief
+
+        Returns
+        -------
+        StudyOcean
+
+        Raises
+        ------
+        OceanError
+            If the source does not hold these times.
+        """
+        if section not in self._over_time:
+            ocean = self._config.ocean
+            if isinstance(section, OtherDayBelief):
+                ocean = ocean.model_copy(
+                    update={"time": _start(ocean) - dt.timedelta(days=section.days_earlier)}
+                )
+            self._over_time[section] = build_ocean(ocean, self._config.mission.duration_h * 3600.0)
+        return self._over_time[section]
 
     def covariance(self, rms: float, horizontal_scale: float, down_to: float | None) -> SoundSpeedCovariance:
         """
@@ -220,3 +250,12 @@ class Beliefs:
         frame = LocalFrame(attrs["centre_latitude_deg"], attrs["centre_longitude_deg"])
         lat, lon = frame.to_geodetic(north, east)
         return float(lat), float(lon)
+
+
+def _start(ocean: OceanSection) -> dt.datetime:
+    """Start of the mission; the first time of the source if the study names none."""
+    if ocean.time is not None:
+        return ocean.time
+    first = ocean_times(ocean.source)[0].astype("datetime64[us]").astype(dt.datetime)
+    assert isinstance(first, dt.datetime)  # for the type checker
+    return first

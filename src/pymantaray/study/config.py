@@ -175,6 +175,16 @@ class StudyConfig(Section):
         return self
 
     @model_validator(mode="after")
+    def _varying_beliefs_of_varying_water(self) -> Self:
+        for e in self.estimators or ():
+            if e.belief_varies and not self.ocean.time_varying:
+                raise ValueError(
+                    f"estimator {e.name} believes in water that varies, but the study's stands still: set"
+                    " ocean.time_varying = true, or leave time_varying out of the belief"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _clocks_have_a_prior(self) -> Self:
         own = self.ranging.clock_offset_sigma, self.ranging.clock_skew_sigma
         for e in self.estimators or ():

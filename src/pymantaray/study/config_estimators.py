@@ -8,9 +8,10 @@ from pymantaray.study.section import NonNegativeFloat, PositiveFloat, Section
 
 
 class ExactBelief(Section):
-    """The true ocean; where that varies in time, its first snapshot."""
+    """The true ocean; where that varies, its first snapshot, or with ``time_varying`` the water of each ping."""
 
     kind: Literal["exact"]
+    time_varying: bool = False
 
 
 class PerturbedBelief(Section):
@@ -49,10 +50,11 @@ class CastBelief(Section):
 
 
 class OtherDayBelief(Section):
-    """The ocean of the same source some days earlier."""
+    """The ocean of the same source some days earlier: as it was then, or with ``time_varying`` as it changed from then on."""
 
     kind: Literal["other-day"]
     days_earlier: float
+    time_varying: bool = False
 
 
 AnyBelief = Annotated[
@@ -167,6 +169,21 @@ class RangeEstimatorSection(Section):
             )
         if self.solver == "incremental" and (self.modes is not None or self.clocks is not None):
             raise ValueError('solver "incremental" does not estimate modes or clocks; set solver = "batch"')
+        return self
+
+    @property
+    def belief_varies(self) -> bool:
+        """Whether the water that is believed varies in time."""
+        return isinstance(self.belief, ExactBelief | OtherDayBelief) and self.belief.time_varying
+
+    @model_validator(mode="after")
+    def _varying_rays_fit(self) -> Self:
+        if self.belief_varies and (
+            self.range_model != "eigenray" or self.variance != "fixed" or self.modes is not None
+        ):
+            raise ValueError(
+                'a belief with time_varying is for range_model "eigenray" with variance "fixed" and without modes'
+            )
         return self
 
     @model_validator(mode="after")

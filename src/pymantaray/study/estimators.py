@@ -10,10 +10,12 @@ from pymantaray.estimation.range_models import (
 )
 from pymantaray.estimation.unknowns import ClockPrior
 from pymantaray.study.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.study.assemble_ranging import build_currents, build_medium
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import (
     AnyBelief,
     ExactBelief,
+    OtherDayBelief,
     PerturbedBelief,
     RangeEstimatorSection,
 )
@@ -21,6 +23,7 @@ from pymantaray.study.eigenray_model import EigenrayModel
 from pymantaray.study.ray_uncertainty import RayUncertainty
 from pymantaray.study.store import Run
 from pymantaray.study.true_unknowns import true_amplitudes, true_clocks
+from pymantaray.study.varying_eigenrays import VaryingEigenrays
 
 
 class EstimatorFactory:
@@ -120,7 +123,19 @@ class EstimatorFactory:
         assert section.belief is not None  # checked by the section; for the type checker
         if section.range_model == "mean-slowness":
             return MeanSlowness(*self._beliefs.believed(section.belief, realization).profile())
+        if section.belief_varies:
+            return self._varying_rays(section.belief)
         return self._eigenrays(section.belief, realization)
+
+    def _varying_rays(self, section: AnyBelief) -> VaryingEigenrays:
+        assert isinstance(
+            section, ExactBelief | OtherDayBelief
+        )  # checked by the section; for the type checker
+        config, ocean = self._run.config, self._beliefs.varying(section)
+        medium_at, currents_at = build_medium(config, ocean), build_currents(config, ocean)
+        assert callable(medium_at)  # it varies
+        assert currents_at is None or callable(currents_at)
+        return VaryingEigenrays(medium_at, currents_at, spreading_cutoff_db=config.acoustics.cutoff_db)
 
     def _eigenrays(self, section: AnyBelief, realization: int) -> EigenrayModel:
         """Model of a belief: estimators that share the belief share the rays."""

@@ -1,0 +1,71 @@
+"""Eigenrays through a believed ocean that varies: each ping in the water of its time."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pymantaray.acoustics import Medium
+from pymantaray.acoustics.moving_water import Currents
+from pymantaray.estimation.range_models import Prediction, RangeLinks
+from pymantaray.study.eigenray_model import EigenrayModel
+
+
+class VaryingEigenrays:
+    """
+    Travel time of the earliest direct eigenray in the water that is believed at each ping.
+
+    Parameters
+    ----------
+    medium_at : callable
+        Takes a time since the start of the mission [s], gives a Medium.
+    currents_at : callable, optional
+        Likewise, believed currents. By default the water is at rest.
+    spreading_cutoff_db : float or None
+        As in `find_eigenrays`. [dB]
+    threads : int, optional
+        Of the ray solver; the result does not depend on it.
+
+    Notes
+    -----
+    A medium is made for each ping of each prediction and let go again, so that memory does not grow with the pings.
+    """
+
+    def __init__(
+        self,
+        medium_at: Callable[[float], Medium],
+        currents_at: Callable[[float], Currents] | None = None,
+        *,
+        spreading_cutoff_db: float | None = 15.0,
+        threads: int | None = None,
+    ) -> None:
+        self._medium_at, self._currents_at = medium_at, currents_at
+        self._cutoff, self._threads = spreading_cutoff_db, threads
+
+    def predict(self, links: RangeLinks) -> Prediction:
+        """
+        Travel times of the direct arrivals, ping by ping.
+
+        Parameters
+        ----------
+        links : RangeLinks
+
+        Returns
+        -------
+        Prediction
+        """
+        n = links.time.size
+        out = Prediction(
+            np.full(n, np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.zeros(n, bool)
+        )
+        for time in np.unique(links.time):
+            rows = links.time == time
+            model = EigenrayModel(
+                self._medium_at(float(time)),
+                spreading_cutoff_db=self._cutoff,
+                currents=None if self._currents_at is None else self._currents_at(float(time)),
+                threads=self._threads,
+            )
+            found = model.predict(RangeLinks(*(column[rows] for column in links)))
+            for whole, part in zip(out, found, strict=True):
+                whole[rows] = part
+        return out
