@@ -10,12 +10,15 @@ import pytest
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon
 from pymantaray.estimation._gtsam.factors import FactorBuilder
+from pymantaray.estimation._gtsam.robust import robust_factors
 from pymantaray.estimation.covariance import (
     collect_covariances,
     fixed_epochs,
     graph_covariances,
     reckoned_covariances,
 )
+from pymantaray.estimation.losses import LOSSES
+from pymantaray.estimation.solution import Variant
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records.covariances import PoseCovariances
 
@@ -88,6 +91,43 @@ def test_blocks_are_those_of_gtsams_marginals_and_joint_marginals(make_fleet):
     np.testing.assert_allclose(
         in_world(found.pose, values, poses), np.einsum("eaiaj->eaij", found.position), rtol=1e-9, atol=1e-12
     )
+
+
+def test_covariances_under_a_loss_are_gtsams_with_its_weights(make_fleet):
+    fleet = make_fleet(seed=13, gnss_every=10)
+    late = np.zeros(fleet.noisy.range_status.size)
+    late[::7] = 80.0
+    o = replace(fleet.noisy, refracted_range=fleet.noisy.straight_range + late)
+    graph, start = build_graph(o, "refracted"), values_of(fleet.position, fleet.quaternion, o)
+    poses, loss = poses_at(o), LOSSES["cauchy"]
+    variants = {"robust": Variant(graph, False, loss=loss), "plain": Variant(graph, False)}
+    found = GraphSolver().solve_variants(variants, start, covariance_poses=poses)
+    robust, builder = found["robust"], FactorBuilder()
+    end = GraphValues(robust.position, robust.quaternion, robust.landmark_position)
+    factors = robust_factors(builder, builder.base(graph), graph, loss)
+    marginals = gtsam.Marginals(factors, builder.values(end))
+    for e, a in np.ndindex(poses.shape):
+        expected = marginals.marginalCovariance(int(poses[e, a]))
+        unit = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+        np.testing.assert_allclose(robust.covariances.pose[e, a] / unit, expected / unit, rtol=0, atol=1e-6)
+    # ranges that it does not believe tell it nothing, and its innovations have no chi-square distribution
+    horizontal = [np.trace(found[name].covariances.position[1, 0, :2, 0, :2]) for name in ("robust", "plain")]
+    assert horizontal[0] > horizontal[1]
+    assert np.isnan(robust.covariances.range_nis).all()
+    assert np.isfinite(found["plain"].covariances.range_nis[:2]).all()
+
+
+def test_replay_has_the_covariances_of_the_batch_at_its_end(make_fleet):
+    fleet = make_fleet(seed=14, gnss_every=10)
+    graph = build_graph(fleet.noisy, "straight")
+    start = values_of(fleet.position, fleet.quaternion, fleet.noisy)
+    variants = {"batch": Variant(graph, True), "replay": Variant(graph, True, incremental=True)}
+    found = GraphSolver().solve_variants(variants, start, covariance_poses=poses_at(fleet.noisy))
+    batch, replayed = (found[name].covariances for name in ("batch", "replay"))
+    unit = np.sqrt(np.einsum("eaii->eai", batch.pose))
+    unit = unit[..., :, None] * unit[..., None, :]
+    np.testing.assert_allclose(replayed.pose / unit, batch.pose / unit, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(replayed.range_nis, batch.range_nis, rtol=1e-2)
 
 
 def test_dead_reckoning_has_the_covariance_of_a_graph_of_odometry_alone(make_fleet):

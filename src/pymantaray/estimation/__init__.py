@@ -6,7 +6,8 @@ from pymantaray.estimation.dead_reckoning import dead_reckon
 from pymantaray.estimation.gate import SolveOptions
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.pyfg import read_pyfg, write_pyfg
-from pymantaray.estimation.solve import GraphSolver, Solution
+from pymantaray.estimation.solution import Solution
+from pymantaray.estimation.solve import GraphSolver
 
 __all__ = [
     "CONDITIONS",

@@ -28,7 +28,8 @@ from pymantaray.estimation.range_models import (
     TravelTimeUncertainty,
 )
 from pymantaray.estimation.range_weights import BelievedRanges
-from pymantaray.estimation.solve import GraphSolver, Solution, Variant
+from pymantaray.estimation.solution import Solution, Variant
+from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.unknowns import AdjustableModel, ClockPrior, Unknowns
 from pymantaray.records import Estimates, Observations, SolveStatus
 

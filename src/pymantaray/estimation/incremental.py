@@ -11,7 +11,7 @@ from pymantaray.estimation.gate import Progress, SolveOptions
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.robust import robust_solution
-from pymantaray.estimation.solve import Solution
+from pymantaray.estimation.solution import Solution
 from pymantaray.geometry.se3 import quaternion_from_matrix
 
 Array = NDArray[np.float64]

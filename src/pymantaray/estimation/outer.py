@@ -79,6 +79,7 @@ def iterate(
     Variances that depend on the rays are computed again where an end has moved by more than 100 m.
     """
     from pymantaray.estimation._gtsam.graduated import minimize_expanded
+    from pymantaray.estimation._gtsam.robust import RobustExpandedRanges
     from pymantaray.estimation._gtsam.vector_factor import ExpandedRanges, epoch_terms, positions
 
     r, n = believed.ranges, graph.n_poses
@@ -139,7 +140,8 @@ def iterate(
     progress = replace(progress, iterations=iterations, initial_cost=initial_cost)
     if not settled:
         progress = replace(progress, last_step=np.nan)
-    return Outcome(values, progress, used, count, ExpandedRanges(*parts), shared)
+    factors = ExpandedRanges(*parts) if loss is None else RobustExpandedRanges(loss, *parts)
+    return Outcome(values, progress, used, count, factors, shared)
 
 
 def solve_vector_factors(

@@ -1,22 +1,20 @@
 """Batch solves with robust losses on the ranges; gtsam is loaded at first use."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pymantaray.estimation.gate import Progress, SolveOptions, gate
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss, whitened_ranges
+from pymantaray.estimation.solution import Solution
 from pymantaray.records import SolveStatus
-
-if TYPE_CHECKING:
-    from pymantaray.estimation.solve import Solution
 
 
 def solve_robust(
     graph: FactorGraph, initial: GraphValues, loss: Loss, *, options: SolveOptions | None = None
-) -> "Solution":
+) -> Solution:
     """
     Solve one graph with a robust loss on its ranges, and least squares on everything else.
 
@@ -97,7 +95,7 @@ def minimize_robust(
     )
 
 
-def robust_solution(found: GraphValues, progress: Progress, options: SolveOptions) -> "Solution":
+def robust_solution(found: GraphValues, progress: Progress, options: SolveOptions) -> Solution:
     """
     Verdict on one solve whose cost has no chi-square distribution.
 
@@ -112,8 +110,6 @@ def robust_solution(found: GraphValues, progress: Progress, options: SolveOption
     -------
     Solution
     """
-    from pymantaray.estimation.solve import Solution
-
     status = gate(progress, 0, options, model_is_right=False)
     mask = 1.0 if status == SolveStatus.OK else np.nan
     return Solution(

@@ -1,77 +1,36 @@
 """Batch solves of factor graphs, each passed through the health gate; gtsam is loaded at first use."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.covariance import EpochCovariances, factor_covariances
+from pymantaray.estimation.covariance import factor_covariances
 from pymantaray.estimation.diagnose import diagnose
 from pymantaray.estimation.gate import Progress, SolveOptions, gate
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
-from pymantaray.estimation.losses import Loss
+from pymantaray.estimation.incremental import replay
 from pymantaray.estimation.outer import Outcome, iterate, solve_vector_factors, unknowns_at
 from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.estimation.robust import minimize_robust, robust_solution
+from pymantaray.estimation.solution import Solution, Variant
 from pymantaray.estimation.unknowns import UnknownsEstimate
 from pymantaray.records import SolveStatus
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """
-    Values that a solve ended with, and its health; the values are NaN unless ``usable``.
+class _Solved(NamedTuple):
+    """A solution, and what its covariances are computed from."""
 
-    Fields mean what they mean in `Estimates`; ``position`` and ``quaternion`` have one row for each pose
-    of the graph, or the shape ``(n_agents, n_times, ...)`` where `solve_conditions` returns them. Of a solve
-    with a range model, ``gated_links`` counts the ranges that the believed ocean does not allow in the end, and
-    ``expansions`` the times that the model was asked and the graph solved.
-    """
-
-    position: Array
-    quaternion: Array
-    landmark_position: Array
-    status: SolveStatus
-    iterations: int
-    initial_cost: float
-    final_cost: float
-    expected_cost: float
-    gradient_norm: float
-    gated_links: int = 0
-    expansions: int = 0
-    covariances: EpochCovariances | None = None
-    """At the epochs asked for; None if none were, or the values are not usable."""
-    unknowns: UnknownsEstimate | None = None
-    """What the ranges share, if anything was to be estimated of it and the values are usable."""
-    diagnosis: str | None = None
-    """From `GraphSolver.solve`, of values that are not usable: what is singular or badly conditioned, if anything is."""
-
-    @property
-    def usable(self) -> bool:
-        """Whether the values are a converged optimum."""
-        return self.status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE}
-
-
-class Variant(NamedTuple):
-    """One of several graphs that differ in their ranges only, and how it is to be solved."""
-
-    graph: FactorGraph
-    model_is_right: bool
-    believed: BelievedRanges | None = None
-    """What is believed of its ranges; None takes them as the distances that the graph has."""
-    initial: GraphValues | None = None
-    """Where to start if not where all do."""
-    loss: Loss | None = None
-    """Of the ranges; None is least squares."""
-    incremental: bool = False
-    """Whether the factors are replayed in the order of time; only for ranges as distances."""
-    vector_factors: bool = False
-    """Whether what is believed is solved by nonlinear factors that ask the model, in place of outer iterations."""
+    solution: Solution
+    factors: Any
+    values: Any
+    first_range: int | None
+    """Number of the factors before those of ranges whose innovations are to be judged; None if none are."""
 
 
 class GraphSolver:
@@ -152,7 +111,8 @@ class GraphSolver:
         initial : GraphValues
             Where to start, for all that have no start of their own.
         covariance_poses : ndarray of int, shape (n_epochs, n_agents), optional
-            Poses whose covariances are wanted. By default none are computed; a replay and a robust loss have none.
+            Poses whose covariances are wanted. By default none are computed. Under a robust loss they are those of the
+            ranges as they are weighted at the end, as if the weights were known.
 
         Returns
         -------
@@ -163,74 +123,72 @@ class GraphSolver:
         EstimationError
             If a starting point does not fit the graphs or is not finite.
         """
-        from pymantaray.estimation._gtsam.optimize import optimize
-
         solutions: dict[str, Solution] = {}
         common = None
         for name, given in graphs.items():
             variant = Variant(*given)
-            graph = variant.graph
             start = initial if variant.initial is None else variant.initial
             if common is None:
-                _check_initial(graph, initial)
-                common = self._builder.base(graph)
+                _check_initial(variant.graph, initial)
+                common = self._builder.base(variant.graph)
             if variant.initial is not None:
-                _check_initial(graph, start)
-            factors: Any = None
-            first_range: int | None = common.size()
+                _check_initial(variant.graph, start)
             if variant.incremental:
-                from pymantaray.estimation.incremental import (
-                    replay,
-                )  # takes Solution from here
-
-                if variant.believed is not None:
-                    raise EstimationError(
-                        "a replay takes ranges as distances; choose constant or transmitter"
-                    )
-                solutions[name] = replay(graph, start, loss=variant.loss).solution
-            elif variant.believed is None and variant.loss is not None:
-                values, progress = minimize_robust(
-                    self._builder, common, graph, variant.loss, start, self.options
-                )
-                solutions[name] = self._solution(variant, start, values, progress)
-            elif variant.believed is None:
-                factors = self._builder.with_ranges(common, graph)
-                values, progress = optimize(
-                    factors,
-                    self._builder.values(start),
-                    self._builder.ordering(graph, factors),
-                    self.options,
-                )
-                solutions[name] = self._solution(variant, start, values, progress)
+                solve = self._replayed
+            elif variant.believed is not None:
+                solve = self._expanded
             else:
-                problem = (
-                    self._builder,
-                    common,
-                    graph,
-                    variant.believed,
-                    start,
-                    self.options,
-                )
-                if variant.vector_factors:
-                    end = solve_vector_factors(*problem)
-                else:
-                    end = iterate(*problem, loss=variant.loss)
-                gated = int(np.count_nonzero(~end.possible))
-                solutions[name] = replace(
-                    self._solution(variant, start, end.values, end.progress, gated),
-                    gated_links=gated,
-                    expansions=end.expansions,
-                )
-                if solutions[name].usable:
-                    solutions[name] = replace(solutions[name], unknowns=_unknowns(variant, end))
-                if variant.loss is None:
-                    factors, values = end.factors, end.values
-                if variant.vector_factors:
-                    first_range = None  # there the ranges come first
-            if covariance_poses is not None and factors is not None and solutions[name].usable:
-                found = factor_covariances(factors, values, graph, covariance_poses, first_range)
-                solutions[name] = replace(solutions[name], covariances=found)
+                solve = self._at_distances
+            solution, factors, values, first_range = solve(common, variant, start)
+            if covariance_poses is not None and solution.usable:
+                found = factor_covariances(factors, values, variant.graph, covariance_poses, first_range)
+                solution = replace(solution, covariances=found)
+            solutions[name] = solution
         return solutions
+
+    def _at_distances(self, common: Any, variant: Variant, start: GraphValues) -> _Solved:
+        """Ranges as distances, in a batch."""
+        from pymantaray.estimation._gtsam.optimize import optimize
+        from pymantaray.estimation._gtsam.robust import robust_factors
+
+        graph, loss = variant.graph, variant.loss
+        factors = robust_factors(self._builder, common, graph, loss)
+        if loss is not None:
+            values, progress = minimize_robust(self._builder, common, graph, loss, start, self.options)
+        else:
+            ordering = self._builder.ordering(graph, factors)
+            values, progress = optimize(factors, self._builder.values(start), ordering, self.options)
+        solution = self._solution(variant, start, values, progress)
+        return _Solved(solution, factors, values, None if loss is not None else common.size())
+
+    def _expanded(self, common: Any, variant: Variant, start: GraphValues) -> _Solved:
+        """Ranges as a model believes them, in outer iterations or by vector factors."""
+        assert variant.believed is not None  # asked only then
+        problem = (self._builder, common, variant.graph, variant.believed, start, self.options)
+        end = (
+            solve_vector_factors(*problem) if variant.vector_factors else iterate(*problem, loss=variant.loss)
+        )
+        gated = int(np.count_nonzero(~end.possible))
+        solution = self._solution(variant, start, end.values, end.progress, gated)
+        solution = replace(solution, gated_links=gated, expansions=end.expansions)
+        if solution.usable:
+            solution = replace(solution, unknowns=_unknowns(variant.believed, end))
+        # of vector factors the ranges come first
+        judged = variant.loss is None and not variant.vector_factors
+        return _Solved(solution, end.factors, end.values, common.size() if judged else None)
+
+    def _replayed(self, common: Any, variant: Variant, start: GraphValues) -> _Solved:
+        """Ranges as distances, in the order of time."""
+        from pymantaray.estimation._gtsam.robust import robust_factors
+
+        if variant.believed is not None:
+            raise EstimationError("a replay takes ranges as distances; choose constant or transmitter")
+        graph, loss = variant.graph, variant.loss
+        solution = replay(graph, start, loss=loss).solution
+        factors = robust_factors(self._builder, common, graph, loss)
+        end = GraphValues(solution.position, solution.quaternion, solution.landmark_position)
+        values = self._builder.values(end) if solution.usable else None
+        return _Solved(solution, factors, values, None if loss is not None else common.size())
 
     def _solution(
         self,
@@ -262,17 +220,15 @@ class GraphSolver:
         )
 
 
-def _unknowns(variant: Variant, end: Outcome) -> UnknownsEstimate | None:
+def _unknowns(believed: BelievedRanges, end: Outcome) -> UnknownsEstimate | None:
     """What was found of the unknowns, in their units."""
-    unknowns = None if variant.believed is None else variant.believed.unknowns
+    unknowns = believed.unknowns
     if unknowns is None or end.shared is None:
         return None
     from pymantaray.estimation._gtsam.marginals import vector_marginal
 
     sigma = unknowns.sigma
-    covariance = np.full((sigma.size, sigma.size), np.nan)
-    if variant.loss is None:
-        covariance = sigma[:, None] * vector_marginal(end.factors, end.values, end.shared) * sigma
+    covariance = sigma[:, None] * vector_marginal(end.factors, end.values, end.shared) * sigma
     value = sigma * unknowns_at(end.values, end.shared)
     return UnknownsEstimate(unknowns.name, unknowns.unit, sigma, value, covariance)
 

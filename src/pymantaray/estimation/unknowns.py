@@ -187,4 +187,4 @@ class UnknownsEstimate(NamedTuple):
     value: Array
     """Shape (n_unknowns,)."""
     covariance: Array
-    """Shape (n_unknowns, n_unknowns), in the units of the values; NaN under a robust loss."""
+    """Shape (n_unknowns, n_unknowns), in the units of the values."""

@@ -11,8 +11,7 @@ class SharedUnknowns(Record):
     """
     Unknowns that all ranges of a solve share, of the conditions that estimate any.
 
-    NaN where a condition does not estimate an unknown or a solve is not usable; covariances are NaN too under
-    a robust loss. Values, standard deviations and covariances are in the units that ``unit`` names.
+    NaN where a condition does not estimate an unknown or a solve is not usable. Values, standard deviations and covariances are in the units that ``unit`` names.
     """
 
     kind: ClassVar[str] = "shared_unknowns"
