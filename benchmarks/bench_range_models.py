@@ -15,9 +15,11 @@ from pymantaray.acoustics import Medium
 from pymantaray.estimation import GraphSolver, solve_conditions
 from pymantaray.estimation.conditions import Estimator
 from pymantaray.estimation.range_models import MeanSlowness
+from pymantaray.estimation.unknowns import ClockPrior
 from pymantaray.ocean.modes import vertical_modes
 from pymantaray.sensing import perturb
 from pymantaray.study import load_study
+from pymantaray.study.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.eigenray_model import EigenrayModel
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
@@ -40,8 +42,16 @@ def main() -> None:
     medium = Medium.from_dataset(mission.ocean.local, interpolation=config.acoustics.interpolation)
     truth = mission.truth.position, mission.truth.quaternion
     profile = medium.sound_speed.mean(axis=(0, 1))
-    covariance = vertical_modes(mission.ocean.geographic).covariance(20e3)
+    modes = vertical_modes(mission.ocean.geographic)
+    covariance = modes.covariance(20e3)
     shared = EigenrayModel(medium, spreading_cutoff_db=config.acoustics.cutoff_db)
+
+    shapes, sigma = modes.modes[:4], np.sqrt(modes.variance[:4])
+
+    def joint(**options):
+        rays = EigenrayModel(medium, spreading_cutoff_db=config.acoustics.cutoff_db)
+        water = AdjustableEigenrays(rays, modes.depth, shapes, sigma)
+        return Estimator("refracted", "refracted", water, initial=truth, **options)
 
     def eigenray(start, *, correlated=None, model=None):
         model = model or EigenrayModel(medium, spreading_cutoff_db=config.acoustics.cutoff_db)
@@ -56,6 +66,8 @@ def main() -> None:
         "eigenray from truth, rays of the start kept": lambda: eigenray(truth, model=shared),
         "eigenray from truth, per-link": lambda: eigenray(truth, correlated=False),
         "eigenray from truth, correlated": lambda: eigenray(truth, correlated=True),
+        "eigenray from truth, 4 modes": joint,
+        "eigenray from truth, 4 modes and all clocks": lambda: joint(clocks=ClockPrior(1e-3, 1e-8)),
         "eigenray from dead reckoning": lambda: eigenray(None),
     }
     solver, rows = GraphSolver(), []
