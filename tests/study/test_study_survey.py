@@ -13,15 +13,17 @@ from pymantaray.study import load_study, open_run, parse_study, preset_text, run
 from pymantaray.study.assemble_ranging import build_picker
 from pymantaray.study.config import Condition
 from pymantaray.study.config_acoustics import RangingSection
+from pymantaray.study.config_estimators import RangeEstimatorSection
 
 DETECTION = {"source_level_db": 165.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 BOUNCES = {"max_surface_bounces": 1, "max_bottom_bounces": 1}
 FIRST = {"mistaken": "first-detected"}
 
 
-def short_survey(**study):
+def short_survey(*, estimators=(), **study):
     """Two hours of the preset with a ping every half an hour: all AUVs turn at least once."""
     tree = tomllib.loads(preset_text("survey"))
+    tree |= {"estimators": list(estimators)} if estimators else {}
     tree["study"] |= {"realizations": 1} | study
     tree["mission"] |= {"duration_h": 2.0, "ping_interval_h": 0.5, "physics_step_s": 0.5}
     return parse_study(tree, "survey")
@@ -75,6 +77,84 @@ def test_the_whole_survey_runs_healthy(tmp_path):
     assert run.manifest["outcome"]["unhealthy_solves"] == []
     assert run.manifest["outcome"]["stopped_vehicles"] == {}
     assert run.manifest["outcome"]["links"]["OK"] > 800
+
+
+def every_estimator():
+    """Every range model, belief, variance, loss, solver and start, as sections of a configuration."""
+    exact = {"range_model": "eigenray", "belief": {"kind": "exact"}}
+    errors = {"kind": "perturbed", "rms": 2.0, "horizontal_scale": 5e4, "down_to": 300.0}
+    beliefs = {
+        "exact": exact["belief"],
+        "mean": {"kind": "mean"},
+        "cast": {"kind": "cast"},
+        "other-day": {"kind": "other-day", "days_earlier": 5.0},
+        "perturbed": errors,
+    }
+    losses = ("none", "huber", "cauchy", "geman-mcclure", "gnc")
+    sections = {
+        "constant": {"range_model": "constant", "sound_speed": 1500.0},
+        "mean-slowness": {"range_model": "mean-slowness", "belief": beliefs["mean"]},
+        "reckoned": exact | {"start": "dead-reckoning"},
+        "transmitter-incremental": {"range_model": "transmitter", "solver": "incremental"},
+        "mean-modes": {"range_model": "eigenray", "belief": beliefs["mean"], "modes": {"count": 4}},
+        "clocks": exact | {"clocks": {}},
+    }
+    for kind, belief in beliefs.items():
+        sections[f"belief-{kind}"] = {"range_model": "eigenray", "belief": belief}
+    for variance in ("per-link", "correlated"):
+        sections[f"variance-{variance}"] = sections["belief-perturbed"] | {"variance": variance}
+    for loss in losses:
+        sections[f"transmitter-{loss}"] = {"range_model": "transmitter", "loss": loss}
+        if loss != "none":
+            sections[f"loss-{loss}"] = exact | {"loss": loss}
+        if loss != "gnc":
+            sections[f"incremental-{loss}"] = {"ranges": "straight", "solver": "incremental", "loss": loss}
+    return [{"name": name} | section for name, section in sections.items()]
+
+
+@pytest.mark.slow
+def test_every_estimator_solves_the_survey(tmp_path):
+    estimators = every_estimator()
+    for field in ("range_model", "variance", "loss", "solver", "start", "ranges"):
+        kinds = get_args(RangeEstimatorSection.model_fields[field].annotation)
+        default = RangeEstimatorSection.model_fields[field].default
+        assert {e.get(field, default) for e in estimators} == set(kinds)
+    config = short_survey(conditions=["no-ranges", "straight", "refracted"], estimators=estimators)
+    run = run_study(config, tmp_path / "run", workers=1)
+    e = run.estimates
+    assert run.manifest["outcome"]["unhealthy_solves"] == []
+    assert (e.gated_links == 0).all()
+    auvs = (e.position - run.truth.position)[:, 0, 1:]
+    rms = dict(zip(e.condition, np.sqrt(np.mean(np.sum(auvs**2, axis=-1), axis=(1, 2))), strict=True))
+    at = {name: e.position[i, 0] for i, name in enumerate(e.condition)}
+    # one optimum, however it is found
+    for one, other in (
+        ("transmitter-none", "refracted"),
+        ("transmitter-incremental", "refracted"),
+        ("reckoned", "belief-exact"),
+        ("incremental-none", "straight"),
+    ):
+        assert np.abs(at[one] - at[other]).max() < 0.02, (one, other)
+    # who knows the ocean, or nearly so, does as well as in a straight world; who does not pays for it
+    for name in (
+        "belief-exact",
+        "belief-cast",
+        "belief-other-day",
+        "belief-perturbed",
+        "variance-per-link",
+        "variance-correlated",
+        "mean-modes",
+        "clocks",
+        "loss-huber",
+        "loss-cauchy",
+        "loss-geman-mcclure",
+        "loss-gnc",
+        "incremental-huber",
+        "incremental-cauchy",
+        "incremental-geman-mcclure",
+    ):
+        assert rms[name] == pytest.approx(rms["straight"], rel=0.1), name
+    assert 1.2 * rms["straight"] < rms["mean-slowness"] < rms["refracted"] < rms["constant"]
 
 
 def test_by_default_no_receiver_errs():
