@@ -56,9 +56,6 @@ def test_no_ray_of_a_dense_fan_beats_the_earliest_of_its_family(interpolation, a
     assert compared >= 6, compared
 
 
-@pytest.mark.xfail(
-    reason="one of 18 rays between changes of reflection is lost when more bounces are allowed"
-)
 def test_bounce_limits_are_kept_and_asking_for_more_only_adds(front, links):
     source, receiver = links(8, 47)
     source[:, 2] += 20.0

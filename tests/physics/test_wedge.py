@@ -217,19 +217,7 @@ def guide_links(depth, rng):
     return source, receiver
 
 
-@pytest.mark.parametrize(
-    "interpolation",
-    [
-        pytest.param(
-            "smooth",
-            marks=pytest.mark.xfail(
-                reason="both ends within a metre of a boundary: a family may be lost, with a warning",
-                strict=False,
-            ),
-        ),
-        "linear",
-    ],
-)
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
 @QUICK
 @given(
     depth=st.sampled_from([30.0, 200.0, 1000.0, 4000.0]),
@@ -331,11 +319,8 @@ DIRECTIONS = {"up": [np.pi], "down": [0.0], "across": [0.5 * np.pi, -0.5 * np.pi
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
 @pytest.mark.parametrize("slope_deg", [0.5, 2.0, 5.0, 10.0, 20.0])
-def test_wedge_has_every_image_in_the_plane_and_across_it(slope_deg, direction, request):
+def test_wedge_has_every_image_in_the_plane_and_across_it(slope_deg, direction):
     """Up to two reflections at each boundary, those that turn the ray back among them."""
-    if direction == "across" and slope_deg >= 20.0:
-        reason = "over steep slopes across the plane the ray in the plane may lead elsewhere"
-        request.applymarker(pytest.mark.xfail(reason=reason))
     rng = np.random.default_rng(31)
     for depth in (200.0, 1000.0, 3000.0):
         azimuth = rng.choice([0.0, 0.5 * np.pi, rng.uniform(0.0, 2.0 * np.pi)])

@@ -43,9 +43,16 @@ def _collect(
         s, floor, rule, n_nodes, fold_target, span, axis, coarse, fine, width, trust, steep, weak_slope, work
     )
     weak = 0
-    for i in range(found):
-        bracket = work.brackets[i]
-        ok, angle, q, _, turns = refine_bounced(s, floor, rule, bracket, target, span, axis, fine, miss, work)
+    same = False
+    for i in range(2 * found):
+        bracket = work.brackets[i // 2]
+        own = i % 2 == 1  # again, where Newton's method has led to other cells of the sea bed
+        if own and same:
+            continue
+        same = False
+        ok, angle, q, _, turns, same = refine_bounced(
+            s, floor, rule, bracket, own, target, span, axis, fine, miss, work
+        )
         if not ok or count >= rows.shape[0]:
             continue
         counts = int(bracket[fewer_bounces(bracket), CODE]) % 1024

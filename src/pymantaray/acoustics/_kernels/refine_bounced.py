@@ -9,7 +9,10 @@ from pymantaray.acoustics._kernels.search import ANGLE, CODE, GOOD, MISS, SLOPE,
 from pymantaray.acoustics._kernels.trace import trace
 
 INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the travel time corrected (Fermat)
-_SHARES = 16  # steps in which slopes across the plane are brought in where Newton's method fails at once
+_NEAR = 1e-5  # rad; derivatives are differences between rays so near to each other
+# Where Newton's method fails at once, slopes across the plane are brought in by shares of them
+_FIRST_SHARE, _LEAST_SHARE = 0.25, 1.0 / 128.0
+_ON_THE_WAY = 1e-4  # of the axis: how near to the receiver a ray with a share of the slope comes
 
 
 @kernel
@@ -41,92 +44,169 @@ def _in_plane(s, floor, rule, bracket, target, length, axis, tol, work):
 
 
 @kernel
-def refine_bounced(s, floor, rule, bracket, target, length, axis, tol, miss, work):
-    """Launch angle and cross-track slowness of the reflected ray of a bracket that ends within miss of the receiver.
-
-    Newton's method from the root of the bracket's cubic, with Broyden's updates of the derivatives; where that
-    leaves the bracket's reflections, again from the root in the plane of the link. The end state stays in
-    work.y, its path in work.path. Returns ok, angle, cross-track slowness, steps and turning points.
-    """
-    y, K, ynew, path = work.y, work.K, work.ynew, work.path
-    a, b = bracket[0, ANGLE], bracket[1, ANGLE]
-    inner = fewer_bounces(bracket)
-    counts = int(bracket[inner, CODE]) % 1024
-    level = bracket[inner, MISS]
-    level = math.copysign(min(INSET, 0.5 * abs(level)), level) if rule.fold != 0 else 0.0
-    m, q = cubic_angle(bracket[0], bracket[1], level), 0.0
-    start = m
-    for attempt in range(2 + _SHARES):
-        across = 1.0
-        if attempt == 1:
-            if rule.fold != 0:
-                continue
-            m, ok = _in_plane(s, floor, rule, bracket, target, length, axis, tol, work)
-            if not ok:
-                return False, m, q, 0, 0
-            q = 0.0
-        elif attempt > 1 and floor.bathymetry.size == 1:
-            break
-        elif attempt > 1:  # let the slopes across the plane grow from nothing
-            across = (attempt - 1.0) / _SHARES
-            if attempt == 2:
-                m, q = start, 0.0
-        start = m
-        tilted = across_plane(floor, across)
-        done, last = False, attempt in (0, 1, 1 + _SHARES)
-        last_m, last_q, last_f, last_y, best = m, q, 0.0, 0.0, math.inf
-        j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
-        for it in range(30):
-            ok, steps, turns, _, _, code = trace(s, tilted, rule, m, q, length, axis, tol, y, K, ynew, path)
-            if not ok or code % 1024 != counts:
-                if math.isinf(best) and rule.fold != 0 and it < 20:
-                    m = 0.5 * (m + bracket[inner, ANGLE])
-                    continue
-                if math.isinf(best):
-                    break
-                m, q = 0.5 * (m + last_m), 0.5 * (q + last_q)
-                continue
-            f, side = y[0] - target, y[5]
-            if abs(f) < miss and abs(side) < miss:
-                if last:
-                    return True, m, q, steps, turns
-                done = True
-                break
-            dm, dq = m - last_m, q - last_q
-            d2 = dm * dm + dq * dq
-            if it > 0 and d2 == 0.0:  # no more digits
-                return last and max(abs(f), abs(side)) < 1e3 * miss, m, q, steps, turns
-            if math.isinf(best) or abs(f) + abs(side) > 4.0 * best:
-                j00, j01, j10, j11 = y[2], 0.0, 0.0, y[7]
-            else:
-                e0 = (f - last_f - j00 * dm - j01 * dq) / d2
-                e1 = (side - last_y - j10 * dm - j11 * dq) / d2
-                j00, j01, j10, j11 = j00 + e0 * dm, j01 + e0 * dq, j10 + e1 * dm, j11 + e1 * dq
-            best = min(best, abs(f) + abs(side))
-            det = j00 * j11 - j01 * j10
-            if det == 0.0:
-                break
-            last_m, last_q, last_f, last_y = m, q, f, side
-            dm = -(j11 * f - j01 * side) / det
-            dq = -(j00 * side - j10 * f) / det
-            shrink = min(1.0, 0.05 / max(abs(dm), 1e-300), 0.1 / max(abs(dq), 1e-300))
-            m += shrink * dm
-            q += shrink * dq
-            if attempt == 0 and not a <= m <= b and not floor.bathymetry.size > 1:
-                break
-        if attempt > 1 and not done:
-            break
-    return False, 0.0, 0.0, 0, 0
-
-
-@kernel
-def tube(s, floor, rule, angle, q, length, axis, tol, work):
-    """Determinant of the end offsets by both launch parameters, by differences from the ray in work; NaN where lost."""
+def _differences(s, floor, rule, angle, q, length, axis, tol, work):
+    """Whether there are, and the derivatives of both end offsets by both launch parameters, from the ray in work."""
     y, K, ynew = work.y, work.K, work.ynew
-    d = 1e-5
+    d = _NEAR
     w0, y0 = y[0], y[5]
     ok1, _, _, _, _, _ = trace(s, floor, rule, angle + d, q, length, axis, tol, y, K, ynew, work.no_path)
     w1, y1 = y[0] - w0, y[5] - y0
     ok2, _, _, _, _, _ = trace(s, floor, rule, angle, q + d, length, axis, tol, y, K, ynew, work.no_path)
     w2, y2 = y[0] - w0, y[5] - y0
-    return (w1 * y2 - w2 * y1) / (d * d) if ok1 and ok2 else math.nan
+    return ok1 and ok2, w1 / d, w2 / d, y1 / d, y2 / d
+
+
+@kernel
+def _newton(
+    s, floor, rule, m, q, jacobian, most, bracket, own, bounded, target, length, axis, tol, miss, work
+):
+    """Launch angle and cross-track slowness of the ray that ends within miss of the receiver, by Newton's method.
+
+    m, q and jacobian are where it starts; a jacobian of zeros is taken from three rays if own is set or the sea bed's
+    slopes are brought in by shares, else from the variation in the plane, and updated by Broyden's formula. Trials with
+    other numbers of reflections than the bracket's, or if own is set in other cells, are taken back half-way. Returns ok,
+    m, q, the jacobian, steps, turning points and whether the reflections are those of the bracket, cell by cell.
+    """
+    y, K, ynew, path = work.y, work.K, work.ynew, work.path
+    inner = fewer_bounces(bracket)
+    wanted = int(bracket[inner, CODE])
+    last_m, last_q, last_f, last_y, best = m, q, 0.0, 0.0, math.inf
+    j00, j01, j10, j11 = jacobian
+    steps, turns, code = 0, 0, 0
+    for it in range(most):
+        ok, steps, turns, _, _, code = trace(s, floor, rule, m, q, length, axis, tol, y, K, ynew, path)
+        if not ok or code % 1024 != wanted % 1024 or (own and code != wanted):
+            if math.isinf(best) and rule.fold != 0 and it < 20:
+                m = 0.5 * (m + bracket[inner, ANGLE])
+                continue
+            if math.isinf(best):
+                break
+            m, q = 0.5 * (m + last_m), 0.5 * (q + last_q)
+            continue
+        f, side = y[0] - target, y[5]
+        if abs(f) < miss and abs(side) < miss:
+            return True, m, q, (j00, j01, j10, j11), steps, turns, code == wanted
+        dm, dq = m - last_m, q - last_q
+        d2 = dm * dm + dq * dq
+        if it > 0 and d2 == 0.0:  # no more digits
+            return (
+                max(abs(f), abs(side)) < 1e3 * miss,
+                m,
+                q,
+                (j00, j01, j10, j11),
+                steps,
+                turns,
+                code == wanted,
+            )
+        if not math.isinf(best) and abs(f) + abs(side) <= 4.0 * best:
+            e0 = (f - last_f - j00 * dm - j01 * dq) / d2
+            e1 = (side - last_y - j10 * dm - j11 * dq) / d2
+            j00, j01, j10, j11 = j00 + e0 * dm, j01 + e0 * dq, j10 + e1 * dm, j11 + e1 * dq
+        elif not math.isinf(best) or j00 == 0.0:
+            j00, j01, j10, j11 = y[2], 0.0, 0.0, y[7]
+            if own or floor.across != 1.0:
+                ok, g00, g01, g10, g11 = _differences(s, floor, rule, m, q, length, axis, tol, work)
+                if ok:
+                    j00, j01, j10, j11 = g00, g01, g10, g11
+        best = min(best, abs(f) + abs(side))
+        det = j00 * j11 - j01 * j10
+        if det == 0.0:
+            break
+        last_m, last_q, last_f, last_y = m, q, f, side
+        dm = -(j11 * f - j01 * side) / det
+        dq = -(j00 * side - j10 * f) / det
+        shrink = min(1.0, 0.05 / max(abs(dm), 1e-300), 0.1 / max(abs(dq), 1e-300))
+        m += shrink * dm
+        q += shrink * dq
+        if bounded and not bracket[0, ANGLE] <= m <= bracket[1, ANGLE]:
+            break
+    return False, m, q, (j00, j01, j10, j11), steps, turns, False
+
+
+@kernel
+def refine_bounced(s, floor, rule, bracket, own, target, length, axis, tol, miss, work):
+    """Launch angle and cross-track slowness of the reflected ray of a bracket that ends within miss of the receiver.
+
+    Newton's method from the root of the bracket's cubic; where that leaves the bracket's reflections, again from the root
+    in the plane of the link; where that fails too, the slopes of the sea bed across the plane grow from nothing, and the
+    ray is followed. With own only rays that are reflected in the bracket's own cells of the sea bed count. The end state stays in work.y, its path in work.path. Returns ok, angle,
+    cross-track slowness, steps, turning points and whether the cells are the bracket's.
+    """
+    inner = fewer_bounces(bracket)
+    level = bracket[inner, MISS]
+    level = math.copysign(min(INSET, 0.5 * abs(level)), level) if rule.fold != 0 else 0.0
+    start = cubic_angle(bracket[0], bracket[1], level)
+    gridded = floor.bathymetry.size > 1
+    none = (0.0, 0.0, 0.0, 0.0)
+    most = 12 if own else 30
+    for attempt in range(1 if own else 2):
+        if attempt == 1:
+            if rule.fold != 0:
+                continue
+            start, ok = _in_plane(s, floor, rule, bracket, target, length, axis, tol, work)
+            if not ok:
+                return False, start, 0.0, 0, 0, False
+        bounded = attempt == 0 and not gridded
+        ok, m, q, _, steps, turns, same = _newton(
+            s,
+            floor,
+            rule,
+            start,
+            0.0,
+            none,
+            most,
+            bracket,
+            own,
+            bounded,
+            target,
+            length,
+            axis,
+            tol,
+            miss,
+            work,
+        )
+        if ok:
+            return True, m, q, steps, turns, same
+    if own or not gridded:
+        return False, 0.0, 0.0, 0, 0, not gridded
+    m, q, share, jacobian = start, 0.0, 0.0, none
+    ahead = _FIRST_SHARE
+    rate_m, rate_q = 0.0, 0.0  # change of the ray by the share
+    while ahead > _LEAST_SHARE:
+        ahead = min(ahead, 1.0 - share)
+        last = share + ahead == 1.0
+        ok, new_m, new_q, new_jacobian, steps, turns, same = _newton(
+            s,
+            across_plane(floor, share + ahead),
+            rule,
+            m + ahead * rate_m,
+            q + ahead * rate_q,
+            jacobian,
+            10,
+            bracket,
+            False,
+            False,
+            target,
+            length,
+            axis,
+            tol,
+            miss if last else max(miss, _ON_THE_WAY * length),
+            work,
+        )
+        if not ok:
+            ahead *= 0.5
+            continue
+        if last:
+            return True, new_m, new_q, steps, turns, same
+        rate_m, rate_q = (new_m - m) / ahead, (new_q - q) / ahead
+        m, q, jacobian = new_m, new_q, new_jacobian
+        share += ahead
+        ahead *= 2.0
+    return False, 0.0, 0.0, 0, 0, False
+
+
+@kernel
+def tube(s, floor, rule, angle, q, length, axis, tol, work):
+    """Determinant of the end offsets by both launch parameters, by differences from the ray in work; NaN where lost."""
+    ok, w1, w2, y1, y2 = _differences(s, floor, rule, angle, q, length, axis, tol, work)
+    return w1 * y2 - w2 * y1 if ok else math.nan

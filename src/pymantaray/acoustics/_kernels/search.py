@@ -17,7 +17,7 @@ from pymantaray.acoustics._kernels.cubic import cubic
 from pymantaray.acoustics._kernels.trace import GONE, GROWN, ON_SURFACE, OPEN, append_code, trace
 
 # columns of a ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, which reflections;
-# scratch: error of the cubic about it, where it left the water (0: nowhere), tolerance, how far it diverged on its way
+# scratch: error of the cubic about it, where it left the water or had too many reflections (0: nowhere), tolerance, how far it diverged on its way
 ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT, LEFT, TOL, GROWTH = range(11)
 N_NODE = 11
 N_BRACKET = 7  # of these an end of a bracket has the first
@@ -55,7 +55,8 @@ def shoot(s, floor, rule, angle, target, length, axis, tol, growth, node, work):
             s, floor, rule, angle, 0.0, length, axis, allowed, work.y, work.K_fan, work.ynew, work.no_path
         )
         grown = work.y[GROWN] / length
-        far = work.y[GONE] > 0.0 or grown > _HOPELESS or abs(work.y[0] - target) > _ERRING * tol * grown
+        gone = rule.kind == OPEN and work.y[GONE] > 0.0
+        far = gone or grown > _HOPELESS or abs(work.y[0] - target) > _ERRING * tol * grown
         if grown < max(_DIVERGING, 1.5 * growth) or far:
             break
         growth = grown
@@ -109,10 +110,9 @@ def _oscillates(a, b, h):
 
 
 @kernel
-def _window(a, b, h, length):
-    """Whether between two rays that left the water may be some that stay in it: that turn below it at one more cycle."""
-    both = a[LEFT] * b[LEFT] > 0.0
-    return both and h > _WINDOW and abs(a[LEFT] - b[LEFT]) > _APART * length
+def _window(a, b, length):
+    """Whether two rays left so far apart that between them may be some that did not: that turn once more before."""
+    return a[LEFT] * b[LEFT] > 0.0 and abs(a[LEFT] - b[LEFT]) > _APART * length
 
 
 @kernel
@@ -131,7 +131,9 @@ def find_brackets(
     Where rays are reflected, only roots of rays that were: the miss is smooth between rays of
     one code; across a change of code it may bend or jump, and its slopes are believed beyond the angle steep and in
     intervals narrower than trust. Where it comes as near to zero as the tolerance is large, or changes sign without
-    getting smooth, rays are traced anew with the tolerance fine. Slopes above weak are those of rays too weak to be looked for. work.brackets receives the rays at both ends. Returns their number, the smallest
+    getting smooth, rays are traced anew with the tolerance fine. Slopes above weak are those of rays too weak to be looked for.
+    Between rays that all have too many reflections, but got them far apart, rays with fewer are looked for in
+    intervals wider than trust. work.brackets receives the rays at both ends. Returns their number, the smallest
     miss met, the rays traced and whether the budget sufficed.
     """
     fan, st, brackets = work.fan, work.stack, work.brackets
@@ -173,11 +175,14 @@ def find_brackets(
             alive = a[GOOD] > 0.0 and b[GOOD] > 0.0
             same = alive and _same_code(a, b, rule.fold)
             top -= 1
-            if a[GOOD] + b[GOOD] == 0.0 or (walls and same and a[CODE] * b[CODE] == 0.0):  # lost, or direct
+            if walls and same and a[CODE] * b[CODE] == 0.0:  # direct
                 continue
-            if walls and _too_many(a, rule) and _too_many(b, rule):
-                continue
-            if walls and not same:
+            lost = a[GOOD] + b[GOOD] == 0.0 or (walls and _too_many(a, rule) and _too_many(b, rule))
+            if lost:
+                if not walls or h < trust or not _window(a, b, length):
+                    continue
+                same = False
+            elif walls and not same:
                 believed = h < trust or min(abs(a[ANGLE]), abs(b[ANGLE])) > steep
                 if h < min_width or (believed and _far(a, h) and _far(b, h)):
                     continue
@@ -185,14 +190,15 @@ def find_brackets(
                 rise = fb - fa
                 ea = h * a[SLOPE] - rise
                 eb = h * b[SLOPE] - rise
+                monotonic = (
+                    a[SLOPE] * rise > 0.0
+                    and b[SLOPE] * rise > 0.0
+                    and max(abs(ea), abs(eb)) < 1.5 * abs(rise)
+                    and e < 0.05 * abs(rise)
+                    and not _oscillates(a, b, h)
+                )
                 if fa == 0.0 or fa * fb < 0.0:
-                    single = (
-                        a[SLOPE] * rise > 0.0
-                        and b[SLOPE] * rise > 0.0
-                        and max(abs(ea), abs(eb)) < 1.5 * abs(rise)
-                        and not _oscillates(a, b, h)
-                    )
-                    if (single and e < 0.05 * abs(rise)) or h < min_width:
+                    if monotonic or h < min_width:
                         if n_found < min(brackets.shape[0], room):
                             copy_ray(a, brackets[n_found, 0])
                             copy_ray(b, brackets[n_found, 1])
@@ -203,13 +209,11 @@ def find_brackets(
                 else:
                     nearest = min(abs(fa), abs(fb))
                     reach = (_WHOLE if h == width else _HALVED) * _BOUND * (abs(ea) + abs(eb)) + e
-                    window = (
-                        s.n_range > 1
-                        and h > _WINDOW
-                        and a[LEFT] * b[LEFT] > 0.0
-                        and abs(a[LEFT] - b[LEFT]) > _APART * length
-                    )
-                    clear = nearest > reach + tol_here and not window and not _oscillates(a, b, h)
+                    window = s.n_range > 1 and h > _WINDOW and _window(a, b, length)
+                    # next to an end that is nearer to zero than the tolerance all others would be halved without end
+                    even = monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
+                    clear = even or (nearest > reach + tol_here and not _oscillates(a, b, h))
+                    clear = clear and not window
                     if h < min_width or clear:
                         continue
             elif h < min_width:

@@ -32,10 +32,9 @@ from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level, mo
 from pymantaray.acoustics._kernels.step import N_FAN, N_FULL, derivative, step, step_error
 
 MAX_STEPS = 100_000
-GONE, GROWN = (
-    4,
-    7,
-)  # of a fan's end state: where an OPEN ray left the water (0: nowhere), the largest |xi| on its way
+# of a fan's end state: where an OPEN ray left the water or a FORWARD one was reflected too often (0: nowhere), and the
+# largest |xi| on its way
+GONE, GROWN = 4, 7
 OPEN, FORWARD, LEGS = 0, 1, 2
 _LONG = 1e7  # m; a leg that a boundary ends
 _HASH = 2**32
@@ -122,6 +121,9 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
         if hit != IN_WATER:
             surface += 1 if hit == AT_SURFACE else 0
             bottom += 1 if hit == AT_BOTTOM else 0
+            too_many = surface > rule.max_surface or bottom > rule.max_bottom
+            if too_many and n_eq == N_FAN and rule.kind == FORWARD and y[GONE] == 0.0:
+                y[GONE] = pos
             if surface > rule.max_surface + rule.spare or bottom > rule.max_bottom + rule.spare:
                 return False, count, turns, surface, bottom, code
             new_sb = sb
