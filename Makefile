@@ -70,6 +70,7 @@ $(VENV)/.ready-test: pyproject.toml .ci/venv
 	sh .ci/venv test
 	@touch $@ $(VENV)/.ready-run
 
+# types are checked against the packages that tests and extras use
 $(VENV)/.ready-lint: pyproject.toml .ci/venv
-	sh .ci/venv lint
-	@touch $@ $(VENV)/.ready-run
+	sh .ci/venv test lint
+	@touch $@ $(VENV)/.ready-test $(VENV)/.ready-run

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from pymantaray.report.ends import range_ends
 from pymantaray.report.figures_consistency import consistency_over_time
+from pymantaray.report.figures_estimators import error_and_consistency
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_ocean import ray_picture, sound_speed_profiles
 from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
@@ -147,6 +148,21 @@ def run_plates(found: Findings) -> list[Plate]:
             lambda: error_over_time(truth.time, truth.name.tolist(), found.errors, found.fixes, header),
         ),
     ]
+    if run.config.estimators:
+        plates.append(
+            (
+                "estimators",
+                (
+                    f"What each estimator is worth, over {count} realizations: (a) root mean square of the position error over"
+                    " all poses, dashed that of straight ranges; (b) squared error of the fleet's horizontal positions in the"
+                    " covariance that the estimator gives, by its degrees of freedom: median over the epochs, least to greatest,"
+                    " and the 95 % bounds of a consistent estimator in grey."
+                ),
+                lambda: error_and_consistency(
+                    found.tables["ate_pooled"], found.tables.get("consistency_per_epoch"), header
+                ),
+            )
+        )
     if "consistency_per_epoch" in found.tables:
         plates.append(
             (
