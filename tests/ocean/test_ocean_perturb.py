@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from pymantaray.errors import OceanError
 from pymantaray.geometry.streams import stream
 from pymantaray.ocean.modes import vertical_modes
-from pymantaray.ocean.perturb import change_sound_speed, perturb_ocean
+from pymantaray.ocean.perturb import perturb_ocean
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.sound_speed_change import change_sound_speed
 
 Z = np.array([0.0, 20.0, 40.0, 60.0, 100.0, 150.0, 250.0, 400.0])
 EDGES = np.concatenate([Z[:1], 0.5 * (Z[1:] + Z[:-1]), Z[-1:]])
@@ -160,6 +161,22 @@ def test_a_change_of_sound_speed_is_met(ocean):
         np.testing.assert_allclose(found[wet], change[wet], rtol=0, atol=2e-6)
     with pytest.raises(OceanError, match="ask for"):
         change_sound_speed(ocean, np.full(change.shape, -200.0))
+
+
+@pytest.mark.parametrize("equation", ["teos-10", "del-grosso", "unesco"])
+def test_where_no_temperature_can_slow_sound_so_far_salinity_makes_the_rest(ocean, equation):
+    wet = np.isfinite(ocean["water_temp"].values)
+    colder = ocean.assign(water_temp=ocean["water_temp"].copy(data=np.where(wet, -6.5, np.nan)))
+    change = np.zeros(wet.shape)
+    change[:2, 1, 1] = (speed(colder, equation) - speed(ocean, equation))[:2, 1, 1]
+    made = change_sound_speed(ocean, change, equation=equation)
+    found = speed(made, equation) - speed(ocean, equation)
+    np.testing.assert_allclose(found[wet], change[wet], rtol=0, atol=2e-6)
+    beyond = change < 0.0
+    assert wet[beyond].all()
+    np.testing.assert_array_equal(made["water_temp"].values[beyond], VARIABLES[0].lowest)
+    assert np.all(made["salinity"].values[beyond] < ocean["salinity"].values[beyond] - 1.0)
+    np.testing.assert_array_equal(made["salinity"].values[~beyond], ocean["salinity"].values[~beyond])
 
 
 def test_the_mean_is_that_of_each_level(ocean):

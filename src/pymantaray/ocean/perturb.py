@@ -2,7 +2,6 @@
 
 from typing import Literal, get_args
 
-import gsw
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
@@ -12,13 +11,10 @@ from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, vertical_modes
 from pymantaray.ocean.random_field import pooled_rms, random_fields
 from pymantaray.ocean.schema import VARIABLES, validate_ocean, with_history
-from pymantaray.ocean.seawater import absolute_and_conservative, sound_speed
+from pymantaray.ocean.sound_speed_change import change_sound_speed
 
 Array = NDArray[np.float64]
 Method = Literal["eof", "gaussian-process", "mean", "column"]
-_ACCURACY = 1e-6  # m/s, of the change of sound speed that temperature is to make
-_STEP = 0.01  # degC, for the slope of sound speed
-_ITERATIONS = 30
 
 
 def perturb_ocean(
@@ -86,8 +82,8 @@ def perturb_ocean(
     A random member has sound speed c + s Σ a_k φ_k(z), the a_k being independent Gaussian fields of variance
     v_k, φ_k and v_k modes and variances of `VerticalModes` or of the covariance `SoundSpeedCovariance.gaussian`.
     The factor s makes the expected mean square, each wet grid point weighted by its layer's thickness, ``rms``
-    squared; a single member's differs, the more so the longer the scales. Temperature alone is changed, until sound
-    speed is right within 1e-6 m/s; salinity and currents stay, and so density no longer balances the currents. The
+    squared; a single member's differs, the more so the longer the scales. Temperature is changed (`change_sound_speed`), until sound
+    speed is right within 1e-6 m/s; currents stay, and so density no longer balances them. The
     same generator state gives errors in proportion to ``rms``. Water may come out colder than its freezing
     point: it is a belief.
     """
@@ -132,72 +128,6 @@ def perturb_ocean(
         f"sound speed perturbed by {told}, expected {rms:g} m/s rms over {reach}, horizontal scale"
         f" {horizontal_scale:g} m, by temperature ({equation}); no longer in balance with the currents",
     )
-
-
-def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equation = "teos-10") -> xr.Dataset:
-    """
-    Ocean whose sound speed is changed by given amounts through its temperature.
-
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-    change : array_like, shape (depth, lat, lon)
-        Values below the sea bed are not used. [m/s]
-    equation : {"teos-10", "del-grosso", "unesco"}
-
-    Returns
-    -------
-    xarray.Dataset
-        Right within 1e-6 m/s.
-
-    Raises
-    ------
-    OceanError
-        If no temperature gives the sound speed, or it is none that water can have.
-    """
-    depth, lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("depth", "lat", "lon"))
-    wet = np.isfinite(ocean["water_temp"].values)
-    k, y, x = np.nonzero(wet)
-    start = np.asarray(ocean["water_temp"].values, dtype=float)[wet]
-    salinity = np.asarray(ocean["salinity"].values, dtype=float)[wet]
-
-    if equation == "teos-10":  # absolute salinity, the slow part, does not change with temperature
-        SA, _, p = absolute_and_conservative(start, salinity, depth[k], lat[y], lon[x])
-
-    def speed(t: Array) -> Array:
-        if equation == "teos-10":
-            return np.asarray(gsw.sound_speed(SA, gsw.CT_from_t(SA, t, p), p))
-        return sound_speed(t, salinity, depth[k], lat[y], lon[x], equation=equation)
-
-    base = speed(start)
-    target = base + np.broadcast_to(np.asarray(change, dtype=float), wet.shape)[wet]
-    slope = (speed(start + _STEP) - base) / _STEP
-    temperature, off = start, target - base
-    for _ in range(_ITERATIONS):
-        if np.abs(off).max() < _ACCURACY:
-            break
-        step = off / slope
-        temperature = temperature + step
-        before, off = off, target - speed(temperature)
-        moved = np.abs(step) > 1e-6
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slope = np.where(moved, (before - off) / step, slope)  # the secant's
-    else:
-        raise OceanError(
-            f"ocean: no temperature changes sound speed by {np.nanmax(np.abs(change)):.3g} m/s; ask for less"
-        )
-    field = np.full(wet.shape, np.nan)
-    field[wet] = temperature
-    made = ocean.copy()
-    made["water_temp"] = ocean["water_temp"].copy(data=field)
-    try:
-        validate_ocean(made)
-    except OceanError as error:
-        raise OceanError(
-            f"{error} (after a change of sound speed; ask for a smaller one, or for rms in the upper water, down_to)"
-        ) from None
-    return made
 
 
 def _check_arguments(method: str, given: dict[str, object]) -> None:
