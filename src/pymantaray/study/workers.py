@@ -10,6 +10,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 from pymantaray.errors import StudyError
 from pymantaray.study.realization import RealizationSolver, Solved
@@ -25,6 +26,7 @@ _ONE_THREAD = (
 )
 
 _solver: RealizationSolver | None = None  # of this worker process
+T = TypeVar("T")
 
 
 def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> list[Solved]:
@@ -59,11 +61,47 @@ def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> l
             done(realization + 1)
         return results
 
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _start_worker, (run.path,)) as pool:
+    return in_processes(_solve, count, workers, _start_worker, run.path, done)
+
+
+def in_processes(
+    task: Callable[[int], T],
+    count: int,
+    workers: int,
+    start: Callable[[Path], None],
+    folder: Path,
+    done: Callable[[int], None],
+) -> list[T]:
+    """
+    Do numbered tasks in fresh processes.
+
+    Parameters
+    ----------
+    task : callable
+        Takes a number from 0; a function of a module.
+    count, workers : int
+        Of tasks and of processes.
+    start : callable
+        Called once in each process, with ``folder``.
+    folder : pathlib.Path
+    done : callable
+        Told how many tasks are done.
+
+    Returns
+    -------
+    list
+        By number. If a task raises, or this process is interrupted, the others are stopped where they are.
+
+    Raises
+    ------
+    StudyError
+        If a process ends before its time.
+    """
+    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
+    with ProcessPoolExecutor(workers, context, start, (folder,)) as pool:
         with _fit_for_workers():  # submitting starts the processes
-            futures = {pool.submit(_solve, realization): realization for realization in range(count)}
-        found: dict[int, Solved] = {}
+            futures = {pool.submit(task, number): number for number in range(count)}
+        found: dict[int, T] = {}
         try:
             for future in as_completed(futures):
                 found[futures[future]] = future.result()
@@ -74,9 +112,12 @@ def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> l
                 ' if __name__ == "__main__":; try fewer workers'
             ) from None
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            # the pool would do all that is left: its own end takes back a cancellation that is not carried out yet
+            for process in multiprocessing.active_children():
+                if process not in others:
+                    process.terminate()
             raise
-    return [found[realization] for realization in range(count)]
+    return [found[number] for number in range(count)]
 
 
 def refuse_unguarded_scripts() -> None:
