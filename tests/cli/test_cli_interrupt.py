@@ -11,14 +11,30 @@ import time
 
 import pytest
 
+
+@pytest.fixture
+def begin():
+    """Start a process; one that is still there when the test ends, because it failed, is killed."""
+    begun = []
+
+    def one(words, **options):
+        command = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
+        begun.append(subprocess.Popen(command + words, stdout=subprocess.DEVNULL, **options))
+        return begun[-1]
+
+    yield one
+    for process in begun:
+        process.kill()
+        process.wait()
+
+
 COUNTED = re.compile(r"rays\D*?(\d+)/(\d+)")  # the bar of the stage, on a terminal
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_interrupted_run_leaves_nothing(tmp_path, sent, code, workers):
-    command = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
+def test_interrupted_run_leaves_nothing(tmp_path, begin, sent, code, workers):
     words = [
         "study",
         "run",
@@ -30,7 +46,7 @@ def test_interrupted_run_leaves_nothing(tmp_path, sent, code, workers):
         "--out",
         str(tmp_path / "run"),
     ]
-    process = subprocess.Popen(command + words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    process = begin(words, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60.0
     while not list(tmp_path.iterdir()):  # until the run has begun
         assert time.monotonic() < deadline
@@ -57,7 +73,7 @@ def shown(terminal):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_interrupt_among_the_rays_is_prompt_and_leaves_nothing(tmp_path, small_text, sent, code):
+def test_interrupt_among_the_rays_is_prompt_and_leaves_nothing(tmp_path, begin, small_text, sent, code):
     """The bar counts links; in the middle of them a block of links is waited for, no more."""
     slow = small_text.replace("ping_interval_h = 4.0", "ping_interval_h = 0.5")
     slow = slow.replace("[acoustics]\n", "[acoustics]\nmax_surface_bounces = 6\nmax_bottom_bounces = 6\n")
@@ -65,15 +81,9 @@ def test_interrupt_among_the_rays_is_prompt_and_leaves_nothing(tmp_path, small_t
     assert "ping_interval_h = 0.5" in slow
     study = tmp_path / "slow.toml"
     study.write_text(slow)
-    command = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
     words = ["study", "run", str(study), "--out", str(tmp_path / "run")]
     ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        command + words,
-        stderr=theirs,
-        stdout=subprocess.DEVNULL,
-        env={**os.environ, "COLUMNS": "100", "TERM": "xterm"},
-    )
+    process = begin(words, stderr=theirs, env={**os.environ, "COLUMNS": "100", "TERM": "xterm"})
     os.close(theirs)
     printed, counts, deadline = "", [], time.monotonic() + 120.0
     while not counts or counts[-1][0] < 20:
