@@ -271,3 +271,42 @@ def test_bad_priors_are_refused_by_name(make_fleet):
         Unknowns(
             TransmitterSpeed(), timed, build_graph(o).pose_agent, list("ABC"), clocks=ClockPrior(0.0, 0.0)
         )
+
+
+class TwoFamilies(Adjustable):
+    """Water in which two links have another first arrival, 20 ms later, as soon as the first amplitude is above a limit."""
+
+    limit = np.inf
+
+    def predict(self, links):
+        found = super().predict(links)
+        later = found.travel_time.copy()
+        later[:2] += 0.02 * (self.amplitudes[0] > self.limit)
+        return found._replace(travel_time=later)
+
+    def adjusted(self, amplitudes):
+        other = TwoFamilies(self.amplitude_sigma, amplitudes)
+        other.limit = self.limit
+        return other
+
+
+def test_links_whose_arrival_comes_and_goes_with_the_water_are_gated(make_fleet):
+    fleet = make_fleet(seed=15, gnss_every=5, n_landmarks=1)
+    o = measured(fleet.noise_free, fleet.position, Adjustable(amplitudes=(1.0, 0.5)))
+    # measured half-way between both arrivals: each pulls the water to where the other one is first
+    late = np.where(np.arange(o.range_status.size) < 2, 0.01, 0.0)
+    o = replace(o, refracted_range=o.refracted_range + o.transmitter_sound_speed * late)
+
+    def with_limit(limit):
+        model = TwoFamilies()
+        model.limit = limit
+        return estimate(o, model, (fleet.position, fleet.quaternion))
+
+    always, never = with_limit(-np.inf), with_limit(np.inf)
+    ends = always.unknowns.value[0], never.unknowns.value[0]
+    assert ends[0] < ends[1]
+    assert never.gated_links == always.gated_links == 0
+    found = with_limit(0.5 * (ends[0] + ends[1]))
+    assert found.usable
+    assert found.gated_links == 2
+    assert ends[0] < found.unknowns.value[0] < ends[1]

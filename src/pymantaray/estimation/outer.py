@@ -21,6 +21,11 @@ _CORRECTION = 1e-3  # m; a range that a new prediction moves by less has settled
 _FIRST_TOLERANCE = 0.1  # m; the first expansion is left early, for the next one is better
 _MOST = 25  # expansions
 _RETURNS = 2  # a link gated so many times stays gated
+_PATIENT = 8  # expansions after which links that are still corrected are gated
+_RESTLESS, _FEW = (
+    0.3,
+    0.05,
+)  # of the largest correction, for smaller ones follow from it; and of the links at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +80,8 @@ def iterate(
     -----
     The model is asked at the estimate, the travel times are expanded there (`Expansion`), the graph is solved, and
     so on until a new prediction moves no range by more than 1 mm. A link that is not possible at an estimate is
-    gated until the next one; one that was gated twice stays gated, so that the set of links settles.
+    gated until the next one; one that was gated twice stays gated, so that the set of links settles. So are, after 8 expansions,
+    those that are corrected most: their first arrival is now of one family of rays, now of another.
     Variances that depend on the rays are computed again where an end has moved by more than 100 m.
     """
     from pymantaray.estimation._gtsam.graduated import minimize_expanded
@@ -113,10 +119,15 @@ def iterate(
         if first is None:
             first = found, residual
         if expansion is not None:
-            off = np.abs(residual - expansion(a, b, u)[0])[used & before]
-            if tight and np.array_equal(used, before) and off.max(initial=0.0) <= _CORRECTION:
+            off = np.where(used & before, np.abs(residual - expansion(a, b, u)[0]), 0.0)
+            largest = float(off.max(initial=0.0))
+            if tight and np.array_equal(used, before) and largest <= _CORRECTION:
                 settled = True
                 break
+            if count >= _PATIENT and largest > _CORRECTION:
+                restless = off >= _RESTLESS * largest
+                if np.count_nonzero(restless) <= _FEW * np.count_nonzero(used):
+                    gated[restless], used = _RETURNS, used & ~restless
         expansion = Expansion(found, links, r.travel_time, u, by_unknowns)
         terms = epoch_terms(r, weights.blocks(links, used))
         stock = _stock(builder, common, graph, used, chord(a, b)[0] - residual, loss)
