@@ -17,6 +17,9 @@ class SolveOptions:
         The solver stops when no variable moves by more than this in a step. Convergence is linear, by a
         factor of about six a step: the default leaves less than 1e-5 m at the paper's size, 1e-3 leaves 0.2 mm for
         an eighth less time. [m, rad]
+    end_tolerance : float
+        Largest step that the undamped system may still ask for at the end of damped steps, where the optimum
+        repels undamped ones. [m, rad]
     max_iterations : int
         Steps after which it gives up.
     decrement_tolerance : float
@@ -27,6 +30,7 @@ class SolveOptions:
     """
 
     step_tolerance: float = 4e-5
+    end_tolerance: float = 1e-3
     max_iterations: int = 50
     decrement_tolerance: float = 1e-3
     chi_square_sigmas: float = 5.0
@@ -91,7 +95,7 @@ def gate(
         return SolveStatus.NO_ITERATION
     if progress.final_cost > progress.initial_cost + 1e-9 * (1.0 + progress.initial_cost):
         return SolveStatus.COST_ROSE
-    stopped = progress.last_step <= options.step_tolerance
+    stopped = progress.last_step <= max(options.step_tolerance, options.end_tolerance)
     flat = abs(progress.newton_decrement) <= options.decrement_tolerance
     if not (stopped and flat):  # NaN does not pass
         return SolveStatus.NOT_CONVERGED
