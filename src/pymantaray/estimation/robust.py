@@ -3,13 +3,10 @@
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from pymantaray.estimation.gate import Progress, SolveOptions, gate
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss, whitened_ranges
-from pymantaray.estimation.solution import Solution
-from pymantaray.records import SolveStatus
+from pymantaray.estimation.solution import Solution, judged
 
 
 def solve_robust(
@@ -110,16 +107,4 @@ def robust_solution(found: GraphValues, progress: Progress, options: SolveOption
     -------
     Solution
     """
-    status = gate(progress, 0, options, model_is_right=False)
-    mask = 1.0 if status == SolveStatus.OK else np.nan
-    return Solution(
-        position=found.position * mask,
-        quaternion=found.quaternion * mask,
-        landmark_position=found.landmark_position * mask,
-        status=status,
-        iterations=progress.iterations,
-        initial_cost=progress.initial_cost,
-        final_cost=progress.final_cost,
-        expected_cost=np.nan,
-        gradient_norm=progress.gradient_norm,
-    )
+    return judged(found, progress, gate(progress, 0, options, model_is_right=False))

@@ -1,5 +1,6 @@
 """What a solve ends with, and what one of several solves of nearly the same graph is asked for."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.estimation.covariance import EpochCovariances
+from pymantaray.estimation.gate import Progress
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.range_weights import BelievedRanges
@@ -66,3 +68,37 @@ class Variant(NamedTuple):
     """Whether the factors are replayed in the order of time; only for ranges as distances."""
     vector_factors: bool = False
     """Whether what is believed is solved by nonlinear factors that ask the model, in place of outer iterations."""
+
+
+def judged(
+    found: GraphValues, progress: Progress, status: SolveStatus, expected_cost: float = math.nan
+) -> Solution:
+    """
+    Solution with a verdict: its values are NaN unless that makes them usable.
+
+    Parameters
+    ----------
+    found : GraphValues
+        Where the solve ended.
+    progress : Progress
+    status : SolveStatus
+        From `gate`.
+    expected_cost : float
+        Half the degrees of freedom. By default the cost has no chi-square distribution. [-]
+
+    Returns
+    -------
+    Solution
+    """
+    mask = 1.0 if status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE} else np.nan
+    return Solution(
+        position=found.position * mask,
+        quaternion=found.quaternion * mask,
+        landmark_position=found.landmark_position * mask,
+        status=status,
+        iterations=progress.iterations,
+        initial_cost=progress.initial_cost,
+        final_cost=progress.final_cost,
+        expected_cost=expected_cost,
+        gradient_norm=progress.gradient_norm,
+    )

@@ -16,9 +16,8 @@ from pymantaray.estimation.incremental import replay
 from pymantaray.estimation.outer import Outcome, iterate, solve_vector_factors, unknowns_at
 from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.estimation.robust import minimize_robust, robust_solution
-from pymantaray.estimation.solution import Solution, Variant
+from pymantaray.estimation.solution import Solution, Variant, judged
 from pymantaray.estimation.unknowns import UnknownsEstimate
-from pymantaray.records import SolveStatus
 
 Array = NDArray[np.float64]
 
@@ -201,23 +200,12 @@ class GraphSolver:
         """Values and verdict of one solve."""
         from pymantaray.estimation._gtsam.factors import to_graph_values
 
+        found = to_graph_values(values, initial)
         if variant.loss is not None:
-            return robust_solution(to_graph_values(values, initial), progress, self.options)
+            return robust_solution(found, progress, self.options)
         freedom = variant.graph.degrees_of_freedom - gated
         status = gate(progress, freedom, self.options, model_is_right=variant.model_is_right)
-        found = to_graph_values(values, initial)
-        mask = 1.0 if status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE} else np.nan
-        return Solution(
-            position=found.position * mask,
-            quaternion=found.quaternion * mask,
-            landmark_position=found.landmark_position * mask,
-            status=status,
-            iterations=progress.iterations,
-            initial_cost=progress.initial_cost,
-            final_cost=progress.final_cost,
-            expected_cost=freedom / 2.0,
-            gradient_norm=progress.gradient_norm,
-        )
+        return judged(found, progress, status, freedom / 2.0)
 
 
 def _unknowns(believed: BelievedRanges, end: Outcome) -> UnknownsEstimate | None:
