@@ -7,7 +7,7 @@ STAMP := $(shell date +%Y%m%d-%H%M%S)
 ARGS  :=
 export PYTHON
 
-.PHONY: help study study-paper quick test lint bench matrix ci-full clean
+.PHONY: help study study-paper quick test lint bench matrix cuda ci-full clean
 
 help:
 	@echo "make study        the paper's Beaufort Sea study at full size"
@@ -17,6 +17,7 @@ help:
 	@echo "make lint         formatting, lint, types, import contracts, spelling"
 	@echo "make bench        timings"
 	@echo "make matrix       the fast tests on Python 3.11, 3.12, 3.13 and on the oldest dependencies (needs uv)"
+	@echo "make cuda         the kernels compiled for a GPU, which need not be here (needs uv; 1.2 GB of packages)"
 	@echo "make ci-full      everything: slow tests, kernels with bounds checked, examples"
 	@echo "make clean        remove .venv, caches and builds; runs/ stays"
 
@@ -50,6 +51,9 @@ UV_TEST := uv run --quiet --isolated --no-project --with-editable . --with "pyte
 matrix:
 	for version in 3.11 3.12 3.13; do $(UV_TEST) --python $$version python -m pytest $(ARGS) || exit 1; done
 	$(UV_TEST) --python 3.11 --resolution lowest-direct python -m pytest -W ignore::DeprecationWarning $(ARGS)
+
+cuda:
+	$(UV_TEST) --with "numba-cuda[cu12]>=0.24" python -m pytest -m "slow or not slow" tests/acoustics/test_cuda.py $(ARGS)
 
 ci-full: lint quick $(VENV)/.ready-test
 	$(BIN)/python -m pytest -m "slow or not slow" $(ARGS)

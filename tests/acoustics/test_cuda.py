@@ -53,7 +53,7 @@ try:
 except Exception as error:
     print("no toolkit:", str(error).splitlines()[0])
     raise SystemExit(77)
-from pymantaray.acoustics._kernels import solve_cuda, workspace
+from pymantaray.acoustics._kernels import boundary, solve_cuda, workspace
 
 
 def array(dimensions, dtype=types.float64):
@@ -65,7 +65,8 @@ medium = types.Tuple(
     (whole, array(1), array(1), array(1), array(3), array(1), whole, array(1), whole, array(1, types.int32), real, real)
 )
 work = types.NamedTuple([array(len(shape) + 1) for shape in workspace.shapes(16)], workspace.Work)
-signature = (medium, array(2), array(2), array(2), whole, whole, real, real, types.boolean, work)
+bed = types.NamedTuple([array(1), array(1), array(2)], boundary.Bed)
+signature = (medium, bed, array(2), array(2), whole, whole, real, real, types.boolean, work)
 results = (array(3), array(1, whole), array(1, types.int8), array(2))
 ptx, _ = cuda.compile_ptx(solve_cuda.solve_wave.py_func, (*signature, *results), cc=cc)
 print(ptx.count(".visible .entry"), ptx.count(chr(10)))

@@ -6,7 +6,7 @@ import numpy as np
 
 from pymantaray.acoustics._kernels.bounced import add_bounced
 from pymantaray.acoustics._kernels.boundary import TOUCH, Floor, bottom_at, clearances
-from pymantaray.acoustics._kernels.compile import kernel
+from pymantaray.acoustics._kernels.compile import entry, kernel
 from pymantaray.acoustics._kernels.field import field_at
 from pymantaray.acoustics._kernels.limits import (
     BEYOND,
@@ -199,7 +199,7 @@ def solve_link(medium, bed, source, receiver, max_surface, max_bottom, cutoff_db
     return 0, SHADOW
 
 
-@kernel
+@entry
 def solve_links(
     medium,
     bed,

@@ -16,7 +16,7 @@ from pymantaray.acoustics._kernels.boundary import (
     Floor,
     bottom_at,
 )
-from pymantaray.acoustics._kernels.compile import kernel, sort_head
+from pymantaray.acoustics._kernels.compile import entry, kernel, sort_head
 from pymantaray.acoustics._kernels.field import field_at
 from pymantaray.acoustics._kernels.limits import is_steep, speed_extremes, turning_limits
 from pymantaray.acoustics._kernels.section import LINEAR, cut_section, line_breaks
@@ -122,7 +122,7 @@ def trace_arrival(medium, bed, source, receiver, slowness, n_surface, n_bottom, 
     return steps, c0
 
 
-@kernel
+@entry
 def trace_arrivals(medium, bed, ends, units, turned, slowness, times, bounces, tol, work, nodes, counts):
     """Trace eigenrays into rows of nodes, in the local frame and from the source, as long as there is room for any.
 
@@ -163,7 +163,7 @@ def trace_arrivals(medium, bed, ends, units, turned, slowness, times, bounces, t
     return ends.shape[0]
 
 
-@kernel
+@entry
 def trace_launches(
     medium, bed, source, unit, distance, angles, max_surface, max_bottom, tol, work, nodes, counts
 ):
@@ -200,7 +200,7 @@ def _local_node(row, start, un, ue, c, node):
     node[7] = row[BOUNDARY]
 
 
-@kernel
+@entry
 def section_grid(medium, bed, source, unit, horizontal, ranges, depths, speed, floor, work):
     """Sound speed (range, depth) and sea bed along a baseline."""
     s = cut_section(medium, source[0], source[1], unit[0], unit[1], horizontal, work)

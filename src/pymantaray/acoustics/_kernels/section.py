@@ -10,7 +10,7 @@ between levels. Off the baseline both are expanded to second order in the cross-
 import math
 from collections import namedtuple
 
-from pymantaray.acoustics._kernels.compile import inlined, kernel, sort_head
+from pymantaray.acoustics._kernels.compile import entry, inlined, kernel, sort_head
 
 SMOOTH = 0
 LINEAR = 1
@@ -27,7 +27,7 @@ cubics in depth of c, c_r, c_y and c_yy in each layer; for LINEAR, (n_range, n_d
 """
 
 
-@kernel
+@entry
 def depth_lut(depth, lut):
     """Fill a table from which `find_level` starts its search; return the entries per metre."""
     n = depth.size
