@@ -16,8 +16,11 @@ from pymantaray.acoustics import Medium, find_eigenrays
 
 C = 1500.0
 
-ORDERS = ("b", "sb", "bs", "sbs", "bb", "bsb", "sbb", "bbs", "sbsb", "bsbs")
-STARTS = {1: ((0.5,), (0.3,), (0.7,)), 2: ((0.25, 0.75), (0.33, 0.67), (0.4, 0.6), (0.2, 0.6), (0.4, 0.8))}
+ORDERS = ("b", "sb", "bs", "sbs", "bb", "bsb", "sbb", "bbs", "sbsb", "bsbs", "sbbs")
+STARTS = {
+    1: ((0.5,), (0.3,), (0.7,)),
+    2: ((0.25, 0.75), (0.33, 0.67), (0.4, 0.6), (0.2, 0.6), (0.4, 0.8), (0.1, 0.55), (0.45, 0.9)),
+}
 REACH = 2600.0  # m; cells whose centres are nearer to the chord are tried
 WEAKEST = 14.5  # dB; half a decibel short of the solver's cut-off
 

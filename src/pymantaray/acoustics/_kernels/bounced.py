@@ -4,23 +4,32 @@ Two fans share the launch angles. Up to STEEPEST_FORWARD from the horizontal, ra
 and reflected wherever they meet a boundary. Closer to the vertical, where a ray may also turn back
 on a slope, they are followed in depth, leg by leg, for each number of reflections. Both look in the vertical plane
 of the link first; Newton's method on two launch angles then includes slopes and sound-speed gradients
-across it.
+across it, and over a gridded sea bed goes on cell by cell.
 """
 
 import math
 
-from pymantaray.acoustics._kernels.boundary import floor_at
+from pymantaray.acoustics._kernels.boundary import LANDED, floor_at
+from pymantaray.acoustics._kernels.cells import (
+    KNOWN,
+    add_candidate,
+    add_neighbours,
+    add_of_bracket,
+    candidate,
+    follow,
+)
 from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.limits import fan_nodes
 from pymantaray.acoustics._kernels.refine_bounced import INSET, refine_bounced, tube
 from pymantaray.acoustics._kernels.rows import finish
-from pymantaray.acoustics._kernels.search import CODE, fewer_bounces, find_brackets
+from pymantaray.acoustics._kernels.search import ANGLE, CODE, fewer_bounces, find_brackets
 from pymantaray.acoustics._kernels.trace import FORWARD, LEGS, ON_SURFACE, Rule
 
 STEEPEST_FORWARD = 1.08  # rad
 SHALLOWEST_LEGS = 1.02  # rad; the fans overlap, what both find is kept once
 _SPACING_FORWARD = 0.04  # rad, beyond the angles at which rays can turn
 _SPACING_LEGS = 0.13  # rad
+_OVERHANG = 0.08  # rad; as far beyond an edge of its cells in the plane, a ray may be within them out of it
 _RESOLUTION = 1e-6  # rad; narrower windows between changes of reflection are not looked into
 _TRUST = 2e-4  # rad; rays within the usual cut-off fill wider windows than this
 _SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
@@ -30,80 +39,119 @@ _SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
 def _collect(
     s, floor, rule, n_nodes, target, fold_target, span, axis, steep, weak_slope, link, numerics, count, work
 ):
-    """Find and refine the reflected rays of one fan; fold_target is the target of the search. Return the rows in use, those too weak, the rays
-    traced, and whether none was left out.
+    """Find and refine the reflected rays of one fan; fold_target is the target of the search.
+
+    Returns the rows in use, those too weak, the rays traced, and whether none was left out.
     """
-    c1, length, cutoff_db, on_boundary, cross_slope, most_s, most_b = link
-    coarse, fine, miss, inset = numerics
-    rows = work.rows
+    cutoff_db, slope, cross_slope = link[2], link[4], link[5]
+    coarse, fine, miss, _ = numerics
+    candidates = work.candidates
     width, trust = _RESOLUTION, _TRUST
     if math.isinf(cutoff_db):  # every ray there is
         width, trust = 1e-3 * width, 1e-3 * trust
+    gridded = floor.bathymetry.size > 1 and rule.fold == 0
+    overhang = min(_OVERHANG, slope + cross_slope) if gridded else 0.0
     found, _, rays, complete = find_brackets(
-        s, floor, rule, n_nodes, fold_target, span, axis, coarse, fine, width, trust, steep, weak_slope, work
+        s,
+        floor,
+        rule,
+        n_nodes,
+        fold_target,
+        span,
+        axis,
+        coarse,
+        fine,
+        width,
+        trust,
+        steep,
+        weak_slope,
+        overhang,
+        work,
     )
-    weak = 0
-    same = False
-    for i in range(2 * found):
-        bracket = work.brackets[i // 2]
-        own = i % 2 == 1  # again, where Newton's method has led to other cells of the sea bed
-        if own and same:
-            continue
-        same = False
-        ok, angle, q, _, turns, same = refine_bounced(
-            s, floor, rule, bracket, own, target, span, axis, fine, miss, work
-        )
-        if not ok or count >= rows.shape[0]:
-            continue
-        counts = int(bracket[fewer_bounces(bracket), CODE]) % 1024
-        n_s, n_b = counts // 32, counts % 32
-        if n_s > most_s or n_b > most_b or counts == 0:
-            continue
-        cb, sb = axis[1], axis[2]
-        sb_end = -sb if rule.kind == LEGS and rule.legs % 2 == 0 else sb
-        row = rows[count]
-        finish(
-            row,
-            work.y,
-            angle,
-            q,
-            target + inset * cb,
-            turns,
-            axis[3],
-            c1,
-            length,
-            floor.un,
-            floor.ue,
-            cb,
-            sb,
-            sb_end,
-            work.y[2] * work.y[7],
-        )
-        if rule.kind == LEGS:
-            row[0] += inset * row[10]
-        row[11], row[12] = n_s, n_b
-        if n_b > 0 and cross_slope > 1e-9:  # slopes couple both launch parameters
-            plain = work.y[2] * work.y[7]
-            det = tube(s, floor, rule, angle, q, span, axis, fine, work)
-            if not math.isnan(det):
-                row[3] += 10.0 * math.log10(max(abs(det), 1e-300) / max(abs(plain), 1e-300))
-        if on_boundary * row[2] < 0.0:  # reflected at the receiver itself
-            continue
-        if row[3] > cutoff_db:
-            weak += 1
-            continue
-        new = True
-        for j in range(count):
-            if (
-                rows[j, 11] == n_s
-                and rows[j, 12] == n_b
-                and abs(rows[j, 0] - row[0]) < _SAME_TIME
-                and abs(rows[j, 1] - row[1]) < _SAME_ANGLE + 10.0 * abs(inset) / length
-            ):
-                new = False
-        if new:
-            count += 1
+    weak, n, done, i = 0, 0, 0, 0
+    while i < found or done < n:
+        bracket = work.brackets[min(i, found - 1)]
+        if i < found:
+            i += 1
+            generation = 0
+            counts = int(bracket[fewer_bounces(bracket), CODE]) % 1024
+            ok, angle, q, steps, turns, same = False, 0.0, 0.0, 0, 0, False
+            if bracket[0, ANGLE] < bracket[1, ANGLE]:
+                ok, angle, q, steps, turns, same = refine_bounced(
+                    s, floor, rule, bracket, target, span, axis, fine, miss, work
+                )
+        else:
+            counts, generation = candidate(candidates, done)
+            done += 1
+            if generation == KNOWN:
+                continue
+            same = True
+            n, ok, angle, q, steps, turns = follow(
+                s, floor, rule, candidates, done - 1, n, bracket, target, span, axis, fine, miss, work
+            )
+        if ok:
+            if gridded:
+                n = add_candidate(candidates, n, floor.cells[LANDED], angle, q, counts, KNOWN)
+                n = add_neighbours(floor, candidates, n, angle, q, counts, generation + 1, steps, work)
+            count, too_weak = _keep(
+                s, floor, rule, angle, q, turns, counts, target, span, axis, link, numerics, count, work
+            )
+            weak += too_weak
+        if gridded and not same:
+            n = add_of_bracket(s, floor, rule, bracket, candidates, n, span, axis, fine, work)
     return count, weak, rays, complete
+
+
+@kernel
+def _keep(s, floor, rule, angle, q, turns, counts, target, span, axis, link, numerics, count, work):
+    """Write the ray in work.y into the next row unless it is there; return the rows in use, and 1 if it is too weak."""
+    c1, length, cutoff_db, on_boundary, _, cross_slope, most_s, most_b = link
+    _, fine, _, inset = numerics
+    rows = work.rows
+    n_s, n_b = counts // 32, counts % 32
+    if count >= rows.shape[0] or n_s > most_s or n_b > most_b or counts == 0:
+        return count, 0
+    cb, sb = axis[1], axis[2]
+    sb_end = -sb if rule.kind == LEGS and rule.legs % 2 == 0 else sb
+    row = rows[count]
+    plain = work.y[2] * work.y[7]
+    finish(
+        row,
+        work.y,
+        angle,
+        q,
+        target + inset * cb,
+        turns,
+        axis[3],
+        c1,
+        length,
+        floor.un,
+        floor.ue,
+        cb,
+        sb,
+        sb_end,
+        plain,
+    )
+    if rule.kind == LEGS:
+        row[0] += inset * row[10]
+    row[11], row[12] = n_s, n_b
+    if n_b > 0 and cross_slope > 1e-9:  # slopes couple both launch parameters
+        det = tube(s, floor, rule, angle, q, span, axis, fine, work)
+        if not math.isnan(det):
+            row[3] += 10.0 * math.log10(max(abs(det), 1e-300) / max(abs(plain), 1e-300))
+    if on_boundary * row[2] < 0.0:  # reflected at the receiver itself
+        return count, 0
+    if row[3] > cutoff_db:
+        return count, 1
+    for j in range(count):
+        if (
+            rows[j, 11] == n_s
+            and rows[j, 12] == n_b
+            and abs(rows[j, 0] - row[0]) < _SAME_TIME
+            and abs(rows[j, 1] - row[1]) < _SAME_ANGLE + 10.0 * abs(inset) / length
+        ):
+            return count, 0
+    return count + 1, 0
 
 
 @kernel
@@ -142,7 +190,7 @@ def add_bounced(
     elif z1 > bed - INSET:
         inset, on_boundary = z1 - max(bed - INSET, 0.5 * bed), 1.0
     z_end = z1 - inset
-    link = (c1, length, cutoff_db, on_boundary, cross_slope, max_surface, max_bottom)
+    link = (c1, length, cutoff_db, on_boundary, slope, cross_slope, max_surface, max_bottom)
     limits = (coarse, fine, miss, inset)
     weak, rays, complete = 0, 0, True
     steepest = 0.5 * math.pi

@@ -12,6 +12,12 @@ from pymantaray.acoustics._kernels.step import N_FULL
 TOUCH = 1e-6  # m; a ray this far beyond a boundary still touches it only
 IN_WATER, AT_SURFACE, AT_BOTTOM = 0, 1, 2
 
+NO_BED = 1e30  # m
+_CONTINUED = 1.5  # widths of a cell, from its middle: as far as its bed is continued
+
+# rows of a floor's cells
+LANDED, HELD, TRIED = 0, 1, 2
+
 # columns of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset [m],
 # slowness along range, depth and cross-track [times the source's sound speed], boundary
 TIME, RANGE, DEPTH, SIDE, P_RANGE, P_DEPTH, P_SIDE, BOUNDARY = 0, 1, 2, 3, 4, 5, 6, 7
@@ -20,11 +26,19 @@ N_PATH = 8
 Bed = namedtuple("Bed", "north east depth")
 Bed.__doc__ = """Bathymetry on its own axes, one point where it does not vary; bilinear."""
 
-Floor = namedtuple("Floor", "north east bathymetry n0 e0 un ue breaks n_breaks across")
+Floor = namedtuple("Floor", "north east bathymetry n0 e0 un ue breaks n_breaks across cells held")
 Floor.__doc__ = """The sea bed under one baseline; breaks are the ranges at which it crosses grid lines, the ends too.
 
-across, usually 1, is the share of its slope across the plane that counts.
+across, usually 1, is the share of its slope across the plane that counts. Row LANDED of cells takes the cells in which a ray
+is reflected. Where held is not negative the bed is that of the cell cells[HELD, held] alone, continued beyond its
+edges by as much as it is wide; there is none elsewhere and for a cell -1.
 """
+
+
+@kernel
+def _middle(axis, i):
+    """Middle of a cell along one axis."""
+    return 0.5 * (axis[i] + axis[i + 1]) if axis.size > 1 else axis[0]
 
 
 @kernel
@@ -32,14 +46,17 @@ def floor_at(floor, r, y, r_cell):
     """Bilinear depth of the sea bed, its derivatives f_r, f_y and f_rr, and its cell, that of range r_cell."""
     north, east, n0, e0, un, ue = floor.north, floor.east, floor.n0, floor.e0, floor.un, floor.ue
     y *= floor.across
+    n_cell, e_cell = n0 + r_cell * un - y * ue, e0 + r_cell * ue + y * un
+    if floor.held >= 0.0:
+        cell = int(floor.cells[HELD, int(floor.held)])
+        if cell < 0:
+            return NO_BED, 0.0, 0.0, 0.0, cell
+        n_cell, e_cell = _middle(north, cell // east.size), _middle(east, cell % east.size)
     i, j, sn, se, dn, de = bilinear_weights(
-        north,
-        east,
-        n0 + r * un - y * ue,
-        e0 + r * ue + y * un,
-        n0 + r_cell * un - y * ue,
-        e0 + r_cell * ue + y * un,
+        north, east, n0 + r * un - y * ue, e0 + r * ue + y * un, n_cell, e_cell
     )
+    if floor.held >= 0.0 and max(abs(sn - 0.5), abs(se - 0.5)) > _CONTINUED:
+        return NO_BED, 0.0, 0.0, 0.0, i * east.size + j
     di = 1 if north.size > 1 else 0
     dj = 1 if east.size > 1 else 0
     b = floor.bathymetry
@@ -59,6 +76,32 @@ def floor_at(floor, r, y, r_cell):
 
 
 @kernel
+def landed(floor, r, y, bounce):
+    """Cell in which a ray is reflected at the sea bed for the bounce-th time.
+
+    cells[LANDED] takes it, and after the last one how far beyond the edges of the held cells the ray has been reflected.
+    """
+    cell = floor_at(hold(floor, -1.0), r, y, r)[4]
+    last = floor.cells.shape[1] - 1
+    floor.cells[LANDED, min(bounce, last) - 1] = cell
+    if floor.held >= 0.0:
+        own = int(floor.cells[HELD, int(floor.held)])
+        y *= floor.across
+        n, e = floor.n0 + r * floor.un - y * floor.ue, floor.e0 + r * floor.ue + y * floor.un
+        beyond = max(
+            _beyond(floor.north, own // floor.east.size, n), _beyond(floor.east, own % floor.east.size, e)
+        )
+        floor.cells[LANDED, last] = max(beyond, floor.cells[LANDED, last]) if bounce > 1 else beyond
+    return cell
+
+
+@kernel
+def _beyond(axis, i, x):
+    """How far a point is beyond a cell along one axis."""
+    return max(axis[i] - x, x - axis[i + 1], 0.0) if axis.size > 1 else 0.0
+
+
+@kernel
 def across_plane(floor, share):
     """Give the same sea bed with a share of its slope across the plane."""
     return Floor(
@@ -72,6 +115,27 @@ def across_plane(floor, share):
         floor.breaks,
         floor.n_breaks,
         share,
+        floor.cells,
+        floor.held,
+    )
+
+
+@kernel
+def hold(floor, held):
+    """Give the sea bed of the cell cells[HELD, held] alone, continued beyond its edges; -1: all of it."""
+    return Floor(
+        floor.north,
+        floor.east,
+        floor.bathymetry,
+        floor.n0,
+        floor.e0,
+        floor.un,
+        floor.ue,
+        floor.breaks,
+        floor.n_breaks,
+        floor.across,
+        floor.cells,
+        held,
     )
 
 

@@ -1,6 +1,6 @@
 """Faces as events: the faces of a LINEAR section's cells, the surface and the sea bed end a step."""
 
-from pymantaray.acoustics._kernels.boundary import floor_at
+from pymantaray.acoustics._kernels.boundary import NO_BED, floor_at
 from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.cubic import cubic
 from pymantaray.acoustics._kernels.field import linear_full
@@ -10,6 +10,8 @@ from pymantaray.acoustics._kernels.step import N_FULL, step
 TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = 0, 1, 2, 3, 4, 5
 ON_FACE = 1e-9  # m; a ray this near to a face is on it
 _NONE = 1e30
+_LANDED = 1e-2  # m; a ray just reflected is so near to the bed, if it is still over its cell
+_BESIDE = 0.1 * NO_BED
 _SAMPLES = 8  # of a step over a gridded bed
 _NUDGE = 1e-6  # m; by which a point on the edge of a cell is taken to be in the cell of the step
 
@@ -78,11 +80,17 @@ def _over_bed(floor, t, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis):
 def _bed_crossing(floor, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis):
     """Fraction of a step at which it meets a gridded bed, 9 if it does not; off the baseline its edges are anywhere."""
     lo, hi = 0.0, 9.0
+    above = True
+    if floor.held >= 0.0:  # it may be below the bed of its next cell, which is continued, or beside it
+        gap = _over_bed(floor, 0.0, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis)
+        above = -_LANDED < gap < _BESIDE
     for j in range(_SAMPLES):
         t = (j + 1.0) / _SAMPLES
-        if _over_bed(floor, t, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis) < -ON_FACE:
+        gap = _over_bed(floor, t, pos, h, y, K, ynew, side0, side1, dside0, dside1, axis)
+        if gap < -ON_FACE and above:
             hi = t
             break
+        above = floor.held < 0.0 or -ON_FACE < gap < _BESIDE
         lo = t
     if hi > 2.0:
         return hi

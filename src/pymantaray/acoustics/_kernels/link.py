@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from pymantaray.acoustics._kernels.bounced import add_bounced
-from pymantaray.acoustics._kernels.boundary import TOUCH, Floor, bottom_at, clearances
+from pymantaray.acoustics._kernels.boundary import TOUCH, bottom_at, clearances
 from pymantaray.acoustics._kernels.compile import entry, kernel
 from pymantaray.acoustics._kernels.field import field_at
 from pymantaray.acoustics._kernels.limits import (
@@ -17,11 +17,11 @@ from pymantaray.acoustics._kernels.limits import (
     speed_extremes,
     turning_limits,
 )
-from pymantaray.acoustics._kernels.paths import chord_travel_time
+from pymantaray.acoustics._kernels.paths import baseline, chord_travel_time
 from pymantaray.acoustics._kernels.refine import polish, refine, unresolved_db
 from pymantaray.acoustics._kernels.rows import N_COLUMNS, finish, sort_rows
 from pymantaray.acoustics._kernels.search import GOOD, MISS, copy_ray, find_brackets, shoot
-from pymantaray.acoustics._kernels.section import LINEAR, cut_section, line_breaks
+from pymantaray.acoustics._kernels.section import LINEAR
 from pymantaray.acoustics._kernels.trace import OPEN, Rule
 
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7
@@ -61,7 +61,7 @@ def solve_link(medium, bed, source, receiver, max_surface, max_bottom, cutoff_db
     un, ue = 1.0, 0.0
     if horizontal > 0.0:
         un, ue = dn / horizontal, de / horizontal
-    s = cut_section(medium, source[0], source[1], un, ue, horizontal, work)
+    s, floor = baseline(medium, bed, source, (un, ue), horizontal, work)
     z0, z1 = source[2], receiver[2]
     c0 = field_at(s, 0.0, z0)
     c1 = field_at(s, horizontal, z1)
@@ -82,12 +82,6 @@ def solve_link(medium, bed, source, receiver, max_surface, max_bottom, cutoff_db
     if steep:
         cb, sb, span, target = math.cos(slope), math.sin(slope), length, 0.0
     axis = (z0, cb, sb, c0)
-    n_breaks = line_breaks(
-        bed.north, bed.east, source[0], source[1], un, ue, 0.0, max(horizontal, 1e-6), work.floor_breaks
-    )
-    floor = Floor(
-        bed.north, bed.east, bed.depth, source[0], source[1], un, ue, work.floor_breaks, n_breaks, 1.0
-    )
     rule = Rule(OPEN, 0, 0, 0, 0, 0.0, 0)
     miss = min(1e-2, 1e-6 * length)
     tol *= max(1.0, length / LONG)
@@ -123,10 +117,24 @@ def solve_link(medium, bed, source, receiver, max_surface, max_bottom, cutoff_db
         hi = math.acos(math.cos(down) * math.cos(max(slope, 0.0))) + BEYOND
         n_nodes = fan_nodes(lo, hi, spacing, closest, s, c0, work.nodes)
         found, margin, rays, complete = find_brackets(
-            s, floor, rule, n_nodes, target, span, axis, coarse, fine, RESOLUTION, 0.0, 0.0, weak_slope, work
+            s,
+            floor,
+            rule,
+            n_nodes,
+            target,
+            span,
+            axis,
+            coarse,
+            fine,
+            RESOLUTION,
+            0.0,
+            0.0,
+            weak_slope,
+            0.0,
+            work,
         )
     through_surface, blocked, weak = 0, 0, 0
-    count = 0 * n_breaks  # a literal 0 would compile `add_bounced` once more
+    count = 0 * floor.n_breaks  # a literal 0 would compile `add_bounced` once more
     for i in range(found):
         ok, angle, q, steps, turns = polish(s, floor, rule, brackets[i], target, span, axis, fine, miss, work)
         if not ok:

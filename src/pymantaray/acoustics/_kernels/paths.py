@@ -81,7 +81,18 @@ def baseline(medium, bed, source, unit, horizontal, work):
         work.floor_breaks,
     )
     return s, Floor(
-        bed.north, bed.east, bed.depth, source[0], source[1], unit[0], unit[1], work.floor_breaks, n, 1.0
+        bed.north,
+        bed.east,
+        bed.depth,
+        source[0],
+        source[1],
+        unit[0],
+        unit[1],
+        work.floor_breaks,
+        n,
+        1.0,
+        work.cells,
+        -1.0,
     )
 
 

@@ -2,7 +2,7 @@
 
 import math
 
-from pymantaray.acoustics._kernels.boundary import across_plane
+from pymantaray.acoustics._kernels.boundary import LANDED, across_plane
 from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.refine import cubic_angle
 from pymantaray.acoustics._kernels.search import ANGLE, CODE, GOOD, MISS, SLOPE, fewer_bounces, shoot
@@ -12,6 +12,7 @@ INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the trav
 _NEAR = 1e-5  # rad; derivatives are differences between rays so near to each other
 # Where Newton's method fails at once, slopes across the plane are brought in by shares of them
 _FIRST_SHARE, _LEAST_SHARE = 0.25, 1.0 / 128.0
+_RETURN = 10.0  # times its miss: farther beyond the edges of the cells held a ray is not brought back
 _ON_THE_WAY = 1e-4  # of the axis: how near to the receiver a ray with a share of the slope comes
 
 
@@ -57,25 +58,40 @@ def _differences(s, floor, rule, angle, q, length, axis, tol, work):
 
 
 @kernel
-def _newton(
-    s, floor, rule, m, q, jacobian, most, bracket, own, bounded, target, length, axis, tol, miss, work
+def newton(
+    s,
+    floor,
+    rule,
+    m,
+    q,
+    jacobian,
+    most,
+    wanted,
+    exact,
+    bracket,
+    bounded,
+    target,
+    length,
+    axis,
+    tol,
+    miss,
+    work,
 ):
     """Launch angle and cross-track slowness of the ray that ends within miss of the receiver, by Newton's method.
 
-    m, q and jacobian are where it starts; a jacobian of zeros is taken from three rays if own is set or the sea bed's
+    m, q and jacobian are where it starts; a jacobian of zeros is taken from three rays if exact is set or the sea bed's
     slopes are brought in by shares, else from the variation in the plane, and updated by Broyden's formula. Trials with
-    other numbers of reflections than the bracket's, or if own is set in other cells, are taken back half-way. Returns ok,
-    m, q, the jacobian, steps, turning points and whether the reflections are those of the bracket, cell by cell.
+    other numbers of reflections than the code wanted, or with exact of another code, are taken back half-way. Returns ok,
+    m, q, the jacobian, steps, turning points and the code of the last ray.
     """
     y, K, ynew, path = work.y, work.K, work.ynew, work.path
     inner = fewer_bounces(bracket)
-    wanted = int(bracket[inner, CODE])
     last_m, last_q, last_f, last_y, best = m, q, 0.0, 0.0, math.inf
     j00, j01, j10, j11 = jacobian
-    steps, turns, code = 0, 0, 0
+    steps, turns, code = 0, 0, wanted
     for it in range(most):
         ok, steps, turns, _, _, code = trace(s, floor, rule, m, q, length, axis, tol, y, K, ynew, path)
-        if not ok or code % 1024 != wanted % 1024 or (own and code != wanted):
+        if not ok or code % 1024 != wanted % 1024 or (exact and code != wanted):
             if math.isinf(best) and rule.fold != 0 and it < 20:
                 m = 0.5 * (m + bracket[inner, ANGLE])
                 continue
@@ -84,8 +100,10 @@ def _newton(
             m, q = 0.5 * (m + last_m), 0.5 * (q + last_q)
             continue
         f, side = y[0] - target, y[5]
+        if floor.held >= 0.0 and floor.cells[LANDED, -1] > _RETURN * (abs(f) + abs(side)):
+            break
         if abs(f) < miss and abs(side) < miss:
-            return True, m, q, (j00, j01, j10, j11), steps, turns, code == wanted
+            return True, m, q, (j00, j01, j10, j11), steps, turns, code
         dm, dq = m - last_m, q - last_q
         d2 = dm * dm + dq * dq
         if it > 0 and d2 == 0.0:  # no more digits
@@ -96,7 +114,7 @@ def _newton(
                 (j00, j01, j10, j11),
                 steps,
                 turns,
-                code == wanted,
+                code,
             )
         if not math.isinf(best) and abs(f) + abs(side) <= 4.0 * best:
             e0 = (f - last_f - j00 * dm - j01 * dq) / d2
@@ -104,7 +122,7 @@ def _newton(
             j00, j01, j10, j11 = j00 + e0 * dm, j01 + e0 * dq, j10 + e1 * dm, j11 + e1 * dq
         elif not math.isinf(best) or j00 == 0.0:
             j00, j01, j10, j11 = y[2], 0.0, 0.0, y[7]
-            if own or floor.across != 1.0:
+            if exact or floor.across != 1.0:
                 ok, g00, g01, g10, g11 = _differences(s, floor, rule, m, q, length, axis, tol, work)
                 if ok:
                     j00, j01, j10, j11 = g00, g01, g10, g11
@@ -120,26 +138,26 @@ def _newton(
         q += shrink * dq
         if bounded and not bracket[0, ANGLE] <= m <= bracket[1, ANGLE]:
             break
-    return False, m, q, (j00, j01, j10, j11), steps, turns, False
+    return False, m, q, (j00, j01, j10, j11), steps, turns, code
 
 
 @kernel
-def refine_bounced(s, floor, rule, bracket, own, target, length, axis, tol, miss, work):
+def refine_bounced(s, floor, rule, bracket, target, length, axis, tol, miss, work):
     """Launch angle and cross-track slowness of the reflected ray of a bracket that ends within miss of the receiver.
 
     Newton's method from the root of the bracket's cubic; where that leaves the bracket's reflections, again from the root
     in the plane of the link; where that fails too, the slopes of the sea bed across the plane grow from nothing, and the
-    ray is followed. With own only rays that are reflected in the bracket's own cells of the sea bed count. The end state stays in work.y, its path in work.path. Returns ok, angle,
-    cross-track slowness, steps, turning points and whether the cells are the bracket's.
+    ray is followed. The end state stays in work.y, its path in work.path. Returns ok, angle, cross-track slowness, steps,
+    turning points and whether the cells of the sea bed are the bracket's.
     """
     inner = fewer_bounces(bracket)
+    wanted = int(bracket[inner, CODE])
     level = bracket[inner, MISS]
     level = math.copysign(min(INSET, 0.5 * abs(level)), level) if rule.fold != 0 else 0.0
     start = cubic_angle(bracket[0], bracket[1], level)
     gridded = floor.bathymetry.size > 1
     none = (0.0, 0.0, 0.0, 0.0)
-    most = 12 if own else 30
-    for attempt in range(1 if own else 2):
+    for attempt in range(2):
         if attempt == 1:
             if rule.fold != 0:
                 continue
@@ -147,16 +165,17 @@ def refine_bounced(s, floor, rule, bracket, own, target, length, axis, tol, miss
             if not ok:
                 return False, start, 0.0, 0, 0, False
         bounded = attempt == 0 and not gridded
-        ok, m, q, _, steps, turns, same = _newton(
+        ok, m, q, _, steps, turns, code = newton(
             s,
             floor,
             rule,
             start,
             0.0,
             none,
-            most,
+            30,
+            wanted,
+            False,
             bracket,
-            own,
             bounded,
             target,
             length,
@@ -166,16 +185,16 @@ def refine_bounced(s, floor, rule, bracket, own, target, length, axis, tol, miss
             work,
         )
         if ok:
-            return True, m, q, steps, turns, same
-    if own or not gridded:
-        return False, 0.0, 0.0, 0, 0, not gridded
+            return True, m, q, steps, turns, code == wanted
+    if not gridded:
+        return False, 0.0, 0.0, 0, 0, True
     m, q, share, jacobian = start, 0.0, 0.0, none
     ahead = _FIRST_SHARE
     rate_m, rate_q = 0.0, 0.0  # change of the ray by the share
     while ahead > _LEAST_SHARE:
         ahead = min(ahead, 1.0 - share)
         last = share + ahead == 1.0
-        ok, new_m, new_q, new_jacobian, steps, turns, same = _newton(
+        ok, new_m, new_q, new_jacobian, steps, turns, code = newton(
             s,
             across_plane(floor, share + ahead),
             rule,
@@ -183,8 +202,9 @@ def refine_bounced(s, floor, rule, bracket, own, target, length, axis, tol, miss
             q + ahead * rate_q,
             jacobian,
             10,
-            bracket,
+            wanted,
             False,
+            bracket,
             False,
             target,
             length,
@@ -197,7 +217,7 @@ def refine_bounced(s, floor, rule, bracket, own, target, length, axis, tol, miss
             ahead *= 0.5
             continue
         if last:
-            return True, new_m, new_q, steps, turns, same
+            return True, new_m, new_q, steps, turns, code == wanted
         rate_m, rate_q = (new_m - m) / ahead, (new_q - q) / ahead
         m, q, jacobian = new_m, new_q, new_jacobian
         share += ahead

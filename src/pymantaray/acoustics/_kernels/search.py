@@ -116,6 +116,18 @@ def _window(a, b, length):
 
 
 @kernel
+def _points_across(end, rule, overhang):
+    """Whether a reflected ray at an edge of its cells would meet the receiver beyond it, were they larger.
+
+    Out of the plane, where slopes across it lead the ray, it may be within the edge.
+    """
+    if _too_many(end, rule) or int(end[CODE]) % 32 == 0:
+        return False
+    beyond = -end[MISS] / end[SLOPE]
+    return 0.0 < beyond < overhang or overhang < beyond < 0.0
+
+
+@kernel
 def copy_ray(source, target):
     """Copy as many columns of a ray as there is room for."""
     for i in range(target.shape[0]):
@@ -124,14 +136,15 @@ def copy_ray(source, target):
 
 @kernel
 def find_brackets(
-    s, floor, rule, n_nodes, target, length, axis, tol, fine, min_width, trust, steep, weak, work
+    s, floor, rule, n_nodes, target, length, axis, tol, fine, min_width, trust, steep, weak, overhang, work
 ):
     """Brackets of all roots of the miss between the first and the last of work.nodes.
 
     Where rays are reflected, only roots of rays that were: the miss is smooth between rays of
     one code; across a change of code it may bend or jump, and its slopes are believed beyond the angle steep and in
     intervals narrower than trust. Where it comes as near to zero as the tolerance is large, or changes sign without
-    getting smooth, rays are traced anew with the tolerance fine. Slopes above weak are those of rays too weak to be looked for.
+    getting smooth, rays are traced anew with the tolerance fine. Rays at a change of code that would meet the receiver less
+    than overhang beyond it are brackets without width. Slopes above weak are those of rays too weak to be looked for.
     Between rays that all have too many reflections, but got them far apart, rays with fewer are looked for in
     intervals wider than trust. work.brackets receives the rays at both ends. Returns their number, the smallest
     miss met, the rays traced and whether the budget sufficed.
@@ -185,6 +198,13 @@ def find_brackets(
             elif walls and not same:
                 believed = h < trust or min(abs(a[ANGLE]), abs(b[ANGLE])) > steep
                 if h < min_width or (believed and _far(a, h) and _far(b, h)):
+                    for i_end in range(2):
+                        if overhang > 0.0 and n_found < min(brackets.shape[0], room):
+                            end = st[top + 1, i_end]
+                            if _points_across(end, rule, overhang if i_end == 0 else -overhang):
+                                copy_ray(end, brackets[n_found, 0])
+                                copy_ray(end, brackets[n_found, 1])
+                                n_found += 1
                     continue
             elif alive:
                 rise = fb - fa

@@ -54,6 +54,8 @@ def solve_wave(
         work.path[t],
         work.breaks[t],
         work.floor_breaks[t],
+        work.cells[t],
+        work.candidates[t],
         work.small[t],
         work.acc[t],
         work.store[t],

@@ -15,7 +15,8 @@ from pymantaray.acoustics._kernels.boundary import (
     RANGE,
     SIDE,
     TIME,
-    floor_at,
+    hold,
+    landed,
     reflect,
 )
 from pymantaray.acoustics._kernels.compile import kernel, out_of_line
@@ -32,6 +33,7 @@ from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level, mo
 from pymantaray.acoustics._kernels.step import N_FAN, N_FULL, derivative, step, step_error
 
 MAX_STEPS = 100_000
+_MOST_STUCK = 20  # steps too short to be shortened, of a ray so flat that the field's last digits turn it
 # of a fan's end state: where an OPEN ray left the water or a FORWARD one was reflected too often (0: nowhere), and the
 # largest |xi| on its way
 GONE, GROWN = 4, 7
@@ -98,7 +100,10 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
     walls = rule.kind != OPEN
     if walls and (
         (z_source <= 0.0 and down < 0.0)
-        or face_distance(s, floor, b, k, BOTTOM, 0.0, 0.0, K[0, 0], 0.0, 0.0, axis, 0.0)[0] <= 0.0 < down
+        or (
+            floor.held < 0.0
+            and face_distance(s, floor, b, k, BOTTOM, 0.0, 0.0, K[0, 0], 0.0, 0.0, axis, 0.0)[0] <= 0.0 < down
+        )
     ):
         return False, 0, 0, 0, 0, 0
     record = n_eq == N_FULL and path.shape[0] > 0
@@ -110,7 +115,7 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
         span = _LONG
     pos, gone = 0.0, 0.0
     h = min(length, 60.0)
-    next_break = 0
+    next_break, stuck = 0, 0
     if s.kind == SMOOTH and n_eq == N_FULL:
         h = min(h, _to_level(s, k, z_source, down))
     hit = IN_WATER
@@ -131,10 +136,12 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
             if rule.kind == LEGS:
                 new_sb = -sb
             r = pos * cb - y[0] * sb
-            cell = floor_at(floor, r, y[5], r)[4] + 2 if hit == AT_BOTTOM else ON_SURFACE
-            code = append_code(code, cell)
+            mark = landed(floor, r, y[5], bottom) + 2 if hit == AT_BOTTOM else ON_SURFACE
+            code = append_code(code, mark)
             if not reflect(s, floor, b, k, pos, y, n_eq, axis, hit == AT_BOTTOM, new_sb):
                 return False, count, turns, surface, bottom, code
+            if hit == AT_BOTTOM and floor.held >= 0.0:
+                floor = hold(floor, floor.held + 1.0)
             if rule.kind == LEGS:
                 gone += pos
                 pos = 0.0
@@ -160,6 +167,8 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
             hit = IN_WATER
         if pos >= span:
             break
+        if floor.held >= 0.0 and pos > length:  # past the continued cell, where there is no bed
+            break
         last = False
         if pos + h * (1.0 + 1e-12) >= span:
             h = span - pos
@@ -177,9 +186,13 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
             continue
         error = step_error(h, K, ynew, n_eq, max(length - gone - pos, 0.0), tol, 0.05 * length)
         allowed = tol * h / length
-        if error > allowed and h > 1e-9 * length:
-            h *= max(0.2, 0.9 * math.sqrt(math.sqrt(allowed / error)))
-            continue
+        if error > allowed:
+            if h > 1e-9 * length:
+                h *= max(0.2, 0.9 * math.sqrt(math.sqrt(allowed / error)))
+                continue
+            stuck += 1
+            if stuck > _MOST_STUCK:
+                return False, count, turns, surface, bottom, code
         grow = 5.0
         if error > 0.0:
             grow = min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error)))

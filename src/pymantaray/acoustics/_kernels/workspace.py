@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 
 from pymantaray.acoustics._kernels.boundary import N_PATH
+from pymantaray.acoustics._kernels.cells import MAX_CANDIDATES, N_CANDIDATE
 from pymantaray.acoustics._kernels.rows import N_COLUMNS
 from pymantaray.acoustics._kernels.search import MAX_ROOTS, MAX_STACK, N_BRACKET, N_NODE
 from pymantaray.acoustics._kernels.section import MAX_COLUMNS, SMOOTH
 from pymantaray.acoustics._kernels.step import N_FAN, N_FULL
+from pymantaray.acoustics._kernels.trace import MOST_BOUNCES
 
 MAX_PATH = 32_768
 MAX_NODES = 4096
@@ -17,7 +19,7 @@ _ANGLES = 768  # nodes of a first fan besides those of the levels: twice the wid
 
 Work = namedtuple(
     "Work",
-    "y K K_fan ynew no_path path breaks floor_breaks small acc store cuts nodes node fan extremes stack brackets rows",
+    "y K K_fan ynew no_path path breaks floor_breaks cells candidates small acc store cuts nodes node fan extremes stack brackets rows",
 )
 Work.__doc__ = (
     "Workspaces of one thread, shared by all kernels; never read before they are written for a link."
@@ -41,6 +43,8 @@ def shapes(
         path=(path, N_PATH),
         breaks=(columns + 1,),
         floor_breaks=(lines + 2,),
+        cells=(3, MOST_BOUNCES + 2),
+        candidates=(MAX_CANDIDATES, N_CANDIDATE),
         small=(6, 4),
         acc=(4, 2 * n_depth),
         store=(columns, n_depth, 16),
