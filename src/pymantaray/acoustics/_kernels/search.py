@@ -230,8 +230,10 @@ def find_brackets(
                     nearest = min(abs(fa), abs(fb))
                     reach = (_WHOLE if h == width else _HALVED) * _BOUND * (abs(ea) + abs(eb)) + e
                     window = s.n_range > 1 and h > _WINDOW and _window(a, b, length)
-                    # next to an end that is nearer to zero than the tolerance all others would be halved without end
-                    even = monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
+                    # Next to an end that is nearer to zero than the tolerance all others would be halved without end;
+                    # on which side of zero that end is, only the fine tolerance tells.
+                    sure = tol_here <= fine or nearest > 4.0 * tol_here
+                    even = sure and monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
                     clear = even or (nearest > reach + tol_here and not _oscillates(a, b, h))
                     clear = clear and not window
                     if h < min_width or clear:
