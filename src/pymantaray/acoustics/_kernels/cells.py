@@ -31,9 +31,9 @@ from pymantaray.acoustics._kernels.trace import MOST_BOUNCES, trace
 _M, _Q, _COUNTS, _GENERATION = MOST_BOUNCES + 1, MOST_BOUNCES + 2, MOST_BOUNCES + 3, MOST_BOUNCES + 4
 N_CANDIDATE = MOST_BOUNCES + 5
 MAX_CANDIDATES = 96
-KNOWN = 99  # generation of a ray that is found
+KNOWN, _FAILED = 99, -1  # generations of a ray that is found and of a candidate that led to none
 _MOST_GENERATIONS = 4  # of candidates that lead to others
-_ALIKE = 0.1  # rad; candidates of the same cells launched so near to each other are one
+_ALIKE, _ALIKE_FAILED = 0.1, 0.02  # rad; candidates of the same cells launched so near to each other are one
 _REACH = 4.0  # times the shift of a reflection that another slope of the bed causes, were the bed flat else
 _BACK = 1e-6  # rad; an edge is where the search's tolerance puts it
 _STEEPER = 0.01  # rad
@@ -43,7 +43,8 @@ _STEEPER = 0.01  # rad
 def _find(candidates, n, cells, m, counts):
     """Row of the candidate of so many reflections in a row of cells, launched alike; -1 where there is none."""
     for i in range(n):
-        if candidates[i, _COUNTS] == counts and abs(candidates[i, _M] - m) < _ALIKE:
+        alike = _ALIKE if candidates[i, _GENERATION] != _FAILED else _ALIKE_FAILED
+        if candidates[i, _COUNTS] == counts and abs(candidates[i, _M] - m) < alike:
             same = True
             for j in range(counts % 32):
                 same = same and candidates[i, j] == cells[j]
@@ -150,6 +151,7 @@ def follow(s, floor, rule, candidates, i, n, bracket, target, length, axis, tol,
     for j in range(floor.cells.shape[1]):
         floor.cells[HELD, j] = candidates[i, j] if j < n_b else -1.0
     m, q = candidates[i, _M], candidates[i, _Q]
+    candidates[i, _GENERATION] = _FAILED
     ok, jacobian, steps, turns, code = False, (0.0, 0.0, 0.0, 0.0), 0, 0, 0
     for attempt in range(5):
         ok, m, q, jacobian, steps, turns, code = newton(
@@ -184,7 +186,7 @@ def follow(s, floor, rule, candidates, i, n, bracket, target, length, axis, tol,
         there = _find(candidates, n, floor.cells[LANDED], m, counts)
         if there < 0:
             n = add_candidate(candidates, n, floor.cells[LANDED], m, q, counts, generation + 1)
-        elif candidate(candidates, there)[1] != KNOWN:  # cells that lead to each other, round a corner
+        elif candidates[there, _GENERATION] != KNOWN:  # cells that lead to each other, round a corner
             n = add_neighbours(floor, candidates, n, m, q, counts, generation + 1, steps, work)
         return n, False, m, q, steps, turns
     if ok:
