@@ -96,7 +96,8 @@ def find_eigenrays(
         if bounces not in range(MOST_BOUNCES + 1):
             raise AcousticsError(f"{name}: {bounces!r}; a whole number from 0 to {MOST_BOUNCES} is needed")
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
-    settings = (int(max_surface_bounces), int(max_bottom_bounces), cutoff, float(tolerance), canonical)
+    most = (int(max_surface_bounces), int(max_bottom_bounces))
+    settings = (most if any(most) else None, cutoff, float(tolerance), canonical)
     solve = solve_on_cuda if on_cuda(device, len(a)) else partial(solve_on_processor, threads=threads)
     blocks: list[Solved] = []
     done = 0

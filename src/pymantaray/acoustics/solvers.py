@@ -14,7 +14,7 @@ from pymantaray.errors import AcousticsError
 
 Array = NDArray[np.float64]
 Device = Literal["auto", "cpu", "cuda"]
-Settings = tuple[int, int, float, float, bool]  # most bounces of both kinds, cut-off, tolerance, canonical
+Settings = tuple[tuple[int, int] | None, float, float, bool]  # most bounces, cut-off, tolerance, canonical
 
 MAX_ARRIVALS = 64  # kept per link
 MANY_LINKS = 50_000  # from which "auto" takes a CUDA device
@@ -61,7 +61,7 @@ def solve_on_processor(
     source, receiver : ndarray, shape (n_links, 3)
         [m]
     settings : tuple
-        Most bounces at the surface and at the bottom, spreading cut-off [dB], tolerance [m], and whether each link is
+        Most bounces at the surface and at the bottom or None, spreading cut-off [dB], tolerance [m], and whether each link is
         solved from its deeper end.
     threads : int, optional
         Default: all processors.

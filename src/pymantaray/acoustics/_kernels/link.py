@@ -35,8 +35,8 @@ RESOLUTION = 1e-6  # rad; narrower intervals of a fan are not divided
 
 
 @kernel
-def solve_link(medium, bed, source, receiver, max_surface, max_bottom, cutoff_db, tol, work, info):
-    """All eigenrays of one link with at most so many reflections.
+def solve_link(medium, bed, source, receiver, bounces, cutoff_db, tol, work, info):
+    """All eigenrays of one link with at most so many reflections at the surface and the bottom; with None, direct ones.
 
     work.rows receives the arrivals, see `rows`; info receives chord travel time, c at both ends, margin,
     the number of rays traced, and 1 if none was left out for want of room. Returns the number of arrivals and the status.
@@ -169,7 +169,7 @@ def solve_link(medium, bed, source, receiver, max_surface, max_bottom, cutoff_db
             for j in range(N_COLUMNS):
                 rows[same, j] = rows[count, j]
         count += 1 if same == count else 0
-    if max_surface + max_bottom > 0:
+    if bounces is not None and bounces[0] + bounces[1] > 0:  # for None Numba leaves this out
         ends = (z0, z1, c0, c1, horizontal, length)
         numerics = (coarse, fine, miss)
         count, more_weak, more_rays, more_complete = add_bounced(
@@ -177,8 +177,8 @@ def solve_link(medium, bed, source, receiver, max_surface, max_bottom, cutoff_db
             floor,
             ends,
             snell_limit(s, c0, 0.0, math.inf, variation, work.extremes)[0] + STEEP,
-            max_surface,
-            max_bottom,
+            bounces[0],
+            bounces[1],
             cutoff_db,
             numerics,
             weak_slope,
@@ -213,8 +213,7 @@ def solve_links(
     bed,
     source,
     receiver,
-    max_surface,
-    max_bottom,
+    bounces,
     cutoff_db,
     tol,
     canonical,
@@ -240,7 +239,7 @@ def solve_links(
                     break
         if turned:
             a, b = b, a
-        n, status[i] = solve_link(medium, bed, a, b, max_surface, max_bottom, cutoff_db, tol, work, info[i])
+        n, status[i] = solve_link(medium, bed, a, b, bounces, cutoff_db, tol, work, info[i])
         rows = work.rows
         if n > all_rows.shape[1]:
             n = all_rows.shape[1]

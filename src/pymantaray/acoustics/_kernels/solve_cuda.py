@@ -73,8 +73,7 @@ def solve_wave(
         bed,
         source,
         receiver,
-        max_surface,
-        max_bottom,
+        (max_surface, max_bottom),
         cutoff_db,
         tol,
         canonical,
@@ -97,7 +96,7 @@ class CudaSolver:
         bed: Bed,
         source: Array,
         receiver: Array,
-        settings: tuple[int, int, float, float, bool],
+        settings: tuple[tuple[int, int] | None, float, float, bool],
     ) -> None:
         step = receiver[:, :2] - source[:, :2]
         sizes = least_shapes(packed, float(np.hypot(step[:, 0], step[:, 1]).max(initial=0.0)))
@@ -105,7 +104,7 @@ class CudaSolver:
         self._medium = tuple(cuda.to_device(a) if isinstance(a, np.ndarray) else a for a in packed)
         self._floor = Bed(*(cuda.to_device(a) for a in bed))
         self._work = Work(*(cuda.device_array((self._threads, *shape)) for shape in sizes))
-        self._settings = settings
+        self._settings = (*(settings[0] or (0, 0)), *settings[1:])
 
     def solve(self, source: Array, receiver: Array, *results: NDArray[Any]) -> None:
         """Solve links in one launch; results are filled as `solve_links` does."""
