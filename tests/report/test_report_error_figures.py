@@ -112,3 +112,29 @@ def test_error_over_time_is_the_median_of_healthy_realizations(look, truth):
         np.testing.assert_allclose(line.get_xdata(), truth.time / 3600.0)
         rug = next(c for c in axes.collections if isinstance(c, LineCollection))
         assert len(rug.get_segments()) == fixes[i].sum()
+
+
+def test_error_over_time_of_many_estimators_has_a_colour_each_and_a_whole_legend(look, truth):
+    rng = np.random.default_rng(6)
+    names = ["odometry", "straight", "refracted", *(f"estimator-{i}" for i in range(style.DISTINCT))]
+    errors = {name: rng.gamma(3.0, 3.0, (2, 4, truth.time.size)) for name in names}
+    fixes = np.zeros((4, truth.time.size), dtype=bool)
+    figure = look.draw(error_over_time(truth.time, list("ABCD"), errors, fixes, HEADER))
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()][-2:] == [names[-1], "GNSS fix"]
+    box = legend.get_window_extent()
+    assert box.x0 >= 0.0
+    assert box.x1 <= figure.bbox.x1
+    assert box.y1 < min(axes.get_tightbbox().y0 for axes in figure.axes if axes.get_visible())
+    lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) == truth.time.size]
+    assert len({line.get_color() for line in lines}) == len(names)
+
+
+def test_one_bad_condition_does_not_stretch_the_linear_axis(look):
+    rng = np.random.default_rng(4)
+    ape = {f"estimator-{i}": rng.gamma(3.0, 3.0, 2000) for i in range(4)}
+    ape["constant"] = 40.0 * ape["estimator-0"]
+    figure = look.draw(pooled_ape([ApePanel("linear", ape, log=False)], HEADER))
+    reach = figure.axes[0].get_xlim()[1]
+    assert reach < 4.0 * np.percentile(ape["estimator-0"], 99.9)
+    assert f"{100.0 * np.mean(ape['constant'] > reach):.0f} % beyond the axis" in look.texts(figure)

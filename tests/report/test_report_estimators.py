@@ -41,6 +41,7 @@ def test_lines_are_where_the_tables_say(look, consistency, tmp_path):
     assert error.get_yticklabels()[1].get_text() == "Refracted ranges"
     dashed = [line for line in error.lines if line.get_linestyle() == "--"]
     assert dashed[0].get_xdata()[0] == 12.0
+    assert figure.legends[0].get_texts()[0].get_text() == "error, straight ranges"
     spans = [
         line
         for line in nees.lines

@@ -126,6 +126,20 @@ def test_ray_picture_draws_eigenrays_over_fan_and_chord_between_ends(look, fakes
     assert axes.get_ylim()[0] > axes.get_ylim()[1]
 
 
+def test_ray_picture_ends_above_a_sea_bed_that_is_far_below(look, fakes):
+    rays = fakes.rays()
+    deepest = max(rays["ray_depth"].values[0].max(), rays["chord_depth"].values.max())
+    whole = ray_picture(rays, HEADER).axes[0].get_ylim()[0]
+    assert whole == min(3.0 * deepest, rays["depth"].values[-1])
+    shallow = rays.assign(ray_depth=rays["ray_depth"] / 10.0, chord_depth=rays["chord_depth"] / 10.0)
+    axes = look.draw(ray_picture(shallow, HEADER)).axes[0]
+    assert axes.get_ylim()[0] == pytest.approx(0.3 * deepest)
+    speed = axes.collections[0].get_array()
+    seen = rays["sound_speed"].where(rays["depth"] <= 0.3 * deepest, drop=True)
+    assert speed.max() <= rays["sound_speed"].values.max()
+    assert speed.min() == pytest.approx(float(seen.min()), abs=0.5)
+
+
 def test_ray_picture_of_a_shadow_has_no_eigenray(look, fakes):
     figure = look.draw(ray_picture(fakes.rays(n_arriving=0), HEADER))
     assert "direct eigenray" not in look.texts(figure)
@@ -169,7 +183,7 @@ def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, fakes):
         (range_error_split(nothing, nothing, nothing, ""), "no range was heard"),
         (dropout_map(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, "i1"), ""), "no range was attempted"),
         (pooled_ape([ApePanel("p", {"straight": nothing}, log=True)], ""), "no usable solve"),
-        (pooled_ape([ApePanel("p", {"straight": np.zeros(9)}, log=True)], ""), "mean 0 m"),
+        (pooled_ape([ApePanel("p", {"straight": np.zeros(9)}, log=True)], ""), "mean 0.00 m"),
         (pooled_ape([ApePanel("p", {}, log=False)], ""), "p"),
         (fleet_layout(truth, no_names, ""), "A"),
         (factor_graph(truth, observations, ""), "0 range edges"),

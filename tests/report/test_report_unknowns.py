@@ -1,5 +1,7 @@
 """Figure of unknowns: every marker is what the table says, by the prior."""
 
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 
@@ -33,3 +35,11 @@ def test_markers_are_by_the_prior_in_a_panel_for_each_condition(look, tmp_path):
     np.testing.assert_allclose(lots.lines[1].get_ydata(), np.linspace(1e-2, 1.0, 14))
     assert few.get_ylim() == lots.get_ylim()
     assert all(path.is_file() for path in save_figure(figure, tmp_path, "unknowns"))
+
+
+def test_names_that_would_touch_stand_upright(look):
+    clocks = [f"clock {what} {c}" for what in ("offset", "skew") for c in "ABCDE"]
+    table = pd.DataFrame(rows("clocks", clocks, 1e-3, np.full(10, 1e-4), np.full(10, 1e-4)))
+    (axes,) = look.draw(unknowns_before_and_after(table, "")).axes
+    boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
+    assert not any(a.overlaps(b) for a, b in pairwise(boxes))

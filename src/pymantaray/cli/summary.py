@@ -33,7 +33,7 @@ def print_summary(run: Run) -> None:
     ocean = "synthetic ocean" if run.synthetic else "ocean from files"
     console.print(
         f"\n[bold]{config.study.name}[/bold]: {config.mission.duration_h:g} h, {len(config.fleet.vehicles)} vehicles,"
-        f" {config.study.realizations} realizations, {ocean}"
+        f" {config.study.realizations} realization{'' if config.study.realizations == 1 else 's'}, {ocean}"
     )
     console.print(_ranges(run))
     console.print(_errors(run))

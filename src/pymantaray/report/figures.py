@@ -12,9 +12,10 @@ from pymantaray.report.figures_estimators import error_and_consistency
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_ocean import ray_picture, sound_speed_profiles
 from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
-from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pooled_ape
+from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pooled_ape, quartiles_shaded
 from pymantaray.report.figures_unknowns import unknowns_before_and_after
 from pymantaray.report.findings import Findings
+from pymantaray.report.style import DISTINCT
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,12 @@ def run_plates(found: Findings) -> list[Plate]:
     truth, observations = run.truth, run.observations
     marks = (observations.landmark_name, observations.landmark_position)
     count = len(run.estimates.realization)
+    runs = "1 realization" if count == 1 else f"{count} realizations"
+    conditions: tuple[str, ...] = run.config.study.conditions
+    own = len(found.errors) - len(conditions) > DISTINCT  # too many lines for one panel
+    errors = {name: e for name, e in found.errors.items() if name in conditions or not own}
+    shaded = ", quartiles shaded" if quartiles_shaded(errors) else ""
+    whose = "; estimators are in the next figure" if own else ""
     heard = int(np.isfinite(found.ranges.total).sum())
     plates = [
         (
@@ -84,8 +91,8 @@ def run_plates(found: Findings) -> list[Plate]:
         (
             "ray_picture",
             (
-                "Sound through the water column on one link: sound speed (blue), sea bed (brown), direct eigenrays"
-                " (orange), the straight chord (dashed) and other rays from the same source (grey)."
+                "Sound on the link that bends most: sound speed (blue), sea bed (brown, where it is not far below),"
+                " direct eigenrays (orange), the straight chord (dashed) and other rays from the same source (grey)."
             ),
             lambda: ray_picture(run.ray_picture, header),
         ),
@@ -127,7 +134,7 @@ def run_plates(found: Findings) -> list[Plate]:
         (
             "ape_pooled",
             (
-                f"Absolute position error of all vehicles, times and {count} noise realizations by ranging"
+                f"Absolute position error of all vehicles, times and {runs} of the noise by ranging"
                 " condition, without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear"
                 " scale, which ends where the conditions other than odometry do."
             ),
@@ -142,10 +149,10 @@ def run_plates(found: Findings) -> list[Plate]:
         (
             "error_over_time",
             (
-                f"Position error of each vehicle over time: median of {count} realizations, quartiles shaded; GNSS"
-                " fixes are marked at the bottom."
+                f"Position error of each vehicle over time: median of {runs}{shaded}{whose};"
+                " GNSS fixes are marked at the bottom."
             ),
-            lambda: error_over_time(truth.time, truth.name.tolist(), found.errors, found.fixes, header),
+            lambda: error_over_time(truth.time, truth.name.tolist(), errors, found.fixes, header),
         ),
     ]
     if run.config.estimators:
@@ -153,7 +160,7 @@ def run_plates(found: Findings) -> list[Plate]:
             (
                 "estimators",
                 (
-                    f"What each estimator is worth, over {count} realizations: (a) root mean square of the position error over"
+                    f"What each estimator is worth, over {runs}: (a) root mean square of the position error over"
                     " all poses, dashed that of straight ranges; (b) squared error of the fleet's horizontal positions in the"
                     " covariance that the estimator gives, by its degrees of freedom: median over the epochs, least to greatest,"
                     " and the 95 % bounds of a consistent estimator in grey."
@@ -168,7 +175,7 @@ def run_plates(found: Findings) -> list[Plate]:
             (
                 "consistency",
                 (
-                    f"Consistency over {count} realizations at fixed epochs: (a) squared error of the fleet's horizontal"
+                    f"Consistency over {runs} at fixed epochs: (a) squared error of the fleet's horizontal"
                     " positions in their joint covariance, (b) squared innovation of the ranges of a ping, each by its"
                     " degrees of freedom; where they are drawn, (c, d) the same near the bounds. A consistent estimator"
                     " is at 1 on average and inside the grey 95 % bounds; empty markers are outside."
@@ -181,7 +188,7 @@ def run_plates(found: Findings) -> list[Plate]:
             (
                 "unknowns",
                 (
-                    f"Sound-speed modes and clocks estimated with the poses, over {count} realizations: standard deviation"
+                    f"Sound-speed modes and clocks estimated with the poses, over {runs}: standard deviation"
                     " that the estimator gives (blue) and error of its estimate (orange), both by the standard deviation"
                     " beforehand (grey line): on it the ranges say nothing."
                 ),

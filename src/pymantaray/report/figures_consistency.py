@@ -1,8 +1,5 @@
 """Whether estimators are as good as they think: NEES and range innovations over time, with their bounds."""
 
-from collections.abc import Sequence
-from itertools import cycle
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -12,12 +9,12 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from pymantaray.report.style import (
-    CONDITION_COLOURS,
     DOUBLE,
     GREY,
     HEADER_LINE,
     INK,
     common_legend,
+    condition_looks,
     condition_style,
     new_figure,
     note,
@@ -26,8 +23,6 @@ from pymantaray.report.style import (
 )
 
 _PANELS = (("horizontal", "horizontal positions of the fleet"), ("ranges", "ranges of a ping"))
-_MORE_COLOURS = ("#CC79A7", "#882255", "#332288", "#999933", "#44AA99", "#AA4499")  # after Okabe and Ito, Tol
-_MARKERS = "osD^v<>phd"
 _BAND = "#dcdcdc"
 _DODGE = 0.012  # share of the time axis between neighbouring conditions; all of them take half a step at most
 _PER_ROW = 5  # entries of the legend where it has lines of its own
@@ -57,7 +52,7 @@ def consistency_over_time(table: pd.DataFrame, header: str) -> Figure:
         logarithmic scale, and the second row shows the surroundings of the band.
     """
     conditions = list(dict.fromkeys(table["condition"]))
-    looks = _looks(conditions)
+    looks = condition_looks(conditions)
     entries = len(conditions) + 2
     lines = 0 if entries <= HEADER_LINE else -(-entries // _PER_ROW)
     tables = [table[table["statistic"] == key] for key, _ in _PANELS]
@@ -107,15 +102,6 @@ def consistency_over_time(table: pd.DataFrame, header: str) -> Figure:
     )
     common_legend(figure, handles, **({"ncols": _PER_ROW} if lines else {}))
     return figure
-
-
-def _looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Colour and marker of each condition, different where the style has one colour for all others."""
-    more, markers = cycle(_MORE_COLOURS), cycle(_MARKERS)
-    return {
-        name: (CONDITION_COLOURS[name] if name in CONDITION_COLOURS else next(more), next(markers))
-        for name in conditions
-    }
 
 
 def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) -> None:

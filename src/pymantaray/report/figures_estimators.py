@@ -1,5 +1,7 @@
 """All conditions and estimators side by side: how far off they are, and whether they know it."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -49,13 +51,15 @@ def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None
     y = np.arange(len(names))
     rmse = errors["rmse_m"].to_numpy(dtype=float)
     panels = 1 if consistency is None else 2
-    figure = new_figure(DOUBLE, 0.8 + _ROW * len(names), header)
+    figure = new_figure(DOUBLE, (0.8 if consistency is None else 1.0) + _ROW * len(names), header)
     grid = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
     colours = [CONDITION_COLOURS.get(name, INK) for name in names]
-    axes = grid[0]
+    axes, handles = grid[0], list[Line2D | Patch]()
     panel_title(axes, "a", "position error, root mean square")
     if _BASELINE in names and np.isfinite(rmse[names.index(_BASELINE)]):
-        axes.axvline(rmse[names.index(_BASELINE)], color=GREY, linewidth=0.8, linestyle="--")
+        look: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": "--"}
+        axes.axvline(rmse[names.index(_BASELINE)], **look)
+        handles.append(Line2D([], [], label=f"error, {condition_style(_BASELINE)[1].lower()}", **look))
     axes.scatter(rmse, y, c=colours, s=14.0, zorder=3)
     for x, line in zip(rmse, y, strict=True):
         if np.isfinite(x):
@@ -76,16 +80,15 @@ def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None
         _draw_consistency(grid[1], consistency[consistency["statistic"] == "horizontal"], names, colours)
         panel_title(grid[1], "b", "horizontal NEES of the fleet / degrees of freedom")
         grid[1].set_xlabel("[-]")
-        common_legend(
-            figure,
-            [
-                Patch(color=_BAND, label="95 % bounds"),
-                _mark(INK, "inside at every epoch"),
-                _mark(GREY, "at some"),
-                _mark("white", "at none"),
-            ],
-        )
+        handles += [
+            Patch(color=_BAND, label="95 % bounds"),
+            _mark(INK, "inside at every epoch"),
+            _mark(GREY, "at some"),
+            _mark("white", "at none"),
+        ]
         grid[1].tick_params(axis="y", left=False)
+    if handles:
+        common_legend(figure, handles)
     for panel in grid:
         panel.grid(visible=False, axis="y")
         panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -90,15 +90,18 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        States its vertical exaggeration.
+        Goes down to the sea bed unless that is far below the ends and the eigenrays; states its vertical exaggeration.
     """
     figure = new_figure(DOUBLE, 3.0, header)
     axes = figure.subplots()
     axes.grid(visible=False)
     km = picture["range"].values / 1e3
     depth, floor = picture["depth"].values, picture["sea_floor_depth"].values
-    speed = np.where(depth[:, None] <= floor, picture["sound_speed"].values.T, np.nan)
-    mesh = axes.pcolormesh(km, depth, speed, cmap=SOUND_SPEED, shading="nearest", rasterized=True)
+    lowest = _lowest_shown(picture)
+    rows = np.linspace(depth[0], lowest, _ROWS)
+    speed = np.stack([np.interp(rows, depth, column) for column in picture["sound_speed"].values], axis=1)
+    speed = np.where(rows[:, None] <= floor, speed, np.nan)
+    mesh = axes.pcolormesh(km, rows, speed, cmap=SOUND_SPEED, shading="nearest", rasterized=True)
     figure.colorbar(mesh, ax=axes, label="Sound speed [m/s]", pad=0.015, aspect=30)
     axes.fill_between(km, floor, max(depth[-1], floor.max()) * 2.0, color="#8d7f70", linewidth=0.0, zorder=2)
     axes.plot(km, floor, color="#4a4038", linewidth=0.8, zorder=2)
@@ -115,7 +118,7 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
         axes.annotate(
             plain(text),
             (x, z),
-            (8 * side, 10 if z > 0.7 * depth[-1] else -10),
+            (8 * side, 10 if z > 0.7 * lowest else -10),
             textcoords="offset points",
             ha="left" if side > 0 else "right",
             va="center",
@@ -124,7 +127,7 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0.0},
         )
     axes.set_xlim(km[0], km[-1])
-    axes.set_ylim(depth[-1], depth[0])
+    axes.set_ylim(lowest, depth[0])
     axes.set_xlabel("Horizontal range [km]")
     axes.set_ylabel("Depth [m]")
     handles = _ray_handles(count=int(arrives.sum()), fan=bool((~arrives).any()))
@@ -134,12 +137,23 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
     freeze_layout(figure)  # which must be known to measure the exaggeration
     box = axes.get_position()
     height, width = box.height * figure.get_figheight(), box.width * figure.get_figwidth()
-    exaggeration = (height / max(depth[-1] - depth[0], 1e-9)) / (width / max((km[-1] - km[0]) * 1e3, 1e-9))
+    exaggeration = (height / max(lowest - depth[0], 1e-9)) / (width / max((km[-1] - km[0]) * 1e3, 1e-9))
     axes.set_title(f"{link}, vertical exaggeration {exaggeration:.2g}", loc="left")
     return figure
 
 
+_BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest end or eigenray
+_LEAST_DEPTH = 100.0  # m
+_ROWS = 300  # of the colour image
 _FAN: dict[str, Any] = {"color": "#565656", "linewidth": 0.35, "alpha": 0.8, "zorder": 3}
+
+
+def _lowest_shown(picture: xr.Dataset) -> float:
+    """Where the picture ends: below the sea bed, or below what it is about where the sea bed is far from that."""
+    depth = picture["depth"].values
+    hits = picture["ray_depth"].values[picture["ray_arrives"].values.astype(bool)]
+    deepest = max(float(np.nanmax(picture["chord_depth"].values)), float(np.nanmax(hits, initial=0.0)))
+    return min(max(_BELOW * deepest, _LEAST_DEPTH), float(depth[-1]))
 
 
 def _when(picture: xr.Dataset) -> str:

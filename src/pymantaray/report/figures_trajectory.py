@@ -1,6 +1,6 @@
 """What refraction does to estimated positions: errors pooled by condition, and over time by vehicle."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from pymantaray.report.style import (
     INK,
     SKY,
     common_legend,
+    condition_looks,
     condition_style,
     halo,
     new_figure,
@@ -30,6 +31,8 @@ from pymantaray.report.style import (
 Array = NDArray[np.float64]
 _LOG_BINS, _LINEAR_BINS = 100, 60
 _ROOF = 0.78  # share of a row's height that is drawn in; above it are the words
+_PER_ROW = 5  # entries of the legend where it has lines of its own
+_FAR = 3.0  # a linear axis goes no further than so many times where half of the conditions end
 _LEAST = 1e-4  # m; errors smaller than this are drawn as this
 
 
@@ -68,7 +71,8 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
     -------
     matplotlib.figure.Figure
         A row for each condition. The mean is solid, the quartiles are dashed. A linear axis ends where
-        nearly all poses of the conditions other than odometry are shown, and says what it leaves out.
+        nearly all poses of the conditions other than odometry are shown, but not far beyond most of them, and
+        says what it leaves out.
     """
     conditions = list(dict.fromkeys(name for panel in panels for name in panel.errors))
     rows = max(len(conditions), 1)
@@ -104,7 +108,7 @@ def error_over_time(
     header: str,
 ) -> Figure:
     """
-    Position error of every vehicle over time: median over the realizations, quartiles shaded.
+    Position error of every vehicle over time: median over the realizations; of few conditions quartiles shaded.
 
     Parameters
     ----------
@@ -126,28 +130,30 @@ def error_over_time(
     """
     columns = min(3, max(len(names), 1))
     rows = max(-(-len(names) // columns), 1)
-    second = 0.2 if len(errors) + 1 > HEADER_LINE else 0.0  # room for a legend below the header [in]
-    width, height = DOUBLE, 0.8 + second + (1.2 if columns > 1 else 2.2) * rows
+    lines = -(-(len(errors) + 1) // _PER_ROW) if len(errors) + 1 > HEADER_LINE else 0
+    legend = 0.06 + 0.14 * lines if lines else 0.0  # room for it below the panels [in]
+    width, height = DOUBLE, 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
     figure = new_figure(width, height, header, layout=None)
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     figure.subplots_adjust(
         left=0.55 / width,
         right=1.0 - 0.18 / width,
-        bottom=0.45 / height,
-        top=1.0 - (0.42 + second) / height,
+        bottom=(0.45 + legend) / height,
+        top=1.0 - 0.42 / height,
         wspace=0.07,
         hspace=0.38,
     )
     hours = time / 3600.0
+    looks = condition_looks(list(errors))
     for name, values in errors.items():
         whole = values[np.isfinite(values).all(axis=(1, 2))]
         if not len(whole):
             continue
         low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _LEAST)
-        colour, _ = condition_style(name)
         for i, axes in enumerate(grid.flat[: len(names)]):
-            axes.fill_between(hours, low[i], high[i], color=colour, alpha=0.25, linewidth=0.0)
-            axes.plot(hours, middle[i], color=colour, linewidth=0.9)
+            if quartiles_shaded(errors):
+                axes.fill_between(hours, low[i], high[i], color=looks[name][0], alpha=0.25, linewidth=0.0)
+            axes.plot(hours, middle[i], color=looks[name][0], linewidth=0.9)
     for i, axes in enumerate(grid.flat):
         if i >= len(names):
             axes.set_visible(False)
@@ -161,12 +167,27 @@ def error_over_time(
         )
         if i + columns >= len(names):
             axes.tick_params(labelbottom=True)
-    figure.supxlabel("Time [h]", y=0.06 / height, va="bottom", fontsize=7.5)
+    figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom", fontsize=7.5)
     figure.supylabel("Position error [m]", x=0.06 / width, ha="left", fontsize=7.5)
-    handles = [Line2D([], [], color=condition_style(n)[0], label=condition_style(n)[1]) for n in errors]
+    handles = [Line2D([], [], color=looks[n][0], label=condition_style(n)[1]) for n in errors]
     handles.append(Line2D([], [], color=SKY, linewidth=2.5, label="GNSS fix"))
-    common_legend(figure, handles, bbox_to_anchor=(1.0, 1.0 - (second - 0.02) / height) if second else None)
+    common_legend(figure, handles, **({"loc": "lower center", "ncols": _PER_ROW} if lines else {}))
     return figure
+
+
+def quartiles_shaded(conditions: Collection[str]) -> bool:
+    """
+    Whether `error_over_time` shades the quartiles, of which more than a few would hide each other.
+
+    Parameters
+    ----------
+    conditions : collection of str
+
+    Returns
+    -------
+    bool
+    """
+    return len(conditions) <= HEADER_LINE
 
 
 def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
@@ -179,7 +200,8 @@ def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
         high = max(max(float(values.max()) for _, values in found), 2.0 * low)
         return np.geomspace(0.999 * low, 1.001 * high, _LOG_BINS + 1)
     solved = [values for name, values in found if name != "odometry"] or [values for _, values in found]
-    reach = max(float(np.percentile(values, 99.9)) for values in solved)
+    each = [float(np.percentile(values, 99.9)) for values in solved]
+    reach = min(max(each), _FAR * float(np.median(each)))
     return np.linspace(0.0, max(1.05 * reach, _LEAST), _LINEAR_BINS + 1)
 
 
@@ -203,6 +225,8 @@ def _ridge(axes: Axes, values: Array, edges: Array, name: str, *, log: bool) -> 
     for quartile in np.percentile(values, [25.0, 75.0]):
         axes.axvline(quartile, ymax=_ROOF, color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
     beyond = 100.0 * float(np.mean(values > edges[-1]))
-    text = f"mean {mean:.3g} m" + (f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else "")
+    text = f"mean {f'{mean:#.3g}'.rstrip('.')} m" + (
+        f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else ""
+    )
     axes.text(0.985, 0.98, text, color=GREY, ha="right", **place)
     axes.set_ylim(0.0, max(float(share.max()), 1e-6) / (_ROOF - 0.04))

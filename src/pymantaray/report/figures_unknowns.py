@@ -18,7 +18,7 @@ from pymantaray.report.style import (
 )
 
 _HEIGHT = 1.35  # of a panel [in]
-_FEW = 12  # names that fit on the axis level
+_LEVEL = 110  # letters of names that fit on the axis level
 
 
 @styled
@@ -39,10 +39,10 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
         A panel for each condition, on logarithmic scales of one range. At 1 nothing was learnt.
     """
     conditions = list(dict.fromkeys(table["condition"]))
-    sizes = [int((table["condition"] == name).sum()) for name in conditions]
-    heights = [_HEIGHT + (0.6 if size > _FEW else 0.0) for size in sizes]
+    upright = [_too_wide(table.loc[table["condition"] == name, "unknown"]) for name in conditions]
+    heights = [_HEIGHT + (0.6 if turned else 0.0) for turned in upright]
     figure = new_figure(DOUBLE, 0.5 + sum(heights), header)
-    grid = figure.subplots(len(conditions), 1, sharey=True, squeeze=False, height_ratios=heights)[:, 0]
+    grid = figure.subplots(len(conditions), 1, sharey=True, squeeze=False)[:, 0]
     for i, (axes, name) in enumerate(zip(grid, conditions, strict=True)):
         part = table[table["condition"] == name]
         x = np.arange(len(part))
@@ -60,7 +60,7 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
         axes.plot(x, part["rms_error"] / prior, color=ORANGE, marker="o", markersize=3.2, linestyle="none")
         axes.set_yscale("log")
         axes.set_xlim(-0.6, len(part) - 0.4)
-        axes.set_xticks(x, part["unknown"], rotation=90 if len(part) > _FEW else 0)
+        axes.set_xticks(x, part["unknown"], rotation=90 if upright[i] else 0)
         axes.grid(visible=False, axis="x")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.yaxis.set_minor_formatter(NullFormatter())
@@ -92,3 +92,8 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
         ],
     )
     return figure
+
+
+def _too_wide(names: pd.Series) -> bool:
+    """Whether names would touch on an axis of the figure's width."""
+    return len(names) * (int(names.str.len().max()) + 2) > _LEVEL

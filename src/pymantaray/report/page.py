@@ -46,6 +46,7 @@ _SHOWN = {  # where the CSV file has more columns than fit on a page
     "range_error": "category n mean_m sd_m skewness excess_kurtosis p1_m p5_m p95_m p99_m min_m max_m"
     " percent_beyond_3_sigma",
 }
+_MEANING = {"OVER_CHI_SQUARE": " (converged, but the cost is not what the noise lets one expect)"}
 _FOLDED = {
     "ate_per_agent",
     "ate_per_realization",
@@ -76,7 +77,7 @@ def run_page(found: Findings, plates: Sequence[Plate]) -> str:
     name = config.study.name
     mission = (
         f"{found.region}: {len(config.fleet.vehicles)} vehicles, {config.mission.duration_h:g} h,"
-        f" {config.study.realizations} noise realizations"
+        f" {config.study.realizations} noise realization{'' if config.study.realizations == 1 else 's'}"
     )
     body = [f"<h1>{escape(name)}</h1>", f'<p class="soft">{escape(mission)}</p>']
     if config.study.description:
@@ -172,7 +173,9 @@ def troubles(found: Findings) -> list[str]:
     lines = []
     for (condition, status), part in solves[solves["status"] != "OK"].groupby(["condition", "status"]):
         every = int((solves["condition"] == condition).sum())
-        lines.append(f"Condition {condition}: {len(part)} of {every} solves have status {status}.")
+        lines.append(
+            f"Condition {condition}: {len(part)} of {every} solves have status {status}{_MEANING.get(str(status), '')}."
+        )
     for name, row in zip(truth.name, truth.status, strict=True):
         if row[-1] != VehicleStatus.ACTIVE:
             hours = truth.time[np.argmax(row != VehicleStatus.ACTIVE)] / 3600.0

@@ -3,6 +3,7 @@
 import functools
 import os
 from collections.abc import Callable, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -32,6 +33,10 @@ CONDITION_COLOURS = {
     "straight-all": SKY,
     "no-ranges": GREEN,
 }
+_MORE_COLOURS = (PINK, "#882255", "#332288", "#999933", "#44AA99", "#AA4499")  # after Okabe and Ito, Tol
+_MARKERS = "osD^v<>phd"
+DISTINCT = len(_MORE_COLOURS)
+"""Conditions besides the study's own that have a colour each."""
 _RC: Any = {  # any: matplotlib's types allow only a dictionary with all settings
     "axes.axisbelow": True,
     "axes.edgecolor": INK,
@@ -135,6 +140,26 @@ def condition_style(name: str) -> tuple[str, str]:
         Pink and the name itself for a condition that is not one of the study's own.
     """
     return CONDITION_COLOURS.get(name, PINK), plain(condition_label(name))
+
+
+def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """
+    Colour and marker of each condition of one figure, different where `condition_style` has one colour for all others.
+
+    Parameters
+    ----------
+    conditions : sequence of str
+
+    Returns
+    -------
+    dict of str to tuple of str
+        From each condition to its colour and marker. Colours come again after six estimators.
+    """
+    more, markers = cycle(_MORE_COLOURS), cycle(_MARKERS)
+    return {
+        name: (CONDITION_COLOURS[name] if name in CONDITION_COLOURS else next(more), next(markers))
+        for name in conditions
+    }
 
 
 def panel_title(axes: Axes, letter: str, text: str) -> None:
