@@ -9,6 +9,7 @@ import pytest
 from pymantaray.cli import main as entry
 from pymantaray.cli.graph import app
 from pymantaray.estimation import read_pyfg
+from pymantaray.study.external import ESTIMATORS
 
 NOISE = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
 TEXT = f"""\
@@ -94,6 +95,26 @@ def test_sightings_are_refused_or_left_out_and_counted(mantaray, tmp_path):
     assert "left out: 1 EDGE_SE3_XYZ" in done.out
 
 
+def test_ranges_are_not_left_out_of_a_solve_in_silence(mantaray, file):
+    refused = mantaray("graph", "solve", file, "--leave-out", "ranges")
+    assert (refused.code, refused.err) == (2, f"error: {file}: leave out ['ranges']; allowed: EDGE_SE3_XYZ\n")
+
+
+def test_a_folder_that_is_taken_is_refused_before_the_solve(mantaray, file, tmp_path, monkeypatch):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").touch()
+    monkeypatch.setitem(ESTIMATORS, "batch", lambda *_: pytest.fail("solved for nothing"))
+    assert mantaray("graph", "solve", file, "--out", tmp_path / "out").code == 2
+
+
+@pytest.mark.parametrize("estimator", ["huber", "gnc", "incremental"])
+def test_estimators_are_chosen_by_name(mantaray, file, estimator):
+    done = mantaray("graph", "solve", file, "--estimator", estimator, "--start", "dead-reckoning")
+    assert done.code == 0, done.err
+    assert done.out.startswith(f"{estimator}, start dead-reckoning: OK")
+    assert "nan" not in done.out
+
+
 def test_convert_there_and_back(mantaray, file, tmp_path):
     refused = mantaray("graph", "convert", file, tmp_path / "g.g2o")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
@@ -110,6 +131,9 @@ def test_convert_there_and_back(mantaray, file, tmp_path):
     assert "given a prior at the file's value: A0" in anchored.out
     done = mantaray("graph", "convert", file, tmp_path / "t.tum")
     assert done.out.splitlines() == [str(tmp_path / "t-A.tum"), str(tmp_path / "t-B.tum")]
+    again = mantaray("graph", "convert", file, tmp_path / "t.tum")
+    assert again.err == f"error: {tmp_path / 't-A.tum'}: exists already; overwrite it with --force\n"
+    assert mantaray("graph", "convert", file, tmp_path / "t.tum", "--force").code == 0
     again = mantaray("graph", "convert", file, tmp_path / "g.g2o")
     assert again.err == f"error: {tmp_path / 'g.g2o'}: exists already; overwrite it with --force\n"
 

@@ -89,6 +89,24 @@ def test_estimators_join_by_name(foreign, monkeypatch):
         solve_graph(open_graph(path), start="truth")
 
 
+def test_robust_losses_keep_out_a_late_range_and_least_squares_does_not(foreign):
+    path, *_ = foreign
+    file = open_graph(path)
+    late = file.graph.range_distance.copy()
+    late[0] += 300.0
+    spoilt = file._replace(graph=replace(file.graph, range_distance=late))
+    clean = solve_graph(file)
+    moved = {}
+    for name in external.ESTIMATORS:
+        result = solve_graph(spoilt, estimator=name, start="dead-reckoning")
+        assert result.solution.usable, (name, result.diagnosis)
+        moved[name] = np.abs(result.values.position - clean.values.position).max()
+    assert moved["incremental"] == pytest.approx(moved["batch"], abs=0.01)
+    for name in ("cauchy", "geman-mcclure", "gnc"):
+        assert moved[name] < 0.1 * moved["batch"], moved
+    assert moved["huber"] < 0.5 * moved["batch"], moved
+
+
 def test_g2o_graph_needs_an_anchor_and_has_no_truth_of_its_own(foreign, tmp_path):
     path, *_ = foreign
     file = open_graph(path)

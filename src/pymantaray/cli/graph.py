@@ -1,5 +1,7 @@
 """Commands of `mantaray graph`: other people's factor graphs, shown, solved and converted."""
 
+import glob
+from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -18,6 +20,15 @@ class Start(StrEnum):
 
 In = Annotated[Path, typer.Argument(metavar="FILE", help="PyFactorGraph text, or g2o if it ends in .g2o.")]
 LeaveOut = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--leave-out",
+        metavar="WORD",
+        help="Lines of the input to lose on purpose, counted: the word that begins them, as EDGE_SE3_XYZ; or all that"
+        " can be left out. May be given several times.",
+    ),
+]
+LeaveOutToo = Annotated[
     list[str] | None,
     typer.Option(
         "--leave-out",
@@ -61,7 +72,14 @@ def solve(
     start: Annotated[
         Start, typer.Option("--start", help="Start from the file's vertices, or from composed edges.")
     ] = Start.FILE,
-    estimator: Annotated[str, typer.Option("--estimator", help="Name of the estimator.")] = "batch",
+    estimator: Annotated[
+        str,
+        typer.Option(
+            "--estimator",
+            help="batch (least squares), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
+            " geman-mcclure, gnc.",
+        ),
+    ] = "batch",
     anchor: Annotated[
         bool, typer.Option("--anchor", help="Give a prior to the first pose of each part that floats.")
     ] = False,
@@ -83,15 +101,16 @@ def solve(
     from pymantaray.study.folder import staged_folder
 
     content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
-    result = solve_graph(
-        content,
-        estimator=estimator,
-        start=start.value,
-        anchor=anchor,
-        truth=file.suffix != G2O if truth is None else truth,
-    )
-    if out is not None:
-        with staged_folder(out) as folder:
+    with ExitStack() as stack:
+        folder = None if out is None else stack.enter_context(staged_folder(out))  # refused before the solve
+        result = solve_graph(
+            content,
+            estimator=estimator,
+            start=start.value,
+            anchor=anchor,
+            truth=file.suffix != G2O if truth is None else truth,
+        )
+        if folder is not None:
             result.save(folder)
             tables = {"start": result.initial, "truth": result.truth}
             if result.solution.usable:
@@ -117,7 +136,7 @@ def convert(
             help="OUT.pyfg, OUT.g2o, or OUT.tum for the vertices (OUT-A.tum, ... if there are several vehicles).",
         ),
     ],
-    leave_out: LeaveOut = None,
+    leave_out: LeaveOutToo = None,
     half_angles: HalfAngles = False,
     symbols: Annotated[
         bool,
@@ -134,12 +153,14 @@ def convert(
 
     if out.suffix not in {".pyfg", G2O, ".tum"}:
         raise EstimationError(f"{out}: ends in {out.suffix!r}; allowed: .pyfg, .g2o, .tum")
-    if out.exists() and not force:
-        raise EstimationError(f"{out}: exists already; overwrite it with --force")
+    taken = out if out.exists() else next(iter(_of_vehicles(out)), None)
+    if taken is not None and not force:
+        raise EstimationError(f"{taken}: exists already; overwrite it with --force")
     if not out.absolute().parent.is_dir():
         raise EstimationError(f"{out}: its folder does not exist")
     given = leave_out or []
-    content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
+    words = _of_input(file, [what for what in given if what not in LEFT_OUT])
+    content = open_graph(file, leave_out=words, half_angles=half_angles)
     lost, files = dict(content.left_out), [out]
     if out.suffix == G2O:
         agreed = LEFT_OUT if "all" in given else [what for what in given if what in LEFT_OUT]
@@ -161,11 +182,15 @@ def convert(
         typer.echo(str(path))
 
 
+def _of_vehicles(out: Path) -> list[Path]:
+    """Files of single vehicles that are there already where trajectories are to be written."""
+    return sorted(out.parent.glob(f"{glob.escape(out.stem)}-[A-Z].tum")) if out.suffix == ".tum" else []
+
+
 def _of_input(file: Path, leave_out: list[str] | None) -> list[str]:
-    """Words among what is left out that begin lines of the input file."""
-    from pymantaray.estimation.g2o import LEFT_OUT
+    """Words that begin lines of the input file, without ``all``, which stands for those of PyFactorGraph text."""
     from pymantaray.study.external import G2O
 
     given = leave_out or []
-    words = [what for what in given if what not in LEFT_OUT and what != "all"]
+    words = [what for what in given if what != "all"]
     return ["EDGE_SE3_XYZ", *words] if "all" in given and file.suffix != G2O else words

@@ -63,9 +63,10 @@ def print_result(result: ExternalResult) -> None:
     """
     console = Console(soft_wrap=True)
     s = result.solution
+    expected = f", expected {s.expected_cost:g}" if np.isfinite(s.expected_cost) else ""
     console.print(
         f"{escape(result.estimator)}, start {result.start}: [bold]{s.status.name}[/bold], {s.iterations} iterations,"
-        f" cost {s.initial_cost:.6g} to {s.final_cost:.6g}, expected {s.expected_cost:g}"
+        f" cost {s.initial_cost:.6g} to {s.final_cost:.6g}{expected}"
     )
     for what, count in result.left_out.items():
         console.print(f"left out: {count} {escape(what)}")

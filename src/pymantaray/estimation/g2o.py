@@ -84,7 +84,7 @@ def write_g2o(
     if refused:
         raise EstimationError(
             f"{path}: g2o files hold poses and edges between them; the graph has {', '.join(refused)} besides:"
-            " agree to leave them out"
+            " agree to leave them out (--leave-out all)"
         )
     ids = _symbols(graph, path) if symbols else list(range(graph.n_poses))
     temporary = path.with_name(path.name + ".part")

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +15,10 @@ from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, Solutio
 from pymantaray.estimation.diagnose import diagnose, worst_misfit
 from pymantaray.estimation.g2o import load_g2o
 from pymantaray.estimation.graph import check_anchored, check_values
+from pymantaray.estimation.incremental import replay
+from pymantaray.estimation.losses import LOSSES
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
+from pymantaray.estimation.robust import solve_robust
 from pymantaray.estimation.starts import anchor_loose_parts, dead_reckon_graph
 from pymantaray.evaluation.trajectory_error import ape, ate_statistics
 from pymantaray.records.base import write_netcdf
@@ -32,7 +36,16 @@ def _batch(graph: FactorGraph, initial: GraphValues) -> Solution:
     return GraphSolver().solve(graph, initial)
 
 
-ESTIMATORS: dict[str, Estimator] = {"batch": _batch}
+def _incremental(graph: FactorGraph, initial: GraphValues) -> Solution:
+    """Feed the factors to iSAM2 in the order of time, by least squares; the last estimate."""
+    return replay(graph, initial).solution
+
+
+ESTIMATORS: dict[str, Estimator] = {
+    "batch": _batch,
+    **{name: partial(solve_robust, loss=loss) for name, loss in LOSSES.items()},
+    "incremental": _incremental,
+}
 """Estimators by name; one more is one more entry."""
 
 
@@ -226,9 +239,10 @@ def solve_graph(
     diagnosis = None
     if not solution.usable:
         state = solution.status.name.lower().replace("_", " ")
+        expected = f", expected {solution.expected_cost:.3g}" if np.isfinite(solution.expected_cost) else ""
         diagnosis = diagnose(graph, initial) or (
             f"{state} after {solution.iterations} iterations of {estimator}, cost {solution.initial_cost:.3g} to"
-            f" {solution.final_cost:.3g}, expected {solution.expected_cost:.3g}; the worst misfit at the start is at"
+            f" {solution.final_cost:.3g}{expected}; the worst misfit at the start is at"
             f" {worst_misfit(graph, initial)}: try another start"
         )
     return ExternalResult(
