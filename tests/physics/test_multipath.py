@@ -330,17 +330,7 @@ def test_bounced_rays_are_reciprocal_when_both_ways_are_solved(kind, arctic):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "uniform",
-        pytest.param(
-            "smooth",
-            marks=pytest.mark.xfail(reason="one ray of 1,134 is between two nodes of the fan from one end"),
-        ),
-        "linear",
-    ],
-)
+@pytest.mark.parametrize("kind", KINDS)
 def test_bounced_rays_are_reciprocal_on_many_links(kind, arctic):
     check_reciprocity(make_kind(arctic, kind), *draw_links(150, 48), least=1120)
 

@@ -102,8 +102,7 @@ def _beyond(axis, i, x):
 
 
 @kernel
-def across_plane(floor, share):
-    """Give the same sea bed with a share of its slope across the plane."""
+def _with(floor, across, held):
     return Floor(
         floor.north,
         floor.east,
@@ -114,29 +113,22 @@ def across_plane(floor, share):
         floor.ue,
         floor.breaks,
         floor.n_breaks,
-        share,
+        across,
         floor.cells,
-        floor.held,
+        held,
     )
+
+
+@kernel
+def across_plane(floor, share):
+    """Give the same sea bed with a share of its slope across the plane."""
+    return _with(floor, share, floor.held)
 
 
 @kernel
 def hold(floor, held):
     """Give the sea bed of the cell cells[HELD, held] alone, continued beyond its edges; -1: all of it."""
-    return Floor(
-        floor.north,
-        floor.east,
-        floor.bathymetry,
-        floor.n0,
-        floor.e0,
-        floor.un,
-        floor.ue,
-        floor.breaks,
-        floor.n_breaks,
-        floor.across,
-        floor.cells,
-        held,
-    )
+    return _with(floor, floor.across, held)
 
 
 @kernel
