@@ -11,13 +11,11 @@ from typing import Any
 from numba import config, njit, types
 from numba.extending import intrinsic
 
-try:
+_of_kernels: dict[str, Any] = {"cache": True}  # any: njit's options
+# A Numba whose inner parts have other names compiles each kernel by itself, in twice the time.
+with contextlib.suppress(ImportError):
     from pymantaray.acoustics._kernels.keep_code import KernelCompiler
-except (
-    ImportError
-):  # a Numba whose inner parts have other names: each kernel compiles by itself, in twice the time
-    _of_kernels = {"cache": True}
-else:
+
     _of_kernels = {"pipeline_class": KernelCompiler}
 
 
