@@ -11,6 +11,8 @@ import time
 
 import pytest
 
+from pymantaray.cli.main import main
+
 
 @pytest.fixture
 def begin():
@@ -102,3 +104,25 @@ def test_interrupt_among_the_rays_is_prompt_and_leaves_nothing(tmp_path, begin, 
     assert [done for done, _ in counts] == sorted(done for done, _ in counts)
     assert "Traceback" not in printed
     assert [path.name for path in tmp_path.iterdir()] == ["slow.toml"]
+
+
+@pytest.mark.parametrize(("stop", "code"), [(KeyboardInterrupt(), 130), (SystemExit(143), 143)])
+def test_a_stop_that_meets_the_import_of_a_compiled_module_is_a_stop(monkeypatch, stop, code):
+    """pybind11 turns what interrupts the initialization of a module into an ImportError."""
+
+    def import_gtsam(*_args, **_keywords):
+        raise ImportError("initialization failed") from stop
+
+    monkeypatch.setattr("pymantaray.cli.main.app", import_gtsam)
+    with pytest.raises(SystemExit) as end:
+        main(["study", "list"])
+    assert end.value.code == code
+
+
+def test_a_module_that_is_missing_is_no_stop(monkeypatch):
+    def import_gtsam(*_args, **_keywords):
+        raise ImportError("No module named 'gtsam'")
+
+    monkeypatch.setattr("pymantaray.cli.main.app", import_gtsam)
+    with pytest.raises(ImportError, match="gtsam"):
+        main(["study", "list"])

@@ -64,6 +64,23 @@ def main(arguments: list[str] | None = None) -> None:
         raise SystemExit(EXIT_KNOWN_ERROR) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+    except ImportError as error:
+        stop = _stop_behind(error)
+        if stop is None:
+            raise
+        raise SystemExit(stop) from None
+
+
+def _stop_behind(error: BaseException) -> int | None:
+    """Exit code of Ctrl-C or a request to stop that met a module in its initialization: pybind11 makes an ImportError of it."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return 130
+        if isinstance(cause, SystemExit) and isinstance(cause.code, int):
+            return cause.code
+        cause = cause.__cause__ or cause.__context__
+    return None
 
 
 def repeat_option(words: list[str], option: str) -> list[str]:
