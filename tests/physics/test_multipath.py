@@ -335,6 +335,25 @@ def test_bounced_rays_are_reciprocal_on_many_links(kind, arctic):
     check_reciprocity(make_kind(arctic, kind), *draw_links(150, 48), least=1120)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("noise", "share"), [(20.0, 0.99), (60.0, 0.8)])
+def test_over_cells_drawn_at_random_most_rays_are_found_from_both_ends(noise, share):
+    """Known limit: 500 m cells whose slopes of 0.06 and 0.17 (rms) have nothing to do with each other."""
+    north, east = np.arange(0.0, 14.1e3, 500.0), np.arange(0.0, 12.1e3, 500.0)
+    rng = np.random.default_rng(3)
+    bed = 1000.0 + 0.03 * north[:, None] - 0.015 * east + noise * rng.normal(size=(north.size, east.size))
+    c = np.full((north.size, east.size, 2), 1500.0)
+    medium = Medium.from_grid(north, east, [0.0, 4000.0], c, bathymetry=bed)
+    source, receiver = draw_links(40, 5)
+    there = find_eigenrays(medium, source, receiver, 2, 2, canonical=False)
+    back = find_eigenrays(medium, receiver, source, 2, 2, canonical=False)
+    pairs, alone = same_rays(there, back, len(source), 1e-6)
+    _, others = same_rays(back, there, len(source), 1e-6)
+    odd = sum(there.spreading_db[alone] < 14.5) + sum(back.spreading_db[others] < 14.5)
+    assert len(pairs) > 200
+    assert len(pairs) > share * (len(pairs) + odd), (len(pairs), odd)
+
+
 def check_reciprocity(medium, source, receiver, least):
     there = find_eigenrays(medium, source, receiver, 2, 2, canonical=False)
     back = find_eigenrays(medium, receiver, source, 2, 2, canonical=False)
