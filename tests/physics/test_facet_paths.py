@@ -192,35 +192,40 @@ def all_paths(facets, source, receiver):
 
 
 def compare(medium, source, receiver):
-    """Rays that the solver misses, those that it invents, and the number that there are."""
+    """Rays that the solver misses and invents from either end, and the number that there are."""
     facets = Facets(medium)
-    arrivals = find_eigenrays(medium, source, receiver, 2, 2)
+    ways = []
+    for ends in ((source, receiver), (receiver, source)):
+        arrivals = find_eigenrays(medium, *ends, 2, 2, canonical=False)
+        turned = ends[0] is receiver
+        ways.append((arrivals, C * (-arrivals.receiver_slowness if turned else arrivals.source_slowness)))
     missed, invented, count = [], [], 0
     for link, (a, b) in enumerate(zip(source, receiver, strict=True)):
-        left = set(np.flatnonzero((arrivals.link == link) & (arrivals.bottom_bounces > 0)).tolist())
-        for path in all_paths(facets, a, b):
-            count += path.spreading_db < WEAKEST
-            same = [
-                row
-                for row in left
-                if (arrivals.surface_bounces[row], arrivals.bottom_bounces[row])
-                == (path.surface, path.bottom)
-                and abs(arrivals.travel_time[row] - path.travel_time) < 1e-7
-                and np.abs(arrivals.source_slowness[row] * C - path.direction).max() < 1e-5
-            ]
-            if same:
-                left.remove(same[0])
-            elif path.spreading_db < WEAKEST:
-                missed.append((link, *path))
-        invented += sorted((link, row) for row in left)
+        paths = all_paths(facets, a, b)
+        count += sum(path.spreading_db < WEAKEST for path in paths)
+        for way, (arrivals, direction) in enumerate(ways):
+            left = set(np.flatnonzero((arrivals.link == link) & (arrivals.bottom_bounces > 0)).tolist())
+            for path in paths:
+                same = [
+                    row
+                    for row in left
+                    if (arrivals.surface_bounces[row], arrivals.bottom_bounces[row])
+                    == (path.surface, path.bottom)
+                    and abs(arrivals.travel_time[row] - path.travel_time) < 1e-7
+                    and np.abs(direction[row] - path.direction).max() < 1e-5
+                ]
+                if same:
+                    left.remove(same[0])
+                elif path.spreading_db < WEAKEST:
+                    missed.append((way, link, *path))
+            invented += sorted((way, link, row) for row in left)
     return missed, invented, count
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_rays_that_no_ray_in_the_plane_of_the_link_leads_to(turned):
+def test_rays_that_no_ray_in_the_plane_of_the_link_leads_to():
     """Reflected within metres of a corner, over cells that the plane does not meet, or after cells that lead in circles."""
-    ends = [np.vstack(part) for part in zip(*(pick(8, [31, 98]), pick(18, [70])), strict=True)]
-    missed, invented, count = compare(twisted_medium(), *(ends[::-1] if turned else ends))
+    ends = [np.vstack(part) for part in zip(pick(8, [31, 98]), pick(18, [70]), strict=True)]
+    missed, invented, count = compare(twisted_medium(), *ends)
     assert count > 15
     assert not missed
     assert not invented
