@@ -20,7 +20,7 @@ from pymantaray.acoustics._kernels.cells import (
 )
 from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.limits import fan_nodes
-from pymantaray.acoustics._kernels.refine_bounced import INSET, refine_bounced, tube
+from pymantaray.acoustics._kernels.refine_bounced import INSET, Aim, refine_bounced, tube
 from pymantaray.acoustics._kernels.rows import finish
 from pymantaray.acoustics._kernels.search import ANGLE, CODE, fewer_bounces, find_brackets
 from pymantaray.acoustics._kernels.trace import FORWARD, LEGS, ON_SURFACE, Rule
@@ -44,7 +44,8 @@ def _collect(
     Returns the rows in use, those too weak, the rays traced, and whether none was left out.
     """
     cutoff_db, slope, cross_slope = link[2], link[4], link[5]
-    coarse, fine, miss, _ = numerics
+    coarse, fine, miss, inset = numerics
+    aim = Aim(target, span, axis, fine, miss)
     candidates = work.candidates
     width, trust = _RESOLUTION, _TRUST
     if math.isinf(cutoff_db):  # every ray there is
@@ -77,9 +78,7 @@ def _collect(
             counts = int(bracket[fewer_bounces(bracket), CODE]) % 1024
             ok, angle, q, steps, turns, same = False, 0.0, 0.0, 0, 0, False
             if bracket[0, ANGLE] < bracket[1, ANGLE]:
-                ok, angle, q, steps, turns, same = refine_bounced(
-                    s, floor, rule, bracket, target, span, axis, fine, miss, work
-                )
+                ok, angle, q, steps, turns, same = refine_bounced(s, floor, rule, bracket, aim, work)
         else:
             counts, generation = candidate(candidates, done)
             done += 1
@@ -87,27 +86,24 @@ def _collect(
                 continue
             same = True
             n, ok, angle, q, steps, turns = follow(
-                s, floor, rule, candidates, done - 1, n, bracket, target, span, axis, fine, miss, work
+                s, floor, rule, candidates, done - 1, n, bracket, aim, work
             )
         if ok:
             if gridded:
                 n = add_candidate(candidates, n, floor.cells[LANDED], angle, q, counts, KNOWN)
                 n = add_neighbours(floor, candidates, n, angle, q, counts, generation + 1, steps, work)
-            count, too_weak = _keep(
-                s, floor, rule, angle, q, turns, counts, target, span, axis, link, numerics, count, work
-            )
+            count, too_weak = _keep(s, floor, rule, angle, q, turns, counts, aim, link, inset, count, work)
             weak += too_weak
         if gridded and not same:
-            n = add_of_bracket(s, floor, rule, bracket, candidates, n, span, axis, fine, work)
+            n = add_of_bracket(s, floor, rule, bracket, candidates, n, aim, work)
     return count, weak, rays, complete
 
 
 @kernel
-def _keep(s, floor, rule, angle, q, turns, counts, target, span, axis, link, numerics, count, work):
+def _keep(s, floor, rule, angle, q, turns, counts, aim, link, inset, count, work):
     """Write the ray in work.y into the next row unless it is there; return the rows in use, and 1 if it is too weak."""
     c1, length, cutoff_db, on_boundary, _, cross_slope, most_s, most_b = link
-    _, fine, _, inset = numerics
-    rows = work.rows
+    axis, rows = aim.axis, work.rows
     n_s, n_b = counts // 32, counts % 32
     if count >= rows.shape[0] or n_s > most_s or n_b > most_b or counts == 0:
         return count, 0
@@ -120,7 +116,7 @@ def _keep(s, floor, rule, angle, q, turns, counts, target, span, axis, link, num
         work.y,
         angle,
         q,
-        target + inset * cb,
+        aim.target + inset * cb,
         turns,
         axis[3],
         c1,
@@ -136,7 +132,7 @@ def _keep(s, floor, rule, angle, q, turns, counts, target, span, axis, link, num
         row[0] += inset * row[10]
     row[11], row[12] = n_s, n_b
     if n_b > 0 and cross_slope > 1e-9:  # slopes couple both launch parameters
-        det = tube(s, floor, rule, angle, q, span, axis, fine, work)
+        det = tube(s, floor, rule, angle, q, aim, work)
         if not math.isnan(det):
             row[3] += 10.0 * math.log10(max(abs(det), 1e-300) / max(abs(plain), 1e-300))
     if on_boundary * row[2] < 0.0:  # reflected at the receiver itself

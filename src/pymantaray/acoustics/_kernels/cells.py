@@ -74,7 +74,7 @@ def candidate(candidates, i):
 
 
 @kernel
-def add_of_bracket(s, floor, rule, bracket, candidates, n, length, axis, tol, work):
+def add_of_bracket(s, floor, rule, bracket, candidates, n, aim, work):
     """Append the cells of a bracket's ray; one without width is a ray at an edge of its cells."""
     inner = fewer_bounces(bracket)
     code = int(bracket[inner, CODE])
@@ -87,7 +87,18 @@ def add_of_bracket(s, floor, rule, bracket, candidates, n, length, axis, tol, wo
         angle, back = start, 0.0
     for _ in range(3):
         _, _, _, _, _, found = trace(
-            s, floor, rule, angle, 0.0, length, axis, tol, work.y, work.K_fan, work.ynew, work.no_path
+            s,
+            floor,
+            rule,
+            angle,
+            0.0,
+            aim.length,
+            aim.axis,
+            aim.tol,
+            work.y,
+            work.K_fan,
+            work.ynew,
+            work.no_path,
         )
         if found == code:
             return add_candidate(candidates, n, floor.cells[LANDED], start, 0.0, code % 1024, 0)
@@ -141,7 +152,7 @@ def add_neighbours(floor, candidates, n, m, q, counts, generation, steps, work):
 
 
 @kernel
-def follow(s, floor, rule, candidates, i, n, bracket, target, length, axis, tol, miss, work):
+def follow(s, floor, rule, candidates, i, n, bracket, aim, work):
     """Newton's method over the cells of candidate i, then over the sea bed as it is.
 
     Returns the number of candidates, ok, launch angle, cross-track slowness, steps and turning points.
@@ -166,11 +177,7 @@ def follow(s, floor, rule, candidates, i, n, bracket, target, length, axis, tol,
             False,
             bracket,
             False,
-            target,
-            length,
-            axis,
-            tol,
-            miss,
+            aim,
             work,
         )
         if code % 1024 == counts or code % 32 != n_b:
@@ -191,23 +198,7 @@ def follow(s, floor, rule, candidates, i, n, bracket, target, length, axis, tol,
         return n, False, m, q, steps, turns
     if ok:
         ok, m, q, _, steps, turns, _ = newton(
-            s,
-            floor,
-            rule,
-            m,
-            q,
-            jacobian,
-            6,
-            code,
-            True,
-            bracket,
-            False,
-            target,
-            length,
-            axis,
-            tol,
-            miss,
-            work,
+            s, floor, rule, m, q, jacobian, 6, code, True, bracket, False, aim, work
         )
     if ok:
         candidates[i, _GENERATION] = KNOWN
