@@ -8,6 +8,7 @@ import pytest
 from numba import njit
 
 from pymantaray.acoustics._kernels.compile import kernel
+from pymantaray.acoustics._kernels.keep_code import _KeptLibrary
 
 
 @kernel
@@ -25,6 +26,8 @@ def sum_of_squares(values):
 
 def test_kernels_are_called_by_entries_and_not_from_python():
     assert sum_of_squares(np.arange(4.0)) == 14.0
+    (compiled,) = square.overloads.values()
+    assert isinstance(compiled.library, _KeptLibrary)  # else it was optimized and compiled by itself
     with pytest.raises(KeyError, match="square is called by kernels only"):
         square(np.arange(4.0), 1)
 

@@ -10,9 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics._kernels.paths import baseline
+from pymantaray.acoustics._kernels.trace import LEGS, Rule, trace
+from pymantaray.acoustics._kernels.workspace import workspace
 
 C = 1500.0
 
@@ -224,11 +228,36 @@ def compare(medium, source, receiver):
 
 def test_rays_that_no_ray_in_the_plane_of_the_link_leads_to():
     """Reflected within metres of a corner, over cells that the plane does not meet, or after cells that lead in circles."""
-    ends = [np.vstack(part) for part in zip(pick(8, [31, 98]), pick(18, [70]), strict=True)]
+    ends = [np.vstack(part) for part in zip(pick(8, [98, 110]), pick(18, [70]), strict=True)]
     missed, invented, count = compare(twisted_medium(), *ends)
     assert count > 15
     assert not missed
     assert not invented
+
+
+@njit(_nrt=False)
+def steps_in_depth(medium, bed, source, unit, horizontal, angle, work):
+    """Steps of a ray followed leg by leg in depth, down and up again."""
+    s, floor = baseline(medium, bed, source, unit, horizontal, work)
+    axis = (source[2], 0.0, 1.0, 1500.0)
+    rule = Rule(LEGS, 0, 1, 0, 2, 300.0, 0)
+    fan = work.K_fan
+    return trace(s, floor, rule, angle, 0.0, 3e3, axis, 0.03, work.y, fan, work.ynew, work.no_path)[1]
+
+
+def test_rays_in_depth_end_where_they_are_too_flat():
+    """Reflected almost level they took as many steps as there are, a tenth of a second a ray."""
+    medium = twisted_medium(150.0, 1000.0, 9)
+    source, receiver = (end[89] for end in draw_links(100, 28))
+    step = receiver[:2] - source[:2]
+    horizontal, work = float(np.hypot(*step)), workspace(medium.depth.size)
+    taken = [
+        steps_in_depth(
+            medium.packed(), medium.bed(), source, tuple(step / horizontal), horizontal, angle, work
+        )
+        for angle in np.linspace(-1.3, 1.3, 400)
+    ]
+    assert max(taken) < 1000
 
 
 def pick(seed, links):

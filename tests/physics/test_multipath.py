@@ -329,6 +329,12 @@ def test_bounced_rays_are_reciprocal_when_both_ways_are_solved(kind, arctic):
     check_reciprocity(make_kind(arctic, kind), *draw_links(24, 44), least=130)
 
 
+def test_a_node_of_the_fan_on_a_root_is_no_gap_between_its_intervals(arctic):
+    """A node within the tolerance of the root was above zero for one interval and below it for the other."""
+    source, receiver = (end[122:123] for end in draw_links(150, 48))
+    check_reciprocity(make_kind(arctic, "smooth"), source, receiver, least=8)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_bounced_rays_are_reciprocal_on_many_links(kind, arctic):
