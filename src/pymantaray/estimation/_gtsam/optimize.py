@@ -59,7 +59,7 @@ def optimize(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> 
     if iterations == 0:
         return initial, replace(progress, iterations=0, final_cost=progress.initial_cost)
     values, end = _gauss_newton(graph, damped, ordering, options)
-    if np.isnan(end.last_step) and not end.singular:
+    if not (end.singular or end.last_step <= options.step_tolerance):  # repelled, or about to be
         linear = graph.linearize(damped)
         conditionals = _eliminated(linear, ordering)
         values, end = damped, replace(end, iterations=0, final_cost=end.initial_cost)
