@@ -33,8 +33,9 @@ study-paper: $(VENV)/.ready-run
 quick: $(VENV)/.ready-run
 	$(BIN)/mantaray study run quick $(ARGS)
 
+# workers share one compilation of the kernels, see tests/conftest.py
 test: $(VENV)/.ready-test
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
 
 lint: $(VENV)/.ready-lint
 	$(BIN)/ruff format --check .

@@ -1,9 +1,70 @@
-"""Common to all tests."""
+"""Common to all tests: what several folders' tests run once, whatever the number of workers."""
 
+import fcntl
+import os
 import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+COMPILE = """
+from pymantaray.acoustics import Medium, find_eigenrays
+
+for interpolation in ("smooth", "linear"):
+    medium = Medium.from_profile([0.0, 500.0], [1450.0, 1460.0], bottom_depth=500.0, interpolation=interpolation)
+    find_eigenrays(medium, [[0, 0, 20]], [[900, 0, 50]])
+    find_eigenrays(medium, [[0, 0, 20]], [[900, 0, 50]], max_surface_bounces=1)
+"""
 
 
-def pytest_configure():
+def pytest_configure(config):
     """Processes that tests start and interrupt inherit what a shell's background job ignores: Ctrl-C."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if config.getoption("numprocesses", None) and "PYTEST_XDIST_WORKER" not in os.environ:
+        subprocess.run([sys.executable, "-c", COMPILE], check=True)  # once, before there are workers
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory, worker_id) -> Callable[[str, Callable[[Path], None]], Path]:
+    """Make a folder or file of this name by a function that is called once for all workers."""
+    root = tmp_path_factory.getbasetemp()
+    if worker_id != "master":
+        root = root.parent
+
+    def make(name: str, build: Callable[[Path], None]) -> Path:
+        path = root / "once" / name
+        path.parent.mkdir(exist_ok=True)
+        with path.with_name(f".{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                build(path)
+        return path
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def tiny_run_folder(once) -> Path:
+    """Run folder of the study `factories.TINY`, without report; not to be written to."""
+    from factories import TINY
+
+    from pymantaray.study import parse_study, run_study
+
+    return once("tiny", lambda folder: run_study(parse_study(TINY, "tiny"), folder, workers=1))
+
+
+@pytest.fixture(scope="session")
+def quick_run_folder(once) -> Path:
+    """Run folder of the preset `quick`, with report; not to be written to."""
+    from pymantaray.report import write_report
+    from pymantaray.study import load_study, run_study
+
+    def build(folder: Path) -> None:
+        run_study(load_study("quick"), folder, workers=1)
+        write_report(folder)
+
+    return once("quick", build)

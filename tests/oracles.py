@@ -1,0 +1,1 @@
+"""Independent solvers and closed forms that tests hold the package against; none of them uses its kernels."""
