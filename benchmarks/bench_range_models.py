@@ -19,11 +19,11 @@ from pymantaray.estimation.unknowns import ClockPrior
 from pymantaray.ocean.modes import vertical_modes
 from pymantaray.sensing import perturb
 from pymantaray.study import load_study
-from pymantaray.study.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.study.eigenray_model import EigenrayModel
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
-from pymantaray.study.ray_uncertainty import RayUncertainty
+from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.study.range_models.eigenray import EigenrayModel
+from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 
 
 def timed(function, *arguments, **keywords):

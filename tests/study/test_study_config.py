@@ -8,7 +8,7 @@ import pytest
 
 from pymantaray.errors import StudyError
 from pymantaray.study import list_presets, load_study, parse_study, preset_text, study_toml
-from pymantaray.study.config_fleet import FloatVehicle, StationVehicle
+from pymantaray.study.config import FloatVehicle, StationVehicle
 
 PAPER_TARGETS = {
     "G": 250, "B": 500, "D": 750, "I": 1000, "K": 1250, "F": 1500, "J": 1750, "C": 2000, "E": 2250, "H": 2500,

@@ -7,9 +7,9 @@ from pymantaray.acoustics import Medium, find_eigenrays, quadrature, travel_time
 from pymantaray.acoustics.moving_water import Currents
 from pymantaray.estimation.range_models import RangeLinks
 from pymantaray.ocean.covariance import SoundSpeedCovariance
-from pymantaray.study import eigenray_model
-from pymantaray.study.eigenray_model import EigenrayModel, pairs_of
-from pymantaray.study.ray_uncertainty import RayUncertainty
+from pymantaray.study.range_models import eigenray as eigenray_model
+from pymantaray.study.range_models.eigenray import EigenrayModel, pairs_of
+from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 
 NORTH, EAST, DEPTH = np.linspace(-8e3, 8e3, 9), np.linspace(-8e3, 8e3, 9), np.linspace(0.0, 1200.0, 13)
 

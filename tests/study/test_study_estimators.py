@@ -27,9 +27,9 @@ from pymantaray.study.config_estimators import (
     PerturbedBelief,
     RangeEstimatorSection,
 )
-from pymantaray.study.eigenray_model import EigenrayModel
 from pymantaray.study.estimators import EstimatorFactory
-from pymantaray.study.ray_uncertainty import RayUncertainty
+from pymantaray.study.range_models.eigenray import EigenrayModel
+from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.study.realization import RealizationSolver
 from pymantaray.study.store import Run
 from pymantaray.study.toml import dumps

@@ -3,7 +3,7 @@
 import pytest
 
 from pymantaray.errors import StudyError
-from pymantaray.study.folder import default_out, point_latest_at, staged_folder
+from pymantaray.study.store import default_out, point_latest_at, staged_folder
 
 
 def names_in(folder):

@@ -9,8 +9,7 @@ from pymantaray.estimation import read_pyfg
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ClockModel, OneWay, TwoWay
 from pymantaray.study import load_study, open_run, parse_study, run_study, study_toml
-from pymantaray.study.assemble import build_ocean
-from pymantaray.study.assemble_ranging import build_clocks, build_currents, build_detector, build_timing
+from pymantaray.study.assemble import build_clocks, build_currents, build_detector, build_ocean, build_timing
 
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 

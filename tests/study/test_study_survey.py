@@ -10,9 +10,8 @@ from pymantaray.errors import StudyError
 from pymantaray.records import RayStatus, SolveStatus
 from pymantaray.sensing.picker import Picker
 from pymantaray.study import load_study, open_run, parse_study, preset_text, run_study, study_toml
-from pymantaray.study.assemble_ranging import build_picker
-from pymantaray.study.config import Condition
-from pymantaray.study.config_acoustics import RangingSection
+from pymantaray.study.assemble import build_picker
+from pymantaray.study.config import Condition, RangingSection
 from pymantaray.study.config_estimators import RangeEstimatorSection
 
 DETECTION = {"source_level_db": 165.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}

@@ -17,8 +17,7 @@ from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.records import RayStatus
 from pymantaray.records.base import write_netcdf
 from pymantaray.study import load_study, open_run, parse_study, preset_text, run_study
-from pymantaray.study.assemble import build_fleet, build_ocean
-from pymantaray.study.assemble_ranging import build_currents, build_medium
+from pymantaray.study.assemble import build_currents, build_fleet, build_medium, build_ocean
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.manifest import Stopwatch, describe_run, sha256
 from pymantaray.study.mission import simulate_mission

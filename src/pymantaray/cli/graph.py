@@ -98,7 +98,7 @@ def solve(
     from pymantaray.errors import EstimationError
     from pymantaray.export import write_graph_tum
     from pymantaray.study.external import G2O, open_graph, solve_graph
-    from pymantaray.study.folder import staged_folder
+    from pymantaray.study.store import staged_folder
 
     content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
     with ExitStack() as stack:

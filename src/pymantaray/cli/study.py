@@ -97,7 +97,7 @@ def compare(
     """Set two runs side by side: tables, figures and a page in a folder of their own."""
     from pymantaray.cli.progress import progress_bars
     from pymantaray.report import write_comparison
-    from pymantaray.study.folder import default_out
+    from pymantaray.study.store import default_out
 
     folder = default_out("comparison") if out is None else out
     with progress_bars(quiet=quiet) as progress:

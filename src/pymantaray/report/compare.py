@@ -17,8 +17,7 @@ from pymantaray.report.html import document, figure_html, heading, readable, tab
 from pymantaray.report.page import SYNTHETIC_NOTE
 from pymantaray.report.tables import write_table, write_text
 from pymantaray.report.write import PAGE, STAGE, Progress, draw_plates, silent
-from pymantaray.study.folder import staged_folder
-from pymantaray.study.store import TABLES, Run, open_run
+from pymantaray.study.store import TABLES, Run, open_run, staged_folder
 
 _CAPTIONS = {
     "range_drop_category_compare": "Ranging failure rate by link category [%]",

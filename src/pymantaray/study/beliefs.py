@@ -21,7 +21,7 @@ from pymantaray.ocean.random_field import pooled_rms
 from pymantaray.ocean.source import ocean_times
 from pymantaray.ocean.topography import open_sea_floor
 from pymantaray.study.assemble import StudyOcean, build_ocean
-from pymantaray.study.config import OceanSection
+from pymantaray.study.config import OceanSection, StationVehicle
 from pymantaray.study.config_estimators import (
     AnyBelief,
     CastBelief,
@@ -31,7 +31,6 @@ from pymantaray.study.config_estimators import (
     OtherDayBelief,
     PerturbedBelief,
 )
-from pymantaray.study.config_fleet import StationVehicle
 from pymantaray.study.store import Run
 
 Array = NDArray[np.float64]

@@ -9,8 +9,7 @@ from pymantaray.estimation.range_models import (
     TransmitterSpeed,
 )
 from pymantaray.estimation.unknowns import ClockPrior
-from pymantaray.study.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.study.assemble_ranging import build_currents, build_medium
+from pymantaray.study.assemble import build_currents, build_medium
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import (
     AnyBelief,
@@ -19,11 +18,12 @@ from pymantaray.study.config_estimators import (
     PerturbedBelief,
     RangeEstimatorSection,
 )
-from pymantaray.study.eigenray_model import EigenrayModel
-from pymantaray.study.ray_uncertainty import RayUncertainty
+from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.study.range_models.eigenray import EigenrayModel
+from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
+from pymantaray.study.range_models.varying_eigenrays import VaryingEigenrays
 from pymantaray.study.store import Run
 from pymantaray.study.true_unknowns import true_amplitudes, true_clocks
-from pymantaray.study.varying_eigenrays import VaryingEigenrays
 
 
 class EstimatorFactory:

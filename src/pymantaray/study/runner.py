@@ -9,12 +9,10 @@ from pymantaray.records import Estimates
 from pymantaray.records.base import write_netcdf
 from pymantaray.study import store
 from pymantaray.study.config import StudyConfig
-from pymantaray.study.folder import RUNS, default_out, point_latest_at, staged_folder
 from pymantaray.study.load import study_toml
 from pymantaray.study.manifest import Stopwatch, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
-from pymantaray.study.outcome import summarize
-from pymantaray.study.store import Run, open_run
+from pymantaray.study.store import RUNS, Run, default_out, open_run, point_latest_at, staged_folder, summarize
 from pymantaray.study.true_unknowns import collect_unknowns
 from pymantaray.study.workers import refuse_unguarded_scripts, solve_realizations
 

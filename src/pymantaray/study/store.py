@@ -1,10 +1,15 @@
-"""A run on disk: which file holds what, and reading it back when it is asked for."""
+"""A run on disk: the folder that it is written into, which file holds what, and reading it back."""
 
+import datetime as dt
 import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -12,14 +17,125 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import StudyError
-from pymantaray.records import Arrivals, Estimates, Observations, Trajectories
+from pymantaray.records import (
+    Arrivals,
+    Estimates,
+    Observations,
+    RayStatus,
+    SolveStatus,
+    Trajectories,
+    VehicleStatus,
+)
 from pymantaray.records.covariances import PoseCovariances
 from pymantaray.records.unknowns import SharedUnknowns
 from pymantaray.sensing import Hearing, Links, perturb
 from pymantaray.sensing.mistaken import Candidates, draw_taken
-from pymantaray.study.assemble_ranging import build_clocks, build_timing
+from pymantaray.study.assemble import build_clocks, build_timing
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.load import load_study
+
+if TYPE_CHECKING:
+    from pymantaray.study.mission import Mission
+
+RUNS = Path("runs")
+
+
+def default_out(name: str) -> Path:
+    """
+    Dated folder for a run of a study that was given none.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study.
+
+    Returns
+    -------
+    pathlib.Path
+        ``runs/<name>-<YYYYmmdd-HHMMSS>`` in the working folder, with a number where that is taken.
+    """
+    stamp = dt.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    candidate, n = RUNS / f"{name}-{stamp}", 1
+    while candidate.exists():
+        n += 1
+        candidate = RUNS / f"{name}-{stamp}-{n}"
+    return candidate
+
+
+@contextmanager
+def staged_folder(out: Path) -> Iterator[Path]:
+    """
+    Folder to write a run into; takes its final name only if the block ends well.
+
+    On any exception, Ctrl-C included, it is removed, and so are the parents made for it.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+        Final name. May exist if it is an empty folder.
+
+    Yields
+    ------
+    pathlib.Path
+        Temporary folder beside ``out``.
+
+    Raises
+    ------
+    StudyError
+        If ``out`` is a file or a folder with something in it, or nothing can be written there.
+    """
+    _require_free(out)
+    out = out.absolute()
+    made = [parent for parent in out.parents if not parent.exists()]
+    stage = out.with_name(f".{out.name}.{os.getpid()}.part")
+    try:
+        stage.mkdir(parents=True)
+    except OSError as error:
+        _remove_empty(made)
+        raise StudyError(f"{out}: cannot be written: {error.strerror}; choose another with --out") from None
+    try:
+        yield stage
+        _require_free(out)
+        stage.replace(out)
+    except BaseException:
+        shutil.rmtree(stage, ignore_errors=True)
+        _remove_empty(made)
+        raise
+
+
+def point_latest_at(run: Path) -> None:
+    """
+    Make ``latest`` beside a run point at it.
+
+    Parameters
+    ----------
+    run : pathlib.Path
+        Folder of a finished run.
+    """
+    link = run.parent / "latest"
+    if link.exists() and not link.is_symlink():
+        return
+    temporary = run.parent / f".latest.{os.getpid()}"
+    temporary.unlink(missing_ok=True)
+    temporary.symlink_to(run.name)
+    temporary.replace(link)
+
+
+def _require_free(out: Path) -> None:
+    if out.is_dir():
+        if any(out.iterdir()):
+            raise StudyError(f"{out}: folder is not empty; give an empty or a new one")
+    elif out.exists():
+        raise StudyError(f"{out}: is a file; give an empty or a new folder")
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:
+            return
+
 
 MANIFEST, CONFIG = "manifest.json", "config.toml"
 OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
@@ -257,3 +373,59 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"cannot write {type(value).__name__} as JSON")
+
+
+def summarize(mission: "Mission", estimates: Estimates) -> dict[str, Any]:
+    """
+    Count what happened to links, vehicles and solves.
+
+    Parameters
+    ----------
+    mission : Mission
+    estimates : Estimates
+
+    Returns
+    -------
+    dict
+        ``links``: attempts by `RayStatus`; ``stopped_vehicles``: status and time by name;
+        ``unhealthy_solves``: condition, realization and `SolveStatus` of each solve that is not OK; with a
+        detector, ``expected_unheard``: mean number of attempts with an arrival that a realization does not hear;
+        where receivers err, ``expected_mistaken``: mean number that take another arrival for the direct one.
+    """
+    status = mission.observations.range_status
+    truth = mission.truth
+    stopped = {
+        str(name): {
+            "status": VehicleStatus(int(row[-1])).name,
+            "time_s": float(truth.time[np.argmax(row != VehicleStatus.ACTIVE)]),
+        }
+        for name, row in zip(truth.name, truth.status, strict=True)
+        if row[-1] != VehicleStatus.ACTIVE
+    }
+    unhealthy = [
+        {
+            "condition": str(estimates.condition[c]),
+            "realization": int(estimates.realization[r]),
+            "status": SolveStatus(int(estimates.solve_status[c, r])).name,
+        }
+        for c, r in np.argwhere(estimates.solve_status != SolveStatus.OK)
+    ]
+    hearing = mission.hearing
+    chance = {} if hearing is None else {"expected_unheard": _expected_unheard(status, mission)}
+    if mission.candidates is not None:
+        chance["expected_mistaken"] = mission.candidates.expected_mistaken
+    return {
+        "range_attempts": int(status.size),
+        "links": {member.name: int(np.count_nonzero(status == member)) for member in RayStatus},
+        **chance,
+        "stopped_vehicles": stopped,
+        "unhealthy_solves": unhealthy,
+    }
+
+
+def _expected_unheard(status: NDArray[np.int8], mission: "Mission") -> float:
+    probability = None if mission.hearing is None else mission.hearing.probability
+    if mission.candidates is not None:
+        taken = mission.candidates
+        probability = np.bincount(taken.attempt, taken.probability, minlength=status.size)
+    return 0.0 if probability is None else float(np.sum(1.0 - probability[status == RayStatus.OK]))

@@ -11,9 +11,9 @@ from pymantaray.estimation.unknowns import UnknownsEstimate
 from pymantaray.ocean.covariance import layer_weights
 from pymantaray.records import Trajectories
 from pymantaray.records.unknowns import SharedUnknowns
-from pymantaray.study.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.study.assemble_ranging import build_clocks
+from pymantaray.study.assemble import build_clocks
 from pymantaray.study.config import StudyConfig
+from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.path_integrals import travel_time_sensitivity
 from pymantaray.estimation.range_models import Prediction, RangeLinks
-from pymantaray.study.eigenray_model import EigenrayModel, pairs_of
+from pymantaray.study.range_models.eigenray import EigenrayModel, pairs_of
 
 Array = NDArray[np.float64]
 

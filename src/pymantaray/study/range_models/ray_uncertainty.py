@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics.path_integrals import quadrature
 from pymantaray.estimation.range_models import RangeLinks
 from pymantaray.ocean.covariance import SoundSpeedCovariance
-from pymantaray.study.eigenray_model import EigenrayModel, Pairs, pairs_of
+from pymantaray.study.range_models.eigenray import EigenrayModel, Pairs, pairs_of
 
 Array = NDArray[np.float64]
 _PER_SCALE = 8  # pieces of a ray to each horizontal scale: 0.2 % of a variance

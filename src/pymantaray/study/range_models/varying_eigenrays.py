@@ -7,7 +7,7 @@ import numpy as np
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.moving_water import Currents
 from pymantaray.estimation.range_models import Prediction, RangeLinks
-from pymantaray.study.eigenray_model import EigenrayModel
+from pymantaray.study.range_models.eigenray import EigenrayModel
 
 
 class VaryingEigenrays:
