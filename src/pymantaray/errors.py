@@ -13,6 +13,10 @@ class RecordError(MantaRayError):
     """A record has the wrong shape, values or file content."""
 
 
+class WriteError(MantaRayError):
+    """A file cannot be written: the disk is full, the folder is missing or read-only."""
+
+
 class OceanError(MantaRayError):
     """An ocean data set is missing, malformed or does not cover what is asked of it."""
 

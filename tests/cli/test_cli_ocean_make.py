@@ -13,7 +13,7 @@ from pymantaray.errors import OceanError
 from pymantaray.ocean.cast_ocean import cast_ocean
 from pymantaray.ocean.casts import read_cast
 from pymantaray.ocean.schema import validate_ocean
-from pymantaray.records.base import write_netcdf
+from pymantaray.records import write_netcdf
 
 CAST = """# drop 9, 2014-07-24/1920 UTC, lat 74.0, lon -140.0; bottom 450 m
 depth_m,temperature_degC,practical_salinity

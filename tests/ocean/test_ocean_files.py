@@ -17,7 +17,7 @@ from pymantaray.ocean import open_ocean
 from pymantaray.ocean.files import open_stored
 from pymantaray.ocean.hdf5 import Hdf5Process
 from pymantaray.ocean.schema import with_history
-from pymantaray.records.base import write_netcdf
+from pymantaray.records import write_netcdf
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,7 @@ import xarray as xr
 from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
 
-from pymantaray.records import Estimates, Observations, RayStatus, SolveStatus, Trajectories
-from pymantaray.records.base import write_netcdf
+from pymantaray.records import Estimates, Observations, RayStatus, SolveStatus, Trajectories, write_netcdf
 from pymantaray.study import load_study, open_run, store, study_toml
 
 CONDITIONS = ("odometry", "straight", "refracted")

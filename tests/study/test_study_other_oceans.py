@@ -7,8 +7,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.ocean import cast_ocean, read_cast
-from pymantaray.records import RayStatus, VehicleStatus
-from pymantaray.records.base import write_netcdf
+from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
 from pymantaray.study import load_study, run_study
 
 CASTS = Path(__file__).resolve().parents[3] / "shared" / "data" / "casts"

@@ -14,8 +14,7 @@ from pymantaray.estimation import solve_conditions
 from pymantaray.fleet import simulate
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
-from pymantaray.records import RayStatus
-from pymantaray.records.base import write_netcdf
+from pymantaray.records import RayStatus, write_netcdf
 from pymantaray.study import load_study, open_run, parse_study, preset_text, run_study
 from pymantaray.study.assemble import build_currents, build_fleet, build_medium, build_ocean
 from pymantaray.study.estimators import EstimatorFactory

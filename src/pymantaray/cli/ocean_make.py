@@ -217,12 +217,9 @@ def _write(ocean: "xr.Dataset", out: Path) -> None:
     """Whole or not at all, and one line for people on what was done last."""
     import numpy as np
 
-    from pymantaray.records.base import write_netcdf
+    from pymantaray.records import write_netcdf
 
-    try:
-        write_netcdf(ocean, out)
-    except OSError as error:
-        raise OceanError(f"{out}: cannot be written: {error.strerror or error}") from None
+    write_netcdf(ocean, out)
     size = " x ".join(str(ocean.sizes[name]) for name in ("depth", "lat", "lon"))
     bottom = float(
         np.asarray(ocean["depth"].values)[np.isfinite(ocean["water_temp"].values).any(axis=(1, 2))][-1]

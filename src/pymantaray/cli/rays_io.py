@@ -211,22 +211,16 @@ def write_table(frame: "pd.DataFrame", out: Path, record: dict[str, Any] | None 
 
     Raises
     ------
-    AcousticsError
+    WriteError
         If it cannot be written.
     """
-    beside = sidecar(out)
-    parts = [path.with_name(path.name + ".part") for path in (out, beside)]
-    try:
-        frame.to_csv(parts[0], index=False, float_format=_DIGITS)
+    from pymantaray.records import whole_file
+
+    with whole_file(out) as table:
+        frame.to_csv(table, index=False, float_format=_DIGITS)
         if record is not None:
-            parts[1].write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-            parts[1].replace(beside)
-        parts[0].replace(out)
-    except OSError as error:
-        raise AcousticsError(f"{out}: cannot be written: {error.strerror}") from None
-    finally:
-        for part in parts:
-            part.unlink(missing_ok=True)
+            with whole_file(sidecar(out)) as beside:
+                beside.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 
 
 def write_dataset(dataset: "xr.Dataset", out: Path, record: dict[str, Any]) -> None:
@@ -241,12 +235,9 @@ def write_dataset(dataset: "xr.Dataset", out: Path, record: dict[str, Any]) -> N
 
     Raises
     ------
-    AcousticsError
+    WriteError
         If it cannot be written.
     """
-    from pymantaray.records.base import write_netcdf
+    from pymantaray.records import write_netcdf
 
-    try:
-        write_netcdf(dataset.assign_attrs(made_by=json.dumps(record)), out)
-    except OSError as error:
-        raise AcousticsError(f"{out}: cannot be written: {error.strerror}") from None
+    write_netcdf(dataset.assign_attrs(made_by=json.dumps(record)), out)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from pymantaray.errors import MantaRayError
 from pymantaray.estimation import FactorGraph, GraphValues
+from pymantaray.records import whole_file
 
 
 def write_tum(path: Path | str, time: ArrayLike, position: ArrayLike, quaternion: ArrayLike) -> None:
@@ -42,12 +43,8 @@ def write_tum(path: Path | str, time: ArrayLike, position: ArrayLike, quaternion
     if not np.isfinite(table).all():
         row = int(np.argmin(np.isfinite(table).all(axis=1)))
         raise MantaRayError(f"{path}: pose {row} is not finite; a failed solve has no trajectory to export")
-    temporary = path.with_name(path.name + ".part")
-    try:
+    with whole_file(path) as temporary:
         np.savetxt(temporary, table, fmt="%.17g")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -> list[Path]:

@@ -6,8 +6,10 @@ from pymantaray.records.observations import Observations
 from pymantaray.records.ray_paths import RayPaths
 from pymantaray.records.status import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.records.trajectory import Trajectories
+from pymantaray.records.writing import NETCDF_LOCK, read_netcdf, whole_file, write_netcdf
 
 __all__ = [
+    "NETCDF_LOCK",
     "Arrivals",
     "Estimates",
     "FirstArrivals",
@@ -17,4 +19,7 @@ __all__ = [
     "SolveStatus",
     "Trajectories",
     "VehicleStatus",
+    "read_netcdf",
+    "whole_file",
+    "write_netcdf",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import RecordError
+from pymantaray.records.writing import read_netcdf, write_netcdf
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -155,29 +156,7 @@ class Record:
         RecordError
             If the file is missing, unreadable or of another kind.
         """
-        import xarray as xr
-
         try:
-            with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
-                return cls.from_dataset(dataset.load())
-        except (OSError, ValueError, RuntimeError) as error:  # netCDF4 reports damaged data as RuntimeError
-            reason = str(error).partition("\n")[0]
-            raise RecordError(f"{path}: not a readable {cls.kind} file: {reason}") from None
-
-
-def write_netcdf(dataset: "xr.Dataset", path: Path) -> None:
-    """
-    Write a data set under a temporary name, then rename.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-    path : pathlib.Path
-        Final name; its folder must exist.
-    """
-    temporary = path.with_name(path.name + ".part")
-    try:
-        dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+            return cls.from_dataset(read_netcdf(path, decode_times=False))
+        except RecordError as error:
+            raise RecordError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None

@@ -21,7 +21,7 @@ from pymantaray.estimation.pyfg import GraphFile, load_pyfg
 from pymantaray.estimation.robust import solve_robust
 from pymantaray.estimation.starts import anchor_loose_parts, dead_reckon_graph
 from pymantaray.evaluation.trajectory_error import ape, ate_statistics
-from pymantaray.records.base import write_netcdf
+from pymantaray.records import write_netcdf
 from pymantaray.study.store import write_json
 
 Estimator = Callable[[FactorGraph, GraphValues], Solution]

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, collect_estimates, write_pyfg
 from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
-from pymantaray.records import Estimates
-from pymantaray.records.base import write_netcdf
+from pymantaray.records import Estimates, write_netcdf
 from pymantaray.study import store
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.load import study_toml

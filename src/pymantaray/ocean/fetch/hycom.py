@@ -13,12 +13,11 @@ from pymantaray.ocean.fetch.answers import readers
 from pymantaray.ocean.fetch.cache import Cache
 from pymantaray.ocean.fetch.catalogue import Addresses, Experiment, load_catalogue, minute
 from pymantaray.ocean.fetch.kept import Report, Source, WindowFields
-from pymantaray.ocean.fetch.messages import one_line
 from pymantaray.ocean.fetch.region import Region
 from pymantaray.ocean.fetch.steps import Step, expected_step, find_step
 from pymantaray.ocean.fetch.transport import Limits, ServerError, Transport
 from pymantaray.ocean.schema import assemble_ocean, parse_instant, with_history
-from pymantaray.records.base import write_netcdf
+from pymantaray.records import write_netcdf
 
 
 @dataclass(frozen=True)
@@ -173,13 +172,10 @@ def write_whole(ocean: xr.Dataset, path: Path) -> None:
 
     Raises
     ------
-    OceanError
+    WriteError
         If it cannot be written.
     """
-    try:
-        write_netcdf(ocean, path)
-    except OSError as error:
-        raise OceanError(f"{path}: cannot be written ({error.strerror or one_line(error)})") from None
+    write_netcdf(ocean, path)
 
 
 def _get(

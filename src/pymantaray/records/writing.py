@@ -1,0 +1,138 @@
+"""One way to write a file whole or not at all, and one lock for all that is read and written as NetCDF."""
+
+import os
+import secrets
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pymantaray.errors import RecordError, WriteError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+NETCDF_LOCK = threading.RLock()  # the C libraries behind netCDF4 hold one state for all threads of a process
+
+_PROBE_BYTES = 1 << 20
+
+
+@contextmanager
+def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
+    """
+    Temporary name for a file that takes its final name only when all of it is written.
+
+    The temporary file is new, empty, in the same folder and of a name that nobody can foresee. It is renamed when
+    the block ends and removed when the block raises.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+        Final name; its folder must exist.
+    replace : bool
+        Whether a file that has the final name is replaced, or refused.
+
+    Yields
+    ------
+    pathlib.Path
+        Where to write.
+
+    Raises
+    ------
+    WriteError
+        If the file cannot be written, in one line with its name and the cause; any `OSError` of the block counts.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.part")
+    try:
+        _check_place(path, replace=replace)
+        os.close(
+            os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        )
+        try:
+            yield temporary
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())  # a full disk behind a network is told here at the latest
+            _check_place(path, replace=replace)
+            temporary.replace(path)
+        except OSError as error:
+            raise WriteError(f"{path}: cannot be written: {_cause(error, temporary)}") from None
+        finally:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+        raise WriteError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _check_place(path: Path, *, replace: bool) -> None:
+    if path.is_symlink() or path.exists():
+        if not replace:
+            raise WriteError(f"{path}: is already there")
+        if not (path.is_symlink() or path.is_file()):
+            raise WriteError(f"{path}: cannot be written: not an ordinary file")
+
+
+def _cause(error: OSError, temporary: Path) -> str:
+    """What stops the writing: netCDF4 says "HDF error" whatever it is, so the system is asked once more."""
+    if error.errno is None or error.errno < 0:
+        try:
+            with temporary.open("ab", buffering=0) as file:
+                file.write(bytes(_PROBE_BYTES))
+                os.fsync(file.fileno())
+        except OSError as found:
+            error = found
+    return error.strerror or str(error).partition("\n")[0]
+
+
+def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = True) -> None:
+    """
+    Write a data set as NetCDF-4, whole or not at all.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+    path : pathlib.Path or str
+        Final name; its folder must exist.
+    replace : bool
+        Whether a file that has the final name is replaced, or refused.
+
+    Raises
+    ------
+    WriteError
+        If the file cannot be written.
+    """
+    with whole_file(path, replace=replace) as temporary, NETCDF_LOCK:
+        try:
+            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+        except RuntimeError as error:  # netCDF4's word for a full disk
+            raise OSError(str(error)) from None
+
+
+def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
+    """
+    Read a NetCDF file into memory.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+    **options
+        Passed to `xarray.open_dataset`.
+
+    Returns
+    -------
+    xarray.Dataset
+
+    Raises
+    ------
+    RecordError
+        If the file is missing or unreadable.
+    """
+    import xarray as xr
+
+    try:
+        with NETCDF_LOCK, xr.open_dataset(path, engine="netcdf4", **options) as dataset:
+            return dataset.load()
+    except (OSError, ValueError, RuntimeError) as error:  # netCDF4 reports damaged data as RuntimeError
+        reason = (isinstance(error, OSError) and error.strerror) or str(error).partition("\n")[0]
+        raise RecordError(f"{path}: not a readable NetCDF file: {reason}") from None

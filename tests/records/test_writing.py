@@ -1,0 +1,207 @@
+"""Files are written whole or not at all, under names that nobody else can hold; NetCDF from several threads."""
+
+import resource
+import signal
+import stat
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pymantaray.errors import RecordError, WriteError
+from pymantaray.records import read_netcdf, whole_file, write_netcdf
+
+LIMIT = 100_000  # bytes; a file beyond it cannot be written
+FULL = xr.Dataset({"noise": ("x", np.random.default_rng(0).standard_normal(LIMIT))})
+
+
+@pytest.fixture
+def small_files():
+    """No file of more than LIMIT bytes can be written by this process."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, ignored)
+
+
+def write_text(path, text="new", **options):
+    with whole_file(path, **options) as temporary:
+        temporary.write_text(text)
+
+
+def test_file_appears_when_all_is_written(tmp_path):
+    path = tmp_path / "a.txt"
+    with whole_file(path) as temporary:
+        temporary.write_text("new")
+        assert not path.exists()
+        assert temporary.parent == tmp_path
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_permissions_are_those_of_any_new_file(tmp_path):
+    (tmp_path / "b.txt").touch()
+    write_text(tmp_path / "a.txt")
+    assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "b.txt").stat().st_mode
+
+
+def test_failure_inside_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def interrupted():
+        with whole_file(path) as temporary:
+            temporary.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_two_writers_of_one_file_do_not_meet(tmp_path):
+    path = tmp_path / "a.txt"
+    with whole_file(path) as one, whole_file(path) as two:
+        one.write_text("one")
+        two.write_text("two")
+        assert one.read_text() == "one"
+    assert path.read_text() == "one"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_names_that_others_may_have_laid_out_are_not_touched(tmp_path):
+    """Names of a temporary file that can be guessed: the user's own file, and a link to one."""
+    mine = tmp_path / "mine.txt"
+    mine.write_text("mine")
+    (tmp_path / "a.nc.part").symlink_to(mine)
+    write_netcdf(xr.Dataset({"x": 1.0}), tmp_path / "a.nc")
+    assert mine.read_text() == "mine"
+    assert (tmp_path / "a.nc.part").is_symlink()
+
+
+def test_a_link_of_the_final_name_is_replaced_not_followed(tmp_path):
+    mine = tmp_path / "mine.txt"
+    mine.write_text("mine")
+    (tmp_path / "a.txt").symlink_to(mine)
+    write_text(tmp_path / "a.txt")
+    assert mine.read_text() == "mine"
+    assert not (tmp_path / "a.txt").is_symlink()
+
+
+@pytest.mark.parametrize(
+    "make", [lambda p: p.touch(), lambda p: p.symlink_to("nowhere")], ids=["file", "link"]
+)
+def test_a_file_that_is_there_is_refused_if_asked(make, tmp_path):
+    make(tmp_path / "a.txt")
+    with pytest.raises(WriteError, match=r"a\.txt: is already there$"):
+        write_text(tmp_path / "a.txt", replace=False)
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("absent/a.txt", r"a\.txt: cannot be written: No such file or directory$"),
+        ("folder", "folder: cannot be written: not an ordinary file$"),
+        ("a\0b", "cannot be written: .*null"),
+        ("n" * 300, "cannot be written: File name too long$"),
+        ("n" * 255, None),
+    ],
+)
+def test_names_that_cannot_be_written(name, message, tmp_path):
+    (tmp_path / "folder").mkdir()
+    if message is None:
+        write_text(tmp_path / name)
+        return
+    with pytest.raises(WriteError, match=message) as error:
+        write_text(tmp_path / name)
+    assert "\n" not in str(error.value)
+    assert [p.name for p in tmp_path.iterdir()] == ["folder"]
+
+
+def test_devices_are_not_replaced():
+    with pytest.raises(WriteError, match="/dev/null: cannot be written: not an ordinary file"):
+        write_text("/dev/null")
+    assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
+
+
+@pytest.mark.usefixtures("small_files")
+@pytest.mark.parametrize(
+    "write",
+    [lambda path: write_text(path, "x" * 2 * LIMIT), lambda path: write_netcdf(FULL, path)],
+    ids=["text", "netcdf"],
+)
+def test_what_does_not_fit_is_one_line_with_name_and_cause(write, tmp_path):
+    path = tmp_path / "a.nc"
+    path.write_text("old")
+    with pytest.raises(WriteError, match=r"a\.nc: cannot be written: File too large$"):
+        write(path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+FULL_DISK = """
+import sys, numpy as np, xarray as xr
+from pymantaray.errors import WriteError
+from pymantaray.records import write_netcdf
+for name in "ab":
+    try:
+        write_netcdf(xr.Dataset({"noise": ("x", np.random.default_rng(0).standard_normal(100_000))}), f"{sys.argv[1]}/{name}")
+    except WriteError as error:
+        print(error)
+"""
+
+
+def test_full_disk(tmp_path):
+    """In a process of its own: what HDF5 could not write stays open in it."""
+    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(tmp_path)]
+    try:
+        mounted = subprocess.run(mount, capture_output=True, check=False).returncode == 0
+    except OSError:
+        mounted = False
+    if not mounted:
+        pytest.skip("no small file system can be mounted here")
+    try:
+        command = [sys.executable, "-c", FULL_DISK, str(tmp_path)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.splitlines() == [
+            f"{tmp_path}/{name}: cannot be written: No space left on device" for name in "ab"
+        ]
+        assert list(tmp_path.iterdir()) == []
+    finally:
+        subprocess.run(["umount", "-l", str(tmp_path)], check=True)
+
+
+def test_data_that_netcdf_cannot_hold_leave_nothing_behind(tmp_path):
+    with pytest.raises(Exception, match=r"object|dtype|infer"):
+        write_netcdf(xr.Dataset({"bad": ("x", np.array([object(), object()]))}), tmp_path / "p.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_netcdf_from_many_threads(tmp_path):
+    """HDF5 is not thread-safe: without a lock this ends in HDF errors, or the process."""
+
+    def there_and_back(number):
+        path = tmp_path / f"{number}.nc"
+        for _ in range(10):
+            write_netcdf(xr.Dataset({f"v{i}": ("x", np.full(100, number)) for i in range(5)}), path)
+            data = read_netcdf(path)
+            assert all((data[f"v{i}"] == number).all() for i in range(5))
+
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(there_and_back, range(8)))
+
+
+def test_missing_file_is_one_line(tmp_path):
+    with pytest.raises(
+        RecordError, match=r"absent\.nc: not a readable NetCDF file: No such file or directory$"
+    ):
+        read_netcdf(tmp_path / "absent.nc")
