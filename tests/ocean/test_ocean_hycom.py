@@ -8,12 +8,9 @@ import gsw
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean import open_ocean, to_local
-from pymantaray.ocean.hycom import contiguous
 from pymantaray.ocean.seawater import sound_speed
 
 PACKING = {"dtype": "int16", "scale_factor": 0.001, "_FillValue": -30000}
@@ -110,19 +107,6 @@ def test_longitudes_of_any_convention_are_put_in_a_row(tmp_path, small, conventi
     np.testing.assert_allclose(np.cos(np.radians(opened["lon"] - small["lon"].values)), 1.0, atol=1e-12)
     np.testing.assert_allclose(opened["water_temp"], small["water_temp"], atol=0.0006)
     assert to_local(opened).attrs["centre_longitude_deg"] == pytest.approx(-180.0)
-
-
-@given(
-    start=st.floats(-180.0, 360.0), step=st.floats(0.01, 1.0), n=st.integers(4, 200), turn=st.integers(0, 300)
-)
-@settings(derandomize=True, max_examples=50)
-def test_any_window_less_than_a_circle_becomes_contiguous(start, step, n, turn):
-    true = start + step * np.arange(n)
-    written = np.roll((true + 180.0) % 360.0 - 180.0, turn % n)
-    order, lon = contiguous(written)
-    np.testing.assert_allclose(np.diff(lon), step, atol=1e-9)
-    np.testing.assert_allclose((lon - written[order] + 1.0) % 360.0, 1.0, atol=1e-9)
-    assert -180.0 <= 0.5 * (lon[0] + lon[-1]) < 180.0 + 1e-9
 
 
 def test_a_time_is_chosen_among_several(tmp_path, small):

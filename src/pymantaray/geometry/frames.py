@@ -8,6 +8,7 @@ import pyproj
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import GeometryError
+from pymantaray.geometry.longitude import wrapped
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ class LocalFrame:
                 " and both must be finite"
             )
         self.latitude_deg = float(latitude_deg)
-        self.longitude_deg = float((longitude_deg + 180.0) % 360.0 - 180.0)
+        self.longitude_deg = float(wrapped(longitude_deg))
 
     @property
     def proj_string(self) -> str:
@@ -96,7 +97,7 @@ class LocalFrame:
         """
         n, e = np.broadcast_arrays(np.asarray(north, dtype=float), np.asarray(east, dtype=float))
         longitude, latitude = self._proj(e, n, inverse=True)
-        offset = (np.asarray(longitude, dtype=float) - self.longitude_deg + 180.0) % 360.0 - 180.0
+        offset = wrapped(np.asarray(longitude, dtype=float) - self.longitude_deg)
         return np.asarray(latitude, dtype=float), self.longitude_deg + offset
 
     def convergence(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Array:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.findings import Finding, doubtful, wrong
 from pymantaray.ocean.schema import DIMS, MIN_POINTS, VARIABLES, Variable
 
@@ -279,5 +280,5 @@ def longitude(value: float) -> str:
     str
         As ``140 W``.
     """
-    turned = (value + 180.0) % 360.0 - 180.0
+    turned = wrapped(value)
     return f"{abs(round(turned, 3)):g} {'W' if turned < 0.0 else 'E'}"

@@ -7,7 +7,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.hycom import SAME_DEGREES, contiguous
+from pymantaray.geometry.longitude import contiguous
+from pymantaray.ocean.hycom import SAME_DEGREES
 
 Array = NDArray[np.float64]
 GeographicWindow = tuple[float, float, float, float]

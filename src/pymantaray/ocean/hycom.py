@@ -30,31 +30,3 @@ def without_scaled_fill(name: str, values: Array) -> Array:
         return values
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(values - _SCALED_FILL[name]) < 1e-3, np.nan, values)
-
-
-def contiguous(lon: Array) -> tuple[NDArray[np.intp], Array]:
-    """
-    Order that puts longitudes in a row across any seam, and their values in that order.
-
-    Parameters
-    ----------
-    lon : ndarray, shape (lon,)
-        Counted in any way; one meridian may be there twice. [degrees]
-
-    Returns
-    -------
-    order : ndarray of int, shape (n,)
-        A meridian that was there twice is there once.
-    lon : ndarray, shape (n,)
-        Rising, with the middle in -180 to 180. [degrees]
-    """
-    turned = lon % 360.0
-    order = np.argsort(turned, kind="stable")
-    gaps = np.diff(turned[order], append=turned[order[0]] + 360.0)
-    if len(order) > 1 and np.any(gaps < 1e-6):
-        order = order[gaps >= 1e-6]
-        gaps = np.diff(turned[order], append=turned[order[0]] + 360.0)
-    order = np.roll(order, -(int(np.argmax(gaps)) + 1))  # begin after the widest gap
-    rising = np.unwrap(turned[order], period=360.0)
-    middle = 0.5 * (rising[0] + rising[-1])
-    return order, rising - 360.0 * np.floor((middle + 180.0) / 360.0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.schema import validate_ocean, with_history
 from pymantaray.ocean.seawater import absolute_and_conservative
@@ -248,7 +249,7 @@ def column_at(ocean: xr.Dataset, lat: float, lon: float, name: str) -> Array:
     """
     axes = [np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon")]
     middle = 0.5 * (axes[1][0] + axes[1][-1])
-    at = (lat, middle + (lon - middle + 180.0) % 360.0 - 180.0)
+    at = (lat, wrapped(lon, about=middle))
     if not all(axis[0] <= x <= axis[-1] for x, axis in zip(at, axes, strict=True)):
         raise OceanError(
             f"cast {name}: {lat:g} N {lon:g} E is outside the ocean's window, latitude {axes[0][0]:g} to"

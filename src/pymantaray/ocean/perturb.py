@@ -7,6 +7,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, vertical_modes
 from pymantaray.ocean.random_field import pooled_rms, random_fields
@@ -175,7 +176,7 @@ def _horizontal_mean(ocean: xr.Dataset) -> xr.Dataset:
 def _column(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
     middle = 0.5 * (lon[0] + lon[-1])
-    at_lat, at_lon = place[0], middle + (place[1] - middle + 180.0) % 360.0 - 180.0
+    at_lat, at_lon = place[0], wrapped(place[1], about=middle)
     if not (lat[0] <= at_lat <= lat[-1] and lon[0] <= at_lon <= lon[-1]):
         raise OceanError(
             f"perturbation column: {place[0]:g} N {place[1]:g} E is outside the ocean's window, latitude {lat[0]:g} to"

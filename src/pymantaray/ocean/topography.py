@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.longitude import eastward, whole_turns, wrapped
 from pymantaray.ocean.files import Stored, StoredFile, open_stored
 from pymantaray.ocean.grid import GeographicWindow, checked_window
 from pymantaray.ocean.hdf5 import Hdf5Process
@@ -251,18 +252,18 @@ def _inside(
         south, north, east = -90.0, 90.0, west + 360.0
     else:
         south, north, west, east = window
-        east = east if east > west else east + 360.0
+        east = eastward(west, east)
     margin_lat, margin_lon = (1.000001 * np.max(np.abs(np.diff(axis))) for axis in (lat, lon))
     rows = order[(lat[order] >= south - margin_lat) & (lat[order] <= north + margin_lat)]
     middle = 0.5 * (west + east)
-    turned = middle + (lon - middle + 180.0) % 360.0 - 180.0
+    turned = wrapped(lon, about=middle)
     columns = np.argsort(turned)
     turned = turned[columns]
     kept = (turned >= west - margin_lon) & (turned <= east + margin_lon)
     kept[1:] &= np.diff(turned) > 1e-9  # a grid may hold both 180 W and 180 E
     turned, columns = turned[kept], columns[kept]
     if turned.size:
-        turned = turned - 360.0 * np.floor((0.5 * (turned[0] + turned[-1]) + 180.0) / 360.0)
+        turned = turned - whole_turns(0.5 * (turned[0] + turned[-1]))
     return rows, columns, turned
 
 

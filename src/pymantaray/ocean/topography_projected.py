@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.longitude import eastward, whole_turns
 from pymantaray.ocean.files import Stored, StoredFile
 from pymantaray.ocean.grid import GeographicWindow
 
@@ -145,7 +146,7 @@ def geographic_grid(
 
 def _nodes(window: GeographicWindow, spacing: float, file: str) -> tuple[Array, Array]:
     south, north, west, east = window
-    east = east if east > west else east + 360.0
+    east = eastward(west, east)
     middle = float(np.cos(np.radians(0.5 * (south + north))))
     n_lat = 1 + max(1, round((north - south) * _DEGREE / spacing))
     n_lon = 1 + max(1, round((east - west) * _DEGREE * max(middle, 1e-3) / spacing))
@@ -154,7 +155,7 @@ def _nodes(window: GeographicWindow, spacing: float, file: str) -> tuple[Array, 
             f"{file}: {n_lat * n_lon:,} nodes {spacing:g} m apart in the window; allowed {MAX_NODES:,}, choose"
             " a smaller one"
         )
-    turn = 360.0 * np.floor((0.5 * (west + east) + 180.0) / 360.0)
+    turn = whole_turns(0.5 * (west + east))
     return np.linspace(south, north, n_lat), np.linspace(west - turn, east - turn, n_lon)
 
 

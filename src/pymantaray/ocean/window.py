@@ -9,6 +9,7 @@ from scipy import optimize
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.longitude import wrapped
 
 Array = NDArray[np.float64]
 _EDGE_POINTS = 101  # of a rectangle's side, where containment is checked
@@ -39,8 +40,7 @@ class Window:
             Longitude within 180 degrees of the window's middle. [degrees]
         """
         lat, lon = self.frame.to_geodetic(north, east)
-        middle = 0.5 * (self.lon[0] + self.lon[-1])
-        return lat, middle + (lon - middle + 180.0) % 360.0 - 180.0
+        return lat, wrapped(lon, about=0.5 * (self.lon[0] + self.lon[-1]))
 
     def holds(self, half_north: float, half_east: float) -> bool:
         """

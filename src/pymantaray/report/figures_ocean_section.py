@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
+from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.bathymetry import fill_below_sea_bed
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.report.colormaps import WATER
@@ -159,6 +160,6 @@ def _north(value: float) -> str:
 
 
 def _east(value: float) -> str:
-    turned = (value + 180.0) % 360.0 - 180.0
+    turned = wrapped(value)
     side = "" if round(turned, 2) in (0.0, -180.0) else " W" if turned < 0.0 else " E"
     return f"{abs(round(turned, 2)):g}°{side}"

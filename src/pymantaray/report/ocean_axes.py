@@ -9,6 +9,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from pymantaray.geometry.longitude import whole_turns, wrapped
 from pymantaray.ocean.bathymetry import sea_floor_depth
 
 Array = NDArray[np.float64]
@@ -39,8 +40,7 @@ def floor_of(ocean: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.DataArray:
         return sea_floor_depth(ocean)
     middle = 0.5 * float(ocean["lon"][0] + ocean["lon"][-1])
     lon = sea_floor["lon"]
-    turn = 360.0 * np.floor((0.5 * float(lon[0] + lon[-1]) - middle + 180.0) / 360.0)
-    return sea_floor.assign_coords(lon=lon - turn)
+    return sea_floor.assign_coords(lon=lon - whole_turns(0.5 * float(lon[0] + lon[-1]), about=middle))
 
 
 def nearest(axis: Array, value: float) -> int:
@@ -76,7 +76,7 @@ def longitude_near(ocean: xr.Dataset, lon: float) -> float:
         Within 180 degrees of the middle of the ocean's window. [degrees]
     """
     middle = 0.5 * float(ocean["lon"][0] + ocean["lon"][-1])
-    return middle + (lon - middle + 180.0) % 360.0 - 180.0
+    return wrapped(lon, about=middle)
 
 
 def label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
@@ -145,7 +145,7 @@ def longitude_tick(value: float, _position: int | None = None) -> str:
     str
         As ``140W``.
     """
-    turned = (value + 180.0) % 360.0 - 180.0
+    turned = wrapped(value)
     side = "" if abs(turned) < 1e-9 or abs(abs(turned) - 180.0) < 1e-9 else "W" if turned < 0.0 else "E"
     return f"{abs(round(turned, 4)):g}{side}"
 

@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymantaray.errors import ReportError
+from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ocean_map import sea_floor_map, sound_speed_map
@@ -59,7 +60,7 @@ def write_ocean_plots(
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = (0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1]))
     where = middle if place is None else place
-    turned = middle[1] + (where[1] - middle[1] + 180.0) % 360.0 - 180.0
+    turned = wrapped(where[1], about=middle[1])
     if not (lat[0] <= where[0] <= lat[-1] and lon[0] <= turned <= lon[-1]):
         raise ReportError(
             f"place {where[0]:g}, {where[1]:g} is outside the ocean: latitude {lat[0]:g} to {lat[-1]:g}, longitude"
