@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.bellhop import read_bellhop, read_environment
-from pymantaray.cli.main import repeat_option
+from pymantaray.cli.options import OceanCommand
 from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
 from pymantaray.errors import AcousticsError
 from pymantaray.ocean import open_ocean
@@ -34,11 +34,11 @@ LINKS = """source_north,source_east,source_depth,receiver_north,receiver_east,re
 def call():
     """Call a command with words; what it refuses comes out as its own exception, as in `main`."""
     app = typer.Typer()
-    app.command("compare-bellhop")(compare_bellhop)
-    app.command("write-bellhop")(write_bellhop)
+    app.command("compare-bellhop", cls=OceanCommand)(compare_bellhop)
+    app.command("write-bellhop", cls=OceanCommand)(write_bellhop)
 
     def run(*words):
-        result = CliRunner().invoke(app, repeat_option([str(word) for word in words], "--ocean"))
+        result = CliRunner().invoke(app, [str(word) for word in words])
         if result.exception is not None and not isinstance(result.exception, SystemExit):
             raise result.exception
         return SimpleNamespace(code=result.exit_code, text=result.output)

@@ -10,7 +10,6 @@ import xarray as xr
 
 import pymantaray
 from pymantaray.cli import study as study_commands
-from pymantaray.cli.main import repeat_option
 from pymantaray.study import load_study, open_run, preset_text
 
 
@@ -102,13 +101,6 @@ def test_runs_with_reports_are_compared(mantaray, small_text, tmp_path, monkeypa
     assert (tmp_path / "both" / "index.html").exists()
     refused = mantaray("study", "compare", "small", "other", "--out", "both")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
-
-
-def test_one_ocean_option_takes_several_files():
-    assert repeat_option(["run", "x", "--ocean", "a", "b", "-q", "c"], "--ocean") == [
-        "run", "x", "--ocean", "a", "--ocean", "b", "-q", "c",
-    ]  # fmt: skip
-    assert repeat_option(["--ocean"], "--ocean") == ["--ocean"]
 
 
 REPLACEMENTS = {

@@ -55,9 +55,8 @@ def main(arguments: list[str] | None = None) -> None:
         With 0 for success, 2 for bad usage or a known error, 130 for Ctrl-C.
     """
     signal.signal(signal.SIGTERM, _stop)
-    words = sys.argv[1:] if arguments is None else arguments
     try:
-        app(args=repeat_option(words, "--ocean"), prog_name="mantaray")
+        app(args=sys.argv[1:] if arguments is None else arguments, prog_name="mantaray")
     except (MantaRayError, FileNotFoundError, PermissionError) as error:
         for line in str(error).splitlines():
             typer.echo(f"error: {line}", err=True)
@@ -81,40 +80,6 @@ def _stop_behind(error: BaseException) -> int | None:
             return cause.code
         cause = cause.__cause__ or cause.__context__
     return None
-
-
-def repeat_option(words: list[str], option: str) -> list[str]:
-    """
-    Let an option take several values, ``--ocean a b`` for ``--ocean a --ocean b``.
-
-    Parameters
-    ----------
-    words : list of str
-        Arguments of the command line.
-    option : str
-        The option; all words after it up to the next one that starts with a dash are its values.
-
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
-    >>> repeat_option(["run", "quick", "--ocean", "a", "b", "--quiet"], "--ocean")
-    ['run', 'quick', '--ocean', 'a', '--ocean', 'b', '--quiet']
-    """
-    out: list[str] = []
-    taking = fresh = False
-    for word in words:
-        if word.startswith("-"):
-            taking = fresh = word == option
-            out.append(word)
-        elif taking and not fresh:
-            out.extend([option, word])
-        else:
-            fresh = False
-            out.append(word)
-    return out
 
 
 def _stop(number: int, _frame: object) -> None:

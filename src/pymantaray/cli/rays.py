@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from pymantaray.cli.options import OceanCommand
 from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
 from pymantaray.cli.rays_options import MediumOptions, SearchOptions, with_options
 
@@ -23,7 +24,7 @@ Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no summary.")]
 
 
-@app.command()
+@app.command(cls=OceanCommand)
 @with_options
 def times(
     links: In,
@@ -45,7 +46,7 @@ def times(
         finish(job, times_table(job.table.text, job.source, job.receiver, arrivals), status=arrivals.status)
 
 
-@app.command()
+@app.command(cls=OceanCommand)
 @with_options
 def eigen(
     links: In,
@@ -65,7 +66,7 @@ def eigen(
     finish(job, result, status=arrivals.status, found=f"{arrivals.link.size} arrivals")
 
 
-@app.command()
+@app.command(cls=OceanCommand)
 @with_options
 def trace(
     links: In,
@@ -113,5 +114,5 @@ def trace(
     finish(job, result, status=status, found=f"{rays.row.size} rays, {rays.paths.arrival.size} nodes")
 
 
-app.command("compare-bellhop")(compare_bellhop)
-app.command("write-bellhop")(write_bellhop)
+app.command("compare-bellhop", cls=OceanCommand)(compare_bellhop)
+app.command("write-bellhop", cls=OceanCommand)(write_bellhop)

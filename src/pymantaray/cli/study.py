@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from pymantaray.cli.options import OceanCommand
+
 app = typer.Typer(help="Run the paper's study, or one of your own.", no_args_is_help=True)
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
@@ -51,7 +53,7 @@ def init(
     typer.echo(f"{file}: copied from preset {name}; edit it, then: mantaray study run {file}")
 
 
-@app.command()
+@app.command(cls=OceanCommand)
 def run(
     study: NameOrFile,
     out: Out = None,
@@ -62,7 +64,8 @@ def run(
         int | None, typer.Option("--workers", min=1, help="Processes that solve realizations.")
     ] = None,
     ocean: Annotated[
-        list[Path] | None, typer.Option("--ocean", help="HYCOM files in place of the configured ocean.")
+        list[str] | None,
+        typer.Option("--ocean", help="Files, or a synthetic ocean's name, in place of the configured ocean."),
     ] = None,
     no_figures: Annotated[
         bool, typer.Option("--no-figures", help="Data only: no tables and figures.")

@@ -74,9 +74,9 @@ def load_study(
         Name of a preset, or a TOML file. Ocean and sea floor files named in it are relative to its folder.
     realizations : int, optional
         Number of realizations in place of the configured one.
-    ocean : sequence of path, optional
-        Ocean files in place of the whole configured ocean, relative to the working folder; the time is
-        the files' only one, the centre the middle of their data.
+    ocean : sequence of path or str, optional
+        Ocean files, or the name of a synthetic ocean, in place of the whole configured ocean. Files are relative to
+        the working folder; the time is the files' only one, the centre the middle of the data.
 
     Returns
     -------
@@ -113,7 +113,10 @@ def load_study(
     if realizations is not None:
         _section(tree, "study")["realizations"] = realizations
     if ocean is not None:
-        tree["ocean"] = {"source": [str(Path(file).absolute()) for file in ocean]}
+        names = [str(name) for name in ocean]
+        tree["ocean"] = {
+            "source": [n if n.startswith("synthetic:") else str(Path(n).absolute()) for n in names]
+        }
     return parse_study(tree, label)
 
 
