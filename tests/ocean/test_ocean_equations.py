@@ -6,8 +6,7 @@ import pytest
 from numpy.polynomial.polynomial import polyval2d
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.equations import del_grosso, unesco
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import del_grosso, sound_speed, unesco
 
 T68 = 1.00024  # IPTS-68 over ITS-90 temperature
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean import beaufort, synthetic_ocean
-from pymantaray.ocean.mesoscale import eddy_fields
-from pymantaray.ocean.synthetic import REGIONS
+from pymantaray.ocean import synthetic_ocean
+from pymantaray.ocean.synthetic import REGIONS, beaufort
+from pymantaray.ocean.synthetic.geostrophy import eddy_fields
 
 DAY = 86_400.0
 OMEGA, RADIUS = 7.292115e-5, 6_371_000.0  # s-1, m

@@ -7,11 +7,16 @@ from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean import beaufort, open_ocean, synthetic_ocean, to_local
-from pymantaray.ocean.geostrophy import GRAVITY, coriolis, geostrophic_currents
-from pymantaray.ocean.mesoscale import eddy_fields, scattered
+from pymantaray.ocean import open_ocean, synthetic_ocean, to_local
 from pymantaray.ocean.seawater import absolute_and_conservative
-from pymantaray.ocean.synthetic import HYCOM_DEPTHS, REGIONS
+from pymantaray.ocean.synthetic import HYCOM_DEPTHS, REGIONS, beaufort
+from pymantaray.ocean.synthetic.geostrophy import (
+    GRAVITY,
+    coriolis,
+    eddy_fields,
+    geostrophic_currents,
+    scattered,
+)
 
 DAY = 86_400.0
 NO_MOTION = 2_000.0  # m; shear is compared above it

@@ -280,7 +280,7 @@ def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny_tree,
 @pytest.mark.slow
 def test_a_day_in_the_beaufort_sea_runs_and_its_eddies_move(make_tiny_tree, tmp_path):
     """The paper's fleet over 24 h; the eddy nearest to it goes where its table says."""
-    from pymantaray.ocean.beaufort import EDDIES
+    from pymantaray.ocean.synthetic.beaufort import EDDIES
 
     config = load_study("quick", realizations=1)
     config = config.model_copy(

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import VARIABLES
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import Equation, sound_speed
 
 Array = NDArray[np.float64]
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}

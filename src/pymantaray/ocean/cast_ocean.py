@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.cast import Cast
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import assemble_ocean, parse_instant, with_history
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import Equation, sound_speed
 
 Array = NDArray[np.float64]
 _STEPS = ((100.0, 2.5), (200.0, 5.0), (500.0, 10.0), (1000.0, 25.0), (2000.0, 50.0), (12_000.0, 100.0))

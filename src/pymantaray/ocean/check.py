@@ -12,11 +12,11 @@ from pymantaray.ocean.check_place import check_place
 from pymantaray.ocean.check_schema import check_schema
 from pymantaray.ocean.check_water import check_water
 from pymantaray.ocean.collection import Currents
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.files import StoredFile, open_stored
 from pymantaray.ocean.findings import Finding, Findings, doubtful, wrong
 from pymantaray.ocean.hdf5 import Hdf5Process
 from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
+from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.source import open_ocean
 
 Array = NDArray[np.float64]

@@ -6,9 +6,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.ocean.check_schema import place_of
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.findings import Finding, doubtful, wrong
-from pymantaray.ocean.seawater import absolute_and_conservative, sound_speed
+from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound_speed
 
 Array = NDArray[np.float64]
 SLOWEST, FASTEST = 1_400.0, 1_600.0

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.covariance import SoundSpeedCovariance, layer_weights, weighted_eigen
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import validate_ocean
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import Equation, sound_speed
 
 __all__ = ["SoundSpeedCovariance", "VerticalModes", "layer_weights", "vertical_modes"]
 

@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry.longitude import wrapped
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, vertical_modes
 from pymantaray.ocean.random_field import pooled_rms, random_fields
 from pymantaray.ocean.schema import VARIABLES, validate_ocean, with_history
+from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.sound_speed_change import change_sound_speed
 
 Array = NDArray[np.float64]

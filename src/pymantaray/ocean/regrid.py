@@ -17,9 +17,8 @@ from pymantaray.ocean.bathymetry import (
     local_floor,
     sea_floor_depth,
 )
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import Equation, sound_speed
 from pymantaray.ocean.spline import TensorSpline
 from pymantaray.ocean.window import Window
 

@@ -1,39 +1,69 @@
-"""Sea water by TEOS-10 (gsw): sound speed and density of what ocean models deliver."""
+"""Sea water by TEOS-10 (gsw): sound speed and density of what ocean models deliver; two older equations of sound speed."""
+
+from typing import Literal, get_args
 
 import gsw
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.ocean.equations import Equation, check_equation, del_grosso, unesco
+from pymantaray.errors import OceanError
 
 Array = NDArray[np.float64]
+Equation = Literal["teos-10", "del-grosso", "unesco"]
+_DBAR_PER_KGF_CM2 = 9.80665
+
+# Wong and Zhu (1995), for ITS-90 temperatures: (power of S, of T, of P) and coefficient; P in kgf/cm2
+_DEL_GROSSO = (
+    (0, 0, 0, 1402.392),
+    (0, 1, 0, 0.5012285e1),
+    (0, 2, 0, -0.551184e-1),
+    (0, 3, 0, 0.221649e-3),
+    (1, 0, 0, 0.1329530e1),
+    (2, 0, 0, 0.1288598e-3),
+    (0, 0, 1, 0.1560592),
+    (0, 0, 2, 0.2449993e-4),
+    (0, 0, 3, -0.8833959e-8),
+    (1, 1, 0, -0.1275936e-1),
+    (0, 1, 1, 0.6353509e-2),
+    (0, 2, 2, 0.2656174e-7),
+    (0, 1, 2, -0.1593895e-5),
+    (0, 1, 3, 0.5222483e-9),
+    (0, 3, 1, -0.4383615e-6),
+    (2, 0, 2, -0.1616745e-8),
+    (1, 2, 0, 0.9688441e-4),
+    (2, 1, 1, 0.4857614e-5),
+    (1, 1, 1, -0.3406824e-3),
+)
+# the same for Chen and Millero's form: [power of P, of T], P in bar, for S^0, S^1, S^3/2 and S^2
+_PURE_WATER = np.array(
+    [
+        [1402.388, 5.03830, -5.81090e-2, 3.3432e-4, -1.47797e-6, 3.1419e-9],
+        [0.153563, 6.8999e-4, -8.1829e-6, 1.3632e-7, -6.1260e-10, 0.0],
+        [3.1260e-5, -1.7111e-6, 2.5986e-8, -2.5353e-10, 1.0415e-12, 0.0],
+        [-9.7729e-9, 3.8513e-10, -2.3654e-12, 0.0, 0.0, 0.0],
+    ]
+)
+_LINEAR = np.array(
+    [
+        [1.389, -1.262e-2, 7.166e-5, 2.008e-6, -3.21e-8],
+        [9.4742e-5, -1.2583e-5, -6.4928e-8, 1.0515e-8, -2.0142e-10],
+        [-3.9064e-7, 9.1061e-9, -1.6009e-10, 7.994e-12, 0.0],
+        [1.100e-10, 6.651e-12, -3.391e-13, 0.0, 0.0],
+    ]
+)
+_THREE_HALVES = np.array([[-1.922e-2, -4.42e-5], [7.3637e-5, 1.7950e-7]])
+_SQUARE = np.array([[1.727e-3], [-7.9836e-6]])
 
 
 def absolute_and_conservative(
     temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> tuple[Array, Array, Array]:
     """
-    Absolute salinity, conservative temperature and sea pressure of in-situ measurements.
+    Absolute salinity [g/kg], conservative temperature [degC] and sea pressure [dbar] of in-situ measurements.
 
-    Parameters
-    ----------
-    temperature : array_like, shape (...)
-        In-situ temperature, ITS-90. [degC]
-    salinity : array_like, shape (...)
-        Practical salinity. [-]
-    depth : array_like, shape (...)
-        Positive down. [m]
-    lat, lon : array_like, shape (...)
-        All arguments broadcast together. [degrees]
-
-    Returns
-    -------
-    SA : ndarray, shape (...)
-        Absolute salinity. [g/kg]
-    CT : ndarray, shape (...)
-        Conservative temperature. [degC]
-    p : ndarray, shape (...)
-        Sea pressure. [dbar]
+    Temperature in situ, ITS-90 [degC], practical salinity, depth positive down [m], latitude and longitude [degrees]; they
+    broadcast together.
 
     References
     ----------
@@ -59,10 +89,16 @@ def sound_speed(
 
     Parameters
     ----------
-    temperature, salinity, depth, lat, lon : array_like, shape (...)
-        As in `absolute_and_conservative`; NaN stays NaN.
+    temperature : array_like, shape (...)
+        In situ, ITS-90; NaN stays NaN. [degC]
+    salinity : array_like, shape (...)
+        Practical. [-]
+    depth : array_like, shape (...)
+        Positive down. [m]
+    lat, lon : array_like, shape (...)
+        All arguments broadcast together. [degrees]
     equation : {"teos-10", "del-grosso", "unesco"}
-        See `pymantaray.ocean.equations` for the latter two. Pressure comes from depth by TEOS-10 in all.
+        The latter two as in `del_grosso` and `unesco`. Pressure comes from depth by TEOS-10 in all.
 
     Returns
     -------
@@ -79,7 +115,10 @@ def sound_speed(
     >>> print(f"{float(sound_speed(-1.2, 27.4, 10.0, 74.5, -140.0)):.1f}")
     1433.3
     """
-    check_equation(equation)
+    if equation not in get_args(Equation):
+        raise OceanError(
+            f"sound speed equation {equation!r} is unknown; allowed are {', '.join(get_args(Equation))}"
+        )
     if equation != "teos-10":
         p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
         return (del_grosso if equation == "del-grosso" else unesco)(temperature, salinity, p)
@@ -90,19 +129,7 @@ def sound_speed(
 def density(
     temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> Array:
-    """
-    In-situ density from in-situ temperature, practical salinity, depth and place.
-
-    Parameters
-    ----------
-    temperature, salinity, depth, lat, lon : array_like, shape (...)
-        As in `absolute_and_conservative`; NaN stays NaN.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        [kg/m3]
-    """
+    """In-situ density [kg/m3] from what `sound_speed` takes; NaN stays NaN."""
     SA, CT, p = absolute_and_conservative(temperature, salinity, depth, lat, lon)
     return np.asarray(gsw.rho(SA, CT, p), dtype=float)
 
@@ -110,22 +137,65 @@ def density(
 def in_situ_temperature(
     potential_temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> Array:
-    """
-    In-situ temperature of water whose potential temperature is referred to the surface.
-
-    Parameters
-    ----------
-    potential_temperature : array_like, shape (...)
-        Referred to 0 dbar. [degC]
-    salinity, depth, lat, lon : array_like, shape (...)
-        As in `absolute_and_conservative`.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        [degC]
-    """
+    """In-situ temperature [degC] of water whose potential temperature [degC] is referred to the surface, 0 dbar."""
     p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
     SA = gsw.SA_from_SP(salinity, p, lon, lat)
     # adiabatic move from 0 dbar to p: the same routine with the pressures exchanged
     return np.asarray(gsw.pt_from_t(SA, potential_temperature, 0.0, p), dtype=float)
+
+
+def del_grosso(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike) -> Array:
+    """
+    Sound speed by Del Grosso's equation of 1974 (NRL II), in Wong and Zhu's form for ITS-90. [m/s]
+
+    Temperature in situ [degC], practical salinity, pressure above the atmosphere's [dbar]; NaN stays NaN.
+    Fitted for 0 to 30 degC, salinity 30 to 40 and 0 to 9807 dbar. Colder and fresher water, as under
+    Arctic ice, is extrapolated: no bound is enforced, since the polynomial stays smooth there.
+
+    References
+    ----------
+    .. [1] Del Grosso, V. A. (1974), New equation for the speed of sound in natural waters, J. Acoust. Soc.
+       Am. 56, 1084-1091, doi:10.1121/1.1903388.
+    .. [2] Wong, G. S. K. and Zhu, S. (1995), Speed of sound in seawater as a function of salinity,
+       temperature, and pressure, J. Acoust. Soc. Am. 97, 1732-1736. Read in abstract; the coefficients were
+       taken from the National Physical Laboratory's technical guide as several codes reprint it.
+
+    Examples
+    --------
+    >>> print(f"{float(del_grosso(5.0, 35.0, 10.0)):.4f}")
+    1470.8075
+    """
+    T, S, p = (np.asarray(x, dtype=float) for x in (temperature, salinity, pressure))
+    P = p / _DBAR_PER_KGF_CM2
+    total = np.zeros(np.broadcast_shapes(T.shape, S.shape, P.shape))
+    for s, t, q, coefficient in _DEL_GROSSO:
+        total = total + coefficient * S**s * T**t * P**q
+    return total
+
+
+def unesco(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike) -> Array:
+    """
+    Sound speed by the UNESCO equation (Chen and Millero 1977), in Wong and Zhu's form for ITS-90. [m/s]
+
+    Arguments as for `del_grosso`. Fitted for 0 to 40 degC, salinity 0 to 40 and 0 to 10,000 dbar; extrapolated elsewhere.
+
+    References
+    ----------
+    .. [1] Chen, C.-T. and Millero, F. J. (1977), Speed of sound in seawater at high pressures, J. Acoust. Soc.
+       Am. 62, 1129-1135.
+    .. [2] Fofonoff, N. P. and Millard, R. C. (1983), Algorithms for computation of fundamental properties of
+       seawater, UNESCO Technical Papers in Marine Science 44. Check value and table read second-hand.
+    .. [3] Wong and Zhu (1995), see `del_grosso`.
+
+    Examples
+    --------
+    >>> print(f"{float(unesco(0.0, 35.0, 0.0)):.1f}")
+    1449.1
+    """
+    T, S, p = (np.asarray(x, dtype=float) for x in (temperature, salinity, pressure))
+    T, S, P = np.broadcast_arrays(T, S, 0.1 * p)  # bar
+    pure, linear, three_halves, square = (
+        np.asarray(polynomial.polyval2d(P, T, table))
+        for table in (_PURE_WATER, _LINEAR, _THREE_HALVES, _SQUARE)
+    )
+    return np.asarray(pure + S * (linear + np.sqrt(S) * three_halves + S * square))

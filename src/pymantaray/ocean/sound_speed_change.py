@@ -8,9 +8,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
-from pymantaray.ocean.seawater import absolute_and_conservative, sound_speed
+from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound_speed
 
 Array = NDArray[np.float64]
 _ACCURACY = 1e-6  # m/s, of the change of sound speed

@@ -7,9 +7,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.ocean.bathymetry import sea_floor_depth
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import Equation, sound_speed
 
 Array = NDArray[np.float64]
 

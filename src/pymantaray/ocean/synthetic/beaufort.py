@@ -29,8 +29,8 @@ References
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.ocean.mesoscale import Eddy, Grid, eddy_fields, scattered
-from pymantaray.ocean.watermass import WaterColumn, WaterMass
+from pymantaray.ocean.synthetic.geostrophy import Eddy, Grid, eddy_fields, scattered
+from pymantaray.ocean.synthetic.watermass import WaterColumn, WaterMass
 
 Array = NDArray[np.float64]
 
@@ -127,20 +127,7 @@ def _gyre_distance_squared(grid: Grid) -> Array:
 
 
 def water(grid: Grid, elapsed: float) -> Array:
-    """
-    Potential temperature and salinity everywhere, the sea bed ignored.
-
-    Parameters
-    ----------
-    grid : Grid
-    elapsed : float
-        Since the epoch. [s]
-
-    Returns
-    -------
-    ndarray, shape (depth, lat, lon, 2)
-        Potential temperature [degC] and practical salinity [-].
-    """
+    """Potential temperature [degC] and practical salinity (depth, lat, lon, 2) some time after the epoch [s]."""
     heave, fraction = eddy_fields(EDDIES, elapsed, grid, HALF_BOX)
     bowl = np.exp(-0.5 * _gyre_distance_squared(grid) / _GYRE_RADIUS**2)
     at_centre = np.exp(-0.5 * (_GYRE_CENTRE[0] ** 2 + _GYRE_CENTRE[1] ** 2) / _GYRE_RADIUS**2)
@@ -154,34 +141,12 @@ def water(grid: Grid, elapsed: float) -> Array:
 
 
 def floor(grid: Grid) -> Array:
-    """
-    Depth of the sea bed: the Canada Basin's plain, rising to the south and to Banks Island.
-
-    Parameters
-    ----------
-    grid : Grid
-
-    Returns
-    -------
-    ndarray, shape (lat, lon)
-        [m]
-    """
+    """Depth of the sea bed: the Canada Basin's plain, rising to the south and to Banks Island."""
     south = 0.5 * (1.0 - np.tanh((grid.north + 130e3) / 45e3))
     banks = 0.5 * (1.0 + np.tanh((grid.east - 0.5 * grid.north - 270e3) / 55e3))
     return np.asarray(3_750.0 - 1_000.0 * south - 1_900.0 * banks)
 
 
 def reference_height(grid: Grid) -> Array:
-    """
-    Sea surface height of the gyre that its density does not explain; a weak current at all depths.
-
-    Parameters
-    ----------
-    grid : Grid
-
-    Returns
-    -------
-    ndarray, shape (lat, lon)
-        [m]
-    """
+    """Sea surface height of the gyre that its density does not explain; a weak current at all depths."""
     return np.asarray(_GYRE_HEIGHT * np.exp(-0.5 * _gyre_distance_squared(grid) / _GYRE_RADIUS**2))

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean import beaufort, fram
-from pymantaray.ocean.geostrophy import geostrophic_currents
-from pymantaray.ocean.mesoscale import Grid
 from pymantaray.ocean.schema import assemble_ocean, parse_instant
 from pymantaray.ocean.seawater import density, in_situ_temperature
+from pymantaray.ocean.synthetic import beaufort, fram
+from pymantaray.ocean.synthetic.geostrophy import Grid, geostrophic_currents
 
 Array = NDArray[np.float64]
 

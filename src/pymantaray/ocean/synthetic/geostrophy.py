@@ -1,4 +1,4 @@
-"""Eddies that drift: how far they push isopycnals, and how much foreign water they carry."""
+"""Mesoscale of a region and the currents that balance it: drifting eddies, and the thermal wind of a density field."""
 
 import math
 from collections.abc import Sequence
@@ -8,6 +8,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+GRAVITY = 9.81  # m s-2
+_ROTATION = 7.292115e-5  # rad s-1
+_EARTH_RADIUS = 6_371_000.0  # m
+
+
+def coriolis(lat: Array) -> Array:
+    """Coriolis parameter at latitudes [degrees]. [s-1]"""
+    return np.asarray(2.0 * _ROTATION * np.sin(np.radians(lat)))
+
+
+def geostrophic_currents(
+    density: Array, depth: Array, lat: Array, lon: Array, reference_height: Array
+) -> tuple[Array, Array]:
+    """
+    Currents to the east and north (depth, lat, lon) [m/s] that balance a density field of that shape [kg/m3].
+
+    ``u = -(dp/dy) / (rho f)`` and ``v = (dp/dx) / (rho f)`` at constant depth, on an even grid away from the equator.
+    Pressure is integrated hydrostatically upward from the deepest level by the trapezoidal rule; there its anomaly is
+    ``density * GRAVITY * reference_height`` (lat, lon) [m], so that a height of zero makes the deepest level one of no
+    motion, and a sloping one adds a current that is the same at all depths.
+    """
+    anomaly = density - density.mean(axis=(1, 2), keepdims=True)  # a level's mean has no gradient
+    layers = 0.5 * (anomaly[1:] + anomaly[:-1]) * np.diff(depth)[:, None, None]
+    below = np.concatenate([np.cumsum(layers[::-1], axis=0)[::-1], np.zeros_like(anomaly[:1])])
+    pressure = GRAVITY * (density[-1] * reference_height - below)
+    metres_north = _EARTH_RADIUS * np.radians(lat)
+    dp_dy = np.gradient(pressure, metres_north, axis=1, edge_order=2)
+    dp_dx = np.gradient(pressure, np.radians(lon), axis=2, edge_order=2) / (
+        _EARTH_RADIUS * np.cos(np.radians(lat))[:, None]
+    )
+    rho_f = density * coriolis(lat)[:, None]
+    return -dp_dy / rho_f, dp_dx / rho_f
 
 
 @dataclass(frozen=True)
@@ -36,13 +68,11 @@ class Eddy:
     """
 
     north: float
-    """Position of the centre at the epoch. [m]"""
+    """Of the centre at the epoch, from the region's. [m]"""
     east: float
-    """[m]"""
     drift_north: float
     """[m/s]"""
     drift_east: float
-    """[m/s]"""
     radius: float
     """Of the fastest currents: the standard deviation of the Gaussian. [m]"""
     core_depth: float
@@ -57,21 +87,7 @@ class Eddy:
     """Whether that share reaches from the core up to the surface, or fades above the core as below it."""
 
     def centre(self, elapsed: float, half_box: tuple[float, float]) -> tuple[float, float]:
-        """
-        Position after a time.
-
-        Parameters
-        ----------
-        elapsed : float
-            Since the epoch. [s]
-        half_box : tuple of float
-            Half extents (north, east) of the box; what leaves on one side returns on the other. [m]
-
-        Returns
-        -------
-        north, east : float
-            [m]
-        """
+        """Position [m] after a time [s] in a box of these half extents; what leaves on one side returns on the other."""
         moved = (self.north + self.drift_north * elapsed, self.east + self.drift_east * elapsed)
         north, east = ((x + h) % (2.0 * h) - h for x, h in zip(moved, half_box, strict=True))
         return north, east
@@ -80,25 +96,7 @@ class Eddy:
 def eddy_fields(
     eddies: Sequence[Eddy], elapsed: float, grid: Grid, half_box: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """
-    Displacement of the water and share of foreign water that all eddies cause together.
-
-    Parameters
-    ----------
-    eddies : sequence of Eddy
-    elapsed : float
-        Since the epoch. [s]
-    grid : Grid
-    half_box : tuple of float
-        See `Eddy.centre`. [m]
-
-    Returns
-    -------
-    heave : ndarray, shape (depth, lat, lon)
-        How far below its undisturbed depth the water lies. [m]
-    fraction : ndarray, shape (depth, lat, lon)
-        Share of the eddies' own water, 0 to 1. [-]
-    """
+    """How far below its undisturbed depth the water lies [m], and its share of the eddies' own; both (depth, lat, lon)."""
     horizontal, displacement, core = [], [], []
     for eddy in eddies:
         north, east = eddy.centre(elapsed, half_box)
@@ -118,23 +116,8 @@ def eddy_fields(
 
 
 def scattered(count: int, dimensions: int) -> Array:
-    """
-    Evenly scattered points of the unit cube by Roberts' additive recurrence: nobody chose them.
-
-    Parameters
-    ----------
-    count, dimensions : int
-
-    Returns
-    -------
-    ndarray, shape (count, dimensions)
-        Between 0 and 1. [-]
-
-    Notes
-    -----
-    The steps are the negative powers of the real root of ``x**(d + 1) = x + 1``.
-    """
-    root = 2.0
+    """Points of the unit cube, scattered evenly by Roberts' additive recurrence: nobody chose them."""
+    root = 2.0  # of x**(d + 1) = x + 1, whose negative powers are the steps
     for _ in range(60):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
     steps = root ** -np.arange(1.0, dimensions + 1.0)

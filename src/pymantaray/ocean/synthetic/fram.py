@@ -25,9 +25,8 @@ References
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.ocean.geostrophy import GRAVITY, coriolis
-from pymantaray.ocean.mesoscale import Eddy, Grid, eddy_fields, scattered
-from pymantaray.ocean.watermass import WaterColumn, WaterMass
+from pymantaray.ocean.synthetic.geostrophy import GRAVITY, Eddy, Grid, coriolis, eddy_fields, scattered
+from pymantaray.ocean.synthetic.watermass import WaterColumn, WaterMass
 
 Array = NDArray[np.float64]
 
@@ -144,20 +143,7 @@ def _step(x: Array, width: float) -> Array:
 
 
 def water(grid: Grid, elapsed: float) -> Array:
-    """
-    Potential temperature and salinity everywhere, the sea bed ignored.
-
-    Parameters
-    ----------
-    grid : Grid
-    elapsed : float
-        Since the epoch. [s]
-
-    Returns
-    -------
-    ndarray, shape (depth, lat, lon, 2)
-        Potential temperature [degC] and practical salinity [-].
-    """
+    """Potential temperature [degC] and practical salinity (depth, lat, lon, 2) some time after the epoch [s]."""
     heave, fraction = eddy_fields(EDDIES, elapsed, grid, HALF_BOX)
     origin = grid.depth[:, None, None] - heave
     shift = _meander(grid.north, elapsed)
@@ -179,18 +165,7 @@ def water(grid: Grid, elapsed: float) -> Array:
 
 
 def floor(grid: Grid) -> Array:
-    """
-    Depth of the sea bed: Greenland shelf, deep passage with a rise in the north, Svalbard slope.
-
-    Parameters
-    ----------
-    grid : Grid
-
-    Returns
-    -------
-    ndarray, shape (lat, lon)
-        [m]
-    """
+    """Depth of the sea bed: Greenland shelf, deep passage with a rise in the north, Svalbard slope."""
     greenland = _step(-(grid.east + 118e3 - 0.15 * grid.north), 26e3)
     svalbard = _step(grid.east - 205e3 + 0.25 * grid.north, 26e3)
     rise = np.exp(-0.5 * ((grid.north - 115e3) / 32e3) ** 2 - 0.5 * ((grid.east - 25e3) / 60e3) ** 2)
@@ -200,18 +175,7 @@ def floor(grid: Grid) -> Array:
 
 
 def reference_height(grid: Grid) -> Array:
-    """
-    Sea surface height whose slope drives the two boundary currents at all depths.
-
-    Parameters
-    ----------
-    grid : Grid
-
-    Returns
-    -------
-    ndarray, shape (lat, lon)
-        [m]
-    """
+    """Sea surface height whose slope drives the two boundary currents at all depths."""
     metres_per_speed = coriolis(np.asarray(78.0)) / GRAVITY
     outflow = 40e3 * np.tanh((grid.east + 110e3 - 0.2 * grid.north) / 40e3)
     inflow = 35e3 * np.tanh((grid.east - 175e3 + 0.2 * grid.north) / 35e3)

@@ -25,16 +25,7 @@ class WaterMass:
 
 @dataclass(frozen=True)
 class WaterColumn:
-    """
-    Water masses from the surface down; properties run monotonically from core to core.
-
-    Parameters
-    ----------
-    name : str
-        What the column is called.
-    masses : tuple of WaterMass
-        Depths must rise.
-    """
+    """Water masses from the surface down; properties run monotonically from core to core."""
 
     name: str
     masses: tuple[WaterMass, ...]
@@ -45,17 +36,5 @@ class WaterColumn:
         return PchipInterpolator(depth, [[m.potential_temperature, m.salinity] for m in self.masses])
 
     def evaluate(self, depth: Array) -> Array:
-        """
-        Potential temperature and salinity at depths; constant beyond the first and last core.
-
-        Parameters
-        ----------
-        depth : ndarray, shape (...)
-            [m]
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            Potential temperature [degC] and practical salinity [-].
-        """
+        """Potential temperature [degC] and practical salinity (..., 2) at depths [m]; constant beyond the outer cores."""
         return np.asarray(self._curve(np.clip(depth, self.masses[0].depth, self.masses[-1].depth)))
