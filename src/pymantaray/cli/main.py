@@ -2,15 +2,15 @@
 
 import signal
 import sys
+import threading
 from typing import Annotated
 
 import typer
 
 import pymantaray
 from pymantaray.cli import graph, ocean, rays, study
+from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
-
-EXIT_KNOWN_ERROR = 2
 
 app = typer.Typer(
     name="mantaray",
@@ -54,20 +54,22 @@ def main(arguments: list[str] | None = None) -> None:
     SystemExit
         With 0 for success, 2 for bad usage or a known error, 130 for Ctrl-C.
     """
-    signal.signal(signal.SIGTERM, _stop)
-    try:
-        app(args=sys.argv[1:] if arguments is None else arguments, prog_name="mantaray")
-    except (MantaRayError, FileNotFoundError, PermissionError) as error:
-        for line in str(error).splitlines():
-            typer.echo(f"error: {line}", err=True)
-        raise SystemExit(EXIT_KNOWN_ERROR) from None
-    except KeyboardInterrupt:
-        raise SystemExit(130) from None
-    except ImportError as error:
-        stop = _stop_behind(error)
-        if stop is None:
-            raise
-        raise SystemExit(stop) from None
+    if threading.current_thread() is threading.main_thread():  # no other may
+        signal.signal(signal.SIGTERM, _stop)
+    with standard_streams():
+        try:
+            app(args=sys.argv[1:] if arguments is None else arguments, prog_name="mantaray")
+        except (MantaRayError, FileNotFoundError, PermissionError) as error:
+            for line in str(error).splitlines():
+                typer.echo(f"error: {line}", err=True)
+            raise SystemExit(EXIT_KNOWN_ERROR) from None
+        except KeyboardInterrupt:
+            raise SystemExit(130) from None
+        except ImportError as error:
+            stop = _stop_behind(error)
+            if stop is None:
+                raise
+            raise SystemExit(stop) from None
 
 
 def _stop_behind(error: BaseException) -> int | None:

@@ -147,7 +147,7 @@ def plot(
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress bar.")] = False,
 ) -> None:
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
-    from pymantaray.cli.progress import progress_bars
+    from pymantaray.cli.output import progress_bars
     from pymantaray.ocean import open_ocean
     from pymantaray.report.ocean_plots import write_ocean_plots
 

@@ -56,7 +56,7 @@ def hycom(
     quiet: Quiet = False,
 ) -> None:
     """A window of HYCOM at one time, as a valid ocean."""
-    from pymantaray.cli.progress import progress_bars
+    from pymantaray.cli.output import progress_bars
     from pymantaray.ocean.fetch import Limits, fetch_hycom
 
     with progress_bars(quiet=quiet) as progress:

@@ -48,7 +48,7 @@ def compare_bellhop(
 ) -> None:
     """Run Bellhop on every link and set its first direct travel times beside ours."""
     from pymantaray.acoustics.bellhop import compare_with_bellhop, find_bellhop
-    from pymantaray.cli.progress import progress_bars
+    from pymantaray.cli.output import progress_bars
 
     binary = find_bellhop(program)
     _, source, receiver = read_links(links)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import pymantaray
 from pymantaray.acoustics import find_eigenrays, trace_fan, trace_paths
-from pymantaray.cli.progress import progress_bars
+from pymantaray.cli.output import progress_bars
 from pymantaray.cli.rays_io import (
     SOURCE,
     Table,

@@ -73,10 +73,12 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run a study: data, tables and figures go into one folder."""
-    from pymantaray.cli.progress import progress_bars
-    from pymantaray.study import load_study, run_study
+    from pymantaray.cli.output import progress_bars
+    from pymantaray.study import load_study
 
     config = load_study(study, realizations=realizations, ocean=ocean)
+    from pymantaray.study import run_study  # takes seconds, and not before the file is read
+
     with progress_bars(quiet=quiet) as progress:
         results = run_study(config, out, workers=workers, progress=progress)
         if not no_figures:
@@ -98,7 +100,7 @@ def compare(
     quiet: Quiet = False,
 ) -> None:
     """Set two runs side by side: tables, figures and a page in a folder of their own."""
-    from pymantaray.cli.progress import progress_bars
+    from pymantaray.cli.output import progress_bars
     from pymantaray.report import write_comparison
     from pymantaray.study.store import default_out
 

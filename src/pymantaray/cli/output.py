@@ -1,0 +1,124 @@
+"""How commands talk to the terminal: streams that cannot spoil finished work, and progress of long work."""
+
+import codecs
+import errno
+import io
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+EXIT_KNOWN_ERROR = 2
+Report = Callable[[str, int, int], None]
+
+
+class _Stream(io.TextIOBase):
+    """
+    Standard output or error as commands see it: what its encoding lacks is replaced, what fails is told in one line.
+
+    It has no ``buffer``, behind which typer would write by an encoding of its own.
+    """
+
+    def __init__(self, stream: TextIO, *, fails: bool) -> None:
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="mantaray")
+        self._stream, self._fails = stream, fails
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        return self._stream.encoding or "utf-8"
+
+    def isatty(self) -> bool:
+        return self._stream.isatty()
+
+    def fileno(self) -> int:
+        return self._stream.fileno()
+
+    def write(self, text: str) -> int:
+        try:
+            self._stream.write(text)
+        except OSError as error:
+            self._lose(error)
+        return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self._lose(error)
+
+    def _lose(self, error: OSError) -> None:
+        """Send what is still to come nowhere, and end the command where its output is lost."""
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
+        if not self._fails:
+            return
+        if error.errno == errno.EPIPE:
+            raise SystemExit(128 + signal.SIGPIPE)
+        print(f"error: standard output: cannot be written: {error.strerror}", file=sys.stderr)  # noqa: T201
+        raise SystemExit(EXIT_KNOWN_ERROR)
+
+
+def _substitute(error: UnicodeError) -> tuple[bytes, int]:
+    """Bytes of a file's name as they are on disk; a question mark for a character that the encoding lacks."""
+    assert isinstance(error, UnicodeEncodeError)
+    lost = error.object[error.start : error.end]
+    return b"".join(os.fsencode(c) if "\udc80" <= c <= "\udcff" else b"?" for c in lost), error.end
+
+
+@contextmanager
+def standard_streams() -> Iterator[None]:
+    """
+    Let nothing that is printed end in a traceback, whoever prints it.
+
+    A pipe that nobody reads ends the command quietly, with the status that a shell gives it; a full device ends it in
+    one line. What cannot be told on standard error is not told, and the work goes on.
+    """
+    codecs.register_error("mantaray", _substitute)
+    before = sys.stdout, sys.stderr
+    if isinstance(sys.stdout, _Stream):
+        yield
+        return
+    sys.stdout, sys.stderr = (
+        None if stream is None else _Stream(stream, fails=stream is sys.stdout) for stream in before
+    )
+    try:
+        try:
+            yield
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+@contextmanager
+def progress_bars(*, quiet: bool) -> Iterator[Report | None]:
+    """
+    Bars on standard error, one for each stage.
+
+    Yields
+    ------
+    callable or None
+        Takes the stage's name, the parts done and the parts there are; None if nothing is to be shown
+        because of ``quiet`` or because standard error is no terminal.
+    """
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:<14}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        tasks: dict[str, TaskID] = {}
+
+        def report(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, total=total)
+            progress.update(tasks[stage], completed=done, total=total)
+
+        yield report
