@@ -132,10 +132,10 @@ def test_convert_there_and_back(mantaray, file, tmp_path):
     done = mantaray("graph", "convert", file, tmp_path / "t.tum")
     assert done.out.splitlines() == [str(tmp_path / "t-A.tum"), str(tmp_path / "t-B.tum")]
     again = mantaray("graph", "convert", file, tmp_path / "t.tum")
-    assert again.err == f"error: {tmp_path / 't-A.tum'}: exists already; overwrite it with --force\n"
+    assert again.err == f"error: {tmp_path / 't-A.tum'}: exists already; give another name or --force\n"
     assert mantaray("graph", "convert", file, tmp_path / "t.tum", "--force").code == 0
     again = mantaray("graph", "convert", file, tmp_path / "g.g2o")
-    assert again.err == f"error: {tmp_path / 'g.g2o'}: exists already; overwrite it with --force\n"
+    assert again.err == f"error: {tmp_path / 'g.g2o'}: exists already; give another name or --force\n"
 
 
 def broken(old, new):

@@ -9,7 +9,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from pymantaray.cli.ocean_make import register
-from pymantaray.errors import OceanError
+from pymantaray.errors import MantaRayError
 from pymantaray.ocean.cast_ocean import cast_ocean
 from pymantaray.ocean.casts import read_cast
 from pymantaray.ocean.schema import validate_ocean
@@ -54,7 +54,7 @@ def load(path):
 
 
 def refused(done):
-    assert isinstance(done.exception, OceanError), (done.output, done.exception)
+    assert isinstance(done.exception, MantaRayError), (done.output, done.exception)
     assert not list(Path().glob("*.part"))
     return str(done.exception)
 

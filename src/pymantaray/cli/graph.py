@@ -145,19 +145,13 @@ def convert(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")] = False,
 ) -> None:
     """Convert between PyFactorGraph text, g2o and TUM; what the target cannot hold is refused unless left out."""
-    from pymantaray.errors import EstimationError
+    from pymantaray.cli.output import check_output
     from pymantaray.estimation import write_pyfg
     from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
     from pymantaray.export import write_graph_tum
     from pymantaray.study.external import G2O, open_graph
 
-    if out.suffix not in {".pyfg", G2O, ".tum"}:
-        raise EstimationError(f"{out}: ends in {out.suffix!r}; allowed: .pyfg, .g2o, .tum")
-    taken = out if out.exists() else next(iter(_of_vehicles(out)), None)
-    if taken is not None and not force:
-        raise EstimationError(f"{taken}: exists already; overwrite it with --force")
-    if not out.absolute().parent.is_dir():
-        raise EstimationError(f"{out}: its folder does not exist")
+    check_output(out, (".pyfg", G2O, ".tum"), inputs=[file], beside=_of_vehicles(out), force=force)
     given = leave_out or []
     words = _of_input(file, [what for what in given if what not in LEFT_OUT])
     content = open_graph(file, leave_out=words, half_angles=half_angles)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pymantaray.cli.output import check_output
 from pymantaray.errors import OceanError
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def from_cast(
     force: Overwrite = False,
 ) -> None:
     """Make a horizontally uniform ocean at rest from one cast."""
-    _check_out(out, [cast], force=force)
+    check_output(out, [".nc"], inputs=[cast], force=force)
     from pymantaray.ocean.cast_ocean import cast_ocean
     from pymantaray.ocean.casts import read_cast
 
@@ -133,7 +134,7 @@ def correct(
     force: Overwrite = False,
 ) -> None:
     """Correct a gridded ocean by casts (optimal interpolation)."""
-    _check_out(out, [Path(ocean), *casts], force=force)
+    check_output(out, [".nc"], inputs=[Path(ocean), *casts], force=force)
     from pymantaray.ocean import open_ocean
     from pymantaray.ocean.casts import read_casts
     from pymantaray.ocean.objective_analysis import correct_with_casts
@@ -177,7 +178,7 @@ def perturb(
     force: Overwrite = False,
 ) -> None:
     """Make an ocean that is believed instead of the true one."""
-    _check_out(out, [Path(ocean), *(mode_casts or [])], force=force)
+    check_output(out, [".nc"], inputs=[Path(ocean), *(mode_casts or [])], force=force)
     from pymantaray.geometry.streams import stream
     from pymantaray.ocean import open_ocean
     from pymantaray.ocean.casts import read_casts
@@ -199,18 +200,6 @@ def perturb(
         equation=equation.value,
     )
     _write(with_history(made, f"seed {seed}") if random else made, out)
-
-
-def _check_out(out: Path, inputs: list[Path], *, force: bool) -> None:
-    """Before any work: whether the output can and may be written."""
-    if out.suffix != ".nc":
-        raise OceanError(f"{out}: the output's name must end in .nc")
-    if not out.parent.is_dir():
-        raise OceanError(f"{out}: there is no folder {out.parent}; make it first")
-    if any(path.exists() and out.exists() and path.samefile(out) for path in inputs):
-        raise OceanError(f"{out}: is the input; give another name")
-    if out.exists() and not force:
-        raise OceanError(f"{out}: exists already; give another name or --force")
 
 
 def _write(ocean: "xr.Dataset", out: Path) -> None:

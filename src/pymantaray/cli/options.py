@@ -1,6 +1,7 @@
 """Options that several groups of commands share."""
 
-import typer
+from typing import Any
+
 from typer.core import TyperCommand
 
 _OCEAN = "--ocean"
@@ -14,7 +15,7 @@ class OceanCommand(TyperCommand):
     that ``--ocean FILE IN OUT`` is one file.
     """
 
-    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Write ``--ocean`` before each further file."""
         _, surplus, _ = self.make_parser(ctx).parse_args(args=list(args))
         return super().parse_args(ctx, repeat_ocean(args, len(surplus)))

@@ -1,4 +1,4 @@
-"""How commands talk to the terminal: streams that cannot spoil finished work, and progress of long work."""
+"""What all commands do alike: outputs checked before any work, streams that cannot spoil finished work, progress."""
 
 import codecs
 import errno
@@ -6,9 +6,12 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TextIO
+
+from pymantaray.errors import WriteError
 
 EXIT_KNOWN_ERROR = 2
 Report = Callable[[str, int, int], None]
@@ -122,3 +125,43 @@ def progress_bars(*, quiet: bool) -> Iterator[Report | None]:
             progress.update(tasks[stage], completed=done, total=total)
 
         yield report
+
+
+def check_output(
+    out: Path,
+    endings: Iterable[str],
+    *,
+    inputs: Iterable[Path] = (),
+    beside: Iterable[Path] = (),
+    force: bool,
+) -> None:
+    """
+    Refuse an output that cannot or must not be written, before anything is computed.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+    endings : iterable of str
+        Allowed endings of its name.
+    inputs : iterable of pathlib.Path
+        Files that must not be overwritten, whatever ``force`` says.
+    beside : iterable of pathlib.Path
+        Further files that are written along with it.
+    force : bool
+        Allow what exists to be replaced.
+
+    Raises
+    ------
+    WriteError
+        In one line.
+    """
+    if out.suffix not in endings:
+        raise WriteError(f"{out}: the output's name must end in {' or '.join(endings)}")
+    if not out.parent.is_dir():
+        raise WriteError(f"{out}: there is no folder {out.parent}; make it first")
+    sources = {path.resolve() for path in inputs}
+    for path in (out, *beside):
+        if path.resolve() in sources:
+            raise WriteError(f"{path}: is the input; give another name")
+        if path.is_dir() or (path.exists() and not force):
+            raise WriteError(f"{path}: exists already; give another name or --force")

@@ -155,34 +155,6 @@ def read_links(path: Path) -> "tuple[Table, NDArray[np.float64], NDArray[np.floa
     return table, values[:, :3].copy(), values[:, 3:].copy()
 
 
-def check_output(out: Path, inputs: list[Path], *, force: bool) -> None:
-    """
-    Refuse an output that cannot be written, before anything is computed.
-
-    Parameters
-    ----------
-    out : pathlib.Path
-    inputs : list of pathlib.Path
-        Files that must not be overwritten in any case.
-    force : bool
-        Allow an output that exists.
-
-    Raises
-    ------
-    AcousticsError
-        If the ending is neither .csv nor .nc, the folder is missing, the file is an input, or it exists.
-    """
-    if out.suffix not in (".csv", ".nc"):
-        raise AcousticsError(f"{out}: the output's name must end in .csv or .nc")
-    if not out.parent.is_dir():
-        raise AcousticsError(f"{out}: there is no folder {out.parent}; make it first")
-    for path in [out] if out.suffix == ".nc" else [out, sidecar(out)]:
-        if any(path.resolve() == given.resolve() for given in inputs):
-            raise AcousticsError(f"{path}: is the input; give the output another name")
-        if path.is_dir() or (path.exists() and not force):
-            raise AcousticsError(f"{path}: exists already; give another name or --force")
-
-
 def sidecar(out: Path) -> Path:
     """
     File beside a table that says how it was made.

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 import pymantaray
 from pymantaray.acoustics import find_eigenrays, trace_fan, trace_paths
-from pymantaray.cli.output import progress_bars
+from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.rays_io import (
     SOURCE,
     Table,
-    check_output,
     read_links,
     read_table,
     require_columns,
+    sidecar,
     write_dataset,
     write_table,
 )
@@ -108,7 +108,8 @@ def begin(
     if fan is not None and search.cutoff_db != SearchOptions.cutoff_db:
         raise AcousticsError("--cutoff-db: a fan is traced whole, without a cut-off; leave one of them out")
     inputs = [path for path in (links, medium.profile, *map(Path, medium.ocean or [])) if path is not None]
-    check_output(out, inputs, force=force)
+    beside = [sidecar(out)] if out.suffix == ".csv" else []
+    check_output(out, (".csv", ".nc"), inputs=inputs, beside=beside, force=force)
     if azimuth is not None and distance is not None:
         table = read_table(links)
         require_columns(table, SOURCE)

@@ -1,0 +1,114 @@
+"""What is printed never spoils what was done: encodings, closed pipes, full devices; outputs are checked beforehand."""
+
+import errno
+import io
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from pymantaray.cli.main import main
+from pymantaray.cli.output import check_output, progress_bars, standard_streams
+from pymantaray.errors import WriteError
+
+MAIN = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"),
+    [("ascii", b"n??\xff"), ("latin-1", b"n\xf6?\xff"), ("utf-8", "nö−".encode() + b"\xff")],
+)
+def test_characters_that_the_encoding_lacks_are_replaced(encoding, shown):
+    done = subprocess.run(
+        [*MAIN, "study", "run", os.fsdecode("nö−".encode() + b"\xff.toml")],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+    )
+    assert done.returncode == 2
+    assert done.stderr == b"error: " + shown + b".toml: cannot be read: No such file or directory\n"
+
+
+def test_a_pipe_that_nobody_reads_ends_the_command_quietly():
+    ours, theirs = os.pipe()
+    os.close(ours)
+    done = subprocess.run([*MAIN, "study", "show", "quick"], stdout=theirs, stderr=subprocess.PIPE)
+    os.close(theirs)
+    assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_full_standard_output_is_one_line():
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = subprocess.run([*MAIN, "study", "list"], stdout=full, stderr=subprocess.PIPE, text=True)
+        assert done.stderr == "error: standard output: cannot be written: No space left on device\n"
+        assert done.returncode == 2
+        silent = subprocess.run([*MAIN, "study", "run", "nosuch"], stdout=full, stderr=full)
+        assert silent.returncode == 2
+
+
+class FullTerminal(io.StringIO):
+    """A terminal on which nothing more fits."""
+
+    def isatty(self):
+        return True
+
+    def fileno(self):
+        return self.nowhere.fileno()
+
+    def write(self, _text):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    flush = write
+
+
+def test_progress_that_cannot_be_shown_does_not_stop_the_work(monkeypatch, tmp_path):
+    terminal = FullTerminal()
+    terminal.nowhere = (tmp_path / "terminal").open("w")
+    monkeypatch.setattr(sys, "stderr", terminal)
+    terminal.flush = lambda: terminal.write("")
+    done = 0
+    with standard_streams(), progress_bars(quiet=False) as report:
+        for done in range(1, 4):
+            report("report", done, 3)
+    assert done == 3
+    assert sys.stderr is terminal
+    terminal.nowhere.close()
+
+
+def test_main_runs_in_a_thread_and_leaves_its_signals_alone(capsys):
+    before, codes = signal.getsignal(signal.SIGTERM), []
+
+    def run():
+        try:
+            main(["study", "list"])
+        except SystemExit as end:
+            codes.append(end.code)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert codes == [0]
+    assert "quick" in capsys.readouterr().out
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_outputs_are_refused_before_any_work(tmp_path):
+    (tmp_path / "in.csv").write_text("x")
+    (tmp_path / "link.csv").symlink_to("in.csv")
+    (tmp_path / "folder.csv").mkdir()
+    for name, options, said in (
+        ("out.txt", {}, "must end in .csv or .nc"),
+        ("no/out.csv", {}, "there is no folder .*no; make it first"),
+        ("in.csv", {}, "in.csv: exists already; give another name or --force"),
+        ("folder.csv", {"force": True}, "folder.csv: exists already"),
+        ("link.csv", {"force": True, "inputs": [tmp_path / "in.csv"]}, "link.csv: is the input"),
+        ("new.csv", {"beside": [tmp_path / "in.csv"]}, "in.csv: exists already"),
+    ):
+        with pytest.raises(WriteError, match=said):
+            check_output(tmp_path / name, [".csv", ".nc"], **{"force": False, **options})
+    check_output(tmp_path / "new.csv", [".csv"], force=False)
+    check_output(tmp_path / "in.csv", [".csv"], force=True)
