@@ -25,6 +25,7 @@ MAIN = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
 def test_characters_that_the_encoding_lacks_are_replaced(encoding, shown):
     done = subprocess.run(
         [*MAIN, "study", "run", os.fsdecode("nö−".encode() + b"\xff.toml")],
+        check=False,
         capture_output=True,
         env={**os.environ, "PYTHONIOENCODING": encoding},
     )
@@ -35,7 +36,9 @@ def test_characters_that_the_encoding_lacks_are_replaced(encoding, shown):
 def test_a_pipe_that_nobody_reads_ends_the_command_quietly():
     ours, theirs = os.pipe()
     os.close(ours)
-    done = subprocess.run([*MAIN, "study", "show", "quick"], stdout=theirs, stderr=subprocess.PIPE)
+    done = subprocess.run(
+        [*MAIN, "study", "show", "quick"], stdout=theirs, stderr=subprocess.PIPE, check=False
+    )
     os.close(theirs)
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, b"")
 
@@ -43,10 +46,12 @@ def test_a_pipe_that_nobody_reads_ends_the_command_quietly():
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 def test_a_full_standard_output_is_one_line():
     with open("/dev/full", "w") as full:  # noqa: PTH123
-        done = subprocess.run([*MAIN, "study", "list"], stdout=full, stderr=subprocess.PIPE, text=True)
+        done = subprocess.run(
+            [*MAIN, "study", "list"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
         assert done.stderr == "error: standard output: cannot be written: No space left on device\n"
         assert done.returncode == 2
-        silent = subprocess.run([*MAIN, "study", "run", "nosuch"], stdout=full, stderr=full)
+        silent = subprocess.run([*MAIN, "study", "run", "nosuch"], stdout=full, stderr=full, check=False)
         assert silent.returncode == 2
 
 
