@@ -279,8 +279,8 @@ def test_what_bellhop_would_move_or_lose_is_not_written(tmp_path):
     for receiver in (middle(medium, 20.0, (1e5, 0.0)), middle(medium, 1000.5), middle(medium, -1.0)):
         with pytest.raises(AcousticsError, match=r"receiver of link 0: .* is outside the grid or its levels"):
             write_bellhop(tmp_path, medium, inside, receiver)
-    deep = Medium.from_profile([5.0, 100.0], [1500.0, 1500.0], bottom_depth=100.0)
-    with pytest.raises(AcousticsError, match="the first level is at 5 m; Bellhop takes it for the surface"):
+    deep = Medium.from_profile([-5.0, 100.0], [1500.0, 1500.0], bottom_depth=100.0)
+    with pytest.raises(AcousticsError, match="the first level is at -5 m; Bellhop takes it for the surface"):
         write_bellhop(tmp_path, deep, [0, 0, 10], [0, 100, 10])
     for wrong in (
         {"beams": 1},

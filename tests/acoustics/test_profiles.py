@@ -43,7 +43,7 @@ def rough_casts(draw, most=40):
     n = draw(st.integers(2, most))
     steps = draw(st.lists(st.floats(0.1, 5.0), min_size=n, max_size=n))
     noise = draw(st.lists(st.floats(-1.0, 1.0), min_size=n, max_size=n))
-    return np.cumsum(steps), 1450.0 + np.array(noise)
+    return np.cumsum(steps) - steps[0], 1450.0 + np.array(noise)
 
 
 @settings(max_examples=60, deadline=None)
@@ -57,6 +57,24 @@ def test_a_thinned_profile_stays_within_its_tolerance(raw, tolerance, interpolat
     assert thin.rms_change == pytest.approx(np.sqrt(np.mean(change**2)), abs=1e-9)
     assert np.isin(thin.depth, z).all()
     assert (thin.depth[0], thin.depth[-1], thin.raw_levels) == (z[0], z[-1], z.size)
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "smooth"])
+@pytest.mark.parametrize("reduce", [None, thin_profile, smooth_profile])
+def test_sound_speed_holds_above_a_first_level_below_the_surface(interpolation, reduce):
+    z = np.arange(10.0, 301.0, 5.0)
+    c = 1480.0 + 0.39 * (z - 10.0) * np.exp(
+        -z / 60.0
+    )  # its slope at 10 m would take off 3.3 m/s at the surface
+    if reduce is not None:
+        profile = reduce(z, c, interpolation=interpolation)
+        assert profile.raw_levels == z.size
+        z, c = profile.depth, profile.sound_speed
+    medium = Medium.from_profile(z, c, bottom_depth=300.0, interpolation=interpolation)
+    depth = np.linspace(0.0, 5.0, 6)
+    ends = np.stack([np.zeros((2, 6)), [np.zeros(6), np.full(6, 100.0)], [depth, depth + 1.0]], axis=-1)
+    held = find_eigenrays(medium, *ends).source_sound_speed
+    np.testing.assert_allclose(held, c[0] if reduce is None else 1480.0, rtol=0, atol=0.15)
 
 
 @settings(max_examples=30, deadline=None)
@@ -82,7 +100,7 @@ def test_no_level_of_a_spline_can_be_spared_alone():
 
 def test_smoothing_keeps_a_constant_gradient_and_takes_noise_off():
     rng = np.random.default_rng(5)
-    z = np.sort(rng.uniform(0.0, 2000.0, 2000))
+    z = np.concatenate([[0.0], np.sort(rng.uniform(0.0, 2000.0, 1999))])
     line = 1450.0 + 0.017 * z
     kept = smooth_profile(z, line, length=60.0)
     np.testing.assert_allclose(kept.sound_speed, 1450.0 + 0.017 * kept.depth, rtol=0, atol=1e-9)

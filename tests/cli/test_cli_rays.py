@@ -246,9 +246,10 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(mantaray, folder
     assert record["thinned"]["rms_change_m_s"] == pytest.approx(thin.rms_change)
     lines = done.out.splitlines()
     assert lines[1] == f"{cast}: {thin}"
-    assert lines[2].startswith(f"{cast}: ends at 1000.08 m, above the sea bed at 3000 m")
+    assert lines[2] == f"{cast}: starts at 0.8029 m; the sound speed there is taken up to the surface"
+    assert lines[3].startswith(f"{cast}: ends at 1000.08 m, above the sea bed at 3000 m")
     smooth = mantaray(*words, "--smooth", 10, "--force")
-    assert "1001 levels smoothed over 10 m to 201" in smooth.out
+    assert "1001 levels smoothed over 10 m to 202" in smooth.out
     assert json.loads(Path("out.csv.json").read_text())["medium"]["smoothed"]["length_m"] == 10.0
 
 
@@ -262,6 +263,15 @@ def test_a_named_ocean_about_a_centre(mantaray, folder):
     expected = find_eigenrays(medium, source, receiver).first().travel_time
     np.testing.assert_allclose(pd.read_csv("out.csv")["travel_time_s"], expected, rtol=1e-11)
     assert json.loads(Path("out.csv.json").read_text())["medium"]["centre_deg"] == [79.0, 1.0]
+
+
+def test_a_profile_that_starts_below_the_surface_holds_up_to_it_and_says_so(mantaray, folder):
+    Path("deep.csv").write_text("depth,sound_speed\n10,1434\n20,1437.9\n3000,1499\n")
+    done = mantaray("rays", "times", "links.csv", "out.csv", "--profile", "deep.csv", "--bottom", 3000)
+    assert "deep.csv: starts at 10 m; the sound speed there is taken up to the surface\n" in done.out
+    Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,0,100,0,0\n")
+    done = mantaray("rays", "times", "links.csv", "flat.csv", "--profile", "deep.csv", "--bottom", 3000)
+    assert pd.read_csv("flat.csv")["source_sound_speed_m_s"][0] == pytest.approx(1434.0, abs=1e-9)
 
 
 @pytest.mark.slow

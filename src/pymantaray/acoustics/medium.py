@@ -1,5 +1,6 @@
 """The sound-speed field and sea bed through which rays run, as contiguous arrays."""
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Self
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
 _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; outside this a unit is wrong
+_MOST_ADDED = 100  # levels above the first
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
 
 
@@ -74,7 +76,8 @@ class Medium:
         Parameters
         ----------
         north, east, depth : array_like, shape (n_north,), (n_east,), (n_depth,)
-            Axes, strictly increasing. A horizontal axis of one point means no variation along it. [m]
+            Axes, strictly increasing. A horizontal axis of one point means no variation along it. Above a first
+            level below the surface its sound speed holds, on levels that are added, see `up_to_surface`. [m]
         sound_speed : array_like, shape (n_north, n_east, n_depth)
             [m s⁻¹]
         bathymetry : array_like, shape (n_bed_north, n_bed_east)
@@ -113,6 +116,7 @@ class Medium:
                 raise AcousticsError(
                     f"{name}: {np.count_nonzero(~np.isfinite(array))} values are not finite; fill them before tracing"
                 )
+        z, c = up_to_surface(z, c)
         if c.min() < _SLOWEST or c.max() > _FASTEST:
             raise AcousticsError(
                 f"sound_speed: {c.min():g} to {c.max():g} m/s; sea water lies in {_SLOWEST:g} to {_FASTEST:g},"
@@ -156,7 +160,8 @@ class Medium:
         Parameters
         ----------
         depth, sound_speed : array_like, shape (n_depth,)
-            Levels, strictly increasing, and the sound speed there. [m, m s⁻¹]
+            Levels, strictly increasing, and the sound speed there; that of a first level below the surface holds up
+            to it. [m, m s⁻¹]
         bottom_depth : float
             Depth of the flat sea bed. [m]
         interpolation : {"smooth", "linear"}
@@ -278,6 +283,21 @@ class Medium:
             self.lut_scale,
             float(min([_COLUMN_STEP, *(step / 8.0 for step in steps)])),
         )
+
+
+def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
+    """
+    Sound speed (..., n_depth) held constant above a first level that is below the surface.
+
+    A spline or line continued from there would go on with the slope below. The levels that are added are as close as
+    the first two, 100 at most, so that a spline is flat between them.
+    """
+    if not depth[0] > 0.0:
+        return depth, sound_speed
+    n = min(math.ceil(depth[0] / (depth[1] - depth[0])), _MOST_ADDED)
+    held = np.repeat(sound_speed[..., :1], n, axis=-1)
+    levels = np.linspace(0.0, depth[0], n, endpoint=False)
+    return np.concatenate([levels, depth]), np.concatenate([held, sound_speed], axis=-1)
 
 
 def _axis(name: str, values: ArrayLike) -> Array:

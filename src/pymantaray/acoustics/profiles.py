@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from pymantaray.acoustics.medium import Interpolation
+from pymantaray.acoustics.medium import Interpolation, up_to_surface
 from pymantaray.errors import AcousticsError
 
 Array = NDArray[np.float64]
@@ -99,7 +99,8 @@ def thin_profile(
     Returns
     -------
     ReducedProfile
-        Its levels are levels of the cast, the first and last among them.
+        Its levels are the surface, where the first of the cast's holds up to it, and levels of the cast, the last
+        among them.
 
     Raises
     ------
@@ -129,11 +130,12 @@ def thin_profile(
     >>> kept.depth
     array([  0., 120., 300.])
     """
-    z, c = _checked(depth, sound_speed)
+    cast = _checked(depth, sound_speed)
+    z, c = up_to_surface(*cast)
     if not (tolerance > 0.0 and math.isfinite(tolerance)):
         raise AcousticsError(f"tolerance: {tolerance}; a positive sound speed in m/s is needed")
     rows = _fewest_chords(z, c, tolerance) if interpolation == "linear" else _spline_levels(z, c, tolerance)
-    return _record(z, c, z[rows], c[rows], "thinned", tolerance, interpolation)
+    return _record(*cast, z[rows], c[rows], "thinned", tolerance, interpolation)
 
 
 def smooth_profile(
@@ -166,7 +168,8 @@ def smooth_profile(
     At each level the value of a straight line fitted with Gaussian weights, each times the share of depth
     that the cast's level stands for. A constant gradient is kept exactly, at the ends too.
     """
-    z, c = _checked(depth, sound_speed)
+    cast = _checked(depth, sound_speed)
+    z, c = up_to_surface(*cast)
     gap, extent = float(np.diff(z).max()), float(z[-1] - z[0])
     if not gap <= length <= 0.5 * extent:
         raise AcousticsError(
@@ -181,7 +184,7 @@ def smooth_profile(
         w = share[part] * np.exp(-0.5 * x * x)
         s0, s1, s2 = w.sum(), (w * x).sum(), (w * x * x).sum()
         smoothed[i] = (w * (s2 - s1 * x) * c[part]).sum() / (s0 * s2 - s1 * s1)
-    return _record(z, c, levels, smoothed, "smoothed", length, interpolation)
+    return _record(*cast, levels, smoothed, "smoothed", length, interpolation)
 
 
 def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:

@@ -113,6 +113,7 @@ def _from_profile(
     if options.thin is not None and options.smooth is not None:
         raise AcousticsError("--thin and --smooth exclude each other; give one")
     depth, speed, record = read_profile(path, options.position)
+    first = float(depth[0])
     notes = []
     if interpolation == "smooth" and is_raw_cast(depth) and options.thin is options.smooth is None:
         raise AcousticsError(
@@ -136,6 +137,8 @@ def _from_profile(
         medium = Medium.from_profile(depth, speed, bottom_depth=bottom, interpolation=interpolation)
     except AcousticsError as error:
         raise AcousticsError(f"{path}: {error}") from None
+    if first > 0.0:
+        notes.append(f"{path}: starts at {first:g} m; the sound speed there is taken up to the surface")
     if bottom > depth[-1] + _GAP:
         notes.append(
             f"{path}: ends at {depth[-1]:g} m, above the sea bed at {bottom:g} m; sound speed is continued from there"
