@@ -72,7 +72,7 @@ def main() -> None:
     }
     solver, rows = GraphSolver(), []
     for realization in range(-1, arguments.realizations):
-        o = perturb(mission.observations, root_seed=config.study.seed, realization=max(realization, 0))
+        o = perturb(mission.measurements, root_seed=config.study.seed, realization=max(realization, 0))
         plain, base = timed(solve_conditions, o, ["straight"], truth, solver=solver)
         found = {"straight, plain": (base, plain["straight"])}
         for name, make in makers.items():

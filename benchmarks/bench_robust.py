@@ -1,6 +1,6 @@
 """Compare robust losses, graduated non-convexity and iSAM2 replay on ranges of which some are far too long.
 
-Run with ``python benchmarks/bench_robust.py`` for the preset ``quick``, or with ``--run FOLDER`` for the observations of
+Run with ``python benchmarks/bench_robust.py`` for the preset ``quick``, or with ``--run FOLDER`` for the measurements of
 a run. Ranges are straight ones with their noise; a share of them, drawn by a seeded generator, gets a late
 arrival's error of 50 to 500 m. Every estimator starts at dead reckoning and at the truth.
 """
@@ -63,11 +63,11 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.run:
         run = open_run(arguments.run)
-        truth, o = run.truth, run.noisy_observations(0)
+        truth, o = run.truth, run.noisy_measurements(0)
     else:
         config = load_study("quick")
         mission = simulate_mission(config, Stopwatch(), lambda *_: None)
-        truth, o = mission.truth, perturb(mission.observations, root_seed=config.study.seed, realization=0)
+        truth, o = mission.truth, perturb(mission.measurements, root_seed=config.study.seed, realization=0)
     graph = build_graph(o, "straight")
     starts = {
         "dead reckoning": values_of(*dead_reckon(o), o.landmark_position),

@@ -1,7 +1,7 @@
 """Time the estimator at the paper's size against a plain GTSAM script: 11 vehicles, 3,025 poses each, 4,620 ranges.
 
 Run with ``python benchmarks/bench_solve.py``. No ocean is needed: floats drift by a random walk and dive as
-the paper's do; refraction is a made-up error of 30 m. The script loops over the same observations, adds GTSAM's factors
+the paper's do; refraction is a made-up error of 30 m. The script loops over the same measurements, adds GTSAM's factors
 one by one and optimises with GTSAM's own optimizers, by Gauss-Newton until a step is as small as ours has to be and by
 Levenberg-Marquardt until the cost stands still. Accuracy is the largest distance of a pose from the optimum of the
 script, iterated on until a step is 1e-8 m. All take turns; medians, and the CPU time of the process beside the
@@ -28,7 +28,7 @@ import plain_gtsam
 from pymantaray.estimation import GraphSolver, SolveOptions, build_graph, solve_conditions
 from pymantaray.estimation.graph import GraphValues
 from pymantaray.geometry.se3 import quaternion_from_matrix, se3_exp, so3_log
-from pymantaray.records import Observations, RayStatus, SolveStatus
+from pymantaray.records import Measurements, RayStatus, SolveStatus
 from pymantaray.study import load_study, run_study
 
 CONDITIONS = ("straight", "refracted")
@@ -63,7 +63,7 @@ def fleet(rng: np.random.Generator, *, turn: float) -> tuple[np.ndarray, np.ndar
     return position, rotation
 
 
-def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator) -> Observations:
+def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator) -> Measurements:
     """Measurements with the paper's noise levels."""
     n = TARGETS.size
     step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
@@ -89,7 +89,7 @@ def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator
     distance = np.linalg.norm(position[transmitter, at] - position[receiver, at], axis=1)
     noise = rng.standard_normal(at.size)
     heard = rng.random(at.size) > 0.01
-    return Observations(
+    return Measurements(
         name=list("ABCDEFGHIJK"),
         time=np.arange(N_TIMES) * PERIOD,
         odometry_rotation=quaternion_from_matrix(step @ noise_rotation),
@@ -111,8 +111,6 @@ def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator
         range_receiver=receiver,
         range_sample=at,
         range_status=np.where(heard, RayStatus.OK, RayStatus.SHADOW),
-        travel_time=np.where(heard, distance / 1450.0, np.nan),
-        chord_travel_time=distance / 1450.0,
         transmitter_sound_speed=np.full(at.size, 1450.0),
         straight_range=distance + noise,
         refracted_range=np.where(heard, distance + noise + rng.normal(-5.0, 30.0, at.size), np.nan),

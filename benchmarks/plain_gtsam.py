@@ -1,12 +1,12 @@
-"""The estimator's graph as a GTSAM user writes and solves it, for comparison; nothing but observations is shared."""
+"""The estimator's graph as a GTSAM user writes and solves it, for comparison; nothing but measurements is shared."""
 
 import gtsam
 import numpy as np
 
-from pymantaray.records import Observations, RayStatus
+from pymantaray.records import Measurements, RayStatus
 
 
-def build(o: Observations, refracted: bool) -> gtsam.NonlinearFactorGraph:
+def build(o: Measurements, refracted: bool) -> gtsam.NonlinearFactorGraph:
     """The graph as a GTSAM user writes it down: a loop over each sensor, a noise model for each level of noise."""
     graph = gtsam.NonlinearFactorGraph()
     sigmas, pose, rotation = gtsam.noiseModel.Diagonal.Sigmas, gtsam.Pose3, gtsam.Rot3.Quaternion

@@ -12,7 +12,7 @@ def main() -> None:
     """Mean range error of what the station keeper sends and hears, largest distance, cost against expectation."""
     for folder in sys.argv[1:]:
         run = open_run(folder)
-        o, e = run.observations, run.estimates
+        o, e = run.measurements, run.estimates
         heard = o.range_status == RayStatus.OK
         error = o.refracted_range - o.straight_range
         station = int(np.argmax(run.truth.role == "station"))

@@ -9,7 +9,7 @@ from pymantaray.records import RayStatus
 def main() -> None:
     """Run, then read a few numbers off the results."""
     run = run_study(load_study("quick"), workers=1)
-    seen = run.observations
+    seen = run.measurements
     heard = seen.range_status == RayStatus.OK
     error = seen.refracted_range[heard] - seen.straight_range[heard]
     print(f"{run.path}: {heard.sum()} of {heard.size} ranges heard")  # noqa: T201

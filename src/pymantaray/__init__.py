@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pymantaray.fleet import ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints, simulate
     from pymantaray.geometry import LocalFrame
     from pymantaray.ocean import open_ocean, to_local
-    from pymantaray.records import Arrivals, Estimates, Observations, Trajectories
+    from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, Trajectories
     from pymantaray.sensing import Landmark, NoiseModel, PingSchedule, perturb
     from pymantaray.study import StudyConfig, load_study, open_run, run_study
 
@@ -28,7 +28,7 @@ _HOME = {
     "fleet": ("ConstantTwist", "FloatCycle", "StationKeeping", "Vehicle", "Waypoints", "simulate"),
     "geometry": ("LocalFrame",),
     "ocean": ("open_ocean", "to_local"),
-    "records": ("Arrivals", "Estimates", "Observations", "Trajectories"),
+    "records": ("Arrivals", "Estimates", "Measurements", "RangingTruth", "Trajectories"),
     "sensing": ("Landmark", "NoiseModel", "PingSchedule", "perturb"),
     "study": ("StudyConfig", "load_study", "open_run", "run_study"),
 }
@@ -42,10 +42,11 @@ __all__ = [
     "Landmark",
     "LocalFrame",
     "MantaRayError",
+    "Measurements",
     "Medium",
     "NoiseModel",
-    "Observations",
     "PingSchedule",
+    "RangingTruth",
     "StationKeeping",
     "StudyConfig",
     "Trajectories",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
-from pymantaray.records import Observations, RayStatus
+from pymantaray.records import Measurements, RayStatus
 
 PERIOD = 200.0
 
@@ -17,8 +17,8 @@ class Fleet:
 
     position: np.ndarray
     quaternion: np.ndarray
-    noise_free: Observations
-    noisy: Observations
+    noise_free: Measurements
+    noisy: Measurements
 
 
 def make_fleet(
@@ -69,7 +69,7 @@ def make_fleet(
     status = np.where(rng.random(sample.size) < dropouts, RayStatus.SHADOW, RayStatus.OK)
     c = 1450.0 + 0.01 * where[transmitter, sample, 2]
     time = (distance + range_error) / c
-    truth = Observations(
+    truth = Measurements(
         name=np.array(list("ABCDEFGHIJKMNOPQRSTUVWXYZ")[:n_agents]),
         time=np.arange(n_times) * PERIOD,
         odometry_rotation=quaternion_from_matrix(step),
@@ -91,8 +91,6 @@ def make_fleet(
         range_receiver=receiver,
         range_sample=sample,
         range_status=status,
-        travel_time=np.where(status == RayStatus.OK, time, np.nan),
-        chord_travel_time=distance / c,
         transmitter_sound_speed=c,
         straight_range=distance,
         refracted_range=np.where(status == RayStatus.OK, c * time, np.nan),

@@ -168,8 +168,7 @@ def test_range_statistic_is_the_innovation_predicted_from_everything_else(make_f
     without = replace(
         o, **{
             name: getattr(o, name)[o.range_sample != sample]
-            for name in ("range_transmitter", "range_receiver", "range_sample", "range_status", "travel_time",
-                         "chord_travel_time", "transmitter_sound_speed", "straight_range", "refracted_range",
+            for name in ("range_transmitter", "range_receiver", "range_sample", "range_status", "transmitter_sound_speed", "straight_range", "refracted_range",
                          "range_sigma")
         }
     )  # fmt: skip

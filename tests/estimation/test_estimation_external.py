@@ -31,7 +31,7 @@ def foreign(tmp_path, make_fleet):
     return path, fleet, truth
 
 
-def test_estimate_from_a_file_is_the_estimate_from_the_observations(foreign):
+def test_estimate_from_a_file_is_the_estimate_from_the_measurements(foreign):
     path, fleet, truth = foreign
     result = solve_graph(open_graph(path))
     assert result.solution.status == SolveStatus.OK

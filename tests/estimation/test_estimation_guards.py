@@ -208,7 +208,7 @@ def test_values_that_cannot_be_a_start_are_refused(whole, change, message):
         GraphSolver().solve(graph, replace(values, **change))
 
 
-def test_dead_reckoning_over_a_graph_is_dead_reckoning_of_its_observations(whole):
+def test_dead_reckoning_over_a_graph_is_dead_reckoning_of_its_measurements(whole):
     fleet, graph, values = whole
     nowhere = replace(
         values, position=values.position + 1e4, landmark_position=values.landmark_position + 1e4

@@ -26,7 +26,7 @@ WATER = MeanSlowness([0.0, 2000.0, 3000.0, 6000.0], [1450.0, 1470.0, 1455.0, 150
 
 
 def ranged_in(model, o, position):
-    """Observations as they are in water where the model is right, with the noise that they have."""
+    """Measurements as they are in water where the model is right, with the noise that they have."""
     place = np.concatenate([position, np.repeat(o.landmark_position[:, None], o.time.size, axis=1)])
     a, b = (place[end, o.range_sample] for end in (o.range_transmitter, o.range_receiver))
     c = o.transmitter_sound_speed

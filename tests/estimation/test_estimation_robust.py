@@ -51,7 +51,7 @@ class Study:
     def __init__(self):
         config = load_study("quick")
         mission = simulate_mission(config, Stopwatch(), lambda *_: None)
-        o = perturb(mission.observations, root_seed=config.study.seed, realization=0)
+        o = perturb(mission.measurements, root_seed=config.study.seed, realization=0)
         self.graph = build_graph(o, "straight")
         self.truth = values_of(mission.truth.position, mission.truth.quaternion, o.landmark_position)
         self.reckoned = values_of(*dead_reckon(o), o.landmark_position)

@@ -16,7 +16,7 @@ from pymantaray.estimation.range_models import MeanSlowness, RangeLinks, Transmi
 from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.estimation.unknowns import AdjustableModel, ClockPrior, Unknowns
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
-from pymantaray.records import SolveStatus
+from pymantaray.records import RangingTruth, SolveStatus
 from pymantaray.sensing.clocks import Clocks, clock_error
 from pymantaray.sensing.timing import OneWay, TwoWay
 
@@ -50,13 +50,16 @@ class Adjustable:
 
 
 def measured(o, position, model, clocks=None, timing=None):
-    """Observations as they are in water where the model is right, between clocks, with the noise that they have."""
+    """Measurements as they are in water where the model is right, between clocks, with the noise that they have."""
     place = np.concatenate([position, np.repeat(o.landmark_position[:, None], o.time.size, axis=1)])
     a, b = (place[end, o.range_sample] for end in (o.range_transmitter, o.range_receiver))
     c = o.transmitter_sound_speed
     time = model.predict(RangeLinks(o.time[o.range_sample], a, b, c)).travel_time
     noise = o.straight_range - np.linalg.norm(a - b, axis=1)
-    late = 0.0 if clocks is None else clock_error(replace(o, travel_time=time), clocks, timing or OneWay())
+    true = RangingTruth(
+        distance=np.linalg.norm(a - b, axis=1), sound_speed=c, travel_time=time, chord_travel_time=time
+    )
+    late = 0.0 if clocks is None else clock_error(o, true, clocks, timing or OneWay())
     return replace(o, refracted_range=c * time + noise + late)
 
 
@@ -192,7 +195,14 @@ def test_clocks_act_on_predictions_as_they_do_on_measurements(make_fleet, timing
     rows = np.arange(timed.time.size)
     right, _ = unknowns.predict(links, rows, 0.0 * u)
     found, by_u = unknowns.predict(links, rows, u)
-    expected = clock_error(o, clocks, timing) / o.transmitter_sound_speed
+    time = np.array(right.travel_time)
+    true = RangingTruth(
+        distance=o.straight_range,
+        sound_speed=o.transmitter_sound_speed,
+        travel_time=time,
+        chord_travel_time=time,
+    )
+    expected = clock_error(o, true, clocks, timing) / o.transmitter_sound_speed
     np.testing.assert_allclose(found.travel_time - right.travel_time, expected, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(by_u @ u, expected, rtol=1e-9, atol=1e-15)
     some = np.array([3, 7])

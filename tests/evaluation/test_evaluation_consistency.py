@@ -241,7 +241,7 @@ def small_study(tmp_path_factory):
     poses = np.arange(run.truth.time.size * 5).reshape(5, -1)[:, samples].T
     e, kept = run.estimates, []
     for r in range(24):
-        o = run.noisy_observations(r)
+        o = run.noisy_measurements(r)
         one = {"odometry": reckoned_covariances(o, samples)}
         for i, condition in enumerate(e.condition.tolist()):
             if condition != "odometry":

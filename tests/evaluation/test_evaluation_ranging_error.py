@@ -15,7 +15,7 @@ from pymantaray.evaluation import (
     range_errors,
     range_split_table,
 )
-from pymantaray.records import Observations, RayStatus, Trajectories
+from pymantaray.records import Measurements, RangingTruth, RayStatus, Trajectories
 
 ROLES = ["station", "float", "float", "waypoints"]
 
@@ -30,7 +30,7 @@ def make_ranges(transmitter, receiver, status=None, seed=0, n_landmarks=1):
     c = rng.uniform(1430, 1500, n)
     chord = distance / rng.uniform(1430, 1500, n)
     time = np.where(heard, chord - rng.exponential(1e-3, n), np.nan)
-    o = Observations(
+    o = Measurements(
         name=np.array(list("ABCD")),
         time=np.array([0.0, 200.0]),
         odometry_rotation=np.tile([1.0, 0, 0, 0], (a, 1, 1)),
@@ -52,8 +52,6 @@ def make_ranges(transmitter, receiver, status=None, seed=0, n_landmarks=1):
         range_receiver=np.array(receiver),
         range_sample=np.ones(n),
         range_status=status,
-        travel_time=time,
-        chord_travel_time=chord,
         transmitter_sound_speed=c,
         straight_range=distance,
         refracted_range=c * time,
@@ -67,7 +65,8 @@ def make_ranges(transmitter, receiver, status=None, seed=0, n_landmarks=1):
         quaternion=np.tile([1.0, 0, 0, 0], (a, 2, 1)),
         status=np.zeros((a, 2)),
     )
-    return o, truth
+    true = RangingTruth(distance=distance, sound_speed=c, travel_time=time, chord_travel_time=chord)
+    return o, true, truth
 
 
 def all_pairs(repeat=1):
@@ -76,20 +75,15 @@ def all_pairs(repeat=1):
 
 
 def test_split_adds_up_exactly_and_means_what_it_says():
-    o, _ = make_ranges(*all_pairs(50))
-    e = range_errors(o)
+    o, true, _ = make_ranges(*all_pairs(50))
+    e = range_errors(true)
     np.testing.assert_allclose(e.reference_speed + e.bending, e.total, rtol=0, atol=1e-9)
     np.testing.assert_allclose(e.total, o.refracted_range - o.straight_range, rtol=0, atol=0)
     # the made-up rays are all faster than their chords
     assert (e.bending <= 0.0).all()
     # a straight ray in a medium of one speed has neither part
-    plain = replace(
-        o,
-        travel_time=o.straight_range / 1480.0,
-        chord_travel_time=o.straight_range / 1480.0,
-        transmitter_sound_speed=np.full(o.range_status.size, 1480.0),
-        refracted_range=o.straight_range,
-    )
+    time, speed = true.distance / 1480.0, np.full(true.distance.size, 1480.0)
+    plain = RangingTruth(distance=true.distance, sound_speed=speed, travel_time=time, chord_travel_time=time)
     flat = range_errors(plain)
     assert (
         max(np.abs(flat.total).max(), np.abs(flat.bending).max(), np.abs(flat.reference_speed).max()) < 1e-9
@@ -97,7 +91,7 @@ def test_split_adds_up_exactly_and_means_what_it_says():
 
 
 def test_category_comes_from_both_ends_in_either_direction():
-    o, truth = make_ranges([0, 1, 1, 2, 1, 3, 0, 4, 1], [1, 0, 2, 1, 3, 1, 3, 1, 4])
+    o, _true, truth = make_ranges([0, 1, 1, 2, 1, 3, 0, 4, 1], [1, 0, 2, 1, 3, 1, 3, 1, 4])
     assert link_categories(o, truth).tolist() == [
         "station-keeping to float",
         "station-keeping to float",
@@ -113,7 +107,7 @@ def test_category_comes_from_both_ends_in_either_direction():
 
 def test_dropouts_are_counted_by_kind_and_cause():
     s = RayStatus
-    o, truth = make_ranges(
+    o, _true, truth = make_ranges(
         [0, 1, 0, 2, 1, 2, 1, 2, 1, 2],
         [1, 0, 2, 0, 2, 1, 2, 1, 2, 1],
         [s.SHADOW, s.SHADOW, s.OK, s.BLOCKED, s.OK, s.OK, s.OK, s.WEAK, s.OK, s.OK],
@@ -132,8 +126,8 @@ def test_dropouts_are_counted_by_kind_and_cause():
 def test_statistics_are_those_of_the_heard_links():
     transmitter, receiver = all_pairs(40)
     status = np.where(np.arange(transmitter.size) % 7 == 0, RayStatus.SHADOW, RayStatus.OK)
-    o, truth = make_ranges(transmitter, receiver, status)
-    table = range_error_table(o, truth).set_index("category")
+    o, true, truth = make_ranges(transmitter, receiver, status)
+    table = range_error_table(o, true, truth).set_index("category")
     everything, e = table.loc[ALL_LINKS], (o.refracted_range - o.straight_range)[status == RayStatus.OK]
     assert everything["attempts"] == transmitter.size
     assert everything["n"] == e.size < transmitter.size
@@ -150,27 +144,22 @@ def test_statistics_are_those_of_the_heard_links():
 
 
 def test_split_table_has_means_that_add():
-    o, truth = make_ranges(*all_pairs(40))
-    table = range_split_table(o, truth).set_index(["category", "part"])["mean_m"].unstack()
+    o, true, truth = make_ranges(*all_pairs(40))
+    table = range_split_table(o, true, truth).set_index(["category", "part"])["mean_m"].unstack()
     np.testing.assert_allclose(table["reference speed"] + table["bending"], table["total"], rtol=0, atol=1e-9)
     assert set(table.index) == {*link_categories(o, truth).tolist(), ALL_LINKS}
 
 
 def test_link_that_was_never_heard_has_no_statistics_but_a_row():
-    o, truth = make_ranges([0, 1], [1, 2], [RayStatus.SHADOW, RayStatus.OK])
-    row = range_error_table(o, truth).set_index("category").loc["station-keeping to float"]
+    o, true, truth = make_ranges([0, 1], [1, 2], [RayStatus.SHADOW, RayStatus.OK])
+    row = range_error_table(o, true, truth).set_index("category").loc["station-keeping to float"]
     assert (row["attempts"], row["n"]) == (1, 0)
     assert row[["mean_m", "sd_m", "skewness", "p1_m", "min_m", "percent_beyond_3_sigma"]].isna().all()
-    empty, truth = make_ranges([], [])
+    empty, true, truth = make_ranges([], [])
     assert dropout_table(empty, truth)["attempts"].tolist() == [0]
 
 
-def test_noisy_ranges_are_refused():
-    o, truth = make_ranges(*all_pairs())
-    noisy = replace(o, refracted_range=o.refracted_range + 0.5)
-    with pytest.raises(
-        EvaluationError, match=r"differs .* by 0\.5 m; range errors need observations without noise"
-    ):
-        range_error_table(noisy, truth)
-    with pytest.raises(EvaluationError, match="observations of vehicles"):
+def test_records_of_different_fleets_are_refused():
+    o, _, truth = make_ranges(*all_pairs())
+    with pytest.raises(EvaluationError, match="measurements of vehicles"):
         dropout_table(o, replace(truth, name=np.array(["W", "X", "Y", "Z"])))

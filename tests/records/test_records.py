@@ -12,14 +12,15 @@ from pymantaray.records import (
     Arrivals,
     Estimates,
     FirstArrivals,
-    Observations,
+    Measurements,
+    RangingTruth,
     RayStatus,
     Trajectories,
     VehicleStatus,
 )
 from pymantaray.records.base import Column, Record, column
 
-KINDS = [Arrivals, Estimates, FirstArrivals, Observations, Trajectories]
+KINDS = [Arrivals, Estimates, FirstArrivals, Measurements, RangingTruth, Trajectories]
 FIXED = {"axis": 3, "quat": 4, "tangent": 6}
 NAMES = ["A", "Zoë", "a longer name", "浮", "E"]
 
@@ -76,8 +77,8 @@ def test_round_trip_through_netcdf_keeps_every_bit(kind, tmp_path):
 @pytest.mark.parametrize(
     ("kind", "empty"),
     [
-        (Observations, ("landmark",)),
-        (Observations, ("fix", "range", "landmark")),
+        (Measurements, ("landmark",)),
+        (Measurements, ("fix", "range", "landmark")),
         (Arrivals, ("arrival",)),
         (Arrivals, ("arrival", "n_links")),
         (Estimates, ("landmark", "realization")),
@@ -151,11 +152,11 @@ def test_missing_file(tmp_path):
 @pytest.mark.parametrize("keep", [0, 10, 0.3, 0.7, 0.95])
 def test_truncated_file(keep, tmp_path):
     path = tmp_path / "cut.nc"
-    filled(Observations).save(path)
+    filled(Measurements).save(path)
     content = path.read_bytes()
     path.write_bytes(content[: keep if isinstance(keep, int) else int(keep * len(content))])
     with pytest.raises(RecordError, match=r"cut\.nc: not a readable NetCDF file") as error:
-        Observations.load(path)
+        Measurements.load(path)
     assert "\n" not in str(error.value)
 
 

@@ -11,7 +11,15 @@ import xarray as xr
 from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
 
-from pymantaray.records import Estimates, Observations, RayStatus, SolveStatus, Trajectories, write_netcdf
+from pymantaray.records import (
+    Estimates,
+    Measurements,
+    RangingTruth,
+    RayStatus,
+    SolveStatus,
+    Trajectories,
+    write_netcdf,
+)
 from pymantaray.study import load_study, open_run, store, study_toml
 
 CONDITIONS = ("odometry", "straight", "refracted")
@@ -46,12 +54,14 @@ def make_run(folder: Path, made: Made = Made()) -> Path:
     ocean = config.ocean.model_copy(update={"source": source})
     config = config.model_copy(update={"study": study, "ocean": ocean})
     (folder / store.CONFIG).write_text(study_toml(config), encoding="utf-8")
-    manifest = {"format": 1, "study": "quick", "versions": {"numpy": "<2>"}, "seconds": {"rays": 1.5}}
+    manifest = {"format": 2, "study": "quick", "versions": {"numpy": "<2>"}, "seconds": {"rays": 1.5}}
     store.write_json(manifest, folder / store.MANIFEST)
     _write_ocean(folder, made)
     truth = make_truth(made, rng)
     truth.save(folder / store.TRUTH)
-    make_observations(made, truth, rng).save(folder / store.OBSERVATIONS)
+    measurements, ranging_truth = make_measurements(made, truth, rng)
+    measurements.save(folder / store.MEASUREMENTS)
+    ranging_truth.save(folder / store.RANGING_TRUTH)
     make_estimates(made, truth, rng).save(folder / store.ESTIMATES)
     return folder
 
@@ -75,7 +85,7 @@ def make_truth(made, rng):
     )
 
 
-def make_observations(made, truth, rng):
+def make_measurements(made, truth, rng):
     n, m = len(made.names), len(made.landmarks)
     samples = np.linspace(N_TIME // 6, N_TIME - 1, made.pings).astype(int) if made.pings else []
     pairs = [(i, j, s) for s in samples for i in range(n) for j in range(n + m) if i != j]
@@ -89,7 +99,7 @@ def make_observations(made, truth, rng):
     lost = rng.random(straight.size) < made.lost
     status = np.where(lost, rng.choice([1, 2, 3, 4, 5], straight.size), int(RayStatus.OK))
     surface = np.argwhere(truth.position[..., 2] < 1.0)
-    return Observations(
+    measurements = Measurements(
         name=truth.name,
         time=truth.time,
         odometry_rotation=np.zeros((n, N_TIME - 1, 4)),
@@ -111,12 +121,14 @@ def make_observations(made, truth, rng):
         range_receiver=to,
         range_sample=sample,
         range_status=status,
-        travel_time=np.where(lost, np.nan, bent),
-        chord_travel_time=chord,
         transmitter_sound_speed=speed,
         straight_range=straight,
         refracted_range=np.where(lost, np.nan, speed * bent),
         range_sigma=np.ones(straight.size),
+    )
+    bent = np.where(lost, np.nan, bent)
+    return measurements, RangingTruth(
+        distance=straight, sound_speed=speed, travel_time=bent, chord_travel_time=chord
     )
 
 
@@ -220,7 +232,7 @@ def fakes():
         Made=Made,
         run=make_run,
         truth=make_truth,
-        observations=make_observations,
+        measurements=make_measurements,
         estimates=make_estimates,
         profile=make_profile,
         rays=make_rays,
@@ -238,8 +250,13 @@ def truth(made):
 
 
 @pytest.fixture(scope="session")
-def observations(made, truth):
-    return make_observations(made, truth, np.random.default_rng(2))
+def measurements(made, truth):
+    return make_measurements(made, truth, np.random.default_rng(2))[0]
+
+
+@pytest.fixture
+def ranging_truth(made, truth):
+    return make_measurements(made, truth, np.random.default_rng(2))[1]
 
 
 def texts(figure):

@@ -39,7 +39,7 @@ def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_
     table = tables["range_drop_category_compare"]
     assert list(table.columns) == ["link category", "one [%]", "other [%]"]
     assert table["link category"].iloc[-1] == "all links"
-    lost = run.observations.range_status != 0
+    lost = run.measurements.range_status != 0
     assert table["one [%]"].iloc[-1] == pytest.approx(100.0 * lost.mean())
     landmark = table.set_index("link category").loc["landmark to float"]
     assert pd.isna(landmark["one [%]"])

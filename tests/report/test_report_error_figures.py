@@ -13,8 +13,8 @@ from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pool
 HEADER = "Test Sea, synthetic ocean"
 
 
-def test_histogram_counts_every_range_once_and_marks_the_mean(look, observations):
-    error = observations.refracted_range - observations.straight_range
+def test_histogram_counts_every_range_once_and_marks_the_mean(look, measurements):
+    error = measurements.refracted_range - measurements.straight_range
     found = error[np.isfinite(error)]
     figure = look.draw(range_error_histogram([("Test Sea", error)], HEADER))
     for axes in figure.axes:
@@ -46,9 +46,9 @@ def test_histograms_of_two_regions_share_their_axis(look):
     assert [int(look.steps(axes)[0].sum()) for axes in figure.axes] == [400, 400, 300, 300]
 
 
-def test_split_draws_each_part_against_distance(look, observations):
-    o = observations
-    chord = o.transmitter_sound_speed * o.chord_travel_time
+def test_split_draws_each_part_against_distance(look, measurements, ranging_truth):
+    o = measurements
+    chord = ranging_truth.sound_speed * ranging_truth.chord_travel_time
     reference, bending = chord - o.straight_range, o.refracted_range - chord
     heard = np.isfinite(bending)
     both, counts, alone = look.draw(range_error_split(o.straight_range, reference, bending, HEADER)).axes
@@ -61,17 +61,17 @@ def test_split_draws_each_part_against_distance(look, observations):
     assert [int(p.get_data().values.sum()) for p in counts.patches] == [heard.sum()] * 2
 
 
-def test_dropout_map_shows_every_attempt_under_its_status(look, truth, observations):
-    ends = range_ends(truth, observations)
-    distance, depths = look.draw(dropout_map(*ends, observations.range_status, HEADER)).axes
+def test_dropout_map_shows_every_attempt_under_its_status(look, truth, measurements):
+    ends = range_ends(truth, measurements)
+    distance, depths = look.draw(dropout_map(*ends, measurements.range_status, HEADER)).axes
     shown = {line.get_label(): line for line in distance.lines}
-    counts = {s: int((observations.range_status == s).sum()) for s in RayStatus}
+    counts = {s: int((measurements.range_status == s).sum()) for s in RayStatus}
     assert f"heard ({counts[RayStatus.OK]:,})" in shown
     assert f"shadow ({counts[RayStatus.SHADOW]:,})" in shown
-    assert sum(len(line.get_xdata()) for line in shown.values()) == observations.range_status.size
+    assert sum(len(line.get_xdata()) for line in shown.values()) == measurements.range_status.size
     weak = shown[f"too weak ({counts[RayStatus.WEAK]:,})"]
-    chosen = observations.range_status == RayStatus.WEAK
-    np.testing.assert_allclose(weak.get_xdata(), observations.straight_range[chosen] / 1e3)
+    chosen = measurements.range_status == RayStatus.WEAK
+    np.testing.assert_allclose(weak.get_xdata(), measurements.straight_range[chosen] / 1e3)
     assert all((line.get_xdata() <= line.get_ydata()).all() for line in depths.lines)
 
 

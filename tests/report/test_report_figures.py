@@ -16,19 +16,19 @@ from pymantaray.report.labels import ocean_header
 HEADER = "Test Sea, synthetic ocean"
 
 
-def test_every_figure_has_units_on_its_axes_and_says_synthetic(look, fakes, made, truth, observations):
-    error = observations.refracted_range - observations.straight_range
+def test_every_figure_has_units_on_its_axes_and_says_synthetic(look, fakes, made, truth, measurements):
+    error = measurements.refracted_range - measurements.straight_range
     ape = {"straight": np.random.default_rng(0).random((3, 4, truth.time.size))}
-    landmarks = (observations.landmark_name, observations.landmark_position)
+    landmarks = (measurements.landmark_name, measurements.landmark_position)
     fixes = np.zeros((4, truth.time.size), dtype=bool)
     figures = [
         sound_speed_profiles([("Test Sea", fakes.profile())], HEADER),
         ray_picture(fakes.rays(), HEADER),
         fleet_layout(truth, landmarks, HEADER),
-        factor_graph(truth, observations, HEADER),
+        factor_graph(truth, measurements, HEADER),
         range_error_histogram([("Test Sea", error)], HEADER),
-        range_error_split(observations.straight_range, error, -np.abs(error), HEADER),
-        dropout_map(*range_ends(truth, observations), observations.range_status, HEADER),
+        range_error_split(measurements.straight_range, error, -np.abs(error), HEADER),
+        dropout_map(*range_ends(truth, measurements), measurements.range_status, HEADER),
         pooled_ape([ApePanel("log", ape, log=True), ApePanel("linear", ape, log=False)], HEADER),
         error_over_time(truth.time, list("ABCD"), ape, fixes, HEADER),
     ]
@@ -44,12 +44,12 @@ def test_every_figure_has_units_on_its_axes_and_says_synthetic(look, fakes, made
         assert figure.get_figwidth() in (style.COLUMN, style.DOUBLE)
 
 
-def test_no_text_is_cut_off_and_no_legend_covers_the_header(look, fakes, truth, observations):
+def test_no_text_is_cut_off_and_no_legend_covers_the_header(look, fakes, truth, measurements):
     header = ocean_header({"title": "A name " * 9, "synthetic": 1, "time": "2014-07-15T12:00:00"})
-    error = observations.refracted_range - observations.straight_range
+    error = measurements.refracted_range - measurements.straight_range
     rng = np.random.default_rng(0)
     ape = {name: rng.gamma(3.0, 9.0, (3, 4, truth.time.size)) for name in style.CONDITION_COLOURS}
-    landmarks = (observations.landmark_name, observations.landmark_position)
+    landmarks = (measurements.landmark_name, measurements.landmark_position)
     fixes = np.zeros((4, truth.time.size), dtype=bool)
     region = "Another name " * 9
     figures = [
@@ -57,8 +57,8 @@ def test_no_text_is_cut_off_and_no_legend_covers_the_header(look, fakes, truth, 
         ray_picture(fakes.rays(), header),
         fleet_layout(truth, landmarks, header),
         range_error_histogram([(region, error)], header),
-        range_error_split(observations.straight_range, error, -np.abs(error), header),
-        dropout_map(*range_ends(truth, observations), observations.range_status, header),
+        range_error_split(measurements.straight_range, error, -np.abs(error), header),
+        dropout_map(*range_ends(truth, measurements), measurements.range_status, header),
         pooled_ape([ApePanel(region, ape, log=True), ApePanel("linear", ape, log=False)], header),
         error_over_time(truth.time, list("ABCD"), ape, fixes, header),
     ]
@@ -145,8 +145,8 @@ def test_ray_picture_of_a_shadow_has_no_eigenray(look, fakes):
     assert "direct eigenray" not in look.texts(figure)
 
 
-def test_fleet_is_drawn_east_to_the_right(truth, observations):
-    plan = fleet_layout(truth, (observations.landmark_name, observations.landmark_position), HEADER).axes[0]
+def test_fleet_is_drawn_east_to_the_right(truth, measurements):
+    plan = fleet_layout(truth, (measurements.landmark_name, measurements.landmark_position), HEADER).axes[0]
     for line, path in zip(plan.lines, truth.position, strict=False):
         np.testing.assert_allclose(line.get_xdata(), path[:, 1] / 1e3)
         np.testing.assert_allclose(line.get_ydata(), path[:, 0] / 1e3)
@@ -154,17 +154,17 @@ def test_fleet_is_drawn_east_to_the_right(truth, observations):
     np.testing.assert_allclose(starts, truth.position[:, 0, [1, 0]] / 1e3)
 
 
-def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, truth, observations):
-    figure = factor_graph(truth, observations, HEADER)
+def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, truth, measurements):
+    figure = factor_graph(truth, measurements, HEADER)
     axes = figure.axes[0]
     edges = next(c for c in axes.collections if isinstance(c, LineCollection))._segments3d * 1e3
-    heard = np.flatnonzero(observations.range_status == RayStatus.OK)
+    heard = np.flatnonzero(measurements.range_status == RayStatus.OK)
     assert len(edges) == heard.size
     length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=-1)
-    np.testing.assert_allclose(length, observations.straight_range[heard])
-    agent = np.flatnonzero(observations.range_receiver[heard] < 4)[0]
+    np.testing.assert_allclose(length, measurements.straight_range[heard])
+    agent = np.flatnonzero(measurements.range_receiver[heard] < 4)[0]
     row = heard[agent]
-    where = truth.position[observations.range_transmitter[row], observations.range_sample[row]]
+    where = truth.position[measurements.range_transmitter[row], measurements.range_sample[row]]
     np.testing.assert_allclose(edges[agent, 0], where[[1, 0, 2]])
     assert f"{heard.size:,} range edges" in look.texts(figure)
 
@@ -172,9 +172,9 @@ def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, truth,
 def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, fakes):
     lone = fakes.Made(names=("A",), landmarks=(), pings=0)
     truth = fakes.truth(lone, np.random.default_rng(0))
-    observations = fakes.observations(lone, truth, np.random.default_rng(0))
+    measurements = fakes.measurements(lone, truth, np.random.default_rng(0))[0]
     nothing = np.full(7, np.nan)
-    no_names = (observations.landmark_name, observations.landmark_position)
+    no_names = (measurements.landmark_name, measurements.landmark_position)
     every = [
         (range_error_histogram([("x", nothing)], ""), "no range was heard"),
         (range_error_histogram([("x", np.empty(0))], ""), "no range was heard"),
@@ -186,7 +186,7 @@ def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, fakes):
         (pooled_ape([ApePanel("p", {"straight": np.zeros(9)}, log=True)], ""), "mean 0.00 m"),
         (pooled_ape([ApePanel("p", {}, log=False)], ""), "p"),
         (fleet_layout(truth, no_names, ""), "A"),
-        (factor_graph(truth, observations, ""), "0 range edges"),
+        (factor_graph(truth, measurements, ""), "0 range edges"),
         (
             error_over_time(
                 truth.time,

@@ -88,7 +88,7 @@ def test_tables_equal_an_independent_computation(reported, run_folder, run):
     def table(name):
         return pd.read_csv(run_folder / "tables" / f"{name}.csv")
 
-    truth, o, estimates = run.truth, run.observations, run.estimates
+    truth, o, estimates = run.truth, run.measurements, run.estimates
     errors = np.sqrt(((estimates.position - truth.position) ** 2).sum(-1))
     pooled = table("ate_pooled").set_index("condition")
     for name, e in zip(estimates.condition, errors, strict=True):

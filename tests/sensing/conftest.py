@@ -1,10 +1,10 @@
-"""Small fleets with known poses, and observations of them."""
+"""Small fleets with known poses, and measurements of them."""
 
 import numpy as np
 import pytest
 
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
-from pymantaray.records import Trajectories
+from pymantaray.records import RangingTruth, Trajectories
 from pymantaray.sensing import Attempts, Landmark, NoiseModel, Ranging, assemble, attempts
 
 PERIOD = 200.0  # s
@@ -48,15 +48,15 @@ def build_ranging(truth, landmarks=LANDMARKS, epochs=(4, 8, 12), bias=7.0):
         place[table.transmitter, table.sample] - place[table.receiver, table.sample], axis=-1
     )
     dropout = (table.transmitter == 0) & (table.receiver == 2)
-    refracted = np.where(dropout, np.nan, distance + bias)
     return Ranging(
         attempts=Attempts(*table),
         status=dropout.astype(np.int8),
-        travel_time=refracted / 1450.0,
-        chord_travel_time=distance / 1450.0,
-        transmitter_sound_speed=np.full(distance.size, 1450.0),
-        straight_range=distance,
-        refracted_range=refracted,
+        truth=RangingTruth(
+            distance=distance,
+            sound_speed=np.full(distance.size, 1450.0),
+            travel_time=(distance + np.where(dropout, np.nan, bias)) / 1450.0,
+            chord_travel_time=distance / 1450.0,
+        ),
         links=None,
         arrivals=None,
     )
@@ -68,7 +68,12 @@ def make_truth():
 
 
 @pytest.fixture(scope="session")
-def make_observations():
+def make_ranging_truth():
+    return lambda names="ABC": build_ranging(build_truth(names)).truth
+
+
+@pytest.fixture(scope="session")
+def make_measurements():
     def make(names="ABC", n_time=13, noise=None, landmarks=LANDMARKS, gnss_depth=1.0, epochs=(4, 8, 12)):
         truth = build_truth(names, n_time)
         ranging = build_ranging(truth, landmarks, epochs)

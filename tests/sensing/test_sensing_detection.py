@@ -9,12 +9,12 @@ from pymantaray.records import RayStatus
 from pymantaray.sensing import Hearing, perturb
 
 
-def hear(observations, probability, realization=0):
-    return perturb(observations, root_seed=7, realization=realization, probability=probability)
+def hear(measurements, probability, realization=0):
+    return perturb(measurements, root_seed=7, realization=realization, probability=probability)
 
 
-def test_certain_attempts_are_heard_and_impossible_ones_are_not(make_observations):
-    o = make_observations()
+def test_certain_attempts_are_heard_and_impossible_ones_are_not(make_measurements):
+    o = make_measurements()
     plain = perturb(o, root_seed=7, realization=0)
     ones, zeros = np.ones(o.range_status.size), np.zeros(o.range_status.size)
     np.testing.assert_array_equal(hear(o, ones).range_status, o.range_status)
@@ -23,12 +23,12 @@ def test_certain_attempts_are_heard_and_impossible_ones_are_not(make_observation
     ok = o.range_status == RayStatus.OK
     np.testing.assert_array_equal(silent.range_status, np.where(ok, RayStatus.UNHEARD, o.range_status))
     assert np.isnan(silent.refracted_range).all()
-    for name in ("straight_range", "travel_time", "depth", "odometry_translation"):
+    for name in ("straight_range", "depth", "odometry_translation"):
         np.testing.assert_array_equal(getattr(silent, name), getattr(plain, name))
 
 
-def test_the_share_of_heard_attempts_is_the_probability(make_observations):
-    o = make_observations(epochs=range(1, 13))
+def test_the_share_of_heard_attempts_is_the_probability(make_measurements):
+    o = make_measurements(epochs=range(1, 13))
     p = np.where(o.range_transmitter == 1, 0.3, 0.8)
     ok = o.range_status == RayStatus.OK
     heard = np.stack([hear(o, p, r).range_status[ok] == RayStatus.OK for r in range(60)])
@@ -40,8 +40,8 @@ def test_the_share_of_heard_attempts_is_the_probability(make_observations):
     assert np.unique(by_pair, axis=0).shape[0] == 60  # realizations differ
 
 
-def test_each_ordered_pair_draws_from_its_own_stream(make_observations):
-    o = make_observations()
+def test_each_ordered_pair_draws_from_its_own_stream(make_measurements):
+    o = make_measurements()
     heard = hear(o, np.full(o.range_status.size, 0.5), realization=3).range_status == RayStatus.OK
     names = [*o.name, *o.landmark_name]
     for i, j in ((0, 1), (1, 0), (2, 4)):
@@ -50,17 +50,17 @@ def test_each_ordered_pair_draws_from_its_own_stream(make_observations):
         np.testing.assert_array_equal(heard[rows], chance < 0.5)
 
 
-def test_a_higher_probability_only_adds_ranges(make_observations):
-    o = make_observations(epochs=range(1, 13))
+def test_a_higher_probability_only_adds_ranges(make_measurements):
+    o = make_measurements(epochs=range(1, 13))
     p = np.full(o.range_status.size, 0.4)
     few, many = (hear(o, q).range_status == RayStatus.OK for q in (p, p + 0.3))
     assert few.sum() < many.sum()
     assert not np.any(few & ~many)
 
 
-def test_another_vehicle_moves_no_draw(make_observations):
+def test_another_vehicle_moves_no_draw(make_measurements):
     def by_name(names):
-        o = make_observations(names, epochs=range(1, 13))
+        o = make_measurements(names, epochs=range(1, 13))
         status = hear(o, np.full(o.range_status.size, 0.5)).range_status
         who = [*o.name, *o.landmark_name]
         return {
@@ -74,8 +74,8 @@ def test_another_vehicle_moves_no_draw(make_observations):
     assert set(few.values()) == {RayStatus.OK, RayStatus.UNHEARD}
 
 
-def test_probabilities_that_are_none_are_refused(make_observations):
-    o = make_observations()
+def test_probabilities_that_are_none_are_refused(make_measurements):
+    o = make_measurements()
     with pytest.raises(SensingError, match=r"probability: shape \(2,\); 36 range attempts"):
         hear(o, [1.0, 1.0])
     p = np.ones(o.range_status.size)

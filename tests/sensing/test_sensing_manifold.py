@@ -17,8 +17,8 @@ def matrices(quaternion, translation):
     return out
 
 
-def test_odometry_and_first_poses_are_perturbed_from_the_right(make_observations):
-    clean = make_observations()
+def test_odometry_and_first_poses_are_perturbed_from_the_right(make_measurements):
+    clean = make_measurements()
     wide = np.broadcast_to([0.3, 0.4, 0.5, 2.0, 3.0, 4.0], clean.odometry_sigma.shape)
     clean = replace(clean, odometry_sigma=wide, first_sigma=wide[:, 0])
     noisy = perturb(clean, root_seed=5, realization=2)

@@ -137,13 +137,13 @@ def ridged():
 
 
 def mission(truth, water, picker, timing=ONE_WAY, **options):
-    """Noise-free observations and candidates; the picker's sonar is the detector's."""
+    """Noise-free measurements and candidates; the picker's sonar is the detector's."""
     detector = None if picker.sonar is None else Detector(picker.sonar)
     ranging = measure_ranges(
         truth, [HIDDEN], water, SCHEDULE, timing=timing, detector=detector, **BOUNCES, **options
     )
-    observations = assemble(truth, [HIDDEN], ranging, NoiseModel())
-    return ranging, observations, find_candidates(ranging, truth, picker, timing=timing)
+    measurements = assemble(truth, [HIDDEN], ranging, NoiseModel())
+    return ranging, measurements, find_candidates(ranging, truth, picker, timing=timing)
 
 
 def assert_same(one, two):
@@ -156,24 +156,32 @@ def assert_same(one, two):
 def test_with_certain_detection_the_first_arrival_is_always_taken(truth, ridged, timing, currents):
     """The same as ranging on the first of all arrivals, hidden links by their bounce included."""
     _, o, candidates = mission(truth, ridged, CERTAIN, timing, currents=currents)
-    taken = take_arrivals(o, candidates, root_seed=1, realization=0)
+    rows = draw_taken(o, candidates, root_seed=1, realization=0)
+    taken = take_arrivals(o, candidates, rows)
     first = measure_ranges(
         truth, [HIDDEN], ridged, SCHEDULE, timing=timing, arrival="first", currents=currents, **BOUNCES
     )
     assert (first.status != o.range_status).any()
     np.testing.assert_array_equal(taken.range_status, first.status)
-    np.testing.assert_allclose(taken.travel_time, first.travel_time, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(taken.refracted_range, first.refracted_range, rtol=0, atol=1e-9)
+    time = np.append(candidates.travel_time, np.nan)[rows]
+    np.testing.assert_allclose(time, first.truth.travel_time, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(taken.refracted_range, first.truth.refracted_range, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(taken.straight_range, o.straight_range)
 
 
 @pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
 def test_where_mistakes_have_probability_zero_all_is_as_without_them(truth, ridged, timing):
     clocks = ClockModel(1e-3, 1e-6)
-    _, o, candidates = mission(truth, ridged, Picker("strongest-detected"), timing)
+    ranging, o, candidates = mission(truth, ridged, Picker("strongest-detected"), timing)
     certain = replace(candidates, probability=candidates.direct)
-    noisy = perturb(o, root_seed=1, realization=2, timing=timing, clocks=clocks, candidates=certain)
-    assert_same(noisy, perturb(o, root_seed=1, realization=2, timing=timing, clocks=clocks))
+    options = {
+        "root_seed": 1,
+        "realization": 2,
+        "timing": timing,
+        "clocks": clocks,
+        "ranging_truth": ranging.truth,
+    }
+    assert_same(perturb(o, **options, candidates=certain), perturb(o, **options))
     assert certain.expected_mistaken == 0.0
     assert candidates.expected_mistaken > 1.0
 
@@ -234,7 +242,7 @@ def test_candidates_are_the_arrivals_of_the_link_in_both_directions(truth, ridge
     assert candidates.direct.sum() == np.count_nonzero(o.range_status == RayStatus.OK)
     direct = candidates.direct == 1
     np.testing.assert_array_equal(
-        candidates.travel_time[direct], o.travel_time[o.range_status == RayStatus.OK]
+        candidates.travel_time[direct], ranging.truth.travel_time[o.range_status == RayStatus.OK]
     )
     assert not candidates.bounces[direct].any()
     assert candidates.bounces[~direct].all()
@@ -295,7 +303,7 @@ def test_what_does_not_fit_is_refused(truth, ridged):
         SensingError, match="a picker with a sonar needs ranges that were measured with a detector"
     ):
         find_candidates(ranging, truth, CERTAIN)
-    with pytest.raises(SensingError, match=r"candidates of attempt \d+; the observations have 2"):
+    with pytest.raises(SensingError, match=r"candidates of attempt \d+; the measurements have 2"):
         candidates.taken_by([0.5, 0.5])
     with pytest.raises(SensingError, match="candidates hold both, give them alone"):
         perturb(

@@ -41,9 +41,9 @@ def assert_standard_normal(values, name):
     assert abs(values.mean()) < stats.norm.ppf(1 - 5e-5) / np.sqrt(n), name
 
 
-def test_every_sensor_has_its_own_variance(make_observations):
+def test_every_sensor_has_its_own_variance(make_measurements):
     """Enough realizations for 3,000 draws or more of each component."""
-    base = make_observations(n_time=101, noise=NOISY, gnss_depth=1e9, epochs=range(10, 101, 10))
+    base = make_measurements(n_time=101, noise=NOISY, gnss_depth=1e9, epochs=range(10, 101, 10))
     total = [draws(base, perturb(base, root_seed=11, realization=r)) for r in range(60)]
     for name in total[0]:
         values = np.stack([one[name] for one in total])
@@ -53,8 +53,8 @@ def test_every_sensor_has_its_own_variance(make_observations):
                 assert_standard_normal(values[..., component], f"{name} {component}")
 
 
-def test_the_sigmas_are_those_of_the_model(make_observations):
-    base = make_observations(noise=NOISY, gnss_depth=1e9)
+def test_the_sigmas_are_those_of_the_model(make_measurements):
+    base = make_measurements(noise=NOISY, gnss_depth=1e9)
     assert set(base.depth_sigma) == {0.01}
     assert set(base.gnss_sigma) == {0.10}
     assert set(base.range_sigma) == {1.0}
@@ -64,8 +64,8 @@ def test_the_sigmas_are_those_of_the_model(make_observations):
     np.testing.assert_array_equal(base.odometry_sigma, expected)
 
 
-def test_realizations_and_seeds_are_independent_and_repeatable(make_observations):
-    base = make_observations()
+def test_realizations_and_seeds_are_independent_and_repeatable(make_measurements):
+    base = make_measurements()
     one = perturb(base, root_seed=1, realization=0)
     np.testing.assert_array_equal(one.depth, perturb(base, root_seed=1, realization=0).depth)
     for seed, realization in ((1, 1), (2, 0)):
@@ -74,8 +74,8 @@ def test_realizations_and_seeds_are_independent_and_repeatable(make_observations
             assert not np.any(getattr(other, f) == getattr(one, f)), f
 
 
-def test_zero_sigma_is_zero_noise(make_observations):
-    base = make_observations(noise=SILENT, gnss_depth=1e9)
+def test_zero_sigma_is_zero_noise(make_measurements):
+    base = make_measurements(noise=SILENT, gnss_depth=1e9)
     noisy = perturb(base, root_seed=1, realization=0)
     for f in fields(base):
         one, two = getattr(noisy, f.name), getattr(base, f.name)
@@ -85,8 +85,8 @@ def test_zero_sigma_is_zero_noise(make_observations):
             np.testing.assert_array_equal(one, two, err_msg=f.name)
 
 
-def test_straight_and_refracted_share_each_draw_and_dropouts_have_one(make_observations):
-    base = make_observations()
+def test_straight_and_refracted_share_each_draw_and_dropouts_have_one(make_measurements):
+    base = make_measurements()
     noisy = perturb(base, root_seed=3, realization=4)
     heard = base.range_status == 0
     straight = noisy.straight_range - base.straight_range
@@ -97,8 +97,8 @@ def test_straight_and_refracted_share_each_draw_and_dropouts_have_one(make_obser
     assert np.unique(np.round(straight, 9)).size == straight.size  # one draw per attempt, dropouts too
 
 
-def test_a_dropout_elsewhere_moves_no_range_draw(make_observations):
-    base = make_observations()
+def test_a_dropout_elsewhere_moves_no_range_draw(make_measurements):
+    base = make_measurements()
     noisy = perturb(base, root_seed=3, realization=4)
     status = np.ones_like(base.range_status)
     muted = type(base)(**{f.name: getattr(base, f.name) for f in fields(base)} | {"range_status": status})
@@ -106,16 +106,16 @@ def test_a_dropout_elsewhere_moves_no_range_draw(make_observations):
     np.testing.assert_array_equal(again.straight_range, noisy.straight_range)
 
 
-def test_truth_only_columns_stay_as_they_were(make_observations):
-    base = make_observations()
+def test_truth_only_columns_stay_as_they_were(make_measurements):
+    base = make_measurements()
     noisy = perturb(base, root_seed=3, realization=4)
-    for name in ("travel_time", "chord_travel_time", "transmitter_sound_speed", "time", "odometry_sigma"):
+    for name in ("transmitter_sound_speed", "time", "odometry_sigma"):
         np.testing.assert_array_equal(getattr(noisy, name), getattr(base, name))
 
 
 @pytest.mark.parametrize("more", ["ABCD", "DCBA"])
-def test_another_vehicle_moves_no_draw(make_observations, more):
-    few, many = make_observations("ABC", gnss_depth=1e9), make_observations(more, gnss_depth=1e9)
+def test_another_vehicle_moves_no_draw(make_measurements, more):
+    few, many = make_measurements("ABC", gnss_depth=1e9), make_measurements(more, gnss_depth=1e9)
     noisy_few = perturb(few, root_seed=5, realization=2)
     noisy_many = perturb(many, root_seed=5, realization=2)
     row = [more.index(name) for name in "ABC"]
@@ -126,18 +126,18 @@ def test_another_vehicle_moves_no_draw(make_observations, more):
     np.testing.assert_array_equal(noisy_many.landmark_position, noisy_few.landmark_position)
 
 
-def test_another_landmark_moves_no_draw(make_observations):
-    few = make_observations(landmarks=[Landmark("L1", (1, 2, 3))])
-    many = make_observations(landmarks=[Landmark("new", (7, 8, 9)), Landmark("L1", (1, 2, 3))])
+def test_another_landmark_moves_no_draw(make_measurements):
+    few = make_measurements(landmarks=[Landmark("L1", (1, 2, 3))])
+    many = make_measurements(landmarks=[Landmark("new", (7, 8, 9)), Landmark("L1", (1, 2, 3))])
     noisy_few, noisy_many = (perturb(o, root_seed=5, realization=2) for o in (few, many))
     assert ranges_by_name(noisy_few).items() <= ranges_by_name(noisy_many).items()
     np.testing.assert_array_equal(noisy_many.landmark_position[1], noisy_few.landmark_position[0])
     np.testing.assert_array_equal(noisy_many.depth, noisy_few.depth)
 
 
-def test_more_or_fewer_fixes_move_no_draw(make_observations):
-    all_fixes = make_observations(gnss_depth=1e9)
-    some_fixes = make_observations(gnss_depth=float(np.median(all_fixes.depth)))
+def test_more_or_fewer_fixes_move_no_draw(make_measurements):
+    all_fixes = make_measurements(gnss_depth=1e9)
+    some_fixes = make_measurements(gnss_depth=float(np.median(all_fixes.depth)))
     every, some = (perturb(o, root_seed=5, realization=2) for o in (all_fixes, some_fixes))
     assert 0 < some.gnss_agent.size < every.gnss_agent.size
     assert fixes_by_name(some).items() <= fixes_by_name(every).items()

@@ -38,8 +38,8 @@ def place(truth, participant, sample):
 def test_refracted_range_is_the_straight_one_where_sound_speed_is_constant(truth):
     ranging = measure_ranges(truth, LANDMARKS, medium(0.0), SCHEDULE)
     assert (ranging.status == RayStatus.OK).all()
-    np.testing.assert_allclose(ranging.refracted_range, ranging.straight_range, rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(ranging.transmitter_sound_speed, C0)
+    np.testing.assert_allclose(ranging.truth.refracted_range, ranging.truth.distance, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(ranging.truth.sound_speed, C0)
 
 
 def test_every_attempt_by_closed_form(truth, ranging):
@@ -53,11 +53,14 @@ def test_every_attempt_by_closed_form(truth, ranging):
         ca, cb = C0 + GRADIENT * a[2], C0 + GRADIENT * b[2]
         time = 2 / GRADIENT * np.arcsinh(GRADIENT * distance / (2 * np.sqrt(ca * cb)))
         chord = distance * np.log(cb / ca) / (cb - ca)
-        assert ranging.transmitter_sound_speed[row] == pytest.approx(ca, rel=1e-12)
-        assert ranging.straight_range[row] == pytest.approx(distance, rel=1e-14)
-        assert ranging.travel_time[row] == pytest.approx(time, rel=0, abs=1e-6)
-        assert ranging.chord_travel_time[row] == pytest.approx(chord, rel=0, abs=1e-6)
-        assert ranging.refracted_range[row] == ranging.transmitter_sound_speed[row] * ranging.travel_time[row]
+        assert ranging.truth.sound_speed[row] == pytest.approx(ca, rel=1e-12)
+        assert ranging.truth.distance[row] == pytest.approx(distance, rel=1e-14)
+        assert ranging.truth.travel_time[row] == pytest.approx(time, rel=0, abs=1e-6)
+        assert ranging.truth.chord_travel_time[row] == pytest.approx(chord, rel=0, abs=1e-6)
+        assert (
+            ranging.truth.refracted_range[row]
+            == ranging.truth.sound_speed[row] * ranging.truth.travel_time[row]
+        )
 
 
 def test_both_directions_share_one_travel_time_but_not_the_sound_speed(ranging):
@@ -66,8 +69,8 @@ def test_both_directions_share_one_travel_time_but_not_the_sound_speed(ranging):
     pairs = [(row, rows[k, j, i]) for (k, i, j), row in rows.items() if i < j < 4]
     forth, back = np.array(pairs).T
     assert forth.size == 18
-    np.testing.assert_array_equal(ranging.travel_time[forth], ranging.travel_time[back])
-    assert (ranging.refracted_range[forth] != ranging.refracted_range[back]).all()
+    np.testing.assert_array_equal(ranging.truth.travel_time[forth], ranging.truth.travel_time[back])
+    assert (ranging.truth.refracted_range[forth] != ranging.truth.refracted_range[back]).all()
 
 
 def test_links_are_the_unordered_pairs_row_by_row_those_of_the_arrivals(truth, ranging, tmp_path):
@@ -94,11 +97,10 @@ def test_a_stopped_vehicle_is_silent_and_the_others_are_not(truth, ranging):
     silent = ((table.transmitter == 1) | (table.receiver == 1)) & (table.sample > 6)
     assert silent.sum() == 2 * (3 + 3 + 2)
     np.testing.assert_array_equal(stopped.status, np.where(silent, RayStatus.STOPPED, RayStatus.OK))
-    for name in ("travel_time", "refracted_range"):
-        expected = np.where(silent, np.nan, getattr(ranging, name))
-        np.testing.assert_array_equal(getattr(stopped, name), expected)
-    for name in ("straight_range", "transmitter_sound_speed", "chord_travel_time"):
-        np.testing.assert_array_equal(getattr(stopped, name), getattr(ranging, name))
+    expected = np.where(silent, np.nan, ranging.truth.travel_time)
+    np.testing.assert_array_equal(stopped.truth.travel_time, expected)
+    for name in ("distance", "sound_speed", "chord_travel_time"):
+        np.testing.assert_array_equal(getattr(stopped.truth, name), getattr(ranging.truth, name))
     heard = ~((stopped.links.sample > 6) & ((stopped.links.first == 1) | (stopped.links.second == 1)))
     assert heard.all()
     assert stopped.links.sample.size == stopped.arrivals.status.size == 3 * 14 - 2 * 5
@@ -109,7 +111,7 @@ def test_a_whole_fleet_at_rest_is_silent(truth):
     stopped = measure_ranges(at_rest, [], medium(GRADIENT), SCHEDULE)
     assert (stopped.status == RayStatus.STOPPED).all()
     assert stopped.links.sample.size == stopped.arrivals.status.size == 0
-    assert np.isfinite(stopped.straight_range).all()
+    assert np.isfinite(stopped.truth.distance).all()
 
 
 def test_a_link_behind_a_ridge_is_a_dropout_with_its_chord_and_sound_speed(truth):
@@ -122,14 +124,14 @@ def test_a_link_behind_a_ridge_is_a_dropout_with_its_chord_and_sound_speed(truth
     ranging = measure_ranges(truth, [Landmark("L", (5000.0, 0.0, 300.0))], ridge, SCHEDULE)
     hidden = ranging.attempts.receiver == 4
     np.testing.assert_array_equal(ranging.status, np.where(hidden, RayStatus.BLOCKED, RayStatus.OK))
-    np.testing.assert_array_equal(np.isnan(ranging.travel_time), hidden)
-    np.testing.assert_array_equal(np.isnan(ranging.refracted_range), hidden)
+    np.testing.assert_array_equal(np.isnan(ranging.truth.travel_time), hidden)
+    np.testing.assert_array_equal(np.isnan(ranging.truth.refracted_range), hidden)
     at = truth.position[ranging.attempts.transmitter, ranging.attempts.sample]
-    np.testing.assert_allclose(ranging.transmitter_sound_speed, C0 + GRADIENT * at[:, 2], rtol=1e-12)
+    np.testing.assert_allclose(ranging.truth.sound_speed, C0 + GRADIENT * at[:, 2], rtol=1e-12)
     distance = np.linalg.norm(at - [5000.0, 0.0, 300.0], axis=-1)[hidden]
-    np.testing.assert_allclose(ranging.straight_range[hidden], distance, rtol=1e-14)
+    np.testing.assert_allclose(ranging.truth.distance[hidden], distance, rtol=1e-14)
     speed_sum = C0 + GRADIENT * at[hidden, 2] + C0 + GRADIENT * 300.0
-    np.testing.assert_allclose(ranging.chord_travel_time[hidden], 2 * distance / speed_sum, rtol=1e-5)
+    np.testing.assert_allclose(ranging.truth.chord_travel_time[hidden], 2 * distance / speed_sum, rtol=1e-5)
 
 
 def test_a_receiver_outside_the_water_hears_nothing(truth):
@@ -137,8 +139,8 @@ def test_a_receiver_outside_the_water_hears_nothing(truth):
     ranging = measure_ranges(truth, buried, medium(GRADIENT), SCHEDULE)
     buried_link = ranging.attempts.receiver == 4
     np.testing.assert_array_equal(ranging.status, np.where(buried_link, RayStatus.OUTSIDE, RayStatus.OK))
-    np.testing.assert_array_equal(np.isnan(ranging.refracted_range), buried_link)
-    assert np.isfinite(ranging.straight_range).all()
+    np.testing.assert_array_equal(np.isnan(ranging.truth.refracted_range), buried_link)
+    assert np.isfinite(ranging.truth.distance).all()
 
 
 def test_cut_off_is_handed_to_the_solver(truth):
@@ -152,18 +154,19 @@ def test_one_vehicle_alone_ranges_nobody(make_truth):
     assert ranging.status.size == ranging.links.sample.size == 0
 
 
-def test_assembled_observations_hold_the_measured_ranges(truth, ranging, tmp_path):
+def test_assembled_measurements_hold_the_measured_ranges(truth, ranging, tmp_path):
     observed = assemble(truth, LANDMARKS, ranging, NoiseModel())
-    np.testing.assert_array_equal(observed.refracted_range, ranging.refracted_range)
+    np.testing.assert_array_equal(observed.refracted_range, ranging.truth.refracted_range)
     np.testing.assert_array_equal(observed.range_transmitter, ranging.attempts.transmitter)
     np.testing.assert_array_equal(observed.range_receiver, ranging.attempts.receiver)
     np.testing.assert_array_equal(observed.range_sample, ranging.attempts.sample)
     np.testing.assert_array_equal(observed.range_status, ranging.status)
-    np.testing.assert_array_equal(observed.chord_travel_time, ranging.chord_travel_time)
+    np.testing.assert_array_equal(observed.straight_range, ranging.truth.distance)
+    np.testing.assert_array_equal(observed.transmitter_sound_speed, ranging.truth.sound_speed)
     np.testing.assert_array_equal(observed.depth, truth.position[..., 2])
     np.testing.assert_array_equal(observed.first_position, truth.position[:, 0])
     np.testing.assert_array_equal(observed.first_quaternion, truth.quaternion[:, 0])
     np.testing.assert_array_equal(observed.landmark_position, [m.position for m in LANDMARKS])
-    observed.save(tmp_path / "observations.nc")
-    again = type(observed).load(tmp_path / "observations.nc")
-    np.testing.assert_array_equal(again.travel_time, observed.travel_time)
+    observed.save(tmp_path / "measurements.nc")
+    again = type(observed).load(tmp_path / "measurements.nc")
+    np.testing.assert_array_equal(again.refracted_range, observed.refracted_range)

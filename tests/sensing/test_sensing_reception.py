@@ -45,8 +45,8 @@ def test_one_way_a_current_carries_the_sound_there_and_holds_it_up_on_the_way_ba
     along, slower = step @ VELOCITY, C**2 - VELOCITY @ VELOCITY
     exact = (np.sqrt(along**2 + slower * np.einsum("ij,ij->i", step, step)) - along) / slower
     assert (ranging.status == RayStatus.OK).all()
-    np.testing.assert_allclose(ranging.travel_time, exact, rtol=0, atol=5e-7)
-    assert np.abs(ranging.refracted_range - ranging.straight_range).max() > 0.3
+    np.testing.assert_allclose(ranging.truth.travel_time, exact, rtol=0, atol=5e-7)
+    assert np.abs(ranging.truth.refracted_range - ranging.truth.distance).max() > 0.3
     still = measure_ranges(truth, LANDMARKS, water, SCHEDULE)
     np.testing.assert_array_equal(ranging.arrivals.travel_time, still.arrivals.travel_time)
 
@@ -55,7 +55,7 @@ def test_two_way_the_current_cancels(truth, water):
     moving = measure_ranges(truth, LANDMARKS, water, SCHEDULE, currents=CURRENT, timing=TwoWay(1.0))
     still = measure_ranges(truth, LANDMARKS, water, SCHEDULE, timing=TwoWay(1.0))
     # of the delay u/c t what moves with the vehicles, v/c of it, does not cancel
-    np.testing.assert_allclose(moving.travel_time, still.travel_time, rtol=0, atol=3e-7)
+    np.testing.assert_allclose(moving.truth.travel_time, still.truth.travel_time, rtol=0, atol=3e-7)
 
 
 def test_blocks_of_links_change_nothing(truth, water, monkeypatch):
@@ -63,7 +63,7 @@ def test_blocks_of_links_change_nothing(truth, water, monkeypatch):
     whole = measure_ranges(truth, LANDMARKS, water, SCHEDULE, **options)
     monkeypatch.setattr(reception, "_BLOCK", 4)
     parts = measure_ranges(truth, LANDMARKS, water, SCHEDULE, **options)
-    np.testing.assert_array_equal(parts.travel_time, whole.travel_time)
+    np.testing.assert_array_equal(parts.truth.travel_time, whole.truth.travel_time)
     np.testing.assert_array_equal(parts.probability, whole.probability)
 
 
@@ -114,7 +114,7 @@ def test_by_direct_the_bounces_allowed_change_neither_times_nor_statuses(truth, 
     assert more.arrivals.link.size > bare.arrivals.link.size
     assert set(bare.status) == {RayStatus.OK, RayStatus.BLOCKED}
     np.testing.assert_array_equal(more.status, bare.status)
-    np.testing.assert_array_equal(more.travel_time, bare.travel_time)
+    np.testing.assert_array_equal(more.truth.travel_time, bare.truth.travel_time)
 
 
 def test_by_first_a_hidden_link_is_ranged_over_the_surface(truth, ridged):
@@ -125,7 +125,7 @@ def test_by_first_a_hidden_link_is_ranged_over_the_surface(truth, ridged):
     image = np.linalg.norm(at - HIDDEN.position * [1, 1, -1], axis=-1)
     heard = first.status[hidden] == RayStatus.OK
     assert heard.any()
-    np.testing.assert_allclose(first.travel_time[hidden][heard], image[heard] / C, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(first.truth.travel_time[hidden][heard], image[heard] / C, rtol=0, atol=1e-9)
 
 
 def test_strongest_goes_by_the_loss_of_the_detector(truth, water):
@@ -140,5 +140,5 @@ def test_strongest_goes_by_the_loss_of_the_detector(truth, water):
     )
     row = lossy.attempts.receiver == 3
     over_bed = np.hypot(3000.0, 2 * 3000.0 - 2500.0 - 1400.0)
-    np.testing.assert_allclose(lossy.travel_time[row], over_bed / C, rtol=0, atol=1e-9)
-    assert (plain.travel_time[row] != lossy.travel_time[row]).all()
+    np.testing.assert_allclose(lossy.truth.travel_time[row], over_bed / C, rtol=0, atol=1e-9)
+    assert (plain.truth.travel_time[row] != lossy.truth.travel_time[row]).all()

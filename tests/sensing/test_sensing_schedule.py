@@ -73,7 +73,7 @@ def test_landmark_keeps_its_own_copy_of_the_position():
 
 
 @pytest.mark.parametrize("names", ["A", "LL"])
-def test_names_are_shared_by_no_two_participants(names, make_observations):
+def test_names_are_shared_by_no_two_participants(names, make_measurements):
     landmarks = [Landmark(name, (0, 0, k)) for k, name in enumerate(names)]
     with pytest.raises(SensingError, match=f"landmark {names[0]!r}: the name is taken .* rename one"):
-        make_observations(landmarks=landmarks)
+        make_measurements(landmarks=landmarks)

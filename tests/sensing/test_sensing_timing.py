@@ -15,7 +15,6 @@ from pymantaray.sensing import (
     ClockModel,
     Clocks,
     Landmark,
-    OneWay,
     PingSchedule,
     TwoWay,
     measure_ranges,
@@ -112,17 +111,19 @@ def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(wat
         exact = exchange(in_gradient, places[i], places[j], speeds[i], speeds[j], turn_around)
         bound = neglected(places[i], places[j], speeds[i], speeds[j], turn_around)
         assert bound < 2e-5  # s; the motion itself is worth up to 4e-4
-        assert moving.travel_time[row] == pytest.approx(exact, rel=0, abs=bound + 1e-8), (i, j)
-    assert np.abs(moving.refracted_range - still.refracted_range).max() > 0.5
-    np.testing.assert_array_equal(moving.refracted_range, moving.transmitter_sound_speed * moving.travel_time)
-    np.testing.assert_array_equal(moving.straight_range, still.straight_range)
+        assert moving.truth.travel_time[row] == pytest.approx(exact, rel=0, abs=bound + 1e-8), (i, j)
+    assert np.abs(moving.truth.refracted_range - still.truth.refracted_range).max() > 0.5
+    np.testing.assert_array_equal(
+        moving.truth.refracted_range, moving.truth.sound_speed * moving.truth.travel_time
+    )
+    np.testing.assert_array_equal(moving.truth.distance, still.truth.distance)
 
 
 def test_at_rest_two_ways_are_one_way(water):
     truth = fleet_in_motion(PLACES, 0.0 * SPEEDS)
     one = measure_ranges(truth, [LANDMARK], water, PingSchedule(800.0))
     two = measure_ranges(truth, [LANDMARK], water, PingSchedule(800.0), timing=TwoWay(5.0))
-    np.testing.assert_allclose(two.travel_time, one.travel_time, rtol=1e-15)
+    np.testing.assert_allclose(two.truth.travel_time, one.truth.travel_time, rtol=1e-15)
 
 
 def test_vehicles_at_one_place_and_links_without_an_arrival_keep_their_status(water):
@@ -136,9 +137,9 @@ def test_vehicles_at_one_place_and_links_without_an_arrival_keep_their_status(wa
     )
     together = (r.attempts.transmitter < 2) & (r.attempts.receiver < 2)
     assert (r.status[together] == RayStatus.OK).all()
-    np.testing.assert_array_equal(r.travel_time[together], 0.0)
+    np.testing.assert_array_equal(r.truth.travel_time[together], 0.0)
     assert set(r.status[~together]) == {RayStatus.OUTSIDE, RayStatus.STOPPED}
-    assert np.isnan(r.travel_time[~together]).all()
+    assert np.isnan(r.truth.travel_time[~together]).all()
 
 
 def test_velocity_is_that_after_the_ping_and_before_the_end_of_the_mission(make_truth):
@@ -148,40 +149,42 @@ def test_velocity_is_that_after_the_ping_and_before_the_end_of_the_mission(make_
     np.testing.assert_allclose(found[:, 1] * 200.0, truth.position[:, 4] - truth.position[:, 3])
 
 
-def shifts(observations, clocks, timing=None):
+def shifts(measurements, ranging_truth, clocks, timing=None):
     """Metres that clocks add to both ranges of each attempt."""
     options = {} if timing is None else {"timing": timing}
-    plain = perturb(observations, root_seed=1, realization=0)
-    timed = perturb(observations, root_seed=1, realization=0, clocks=clocks, **options)
+    plain = perturb(measurements, root_seed=1, realization=0)
+    timed = perturb(
+        measurements, root_seed=1, realization=0, clocks=clocks, ranging_truth=ranging_truth, **options
+    )
     straight, refracted = (
         getattr(timed, f) - getattr(plain, f) for f in ("straight_range", "refracted_range")
     )
-    heard = observations.range_status == RayStatus.OK
+    heard = measurements.range_status == RayStatus.OK
     np.testing.assert_allclose(straight[heard], refracted[heard], rtol=0, atol=1e-9)
     return straight
 
 
-def test_one_way_a_range_is_off_by_the_difference_of_the_clocks(make_observations):
+def test_one_way_a_range_is_off_by_the_difference_of_the_clocks(make_measurements, make_ranging_truth):
     """The receiver's clock minus the transmitter's, each at its own instant; landmarks keep true time."""
-    o = make_observations()
+    o, t = make_measurements(), make_ranging_truth()
     offset, skew = np.array([2e-3, -1e-3, 5e-4]), np.array([1e-6, -2e-6, 3e-7])
-    found = shifts(o, Clocks(offset=offset, skew=skew))
+    found = shifts(o, t, Clocks(offset=offset, skew=skew))
     offset, skew = np.append(offset, [0.0, 0.0]), np.append(skew, [0.0, 0.0])  # L1, L2
     i, j, sent = o.range_transmitter, o.range_receiver, o.time[o.range_sample]
-    travel = np.where(np.isnan(o.travel_time), o.chord_travel_time, o.travel_time)
+    travel = np.where(np.isnan(t.travel_time), t.chord_travel_time, t.travel_time)
     expected = offset[j] + skew[j] * (sent + travel) - offset[i] - skew[i] * sent
     np.testing.assert_allclose(found, o.transmitter_sound_speed * expected, rtol=0, atol=1e-9)
     assert np.isfinite(found).all()  # dropouts too: "straight-all" uses them
 
 
-def test_two_way_the_offset_cancels_and_the_skew_scales_the_round_trip(make_observations):
-    o = make_observations()
+def test_two_way_the_offset_cancels_and_the_skew_scales_the_round_trip(make_measurements, make_ranging_truth):
+    o, t = make_measurements(), make_ranging_truth()
     offset, skew = np.array([2.0, -1.0, 5.0]), np.array([1e-4, -2e-4, 3e-4])
-    np.testing.assert_array_equal(shifts(o, Clocks(offset=offset, skew=0 * skew), TwoWay(2.0)), 0.0)
-    found = shifts(o, Clocks(offset=offset, skew=skew), TwoWay(2.0))
+    np.testing.assert_array_equal(shifts(o, t, Clocks(offset=offset, skew=0 * skew), TwoWay(2.0)), 0.0)
+    found = shifts(o, t, Clocks(offset=offset, skew=skew), TwoWay(2.0))
     k = np.append(skew, [0.0, 0.0])
     own, other = k[o.range_transmitter], k[o.range_receiver]
-    travel = np.where(np.isnan(o.travel_time), o.chord_travel_time, o.travel_time)
+    travel = np.where(np.isnan(t.travel_time), t.chord_travel_time, t.travel_time)
     # on the clocks: the responder waits until 2 s have passed on its own, the initiator reads the sum on its own
     exact = 0.5 * ((1 + own) * (2 * travel + 2.0 / (1 + other)) - 2.0) - travel
     second_order = 1450.0 * (3e-4) ** 2 * 2.0  # m; skew squared times the turn-around
@@ -189,25 +192,24 @@ def test_two_way_the_offset_cancels_and_the_skew_scales_the_round_trip(make_obse
     assert np.abs(found).max() > 0.1
 
 
-def test_a_link_out_of_the_water_has_a_finite_straight_pseudorange(make_observations):
-    o = make_observations()
+def test_a_link_out_of_the_water_has_a_finite_straight_pseudorange(make_measurements, make_ranging_truth):
+    o, t = make_measurements(), make_ranging_truth()
     nothing = np.full(o.range_status.size, np.nan)
     o = replace(
         o,
         range_status=np.full(nothing.size, RayStatus.OUTSIDE),
         transmitter_sound_speed=nothing,
-        chord_travel_time=nothing,
-        travel_time=nothing,
         refracted_range=nothing,
     )
-    noisy = perturb(o, root_seed=1, realization=0, clocks=ClockModel(1e-3, 1e-6))
+    t = replace(t, sound_speed=nothing, chord_travel_time=nothing, travel_time=nothing)
+    noisy = perturb(o, root_seed=1, realization=0, clocks=ClockModel(1e-3, 1e-6), ranging_truth=t)
     assert np.isfinite(noisy.straight_range).all()
 
 
-def test_clocks_are_drawn_by_vehicle_and_move_nothing_else(make_observations):
-    o, model = make_observations(), ClockModel(offset_sigma=1e-3, skew_sigma=1e-6)
+def test_clocks_are_drawn_by_vehicle_and_move_nothing_else(make_measurements, make_ranging_truth):
+    o, t, model = make_measurements(), make_ranging_truth(), ClockModel(offset_sigma=1e-3, skew_sigma=1e-6)
     plain = perturb(o, root_seed=5, realization=2)
-    timed = perturb(o, root_seed=5, realization=2, clocks=model)
+    timed = perturb(o, root_seed=5, realization=2, clocks=model, ranging_truth=t)
     for name in ("odometry_translation", "depth", "gnss_position", "landmark_position", "first_position"):
         np.testing.assert_array_equal(getattr(timed, name), getattr(plain, name))
     one, other = (model.draw(names, root_seed=5, realization=2) for names in ("ABC", "CXA"))
@@ -240,9 +242,9 @@ def test_impossible_clocks_and_schemes_are_refused(make, message):
         make()
 
 
-def test_clocks_of_another_fleet_are_refused(make_observations):
-    with pytest.raises(SensingError, match="clocks of 2 vehicles; the observations have 3"):
-        perturb(
-            make_observations(), root_seed=1, realization=0, clocks=Clocks(offset=[0, 0], skew=[0, 0]),
-            timing=OneWay(),
-        )  # fmt: skip
+def test_clocks_that_do_not_fit_are_refused(make_measurements, make_ranging_truth):
+    options = {"root_seed": 1, "realization": 0, "clocks": Clocks(offset=[0, 0], skew=[0, 0])}
+    with pytest.raises(SensingError, match="clocks of 2 vehicles; the measurements have 3"):
+        perturb(make_measurements(), **options, ranging_truth=make_ranging_truth())
+    with pytest.raises(SensingError, match="clocks act on true travel times; give ranging_truth"):
+        perturb(make_measurements(), **options)

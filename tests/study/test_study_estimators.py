@@ -122,20 +122,20 @@ def test_section_survives_the_trip_through_toml():
 
 def test_exact_ocean_leads_from_dead_reckoning_to_the_truth(day):
     exact = EstimatorFactory(day).estimator(section(range_model="eigenray", belief=EXACT), 0)
-    start = dead_reckon(day.noisy_observations(0))
+    start = dead_reckon(day.noisy_measurements(0))
     assert off(start[0], day.truth.position) > 100.0
     there = replace(exact, initial=start, model_is_right=False)
-    found = solve_conditions(day.observations, [], estimators={"e": there})["e"]
+    found = solve_conditions(day.measurements, [], estimators={"e": there})["e"]
     assert found.status == SolveStatus.OK
     assert found.gated_links == 0
     assert off(found.position, day.truth.position) < 1e-3
-    naive = solve_conditions(day.observations, ["refracted"], start)["refracted"]
+    naive = solve_conditions(day.measurements, ["refracted"], start)["refracted"]
     assert off(naive.position, day.truth.position) > 1.0
 
 
 @pytest.mark.parametrize("variance", ["fixed", pytest.param("correlated", marks=pytest.mark.slow)])
 def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reckoning(day, variance):
-    o, truth = day.noisy_observations(0), day.truth
+    o, truth = day.noisy_measurements(0), day.truth
     extra = {} if variance == "fixed" else {"uncertainty_rms": 1.0, "uncertainty_horizontal_scale": 20e3}
     e = EstimatorFactory(day).estimator(
         section(range_model="eigenray", belief=EXACT, variance=variance, **extra), 0
@@ -267,7 +267,7 @@ def test_larger_variance_never_costs_more(day):
 @pytest.mark.slow
 def test_members_travel_times_scatter_as_the_covariance_says(day, beliefs):
     """Travel times through random members, in the standard deviations that their rays have."""
-    o, scale = day.observations, 20e3
+    o, scale = day.measurements, 20e3
     ranges = timed_ranges(o, "refracted", "refracted")
     place = day.truth.position.reshape(-1, 3)
     links = RangeLinks(ranges.time, place[ranges.transmitter], place[ranges.receiver], ranges.sound_speed)

@@ -24,8 +24,8 @@ def test_gulf_stream_runs_on_the_real_files(tmp_path):
     assert run.manifest["outcome"]["stopped_vehicles"] == {}
     right = run.estimates.condition != "refracted"
     assert (run.estimates.solve_status[right] == SolveStatus.OK).all()
-    heard = run.observations.range_status == RayStatus.OK
-    bending = run.observations.travel_time[heard] - run.observations.chord_travel_time[heard]
+    heard = run.measurements.range_status == RayStatus.OK
+    bending = (run.ranging_truth.travel_time - run.ranging_truth.chord_travel_time)[heard]
     assert bending.max() < 1e-6  # Fermat, s
     floats = run.truth.role == "float"
     drift = np.linalg.norm(run.truth.position[floats, -1, :2] - run.truth.position[floats, 0, :2], axis=-1)

@@ -32,7 +32,7 @@ def check_mission_from_cast(path, folder):
     run = run_on(file, folder)
     assert run.truth.time[-1] == 24 * 3600.0
     assert (run.truth.status == VehicleStatus.ACTIVE).all()
-    heard = run.observations.range_status == RayStatus.OK
+    heard = run.measurements.range_status == RayStatus.OK
     assert heard.mean() > 0.7
     # at rest and level: a float comes up where it went down
     drift = run.truth.position[:, -1, :2] - run.truth.position[:, 0, :2]
@@ -79,8 +79,8 @@ def test_a_hill_that_the_waters_grid_does_not_show_grounds_floats_and_blocks_lin
         for name, ocean in (("flat", extent | {"bathymetry": None}), ("ridged", extent))
     )
     assert (flat.truth.status == VehicleStatus.ACTIVE).all()
-    assert not (flat.observations.range_status == RayStatus.BLOCKED).any()
-    assert np.count_nonzero(ridged.observations.range_status == RayStatus.BLOCKED) >= 5
+    assert not (flat.measurements.range_status == RayStatus.BLOCKED).any()
+    assert np.count_nonzero(ridged.measurements.range_status == RayStatus.BLOCKED) >= 5
     floor = ridged.ocean["sea_floor_depth"]
     assert floor.dims == ("floor_north", "floor_east")
     assert float(floor.min()) < 1300.0

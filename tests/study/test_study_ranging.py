@@ -1,4 +1,4 @@
-"""Timing, currents and detection as a study configures them, from the file to the noisy observations."""
+"""Timing, currents and detection as a study configures them, from the file to the noisy measurements."""
 
 import numpy as np
 import pytest
@@ -121,36 +121,36 @@ def one_way_run(make_tiny_tree, tmp_path_factory):
 
 
 def test_two_way_ranges_move_with_the_vehicles_and_their_clocks_skew(two_way_run, tiny_run):
-    one, two = tiny_run.observations, two_way_run.observations
+    one, two = tiny_run.measurements, two_way_run.measurements
     np.testing.assert_array_equal(two.straight_range, one.straight_range)
     np.testing.assert_array_equal(two.range_status, one.range_status)
     moved = np.abs(two.refracted_range - one.refracted_range)[two.range_status == RayStatus.OK]
     assert 0.05 < moved.max() < 20.0  # m: up to a metre a second for the 2 s and the way
-    noisy, plain = (run.noisy_observations(0) for run in (two_way_run, tiny_run))
+    noisy, plain = (run.noisy_measurements(0) for run in (two_way_run, tiny_run))
     clocks = np.abs(noisy.straight_range - plain.straight_range)
     assert 0.05 < clocks.max() < 5.0  # m: 1e-4 of some kilometres; of the 10 s of offset nothing
 
 
 def test_detection_drops_pings_by_chance_and_says_how_many(two_way_run):
     run, again = two_way_run, open_run(two_way_run.path)
-    ok = run.observations.range_status == RayStatus.OK
+    ok = run.measurements.range_status == RayStatus.OK
     np.testing.assert_array_equal(again.hearing.probability, run.hearing.probability)
     np.testing.assert_array_equal(np.isfinite(run.hearing.probability), ok)
     expected = run.manifest["outcome"]["expected_unheard"]
     assert expected == pytest.approx(np.sum(1.0 - run.hearing.probability[ok]))
     assert 1.0 < expected < ok.sum() - 1.0
-    lost = again.noisy_observations(0).range_status == RayStatus.UNHEARD
+    lost = again.noisy_measurements(0).range_status == RayStatus.UNHEARD
     assert 0 < lost.sum() < ok.sum()
-    np.testing.assert_array_equal(run.noisy_observations(0).range_status == RayStatus.UNHEARD, lost)
+    np.testing.assert_array_equal(run.noisy_measurements(0).range_status == RayStatus.UNHEARD, lost)
     graph, _ = read_pyfg(run.path / "pyfg" / "realization-0-refracted.pyfg")
     assert graph.range_distance.size == ok.sum() - lost.sum()
     assert np.isfinite(run.estimates.position[0]).all()
 
 
 def test_one_way_clocks_make_pseudoranges(one_way_run, tiny_run):
-    o = one_way_run.observations
-    np.testing.assert_array_equal(o.straight_range, tiny_run.observations.straight_range)
-    noisy, plain = (run.noisy_observations(0) for run in (one_way_run, tiny_run))
+    o = one_way_run.measurements
+    np.testing.assert_array_equal(o.straight_range, tiny_run.measurements.straight_range)
+    noisy, plain = (run.noisy_measurements(0) for run in (one_way_run, tiny_run))
     early = (noisy.straight_range - plain.straight_range) / o.transmitter_sound_speed  # s
     at_landmarks = {
         (int(i), round(e, 12))
@@ -164,9 +164,9 @@ def test_one_way_clocks_make_pseudoranges(one_way_run, tiny_run):
 
 
 def test_currents_change_the_two_directions_by_opposite_amounts(one_way_run, tiny_run):
-    o, still = one_way_run.observations, tiny_run.observations
+    o, still = one_way_run.measurements, tiny_run.measurements
     np.testing.assert_array_equal(o.range_status, still.range_status)
-    change = o.travel_time - still.travel_time
+    change = one_way_run.ranging_truth.travel_time - tiny_run.ranging_truth.travel_time
     who = zip(o.range_sample, o.range_transmitter, o.range_receiver, strict=True)
     rows = {key: row for row, key in enumerate(who)}
     forth, back = np.array([(row, rows[k, j, i]) for (k, i, j), row in rows.items() if i < j < 4]).T

@@ -32,8 +32,8 @@ def test_the_configurations_conditions_are_the_estimators():
 
 def test_run_folder_holds_every_file_and_nothing_else(tiny_run):
     assert names_in(tiny_run.path) == [
-        "arrivals.nc", "config.toml", "covariances.nc", "estimates.nc", "links.nc", "manifest.json", "observations.nc",
-        "ocean.nc", "profile.nc", "pyfg", "ray_picture.nc", "region.csv", "truth.nc",
+        "arrivals.nc", "config.toml", "covariances.nc", "estimates.nc", "links.nc", "manifest.json", "measurements.nc",
+        "ocean.nc", "profile.nc", "pyfg", "ranging_truth.nc", "ray_picture.nc", "region.csv", "truth.nc",
     ]  # fmt: skip
     assert names_in(tiny_run.path / "pyfg") == [
         f"realization-0-{name}.pyfg" for name in ("refracted", "straight-all", "straight")
@@ -51,7 +51,7 @@ def test_opened_again_a_run_gives_the_same(tiny_run, tiny_config):
 def test_samples_pings_and_attempts_follow_the_mission(tiny_run):
     time = tiny_run.truth.time
     np.testing.assert_array_equal(time, np.arange(0, 4 * 3600 + 1, 200))
-    o = tiny_run.observations
+    o = tiny_run.measurements
     assert set(time[o.range_sample]) == {3600, 7200, 10800, 14400}
     assert o.range_status.size == 4 * 4 * (3 + 2)  # pings x transmitters x (other vehicles + landmarks)
     assert tiny_run.manifest["outcome"]["range_attempts"] == o.range_status.size
@@ -84,17 +84,17 @@ def test_manifest_lists_every_solve_that_is_not_healthy(tiny_run):
 
 def test_noise_of_a_realization_can_be_drawn_again(tiny_run):
     for realization in (0, 1):
-        position, _ = dead_reckon(tiny_run.noisy_observations(realization))
+        position, _ = dead_reckon(tiny_run.noisy_measurements(realization))
         np.testing.assert_array_equal(position, tiny_run.estimates.position[0, realization])
     with pytest.raises(StudyError, match="realization 2: the run has 0 to 1"):
-        tiny_run.noisy_observations(2)
+        tiny_run.noisy_measurements(2)
 
 
 def test_pyfg_of_the_first_realization_starts_at_the_truth(tiny_run):
     graph, values = read_pyfg(tiny_run.path / "pyfg" / "realization-0-refracted.pyfg")
     np.testing.assert_allclose(values.position, tiny_run.truth.position.reshape(-1, 3), atol=1e-9)
-    heard = tiny_run.observations.range_status == RayStatus.OK
-    np.testing.assert_array_equal(graph.range_distance, tiny_run.noisy_observations(0).refracted_range[heard])
+    heard = tiny_run.measurements.range_status == RayStatus.OK
+    np.testing.assert_array_equal(graph.range_distance, tiny_run.noisy_measurements(0).refracted_range[heard])
 
 
 def test_dead_reckoned_start_reaches_the_same_optimum(tiny_tree, tiny_run, tmp_path):
@@ -211,7 +211,7 @@ def test_results_do_not_depend_on_the_number_of_workers(tiny_tree, tiny_run, tmp
     one = run_study(parse_study(tiny_tree), tmp_path / "one", workers=1)
     two = run_study(parse_study(tiny_tree), tmp_path / "two", workers=2)
     assert same(one.estimates, two.estimates)
-    assert same(one.observations, two.observations)
+    assert same(one.measurements, two.measurements)
     np.testing.assert_array_equal(one.estimates.position[:, :2], tiny_run.estimates.position)
 
 

@@ -166,7 +166,7 @@ def test_equal_snapshots_are_the_study_in_still_water(tiny_tree, make_tiny_tree,
     still = run_of(tiny_tree, tmp_path / "still", source=files[:1])
     tree = make_tiny_tree() | {"acoustics": {"currents": True}}
     varying = run_of(tree, tmp_path / "varying", source=files, time_varying=True)
-    for name in ("truth", "links", "arrivals", "observations", "estimates"):
+    for name in ("truth", "links", "arrivals", "measurements", "estimates"):
         assert same(getattr(varying, name), getattr(still, name)), name
     assert varying.ocean.identical(still.ocean)
     assert varying.ray_picture.identical(still.ray_picture)
@@ -177,7 +177,7 @@ def test_equal_snapshots_are_the_study_in_still_water(tiny_tree, make_tiny_tree,
     again = open_run(varying.path)
     assert again.config == varying.config
     assert again.config.ocean.time_varying
-    assert same(again.noisy_observations(0), still.noisy_observations(0))
+    assert same(again.noisy_measurements(0), still.noisy_measurements(0))
 
 
 def test_files_that_end_before_the_mission_are_refused(tiny_tree, tmp_path):
@@ -291,7 +291,7 @@ def test_a_day_in_the_beaufort_sea_runs_and_its_eddies_move(make_tiny_tree, tmp_
     )
     run = run_study(config, tmp_path / "day", workers=1)
     assert run.manifest["outcome"]["stopped_vehicles"] == {}
-    assert np.count_nonzero(run.observations.range_status == RayStatus.OK) > 300
+    assert np.count_nonzero(run.measurements.range_status == RayStatus.OK) > 300
     assert np.isfinite(run.estimates.position).all()
     ocean = build_ocean(config.ocean, 24.0 * HOUR)
     assert ocean.series.sizes["time"] == 9
@@ -319,7 +319,7 @@ def test_results_do_not_depend_on_the_number_of_workers(make_tiny_tree, tmp_path
     tree["study"].update(conditions=["odometry", "refracted"], realizations=2)
     tree["ocean"]["time_varying"] = True
     one, two = (run_study(parse_study(tree), tmp_path / str(n), workers=n) for n in (1, 2))
-    for name in ("truth", "arrivals", "observations", "estimates"):
+    for name in ("truth", "arrivals", "measurements", "estimates"):
         assert same(getattr(one, name), getattr(two, name)), name
 
 
@@ -336,7 +336,7 @@ def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(make_tin
     tree["estimators"] = [{"name": n, "range_model": "eigenray", "belief": b} for n, b in beliefs.items()]
     run = run_of(tree, tmp_path, time_varying=True, time=start, **EDDY)
     factory = EstimatorFactory(run)
-    o, off = run.observations, {}
+    o, off = run.measurements, {}
     for section in run.config.estimators:
         estimator = replace(factory.estimator(section, 0), initial=(run.truth.position, run.truth.quaternion))
         found = solve_conditions(o, [], estimators={"e": estimator})["e"]

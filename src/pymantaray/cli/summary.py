@@ -106,8 +106,8 @@ def _ranges(run: Run) -> Table:
         "links",
         right=("tried", "lost %", "mean [m]", "sd [m]", "1 % [m]", "99 % [m]"),
     )
-    dropouts = dropout_table(run.observations, run.truth).to_dict("records")
-    errors = range_error_table(run.observations, run.truth).to_dict("records")
+    dropouts = dropout_table(run.measurements, run.truth).to_dict("records")
+    errors = range_error_table(run.measurements, run.ranging_truth, run.truth).to_dict("records")
     for dropout, error in zip(dropouts, errors, strict=True):
         table.add_row(
             str(dropout["category"]),

@@ -1,4 +1,4 @@
-"""Factor graph, its file format and its batch solution; knows observations, never the ocean or the truth."""
+"""Factor graph, its file format and its batch solution; knows measurements, never the ocean or the truth."""
 
 from pymantaray.estimation.assemble import CONDITIONS, build_graph
 from pymantaray.estimation.conditions import collect_estimates, solve_conditions

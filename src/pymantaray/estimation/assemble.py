@@ -1,4 +1,4 @@
-"""From observations to factor graph: which measurements enter under which ranging condition."""
+"""From measurements to factor graph: which measurements enter under which ranging condition."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, check_anchored, check_graph
-from pymantaray.records import Observations, RayStatus
+from pymantaray.records import Measurements, RayStatus
 
 Ranges = Literal["straight", "refracted"] | None
 Links = Literal["refracted", "all"]
@@ -58,13 +58,13 @@ class TimedRanges(NamedTuple):
     """Measured, with its noise, shape (n,). [s]"""
 
 
-def build_graph(observations: Observations, ranges: Ranges = None, links: Links = "refracted") -> FactorGraph:
+def build_graph(measurements: Measurements, ranges: Ranges = None, links: Links = "refracted") -> FactorGraph:
     """
-    Factor graph of a fleet's observations.
+    Factor graph of a fleet's measurements.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
         A vehicle whose first-pose prior is NaN in every entry has no such prior.
     ranges : {"straight", "refracted"} or None
         Which range of each link is measured; None leaves ranges out.
@@ -87,21 +87,21 @@ def build_graph(observations: Observations, ranges: Ranges = None, links: Links 
     --------
     CONDITIONS : the studies' names for these choices.
     """
-    graph = with_ranges(_without_ranges(observations), observations, ranges, links)
+    graph = with_ranges(_without_ranges(measurements), measurements, ranges, links)
     check_graph(graph)
     check_anchored(graph)
     return graph
 
 
-def with_ranges(graph: FactorGraph, observations: Observations, ranges: Ranges, links: Links) -> FactorGraph:
+def with_ranges(graph: FactorGraph, measurements: Measurements, ranges: Ranges, links: Links) -> FactorGraph:
     """
     Put the ranges of one condition into a graph in place of those it has.
 
     Parameters
     ----------
     graph : FactorGraph
-        From `build_graph` of the same observations.
-    observations : Observations
+        From `build_graph` of the same measurements.
+    measurements : Measurements
     ranges, links : str
         As in `build_graph`.
 
@@ -114,7 +114,7 @@ def with_ranges(graph: FactorGraph, observations: Observations, ranges: Ranges, 
     EstimationError
         If ``ranges`` or ``links`` is not one of the allowed words, or both contradict each other.
     """
-    o = observations
+    o = measurements
     use = _used(o, ranges, links)
     first, second = (
         _variables(o, end[use], o.range_sample[use]) for end in (o.range_transmitter, o.range_receiver)
@@ -132,13 +132,13 @@ def with_ranges(graph: FactorGraph, observations: Observations, ranges: Ranges, 
     )
 
 
-def timed_ranges(observations: Observations, ranges: Ranges, links: Links) -> TimedRanges:
+def timed_ranges(measurements: Measurements, ranges: Ranges, links: Links) -> TimedRanges:
     """
     Travel times behind the ranges of a graph.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
     ranges, links : str
         As in `build_graph`, for a graph with whose ranges the rows are to agree.
 
@@ -153,7 +153,7 @@ def timed_ranges(observations: Observations, ranges: Ranges, links: Links) -> Ti
     EstimationError
         As `with_ranges`, or if a sound speed at a transmitter is not positive.
     """
-    o = observations
+    o = measurements
     use = _used(o, ranges, links)
     speed = o.transmitter_sound_speed[use]
     if not np.all(speed > 0.0):
@@ -174,7 +174,7 @@ def timed_ranges(observations: Observations, ranges: Ranges, links: Links) -> Ti
     )
 
 
-def _used(o: Observations, ranges: Ranges, links: Links) -> NDArray[np.bool_]:
+def _used(o: Measurements, ranges: Ranges, links: Links) -> NDArray[np.bool_]:
     """Attempts whose ranges enter the graph."""
     if ranges not in {"straight", "refracted", None} or links not in {"refracted", "all"}:
         raise EstimationError(
@@ -190,7 +190,7 @@ def _used(o: Observations, ranges: Ranges, links: Links) -> NDArray[np.bool_]:
     return np.asarray(o.range_status != RayStatus.STOPPED)
 
 
-def _without_ranges(o: Observations) -> FactorGraph:
+def _without_ranges(o: Measurements) -> FactorGraph:
     n_agents, n_times = o.depth.shape
     poses = np.arange(n_agents * n_times)
     with_prior = ~np.isnan(np.hstack([o.first_position, o.first_quaternion, o.first_sigma])).all(axis=1)
@@ -236,7 +236,7 @@ def _without_ranges(o: Observations) -> FactorGraph:
     return bare
 
 
-def _variables(o: Observations, participant: NDArray[Any], sample: NDArray[Any]) -> NDArray[Any]:
+def _variables(o: Measurements, participant: NDArray[Any], sample: NDArray[Any]) -> NDArray[Any]:
     n_agents, n_times = o.depth.shape
     landmark = participant >= n_agents
     pose = participant * n_times + sample

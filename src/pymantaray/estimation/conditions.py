@@ -31,7 +31,7 @@ from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.estimation.solution import Solution, Variant
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.unknowns import AdjustableModel, ClockPrior, Unknowns
-from pymantaray.records import Estimates, Observations, SolveStatus
+from pymantaray.records import Estimates, Measurements, SolveStatus
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class Estimator:
     """
-    One more way to estimate from the same observations, beside the conditions.
+    One more way to estimate from the same measurements, beside the conditions.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Estimator:
 
 
 def solve_conditions(
-    observations: Observations,
+    measurements: Measurements,
     conditions: Sequence[str],
     initial: tuple[Array, Array] | None = None,
     *,
@@ -90,7 +90,7 @@ def solve_conditions(
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
         With noise.
     conditions : sequence of str
         Keys of `CONDITIONS`. ``odometry`` is dead reckoning, the others are batch solves.
@@ -99,7 +99,7 @@ def solve_conditions(
         of shape (n_agents, n_times, 4). The paper starts at the truth; the default is dead reckoning.
         Landmarks start at their surveyed positions.
     estimators : mapping of str to Estimator, optional
-        Solved after the conditions, from the same observations; their names must be no conditions.
+        Solved after the conditions, from the same measurements; their names must be no conditions.
     solver : GraphSolver, optional
         Hand in the same one for all realizations of a process: it keeps what they share.
     covariance_samples : ndarray of int, shape (n_epochs,), optional
@@ -123,7 +123,7 @@ def solve_conditions(
     taken = [name for name in more if name in CONDITIONS]
     if taken:
         raise EstimationError(f"estimator {taken[0]!r} has the name of a condition; give it another")
-    o = observations
+    o = measurements
     solved: dict[str, Solution] = {}
     variants = _variants(o, conditions, more)
     if variants:
@@ -152,13 +152,13 @@ def solve_conditions(
     return out
 
 
-def collect_estimates(observations: Observations, solutions: Sequence[Mapping[str, Solution]]) -> Estimates:
+def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[str, Solution]]) -> Estimates:
     """
     Put the solutions of all realizations into one record.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
         Of any realization: gives names and times.
     solutions : sequence of mapping of str to Solution
         What `solve_conditions` returned, one for each realization, all with the same conditions.
@@ -187,9 +187,9 @@ def collect_estimates(observations: Observations, solutions: Sequence[Mapping[st
     return Estimates(
         condition=np.array(conditions),
         realization=np.arange(len(solutions)),
-        name=observations.name,
-        time=observations.time,
-        landmark_name=observations.landmark_name,
+        name=measurements.name,
+        time=measurements.time,
+        landmark_name=measurements.landmark_name,
         position=table("position"),
         quaternion=table("quaternion"),
         landmark_position=table("landmark_position"),
@@ -204,7 +204,7 @@ def collect_estimates(observations: Observations, solutions: Sequence[Mapping[st
 
 
 def _variants(
-    o: Observations, conditions: Sequence[str], estimators: Mapping[str, Estimator]
+    o: Measurements, conditions: Sequence[str], estimators: Mapping[str, Estimator]
 ) -> dict[str, Variant]:
     wanted: list[tuple[str, Condition | Estimator]] = [
         (name, CONDITIONS[name]) for name in conditions if not CONDITIONS[name].dead_reckoned
@@ -226,7 +226,7 @@ def _variants(
     return variants
 
 
-def _believed(graph: FactorGraph, o: Observations, e: Estimator) -> tuple[FactorGraph, BelievedRanges | None]:
+def _believed(graph: FactorGraph, o: Measurements, e: Estimator) -> tuple[FactorGraph, BelievedRanges | None]:
     """Graph of an estimator; one speed for each link makes its ranges distances, and nothing is left to believe."""
     timed = timed_ranges(o, e.ranges, e.links)
     plain = e.uncertainty is None and e.clocks is None
@@ -244,7 +244,7 @@ def _believed(graph: FactorGraph, o: Observations, e: Estimator) -> tuple[Factor
     return graph, BelievedRanges(e.model, timed, e.uncertainty, e.correlated, unknowns)
 
 
-def _values(o: Observations, start: tuple[Array, Array]) -> GraphValues:
+def _values(o: Measurements, start: tuple[Array, Array]) -> GraphValues:
     return GraphValues(
         position=np.asarray(start[0]).reshape(-1, 3),
         quaternion=np.asarray(start[1]).reshape(-1, 4),
@@ -252,7 +252,7 @@ def _values(o: Observations, start: tuple[Array, Array]) -> GraphValues:
     )
 
 
-def _reckoned(o: Observations, samples: NDArray[np.intp] | None) -> Solution:
+def _reckoned(o: Measurements, samples: NDArray[np.intp] | None) -> Solution:
     position, quaternion = dead_reckon(o)
     return Solution(
         position=position,

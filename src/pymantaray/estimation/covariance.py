@@ -11,7 +11,7 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.dead_reckoning import dead_reckon
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion
-from pymantaray.records import Observations
+from pymantaray.records import Measurements
 from pymantaray.records.covariances import PoseCovariances
 
 Array = NDArray[np.float64]
@@ -156,13 +156,13 @@ def factor_covariances(
     )
 
 
-def reckoned_covariances(observations: Observations, samples: Indices) -> EpochCovariances:
+def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochCovariances:
     r"""
     Covariances of dead reckoning, to first order.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
         With noise.
     samples : ndarray of int, shape (n_epochs,)
 
@@ -176,7 +176,7 @@ def reckoned_covariances(observations: Observations, samples: Indices) -> EpochC
     Every step :math:`T_{j} = T_{j-1} D_j \exp(q_j)` errs in the tangent of the pose that it leads to. At pose k that is
     :math:`\sum_{j \le k} \mathrm{Ad}(T_k^{-1} T_j) q_j`, and the covariances add up.
     """
-    o = observations
+    o = measurements
     position, quaternion = dead_reckon(o)
     rotation = matrix_from_quaternion(quaternion)
     sigma = np.concatenate([o.first_sigma[:, None], o.odometry_sigma], axis=1)
@@ -199,14 +199,14 @@ def reckoned_covariances(observations: Observations, samples: Indices) -> EpochC
 
 
 def collect_covariances(
-    observations: Observations, samples: Indices, solutions: Sequence[Mapping[str, EpochCovariances | None]]
+    measurements: Measurements, samples: Indices, solutions: Sequence[Mapping[str, EpochCovariances | None]]
 ) -> PoseCovariances:
     """
     Put the covariances of all realizations into one record.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
         Of any realization: gives names and times.
     samples : ndarray of int, shape (n_epochs,)
     solutions : sequence of mapping of str to EpochCovariances or None
@@ -224,7 +224,7 @@ def collect_covariances(
     conditions = list(solutions[0]) if solutions else []
     if not solutions or any(list(s) != conditions for s in solutions):
         raise EstimationError("covariances: needs one realization at least, all with the same conditions")
-    e, a = len(samples), observations.name.size
+    e, a = len(samples), measurements.name.size
     nothing = EpochCovariances(
         np.full((e, a, 3, a, 3), np.nan),
         np.full((e, a, 6, 6), np.nan),
@@ -238,9 +238,9 @@ def collect_covariances(
     return PoseCovariances(
         condition=np.array(conditions),
         realization=np.arange(len(solutions)),
-        name=observations.name,
+        name=measurements.name,
         sample=samples,
-        time=observations.time[samples],
+        time=measurements.time[samples],
         position_covariance=table("position"),
         pose_covariance=table("pose"),
         range_nis=table("range_nis"),

@@ -5,18 +5,18 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
-from pymantaray.records import Observations
+from pymantaray.records import Measurements
 
 Array = NDArray[np.float64]
 
 
-def dead_reckon(observations: Observations) -> tuple[Array, Array]:
+def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
     """
     Trajectories that odometry alone gives, from the mean of each vehicle's first-pose prior.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
 
     Returns
     -------
@@ -30,7 +30,7 @@ def dead_reckon(observations: Observations) -> tuple[Array, Array]:
     EstimationError
         If a vehicle has no first-pose prior or an odometry edge is not finite.
     """
-    o = observations
+    o = measurements
     for what, values in (
         ("first-pose prior", np.concatenate([o.first_position, o.first_quaternion], axis=1)),
         ("odometry", np.concatenate([o.odometry_rotation, o.odometry_translation], axis=2)),

@@ -263,5 +263,5 @@ def _check_rows(graph: FactorGraph, r: TimedRanges) -> None:
     if not np.array_equal(ends, rows):
         raise EstimationError(
             f"{len(ends)} timed ranges do not join the variables of the graph's {len(rows)} ranges; take"
-            " both from the same observations, ranges and links"
+            " both from the same measurements, ranges and links"
         )

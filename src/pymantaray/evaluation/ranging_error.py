@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pymantaray.errors import EvaluationError
-from pymantaray.records import Observations, RayStatus, Trajectories
+from pymantaray.records import Measurements, RangingTruth, RayStatus, Trajectories
 
 Array = NDArray[np.float64]
 
@@ -42,50 +42,35 @@ class RangeErrors:
     bending: Array
 
 
-def range_errors(observations: Observations) -> RangeErrors:
+def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
     """
     Signed errors of the refracted ranges.
 
     Parameters
     ----------
-    observations : Observations
-        Without noise.
+    ranging_truth : RangingTruth
 
     Returns
     -------
     RangeErrors
-
-    Raises
-    ------
-    EvaluationError
-        If a refracted range is not the sound speed at the transmitter times the travel time: then the
-        observations carry noise.
     """
-    o = observations
-    heard = o.range_status == RayStatus.OK
-    product = o.transmitter_sound_speed * o.travel_time
-    off = np.abs(o.refracted_range - product)[heard]
-    if off.size and not off.max() <= 1e-6:
-        raise EvaluationError(
-            f"refracted range differs from sound speed times travel time by {off.max():.3g} m; range errors need"
-            " observations without noise"
-        )
-    chord = o.transmitter_sound_speed * o.chord_travel_time
-    reference_speed, bending = chord - o.straight_range, product - chord
+    t = ranging_truth
+    heard = np.isfinite(t.travel_time)
+    chord = t.sound_speed * t.chord_travel_time
     return RangeErrors(
-        total=np.where(heard, o.refracted_range - o.straight_range, np.nan),
-        reference_speed=np.where(heard, reference_speed, np.nan),
-        bending=np.where(heard, bending, np.nan),
+        total=t.refracted_range - t.distance,
+        reference_speed=np.where(heard, chord - t.distance, np.nan),
+        bending=t.refracted_range - chord,
     )
 
 
-def link_categories(observations: Observations, truth: Trajectories) -> NDArray[np.str_]:
+def link_categories(measurements: Measurements, truth: Trajectories) -> NDArray[np.str_]:
     """
     Kind of each range attempt, from the roles of both its ends, whichever of them transmits.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
     truth : Trajectories
         Its ``role`` is used.
 
@@ -99,25 +84,29 @@ def link_categories(observations: Observations, truth: Trajectories) -> NDArray[
     EvaluationError
         If the vehicles of both records differ.
     """
-    if truth.name.tolist() != observations.name.tolist():
+    if truth.name.tolist() != measurements.name.tolist():
         raise EvaluationError(
-            f"observations of vehicles {list(observations.name)}, truth of {list(truth.name)}"
+            f"measurements of vehicles {list(measurements.name)}, truth of {list(truth.name)}"
         )
     kinds = [_KIND_OF_ROLE.get(r, "vehicle") for r in truth.role.tolist()]
-    rank = np.array([_KINDS.index(k) for k in kinds] + [0] * observations.landmark_name.size, dtype=int)
-    one, other = rank[observations.range_transmitter], rank[observations.range_receiver]
+    rank = np.array([_KINDS.index(k) for k in kinds] + [0] * measurements.landmark_name.size, dtype=int)
+    one, other = rank[measurements.range_transmitter], rank[measurements.range_receiver]
     names = np.array([[f"{a} to {b}" for b in _KINDS] for a in _KINDS])
     return np.asarray(names[np.minimum(one, other), np.maximum(one, other)])
 
 
-def range_error_table(observations: Observations, truth: Trajectories) -> pd.DataFrame:
+def range_error_table(
+    measurements: Measurements, ranging_truth: RangingTruth, truth: Trajectories
+) -> pd.DataFrame:
     """
     Statistics of the signed range error by kind of link.
 
     Parameters
     ----------
-    observations : Observations
-        Without noise; ``range_sigma`` is the level that the estimator believes in.
+    measurements : Measurements
+        Its ``range_sigma`` is the level that the estimator believes in.
+    ranging_truth : RangingTruth
+        Of the same attempts.
     truth : Trajectories
 
     Returns
@@ -130,12 +119,12 @@ def range_error_table(observations: Observations, truth: Trajectories) -> pd.Dat
     Raises
     ------
     EvaluationError
-        For what `range_errors` and `link_categories` refuse.
+        For what `link_categories` refuses.
     """
-    errors = range_errors(observations).total
+    errors = range_errors(ranging_truth).total
     rows = []
-    for category, mask in _groups(observations, truth):
-        e, sigma = errors[mask], observations.range_sigma[mask]
+    for category, mask in _groups(measurements, truth):
+        e, sigma = errors[mask], measurements.range_sigma[mask]
         heard = ~np.isnan(e)
         beyond = np.abs(e[heard]) > 3.0 * sigma[heard]
         e = e[heard]
@@ -155,14 +144,17 @@ def range_error_table(observations: Observations, truth: Trajectories) -> pd.Dat
     return pd.DataFrame(rows)
 
 
-def range_split_table(observations: Observations, truth: Trajectories) -> pd.DataFrame:
+def range_split_table(
+    measurements: Measurements, ranging_truth: RangingTruth, truth: Trajectories
+) -> pd.DataFrame:
     """
     Range error split into reference speed and bending, by kind of link.
 
     Parameters
     ----------
-    observations : Observations
-        Without noise.
+    measurements : Measurements
+    ranging_truth : RangingTruth
+        Of the same attempts.
     truth : Trajectories
 
     Returns
@@ -175,12 +167,12 @@ def range_split_table(observations: Observations, truth: Trajectories) -> pd.Dat
     Raises
     ------
     EvaluationError
-        For what `range_errors` and `link_categories` refuse.
+        For what `link_categories` refuses.
     """
-    errors = range_errors(observations)
+    errors = range_errors(ranging_truth)
     parts = {"total": errors.total, "reference speed": errors.reference_speed, "bending": errors.bending}
     rows = []
-    for category, mask in _groups(observations, truth):
+    for category, mask in _groups(measurements, truth):
         for part, values in parts.items():
             e = values[mask]
             e = e[~np.isnan(e)]
@@ -188,13 +180,13 @@ def range_split_table(observations: Observations, truth: Trajectories) -> pd.Dat
     return pd.DataFrame(rows)
 
 
-def dropout_table(observations: Observations, truth: Trajectories) -> pd.DataFrame:
+def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFrame:
     """
     Dropouts by kind of link and by cause.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
     truth : Trajectories
 
     Returns
@@ -209,8 +201,8 @@ def dropout_table(observations: Observations, truth: Trajectories) -> pd.DataFra
         For what `link_categories` refuses.
     """
     rows: list[dict[str, Any]] = []
-    for category, mask in _groups(observations, truth):
-        status = observations.range_status[mask]
+    for category, mask in _groups(measurements, truth):
+        status = measurements.range_status[mask]
         dropouts = int(np.count_nonzero(status != RayStatus.OK))
         rows.append(
             {
@@ -224,8 +216,8 @@ def dropout_table(observations: Observations, truth: Trajectories) -> pd.DataFra
     return pd.DataFrame(rows)
 
 
-def _groups(observations: Observations, truth: Trajectories) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    category = link_categories(observations, truth)
+def _groups(measurements: Measurements, truth: Trajectories) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    category = link_categories(measurements, truth)
     for a in range(len(_KINDS)):
         for b in range(a, len(_KINDS)):
             name = f"{_KINDS[a]} to {_KINDS[b]}"

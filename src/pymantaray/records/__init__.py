@@ -2,7 +2,8 @@
 
 from pymantaray.records.arrivals import Arrivals, FirstArrivals
 from pymantaray.records.estimate import Estimates
-from pymantaray.records.observations import Observations
+from pymantaray.records.measurements import Measurements
+from pymantaray.records.ranging_truth import RangingTruth
 from pymantaray.records.ray_paths import RayPaths
 from pymantaray.records.status import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.records.trajectory import Trajectories
@@ -13,7 +14,8 @@ __all__ = [
     "Arrivals",
     "Estimates",
     "FirstArrivals",
-    "Observations",
+    "Measurements",
+    "RangingTruth",
     "RayPaths",
     "RayStatus",
     "SolveStatus",

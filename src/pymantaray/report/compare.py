@@ -224,7 +224,7 @@ def _page(
     title = " and ".join(names)
     body = [f"<h1>{escape(title)}</h1>"]
     for name, f in zip(names, found, strict=True):
-        attempts = f.run.observations.range_status.size
+        attempts = f.run.measurements.range_status.size
         heard = int(np.isfinite(f.ranges.total).sum())
         text = f"{name}: study {f.run.config.study.name}, {heard:,} of {attempts:,} ranges heard"
         body.append(f'<p class="soft">{escape(text)}</p>')

@@ -60,8 +60,8 @@ def run_plates(found: Findings) -> list[Plate]:
         Without the ray picture where the run holds none.
     """
     run, header = found.run, found.header
-    truth, observations = run.truth, run.observations
-    marks = (observations.landmark_name, observations.landmark_position)
+    truth, measurements = run.truth, run.measurements
+    marks = (measurements.landmark_name, measurements.landmark_position)
     count = len(run.estimates.realization)
     runs = "1 realization" if count == 1 else f"{count} realizations"
     conditions: tuple[str, ...] = run.config.study.conditions
@@ -102,7 +102,7 @@ def run_plates(found: Findings) -> list[Plate]:
                 "Factor graph at the true positions: chains of poses coloured by the vehicle's greatest depth,"
                 f" the {heard:,} ranges that were heard in grey."
             ),
-            lambda: factor_graph(truth, observations, header),
+            lambda: factor_graph(truth, measurements, header),
         ),
         (
             "range_error",
@@ -120,16 +120,16 @@ def run_plates(found: Findings) -> list[Plate]:
                 " at its own scale."
             ),
             lambda: range_error_split(
-                observations.straight_range, found.ranges.reference_speed, found.ranges.bending, header
+                measurements.straight_range, found.ranges.reference_speed, found.ranges.bending, header
             ),
         ),
         (
             "dropouts",
             (
-                f"All {observations.range_status.size:,} range attempts by (a) distance and depth difference and"
+                f"All {measurements.range_status.size:,} range attempts by (a) distance and depth difference and"
                 " (b) the depths of both ends; dropouts coloured by their cause."
             ),
-            lambda: dropout_map(*range_ends(truth, observations), observations.range_status, header),
+            lambda: dropout_map(*range_ends(truth, measurements), measurements.range_status, header),
         ),
         (
             "ape_pooled",

@@ -11,7 +11,7 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
-from pymantaray.records import Observations, RayStatus, Trajectories
+from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.report.colormaps import DEPTH
 from pymantaray.report.ends import range_ends
 from pymantaray.report.labels import plain
@@ -79,7 +79,7 @@ def fleet_layout(truth: Trajectories, landmarks: tuple[NDArray[np.str_], Array],
 
 
 @styled
-def factor_graph(truth: Trajectories, observations: Observations, header: str) -> Figure:
+def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
     """
     Factor graph in three dimensions: each vehicle's chain of poses coloured, ranges grey.
 
@@ -87,7 +87,7 @@ def factor_graph(truth: Trajectories, observations: Observations, header: str) -
     ----------
     truth : Trajectories
         Gives the places of the poses.
-    observations : Observations
+    measurements : Measurements
         Its range table gives the edges; dropouts are left out.
     header : str
         From `ocean_header`.
@@ -100,8 +100,8 @@ def factor_graph(truth: Trajectories, observations: Observations, header: str) -
     figure = new_figure(COLUMN, 3.1, header, layout=None)
     axes = figure.add_axes((-0.03, 0.08, 0.96, 0.88), projection="3d")
     assert isinstance(axes, Axes3D)
-    heard = observations.range_status == RayStatus.OK
-    edges = np.stack(range_ends(truth, observations), axis=1)[heard]
+    heard = measurements.range_status == RayStatus.OK
+    edges = np.stack(range_ends(truth, measurements), axis=1)[heard]
     if len(edges):
         alpha = float(np.clip(600 / len(edges), 0.08, 0.5))
         lines = edges[..., _ENU] / 1e3
@@ -113,12 +113,12 @@ def factor_graph(truth: Trajectories, observations: Observations, header: str) -
     for name, start, colour in zip(truth.name, truth.position[:, 0] / 1e3, shades.colours, strict=True):
         axes.plot(*start[_ENU, None], "o", color=colour, markersize=3.4, markeredgecolor="white", zorder=8)
         _mark(axes, start, str(name))
-    if observations.landmark_name.size:
-        n, e, d = observations.landmark_position.T / 1e3
+    if measurements.landmark_name.size:
+        n, e, d = measurements.landmark_position.T / 1e3
         axes.plot(e, n, d, "^", color=INK, markersize=4)
-        for name, point in zip(observations.landmark_name, observations.landmark_position / 1e3, strict=True):
+        for name, point in zip(measurements.landmark_name, measurements.landmark_position / 1e3, strict=True):
             _mark(axes, point, str(name))
-    _frame(axes, np.concatenate([truth.position.reshape(-1, 3), observations.landmark_position]) / 1e3)
+    _frame(axes, np.concatenate([truth.position.reshape(-1, 3), measurements.landmark_position]) / 1e3)
     poses = truth.position.shape[0] * truth.position.shape[1]
     figure.text(
         0.5, 0.02, f"{poses:,} poses, {len(edges):,} range edges", ha="center", fontsize=6.5, color=GREY

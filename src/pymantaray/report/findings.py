@@ -76,14 +76,14 @@ def gather(run: Run) -> Findings:
     MantaRayError
         If a file of the run is missing or damaged, or its records do not fit together.
     """
-    observations, estimates = run.observations, run.estimates
-    fixes = np.zeros(observations.depth.shape, dtype=bool)
-    fixes[observations.gnss_agent, observations.gnss_sample] = True
+    measurements, estimates = run.measurements, run.estimates
+    fixes = np.zeros(measurements.depth.shape, dtype=bool)
+    fixes[measurements.gnss_agent, measurements.gnss_sample] = True
     errors = trajectory_errors(run.truth, estimates)
     return Findings(
         run=run,
         tables=make_tables(run),
-        ranges=range_errors(observations),
+        ranges=range_errors(run.ranging_truth),
         errors=dict(zip(estimates.condition.tolist(), errors, strict=True)),
         fixes=fixes,
     )

@@ -42,9 +42,9 @@ def make_tables(run: Run) -> dict[str, pd.DataFrame]:
     Raises
     ------
     EvaluationError
-        If truth, observations and estimates do not fit together.
+        If truth, measurements and estimates do not fit together.
     """
-    truth, observations, estimates = run.truth, run.observations, run.estimates
+    truth, measurements, estimates = run.truth, run.measurements, run.estimates
     more: dict[str, pd.DataFrame] = {}
     if run.covariances is not None:
         known = (truth, estimates, run.covariances)
@@ -64,9 +64,9 @@ def make_tables(run: Run) -> dict[str, pd.DataFrame]:
         "ate_difference": comparison_table(truth, estimates, root_seed=run.config.study.seed),
         "ate_per_agent": error_table(truth, estimates, by=("agent",)),
         "ate_per_realization": error_table(truth, estimates, by=("realization",)),
-        "dropouts": dropout_table(observations, truth),
-        "range_error": range_error_table(observations, truth),
-        "range_error_split": range_split_table(observations, truth),
+        "dropouts": dropout_table(measurements, truth),
+        "range_error": range_error_table(measurements, run.ranging_truth, truth),
+        "range_error_split": range_split_table(measurements, run.ranging_truth, truth),
         "region": run.region.reset_index(),
         "solves": solve_table(estimates),
     }

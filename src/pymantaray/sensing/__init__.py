@@ -1,4 +1,4 @@
-"""What the vehicles measure: noise-free observations of the truth, and the noise stage."""
+"""What the vehicles measure: noise-free measurements of the truth, and the noise stage."""
 
 from pymantaray.sensing.candidates import find_candidates
 from pymantaray.sensing.clocks import ClockModel, Clocks

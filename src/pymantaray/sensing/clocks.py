@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
-from pymantaray.records import Observations
+from pymantaray.records import Measurements, RangingTruth
 from pymantaray.sensing.timing import Timing, TwoWay
 
 Array = NDArray[np.float64]
@@ -142,14 +142,14 @@ class ClockModel:
         return Clocks(offset=draws[:, 0] * self.offset_sigma, skew=draws[:, 1] * self.skew_sigma)
 
 
-def clock_error(observations: Observations, clocks: Clocks, timing: Timing) -> Array:
+def clock_error(measurements: Measurements, truth: RangingTruth, clocks: Clocks, timing: Timing) -> Array:
     r"""
     Share of the clocks in each range attempt, as a length.
 
     Parameters
     ----------
-    observations : Observations
-        Without noise.
+    measurements : Measurements
+    truth : RangingTruth
     clocks : Clocks
     timing : OneWay or TwoWay
 
@@ -170,12 +170,12 @@ def clock_error(observations: Observations, clocks: Clocks, timing: Timing) -> A
     offset cancels and the skews :math:`k` of initiator and responder leave
     :math:`\frac12 [k_i (2 t + \tau) - k_r \tau]`, to first order in the skews.
     """
-    o = observations
+    o = measurements
     if clocks.offset.size != o.name.size:
-        raise SensingError(f"clocks of {clocks.offset.size} vehicles; the observations have {o.name.size}")
+        raise SensingError(f"clocks of {clocks.offset.size} vehicles; the measurements have {o.name.size}")
     speed = np.where(np.isnan(o.transmitter_sound_speed), _NOMINAL_SPEED, o.transmitter_sound_speed)
-    time = np.where(np.isnan(o.travel_time), o.chord_travel_time, o.travel_time)
-    time = np.where(np.isnan(time), o.straight_range / speed, time)
+    time = np.where(np.isnan(truth.travel_time), truth.chord_travel_time, truth.travel_time)
+    time = np.where(np.isnan(time), truth.distance / speed, time)
     if isinstance(timing, TwoWay):
         own, other = clocks.skew_of(o.range_transmitter), clocks.skew_of(o.range_receiver)
         return np.asarray(

@@ -14,7 +14,7 @@ from pymantaray.acoustics.sonar import Sonar
 from pymantaray.acoustics.surface_loss import SeaSurface
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
-from pymantaray.records import Arrivals, Observations, RayPaths, RayStatus
+from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.noise import ranged_pairs
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Hearing(Record):
-    """Probability that each range attempt is heard, row by row the attempts of an `Observations` record."""
+    """Probability that each range attempt is heard, row by row the attempts of an `Measurements` record."""
 
     kind: ClassVar[str] = "hearing"
 
@@ -89,14 +89,14 @@ class Detector:
 
 
 def draw_unheard(
-    observations: Observations, probability: ArrayLike, *, root_seed: int, realization: int
-) -> Observations:
+    measurements: Measurements, probability: ArrayLike, *, root_seed: int, realization: int
+) -> Measurements:
     """
     Let chance decide which of the arrivals are heard in one realization.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
     probability : array_like, shape (n_ranges,)
         That an attempt is heard; not read where the status is not OK.
     root_seed, realization : int
@@ -104,7 +104,7 @@ def draw_unheard(
 
     Returns
     -------
-    Observations
+    Measurements
         Attempts that were not heard have status UNHEARD and a refracted range of NaN.
 
     Raises
@@ -117,7 +117,7 @@ def draw_unheard(
     Each ordered pair draws from its own stream, once an attempt, arrival or not, so a higher probability
     only ever adds ranges and nothing else moves.
     """
-    o = observations
+    o = measurements
     p = np.asarray(probability, dtype=float)
     ok = o.range_status == RayStatus.OK
     if p.shape != ok.shape:

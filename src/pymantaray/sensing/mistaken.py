@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
-from pymantaray.records import Observations, RayStatus
+from pymantaray.records import Measurements, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.noise import ranged_pairs
 from pymantaray.sensing.picker import by_rank
@@ -62,7 +62,7 @@ class Candidates(Record):
         u = np.asarray(chance, dtype=float)
         if self.attempt.size and self.attempt.max() >= u.size:
             raise SensingError(
-                f"candidates of attempt {self.attempt.max()}; the observations have {u.size} range attempts"
+                f"candidates of attempt {self.attempt.max()}; the measurements have {u.size} range attempts"
             )
         taken, total = np.full(u.size, -1), np.zeros(u.size)
         for rows in by_rank(self.attempt):
@@ -72,16 +72,20 @@ class Candidates(Record):
             taken[of[now]] = rows[now]
         return taken
 
+    def mistaken(self, taken: Indices) -> NDArray[np.bool_]:
+        """Whether each attempt took another arrival than the direct one; `taken` as `taken_by` gives it."""
+        return np.asarray((taken >= 0) & (np.append(self.direct, 1)[taken] == 0))
+
 
 def draw_taken(
-    observations: Observations, candidates: Candidates, *, root_seed: int, realization: int
+    measurements: Measurements, candidates: Candidates, *, root_seed: int, realization: int
 ) -> Indices:
     """
     Let chance decide what each attempt of one realization takes for the direct arrival.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
     candidates : Candidates
         Of its range table.
     root_seed, realization : int
@@ -95,7 +99,7 @@ def draw_taken(
     Raises
     ------
     SensingError
-        If the candidates are not those of the observations.
+        If the candidates are not those of the measurements.
 
     Notes
     -----
@@ -103,45 +107,35 @@ def draw_taken(
     the earliest and is heard without mistakes is heard with them too, by ``first-detected``: mistakes come
     in the place of what was not heard.
     """
-    chance = np.ones(observations.range_status.size)
-    for transmitter, receiver, rows in ranged_pairs(observations):
+    chance = np.ones(measurements.range_status.size)
+    for transmitter, receiver, rows in ranged_pairs(measurements):
         generator = stream(root_seed, realization, "sensing", transmitter, "heard", receiver)
         chance[rows] = generator.random(rows.size)
     return candidates.taken_by(chance)
 
 
-def take_arrivals(
-    observations: Observations, candidates: Candidates, *, root_seed: int, realization: int
-) -> Observations:
+def take_arrivals(measurements: Measurements, candidates: Candidates, taken: Indices) -> Measurements:
     """
-    Range on what each attempt of one realization takes for the direct arrival.
+    Range on what each attempt takes for the direct arrival.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
         Without noise.
-    candidates, root_seed, realization
-        As for `draw_taken`.
+    candidates : Candidates
+    taken : ndarray of int, shape (n_ranges,)
+        From `draw_taken`.
 
     Returns
     -------
-    Observations
-        Where another arrival was taken, travel time and refracted range are its own, and the status is OK: the
-        receiver knows no better. Where nothing was, an arrival that there is has status UNHEARD and a refracted
-        range of NaN. Straight ranges stay.
-
-    Raises
-    ------
-    SensingError
-        If the candidates are not those of the observations.
+    Measurements
+        Where another arrival was taken, the refracted range is its own, and the status is OK: the receiver knows
+        no better. Where nothing was, an arrival that there is has status UNHEARD and a refracted range of NaN.
+        Straight ranges stay.
     """
-    o = observations
-    taken = draw_taken(o, candidates, root_seed=root_seed, realization=realization)
+    o, wrong = measurements, candidates.mistaken(taken)
     lost = (taken < 0) & (o.range_status == RayStatus.OK)
-    wrong = np.flatnonzero(taken >= 0)
-    wrong = wrong[candidates.direct[taken[wrong]] == 0]
-    status, time, refracted = o.range_status.copy(), o.travel_time.copy(), o.refracted_range.copy()
-    status[wrong], time[wrong] = RayStatus.OK, candidates.travel_time[taken[wrong]]
-    refracted[wrong] = o.transmitter_sound_speed[wrong] * time[wrong]
-    status[lost], refracted[lost] = RayStatus.UNHEARD, np.nan
-    return replace(o, range_status=status, travel_time=time, refracted_range=refracted)
+    status, refracted = o.range_status.copy(), o.refracted_range.copy()
+    status[wrong], status[lost], refracted[lost] = RayStatus.OK, RayStatus.UNHEARD, np.nan
+    refracted[wrong] = o.transmitter_sound_speed[wrong] * candidates.travel_time[taken[wrong]]
+    return replace(o, range_status=status, refracted_range=refracted)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
-from pymantaray.records import Observations
+from pymantaray.records import Measurements
 
 Array = NDArray[np.float64]
 
@@ -103,13 +103,13 @@ class NoiseModel:
         return np.stack([turn, turn, turn, across, across, vertical], axis=-1)
 
 
-def ranged_pairs(observations: Observations) -> Iterator[tuple[str, str, NDArray[np.int64]]]:
+def ranged_pairs(measurements: Measurements) -> Iterator[tuple[str, str, NDArray[np.int64]]]:
     """
     Range attempts of each ordered pair.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
 
     Yields
     ------
@@ -118,7 +118,7 @@ def ranged_pairs(observations: Observations) -> Iterator[tuple[str, str, NDArray
     rows : ndarray of int
         Attempts of the pair, in order.
     """
-    o = observations
+    o = measurements
     names = [str(name) for name in (*o.name, *o.landmark_name)]
     pair = o.range_transmitter.astype(np.int64) * len(names) + o.range_receiver
     order = np.argsort(pair, kind="stable")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pymantaray.records import Observations, Trajectories
+from pymantaray.records import Measurements, Trajectories
 from pymantaray.sensing.depth import measure_depth
 from pymantaray.sensing.gnss import measure_gnss
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
@@ -20,9 +20,9 @@ def assemble(
     noise: NoiseModel,
     *,
     gnss_depth: float = 1.0,
-) -> Observations:
+) -> Measurements:
     """
-    Observations of a mission whose ranges are already measured.
+    Measurements of a mission whose ranges are already measured.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def assemble(
 
     Returns
     -------
-    Observations
+    Measurements
         Without noise.
 
     Raises
@@ -52,7 +52,7 @@ def assemble(
     rotation, translation = measure_odometry(truth)
     fixes = measure_gnss(truth, gnss_depth=gnss_depth)
     first_sigma = np.repeat([noise.first_rotation_sigma, noise.first_position_sigma], 3)
-    return Observations(
+    return Measurements(
         name=truth.name,
         time=truth.time,
         odometry_rotation=rotation,
@@ -74,10 +74,8 @@ def assemble(
         range_receiver=ranging.attempts.receiver,
         range_sample=ranging.attempts.sample,
         range_status=ranging.status,
-        travel_time=ranging.travel_time,
-        chord_travel_time=ranging.chord_travel_time,
-        transmitter_sound_speed=ranging.transmitter_sound_speed,
-        straight_range=ranging.straight_range,
-        refracted_range=ranging.refracted_range,
+        transmitter_sound_speed=ranging.truth.sound_speed,
+        straight_range=ranging.truth.distance,
+        refracted_range=ranging.truth.refracted_range,
         range_sigma=np.full(ranging.status.size, noise.range_sigma),
     )

@@ -1,4 +1,4 @@
-"""The noise stage: the same observations, perturbed by one realization's named random streams."""
+"""The noise stage: the same measurements, perturbed by one realization's named random streams."""
 
 from dataclasses import replace
 
@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp
-from pymantaray.records import Observations
+from pymantaray.records import Measurements, RangingTruth
 from pymantaray.sensing.clocks import ClockModel, Clocks, clock_error
 from pymantaray.sensing.detection import draw_unheard
-from pymantaray.sensing.mistaken import Candidates, take_arrivals
+from pymantaray.sensing.mistaken import Candidates, draw_taken, take_arrivals
 from pymantaray.sensing.noise import ranged_pairs
 from pymantaray.sensing.timing import OneWay, Timing
 
@@ -20,21 +20,22 @@ _ONE_WAY = OneWay()
 
 
 def perturb(
-    observations: Observations,
+    measurements: Measurements,
     *,
     root_seed: int,
     realization: int,
     timing: Timing = _ONE_WAY,
     clocks: ClockModel | Clocks | None = None,
+    ranging_truth: RangingTruth | None = None,
     probability: ArrayLike | None = None,
     candidates: Candidates | None = None,
-) -> Observations:
+) -> Measurements:
     """
-    Add one realization's noise to noise-free observations.
+    Add one realization's noise to noise-free measurements.
 
     Parameters
     ----------
-    observations : Observations
+    measurements : Measurements
         As `assemble` made them; their standard deviations are those of the noise.
     root_seed : int
         Seed of the whole study.
@@ -44,6 +45,8 @@ def perturb(
         As the ranges were measured; clocks act by it.
     clocks : ClockModel or Clocks, optional
         Clocks of the vehicles, drawn anew in each realization or given. By default they are synchronous.
+    ranging_truth : RangingTruth, optional
+        Of the same range attempts. Needed where there are clocks, which act on its travel times.
     probability : array_like, shape (n_ranges,), optional
         That an attempt with an arrival is heard. By default it is.
     candidates : Candidates, optional
@@ -52,17 +55,16 @@ def perturb(
 
     Returns
     -------
-    Observations
+    Measurements
         Ranges, depths, GNSS fixes and landmark surveys with added Gaussian noise; odometry and
-        first-pose priors with noise ``T Exp(xi)`` on the manifold. Travel times stay as they were: they
-        are the simulator's record of the ray, not a measurement. With clocks, both ranges of an attempt
-        are pseudoranges. An attempt that was not heard has status UNHEARD. One that took another arrival for
-        the direct one has that arrival's travel time and refracted range, see `take_arrivals`.
+        first-pose priors with noise ``T Exp(xi)`` on the manifold. With clocks, both ranges of an attempt are
+        pseudoranges. An attempt that was not heard has status UNHEARD. One that took another arrival for
+        the direct one has that arrival's refracted range, see `take_arrivals`.
 
     Raises
     ------
     SensingError
-        If clocks, probabilities or candidates do not fit the observations, or both of the latter are given.
+        If clocks, probabilities or candidates do not fit the measurements, or both of the latter are given.
 
     Notes
     -----
@@ -74,13 +76,19 @@ def perturb(
     def normal(shape: tuple[int, ...], *names: str) -> Array:
         return stream(root_seed, realization, "sensing", *names).standard_normal(shape)
 
-    o = observations
+    o = measurements
     if candidates is not None:
         if probability is not None:
             raise SensingError(
                 "perturb: probability and candidates are given; candidates hold both, give them alone"
             )
-        o = take_arrivals(o, candidates, root_seed=root_seed, realization=realization)
+        taken = draw_taken(o, candidates, root_seed=root_seed, realization=realization)
+        o = take_arrivals(o, candidates, taken)
+        if ranging_truth is not None:
+            wrong = candidates.mistaken(taken)
+            time = ranging_truth.travel_time.copy()
+            time[wrong] = candidates.travel_time[taken[wrong]]
+            ranging_truth = replace(ranging_truth, travel_time=time)
     names = [str(name) for name in o.name]
     n_time = o.time.size
     edges = o.odometry_sigma.shape[1:]
@@ -100,7 +108,9 @@ def perturb(
     if isinstance(clocks, ClockModel):
         clocks = clocks.draw(names, root_seed=root_seed, realization=realization)
     if clocks is not None:
-        noise += clock_error(o, clocks, timing)
+        if ranging_truth is None:
+            raise SensingError("perturb: clocks act on true travel times; give ranging_truth")
+        noise += clock_error(o, ranging_truth, clocks, timing)
     noisy = replace(
         o,
         odometry_rotation=rotation,

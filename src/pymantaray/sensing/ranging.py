@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics.moving_water import Currents
 from pymantaray.acoustics.selection import Rule
-from pymantaray.records import Arrivals, RayStatus, Trajectories, VehicleStatus
+from pymantaray.records import Arrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.detection import Detector
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
@@ -40,19 +40,11 @@ class Links(Record):
 
 
 class Ranging(NamedTuple):
-    """
-    Every attempted range without noise, one row per attempt, and the arrivals behind them.
-
-    Two-way, ``travel_time`` is half the round trip, less half the turn-around time.
-    """
+    """Every attempted range without noise, one row per attempt, and the arrivals behind them."""
 
     attempts: Attempts
     status: NDArray[np.int8]
-    travel_time: Array
-    chord_travel_time: Array
-    transmitter_sound_speed: Array
-    straight_range: Array
-    refracted_range: Array
+    truth: RangingTruth
     links: Links
     arrivals: Arrivals
     probability: Array | None = None
@@ -114,8 +106,7 @@ def measure_ranges(
     Returns
     -------
     Ranging
-        A link without an arrival has a status that says why, and NaN for travel time and refracted
-        range. A stopped vehicle is silent: its attempts have status STOPPED, and everything else that
+        A link without an arrival has a status that says why, and NaN for its travel time. A stopped vehicle is silent: its attempts have status STOPPED, and everything else that
         does not need an arrival. Its links are not among `links` and `arrivals`. Where an end lies outside
         the water (status OUTSIDE) there is no chord either: its time and the sound speed are NaN.
 
@@ -226,11 +217,12 @@ def measure_ranges(
     return Ranging(
         attempts=table,
         status=status[link],
-        travel_time=travel_time,
-        chord_travel_time=chord[link],
-        transmitter_sound_speed=transmitter_speed,
-        straight_range=np.linalg.norm(receiver - source, axis=-1)[link],
-        refracted_range=transmitter_speed * travel_time,
+        truth=RangingTruth(
+            distance=np.linalg.norm(receiver - source, axis=-1)[link],
+            sound_speed=transmitter_speed,
+            travel_time=travel_time,
+            chord_travel_time=chord[link],
+        ),
         links=Links(sample=epochs[epoch][heard], first=first[pair][heard], second=second[pair][heard]),
         arrivals=found.arrivals,
         probability=_probabilities(found, heard, timing, link, backward),

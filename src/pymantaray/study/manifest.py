@@ -65,7 +65,7 @@ def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int
     """
     memory = peak_memory_mib()  # before git is called: a child counts as large as its parent at first
     return {
-        "format": 1,
+        "format": 2,
         "study": config.study.name,
         "ocean": {
             "source": list(config.ocean.source),

@@ -9,7 +9,7 @@ import xarray as xr
 from pymantaray.acoustics import Medium, ray_picture
 from pymantaray.acoustics.selection import select
 from pymantaray.fleet import simulate
-from pymantaray.records import Arrivals, Observations, RayStatus, Trajectories
+from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
     Hearing,
     Landmark,
@@ -46,7 +46,8 @@ class Mission:
     truth: Trajectories
     links: Links
     arrivals: Arrivals
-    observations: Observations
+    measurements: Measurements
+    ranging_truth: RangingTruth
     hearing: Hearing | None
     """Probability of each attempt to be heard; None if every arrival is."""
     picture: xr.Dataset | None
@@ -119,7 +120,7 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
             detector=detector,
             progress=lambda done, total: progress("rays", done, max(total, 1)),
         )
-        observations = assemble(truth, landmarks, ranging, noise, gnss_depth=mission.gnss_depth)
+        measurements = assemble(truth, landmarks, ranging, noise, gnss_depth=mission.gnss_depth)
         candidates = None if picker is None else find_candidates(ranging, truth, picker, timing=timing)
     with watch.stage("picture"):
         picture = picture_of_most_bent_link(
@@ -132,7 +133,8 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
         truth=truth,
         links=ranging.links,
         arrivals=ranging.arrivals,
-        observations=observations,
+        measurements=measurements,
+        ranging_truth=ranging.truth,
         hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),
         picture=picture,
         candidates=candidates,

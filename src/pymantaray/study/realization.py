@@ -25,7 +25,7 @@ class RealizationSolver:
     Parameters
     ----------
     run : Run
-        Of whose folder the configuration, the truth, the true ocean and the noise-free observations are there
+        Of whose folder the configuration, the truth, the true ocean and the noise-free measurements are there
         already.
     """
 
@@ -54,7 +54,7 @@ class RealizationSolver:
         """
         config, truth = self._run.config, self._run.truth
         initial = (truth.position, truth.quaternion) if config.estimator.initialise == "truth" else None
-        noisy = self._run.noisy_observations(realization)
+        noisy = self._run.noisy_measurements(realization)
         estimators: dict[str, Estimator] = {
             section.name: self._factory.estimator(section, realization) for section in self._sections
         }

@@ -80,11 +80,11 @@ def run_study(
         report("files", 0, 1)
         with watch.stage("files"):
             solutions = [one.solutions for one in solved]
-            estimates = collect_estimates(mission.observations, solutions)
+            estimates = collect_estimates(mission.measurements, solutions)
             _write_results(config, mission, estimates, stage)
             epochs = fixed_epochs(mission.truth.time, config.estimator.covariance_interval_h * 3600.0)
             kept = [{name: s.covariances for name, s in one.items()} for one in solutions]
-            collect_covariances(mission.observations, epochs, kept).save(stage / store.COVARIANCES)
+            collect_covariances(mission.measurements, epochs, kept).save(stage / store.COVARIANCES)
             unknowns = collect_unknowns(solutions, [one.true_unknowns for one in solved])
             if unknowns is not None:
                 unknowns.save(stage / store.UNKNOWNS)
@@ -105,7 +105,8 @@ def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
     mission.truth.save(folder / store.TRUTH)
     mission.links.save(folder / store.LINKS)
     mission.arrivals.save(folder / store.ARRIVALS)
-    mission.observations.save(folder / store.OBSERVATIONS)
+    mission.measurements.save(folder / store.MEASUREMENTS)
+    mission.ranging_truth.save(folder / store.RANGING_TRUTH)
     if mission.hearing is not None:
         mission.hearing.save(folder / store.HEARING)
     if mission.candidates is not None:
@@ -117,11 +118,11 @@ def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
 def _write_results(config: StudyConfig, mission: Mission, estimates: Estimates, folder: Path) -> None:
     estimates.save(folder / store.ESTIMATES)
     (folder / store.PYFG).mkdir()
-    noisy = Run(folder).noisy_observations(0)
+    noisy = Run(folder).noisy_measurements(0)
     initial = GraphValues(
         position=mission.truth.position.reshape(-1, 3),
         quaternion=mission.truth.quaternion.reshape(-1, 4),
-        landmark_position=mission.observations.landmark_position,
+        landmark_position=mission.measurements.landmark_position,
     )
     for name in config.study.conditions:
         condition = CONDITIONS[name]

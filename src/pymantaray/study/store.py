@@ -20,11 +20,13 @@ from pymantaray.errors import StudyError
 from pymantaray.records import (
     Arrivals,
     Estimates,
-    Observations,
+    Measurements,
+    RangingTruth,
     RayStatus,
     SolveStatus,
     Trajectories,
     VehicleStatus,
+    read_netcdf,
 )
 from pymantaray.records.covariances import PoseCovariances
 from pymantaray.records.unknowns import SharedUnknowns
@@ -140,7 +142,8 @@ def _remove_empty(folders: list[Path]) -> None:
 MANIFEST, CONFIG = "manifest.json", "config.toml"
 OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
 TRUTH, LINKS, ARRIVALS = "truth.nc", "links.nc", "arrivals.nc"
-OBSERVATIONS, HEARING, ESTIMATES = "observations.nc", "hearing.nc", "estimates.nc"
+MEASUREMENTS, RANGING_TRUTH = "measurements.nc", "ranging_truth.nc"
+HEARING, ESTIMATES = "hearing.nc", "estimates.nc"
 COVARIANCES, UNKNOWNS = "covariances.nc", "unknowns.nc"
 CANDIDATES, RAY_PICTURE = "candidates.nc", "ray_picture.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
@@ -207,9 +210,14 @@ class Run:
         return Arrivals.load(self.path / ARRIVALS)
 
     @cached_property
-    def observations(self) -> Observations:
+    def measurements(self) -> Measurements:
         """Measurements without noise."""
-        return Observations.load(self.path / OBSERVATIONS)
+        return Measurements.load(self.path / MEASUREMENTS)
+
+    @cached_property
+    def ranging_truth(self) -> RangingTruth:
+        """True distance and travel times of every range attempt, row by row those of the measurements."""
+        return RangingTruth.load(self.path / RANGING_TRUTH)
 
     @cached_property
     def hearing(self) -> Hearing | None:
@@ -250,7 +258,7 @@ class Run:
         """Whether the ocean is a synthetic one."""
         return self.config.ocean.synthetic
 
-    def noisy_observations(self, realization: int) -> Observations:
+    def noisy_measurements(self, realization: int) -> Measurements:
         """
         Measurements as they were in one realization, drawn again from the same streams.
 
@@ -261,7 +269,7 @@ class Run:
 
         Returns
         -------
-        Observations
+        Measurements
 
         Raises
         ------
@@ -272,11 +280,12 @@ class Run:
         ranging, candidates = self.config.ranging, self.candidates
         hearing = self.hearing if candidates is None else None  # what is heard is in the candidates then
         return perturb(
-            self.observations,
+            self.measurements,
             root_seed=self.config.study.seed,
             realization=realization,
             timing=build_timing(ranging),
             clocks=build_clocks(ranging),
+            ranging_truth=self.ranging_truth,
             probability=None if hearing is None else hearing.probability,
             candidates=candidates,
         )
@@ -302,9 +311,9 @@ class Run:
         self._check(realization)
         candidates, seed = self.candidates, self.config.study.seed
         if candidates is None:
-            return np.zeros(self.observations.range_status.size, dtype=bool)
-        taken = draw_taken(self.observations, candidates, root_seed=seed, realization=realization)
-        return np.asarray((taken >= 0) & (np.append(candidates.direct, 1)[taken] == 0))
+            return np.zeros(self.measurements.range_status.size, dtype=bool)
+        taken = draw_taken(self.measurements, candidates, root_seed=seed, realization=realization)
+        return candidates.mistaken(taken)
 
     def _check(self, realization: int) -> None:
         count = self.config.study.realizations
@@ -312,12 +321,7 @@ class Run:
             raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
 
     def _dataset(self, name: str) -> xr.Dataset:
-        path = self.path / name
-        try:
-            with xr.open_dataset(path) as dataset:
-                return dataset.load()
-        except (OSError, ValueError) as error:
-            raise StudyError(f"{path}: not a readable NetCDF file: {error}") from None
+        return read_netcdf(self.path / name)
 
 
 def open_run(path: str | Path) -> Run:
@@ -350,8 +354,8 @@ def open_run(path: str | Path) -> Run:
     if not (folder / MANIFEST).is_file():
         raise StudyError(f"{folder}: not a run folder: it has no {MANIFEST}")
     run = Run(folder.resolve())
-    if run.manifest.get("format") != 1:
-        raise StudyError(f"{folder}: run format {run.manifest.get('format')!r}; this version reads 1")
+    if run.manifest.get("format") != 2:
+        raise StudyError(f"{folder}: run format {run.manifest.get('format')!r}; this version reads 2")
     return run
 
 
@@ -392,7 +396,7 @@ def summarize(mission: "Mission", estimates: Estimates) -> dict[str, Any]:
         detector, ``expected_unheard``: mean number of attempts with an arrival that a realization does not hear;
         where receivers err, ``expected_mistaken``: mean number that take another arrival for the direct one.
     """
-    status = mission.observations.range_status
+    status = mission.measurements.range_status
     truth = mission.truth
     stopped = {
         str(name): {

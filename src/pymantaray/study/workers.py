@@ -36,7 +36,7 @@ def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> l
     Parameters
     ----------
     run : Run
-        Its configuration, truth and noise-free observations are on disk, where each process reads them.
+        Its configuration, truth and noise-free measurements are on disk, where each process reads them.
     workers : int
         Number of processes; with 1 all is done in this one.
     done : callable

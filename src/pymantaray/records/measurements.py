@@ -7,17 +7,17 @@ from pymantaray.records.base import Column, Record, column
 
 
 @dataclass(frozen=True, eq=False)
-class Observations(Record):
+class Measurements(Record):
     """
     Measurements of a fleet at common sample times, and the noise level that each is believed to have.
 
     A sample is an index into ``time``. In the range table a participant is an index into ``name`` if it
     is below the number of agents, else that number plus an index into ``landmark_name``. Every attempted
-    range has a row; ``range_status`` (`RayStatus`) says whether it was heard. The stages: the simulator
-    fills values without noise, `sensing.perturb` adds it, the shape stays.
+    range has a row; ``range_status`` (`RayStatus`) says whether it was heard. The simulator fills in values
+    without noise, `sensing.perturb` adds it. What an estimator may not know is in `RangingTruth`.
     """
 
-    kind: ClassVar[str] = "observations"
+    kind: ClassVar[str] = "measurements"
 
     name: Column = column("agent", "", "vehicle name", "U")
     time: Column = column("time", "s", "time since the start of the mission")
@@ -54,11 +54,9 @@ class Observations(Record):
     range_receiver: Column = column("range", "1", "participant that receives", "i4")
     range_sample: Column = column("range", "1", "index into time", "i4")
     range_status: Column = column("range", "1", "RayStatus of the attempt", "i1")
-    travel_time: Column = column("range", "s", "travel time of the admitted arrival, NaN for a dropout")
-    chord_travel_time: Column = column("range", "s", "travel time along the straight chord")
     transmitter_sound_speed: Column = column("range", "m s-1", "sound speed at the transmitter")
-    straight_range: Column = column("range", "m", "straight distance (with noise after the noise stage)")
+    straight_range: Column = column("range", "m", "straight distance as measured")
     refracted_range: Column = column(
-        "range", "m", "sound speed at the transmitter times travel time, NaN for a dropout"
+        "range", "m", "sound speed at the transmitter times travel time as measured, NaN for a dropout"
     )
     range_sigma: Column = column("range", "m", "standard deviation of the range")
