@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.bathymetry import fill_below_sea_bed, sea_floor_depth
+from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 
 DEPTH = [0.0, 10.0, 40.0, 100.0]
 

@@ -9,7 +9,7 @@ import pytest
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast_ocean import cast_levels, cast_ocean
 from pymantaray.ocean.casts import Cast, read_cast
-from pymantaray.ocean.regrid import to_local
+from pymantaray.ocean.local import to_local
 from pymantaray.ocean.schema import validate_ocean
 from pymantaray.ocean.seawater import sound_speed
 

@@ -6,7 +6,7 @@ import xarray as xr
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean import bathymetry as bathymetry_module
+from pymantaray.ocean import sea_floor as sea_floor_module
 from pymantaray.ocean import to_local
 from pymantaray.ocean.seawater import sound_speed
 
@@ -110,7 +110,7 @@ def test_a_file_with_the_ocean_s_own_grid_is_taken(ocean):
 
 
 def test_the_number_of_nodes_is_capped_stated_and_the_mean_kept(ocean, monkeypatch):
-    monkeypatch.setattr(bathymetry_module, "MAX_FLOOR_NODES", 2_000)
+    monkeypatch.setattr(sea_floor_module, "MAX_FLOOR_NODES", 2_000)
 
     def ripples(lat, lon, lon_0):
         return 1_500.0 + 200.0 * (-1.0) ** np.round((lat - 78.0) / 0.005) + 0.0 * lon

@@ -7,8 +7,8 @@ import pytest
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import to_local
+from pymantaray.ocean.local import TensorSpline
 from pymantaray.ocean.seawater import sound_speed
-from pymantaray.ocean.spline import TensorSpline
 from pymantaray.ocean.window import Window
 
 GEOD = pyproj.Geod(ellps="WGS84")

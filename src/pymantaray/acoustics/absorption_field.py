@@ -177,7 +177,7 @@ def _geographic_water(ocean: "xr.Dataset", centre: tuple[float, float] | None) -
     from scipy.interpolate import RegularGridInterpolator
 
     from pymantaray.geometry import LocalFrame
-    from pymantaray.ocean.bathymetry import fill_below_sea_bed
+    from pymantaray.ocean.sea_floor import fill_below_sea_bed
     from pymantaray.ocean.window import Window
 
     lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))

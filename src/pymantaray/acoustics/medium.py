@@ -130,7 +130,7 @@ class Medium:
         if interpolation == "smooth":
             from scipy.interpolate import CubicSpline
 
-            from pymantaray.ocean.spline import spline_coefficients
+            from pymantaray.ocean.local import spline_coefficients
 
             slope = CubicSpline(z, c, axis=2, bc_type="natural")(z, 1)
             both = np.concatenate([c, slope], axis=2)

@@ -192,7 +192,7 @@ def _floor_beneath(
 ) -> "xr.DataArray | None":
     """Sea floor of a file in the ocean's window; None if the ocean does not open, which is said elsewhere."""
     from pymantaray.ocean import open_ocean
-    from pymantaray.ocean.bathymetry import window_of
+    from pymantaray.ocean.sea_floor import window_of
     from pymantaray.ocean.topography import open_sea_floor
 
     try:

@@ -3,9 +3,9 @@
 from pymantaray.ocean.cast_ocean import cast_ocean
 from pymantaray.ocean.casts import read_cast, read_casts
 from pymantaray.ocean.check import check_ocean
+from pymantaray.ocean.local import to_local
 from pymantaray.ocean.objective_analysis import correct_with_casts
 from pymantaray.ocean.perturb import perturb_ocean
-from pymantaray.ocean.regrid import to_local
 from pymantaray.ocean.series import open_ocean_series
 from pymantaray.ocean.source import ocean_times, open_ocean
 from pymantaray.ocean.summary import region_table, sound_speed_profile_spread

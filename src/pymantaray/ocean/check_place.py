@@ -9,8 +9,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import GeometryError, OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean.bathymetry import is_finer, local_floor, sea_floor_depth
 from pymantaray.ocean.findings import Finding, doubtful, wrong
+from pymantaray.ocean.sea_floor import is_finer, local_floor, sea_floor_depth
 from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]

@@ -6,8 +6,8 @@ import pyproj
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.ocean.bathymetry import sea_floor_depth
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
+from pymantaray.ocean.sea_floor import sea_floor_depth
 from pymantaray.ocean.seawater import Equation, sound_speed
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from pymantaray.geometry.longitude import wrapped
-from pymantaray.ocean.bathymetry import fill_below_sea_bed
+from pymantaray.ocean.sea_floor import fill_below_sea_bed
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.report.colormaps import WATER
 from pymantaray.report.ocean_axes import (

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pymantaray.geometry.longitude import whole_turns, wrapped
-from pymantaray.ocean.bathymetry import sea_floor_depth
+from pymantaray.ocean.sea_floor import sea_floor_depth
 
 Array = NDArray[np.float64]
 BED = "#8d7f70"

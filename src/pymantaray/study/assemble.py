@@ -19,7 +19,7 @@ from pymantaray.acoustics.sonar import Sonar
 from pymantaray.acoustics.surface_loss import SeaSurface
 from pymantaray.fleet import Behaviour, ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints
 from pymantaray.ocean import open_ocean, region_table, sound_speed_profile_spread, to_local
-from pymantaray.ocean.bathymetry import window_of
+from pymantaray.ocean.sea_floor import window_of
 from pymantaray.ocean.series import open_ocean_series
 from pymantaray.ocean.source import ocean_times
 from pymantaray.ocean.topography import open_sea_floor

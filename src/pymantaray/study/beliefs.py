@@ -12,12 +12,12 @@ from pymantaray.acoustics.moving_water import Currents
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
 from pymantaray.ocean import open_ocean, to_local
-from pymantaray.ocean.bathymetry import window_of
 from pymantaray.ocean.casts import read_casts
 from pymantaray.ocean.covariance import SoundSpeedCovariance
 from pymantaray.ocean.modes import vertical_modes
 from pymantaray.ocean.perturb import perturb_ocean
 from pymantaray.ocean.random_field import pooled_rms
+from pymantaray.ocean.sea_floor import window_of
 from pymantaray.ocean.source import ocean_times
 from pymantaray.ocean.topography import open_sea_floor
 from pymantaray.study.assemble import StudyOcean, build_ocean

@@ -3,12 +3,16 @@
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.sparse.linalg import SuperLU, splu
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean.bathymetry import (
+from pymantaray.ocean.schema import VARIABLES, validate_ocean
+from pymantaray.ocean.sea_floor import (
     MAX_FLOOR_NODES,
     FinerFloor,
     fill_below_sea_bed,
@@ -17,13 +21,12 @@ from pymantaray.ocean.bathymetry import (
     local_floor,
     sea_floor_depth,
 )
-from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.seawater import Equation, sound_speed
-from pymantaray.ocean.spline import TensorSpline
 from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
 _MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
+_FLOOR_NAME = "sea_floor_depth_below_sea_surface"
 
 
 def to_local(
@@ -51,10 +54,10 @@ def to_local(
         Half sides (north, east) of the domain about the centre, by default of the rectangle of largest
         area that the window holds. [m]
     sea_floor : xarray.DataArray, optional
-        From `pymantaray.ocean.topography.open_sea_floor`. It is taken if its grid is as fine as the ocean's
+        From `open_sea_floor`. It is taken if its grid is as fine as the ocean's
         or finer; otherwise, and by default, the sea floor is where the ocean's levels end. [m]
     equation : {"teos-10", "del-grosso", "unesco"}
-        Equation of sound speed, see `pymantaray.ocean.seawater.sound_speed`.
+        Equation of sound speed, see `sound_speed`.
 
     Returns
     -------
@@ -92,7 +95,9 @@ def to_local(
     finer, notes = _finer(sea_floor, window, half)
     added = np.empty(0) if finer is None else levels_to(depth, float(finer.depth.max()))
 
-    fields = {v.name: _carried(fill_below_sea_bed(ocean[v.name].values, lat), added.size) for v in VARIABLES}
+    fields = {
+        v.name: _continued(fill_below_sea_bed(ocean[v.name].values, lat), added.size) for v in VARIABLES
+    }
     if added.size:
         notes["levels_added"] = added
         depth = np.concatenate([depth, added])
@@ -106,23 +111,28 @@ def to_local(
     bearing = window.frame.convergence(at_lat, at_lon)[..., None]
     cos, sin = np.cos(bearing), np.sin(bearing)
     scale = window.frame.scale_factor(north[:, None], east[None, :])
-    grid = ("north", "east", "depth")
-    floor, floor_axes = (
-        _own_floor(ocean, (lat, lon), (at_lat, at_lon)) if finer is None else _file_floor(finer)
-    )
+    grid, floor_grid = ("north", "east", "depth"), ("north", "east")
+    axes: dict[str, Any] = {
+        "north": ("north", north, _attrs("projection_y_coordinate", "m")),
+        "east": ("east", east, _attrs("projection_x_coordinate", "m")),
+        "depth": ("depth", depth, {**_attrs("depth", "m"), "positive": "down"}),
+    }
+    if finer is None:
+        own = sea_floor_depth(ocean).values
+        floor = TensorSpline(lat, lon, at_lat, at_lon, degree=1)(own[None])[..., 0]
+        floor = np.clip(floor, own.min(), own.max())  # not even by rounding below the deepest level
+    else:
+        floor, floor_grid = finer.depth, ("floor_north", "floor_east")
+        axes["floor_north"] = ("floor_north", finer.north, _attrs("projection_y_coordinate", "m"))
+        axes["floor_east"] = ("floor_east", finer.east, _attrs("projection_x_coordinate", "m"))
     return xr.Dataset(
         {
             "sound_speed": (grid, smooth(speed), _attrs("speed_of_sound_in_sea_water", "m s-1")),
             "current_north": (grid, v * cos - u * sin, _attrs("sea_water_y_velocity", "m s-1")),
             "current_east": (grid, v * sin + u * cos, _attrs("sea_water_x_velocity", "m s-1")),
-            "sea_floor_depth": floor,
+            "sea_floor_depth": (floor_grid, floor, _attrs(_FLOOR_NAME, "m")),
         },
-        coords={
-            "north": ("north", north, _attrs("projection_y_coordinate", "m")),
-            "east": ("east", east, _attrs("projection_x_coordinate", "m")),
-            "depth": ("depth", depth, {**_attrs("depth", "m"), "positive": "down"}),
-            **floor_axes,
-        },
+        coords=axes,
         attrs={
             "Conventions": "CF-1.8",
             "centre_latitude_deg": window.frame.latitude_deg,
@@ -152,36 +162,17 @@ def _finer(
         return None, {"sea_floor_source": f"where the ocean's levels end; the grid of {name} is coarser"}
     finer = local_floor(sea_floor, window, half)
     north, east = finer.spacing
-    said = f"{name}, {north:.0f} m by {east:.0f} m"
+    origin = f"{name}, {north:.0f} m by {east:.0f} m"
     if finer.widened:
         step = finer.north[1] - finer.north[0], finer.east[1] - finer.east[0]
-        said += (
+        origin += (
             f", on nodes {step[0]:.0f} m by {step[1]:.0f} m apart because at most {MAX_FLOOR_NODES:,} are kept,"
             f" mean of {finer.averaged} by {finer.averaged} points"
         )
-    return finer, {"sea_floor_source": said, "sea_floor_spacing": [north, east]}
+    return finer, {"sea_floor_source": origin, "sea_floor_spacing": [north, east]}
 
 
-def _own_floor(
-    ocean: xr.Dataset, axes: tuple[Array, Array], at: tuple[Array, Array]
-) -> tuple[Any, dict[str, Any]]:
-    """Sea floor from the ocean's own levels on the local grid; no axes of its own."""
-    floor = sea_floor_depth(ocean).values
-    flat = TensorSpline(*axes, *at, degree=1)(floor[None])[..., 0]
-    flat = np.clip(flat, floor.min(), floor.max())  # not even by rounding below the deepest level
-    return (("north", "east"), flat, _attrs("sea_floor_depth_below_sea_surface", "m")), {}
-
-
-def _file_floor(finer: FinerFloor) -> tuple[Any, dict[str, Any]]:
-    """Sea floor of a file, and its axes."""
-    dims = ("floor_north", "floor_east")
-    return (dims, finer.depth, _attrs("sea_floor_depth_below_sea_surface", "m")), {
-        "floor_north": ("floor_north", finer.north, _attrs("projection_y_coordinate", "m")),
-        "floor_east": ("floor_east", finer.east, _attrs("projection_x_coordinate", "m")),
-    }
-
-
-def _carried(field: Array, levels: int) -> Array:
+def _continued(field: Array, levels: int) -> Array:
     """Repeat the deepest level so many times beneath it."""
     return np.concatenate([field, np.repeat(field[-1:], levels, axis=0)]) if levels else field
 
@@ -208,3 +199,85 @@ def _axis(half: float, spacing: float) -> Array:
     """Nodes from -half to half with one on the centre, as near to the native spacing as that allows."""
     cells = max(_MIN_CELLS, round(half / spacing))
     return np.linspace(-half, half, 2 * cells + 1)
+
+
+class TensorSpline:
+    """
+    Tensor-product spline through values on a rectangular grid, evaluated at fixed points of any shape inside it.
+
+    Degree 1 is bilinear, 3 the C2 cubic spline with not-a-knot ends. The weights of the points are worked out once; a
+    field is then interpolated by one sparse product for all its levels. SciPy's `NdBSpline` and `make_interp_spline`
+    take as long here and differ in the last digits.
+    """
+
+    def __init__(
+        self, rows: Array, columns: Array, at_rows: Array, at_columns: Array, *, degree: int = 3
+    ) -> None:
+        self._solvers = [splu(_collocation(axis, axis, degree).tocsc()) for axis in (rows, columns)]
+        self._shape = at_rows.shape
+        self._weights = _face_splitting_product(
+            _basis(rows, at_rows.ravel(), degree), _basis(columns, at_columns.ravel(), degree)
+        )
+
+    def __call__(self, field: Array) -> Array:
+        """Values (..., levels) at the points, from a field (levels, rows, columns) without NaN."""
+        coefficients = field
+        for axis, solver in enumerate(self._solvers, start=1):
+            coefficients = _solve_along(solver, coefficients, axis)
+        flat = coefficients.reshape(len(field), -1)
+        return np.asarray(self._weights @ flat.T).reshape(*self._shape, len(field))
+
+
+def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
+    """
+    Coefficients and knots of the B-spline through values along one axis, with not-a-knot ends.
+
+    Cubic where there are points enough: the degree is min(3, n - 1). With one point, whose knots are 0 and 1, nothing
+    varies along the axis.
+    """
+    if points.size == 1:
+        return values, np.array([0.0, 1.0])
+    degree = min(3, points.size - 1)
+    knots = make_interp_spline(points, points, k=degree).t
+    solver = splu(BSpline.design_matrix(points, knots, degree).tocsc())
+    return np.ascontiguousarray(_solve_along(solver, values, axis)), np.ascontiguousarray(knots)
+
+
+def _solve_along(solver: SuperLU, values: Array, axis: int) -> Array:
+    """Coefficients along an axis. By a sparse factorization: LAPACK's banded solver waits for its own threads."""
+    lines = np.moveaxis(values, axis, 0)
+    solved = solver.solve(np.ascontiguousarray(lines.reshape(len(lines), -1)))
+    return np.asarray(np.moveaxis(solved.reshape(lines.shape), 0, axis))
+
+
+def _basis(axis: Array, points: Array, degree: int) -> sp.csr_array:
+    """Values of the axis' B-splines at points, which must lie on the axis."""
+    slack = 1e-6 * (axis[-1] - axis[0])  # a domain's side may lie on the window's edge
+    outside = np.count_nonzero((points < axis[0] - slack) | (points > axis[-1] + slack))
+    if outside:
+        raise OceanError(
+            f"regridding: {outside} of {points.size} points lie outside {axis[0]:g} to {axis[-1]:g} degrees;"
+            " shrink the domain"
+        )
+    return _collocation(axis, np.clip(points, axis[0], axis[-1]), degree)
+
+
+def _collocation(axis: Array, points: Array, degree: int) -> sp.csr_array:
+    """Matrix from B-spline coefficients to values at points, ``degree + 1`` entries a row."""
+    # not-a-knot: the knots next to the ends of the axis are left out
+    interior = axis[1:-1] if degree == 1 else axis[2:-2]
+    knots = np.concatenate([[axis[0]] * (degree + 1), interior, [axis[-1]] * (degree + 1)])
+    return sp.csr_array(BSpline.design_matrix(points, knots, degree))
+
+
+def _face_splitting_product(left: sp.csr_array, right: sp.csr_array) -> sp.csr_array:
+    """Row-wise Kronecker product: row i is ``kron(left[i], right[i])``."""
+    n = left.shape[0]
+    a = np.asarray(left.data).reshape(n, -1, 1)
+    b = np.asarray(right.data).reshape(n, 1, -1)
+    column = left.indices.reshape(n, -1, 1) * right.shape[1] + right.indices.reshape(n, 1, -1)
+    per_row = a.shape[1] * b.shape[2]
+    return sp.csr_array(
+        ((a * b).ravel(), column.ravel(), np.arange(n + 1) * per_row),
+        shape=(n, left.shape[1] * right.shape[1]),
+    )

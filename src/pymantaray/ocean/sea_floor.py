@@ -46,27 +46,10 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
 
 def fill_below_sea_bed(field: NDArray[np.floating], lat: Array) -> Array:
     """
-    Give every point a value, so that interpolants near the sea bed and the coast see no gap.
+    A field (depth, lat, lon) without its NaN, so that interpolants near the sea bed and the coast see no gap.
 
-    In a wet column the deepest valid value is carried downward; a land column takes the filled column
-    of the nearest wet one. The values are for interpolation only: nothing is meant to be there.
-
-    Parameters
-    ----------
-    field : ndarray, shape (depth, lat, lon)
-        NaN below the sea bed; valid from the surface downward in wet columns.
-    lat : ndarray, shape (lat,)
-        Only the shortening of a degree of longitude is taken from it, at the middle. [degrees]
-
-    Returns
-    -------
-    ndarray, shape (depth, lat, lon)
-        Without NaN.
-
-    Raises
-    ------
-    OceanError
-        If no column is wet.
+    In a wet column the deepest valid value is carried downward; a land column takes the filled column of the nearest
+    wet one, a degree of longitude being shortened as at the middle latitude. Nothing is meant to be there.
     """
     filled = np.array(field, dtype=float)
     wet = np.isfinite(filled[0])
@@ -102,50 +85,20 @@ class FinerFloor:
 
 
 def is_finer(sea_floor: xr.DataArray, window: Window) -> bool:
-    """
-    Whether a sea floor's grid is as fine as the ocean's, or finer.
-
-    Parameters
-    ----------
-    sea_floor : xarray.DataArray
-        From `pymantaray.ocean.topography.open_sea_floor`.
-    window : Window
-        Of the ocean.
-
-    Returns
-    -------
-    bool
-        By the area of a grid cell at the frame's centre.
-    """
-    ours, theirs = np.prod(window.native_spacing()), np.prod(_window_of(sea_floor, window).native_spacing())
-    return bool(np.sqrt(theirs) <= _SAME_SPACING * np.sqrt(ours))
+    """Whether a sea floor's grid is as fine as the ocean's, or finer, by the area of a cell at the frame's centre."""
+    theirs = Window(sea_floor["lat"].values, sea_floor["lon"].values, window.frame)
+    cells = [np.prod(w.native_spacing()) for w in (theirs, window)]
+    return bool(np.sqrt(cells[0]) <= _SAME_SPACING * np.sqrt(cells[1]))
 
 
 def local_floor(sea_floor: xr.DataArray, window: Window, half_extent: tuple[float, float]) -> FinerFloor:
     """
-    Put a file's sea floor on a regular grid of the local frame, spaced about as the file is.
+    Sea floor of a file on a regular grid of the local frame, bilinear between the file's points and spaced about as they.
 
-    Parameters
-    ----------
-    sea_floor : xarray.DataArray
-        From `pymantaray.ocean.topography.open_sea_floor`.
-    window : Window
-        Of the ocean; gives the frame.
-    half_extent : tuple of float
-        Half sides (north, east) of the domain. [m]
-
-    Returns
-    -------
-    FinerFloor
-        Bilinear between the file's points. With more than `MAX_FLOOR_NODES` at the file's own spacing the
-        nodes are set wider apart, and the file is averaged over as many points first.
-
-    Raises
-    ------
-    OceanError
-        If the domain does not fit into the file's window.
+    With more than `MAX_FLOOR_NODES` at the file's own spacing the nodes are set wider apart, and the file is averaged over
+    as many points first.
     """
-    theirs = _window_of(sea_floor, window)
+    theirs = Window(sea_floor["lat"].values, sea_floor["lon"].values, window.frame)
     if not theirs.holds(*half_extent):
         lat, lon = theirs.lat, theirs.lon
         raise OceanError(
@@ -169,26 +122,15 @@ def local_floor(sea_floor: xr.DataArray, window: Window, half_extent: tuple[floa
     at_lat, at_lon = theirs.geographic(north[:, None], east[None, :])
     at_lat = np.clip(at_lat, theirs.lat[0], theirs.lat[-1])  # a side may lie on the window's edge
     at_lon = np.clip(at_lon, theirs.lon[0], theirs.lon[-1])
-    found = np.clip(bilinear((at_lat, at_lon)), depth.min(), depth.max())
-    return FinerFloor(north, east, found, spacing, wider > 1.0, averaged)
+    nodes = np.clip(bilinear((at_lat, at_lon)), depth.min(), depth.max())
+    return FinerFloor(north, east, nodes, spacing, wider > 1.0, averaged)
 
 
 def levels_to(depth: Array, deepest: float) -> Array:
     """
-    Levels that a sea floor beneath the deepest one asks for.
+    Levels that a sea floor beneath an ocean's deepest one asks for, none if the levels reach it. [m]
 
-    Parameters
-    ----------
-    depth : ndarray, shape (depth,)
-        Levels of the ocean. [m]
-    deepest : float
-        Deepest point of the sea floor. [m]
-
-    Returns
-    -------
-    ndarray, shape (added,)
-        Evenly spaced, not wider than the ocean's last two levels, the last one at the deepest point;
-        empty if the levels reach it. [m]
+    Evenly spaced, not wider than the ocean's last two levels, the last one at the deepest point.
     """
     missing = deepest - depth[-1]
     if missing <= 0.0:
@@ -198,24 +140,6 @@ def levels_to(depth: Array, deepest: float) -> Array:
 
 
 def window_of(ocean: xr.Dataset) -> tuple[float, float, float, float]:
-    """
-    Window of an ocean, to ask a file of the sea floor for.
-
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-
-    Returns
-    -------
-    south, north, west, east : float
-        [degrees]
-    """
+    """South, north, west and east of an ocean, to ask a file of the sea floor for. [degrees]"""
     lat, lon = ocean["lat"].values, ocean["lon"].values
     return float(lat[0]), float(lat[-1]), float(lon[0]), float(lon[-1])
-
-
-def _window_of(sea_floor: xr.DataArray, ocean: Window) -> Window:
-    """Window of a sea floor about the ocean's frame; longitudes may be counted otherwise than the ocean's."""
-    lat, lon = (np.asarray(sea_floor[name].values, dtype=float) for name in ("lat", "lon"))
-    return Window(lat, lon, ocean.frame)
