@@ -1,73 +1,155 @@
-"""Run folders: whole or not at all."""
+"""Run folders: whole or not at all, wherever they are, and whoever else writes beside them."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
 
 import pytest
 
 from pymantaray.errors import StudyError
-from pymantaray.study.store import default_out, point_latest_at, staged_folder
+from pymantaray.study.store import staged_folder
+
+HOLD = """
+import sys, time
+from pymantaray.study.store import staged_folder
+with staged_folder(sys.argv[1] if len(sys.argv) > 1 else None, "quick") as (stage, folder):
+    (stage / "data").write_text("x")
+    print(folder, flush=True)
+    sys.stdin.read()
+"""
 
 
 def names_in(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
+def holding(*arguments):
+    """Process that is writing a folder until its standard input ends."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, *map(str, arguments)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    return process, process.stdout.readline().strip()
+
+
+def write(out, name="quick"):
+    with staged_folder(out, name) as (stage, folder):
+        (stage / "manifest.json").write_text("{}")
+        (stage / "data").write_text("x")
+    return folder
+
+
+def refused(out, match):
+    with pytest.raises(StudyError, match=match) as caught, staged_folder(out):
+        pytest.fail("the block must not be entered")
+    assert "\n" not in str(caught.value)
+
+
 def test_folder_takes_its_name_only_at_the_end(tmp_path):
     out = tmp_path / "deep" / "run"
-    with staged_folder(out) as stage:
+    with staged_folder(out) as (stage, folder):
         (stage / "data").write_text("x")
+        assert folder == out
         assert not out.exists()
     assert (out / "data").read_text() == "x"
     assert names_in(out.parent) == ["run"]
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
-def test_nothing_is_left_behind_on_failure(tmp_path, error):
+@pytest.mark.parametrize("there", [False, True])
+def test_nothing_is_left_behind_on_failure(tmp_path, error, there):
+    (tmp_path / "run").mkdir() if there else None
+
     def fail():
-        with staged_folder(tmp_path / "deep" / "run") as stage:
+        with staged_folder(tmp_path / "run" / ("" if there else "deep")) as (stage, _):
             (stage / "data").write_text("x")
             raise error
 
     with pytest.raises(error):
         fail()
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.rglob("*")] == ["run"] * there
 
 
-def test_empty_folder_is_taken_and_a_full_one_refused(tmp_path):
-    out = tmp_path / "run"
-    out.mkdir()
-    with staged_folder(out) as stage:
-        (stage / "data").write_text("x")
-    assert (out / "data").exists()
+@pytest.mark.parametrize("link", [False, True])
+def test_empty_folder_is_filled_where_it_is_and_a_full_one_refused(tmp_path, link):
+    """A mount point cannot be replaced either; it keeps its inode."""
+    out, there = tmp_path / "run", tmp_path / "there"
+    there.mkdir()
+    out.symlink_to(there) if link else there.rename(out)
+    inode = out.stat().st_ino
+    write(out)
+    assert names_in(out) == ["data", "manifest.json"]
+    assert (out.stat().st_ino, out.is_symlink()) == (inode, link)
+    refused(out, "folder is not empty; give an empty or a new one")
+
+
+def test_link_to_a_place_that_is_not_there_yet_is_followed(tmp_path):
+    (tmp_path / "run").symlink_to(tmp_path / "there")
+    write(tmp_path / "run")
+    assert names_in(tmp_path / "there") == ["data", "manifest.json"]
+
+
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [
+        ("file", "file: is a file"),
+        ("file/below", "cannot be written: (Not a directory|File exists)"),
+        (os.fsdecode(b"\xff"), r"not a name in UTF-8; choose another with --out"),
+        ("a\0b", "cannot be written: .*null"),
+        ("x" * 300, "cannot be written: File name too long"),
+    ],
+    ids=["file", "below a file", "not UTF-8", "null", "long"],
+)
+def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, name, match):
+    (tmp_path / "file").write_text("mine")
+    refused(f"{tmp_path}/{name}", match)
+    assert names_in(tmp_path) == ["file"]
+
+
+def test_place_taken_meanwhile_and_folder_removed_meanwhile_are_one_line(tmp_path):
     with (
-        pytest.raises(StudyError, match="run: folder is not empty; give an empty or a new one"),
-        staged_folder(out),
+        pytest.raises(StudyError, match="run: cannot be written: Directory not empty; choose"),
+        staged_folder(tmp_path / "run"),
     ):
-        pytest.fail("the block must not be entered")
-    assert (out / "data").read_text() == "x"
+        (tmp_path / "run" / "mine").mkdir(parents=True)
+    assert names_in(tmp_path / "run") == ["mine"]
+
+    def remove():
+        with staged_folder(tmp_path / "other") as (stage, _):
+            stage.rmdir()
+            (stage / "data").write_text("x")
+
+    with pytest.raises(StudyError, match=r"\.other\.mantaray-part: was removed while") as caught:
+        remove()
+    assert "\n" not in str(caught.value)
 
 
-def test_file_in_the_way_is_refused(tmp_path):
-    (tmp_path / "run").write_text("mine")
-    with pytest.raises(StudyError, match="is a file"), staged_folder(tmp_path / "run"):
-        pytest.fail("the block must not be entered")
-    with pytest.raises(StudyError, match="cannot be written"), staged_folder(tmp_path / "run" / "below"):
-        pytest.fail("the block must not be entered")
-    assert (tmp_path / "run").read_text() == "mine"
-
-
-def test_latest_follows_the_newest_run(tmp_path):
-    for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        point_latest_at(tmp_path / name)
-        assert (tmp_path / "latest").resolve() == (tmp_path / name).resolve()
-    assert names_in(tmp_path) == ["latest", "one", "two"]
-
-
-def test_default_names_never_collide(tmp_path, monkeypatch):
+def test_dated_names_differ_from_the_start_and_latest_follows_the_newest(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    names = set()
-    for _ in range(3):
-        out = default_out("quick")
-        out.mkdir(parents=True)
-        names.add(out)
-    assert len(names) == 3
-    assert all(name.parent.name == "runs" and name.name.startswith("quick-2") for name in names)
+    process, first = holding()
+    second = write(None)
+    assert (tmp_path / "runs" / "latest").resolve() == second.resolve()
+    assert str(second) != first
+    process.communicate()
+    assert (tmp_path / "runs" / "latest").resolve() == (tmp_path / first).resolve()
+    assert all(re.fullmatch(r"runs/quick-\d{8}-\d{6}(-\d+)?", str(path)) for path in (first, second))
+    assert len(names_in(tmp_path / "runs")) == 3
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_what_a_killed_process_leaves_the_next_one_clears_and_a_living_ones_is_kept(tmp_path, there):
+    out = tmp_path / "run"
+    out.mkdir() if there else None
+    process, _ = holding(out)
+    refused(out, "run: is being written by another process")
+    write(tmp_path / "beside")
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert any(path.name == ".run.mantaray-part" for path in tmp_path.rglob("*"))
+    write(out)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["beside", "run"]
+    assert names_in(out) == ["data", "manifest.json"]

@@ -1,42 +1,114 @@
-"""Tasks in processes: in order, and stopped where one of them fails."""
+"""Tasks in processes: in order, stopped where one of them fails, and never longer than who asked for them."""
 
-import multiprocessing
+import os
+import signal
+import subprocess
+import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from pymantaray.errors import StudyError
 from pymantaray.study.workers import in_processes
-
-_folder = Path()
-
-
-def start(folder):
-    global _folder
-    _folder = folder
 
 
 def square(number):
     time.sleep(0.1 * (number % 2))
-    return number**2
+    print("among the results?")
+    return number**2, os.environ["OMP_NUM_THREADS"]
 
 
-def fail_first_then_take_long(number):
-    (_folder / str(number)).touch()
-    if number == 0:
+def fail_first_then_take_long(folder, number, *, fail=True):
+    (folder / f"{os.getpid()}-{number}").touch()
+    if number == 0 and fail:
         raise ValueError("the first one")
-    time.sleep(20.0)
-    return number
+    time.sleep(60.0)
 
 
-def test_results_are_in_the_order_of_the_tasks_whoever_was_first(tmp_path):
+def die(number):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def task(function, *arguments):
+    return partial(function, *arguments)
+
+
+def gone(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def wait_for(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_results_are_in_the_order_of_the_tasks_whoever_was_first():
     told = []
-    assert in_processes(square, 7, 2, start, tmp_path, told.append) == [n**2 for n in range(7)]
+    assert in_processes(partial(task, square), 7, 2, told.append) == [(n**2, "1") for n in range(7)]
     assert told == list(range(1, 8))
 
 
 def test_a_task_that_fails_stops_the_others(tmp_path):
-    with pytest.raises(ValueError, match="the first one"):
-        in_processes(fail_first_then_take_long, 9, 2, start, tmp_path, lambda _: None)
-    assert not multiprocessing.active_children()
-    assert len(list(tmp_path.iterdir())) <= 3  # one each, and one that was taken meanwhile
+    with pytest.raises(ValueError, match="the first one") as caught:
+        in_processes(partial(task, fail_first_then_take_long, tmp_path), 9, 2, lambda _: None)
+    assert "in fail_first_then_take_long" in caught.value.__notes__[0]
+    pids = [int(path.name.split("-")[0]) for path in tmp_path.iterdir()]
+    assert len(pids) <= 3  # one each, and one that was taken meanwhile
+    assert all(gone(pid) for pid in pids)
+
+
+def test_a_process_that_is_killed_is_told_in_one_line():
+    with pytest.raises(StudyError, match="ended early, by SIGKILL, perhaps out of memory; try fewer workers"):
+        in_processes(partial(task, die), 3, 2, lambda _: None)
+
+
+SCRIPT = """
+import sys; sys.path.insert(0, {here!r})
+from functools import partial
+from pathlib import Path
+from pymantaray.study.workers import in_processes
+from test_study_workers import fail_first_then_take_long, square, task
+if {square}:
+    print([n for n, _ in in_processes(partial(task, square), 4, 2, lambda _: None)])
+else:
+    in_processes(partial(task, partial(fail_first_then_take_long, fail=False), Path(sys.argv[1])), 9, 2, lambda _: None)
+"""
+DAEMON = """
+import multiprocessing, sys
+def run(_):
+    exec(open(sys.argv[1]).read())
+if __name__ == "__main__":
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        pool.map(run, [0])
+"""
+
+
+@pytest.mark.parametrize("how", ["script", "standard input", "daemonic process"])
+def test_processes_work_whoever_starts_them_without_a_guard(tmp_path, how):
+    script, daemon = tmp_path / "script.py", tmp_path / "daemon.py"
+    script.write_text(SCRIPT.format(here=str(Path(__file__).parent), square=True))
+    daemon.write_text(DAEMON)
+    command = {"script": [script], "standard input": ["-"], "daemonic process": [daemon, script]}[how]
+    done = subprocess.run(
+        [sys.executable, *command], input=script.read_text(), capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "[0, 1, 4, 9]\n", done.stderr
+
+
+def test_processes_end_with_who_started_them_however_that_ends(tmp_path):
+    script, out = tmp_path / "script.py", tmp_path / "out"
+    out.mkdir()
+    script.write_text(SCRIPT.format(here=str(Path(__file__).parent), square=False))
+    process = subprocess.Popen([sys.executable, script, out])
+    wait_for(lambda: len(list(out.iterdir())) >= 1)
+    process.kill()
+    process.wait()
+    wait_for(lambda: all(gone(int(path.name.split("-")[0])) for path in out.iterdir()))

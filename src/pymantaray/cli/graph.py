@@ -102,7 +102,9 @@ def solve(
 
     content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
     with ExitStack() as stack:
-        folder = None if out is None else stack.enter_context(staged_folder(out))  # refused before the solve
+        folder = (
+            None if out is None else stack.enter_context(staged_folder(out))[0]
+        )  # refused before the solve
         result = solve_graph(
             content,
             estimator=estimator,

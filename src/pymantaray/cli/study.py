@@ -102,13 +102,11 @@ def compare(
     """Set two runs side by side: tables, figures and a page in a folder of their own."""
     from pymantaray.cli.output import progress_bars
     from pymantaray.report import write_comparison
-    from pymantaray.study.store import default_out
 
-    folder = default_out("comparison") if out is None else out
     with progress_bars(quiet=quiet) as progress:
-        page = write_comparison(first, second, folder, progress=progress)
+        page = write_comparison(first, second, out, progress=progress)
     if not quiet:
         from pymantaray.cli.summary import print_tables
 
-        print_tables(folder)
+        print_tables(page.parent)
     typer.echo(str(page))

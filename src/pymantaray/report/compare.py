@@ -29,7 +29,11 @@ _CAPTIONS = {
 
 
 def write_comparison(
-    run_dir_a: str | Path, run_dir_b: str | Path, out: str | Path, *, progress: Progress | None = None
+    run_dir_a: str | Path,
+    run_dir_b: str | Path,
+    out: str | Path | None = None,
+    *,
+    progress: Progress | None = None,
 ) -> Path:
     """
     Write tables, figures and page that set two runs side by side.
@@ -38,7 +42,7 @@ def write_comparison(
     ----------
     run_dir_a, run_dir_b : str or pathlib.Path
         Folders of the runs.
-    out : str or pathlib.Path
+    out : str or pathlib.Path, optional
         Folder for the comparison, new or empty.
     progress : callable, optional
         Called with ``"report"``, the parts done and the parts there are.
@@ -60,12 +64,12 @@ def write_comparison(
     names = distinct_names(runs, [f.region for f in found])
     tables = comparison_tables(found, names)
     plates = comparison_plates(found, names)
-    with staged_folder(Path(out)) as folder:
+    with staged_folder(out, "comparison") as (folder, place):
         for key, table in tables.items():
             write_table(table, folder / TABLES / f"{key}.csv")
         draw_plates(plates, folder, report)
         write_text(_page(found, names, tables, plates), folder / PAGE)
-    return Path(out) / PAGE
+    return place / PAGE
 
 
 def distinct_names(runs: Sequence[Run], regions: Sequence[str]) -> list[str]:

@@ -1,13 +1,15 @@
-"""One noise realization, solved under every condition and by every estimator; the unit of work of a process."""
+"""Noise realizations, each solved under every condition and by every estimator."""
 
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 from pymantaray.estimation import GraphSolver, Solution, solve_conditions
-from pymantaray.estimation.conditions import Estimator
 from pymantaray.estimation.covariance import fixed_epochs
-from pymantaray.study.config import StudyConfig
-from pymantaray.study.config_estimators import RangeEstimatorSection
+from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.store import Run
+from pymantaray.study.workers import in_processes
 
 
 class Solved(NamedTuple):
@@ -19,67 +21,38 @@ class Solved(NamedTuple):
 
 
 class RealizationSolver:
-    """
-    Solves realizations of one study; keeps what they share, so that a process builds it once.
-
-    Parameters
-    ----------
-    run : Run
-        Of whose folder the configuration, the truth, the true ocean and the noise-free measurements are there
-        already.
-    """
+    """Solves realizations of a run whose mission is in its folder; what they share is built once."""
 
     def __init__(self, run: Run) -> None:
-        self._run = run
-        self._solver = GraphSolver()
-        self._sections = estimator_sections(run.config)
-        if self._sections:  # ray tracing and the ocean are heavy
-            from pymantaray.study.estimators import EstimatorFactory
-
-            self._factory = EstimatorFactory(run)
+        self._run, self._solver, self._factory = run, GraphSolver(), EstimatorFactory(run)
 
     def solve(self, realization: int) -> Solved:
-        """
-        Perturb, dead reckon and solve one realization.
-
-        Parameters
-        ----------
-        realization : int
-            Index, which names its random streams.
-
-        Returns
-        -------
-        Solved
-            One solution for each condition, then one for each estimator, in the configured order; all see the same noise.
-        """
-        config, truth = self._run.config, self._run.truth
-        initial = (truth.position, truth.quaternion) if config.estimator.initialise == "truth" else None
-        noisy = self._run.noisy_measurements(realization)
-        estimators: dict[str, Estimator] = {
-            section.name: self._factory.estimator(section, realization) for section in self._sections
-        }
+        """Solve one realization under all conditions, then by all estimators, in the configured order; all see one noise."""
+        config, truth, factory = self._run.config, self._run.truth, self._factory
+        sections = config.estimators or ()
         solutions = solve_conditions(
-            noisy,
+            self._run.noisy_measurements(realization),
             config.study.conditions,
-            initial,
-            estimators=estimators,
+            (truth.position, truth.quaternion) if config.estimator.initialise == "truth" else None,
+            estimators={section.name: factory.estimator(section, realization) for section in sections},
             solver=self._solver,
             covariance_samples=fixed_epochs(truth.time, config.estimator.covariance_interval_h * 3600.0),
         )
-        joint = (s for s in self._sections if solutions[s.name].unknowns is not None)
-        return Solved(solutions, {s.name: self._factory.true_unknowns(s, realization) for s in joint})
+        joint = (s for s in sections if solutions[s.name].unknowns is not None)
+        return Solved(solutions, {s.name: factory.true_unknowns(s, realization) for s in joint})
 
 
-def estimator_sections(config: StudyConfig) -> tuple[RangeEstimatorSection, ...]:
-    """
-    Estimators of a study.
+def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> list[Solved]:
+    """Solve all realizations of a run whose mission is in its folder: in their order, whatever the number of workers."""
+    count, start = run.config.study.realizations, partial(_start_solver, run.path)
+    if workers > 1:
+        return in_processes(start, count, workers, done)
+    solve, results = start(), []
+    for realization in range(count):
+        results.append(solve(realization))
+        done(realization + 1)
+    return results
 
-    Parameters
-    ----------
-    config : StudyConfig
 
-    Returns
-    -------
-    tuple of RangeEstimatorSection
-    """
-    return config.estimators or ()
+def _start_solver(folder: Path) -> Callable[[int], Solved]:
+    return RealizationSolver(Run(folder)).solve

@@ -5,15 +5,15 @@ from pathlib import Path
 
 from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, collect_estimates, write_pyfg
 from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
-from pymantaray.records import Estimates, write_netcdf
+from pymantaray.records import Estimates, whole_file, write_netcdf
 from pymantaray.study import store
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.load import study_toml
 from pymantaray.study.manifest import Stopwatch, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
-from pymantaray.study.store import RUNS, Run, default_out, open_run, point_latest_at, staged_folder, summarize
+from pymantaray.study.realization import solve_realizations
+from pymantaray.study.store import Run, open_run, staged_folder, summarize, write_json
 from pymantaray.study.true_unknowns import collect_unknowns
-from pymantaray.study.workers import refuse_unguarded_scripts, solve_realizations
 
 _REALIZATIONS_PER_WORKER = 3
 
@@ -52,25 +52,18 @@ def run_study(
     MantaRayError
         If the folder is not free or the configuration cannot be realized; nothing is left behind.
 
-    Notes
-    -----
-    With more than one worker, processes are started afresh and import the calling script again: call this
-    under ``if __name__ == "__main__":``.
-
     Examples
     --------
     >>> from pymantaray.study import load_study
     >>> run = run_study(load_study("quick"))  # doctest: +SKIP
     """
-    refuse_unguarded_scripts()
-    folder = default_out(config.study.name) if out is None else Path(out)
     count = config.study.realizations
     if workers is None:  # a fresh process takes as long to start as a few short realizations to solve
         workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
     workers = min(workers, count)
     report = progress or _silent
     watch = Stopwatch()
-    with staged_folder(folder) as stage:
+    with staged_folder(out, config.study.name) as (stage, folder):
         mission = simulate_mission(config, watch, report)
         with watch.stage("files"):
             _write_mission(config, mission, stage)
@@ -90,18 +83,18 @@ def run_study(
                 unknowns.save(stage / store.UNKNOWNS)
         content = describe_run(config, watch.seconds, workers=workers)
         content["outcome"] = summarize(mission, estimates)
-        store.write_json(content, stage / store.MANIFEST)
+        write_json(content, stage / store.MANIFEST)
         report("files", 1, 1)
-    if out is None and folder.parent == RUNS:
-        point_latest_at(folder)
     return open_run(folder)
 
 
 def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
-    (folder / store.CONFIG).write_text(study_toml(config), encoding="utf-8")
+    with whole_file(folder / store.CONFIG) as file:
+        file.write_text(study_toml(config), encoding="utf-8")
     write_netcdf(mission.ocean.local, folder / store.OCEAN)
     write_netcdf(mission.ocean.profile, folder / store.PROFILE)
-    mission.ocean.region.to_csv(folder / store.REGION)
+    with whole_file(folder / store.REGION) as file:
+        mission.ocean.region.to_csv(file)
     mission.truth.save(folder / store.TRUTH)
     mission.links.save(folder / store.LINKS)
     mission.arrivals.save(folder / store.ARRIVALS)

@@ -1,13 +1,16 @@
 """A run on disk: the folder that it is written into, which file holds what, and reading it back."""
 
 import datetime as dt
+import fcntl
 import json
 import os
+import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +30,7 @@ from pymantaray.records import (
     Trajectories,
     VehicleStatus,
     read_netcdf,
+    whole_file,
 )
 from pymantaray.records.covariances import PoseCovariances
 from pymantaray.records.unknowns import SharedUnknowns
@@ -40,104 +44,7 @@ if TYPE_CHECKING:
     from pymantaray.study.mission import Mission
 
 RUNS = Path("runs")
-
-
-def default_out(name: str) -> Path:
-    """
-    Dated folder for a run of a study that was given none.
-
-    Parameters
-    ----------
-    name : str
-        Name of the study.
-
-    Returns
-    -------
-    pathlib.Path
-        ``runs/<name>-<YYYYmmdd-HHMMSS>`` in the working folder, with a number where that is taken.
-    """
-    stamp = dt.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-    candidate, n = RUNS / f"{name}-{stamp}", 1
-    while candidate.exists():
-        n += 1
-        candidate = RUNS / f"{name}-{stamp}-{n}"
-    return candidate
-
-
-@contextmanager
-def staged_folder(out: Path) -> Iterator[Path]:
-    """
-    Folder to write a run into; takes its final name only if the block ends well.
-
-    On any exception, Ctrl-C included, it is removed, and so are the parents made for it.
-
-    Parameters
-    ----------
-    out : pathlib.Path
-        Final name. May exist if it is an empty folder.
-
-    Yields
-    ------
-    pathlib.Path
-        Temporary folder beside ``out``.
-
-    Raises
-    ------
-    StudyError
-        If ``out`` is a file or a folder with something in it, or nothing can be written there.
-    """
-    _require_free(out)
-    out = out.absolute()
-    made = [parent for parent in out.parents if not parent.exists()]
-    stage = out.with_name(f".{out.name}.{os.getpid()}.part")
-    try:
-        stage.mkdir(parents=True)
-    except OSError as error:
-        _remove_empty(made)
-        raise StudyError(f"{out}: cannot be written: {error.strerror}; choose another with --out") from None
-    try:
-        yield stage
-        _require_free(out)
-        stage.replace(out)
-    except BaseException:
-        shutil.rmtree(stage, ignore_errors=True)
-        _remove_empty(made)
-        raise
-
-
-def point_latest_at(run: Path) -> None:
-    """
-    Make ``latest`` beside a run point at it.
-
-    Parameters
-    ----------
-    run : pathlib.Path
-        Folder of a finished run.
-    """
-    link = run.parent / "latest"
-    if link.exists() and not link.is_symlink():
-        return
-    temporary = run.parent / f".latest.{os.getpid()}"
-    temporary.unlink(missing_ok=True)
-    temporary.symlink_to(run.name)
-    temporary.replace(link)
-
-
-def _require_free(out: Path) -> None:
-    if out.is_dir():
-        if any(out.iterdir()):
-            raise StudyError(f"{out}: folder is not empty; give an empty or a new one")
-    elif out.exists():
-        raise StudyError(f"{out}: is a file; give an empty or a new folder")
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    for folder in folders:
-        try:
-            folder.rmdir()
-        except OSError:
-            return
-
+_PART = ".mantaray-part"  # of a folder that is being written; it is locked as long as its process lives
 
 MANIFEST, CONFIG = "manifest.json", "config.toml"
 OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
@@ -147,6 +54,147 @@ HEARING, ESTIMATES = "hearing.nc", "estimates.nc"
 COVARIANCES, UNKNOWNS = "covariances.nc", "unknowns.nc"
 CANDIDATES, RAY_PICTURE = "candidates.nc", "ray_picture.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
+
+
+@contextmanager
+def staged_folder(out: str | Path | None, name: str = "") -> Iterator[tuple[Path, Path]]:
+    """
+    Folder to write results into, which take their final place only if the block ends well.
+
+    On any exception, Ctrl-C included, it is removed, and so are the parents made for it. What a process that was killed
+    has left behind is removed by the next one that writes there.
+
+    Parameters
+    ----------
+    out : str or pathlib.Path, optional
+        Final place: new, or an empty folder, which may be a link or a mount point. By default
+        ``runs/<name>-<YYYYmmdd-HHMMSS>`` in the working folder, with a number where that is taken; ``runs/latest`` then
+        points to it.
+    name : str
+
+    Yields
+    ------
+    stage, folder : pathlib.Path
+        Where to write, and the final place.
+
+    Raises
+    ------
+    StudyError
+        If ``out`` is a file, a folder with something in it or being written by another process, if nothing can be written
+        there, or if the folder is removed meanwhile.
+    """
+    missing: list[Path] = []
+    try:
+        folder, stage, lock = _reserve(out, name, missing)
+    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+        _remove_empty(missing)
+        cause = getattr(error, "strerror", None) or error
+        raise StudyError(f"{out or RUNS}: cannot be written: {cause}; choose another with --out") from None
+    try:
+        yield stage, folder
+        _publish(stage, folder)
+    except BaseException as error:
+        removed = not stage.is_dir()
+        shutil.rmtree(stage, ignore_errors=True)
+        _remove_empty(missing)
+        if removed and isinstance(error, Exception):
+            raise StudyError(f"{stage}: was removed while the results were written there") from None
+        raise
+    finally:
+        if lock is not None:
+            os.close(lock)
+    if out is None:
+        _point_latest_at(folder)
+
+
+def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Path, Path, int | None]:
+    """Final folder, the stage made for it, and its lock; two processes never get the same."""
+    for folder in _names(name) if out is None else [Path(os.path.realpath(out))]:
+        if not str(folder).isascii() and any("\ud800" <= c <= "\udfff" for c in str(folder)):
+            raise StudyError(f"{str(out)!r}: not a name in UTF-8; choose another with --out")
+        where = folder if folder.is_dir() else folder.parent
+        missing[:] = [parent for parent in (where, *where.absolute().parents) if not parent.exists()]
+        where.mkdir(parents=True, exist_ok=True)
+        alone = _lock(where, wait=True)
+        try:
+            _clear_abandoned(where)
+            if folder.is_dir() and any(entry.name[-len(_PART) :] != _PART for entry in folder.iterdir()):
+                if out is None:
+                    continue
+                raise StudyError(f"{folder}: folder is not empty; give an empty or a new one")
+            if folder.exists() and not folder.is_dir():
+                raise StudyError(f"{folder}: is a file; give an empty or a new folder")
+            stage = where / f".{folder.name}{_PART}"
+            if not stage.exists():
+                stage.mkdir()
+                return folder, stage, _lock(stage)
+            if out is not None:
+                raise StudyError(f"{folder}: is being written by another process; if by none, remove {stage}")
+        finally:
+            if alone is not None:
+                os.close(alone)
+    raise AssertionError("names never end")
+
+
+def _names(name: str) -> Iterator[Path]:
+    stamp = dt.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    yield RUNS / f"{name}-{stamp}"
+    yield from (RUNS / f"{name}-{stamp}-{n}" for n in count(2))
+
+
+def _lock(folder: Path, *, wait: bool = False) -> int | None:
+    """Lock a folder until this is closed or the process ends; None if another has it, or if it cannot be locked."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _clear_abandoned(where: Path) -> None:
+    for stage in where.glob(f".*{_PART}"):
+        with suppress(OSError):  # it is gone already
+            lock = _lock(stage)
+            if lock is not None:
+                shutil.rmtree(stage, ignore_errors=True)
+                os.close(lock)
+
+
+def _publish(stage: Path, folder: Path) -> None:
+    """Give a stage its final place; inside a folder that was there the manifest comes last and makes a run of it."""
+    moved: list[Path] = []
+    try:
+        if stage.parent != folder:
+            stage.replace(folder)
+            return
+        for entry in sorted(stage.iterdir(), key=lambda entry: entry.name == MANIFEST):
+            moved.append(entry.rename(folder / entry.name))
+        stage.rmdir()
+    except BaseException as error:
+        for entry in moved:
+            entry.rename(stage / entry.name)
+        if isinstance(error, OSError) and stage.is_dir():
+            raise StudyError(
+                f"{folder}: cannot be written: {error.strerror}; choose another with --out"
+            ) from None
+        raise
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _point_latest_at(run: Path) -> None:
+    link, temporary = run.parent / "latest", run.parent / f".latest.{secrets.token_hex(8)}"
+    if link.exists() and not link.is_symlink():
+        return
+    with suppress(OSError):  # a disk without links has no latest one
+        temporary.symlink_to(run.name)
+        temporary.replace(link)
 
 
 @dataclass(frozen=True)
@@ -179,12 +227,12 @@ class Run:
     @cached_property
     def ocean(self) -> xr.Dataset:
         """Local ocean: sound speed, currents and sea floor over (north, east, depth)."""
-        return self._dataset(OCEAN)
+        return read_netcdf(self.path / OCEAN)
 
     @cached_property
     def profile(self) -> xr.Dataset:
         """Mean, least and greatest sound speed of each level over the region."""
-        return self._dataset(PROFILE)
+        return read_netcdf(self.path / PROFILE)
 
     @cached_property
     def region(self) -> pd.DataFrame:
@@ -251,7 +299,7 @@ class Run:
     @cached_property
     def ray_picture(self) -> xr.Dataset:
         """Vertical section through one link, its ray and its straight chord."""
-        return self._dataset(RAY_PICTURE)
+        return read_netcdf(self.path / RAY_PICTURE)
 
     @property
     def synthetic(self) -> bool:
@@ -320,9 +368,6 @@ class Run:
         if not 0 <= realization < count:
             raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
 
-    def _dataset(self, name: str) -> xr.Dataset:
-        return read_netcdf(self.path / name)
-
 
 def open_run(path: str | Path) -> Run:
     """
@@ -360,44 +405,23 @@ def open_run(path: str | Path) -> Run:
 
 
 def write_json(content: dict[str, Any], path: Path) -> None:
-    """
-    Write a dictionary as indented JSON.
-
-    Parameters
-    ----------
-    content : dict
-        numpy scalars are written as numbers.
-    path : pathlib.Path
-    """
-    text = json.dumps(content, indent=2, default=_plain)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"cannot write {type(value).__name__} as JSON")
+    """Write a dictionary as indented JSON; numpy scalars become numbers."""
+    with whole_file(path) as temporary:
+        temporary.write_text(
+            json.dumps(content, indent=2, default=lambda x: x.item()) + "\n", encoding="utf-8"
+        )
 
 
 def summarize(mission: "Mission", estimates: Estimates) -> dict[str, Any]:
     """
-    Count what happened to links, vehicles and solves.
+    Count what happened to links, vehicles and solves, for the manifest and for warnings.
 
-    Parameters
-    ----------
-    mission : Mission
-    estimates : Estimates
-
-    Returns
-    -------
-    dict
-        ``links``: attempts by `RayStatus`; ``stopped_vehicles``: status and time by name;
-        ``unhealthy_solves``: condition, realization and `SolveStatus` of each solve that is not OK; with a
-        detector, ``expected_unheard``: mean number of attempts with an arrival that a realization does not hear;
-        where receivers err, ``expected_mistaken``: mean number that take another arrival for the direct one.
+    ``links``: attempts by `RayStatus`; ``stopped_vehicles``: status and time by name; ``unhealthy_solves``: condition,
+    realization and `SolveStatus` of each solve that is not OK. With a detector, ``expected_unheard``: mean number of attempts
+    with an arrival that a realization does not hear; where receivers err, ``expected_mistaken``: mean number that take
+    another arrival for the direct one.
     """
-    status = mission.measurements.range_status
-    truth = mission.truth
+    status, truth, candidates = mission.measurements.range_status, mission.truth, mission.candidates
     stopped = {
         str(name): {
             "status": VehicleStatus(int(row[-1])).name,
@@ -414,10 +438,14 @@ def summarize(mission: "Mission", estimates: Estimates) -> dict[str, Any]:
         }
         for c, r in np.argwhere(estimates.solve_status != SolveStatus.OK)
     ]
-    hearing = mission.hearing
-    chance = {} if hearing is None else {"expected_unheard": _expected_unheard(status, mission)}
-    if mission.candidates is not None:
-        chance["expected_mistaken"] = mission.candidates.expected_mistaken
+    chance: dict[str, float] = {}
+    if mission.hearing is not None:
+        probability = mission.hearing.probability
+        if candidates is not None:
+            probability = np.bincount(candidates.attempt, candidates.probability, minlength=status.size)
+        chance["expected_unheard"] = float(np.sum(1.0 - probability[status == RayStatus.OK]))
+    if candidates is not None:
+        chance["expected_mistaken"] = candidates.expected_mistaken
     return {
         "range_attempts": int(status.size),
         "links": {member.name: int(np.count_nonzero(status == member)) for member in RayStatus},
@@ -425,11 +453,3 @@ def summarize(mission: "Mission", estimates: Estimates) -> dict[str, Any]:
         "stopped_vehicles": stopped,
         "unhealthy_solves": unhealthy,
     }
-
-
-def _expected_unheard(status: NDArray[np.int8], mission: "Mission") -> float:
-    probability = None if mission.hearing is None else mission.hearing.probability
-    if mission.candidates is not None:
-        taken = mission.candidates
-        probability = np.bincount(taken.attempt, taken.probability, minlength=status.size)
-    return 0.0 if probability is None else float(np.sum(1.0 - probability[status == RayStatus.OK]))

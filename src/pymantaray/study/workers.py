@@ -1,20 +1,23 @@
-"""Realizations in parallel: fresh processes, one thread each, results in order whoever was first."""
+"""Numbered tasks in parallel: fresh processes, one thread each, results in order whoever was first.
 
-import multiprocessing
+Numbers go to a process through its standard input, results come back through its standard output. A process never imports
+the script that started it, so that this works from anywhere: a script, a notebook, standard input, a daemonic process. It
+ends when its standard input does, which is when the process that started it ends, however that comes about.
+"""
+
 import os
+import pickle
 import signal
+import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from pathlib import Path
-from typing import TypeVar
+import traceback
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from queue import SimpleQueue
+from typing import NoReturn, TypeVar, cast
 
 from pymantaray.errors import StudyError
-from pymantaray.study.realization import RealizationSolver, Solved
-from pymantaray.study.store import Run
 
 # read by the numerical libraries when a process starts; more threads than cores only slow it down
 _ONE_THREAD = (
@@ -24,146 +27,107 @@ _ONE_THREAD = (
     "VECLIB_MAXIMUM_THREADS",
     "NUMBA_NUM_THREADS",
 )
-
-_solver: RealizationSolver | None = None  # of this worker process
+_SERVE = (
+    "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer);"
+    " from pymantaray.study.workers import serve; serve()"
+)
 T = TypeVar("T")
 
 
-def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> list[Solved]:
-    """
-    Solve all realizations of a study.
-
-    Parameters
-    ----------
-    run : Run
-        Its configuration, truth and noise-free measurements are on disk, where each process reads them.
-    workers : int
-        Number of processes; with 1 all is done in this one.
-    done : callable
-        Told how many realizations are done.
-
-    Returns
-    -------
-    list of Solved
-        By realization; it does not depend on the number of workers.
-
-    Raises
-    ------
-    StudyError
-        If a worker process ends before its time.
-    """
-    count = run.config.study.realizations
-    if workers == 1:
-        solver = RealizationSolver(run)
-        results = []
-        for realization in range(count):
-            results.append(solver.solve(realization))
-            done(realization + 1)
-        return results
-
-    return in_processes(_solve, count, workers, _start_worker, run.path, done)
-
-
 def in_processes(
-    task: Callable[[int], T],
-    count: int,
-    workers: int,
-    start: Callable[[Path], None],
-    folder: Path,
-    done: Callable[[int], None],
+    start: Callable[[], Callable[[int], T]], count: int, workers: int, done: Callable[[int], None]
 ) -> list[T]:
     """
-    Do numbered tasks in fresh processes.
+    Do numbered tasks in fresh processes, each of which makes its task by ``start``, a function that can be pickled.
 
-    Parameters
-    ----------
-    task : callable
-        Takes a number from 0; a function of a module.
-    count, workers : int
-        Of tasks and of processes.
-    start : callable
-        Called once in each process, with ``folder``.
-    folder : pathlib.Path
-    done : callable
-        Told how many tasks are done.
-
-    Returns
-    -------
-    list
-        By number. If a task raises, or this process is interrupted, the others are stopped where they are.
-
-    Raises
-    ------
-    StudyError
-        If a process ends before its time.
+    If a task raises, or this process is interrupted, the others are stopped where they are.
     """
-    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
-    with ProcessPoolExecutor(workers, context, start, (folder,)) as pool:
-        with _fit_for_workers():  # submitting starts the processes
-            futures = {pool.submit(task, number): number for number in range(count)}
-        found: dict[int, T] = {}
+    processes: list[subprocess.Popen[bytes]] = []
+    idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
+
+    def ask(number: int) -> T:
+        process = idle.get()
         try:
-            for future in as_completed(futures):
-                found[futures[future]] = future.result()
-                done(len(found))
-        except BrokenProcessPool:
-            raise StudyError(
-                "a worker process ended early: out of memory, or a script that calls run_study without"
-                ' if __name__ == "__main__":; try fewer workers'
-            ) from None
-        except BaseException:
-            # the pool would do all that is left: its own end takes back a cancellation that is not carried out yet
-            for process in multiprocessing.active_children():
-                if process not in others:
-                    process.terminate()
-            raise
-    return [found[number] for number in range(count)]
+            return cast("T", _answer(process, number))
+        finally:
+            idle.put(process)
 
-
-def refuse_unguarded_scripts() -> None:
-    """
-    Refuse to go on in a worker that is still importing the script that started it.
-
-    Raises
-    ------
-    StudyError
-        If so: the script calls `run_study` without a guard, and each worker would do so again.
-    """
-    # while a spawned process imports its parent's script, that is named __mp_main__ and not yet __main__
-    script = sys.modules.get("__mp_main__")
-    named_so = getattr(script, "__name__", None) == "__mp_main__"
-    if named_so and sys.modules.get("__main__") is not script:
-        raise StudyError(
-            "run_study was called by a worker process that imports the script; put the call under"
-            ' if __name__ == "__main__": or use workers=1'
-        )
-
-
-def _start_worker(folder: Path) -> None:
-    global _solver  # a pool's initializer has no other place to leave its result
-    _solver = RealizationSolver(Run(folder))
-
-
-def _solve(realization: int) -> Solved:
-    if _solver is None:
-        raise AssertionError("worker was not started")
-    return _solver.solve(realization)
-
-
-@contextmanager
-def _fit_for_workers() -> Iterator[None]:
-    """Surroundings that new processes inherit: one thread each, and Ctrl-C left to the parent."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None
+    pool, results = ThreadPoolExecutor(workers), dict[int, T]()
     try:
-        yield
+        for _ in range(workers):
+            processes.append(_start_process())
+            _tell(processes[-1], sys.path)
+            _tell(processes[-1], start)
+            idle.put(processes[-1])
+        futures = {pool.submit(ask, number): number for number in range(count)}
+        for future in as_completed(futures):
+            results[futures[future]] = future.result()
+            done(len(results))
     finally:
-        if in_main_thread:
-            signal.signal(signal.SIGINT, handler or signal.SIG_DFL)
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for process in processes:
+            process.kill()  # one that is idle holds nothing
+        pool.shutdown(cancel_futures=True)
+        for process in processes:
+            process.communicate()
+    return [results[number] for number in range(count)]
+
+
+def _start_process() -> "subprocess.Popen[bytes]":
+    return subprocess.Popen(
+        [sys.executable, "-c", _SERVE],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=os.environ | dict.fromkeys(_ONE_THREAD, "1"),
+        process_group=0,  # Ctrl-C is left to this process
+    )
+
+
+def _tell(process: "subprocess.Popen[bytes]", message: object) -> None:
+    assert process.stdin is not None  # for the type checker
+    try:
+        pickle.dump(message, process.stdin)
+        process.stdin.flush()
+    except BrokenPipeError:
+        pass  # it ended; reading its answer tells how
+
+
+def _answer(process: "subprocess.Popen[bytes]", number: int) -> object:
+    assert process.stdout is not None  # for the type checker
+    _tell(process, number)
+    try:
+        result = pickle.load(process.stdout)
+    except (EOFError, pickle.UnpicklingError):
+        code = process.wait()
+        how = f"by {signal.Signals(-code).name}, perhaps out of memory" if code < 0 else f"with code {code}"
+        raise StudyError(f"a worker process ended early, {how}; try fewer workers") from None
+    if isinstance(result, Exception):
+        raise result
+    return result
+
+
+def serve() -> NoReturn:
+    """Work as a process of `in_processes`."""
+    results = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what is printed here must not get among the results
+    requests, numbers = sys.stdin.buffer, SimpleQueue[int]()
+    start: Callable[[], Callable[[int], object]] = pickle.load(requests)
+
+    def listen() -> None:
+        try:
+            while True:
+                numbers.put(pickle.load(requests))
+        finally:
+            os._exit(0)  # whoever asked has ended; what is being worked at is for nobody
+
+    threading.Thread(target=listen).start()
+    task = None
+    while True:
+        number = numbers.get()
+        try:
+            task = task or start()
+            result = task(number)
+        except Exception as error:  # noqa: BLE001  raised again where it was asked for
+            error.add_note(traceback.format_exc())
+            result = error
+        pickle.dump(result, results)
+        results.flush()
