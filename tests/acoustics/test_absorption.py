@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from pymantaray.acoustics import Absorption
 from pymantaray.acoustics.absorption import (
     ainslie_mccolm_db_per_km,
     francois_garrison_db_per_km,
     thorp_db_per_km,
 )
-from pymantaray.acoustics.absorption_field import Absorption
 from pymantaray.errors import AcousticsError
 
 FORMULAS = [francois_garrison_db_per_km, ainslie_mccolm_db_per_km]

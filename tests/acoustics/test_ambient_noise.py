@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pymantaray.acoustics.ambient_noise import WenzNoise, check_band
+from pymantaray.acoustics import WenzNoise
+from pymantaray.acoustics.sonar import check_band
 from pymantaray.errors import AcousticsError
 
 

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics import (
+    Absorption,
+    FluidBottom,
+    Medium,
+    SeaSurface,
+    find_eigenrays,
+    transmission_loss,
+)
 from pymantaray.acoustics.absorption import francois_garrison_db_per_km
-from pymantaray.acoustics.absorption_field import Absorption
-from pymantaray.acoustics.loss import find_bounces, geometric_loss_db, transmission_loss
-from pymantaray.acoustics.reflection import FluidBottom, reflection_coefficient
-from pymantaray.acoustics.surface_loss import SeaSurface
+from pymantaray.acoustics.loss import find_bounces, geometric_loss_db, reflection_coefficient
 from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals, RayPaths
 

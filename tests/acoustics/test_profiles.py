@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.acoustics.profiles import is_raw_cast, smooth_profile, thin_profile
+from pymantaray.acoustics import Medium, find_eigenrays, smooth_profile, thin_profile
+from pymantaray.acoustics.profiles import is_raw_cast
 from pymantaray.errors import AcousticsError
 from pymantaray.ocean.seawater import sound_speed
 

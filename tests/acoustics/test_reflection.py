@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pymantaray.acoustics.reflection import FluidBottom, critical_angle, reflection_coefficient
-from pymantaray.acoustics.surface_loss import (
-    SeaSurface,
+from pymantaray.acoustics import FluidBottom, SeaSurface
+from pymantaray.acoustics.loss import (
     bubble_loss_db,
     coherent_surface_loss_db,
+    reflection_coefficient,
     wave_height_rms,
 )
 from pymantaray.errors import AcousticsError
@@ -43,15 +43,13 @@ def test_vertical_and_grazing_limits(bottom):
 
 def test_total_reflection_below_the_critical_angle():
     sand = FluidBottom(1650.0, 1900.0)
-    critical = float(critical_angle(sand, sound_speed=C))
-    assert np.cos(critical) == pytest.approx(C / 1650.0)
+    critical = float(np.arccos(C / 1650.0))
     below = critical * np.array([0.01, 0.3, 0.9, 0.999])
     r = reflection_coefficient(below, sand, sound_speed=C, density=RHO)
     np.testing.assert_allclose(np.abs(r), 1.0, atol=1e-12)
     b = np.sqrt(np.cos(below) ** 2 - (C / 1650.0) ** 2)
     np.testing.assert_allclose(np.angle(r), -2.0 * np.arctan2(b, 1900.0 / RHO * np.sin(below)), atol=1e-12)
     assert np.all(np.abs(reflection_coefficient(critical * 1.05, sand, sound_speed=C, density=RHO)) < 0.9)
-    assert np.isnan(critical_angle(FluidBottom(1450.0, 1400.0), sound_speed=C))
 
 
 def test_mud_lets_everything_through_at_the_angle_of_intromission():

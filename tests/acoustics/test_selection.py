@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pymantaray.acoustics.selection import choose_arrivals, select
+from pymantaray.acoustics import choose_arrivals, select
 from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals, RayStatus
 

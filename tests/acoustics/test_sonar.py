@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pymantaray.acoustics.ambient_noise import WenzNoise
-from pymantaray.acoustics.sonar import Sonar, link_loss_db, probability_of_excess
+from pymantaray.acoustics import Sonar, WenzNoise, link_loss_db, probability_of_excess
 from pymantaray.errors import AcousticsError
 
 MODEM = Sonar(source_level_db=185.0, frequency_hz=25e3, bandwidth_hz=5e3, noise=50.0)

@@ -14,8 +14,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from pymantaray.acoustics import Medium, find_eigenrays, trace_paths
-from pymantaray.acoustics.profiles import thin_profile
+from pymantaray.acoustics import Medium, find_eigenrays, thin_profile, trace_paths
 from pymantaray.cli import rays_run
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.seawater import sound_speed

@@ -8,9 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from pymantaray.acoustics import Medium
-from pymantaray.acoustics.moving_water import Currents
-from pymantaray.acoustics.sonar import Sonar
+from pymantaray.acoustics import Currents, Medium, Sonar
 from pymantaray.errors import SensingError
 from pymantaray.records import RayStatus
 from pymantaray.sensing import (

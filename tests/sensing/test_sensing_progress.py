@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pymantaray.acoustics import Medium
-from pymantaray.acoustics.moving_water import Currents
-from pymantaray.acoustics.sonar import Sonar
+from pymantaray.acoustics import Currents, Medium, Sonar
 from pymantaray.records import VehicleStatus
 from pymantaray.sensing import Detector, PingSchedule, measure_ranges, reception
 

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from pymantaray.acoustics import Medium
-from pymantaray.acoustics.absorption_field import Absorption
-from pymantaray.acoustics.moving_water import Currents
-from pymantaray.acoustics.sonar import Sonar
+from pymantaray.acoustics import Absorption, Currents, Medium, Sonar
 from pymantaray.records import RayStatus
 from pymantaray.sensing import Detector, Landmark, PingSchedule, TwoWay, measure_ranges, reception
 

@@ -6,10 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from pymantaray.acoustics import Medium
-from pymantaray.acoustics.absorption_field import Absorption
-from pymantaray.acoustics.moving_water import Currents
-from pymantaray.acoustics.sonar import Sonar
+from pymantaray.acoustics import Absorption, Currents, Medium, Sonar
 from pymantaray.records import RayStatus, VehicleStatus
 from pymantaray.sensing import Detector, Landmark, PingSchedule, TwoWay, measure_ranges
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pymantaray.acoustics import Medium, find_eigenrays, quadrature, travel_time_sensitivity
-from pymantaray.acoustics.moving_water import Currents
+from pymantaray.acoustics import Currents, Medium, find_eigenrays, quadrature, travel_time_sensitivity
 from pymantaray.estimation.range_models import RangeLinks
 from pymantaray.ocean.covariance import SoundSpeedCovariance
 from pymantaray.study.range_models import eigenray as eigenray_model

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pymantaray.acoustics.ambient_noise import WenzNoise
+from pymantaray.acoustics import WenzNoise
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.records import RayStatus

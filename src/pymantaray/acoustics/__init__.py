@@ -1,20 +1,43 @@
-"""Two-point acoustics in a gridded ocean: eigenrays, travel times and their derivatives."""
+"""Two-point acoustics in a gridded ocean: eigenrays, travel times and their derivatives, loss and detection."""
 
+from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.analytic import direct_travel_time_linear_gradient
+from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import find_eigenrays
+from pymantaray.acoustics.loss import FluidBottom, SeaSurface, TransmissionLoss, transmission_loss
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.path_integrals import path_integrals, quadrature, travel_time_sensitivity
 from pymantaray.acoustics.paths import trace_fan, trace_paths
+from pymantaray.acoustics.profiles import ReducedProfile, smooth_profile, thin_profile
 from pymantaray.acoustics.rays import ray_picture
+from pymantaray.acoustics.selection import Rule, choose_arrivals, select
+from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
 
 __all__ = [
+    "Absorption",
+    "Currents",
+    "FluidBottom",
     "Medium",
+    "ReducedProfile",
+    "Rule",
+    "SeaSurface",
+    "Sonar",
+    "TransmissionLoss",
+    "WenzNoise",
+    "choose_arrivals",
+    "current_delays",
     "direct_travel_time_linear_gradient",
     "find_eigenrays",
+    "link_loss_db",
     "path_integrals",
+    "probability_of_excess",
     "quadrature",
     "ray_picture",
+    "select",
+    "smooth_profile",
+    "thin_profile",
     "trace_fan",
     "trace_paths",
+    "transmission_loss",
     "travel_time_sensitivity",
 ]

@@ -1,11 +1,170 @@
-"""Absorption of sound by sea water: three published formulas, in dB/km."""
+"""Absorption of sound by sea water: three published formulas, and the coefficient at any place of an ocean."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.grid import linear_interpolator
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
+Formula = Literal["francois-garrison", "ainslie-mccolm"]
+Water = Callable[[Array], Array]
+"""In-situ temperature [degC] and practical salinity (n, 2) at positions (n, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Absorption:
+    """
+    Absorption coefficient at any place; build it with one of the class methods.
+
+    Attributes
+    ----------
+    db_per_km : callable
+        Of positions (n, 3) north, east, down [m] and a frequency [Hz]; gives (n,) [dB/km].
+    """
+
+    db_per_km: Callable[[Array, float], Array]
+
+    @classmethod
+    def constant(cls, db_per_km: float) -> Self:
+        """One coefficient everywhere, at every frequency. [dB/km]"""
+        if not 0.0 <= db_per_km < np.inf:
+            raise AcousticsError(f"absorption: {db_per_km} dB/km; must be finite and not negative")
+        return cls(lambda position, _frequency: np.full(len(position), float(db_per_km)))
+
+    @classmethod
+    def thorp(cls) -> Self:
+        """Thorp's formula: the same everywhere, whatever the water."""
+        return cls(lambda position, frequency: np.full(len(position), float(thorp_db_per_km(frequency))))
+
+    @classmethod
+    def from_profile(
+        cls,
+        depth: ArrayLike,
+        temperature: ArrayLike,
+        salinity: ArrayLike,
+        *,
+        pH: float = 8.0,
+        formula: Formula = "francois-garrison",
+    ) -> Self:
+        """
+        Water that varies with depth only.
+
+        Parameters
+        ----------
+        depth, temperature, salinity : array_like, shape (n_depth,)
+            Levels, strictly increasing [m], in-situ temperature [degC], practical salinity; linear between
+            the levels, constant beyond them. One level is uniform water.
+        pH : float
+            [-]
+        formula : {"francois-garrison", "ainslie-mccolm"}
+
+        Returns
+        -------
+        Absorption
+
+        Raises
+        ------
+        AcousticsError
+            If the shapes differ, a value is not finite, the levels do not increase or the formula is unknown.
+        """
+        z, T, S = (np.atleast_1d(np.array(v, dtype=float)) for v in (depth, temperature, salinity))
+        if z.ndim != 1 or not z.shape == T.shape == S.shape:
+            raise AcousticsError(
+                f"depth, temperature, salinity: shapes {z.shape}, {T.shape}, {S.shape}; need (n_depth,)"
+            )
+        if not np.all(np.isfinite([z, T, S])) or np.any(np.diff(z) <= 0.0):
+            raise AcousticsError(
+                "depth, temperature, salinity: must be finite, and depth strictly increasing"
+            )
+        column = linear_interpolator([z], np.stack([T, S], axis=-1))
+        return cls._of_water(lambda x: column(x[:, 2:]), pH=pH, formula=formula)
+
+    @classmethod
+    def from_dataset(
+        cls,
+        ocean: "xr.Dataset",
+        *,
+        centre: tuple[float, float] | None = None,
+        pH: float = 8.0,
+        formula: Formula = "francois-garrison",
+    ) -> Self:
+        """
+        Water of an ocean data set, linear between its grid points and constant beyond its edges.
+
+        Parameters
+        ----------
+        ocean : xarray.Dataset
+            With ``water_temp`` and ``salinity`` on (depth, lat, lon) as `open_ocean` returns it, or on
+            (north, east, depth) of the local frame.
+        centre : tuple of float, optional
+            Latitude and longitude of the local frame, as for `to_local`: the window's middle by default.
+            [degrees]
+        pH : float
+            [-]
+        formula : {"francois-garrison", "ainslie-mccolm"}
+
+        Returns
+        -------
+        Absorption
+
+        Raises
+        ------
+        AcousticsError
+            If the data set lacks temperature or salinity, or the formula is unknown.
+        """
+        missing = [name for name in ("water_temp", "salinity") if name not in ocean]
+        if missing:
+            raise AcousticsError(
+                f"ocean data set lacks {', '.join(missing)};"
+                " give the one that open_ocean returned, before to_local"
+            )
+        water = _geographic_water(ocean, centre) if "lat" in ocean.dims else _local_water(ocean)
+        return cls._of_water(water, pH=pH, formula=formula)
+
+    @classmethod
+    def _of_water(cls, water: Water, *, pH: float, formula: Formula) -> Self:
+        if formula not in _FORMULAS:
+            raise AcousticsError(f"absorption formula {formula!r}; allowed are {', '.join(_FORMULAS)}")
+
+        def coefficient(position: Array, frequency_hz: float) -> Array:
+            T, S = water(position).T
+            return _FORMULAS[formula](frequency_hz, temperature=T, salinity=S, depth=position[:, 2], pH=pH)
+
+        return cls(coefficient)
+
+
+def _geographic_water(ocean: "xr.Dataset", centre: tuple[float, float] | None) -> Water:
+    from pymantaray.geometry import LocalFrame
+    from pymantaray.ocean.sea_floor import fill_below_sea_bed
+    from pymantaray.ocean.window import Window
+
+    lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
+    middle = (0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
+    window = Window(lat, lon, LocalFrame(*(middle if centre is None else centre)))
+    fields = [
+        fill_below_sea_bed(ocean[name].transpose("depth", "lat", "lon").values, lat)
+        for name in ("water_temp", "salinity")
+    ]
+    look_up = linear_interpolator((depth, lat, lon), np.stack(fields, axis=-1))
+    return lambda x: look_up(np.stack([x[:, 2], *window.geographic(x[:, 0], x[:, 1])], axis=-1))
+
+
+def _local_water(ocean: "xr.Dataset") -> Water:
+    grid = ("north", "east", "depth")
+    fields = np.stack([ocean[name].transpose(*grid).values for name in ("water_temp", "salinity")], axis=-1)
+    if not np.all(np.isfinite(fields)):
+        raise AcousticsError(
+            "ocean data set: water_temp or salinity is not finite; fill it below the sea bed"
+        )
+    return linear_interpolator([ocean[name].values for name in grid], fields)
 
 
 def francois_garrison_db_per_km(
@@ -18,28 +177,10 @@ def francois_garrison_db_per_km(
     sound_speed: ArrayLike | None = None,
 ) -> Array:
     r"""
-    Absorption by boric acid, magnesium sulphate and water itself, after Francois and Garrison (1982).
+    Absorption by boric acid, magnesium sulphate and water itself, after Francois and Garrison (1982). [dB/km]
 
-    Parameters
-    ----------
-    frequency_hz : array_like
-        [Hz]
-    temperature, salinity, depth : array_like
-        In situ [degC], practical [-], positive down [m].
-    pH : array_like
-        On the NBS scale. [-]
-    sound_speed : array_like, optional
-        By default the paper's own :math:`1412 + 3.21 T + 1.19 S + 0.0167 z`. [m/s]
-
-    Returns
-    -------
-    ndarray
-        All arguments broadcast; NaN stays NaN. [dB/km]
-
-    Raises
-    ------
-    AcousticsError
-        If a frequency is not positive or a salinity negative.
+    Frequency [Hz], in-situ temperature [degC], practical salinity, depth [m] and pH on the NBS scale broadcast; the
+    sound speed [m/s] is the paper's own :math:`1412 + 3.21 T + 1.19 S + 0.0167 z` by default.
 
     Notes
     -----
@@ -81,26 +222,7 @@ def ainslie_mccolm_db_per_km(
     pH: ArrayLike = 8.0,
 ) -> Array:
     r"""
-    Absorption by the simplified formula of Ainslie and McColm (1998).
-
-    Parameters
-    ----------
-    frequency_hz : array_like
-        [Hz]
-    temperature, salinity, depth : array_like
-        In situ [degC], practical [-], positive down [m].
-    pH : array_like
-        [-]
-
-    Returns
-    -------
-    ndarray
-        All arguments broadcast; NaN stays NaN. [dB/km]
-
-    Raises
-    ------
-    AcousticsError
-        If a frequency is not positive or a salinity negative.
+    Absorption by the simplified formula of Ainslie and McColm (1998), arguments as above. [dB/km]
 
     Notes
     -----
@@ -124,22 +246,7 @@ def ainslie_mccolm_db_per_km(
 
 def thorp_db_per_km(frequency_hz: ArrayLike) -> Array:
     r"""
-    Absorption by Thorp's formula as Jensen et al. and Bellhop use it.
-
-    Parameters
-    ----------
-    frequency_hz : array_like, shape (...)
-        [Hz]
-
-    Returns
-    -------
-    ndarray, shape (...)
-        [dB/km]
-
-    Raises
-    ------
-    AcousticsError
-        If a frequency is not positive.
+    Absorption by Thorp's formula as Jensen et al. and Bellhop use it, of a frequency [Hz]. [dB/km]
 
     Notes
     -----
@@ -167,3 +274,9 @@ def _checked(
     if np.any(S < 0.0):
         raise AcousticsError(f"salinity: {np.min(S):g}; must not be negative")
     return f / 1000.0, np.asarray(temperature, dtype=float), S, np.asarray(depth, dtype=float)
+
+
+_FORMULAS: dict[str, Callable[..., Array]] = {
+    "francois-garrison": francois_garrison_db_per_km,
+    "ainslie-mccolm": ainslie_mccolm_db_per_km,
+}

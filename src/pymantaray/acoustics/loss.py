@@ -1,23 +1,32 @@
-"""Transmission loss of every arrival: spreading, absorption along its path, and its bounces."""
+"""Transmission loss of every arrival: spreading, absorption along its path, and its bounces at sea bed and surface."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+import math
+from dataclasses import dataclass, fields
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics.absorption_field import Absorption
+from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.path_integrals import quadrature
 from pymantaray.acoustics.paths import trace_paths
-from pymantaray.acoustics.reflection import WATER_DENSITY, FluidBottom, reflection_coefficient
-from pymantaray.acoustics.surface_loss import SeaSurface
 from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals, RayPaths
 from pymantaray.records.base import Column, Record, column
 
 Array = NDArray[np.float64]
+WATER_DENSITY = 1025.0
+"""Of sea water, where none is given. [kg/m3]"""
 _SURFACE, _BOTTOM = 1, 2  # codes of RayPaths.boundary
+_GRAVITY = 9.81
+_SEDIMENTS = {  # sound speed [m/s], density [kg/m3], attenuation [dB per wavelength]
+    "clay": (1500.0, 1500.0, 0.2),
+    "silt": (1575.0, 1700.0, 1.0),
+    "sand": (1650.0, 1900.0, 0.8),
+    "gravel": (1800.0, 2000.0, 0.6),
+    "moraine": (1950.0, 2100.0, 0.4),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,104 +45,105 @@ class TransmissionLoss(Record):
 
 
 @dataclass(frozen=True)
-class Bounces:
+class FluidBottom:
     """
-    Every bounce of a set of ray paths.
+    Sea bed as a homogeneous fluid half space.
 
-    Attributes
+    Parameters
     ----------
-    arrival, boundary : ndarray of int, shape (n_bounces,)
-        Row of the arrivals; 1 at the surface, 2 at the sea bed.
-    grazing_angle : ndarray, shape (n_bounces,)
-        Between ray and boundary, as it is tilted there. [rad]
-    sound_speed : ndarray, shape (n_bounces,)
+    sound_speed : float
         [m/s]
+    density : float
+        [kg/m3]
+    attenuation_db_per_wavelength : float
+        Of compressional waves in the sediment.
+
+    Raises
+    ------
+    AcousticsError
+        If speed or density is not positive, or the attenuation negative.
     """
+
+    sound_speed: float
+    density: float
+    attenuation_db_per_wavelength: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for f in fields(self):
+            value = getattr(self, f.name)
+            zero_allowed = f.name.startswith("attenuation")
+            if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero_allowed):
+                allowed = "finite and not negative" if zero_allowed else "finite and positive"
+                raise AcousticsError(f"FluidBottom: {f.name} is {value:g}; must be {allowed}")
+
+    @classmethod
+    def standard(cls, name: str) -> Self:
+        """
+        One of five sediments of the standard table: clay, silt, sand, gravel or moraine.
+
+        Notes
+        -----
+        The table's shear is left out. It is slow in these (50 to 600 m/s); rock, where it is not, is not a
+        fluid and is left out too.
+
+        References
+        ----------
+        .. [1] Jensen, F. B., Kuperman, W. A., Porter, M. B. and Schmidt, H., Computational Ocean Acoustics,
+           table 1.3, for water of 1500 m/s and 1000 kg/m3; after Hamilton. Taken from code that cites it.
+        """
+        if name not in _SEDIMENTS:
+            raise AcousticsError(f"sediment {name!r} is unknown; there are {', '.join(_SEDIMENTS)}")
+        return cls(*_SEDIMENTS[name])
+
+
+@dataclass(frozen=True)
+class SeaSurface:
+    """
+    Surface under wind.
+
+    Parameters
+    ----------
+    wind_speed : float
+        At 10 m. [m/s]
+    model : {"bubbles", "coherent"}
+        What is lost: the energy that bubbles absorb, or all that is not reflected specularly and in phase.
+
+    Raises
+    ------
+    AcousticsError
+        If the wind is negative or not finite, or the model unknown.
+    """
+
+    wind_speed: float
+    model: Literal["bubbles", "coherent"] = "bubbles"
+
+    def __post_init__(self) -> None:
+        """Check both values."""
+        _wind(self.wind_speed)
+        if self.model not in ("bubbles", "coherent"):
+            raise AcousticsError(f"SeaSurface: model {self.model!r}; allowed are 'bubbles' and 'coherent'")
+
+    def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:
+        """Loss of one bounce, by grazing angle [rad], frequency [Hz] and sound speed at the surface [m/s]. [dB]"""
+        if self.model == "bubbles":
+            return bubble_loss_db(grazing_angle, frequency_hz, wind_speed=self.wind_speed)
+        return coherent_surface_loss_db(
+            grazing_angle, frequency_hz, wind_speed=self.wind_speed, sound_speed=sound_speed
+        )
+
+
+class Bounces(NamedTuple):
+    """Bounces of ray paths, each (n_bounces,)."""
 
     arrival: NDArray[np.int64]
+    """Row of the arrivals."""
     boundary: NDArray[np.int64]
+    """1 at the surface, 2 at the sea bed."""
     grazing_angle: Array
+    """Between ray and boundary, as it is tilted there. [rad]"""
     sound_speed: Array
-
-
-def find_bounces(paths: RayPaths) -> Bounces:
-    r"""
-    Bounces of ray paths and their grazing angles.
-
-    Parameters
-    ----------
-    paths : RayPaths
-        A bounce is two successive nodes at one place, both marked with the boundary.
-
-    Returns
-    -------
-    Bounces
-
-    Raises
-    ------
-    AcousticsError
-        If the marked nodes are not pairs.
-
-    Notes
-    -----
-    Reflection changes slowness along the boundary's normal only, by twice its normal part, so the grazing
-    angle has :math:`\sin\gamma = c\,|\mathbf{p}_{after} - \mathbf{p}_{before}| / 2`.
-    """
-    marked = np.flatnonzero(paths.boundary)
-    before, after = marked[0::2], marked[1::2]
-    if before.size != after.size or np.any(
-        (after != before + 1)
-        | (paths.arrival[after] != paths.arrival[before])
-        | (paths.boundary[after] != paths.boundary[before])
-    ):
-        raise AcousticsError("ray paths: a bounce must be two successive nodes of one arrival and boundary")
-    speed = 1.0 / np.linalg.norm(paths.slowness[before], axis=-1)
-    step = np.linalg.norm(paths.slowness[after] - paths.slowness[before], axis=-1)
-    return Bounces(
-        arrival=paths.arrival[before],
-        boundary=paths.boundary[before].astype(np.int64),
-        grazing_angle=np.arcsin(np.minimum(0.5 * step * speed, 1.0)),
-        sound_speed=speed,
-    )
-
-
-def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals) -> Array:
-    r"""
-    Spreading of each arrival relative to 1 m from the source.
-
-    Parameters
-    ----------
-    source, receiver : array_like, shape (n_links, 3) or (3,)
-        As given to `find_eigenrays`. [m]
-    arrivals : Arrivals
-
-    Returns
-    -------
-    ndarray, shape (n_arrivals,)
-        Minus infinity between equal positions. [dB]
-
-    Raises
-    ------
-    AcousticsError
-        If positions and arrivals do not belong together.
-
-    Notes
-    -----
-    `Arrivals` has :math:`10 \lg (c_s A / c_r \Omega d^2)` with the ray tube's cross-section A at the
-    receiver, its solid angle :math:`\Omega` at the source, the speeds at both ends and the straight distance d. Adding
-    :math:`20 \lg d` leaves the loss of pressure of ray theory at constant density, which is reciprocal.
-    Within the caustic's own few wavelengths it is too small.
-    """
-    a, b = np.atleast_2d(np.asarray(source, dtype=float)), np.atleast_2d(np.asarray(receiver, dtype=float))
-    n = arrivals.status.size
-    if a.shape != (n, 3) or b.shape != (n, 3):
-        raise AcousticsError(
-            f"source has shape {a.shape}, receiver {b.shape}; arrivals of {n} links need ({n}, 3) for both"
-        )
-    distance = np.linalg.norm(b - a, axis=-1)[arrivals.link]
-    with np.errstate(divide="ignore"):
-        spherical = 20.0 * np.log10(distance)
-    return np.asarray(np.where(distance > 0.0, spherical + arrivals.spreading_db, spherical))
+    """[m/s]"""
 
 
 def transmission_loss(
@@ -147,7 +157,6 @@ def transmission_loss(
     bottom: FluidBottom | None = None,
     surface: SeaSurface | None = None,
     paths: RayPaths | None = None,
-    water_density: float = WATER_DENSITY,
 ) -> TransmissionLoss:
     """
     Transmission loss of each arrival.
@@ -170,8 +179,6 @@ def transmission_loss(
         By default the surface reflects everything, with phase pi.
     paths : RayPaths, optional
         What `trace_paths` returned for the arrivals, if at hand; traced here where they are needed.
-    water_density : float
-        Of the water at the sea bed. [kg/m3]
 
     Returns
     -------
@@ -195,22 +202,22 @@ def transmission_loss(
     if paths is None and n and (absorption is not None or bounced):
         paths = trace_paths(medium, source, receiver, arrivals)
     if absorption is not None and paths is not None:
-        absorbed = absorption_along_db(paths, absorption, frequency_hz, n_arrivals=n)
+        absorbed = absorption_along_db(paths, absorption, frequency_hz, n)
     if bounced and paths is not None:
-        found = find_bounces(paths)
-        _check_bounces(found, arrivals)
+        bounces = find_bounces(paths)
+        _check_bounces(bounces, arrivals)
         if surface is not None:
-            at = found.boundary == _SURFACE
-            loss = surface.loss_db(found.grazing_angle[at], frequency_hz, sound_speed=found.sound_speed[at])
-            surface_db = _sums(found.arrival[at], loss, n)
-        if bottom is not None:
-            at = found.boundary == _BOTTOM
-            r = reflection_coefficient(
-                found.grazing_angle[at], bottom, sound_speed=found.sound_speed[at], density=water_density
+            at = bounces.boundary == _SURFACE
+            loss = surface.loss_db(
+                bounces.grazing_angle[at], frequency_hz, sound_speed=bounces.sound_speed[at]
             )
+            surface_db = _sums(bounces.arrival[at], loss, n)
+        if bottom is not None:
+            at = bounces.boundary == _BOTTOM
+            r = reflection_coefficient(bounces.grazing_angle[at], bottom, sound_speed=bounces.sound_speed[at])
             with np.errstate(divide="ignore"):  # nothing comes back at the angle of intromission
-                bottom_db = _sums(found.arrival[at], -20.0 * np.log10(np.abs(r)), n)
-            phase += _sums(found.arrival[at], np.angle(r), n)
+                bottom_db = _sums(bounces.arrival[at], -20.0 * np.log10(np.abs(r)), n)
+            phase += _sums(bounces.arrival[at], np.angle(r), n)
     return TransmissionLoss(
         link=arrivals.link,
         geometric_db=geometric,
@@ -222,31 +229,33 @@ def transmission_loss(
     )
 
 
+def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals) -> Array:
+    r"""
+    Spreading of each arrival relative to 1 m from the source, minus infinity between equal positions. [dB]
+
+    Notes
+    -----
+    `Arrivals` has :math:`10 \lg (c_s A / c_r \Omega d^2)` with the ray tube's cross-section A at the
+    receiver, its solid angle :math:`\Omega` at the source, the speeds at both ends and the straight distance d. Adding
+    :math:`20 \lg d` leaves the loss of pressure of ray theory at constant density, which is reciprocal.
+    Within the caustic's own few wavelengths it is too small.
+    """
+    a, b = np.atleast_2d(np.asarray(source, dtype=float)), np.atleast_2d(np.asarray(receiver, dtype=float))
+    n = arrivals.status.size
+    if a.shape != (n, 3) or b.shape != (n, 3):
+        raise AcousticsError(
+            f"source has shape {a.shape}, receiver {b.shape}; arrivals of {n} links need ({n}, 3) for both"
+        )
+    distance = np.linalg.norm(b - a, axis=-1)[arrivals.link]
+    with np.errstate(divide="ignore"):
+        spherical = 20.0 * np.log10(distance)
+    return np.asarray(np.where(distance > 0.0, spherical + arrivals.spreading_db, spherical))
+
+
 def absorption_along_db(
-    paths: RayPaths, absorption: Absorption, frequency_hz: float, *, n_arrivals: int
+    paths: RayPaths, absorption: Absorption, frequency_hz: float, n_arrivals: int
 ) -> Array:
-    """
-    Absorption along each path: the integral of the coefficient over arc length.
-
-    Parameters
-    ----------
-    paths : RayPaths
-    absorption : Absorption
-    frequency_hz : float
-        [Hz]
-    n_arrivals : int
-        Arrivals that the paths belong to.
-
-    Returns
-    -------
-    ndarray, shape (n_arrivals,)
-        [dB]
-
-    Raises
-    ------
-    AcousticsError
-        If the paths are not those of so many arrivals.
-    """
+    """Absorption of each arrival: the integral of the coefficient over the arc length of its path. [dB]"""
     points = quadrature(paths)
     if paths.arrival.size and paths.arrival.max() >= n_arrivals:
         raise AcousticsError(f"paths reach arrival {paths.arrival.max()}; the arrivals are {n_arrivals}")
@@ -256,13 +265,142 @@ def absorption_along_db(
     return _sums(points.arrival, per_metre * points.weight, n_arrivals)
 
 
+def find_bounces(paths: RayPaths) -> Bounces:
+    r"""
+    Bounces of ray paths: two successive nodes at one place, both marked with the boundary.
+
+    Reflection changes slowness along the boundary's normal only, by twice its normal part, so the grazing
+    angle has :math:`\sin\gamma = c\,|\mathbf{p}_{after} - \mathbf{p}_{before}| / 2`.
+    """
+    marked = np.flatnonzero(paths.boundary)
+    before, after = marked[0::2], marked[1::2]
+    if before.size != after.size or np.any(
+        (after != before + 1)
+        | (paths.arrival[after] != paths.arrival[before])
+        | (paths.boundary[after] != paths.boundary[before])
+    ):
+        raise AcousticsError("ray paths: a bounce must be two successive nodes of one arrival and boundary")
+    speed = 1.0 / np.linalg.norm(paths.slowness[before], axis=-1)
+    step = np.linalg.norm(paths.slowness[after] - paths.slowness[before], axis=-1)
+    return Bounces(
+        arrival=paths.arrival[before],
+        boundary=paths.boundary[before].astype(np.int64),
+        grazing_angle=np.arcsin(np.minimum(0.5 * step * speed, 1.0)),
+        sound_speed=speed,
+    )
+
+
+def reflection_coefficient(
+    grazing_angle: ArrayLike,
+    bottom: FluidBottom,
+    *,
+    sound_speed: ArrayLike,
+    density: ArrayLike = WATER_DENSITY,
+) -> NDArray[np.complex128]:
+    r"""
+    Rayleigh's plane-wave reflection coefficient of pressure at a fluid half space, complex.
+
+    By grazing angle [rad], and sound speed [m/s] and density [kg/m3] of the water at the sea bed. For time dependence
+    :math:`e^{-i\omega t}`; its argument is the phase that the bounce adds.
+
+    Notes
+    -----
+    With :math:`m = \rho_b/\rho`, :math:`n = (c/c_b)(1 + i\delta)`, attenuation
+    :math:`\delta = \ln 10\, \alpha_\lambda / 40\pi`,
+    :math:`R = (m \sin\gamma - q)/(m \sin\gamma + q)`, :math:`q = \sqrt{n^2 - \cos^2\gamma}`, Im q >= 0.
+    It does not depend on frequency, because attenuation per wavelength does not.
+
+    References
+    ----------
+    .. [1] Brekhovskikh, L. M. and Lysanov, Yu. P., Fundamentals of Ocean Acoustics, eq. 3.1.12, as quoted in
+       the documentation of other codes.
+    """
+    angle = np.asarray(grazing_angle, dtype=float)
+    loss_tangent = math.log(10.0) * bottom.attenuation_db_per_wavelength / (40.0 * math.pi)
+    n = np.asarray(sound_speed, dtype=float) / bottom.sound_speed * (1.0 + 1j * loss_tangent)
+    q = np.sqrt(n**2 - np.cos(angle) ** 2)
+    m_sin = bottom.density / np.asarray(density, dtype=float) * np.sin(angle)
+    return np.asarray((m_sin - q) / (m_sin + q))
+
+
+def wave_height_rms(wind_speed: ArrayLike) -> Array:
+    r"""
+    Standard deviation of the surface elevation of a fully developed sea, by the wind at 10 m [m/s]. [m]
+
+    Notes
+    -----
+    The integral of the Pierson-Moskowitz spectrum
+    :math:`\alpha g^2 \omega^{-5} \exp[-\beta (g/U\omega)^4]` with :math:`\alpha = 0.0081, \beta = 0.74` is
+    :math:`\sigma^2 = \alpha U^4 / 4 \beta g^2`; its U is at 19.5 m, 1.026 times that at 10 m.
+
+    References
+    ----------
+    .. [1] Pierson, W. J. and Moskowitz, L. (1964), J. Geophys. Res. 69, 5181-5190 (not at hand; the
+       spectrum is in every textbook of ocean waves).
+    """
+    return np.asarray((1.026 * _wind(wind_speed)) ** 2 / (2.0 * _GRAVITY) * math.sqrt(0.0081 / 0.74))
+
+
+def coherent_surface_loss_db(
+    grazing_angle: ArrayLike, frequency_hz: ArrayLike, *, wind_speed: ArrayLike, sound_speed: ArrayLike
+) -> Array:
+    r"""
+    Loss of the specular, in-phase part of the field at a rough surface. [dB]
+
+    Notes
+    -----
+    Kirchhoff's :math:`|R| = \exp(-2 k^2 \sigma^2 \sin^2\gamma)` for Gaussian elevations. What is lost here is
+    scattered, not gone: at modem frequencies the scattered part is what arrives.
+    """
+    k = 2.0 * math.pi * np.asarray(frequency_hz, dtype=float) / np.asarray(sound_speed, dtype=float)
+    rayleigh = k * wave_height_rms(wind_speed) * np.sin(grazing_angle)
+    return np.asarray(40.0 / math.log(10.0) * rayleigh**2)
+
+
+def bubble_loss_db(
+    grazing_angle: ArrayLike,
+    frequency_hz: ArrayLike,
+    *,
+    wind_speed: ArrayLike,
+    ceiling_db: float = 15.0,
+) -> Array:
+    r"""
+    Energy that the bubbles under a breaking sea absorb from a surface-reflected path. [dB]
+
+    The ceiling is the largest loss: past it, scattering from beneath the bubbles carries on. Secondary sources give
+    15 and 30 for it.
+
+    Notes
+    -----
+    :math:`1.26 \cdot 10^{-3} U^{1.57} f^{0.85} / \sin\gamma` with f in kHz from 6 m/s on, below that the
+    value at 6 m/s times :math:`e^{1.2 (U - 6)}`. A fit to data of 20 to 40 kHz within 3 dB.
+
+    References
+    ----------
+    .. [1] APL-UW High-Frequency Ocean Environmental Acoustic Models Handbook, TR 9407, 1994, section II,
+       eqs. 28a, 28b; the report was not at hand, two independent codes agree on the formula.
+    """
+    wind = _wind(wind_speed)
+    breaking = 1.26e-3 * np.maximum(wind, 6.0) ** 1.57 * np.exp(1.2 * np.minimum(wind - 6.0, 0.0))
+    khz = np.asarray(frequency_hz, dtype=float) / 1000.0
+    sine = np.maximum(np.sin(grazing_angle), 1e-12)
+    return np.minimum(breaking * khz**0.85 / sine, ceiling_db)
+
+
+def _wind(wind_speed: ArrayLike) -> Array:
+    wind = np.asarray(wind_speed, dtype=float)
+    if not np.all(np.isfinite(wind)) or np.any(wind < 0.0):
+        raise AcousticsError(f"wind_speed: {np.min(wind):g} m/s; must be finite and not negative")
+    return wind
+
+
 def _sums(rows: NDArray[np.int64], values: Array, n: int) -> Array:
     return np.asarray(np.bincount(rows, values, minlength=n), dtype=float)
 
 
-def _check_bounces(found: Bounces, arrivals: Arrivals) -> None:
+def _check_bounces(bounces: Bounces, arrivals: Arrivals) -> None:
     for code, expected in ((_SURFACE, arrivals.surface_bounces), (_BOTTOM, arrivals.bottom_bounces)):
-        rows = found.arrival[found.boundary == code]
+        rows = bounces.arrival[bounces.boundary == code]
         if rows.size and rows.max() >= expected.size:
             raise AcousticsError(f"paths reach arrival {rows.max()}; the arrivals are {expected.size}")
         wrong = np.flatnonzero(np.bincount(rows, minlength=expected.size) != expected)

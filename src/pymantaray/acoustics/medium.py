@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.grid import linear_interpolator
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -242,16 +243,7 @@ class Medium:
             Bilinear between the grid points, at the edge's depth outside. [m]
         """
         place = np.atleast_2d(np.asarray(position, dtype=float))
-        axes = [(axis, k) for k, axis in enumerate((self.bed_north, self.bed_east)) if axis.size > 1]
-        inside = [np.clip(place[:, k], axis[0], axis[-1]) for axis, k in axes]
-        values = self.bathymetry.reshape([axis.size for axis, _ in axes])
-        if not axes:
-            return np.full(len(place), float(values))
-        from scipy.interpolate import RegularGridInterpolator
-
-        return np.asarray(
-            RegularGridInterpolator([axis for axis, _ in axes], values)(np.stack(inside, axis=-1))
-        )
+        return linear_interpolator((self.bed_north, self.bed_east), self.bathymetry)(place[:, :2])
 
     @property
     def kind(self) -> int:

@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
 from pymantaray.errors import AcousticsError
@@ -205,6 +204,8 @@ def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:
 def _interpolated(levels: Array, values: Array, at: Array, interpolation: Interpolation) -> Array:
     if interpolation == "linear":
         return np.interp(at, levels, values)
+    from scipy.interpolate import CubicSpline
+
     return np.asarray(CubicSpline(levels, values, bc_type="natural")(at))
 
 

@@ -1,4 +1,4 @@
-"""Sonar equation: from transmission loss to the probability that a ping is heard."""
+"""Sonar equation: from transmission loss and the noise of the sea to the probability that a ping is heard."""
 
 import math
 from dataclasses import dataclass, field
@@ -7,11 +7,88 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics.ambient_noise import WenzNoise, check_band
 from pymantaray.errors import AcousticsError
 
 Array = NDArray[np.float64]
 Combination = Literal["strongest", "sum"]
+_LEVELS = ("source_level_db", "processing_gain_db", "threshold_db", "spread_db")
+_NODES = 32  # Gauss-Legendre points of a band, in the logarithm of frequency
+
+
+@dataclass(frozen=True)
+class WenzNoise:
+    r"""
+    Noise of turbulence, distant ships, wind and thermal agitation.
+
+    Parameters
+    ----------
+    wind_speed : float
+        [m/s]
+    shipping : float
+        Activity, 0 (none near) to 1 (heavy). [-]
+
+    Raises
+    ------
+    AcousticsError
+        If the wind is negative or not finite, or the activity outside 0 to 1.
+
+    Notes
+    -----
+    Levels in dB re 1 µPa²/Hz, f in kHz, s the shipping and w the wind: :math:`17 - 30 \lg f`;
+    :math:`40 + 20 (s - 0.5) + 26 \lg f - 60 \lg(f + 0.03)`;
+    :math:`50 + 7.5 \sqrt w + 20 \lg f - 40 \lg(f + 0.4)`; :math:`-15 + 20 \lg f`. The powers add. Deep open
+    water from about 1 Hz to 100 kHz; rain, ice, animals and the vehicle's own noise are not in it.
+
+    References
+    ----------
+    .. [1] Coates, R. (1990), Underwater Acoustic Systems, as quoted by Stojanovic and in papers after her,
+       which were read instead; after Wenz, G. M. (1962), J. Acoust. Soc. Am. 34, 1936-1956.
+
+    Examples
+    --------
+    >>> print(f"{float(WenzNoise(wind_speed=5.0).level_db(25e3)):.1f}")
+    38.5
+    """
+
+    wind_speed: float = 5.0
+    shipping: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check both values."""
+        if not (math.isfinite(self.wind_speed) and self.wind_speed >= 0.0):
+            raise AcousticsError(
+                f"WenzNoise: wind_speed is {self.wind_speed:g} m/s; must be finite and not negative"
+            )
+        if not 0.0 <= self.shipping <= 1.0:
+            raise AcousticsError(f"WenzNoise: shipping is {self.shipping:g}; must lie in 0 to 1")
+
+    def components_db(self, frequency_hz: ArrayLike) -> Array:
+        """Spectral level (4, ...) of turbulence, shipping, wind and thermal agitation. [dB re 1 µPa²/Hz]"""
+        f = np.asarray(frequency_hz, dtype=float) / 1000.0
+        if np.any(~(f > 0.0)):
+            raise AcousticsError(f"frequency_hz: {np.min(f) * 1000.0:g}; must be positive")
+        lg = np.log10(f)
+        return np.stack(
+            [
+                17.0 - 30.0 * lg,
+                40.0 + 20.0 * (self.shipping - 0.5) + 26.0 * lg - 60.0 * np.log10(f + 0.03),
+                50.0 + 7.5 * math.sqrt(self.wind_speed) + 20.0 * lg - 40.0 * np.log10(f + 0.4),
+                -15.0 + 20.0 * lg,
+            ]
+        )
+
+    def level_db(self, frequency_hz: ArrayLike) -> Array:
+        """Spectral level of all sources together. [dB re 1 µPa²/Hz]"""
+        return np.asarray(10.0 * np.log10(np.sum(10.0 ** (self.components_db(frequency_hz) / 10.0), axis=0)))
+
+    def band_level_db(self, frequency_hz: float, bandwidth_hz: float) -> float:
+        """Level in a band, by its middle and width: the spectrum's integral. [dB re 1 µPa²]"""
+        low, high = check_band(frequency_hz, bandwidth_hz)
+        x, weight = np.polynomial.legendre.leggauss(_NODES)
+        half = 0.5 * math.log(high / low)
+        f = math.sqrt(low * high) * np.exp(half * x)
+        power = np.sum(weight * half * f * 10.0 ** (self.level_db(f) / 10.0))
+        return float(10.0 * np.log10(power))
 
 
 @dataclass(frozen=True)
@@ -92,19 +169,7 @@ class Sonar:
         return self.source_level_db - self.noise_level_db + self.processing_gain_db - self.threshold_db
 
     def snr_db(self, loss_db: ArrayLike) -> Array:
-        """
-        Signal-to-noise ratio after processing.
-
-        Parameters
-        ----------
-        loss_db : array_like, shape (...)
-            Transmission loss; infinite where nothing arrives. [dB]
-
-        Returns
-        -------
-        ndarray, shape (...)
-            [dB]
-        """
+        """Signal-to-noise ratio after processing, by the transmission loss; infinite where nothing arrives. [dB]"""
         return np.asarray(self.figure_of_merit_db + self.threshold_db - np.asarray(loss_db, dtype=float))
 
     def probability_heard(self, loss_db: ArrayLike) -> Array:
@@ -122,9 +187,6 @@ class Sonar:
             In 0 to 1; 0 where nothing arrives, NaN where the loss is NaN.
         """
         return probability_of_excess(self.snr_db(loss_db) - self.threshold_db, self.spread_db)
-
-
-_LEVELS = ("source_level_db", "processing_gain_db", "threshold_db", "spread_db")
 
 
 def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
@@ -200,3 +262,13 @@ def link_loss_db(
         power = np.bincount(row, 10.0 ** ((level[row] - loss) / 10.0), minlength=n_links)
         total = level - 10.0 * np.log10(power)
     return np.where(np.isfinite(best), total, best)
+
+
+def check_band(frequency_hz: float, bandwidth_hz: float) -> tuple[float, float]:
+    """Ends of a band by its middle and width; it must not reach down to 0. [Hz]"""
+    low, high = frequency_hz - 0.5 * bandwidth_hz, frequency_hz + 0.5 * bandwidth_hz
+    if not (bandwidth_hz > 0.0 and low > 0.0 and math.isfinite(high)):
+        raise AcousticsError(
+            f"band of {bandwidth_hz:g} Hz about {frequency_hz:g} Hz; must be wider than 0 and stay above 0 Hz"
+        )
+    return low, high

@@ -102,8 +102,8 @@ def _source(options: MediumOptions) -> str:
 def _from_profile(
     path: Path, options: MediumOptions, interpolation: Literal["smooth", "linear"]
 ) -> LoadedMedium:
-    from pymantaray.acoustics import Medium
-    from pymantaray.acoustics.profiles import is_raw_cast, smooth_profile, thin_profile
+    from pymantaray.acoustics import Medium, smooth_profile, thin_profile
+    from pymantaray.acoustics.profiles import is_raw_cast
 
     bottom = options.bottom
     if bottom is None:

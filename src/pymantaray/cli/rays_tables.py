@@ -8,7 +8,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics.selection import choose_arrivals
+from pymantaray.acoustics import choose_arrivals
 from pymantaray.cli.rays_io import RECEIVER, SOURCE
 from pymantaray.records import Arrivals, RayPaths, RayStatus
 from pymantaray.records.base import Record

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics.selection import choose_arrivals
+from pymantaray.acoustics import choose_arrivals
 from pymantaray.errors import SensingError
 from pymantaray.records import Trajectories
 from pymantaray.sensing.mistaken import Candidates

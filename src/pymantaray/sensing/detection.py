@@ -6,12 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics import Medium
-from pymantaray.acoustics.absorption_field import Absorption
-from pymantaray.acoustics.loss import transmission_loss
-from pymantaray.acoustics.reflection import FluidBottom
-from pymantaray.acoustics.sonar import Sonar
-from pymantaray.acoustics.surface_loss import SeaSurface
+from pymantaray.acoustics import Absorption, FluidBottom, Medium, SeaSurface, Sonar, transmission_loss
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus

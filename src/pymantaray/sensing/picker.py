@@ -6,7 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics.sonar import Sonar, probability_of_excess
+from pymantaray.acoustics import Sonar, probability_of_excess
 from pymantaray.errors import SensingError
 
 Array = NDArray[np.float64]

@@ -8,9 +8,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.acoustics.moving_water import Currents
-from pymantaray.acoustics.selection import Rule
+from pymantaray.acoustics import Currents, Medium, Rule, find_eigenrays
 from pymantaray.records import Arrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.detection import Detector
@@ -90,7 +88,7 @@ def measure_ranges(
     max_surface_bounces, max_bottom_bounces : int
         Reflections that an arrival may have.
     arrival : {"direct", "first", "strongest"}
-        The arrival that is ranged on, see `pymantaray.acoustics.selection.select`.
+        The arrival that is ranged on, see `pymantaray.acoustics.select`.
     currents : Currents or callable, optional
         Their first-order effect on travel times, likewise a function where they vary. By default the water is
         at rest.

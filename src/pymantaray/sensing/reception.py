@@ -7,9 +7,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
-from pymantaray.acoustics.moving_water import Currents, current_delays
-from pymantaray.acoustics.selection import Rule, choose_arrivals, select
+from pymantaray.acoustics import (
+    Currents,
+    Medium,
+    Rule,
+    choose_arrivals,
+    current_delays,
+    find_eigenrays,
+    quadrature,
+    select,
+    trace_paths,
+)
 from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 from pymantaray.sensing.detection import Detector
 
@@ -65,7 +73,7 @@ def receive(
     spreading_cutoff_db, max_surface_bounces, max_bottom_bounces, threads
         As in `pymantaray.acoustics.find_eigenrays`.
     rule : {"direct", "first", "strongest"}
-        As in `pymantaray.acoustics.selection.select`. ``strongest`` goes by the transmission loss if there is
+        As in `pymantaray.acoustics.select`. ``strongest`` goes by the transmission loss if there is
         a detector, else by the spreading alone.
     currents : Currents, optional
         By default the water is at rest.

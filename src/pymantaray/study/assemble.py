@@ -10,13 +10,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium
-from pymantaray.acoustics.absorption_field import Absorption
-from pymantaray.acoustics.ambient_noise import WenzNoise
-from pymantaray.acoustics.moving_water import Currents
-from pymantaray.acoustics.reflection import FluidBottom
-from pymantaray.acoustics.sonar import Sonar
-from pymantaray.acoustics.surface_loss import SeaSurface
+from pymantaray.acoustics import Absorption, Currents, FluidBottom, Medium, SeaSurface, Sonar, WenzNoise
 from pymantaray.fleet import Behaviour, ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints
 from pymantaray.ocean import open_ocean, region_table, sound_speed_profile_spread, to_local
 from pymantaray.ocean.sea_floor import window_of

@@ -7,8 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium
-from pymantaray.acoustics.moving_water import Currents
+from pymantaray.acoustics import Currents, Medium
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
 from pymantaray.ocean import open_ocean, to_local

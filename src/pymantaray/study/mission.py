@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymantaray.acoustics import Medium, ray_picture
-from pymantaray.acoustics.selection import select
+from pymantaray.acoustics import Medium, ray_picture, select
 from pymantaray.fleet import simulate
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (

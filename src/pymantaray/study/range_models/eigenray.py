@@ -6,11 +6,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium, find_eigenrays, trace_paths
+from pymantaray.acoustics import (
+    Currents,
+    Medium,
+    choose_arrivals,
+    current_delays,
+    find_eigenrays,
+    trace_paths,
+)
 from pymantaray.acoustics.eigenrays import solved_backwards
-from pymantaray.acoustics.moving_water import Currents, current_delays
 from pymantaray.acoustics.path_integrals import quadrature
-from pymantaray.acoustics.selection import choose_arrivals
 from pymantaray.estimation.range_models import Prediction, RangeLinks
 from pymantaray.records import Arrivals, RayPaths
 

@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pymantaray.acoustics import Medium
-from pymantaray.acoustics.moving_water import Currents
+from pymantaray.acoustics import Currents, Medium
 from pymantaray.estimation.range_models import Prediction, RangeLinks
 from pymantaray.study.range_models.eigenray import EigenrayModel
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
-from pymantaray.acoustics.moving_water import Currents, current_delays
+from pymantaray.acoustics import Currents, Medium, current_delays, find_eigenrays, quadrature, trace_paths
 from pymantaray.errors import AcousticsError
 
 C = 1480.0

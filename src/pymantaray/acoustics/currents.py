@@ -1,12 +1,14 @@
 """What a current does to travel times: the first-order change along each ray of the water at rest."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics.path_integrals import Quadrature
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.grid import linear_interpolator
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -14,26 +16,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 _GRID = ("north", "east", "depth")
 _SWIFTEST = 10.0  # m/s; no current is faster, a unit is wrong
-
-
-class Nodes(Protocol):
-    """Quadrature points along rays, as `pymantaray.acoustics.quadrature` returns them."""
-
-    @property
-    def arrival(self) -> NDArray[np.int64]:
-        """Row of the arrival that each point belongs to, shape (n,)."""
-
-    @property
-    def position(self) -> Array:
-        """Place, shape (n, 3). [m]."""
-
-    @property
-    def slowness(self) -> Array:
-        """Slowness vector along the ray, shape (n, 3). [s m⁻¹]."""
-
-    @property
-    def weight(self) -> Array:
-        """Arc length that the point stands for, shape (n,). [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,18 +95,7 @@ class Currents:
 
     @classmethod
     def uniform(cls, north: float, east: float) -> Self:
-        """
-        One current everywhere.
-
-        Parameters
-        ----------
-        north, east : float
-            Its components. [m s⁻¹]
-
-        Returns
-        -------
-        Currents
-        """
+        """One current everywhere, by its components. [m s⁻¹]"""
         zero = np.zeros(1)
         return cls(zero, zero, zero, np.array([[[[north, east]]]]))
 
@@ -142,30 +113,17 @@ class Currents:
         ndarray, shape (n, 3)
             North, east and down; the last is zero. [m s⁻¹]
         """
-        place = np.asarray(position, dtype=float)
-        (i, x), (j, y), (k, z) = (
-            _cell(axis, place[:, d]) for d, axis in enumerate((self.north, self.east, self.depth))
-        )
-        out = np.zeros((len(place), 3))
-        for di, wx in ((0, 1.0 - x), (1, x)):
-            for dj, wy in ((0, 1.0 - y), (1, y)):
-                for dk, wz in ((0, 1.0 - z), (1, z)):
-                    corner = self.velocity[
-                        np.minimum(i + di, self.north.size - 1),
-                        np.minimum(j + dj, self.east.size - 1),
-                        np.minimum(k + dk, self.depth.size - 1),
-                    ]
-                    out[:, :2] += (wx * wy * wz)[:, None] * corner
-        return out
+        horizontal = linear_interpolator((self.north, self.east, self.depth), self.velocity)(position)
+        return np.concatenate([horizontal, np.zeros((len(horizontal), 1))], axis=1)
 
 
-def current_delays(nodes: Nodes, currents: Currents, n_arrivals: int) -> Array:
+def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Array:
     r"""
     First-order change of each arrival's travel time by the current along its ray.
 
     Parameters
     ----------
-    nodes : Nodes
+    nodes : Quadrature
         Quadrature points of the rays, ``quadrature(trace_paths(...))``.
     currents : Currents
     n_arrivals : int
@@ -195,17 +153,9 @@ def current_delays(nodes: Nodes, currents: Currents, n_arrivals: int) -> Array:
     Derived in the theory page on timing; the same first-order formula underlies reciprocal tomography
     (Munk, Worcester and Wunsch, *Ocean Acoustic Tomography*, 1995; known to the author at second hand only).
     """
-    p = np.asarray(nodes.slowness, dtype=float)
-    weight = np.asarray(nodes.weight, dtype=float)
+    p = nodes.slowness
     rate = np.einsum("ij,ij->i", currents.at(nodes.position), p) * np.linalg.norm(p, axis=-1)
-    change = np.where(weight > 0.0, -rate * weight, 0.0)  # between equal positions slowness is NaN
-    row = np.asarray(nodes.arrival, dtype=np.int64)
-    return np.bincount(row, weights=change, minlength=n_arrivals).astype(float)
-
-
-def _cell(axis: Array, x: Array) -> tuple[NDArray[np.int64], Array]:
-    """Index of the grid point below each coordinate and the fraction of the cell above it, both clamped."""
-    if axis.size == 1:
-        return np.zeros(x.size, dtype=np.int64), np.zeros(x.size)
-    i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, axis.size - 2)
-    return i.astype(np.int64), np.clip((x - axis[i]) / (axis[i + 1] - axis[i]), 0.0, 1.0)
+    change = np.where(
+        nodes.weight > 0.0, -rate * nodes.weight, 0.0
+    )  # between equal positions slowness is NaN
+    return np.bincount(nodes.arrival, weights=change, minlength=n_arrivals).astype(float)

@@ -1,0 +1,37 @@
+"""Linear interpolation on a rectilinear grid, the one rule for every field on a local or geographic grid."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callable[[ArrayLike], Array]:
+    """
+    Multilinear interpolation, constant along an axis of one point and beyond the edges of the others.
+
+    Parameters
+    ----------
+    axes : sequence of array_like, shape (n_k,)
+        Strictly increasing.
+    values : array_like, shape (n_1, ..., n_d, ...)
+        Numbers or vectors at the grid points.
+
+    Returns
+    -------
+    callable
+        Takes coordinates (n, d), gives values (n, ...).
+    """
+    from scipy.interpolate import RegularGridInterpolator
+
+    points, field = [np.asarray(axis, dtype=float) for axis in axes], np.asarray(values, dtype=float)
+    varying = [k for k, axis in enumerate(points) if axis.size > 1]
+    field = field.squeeze(axis=tuple(set(range(len(points))) - set(varying)))
+    if not varying:
+        return lambda at: np.tile(field, (len(np.asarray(at)), *[1] * field.ndim))
+    grid = [points[k] for k in varying]
+    low, high = ([axis[end] for axis in grid] for end in (0, -1))
+    look_up = RegularGridInterpolator(grid, field)
+    return lambda at: np.asarray(look_up(np.clip(np.asarray(at, dtype=float)[:, varying], low, high)))
