@@ -149,13 +149,58 @@ def test_unknown_preset_lists_those_there_are():
         load_study("fast")
 
 
-def test_missing_and_malformed_files_are_named(tmp_path):
-    with pytest.raises(StudyError, match=r"nowhere\.toml: cannot be read: No such file"):
-        load_study(tmp_path / "nowhere.toml")
-    broken = tmp_path / "broken.toml"
-    broken.write_text("[study\n")
-    with pytest.raises(StudyError, match=r"broken\.toml: not valid TOML"):
-        load_study(broken)
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (None, "mine.toml: cannot be read: No such file"),
+        (b"\xff", "mine.toml: cannot be read: not UTF-8 text"),
+        (b"[study\n", "mine.toml: not valid TOML: Expected"),
+        (
+            b"a = " + b"[" * 3000 + b"]" * 3000,
+            "mine.toml: not valid TOML: a number is too long, or tables are nested",
+        ),
+        (b"a = " + b"9" * 5000, "mine.toml: not valid TOML: a number is too long, or tables are nested"),
+        (b".".join([b"a"] * 3000) + b" = 1", "mine.toml: a: unknown key"),
+        (b"[study]\nname = " + b"[" * 90 + b"]" * 90, "mine.toml: study.name: found [[[[[[[...]]]]]]]"),
+        (b'[study]\nname = "' + b"/" * 9999 + b'"', "mine.toml: study.name: found '///////"),
+        (b"[study]\nseed = -" + b"9" * 4000, "mine.toml: study.seed: found -99999"),
+    ],
+    ids=[
+        "none",
+        "not UTF-8",
+        "broken",
+        "nested",
+        "long number",
+        "long key",
+        "nested value",
+        "long text",
+        "long value",
+    ],
+)
+def test_files_that_are_no_configuration_are_named_in_short_lines(tmp_path, content, expected):
+    if content is not None:
+        (tmp_path / "mine.toml").write_bytes(content)
+    with pytest.raises(StudyError) as caught:
+        load_study(tmp_path / "mine.toml")
+    assert expected in str(caught.value)
+    assert max(len(line.replace(str(tmp_path), "")) for line in str(caught.value).splitlines()) < 250
+
+
+def test_names_that_no_file_can_have_and_files_without_an_end_are_refused(quick):
+    with pytest.raises(StudyError, match=r"'a\\x00\.toml': cannot be read: embedded null"):
+        load_study("a\0.toml")
+    with pytest.raises(StudyError, match="/dev/zero: cannot be read: more than"):
+        load_study("/dev/zero")
+    quick["ocean"]["source"] = ["a\0.nc"]
+    assert r"ocean.source[0]: found 'a\x00.nc', which no file can be named" in refusal(quick)
+
+
+def test_configuration_prints_as_one_short_line():
+    config = load_study("quick")
+    assert str(config) == repr(config)
+    assert repr(config) == (
+        "<StudyConfig quick: 11 vehicles, 24 h, 3 realizations, ocean synthetic:beaufort>"
+    )
 
 
 def test_ocean_files_are_relative_to_the_configuration(tmp_path):
@@ -163,6 +208,15 @@ def test_ocean_files_are_relative_to_the_configuration(tmp_path):
     (tmp_path / "mine.toml").write_text(tree)
     config = load_study(tmp_path / "mine.toml")
     assert config.ocean.files == (str(tmp_path / "a.nc"), "/abs/b.nc")
+
+
+def test_ocean_files_of_a_parsed_tree_are_relative_to_the_working_folder(quick, tmp_path, monkeypatch):
+    """Whoever reads the configuration in the run's folder has to find them."""
+    monkeypatch.chdir(tmp_path)
+    quick["ocean"].update(source=["a.nc", "/abs/b.nc"], bathymetry="c.nc")
+    config = parse_study(quick)
+    assert config.ocean.files == (str(tmp_path / "a.nc"), "/abs/b.nc", str(tmp_path / "c.nc"))
+    assert parse_study(tomllib.loads(study_toml(config)), folder=tmp_path / "elsewhere") == config
 
 
 def test_overrides_replace_realizations_and_ocean(tmp_path, monkeypatch):

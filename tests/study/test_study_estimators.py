@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from pydantic import Field, ValidationError
+from tomli_w import dumps
 
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon
 from pymantaray.estimation.assemble import timed_ranges
@@ -32,7 +33,6 @@ from pymantaray.study.range_models.eigenray import EigenrayModel
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.study.realization import RealizationSolver
 from pymantaray.study.store import Run
-from pymantaray.study.toml import dumps
 
 EXACT = {"kind": "exact"}
 PERTURBED = {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 20e3, "down_to": 300.0}
@@ -114,7 +114,7 @@ def test_section_survives_the_trip_through_toml():
         section(range_model="constant", sound_speed=1450.0),
         section(range_model="mean-slowness", belief={"kind": "other-day", "days_earlier": 5.0}),
     ]
-    text = dumps({"estimators": [e.model_dump() for e in entries]})
+    text = dumps({"estimators": [e.model_dump(exclude_none=True) for e in entries]})
     again = [RangeEstimatorSection.model_validate(e) for e in tomllib.loads(text)["estimators"]]
     assert again == entries
     assert entries[0].uncertainty == (1.0, 20e3, 300.0)

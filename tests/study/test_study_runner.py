@@ -165,6 +165,30 @@ def test_default_folder_is_dated_and_latest_points_at_it(tiny_tree, tmp_path, mo
     assert open_run("runs/latest").path == run.path
 
 
+@pytest.mark.parametrize(
+    ("section", "values", "expected"),
+    [
+        ("mission", {"duration_h": 1e9}, "4 vehicles x 1.8e+10 samples x 5 solves x 160 bytes"),
+        ("mission", {"duration_h": 1e308}, "duration_h is inf s; it must be a whole multiple"),
+        ("mission", {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}, "4 vehicles x 1.44e+10 samples"),
+        ("mission", {"physics_step_s": 1e-300}, "4 vehicles x 1.44e+304 physics steps are more than 1e+13"),
+        ("study", {"realizations": 10**9}, "4 vehicles x 72 samples x 5e+09 solves x 160 bytes"),
+        ("study", {"realizations": int("9" * 4000)}, "study.realizations: found 99999"),
+    ],
+)
+def test_what_no_machine_can_hold_or_finish_is_refused_at_once_in_one_line(
+    tiny_tree, tmp_path, section, values, expected
+):
+    tiny_tree["study"]["realizations"] = 1
+    tiny_tree[section].update(values)
+    with pytest.raises(StudyError) as caught:
+        run_study(parse_study(tiny_tree, "tiny"), tmp_path / "run", workers=1)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_impossible_fleet_is_refused_by_name(tiny_tree, tmp_path):
     tiny_tree["fleet"]["vehicles"][1]["target_depth"] = 9000.0
     with pytest.raises(FleetError, match="vehicle 'B': target_depth is 9000 m deep; the sea floor"):

@@ -1,12 +1,14 @@
 """What a study is: strict, frozen sections whose defaults are the paper's tables."""
 
 import datetime as dt
+import math
 from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, field_validator, model_validator
 
 from pymantaray.study.config_estimators import (
     Depth,
+    InputFile,
     NonNegativeFloat,
     PositiveFloat,
     RangeEstimatorSection,
@@ -100,41 +102,6 @@ class DetectionSection(Section):
                 "shipping and noise_spectral_level_db exclude each other: one makes the noise, the other gives it"
             )
         return self
-
-
-def check_mistaken(
-    acoustics: AcousticsSection, ranging: RangingSection, detection: DetectionSection | None
-) -> None:
-    """
-    Check that sections fit together about arrivals taken for the direct one.
-
-    Parameters
-    ----------
-    acoustics : AcousticsSection
-    ranging : RangingSection
-    detection : DetectionSection or None
-
-    Raises
-    ------
-    ValueError
-        If they do not; pydantic makes a finding of it.
-    """
-    if ranging.mistaken == "off":
-        return
-    if acoustics.arrival != "direct":
-        raise ValueError(
-            f"ranging.mistaken is {ranging.mistaken}, but acoustics.arrival is {acoustics.arrival}: what is taken for the"
-            " direct arrival has no meaning there; leave one of them out"
-        )
-    if ranging.mistaken == "first-detected" and detection is None and ranging.below_strongest_db is None:
-        raise ValueError(
-            "ranging.mistaken is first-detected, but nothing says what is detected; add [detection] or"
-            " ranging.below_strongest_db, such as 12.0"
-        )
-    if detection is not None and ranging.below_strongest_db is not None:
-        raise ValueError(
-            "ranging.below_strongest_db and [detection] exclude each other: both say what is detected; leave one out"
-        )
 
 
 VehicleName = Annotated[
@@ -241,7 +208,7 @@ class StudySection(Section):
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
     description: str = ""
     seed: int = Field(default=20140715, ge=0)
-    realizations: int = Field(default=25, ge=1)
+    realizations: int = Field(default=25, ge=1, le=10**9)
     conditions: tuple[Condition, ...] = Field(
         default=("odometry", "straight", "refracted"), min_length=1, strict=False
     )
@@ -255,12 +222,12 @@ class StudySection(Section):
 class OceanSection(Section):
     """Where the water and the sea floor come from, whether they vary, and the centre of the local frame."""
 
-    source: tuple[str, ...] = Field(min_length=1, strict=False)
+    source: tuple[InputFile, ...] = Field(min_length=1, strict=False)
     time: dt.datetime | None = None
     time_varying: bool = False
     currents: Literal["required", "rest"] = "required"
     equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
-    bathymetry: str | None = Field(default=None, min_length=1)
+    bathymetry: InputFile | None = None
     centre_latitude_deg: float | None = Field(default=None, ge=-90.0, le=90.0)
     centre_longitude_deg: float | None = Field(default=None, ge=-180.0, le=360.0)
     half_extent_north: PositiveFloat | None = None
@@ -275,10 +242,12 @@ class OceanSection(Section):
     def _fits_together(self) -> Self:
         if self.synthetic and len(self.source) > 1:
             raise ValueError(f"a synthetic source stands alone; found {', '.join(self.source)}")
-        if (self.centre_latitude_deg is None) != (self.centre_longitude_deg is None):
-            raise ValueError("centre_latitude_deg and centre_longitude_deg must be given together")
-        if (self.half_extent_north is None) != (self.half_extent_east is None):
-            raise ValueError("half_extent_north and half_extent_east must be given together")
+        for one, other in (
+            ("centre_latitude_deg", "centre_longitude_deg"),
+            ("half_extent_north", "half_extent_east"),
+        ):
+            if (getattr(self, one) is None) != (getattr(self, other) is None):
+                raise ValueError(f"{one} and {other} must be given together")
         return self
 
     @property
@@ -325,7 +294,7 @@ class MissionSection(Section):
             ("duration_h", duration, "sampling_period_s", self.sampling_period_s),
         ):
             ratio = long / short
-            if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+            if not 0.5 <= ratio < math.inf or abs(ratio - round(ratio)) > 1e-9 * ratio:
                 raise ValueError(
                     f"{long_name} is {long:g} s; it must be a whole multiple of {short_name}, {short:g} s"
                 )
@@ -381,30 +350,21 @@ class StudyConfig(Section):
         return tuple(dict.fromkeys([*self.ocean.files, *casts]))
 
     @model_validator(mode="after")
-    def _distinct_landmarks(self) -> Self:
+    def _distinct(self) -> Self:
         require_unique("landmark names", [m.name for m in self.landmarks])
-        return self
-
-    @model_validator(mode="after")
-    def _distinct_estimators(self) -> Self:
         names = [e.name for e in self.estimators or ()]
         require_unique("names of conditions and estimators", [*get_args(Condition), *names])
         return self
 
     @model_validator(mode="after")
-    def _varying_beliefs_of_varying_water(self) -> Self:
+    def _estimators_fit(self) -> Self:
+        own = self.ranging.clock_offset_sigma, self.ranging.clock_skew_sigma
         for e in self.estimators or ():
             if e.belief_varies and not self.ocean.time_varying:
                 raise ValueError(
                     f"estimator {e.name} believes in water that varies, but the study's stands still: set"
                     " ocean.time_varying = true, or leave time_varying out of the belief"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _clocks_have_a_prior(self) -> Self:
-        own = self.ranging.clock_offset_sigma, self.ranging.clock_skew_sigma
-        for e in self.estimators or ():
             if e.clocks is not None and not any(e.clocks.priors(*own)):
                 raise ValueError(
                     f"estimator {e.name} estimates clocks, but their priors are 0: give ranging.clock_offset_sigma or"
@@ -414,7 +374,24 @@ class StudyConfig(Section):
 
     @model_validator(mode="after")
     def _mistakes_need_a_rule(self) -> Self:
-        check_mistaken(self.acoustics, self.ranging, self.detection)
+        ranging, arrival = self.ranging, self.acoustics.arrival
+        if ranging.mistaken == "off":
+            return self
+        if arrival != "direct":
+            raise ValueError(
+                f"ranging.mistaken is {ranging.mistaken}, but acoustics.arrival is {arrival}: what is taken for the"
+                " direct arrival has no meaning there; leave one of them out"
+            )
+        if ranging.below_strongest_db is None:
+            if ranging.mistaken == "first-detected" and self.detection is None:
+                raise ValueError(
+                    "ranging.mistaken is first-detected, but nothing says what is detected; add [detection] or"
+                    " ranging.below_strongest_db, such as 12.0"
+                )
+        elif self.detection is not None:
+            raise ValueError(
+                "ranging.below_strongest_db and [detection] exclude each other: both say what is detected; leave one out"
+            )
         return self
 
     @model_validator(mode="after")
@@ -431,3 +408,12 @@ class StudyConfig(Section):
                     " leave it out or allow bounces"
                 )
         return self
+
+    def __repr__(self) -> str:
+        """Give a line; `study_toml` gives all."""
+        return (
+            f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles)} vehicles, {self.mission.duration_h:g} h,"
+            f" {self.study.realizations} realizations, ocean {', '.join(self.ocean.source)}>"
+        )
+
+    __str__ = __repr__

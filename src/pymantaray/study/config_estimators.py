@@ -1,13 +1,29 @@
 """Sections of a configuration about estimators: what each believes of ranges and of the ocean; and what all sections have in common."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 Depth = Annotated[float, Field(ge=0.0, description="positive down [m]")]
+
+
+def input_file(name: str, folder: Path) -> str:
+    """Give the absolute name of a file named relative to a folder; that of a synthetic ocean is what it is."""
+    if "\0" in name:
+        raise ValueError(f"found {name!r}, which no file can be named")
+    return name if name.startswith("synthetic:") else str((folder / name).resolve())
+
+
+def _anchor(name: str, info: ValidationInfo) -> str:
+    return input_file(name, (info.context or {}).get("folder", Path()))
+
+
+InputFile = Annotated[str, Field(min_length=1), AfterValidator(_anchor)]
+"""Relative to what validation is told, `load_study` the configuration's folder; absolute from then on."""
 
 
 class Section(BaseModel):
@@ -17,20 +33,7 @@ class Section(BaseModel):
 
 
 def require_unique(what: str, values: Sequence[str]) -> None:
-    """
-    Check that no value comes twice.
-
-    Parameters
-    ----------
-    what : str
-        Name of the values, for the message.
-    values : sequence of str
-
-    Raises
-    ------
-    ValueError
-        If one does; pydantic makes a finding of it.
-    """
+    """Raise a ValueError, of which pydantic makes a finding, if a value comes twice."""
     repeated = sorted({v for v in values if values.count(v) > 1})
     if repeated:
         raise ValueError(f"{what} must differ; found {', '.join(repeated)} more than once")
@@ -103,7 +106,7 @@ class ModesSection(Section):
     count: int = Field(ge=1)
     rms: PositiveFloat | None = None
     down_to: PositiveFloat | None = None
-    casts: tuple[str, ...] = Field(default=(), strict=False)
+    casts: tuple[InputFile, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
     def _depth_of_something(self) -> Self:
@@ -119,19 +122,7 @@ class ClocksSection(Section):
     skew_sigma: NonNegativeFloat | None = None
 
     def priors(self, offset_sigma: float, skew_sigma: float) -> tuple[float, float]:
-        """
-        Standard deviations of offset and skew.
-
-        Parameters
-        ----------
-        offset_sigma, skew_sigma : float
-            Of the study. [s, -]
-
-        Returns
-        -------
-        tuple of float
-            [s, -]
-        """
+        """Standard deviations of offset and skew, where those given are the study's. [s, -]."""
         return (
             offset_sigma if self.offset_sigma is None else self.offset_sigma,
             skew_sigma if self.skew_sigma is None else self.skew_sigma,

@@ -1,18 +1,23 @@
 """From a preset's name or a TOML file to a validated configuration, and back to text."""
 
 import difflib
+import reprlib
 import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args
 
+import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from pymantaray.errors import StudyError
 from pymantaray.study.config import StudyConfig
-from pymantaray.study.toml import dumps
+from pymantaray.study.config_estimators import input_file
 
+_MOST_CHARACTERS = 10_000_000
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 100
 _ALLOWED = {
     "greater_than": "greater than {gt:g}",
     "greater_than_equal": "{ge:g} or more",
@@ -93,34 +98,27 @@ def load_study(
     >>> load_study("beaufort", realizations=2).study.realizations
     2
     """
-    path = Path(name_or_file)
+    path, name = Path(name_or_file), str(name_or_file)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
-    if is_file:
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-            raise StudyError(f"{path}: cannot be read: {reason}") from None
-        label, folder = str(path), path.parent
-    else:
-        text, label, folder = preset_text(str(name_or_file)), str(name_or_file), None
+    text = _read(path) if is_file else preset_text(name)
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{label}: not valid TOML: {error}") from None
-    if folder is not None:
-        _anchor_sources(tree, folder)
+        raise StudyError(f"{name}: not valid TOML: {error}") from None
+    except (ValueError, RecursionError):
+        raise StudyError(
+            f"{name}: not valid TOML: a number is too long, or tables are nested too deep"
+        ) from None
     if realizations is not None:
-        _section(tree, "study")["realizations"] = realizations
+        study = tree.setdefault("study", {})
+        if isinstance(study, dict):
+            study["realizations"] = realizations
     if ocean is not None:
-        names = [str(name) for name in ocean]
-        tree["ocean"] = {
-            "source": [n if n.startswith("synthetic:") else str(Path(n).absolute()) for n in names]
-        }
-    return parse_study(tree, label)
+        tree["ocean"] = {"source": [input_file(str(source), Path()) for source in ocean]}
+    return parse_study(tree, name, path.parent if is_file else None)
 
 
-def parse_study(tree: dict[str, Any], label: str = "study") -> StudyConfig:
+def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None = None) -> StudyConfig:
     """
     Check a configuration given as nested dictionaries.
 
@@ -130,6 +128,8 @@ def parse_study(tree: dict[str, Any], label: str = "study") -> StudyConfig:
         What `tomllib` gives for a study's file.
     label : str
         Name of its origin, for messages.
+    folder : pathlib.Path, optional
+        What input files in it are relative to; by default the working folder.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def parse_study(tree: dict[str, Any], label: str = "study") -> StudyConfig:
         One line per finding.
     """
     try:
-        return StudyConfig.model_validate(tree)
+        return StudyConfig.model_validate(tree, context={"folder": folder or Path()})
     except ValidationError as error:
         findings = [dict(finding) for finding in error.errors(include_url=False)]
         lines = [f"{label}: {_describe(finding)}" for finding in findings if not _follows(finding, findings)]
@@ -160,7 +160,21 @@ def study_toml(config: StudyConfig) -> str:
     -------
     str
     """
-    return dumps(config.model_dump(mode="python"))
+    return tomli_w.dumps(config.model_dump(exclude_none=True))
+
+
+def _read(path: Path) -> str:
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(_MOST_CHARACTERS + 1)
+    except UnicodeDecodeError:
+        raise StudyError(f"{path}: cannot be read: not UTF-8 text") from None
+    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+        name, cause = str(path), getattr(error, "strerror", None) or error
+        raise StudyError(f"{name if name.isprintable() else repr(name)}: cannot be read: {cause}") from None
+    if len(text) > _MOST_CHARACTERS:
+        raise StudyError(f"{path}: cannot be read: more than {_MOST_CHARACTERS:,} characters")
+    return text
 
 
 def _preset_names() -> list[str]:
@@ -168,34 +182,6 @@ def _preset_names() -> list[str]:
     return sorted(
         entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")
     )
-
-
-def _section(tree: dict[str, Any], name: str) -> dict[str, Any]:
-    section = tree.setdefault(name, {})
-    return section if isinstance(section, dict) else {}
-
-
-def _anchor_sources(tree: dict[str, Any], folder: Path) -> None:
-    """Make ocean files absolute; what is not text is left for the check to refuse."""
-
-    def anchor(source: Any) -> Any:
-        if not isinstance(source, str) or source.startswith("synthetic:"):
-            return source
-        return str((folder / source).resolve())
-
-    ocean = _section(tree, "ocean")
-    source = ocean.get("source")
-    if isinstance(source, list):
-        ocean["source"] = [anchor(entry) for entry in source]
-    elif source is not None:
-        ocean["source"] = anchor(source)
-    if "bathymetry" in ocean:
-        ocean["bathymetry"] = anchor(ocean["bathymetry"])
-    estimators = tree.get("estimators")
-    for estimator in estimators if isinstance(estimators, list) else []:
-        modes = estimator.get("modes") if isinstance(estimator, dict) else None
-        if isinstance(modes, dict) and isinstance(modes.get("casts"), list):
-            modes["casts"] = [anchor(entry) for entry in modes["casts"]]
 
 
 def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
@@ -219,13 +205,11 @@ def _describe(finding: dict[str, Any]) -> str:
         return f"{where}: missing; it has no default"
     if kind == "value_error":
         return f"{where}: {context['error']}" if where else str(context["error"])
-    found = finding.get("input")
+    value = finding.get("input")
     allowed = _ALLOWED[kind].format(**context) if kind in _ALLOWED else finding["msg"]
     if kind == "union_tag_invalid":
         return f"{where}.kind: found {context['tag']!r}; allowed: {allowed}"
-    shown = (
-        f"{len(found)} entries" if kind == "too_short" and isinstance(found, list | tuple) else repr(found)
-    )
+    shown = f"{len(value)} entries" if kind == "too_short" and value is not None else _SHORT.repr(value)
     return f"{where}: found {shown}; allowed: {allowed}"
 
 

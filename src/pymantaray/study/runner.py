@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, collect_estimates, write_pyfg
 from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
 from pymantaray.records import Estimates, whole_file, write_netcdf
@@ -16,6 +17,12 @@ from pymantaray.study.store import Run, open_run, staged_folder, summarize, writ
 from pymantaray.study.true_unknowns import collect_unknowns
 
 _REALIZATIONS_PER_WORKER = 3
+_POSE_BYTES = (
+    160  # of memory, a pose in a solution that is kept; with the next two as measured on the presets
+)
+_GRAPH_BYTES = 3000  # a pose in a graph that is being solved
+_LINK_BYTES = 500  # a range attempt
+_MOST_STEPS = 1e13  # vehicles x physics steps
 
 
 def run_study(
@@ -61,8 +68,8 @@ def run_study(
     if workers is None:  # a fresh process takes as long to start as a few short realizations to solve
         workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
     workers = min(workers, count)
-    report = progress or _silent
-    watch = Stopwatch()
+    _refuse_too_large(config, workers)
+    report, watch = progress or _silent, Stopwatch()
     with staged_folder(out, config.study.name) as (stage, folder):
         mission = simulate_mission(config, watch, report)
         with watch.stage("files"):
@@ -86,6 +93,32 @@ def run_study(
         write_json(content, stage / store.MANIFEST)
         report("files", 1, 1)
     return open_run(folder)
+
+
+def _refuse_too_large(config: StudyConfig, workers: int) -> None:
+    """Refuse what this machine's memory cannot hold, or what takes weeks, before any work."""
+    mission, n_vehicles = config.mission, len(config.fleet.vehicles)
+    duration = mission.duration_h * 3600.0
+    n_samples, n_steps = duration / mission.sampling_period_s, duration / mission.physics_step_s
+    n_solves = config.study.realizations * (len(config.study.conditions) + len(config.estimators or ()))
+    n_links = (
+        n_vehicles * (n_vehicles + len(config.landmarks)) * duration / (mission.ping_interval_h * 3600.0)
+    )
+    needed = (
+        n_vehicles * n_samples * (_POSE_BYTES * n_solves + _GRAPH_BYTES * workers) + _LINK_BYTES * n_links
+    ) / 2**30
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    size = f"{config.study.name}: {n_vehicles} vehicles x"
+    if needed > there:
+        raise StudyError(
+            f"{size} {n_samples:.3g} samples x {n_solves:.3g} solves x {_POSE_BYTES} bytes, {_GRAPH_BYTES} bytes a pose in each of"
+            f" {workers} workers and {n_links:.3g} links x {_LINK_BYTES} bytes are {needed:.3g} GiB of memory; this machine"
+            f" has {there:.3g}"
+        )
+    if n_vehicles * n_steps > _MOST_STEPS:
+        raise StudyError(
+            f"{size} {n_steps:.3g} physics steps are more than {_MOST_STEPS:g}, which take a day; give a longer step"
+        )
 
 
 def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
