@@ -3,9 +3,12 @@
 from pymantaray.ocean.cast_ocean import cast_ocean
 from pymantaray.ocean.casts import read_cast, read_casts
 from pymantaray.ocean.check import check_ocean
+from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.local import to_local
-from pymantaray.ocean.objective_analysis import correct_with_casts
-from pymantaray.ocean.perturb import perturb_ocean
+from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, layer_weights, vertical_modes
+from pymantaray.ocean.perturb import column_ocean, mean_ocean, perturb_ocean, pooled_rms
+from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth, window_of
+from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.series import open_ocean_series
 from pymantaray.ocean.source import ocean_times, open_ocean
 from pymantaray.ocean.summary import region_table, sound_speed_profile_spread
@@ -13,18 +16,29 @@ from pymantaray.ocean.synthetic import synthetic_ocean
 from pymantaray.ocean.topography import open_sea_floor
 
 __all__ = [
+    "SoundSpeedCovariance",
+    "VerticalModes",
     "cast_ocean",
     "check_ocean",
+    "column_ocean",
     "correct_with_casts",
+    "fill_below_sea_bed",
+    "layer_weights",
+    "mean_ocean",
     "ocean_times",
     "open_ocean",
     "open_ocean_series",
     "open_sea_floor",
     "perturb_ocean",
+    "pooled_rms",
     "read_cast",
     "read_casts",
     "region_table",
+    "sea_floor_depth",
+    "sound_speed",
     "sound_speed_profile_spread",
     "synthetic_ocean",
     "to_local",
+    "vertical_modes",
+    "window_of",
 ]

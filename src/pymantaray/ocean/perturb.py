@@ -1,166 +1,116 @@
 """Oceans that are believed instead of the true one: random members, the mean, or one column everywhere."""
 
-from typing import Literal, get_args
+import math
+from collections.abc import Callable
 
+import gsw
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import RectBivariateSpline
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import wrapped
-from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, vertical_modes
-from pymantaray.ocean.random_field import pooled_rms, random_fields
-from pymantaray.ocean.schema import VARIABLES, validate_ocean, with_history
-from pymantaray.ocean.seawater import Equation
-from pymantaray.ocean.sound_speed_change import change_sound_speed
+from pymantaray.ocean.modes import VerticalModes, vertical_modes
+from pymantaray.ocean.schema import VARIABLES, layer_edges, validate_ocean, with_history
+from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound_speed
 
 Array = NDArray[np.float64]
-Method = Literal["eof", "gaussian-process", "mean", "column"]
+_NODES_PER_SCALE = 4.0  # of a random field; a cubic spline then misses 0.1 % of the standard deviation
+_MARGIN = 3  # nodes beyond the window
+_MAX_NODES = 1500  # along one axis
+_ACCURACY = 1e-6  # m/s, of a change of sound speed
+_STEP = 0.01  # degC, or share of the salinity, for the slope of sound speed
+_ITERATIONS = 30
+_SALTIEST = 2.0  # times what it is
 
 
 def perturb_ocean(
     ocean: xr.Dataset,
-    method: Method,
     *,
-    rms: float | None = None,
-    horizontal_scale: float | None = None,
-    vertical_scale: float | None = None,
-    rng: np.random.Generator | None = None,
-    modes: VerticalModes | None = None,
-    n_modes: int | None = None,
-    spread: tuple[ArrayLike, ArrayLike] | None = None,
+    rms: float,
+    horizontal_scale: float,
+    rng: np.random.Generator,
+    modes: VerticalModes | int | None = None,
     down_to: float | None = None,
-    place: tuple[float, float] | None = None,
     equation: Equation = "teos-10",
 ) -> xr.Dataset:
     """
-    One ocean that differs from the given one as a belief might.
+    One ocean whose sound speed differs at random from that of the given one, in its vertical modes.
 
     Parameters
     ----------
     ocean : xarray.Dataset
         A valid ocean.
-    method : {"eof", "gaussian-process", "mean", "column"}
-        Random errors in the vertical modes of sound speed; random errors with a Gaussian correlation in
-        depth; the horizontal mean of each level; the column at a place everywhere, at rest, as one cast at the
-        start would give. The model of another day needs no method: open the same source at another time.
     rms : float
-        Of the random errors' sound speed, pooled over the water and all members. [m/s]
+        Of the error, pooled over the water and all members. [m/s]
     horizontal_scale : float
-        L of the random errors' correlation exp(-d²/2L²); infinite for the same error everywhere. [m]
-    vertical_scale : float
-        The same in depth, for ``gaussian-process``. [m]
+        L of the error's correlation exp(-d²/2L²); infinite for the same error everywhere. [m]
     rng : numpy.random.Generator
-        For the random methods: one member for each state of it. A study's come from
-        `pymantaray.geometry.streams.stream`.
-    modes : VerticalModes, optional
-        For ``eof``, for example of casts. Default: those of this ocean's own columns.
-    n_modes : int, optional
-        For ``eof`` without ``modes``: how many.
-    spread : tuple of array_like, optional
-        For ``gaussian-process``: depths [m] and the relative standard deviation there, linear between them and
-        constant beyond. Default: the same at all depths.
+        One member for each state of it. A study's come from `pymantaray.geometry.streams.stream`.
+    modes : VerticalModes or int, optional
+        Modes, for example of casts, or how many of this ocean's own columns. Default: these, as many as carry
+        99.99 % of the variance.
     down_to : float, optional
         Depth down to which ``rms`` is pooled. Default: the sea bed. [m]
-    place : tuple of float
-        For ``column``: latitude and longitude; the nearest wet grid point is taken. [degrees]
     equation : {"teos-10", "del-grosso", "unesco"}
         Of the sound speed that changes.
 
     Returns
     -------
     xarray.Dataset
-        A valid ocean with the same grid and sea bed; what was done is in its history.
+        A valid ocean on the same grid; its history says what was done.
 
     Raises
     ------
     OceanError
-        If the method is unknown, an argument that it needs is missing or one is given that it does not take, or
-        the result is no valid ocean.
+        If an argument is not positive, nothing varies, or the result is no valid ocean.
 
     Notes
     -----
-    A random member has sound speed c + s Σ a_k φ_k(z), the a_k being independent Gaussian fields of variance
-    v_k, φ_k and v_k modes and variances of `VerticalModes` or of the covariance `SoundSpeedCovariance.gaussian`.
-    The factor s makes the expected mean square, each wet grid point weighted by its layer's thickness, ``rms``
-    squared; a single member's differs, the more so the longer the scales. Temperature is changed (`change_sound_speed`), until sound
-    speed is right within 1e-6 m/s; currents stay, and so density no longer balances them. The
-    same generator state gives errors in proportion to ``rms``. Water may come out colder than its freezing
-    point: it is a belief.
+    A member has sound speed c + s Σ a_k φ_k(z), the a_k being independent Gaussian fields of variance v_k, φ_k and v_k
+    shapes and variances of `VerticalModes`. The factor s makes the expected mean square, each wet grid point weighted by
+    its layer's thickness, ``rms`` squared; a single member's differs, the more so the longer the scales. Temperature is
+    changed until sound speed is right within 1e-6 m/s, salinity only where no temperature would do; currents stay, and so
+    density no longer balances them. The same generator state gives errors in proportion to ``rms``. Water may come out
+    colder than its freezing point: it is a belief.
     """
     validate_ocean(ocean)
-    _check_arguments(
-        method,
-        {"rms": rms, "horizontal_scale": horizontal_scale, "vertical_scale": vertical_scale, "rng": rng}
-        | {"modes": modes, "n_modes": n_modes, "spread": spread, "down_to": down_to, "place": place},
-    )
-    if method == "mean":
-        return _horizontal_mean(ocean)
-    if place is not None:
-        return _column(ocean, place)
-    depth = np.asarray(ocean["depth"].values, dtype=float)
-    if method == "eof":
-        taken = vertical_modes(ocean, n_modes=n_modes, equation=equation) if modes is None else modes
-        shapes, variance = taken.at(depth), taken.variance
-        told = f"{variance.size} vertical modes"
-    else:
-        sigma = (
-            np.ones_like(depth)
-            if spread is None
-            else np.interp(depth, np.asarray(spread[0], dtype=float), np.asarray(spread[1], dtype=float))
-        )
-        shapes, variance = SoundSpeedCovariance.gaussian(
-            depth, rms=sigma, vertical_scale=_given(vertical_scale), horizontal_scale=1.0
-        ).principal()
-        told = f"a Gaussian process of vertical scale {vertical_scale:g} m"
-    factor = _given(rms) / pooled_rms(ocean, variance @ shapes**2, down_to)
-    assert rng is not None  # checked above; for the type checker
-    fields = random_fields(
-        *(np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon")),
-        count=variance.size,
-        scale=_given(horizontal_scale),
-        rng=rng,
-    )
+    for name, value in (("rms", rms), ("horizontal_scale", horizontal_scale), ("down_to", down_to)):
+        if value is not None and not value > 0.0:
+            raise OceanError(f"perturbation: {name} is {value:g}; it must be positive")
+    if not isinstance(modes, VerticalModes):
+        modes = vertical_modes(ocean, n_modes=modes, equation=equation)
+    lat, lon, depth = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon", "depth"))
+    shapes, variance = modes.at(depth), modes.variance
+    factor = rms / pooled_rms(ocean, variance @ shapes**2, down_to)
+    fields = random_fields(lat, lon, count=variance.size, scale=horizontal_scale, rng=rng)
     error = factor * np.einsum("kz,kyx->zyx", np.sqrt(variance)[:, None] * shapes, fields)
-    made = change_sound_speed(ocean, error, equation=equation)
+    member = change_sound_speed(ocean, error, equation=equation)
     reach = "the water column" if down_to is None else f"the upper {down_to:g} m"
     return with_history(
-        made,
-        f"sound speed perturbed by {told}, expected {rms:g} m/s rms over {reach}, horizontal scale"
-        f" {horizontal_scale:g} m, by temperature ({equation}); no longer in balance with the currents",
+        member,
+        f"sound speed perturbed by {variance.size} vertical modes, expected {rms:g} m/s rms over {reach}, horizontal"
+        f" scale {horizontal_scale:g} m, by temperature ({equation}); no longer in balance with the currents",
     )
 
 
-def _check_arguments(method: str, given: dict[str, object]) -> None:
-    needs = {
-        "eof": ({"rms", "horizontal_scale", "rng"}, {"modes", "n_modes", "down_to"}),
-        "gaussian-process": (
-            {"rms", "horizontal_scale", "vertical_scale", "rng"},
-            {"spread", "down_to"},
-        ),
-        "mean": (set(), set()),
-        "column": ({"place"}, set()),
-    }
-    if method not in needs:
-        raise OceanError(f"perturbation {method!r} is unknown; allowed are {', '.join(get_args(Method))}")
-    needed, allowed = needs[method]
-    present = {name for name, value in given.items() if value is not None}
-    if missing := sorted(needed - present):
-        raise OceanError(f"perturbation {method}: {' and '.join(missing)} needed")
-    if extra := sorted(present - needed - allowed):
-        raise OceanError(f"perturbation {method}: takes no {' and no '.join(extra)}")
-    for name in ("rms", "horizontal_scale", "vertical_scale", "down_to"):
-        value = given[name]
-        if isinstance(value, int | float) and not value > 0.0:
-            raise OceanError(f"perturbation {method}: {name} is {value:g}; it must be positive")
+def mean_ocean(ocean: xr.Dataset) -> xr.Dataset:
+    """
+    Ocean that has the horizontal mean of each level everywhere, of the currents too.
 
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
 
-def _given(value: float | None) -> float:
-    assert value is not None  # checked before; for the type checker
-    return float(value)
-
-
-def _horizontal_mean(ocean: xr.Dataset) -> xr.Dataset:
+    Returns
+    -------
+    xarray.Dataset
+        A valid ocean on the same grid and down to the same sea bed.
+    """
+    validate_ocean(ocean)
     columns = {}
     for v in VARIABLES:
         field = np.asarray(ocean[v.name].values, dtype=float)
@@ -173,13 +123,35 @@ def _horizontal_mean(ocean: xr.Dataset) -> xr.Dataset:
     )
 
 
-def _column(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
+def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
+    """
+    Ocean that has its column at a place everywhere, at rest, as one cast at the start would give.
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+    place : tuple of float
+        Latitude and longitude; the nearest wet grid point is taken. [degrees]
+
+    Returns
+    -------
+    xarray.Dataset
+        A valid ocean on the same grid and down to the same sea bed; where that is deeper than the column, its deepest
+        value is carried down.
+
+    Raises
+    ------
+    OceanError
+        If the place is outside the window.
+    """
+    validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
     middle = 0.5 * (lon[0] + lon[-1])
     at_lat, at_lon = place[0], wrapped(place[1], about=middle)
     if not (lat[0] <= at_lat <= lat[-1] and lon[0] <= at_lon <= lon[-1]):
         raise OceanError(
-            f"perturbation column: {place[0]:g} N {place[1]:g} E is outside the ocean's window, latitude {lat[0]:g} to"
+            f"column: {place[0]:g} N {place[1]:g} E is outside the ocean's window, latitude {lat[0]:g} to"
             f" {lat[-1]:g}, longitude {lon[0]:g} to {lon[-1]:g}"
         )
     wet = np.isfinite(ocean["water_temp"].values)
@@ -202,8 +174,154 @@ def _column(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
 def _uniform(ocean: xr.Dataset, columns: dict[str, Array]) -> xr.Dataset:
     """Columns everywhere, down to the ocean's own sea bed."""
     wet = np.isfinite(ocean["water_temp"].values)
-    made = ocean.copy()
+    uniform = ocean.copy()
     for name, column in columns.items():
-        made[name] = ocean[name].copy(data=np.where(wet, column[:, None, None], np.nan))
-    validate_ocean(made)
-    return made
+        uniform[name] = ocean[name].copy(data=np.where(wet, column[:, None, None], np.nan))
+    validate_ocean(uniform)
+    return uniform
+
+
+def random_fields(lat: Array, lon: Array, *, count: int, scale: float, rng: np.random.Generator) -> Array:
+    """
+    Independent fields (count, lat, lon) of mean 0, variance 1 and correlation exp(-d²/2L²), L being the scale [m].
+
+    The correlation factors into one along north and one along east of the local frame about the window's middle. On a
+    lattice of L/4 a field is F_n Z F_eᵀ with standard normal Z and F Fᵀ the correlation along an axis: exactly Gaussian,
+    of the stated covariance. A cubic spline carries it to the grid's points. An infinite scale gives one number a field.
+    """
+    if math.isinf(scale):
+        return np.broadcast_to(rng.standard_normal((count, 1, 1)), (count, lat.size, lon.size)).copy()
+    frame = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
+    north, east = frame.to_local(lat[:, None], lon[None, :])
+    axes = [_lattice(x, scale) for x in (north, east)]
+    factors = [_factor(axis, scale) for axis in axes]
+    fields = np.empty((count, lat.size, lon.size))
+    for field in fields:
+        nodes = factors[0] @ rng.standard_normal([f.shape[1] for f in factors]) @ factors[1].T
+        field[:] = RectBivariateSpline(axes[0], axes[1], nodes).ev(north, east)
+    return fields
+
+
+def _lattice(x: Array, scale: float) -> Array:
+    step = scale / _NODES_PER_SCALE
+    low, high = float(x.min()) - _MARGIN * step, float(x.max()) + _MARGIN * step
+    count = math.ceil((high - low) / step) + 1
+    if count > _MAX_NODES:
+        raise OceanError(
+            f"random field: horizontal_scale {scale:g} m needs {count} nodes across the window, {_MAX_NODES} are allowed;"
+            f" take at least {scale * count / _MAX_NODES:.0f} m or a smaller window"
+        )
+    return np.asarray(low + step * np.arange(count), dtype=float)
+
+
+def _factor(axis: Array, scale: float) -> Array:
+    correlation = np.exp(-0.5 * ((axis[:, None] - axis) / scale) ** 2)
+    values, vectors = np.linalg.eigh(correlation)
+    true = values > 1e-12 * values[-1]  # the rest is rounding
+    return np.asarray(vectors[:, true] * np.sqrt(values[true]))
+
+
+def pooled_rms(ocean: xr.Dataset, variance: Array, down_to: float | None) -> float:
+    """
+    Root of the mean over the water of a variance that depends on depth. [m/s]
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+    variance : ndarray, shape (depth,)
+        [m²/s²]
+    down_to : float or None
+        Depth down to which it is taken; None for all of the water. [m]
+
+    Returns
+    -------
+    float
+        Levels count by the thickness of their layers and their wet points.
+
+    Raises
+    ------
+    OceanError
+        If it is zero.
+    """
+    z = np.asarray(ocean["depth"].values, dtype=float)
+    edges = np.minimum(layer_edges(z), np.inf if down_to is None else down_to)
+    weight = np.diff(edges) * np.isfinite(ocean["water_temp"].values).sum(axis=(1, 2))
+    pooled = float(np.sqrt(np.sum(weight * variance) / np.sum(weight)))
+    if not pooled > 0.0:
+        raise OceanError("perturbation: nothing varies where rms is pooled; take other modes or down_to")
+    return pooled
+
+
+def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equation = "teos-10") -> xr.Dataset:
+    """
+    Ocean whose sound speed is changed by given amounts (depth, lat, lon) [m/s], right within 1e-6 m/s.
+
+    Temperature alone is changed; where it would leave the span of a valid ocean it stays at its end, and salinity makes
+    the rest.
+    """
+    depth, lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("depth", "lat", "lon"))
+    wet = np.isfinite(ocean["water_temp"].values)
+    k, y, x = np.nonzero(wet)
+    start = np.asarray(ocean["water_temp"].values, dtype=float)[wet]
+    salinity = np.asarray(ocean["salinity"].values, dtype=float)[wet]
+
+    if equation == "teos-10":  # absolute salinity is in proportion to the practical one, and slow to compute
+        SA, _, p = absolute_and_conservative(start, salinity, depth[k], lat[y], lon[x])
+
+    def speed(t: Array, share: Array) -> Array:
+        """Sound speed at a temperature and a share of the salinity."""
+        if equation == "teos-10":
+            return np.asarray(gsw.sound_speed(SA * share, gsw.CT_from_t(SA * share, t, p), p))
+        return sound_speed(t, salinity * share, depth[k], lat[y], lon[x], equation=equation)
+
+    full = np.ones(start.size)
+    target = speed(start, full) + np.broadcast_to(np.asarray(change, dtype=float), wet.shape)[wet]
+    temperature = _root(lambda t: speed(t, full), start, target)
+    possible = np.clip(temperature, VARIABLES[0].lowest, VARIABLES[0].highest)
+    fields = {"water_temp": possible}
+    beyond = possible != temperature
+    if beyond.any():
+        fresh, now = 0.0 * full, speed(possible, full)
+        share = _root(
+            lambda s: speed(possible, s), full, np.where(beyond, target, now), fresh, _SALTIEST * full
+        )
+        fields["salinity"] = np.where(beyond, salinity * share, salinity)
+    changed = ocean.copy()
+    for name, values in fields.items():
+        field = np.full(wet.shape, np.nan)
+        field[wet] = values
+        changed[name] = ocean[name].copy(data=field)
+    try:
+        validate_ocean(changed)
+    except OceanError as error:
+        raise OceanError(
+            f"{error} (after a change of sound speed; ask for a smaller one, or for rms in the upper water, down_to)"
+        ) from None
+    return changed
+
+
+def _root(
+    speed: Callable[[Array], Array],
+    start: Array,
+    target: Array,
+    low: Array | float = -np.inf,
+    high: Array | float = np.inf,
+) -> Array:
+    """Argument that gives the target, by the secant method from start, element by element, within bounds."""
+    base = speed(start)
+    slope = (speed(start + _STEP) - base) / _STEP
+    value, off = start, target - base
+    for _ in range(_ITERATIONS):
+        if np.abs(off).max(initial=0.0) < _ACCURACY:
+            return value
+        step = np.clip(value + off / slope, low, high) - value
+        value = value + step
+        before, off = off, target - speed(value)
+        moved = np.abs(step) > 1e-6
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.where(moved, (before - off) / step, slope)
+    raise OceanError(
+        f"ocean: no temperature or salinity changes sound speed as far as {np.nanmax(np.abs(target - base)):.3g} m/s; ask for"
+        " less"
+    )

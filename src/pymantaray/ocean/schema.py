@@ -143,6 +143,11 @@ def parse_instant(time: str | np.datetime64) -> np.datetime64:
     return stamp.to_datetime64()
 
 
+def layer_edges(depth: Array) -> Array:
+    """Depths (n + 1,) between which each of n levels stands for the water: half-way to its neighbours. [m]"""
+    return np.concatenate([depth[:1], 0.5 * (depth[:-1] + depth[1:]), depth[-1:]])
+
+
 def validate_ocean(ocean: xr.Dataset) -> None:
     """
     Check that a data set is an ocean that the rest of MantaRay can take.

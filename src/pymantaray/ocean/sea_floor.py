@@ -9,6 +9,7 @@ from scipy import ndimage
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean.schema import layer_edges
 from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
@@ -33,10 +34,9 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
         Depth of the sea floor; 0 on land, the deepest level itself where that is valid. [m]
     """
     depth = np.asarray(ocean["depth"].values, dtype=float)
-    floor_of = np.concatenate([[0.0], 0.5 * (depth[:-1] + depth[1:]), depth[-1:]])
     levels = np.isfinite(ocean["water_temp"].values).sum(axis=0)
     return xr.DataArray(
-        floor_of[levels],
+        layer_edges(depth)[levels],
         coords={"lat": ocean["lat"], "lon": ocean["lon"]},
         dims=("lat", "lon"),
         name="sea_floor_depth",

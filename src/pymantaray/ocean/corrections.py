@@ -120,43 +120,41 @@ def correct_with_casts(
         raise OceanError(
             f"casts: the corrected ocean is not valid: {error}; check units and noise_ratio"
         ) from None
+    for line in _told(ocean, corrected, casts, differences, scales):
+        corrected = with_history(corrected, line)
+    return corrected
+
+
+def _told(
+    ocean: xr.Dataset,
+    corrected: xr.Dataset,
+    casts: Sequence[Cast],
+    differences: _Differences,
+    scales: _Scales,
+) -> tuple[str, str]:
+    """What was done and what it did to the stratification, for the history."""
     before, after = density_inversions(ocean), density_inversions(corrected)
-    new = int(np.count_nonzero(after & ~before))
     rms = np.sqrt(np.nanmean(differences.value**2, axis=(0, 1)))
     span = f"{scales.north / 1e3:g} km"
     if scales.north != scales.east:
         span += f" north by {scales.east / 1e3:g} km east"
     names = ", ".join(cast.name for cast in casts[:4]) + (", ..." if len(casts) > 4 else "")
-    done = (
-        f"corrected by {len(casts)} cast{'s' * (len(casts) > 1)} ({names}) differing by {rms[0]:.2g} degC, {rms[1]:.2g} in salinity rms:"
-        f" Gaussian scale {span}, noise ratio {scales.noise_ratio:g}, vertical decay {scales.vertical:g} m"
+    correction = (
+        f"corrected by {len(casts)} cast{'s' * (len(casts) > 1)} ({names}) differing by {rms[0]:.2g} degC,"
+        f" {rms[1]:.2g} in salinity rms: Gaussian scale {span}, noise ratio {scales.noise_ratio:g}, vertical decay"
+        f" {scales.vertical:g} m" + (f", time scale {scales.time:g} s" if np.isfinite(scales.time) else "")
     )
-    if np.isfinite(scales.time):
-        done += f", time scale {scales.time:g} s"
-    check = (
-        f"{new} density inversions above {INVERSION:g} kg/m3 introduced by the casts ({int(before.sum())} before);"
-        " currents unchanged"
+    return correction, (
+        f"{np.count_nonzero(after & ~before)} density inversions above {INVERSION:g} kg/m3 introduced by the casts"
+        f" ({before.sum()} before); currents unchanged"
     )
-    for line in (done, check):
-        corrected = with_history(corrected, line)
-    return corrected
 
 
 def density_inversions(ocean: xr.Dataset, threshold: float = INVERSION) -> NDArray[np.bool_]:
     """
-    Pairs of levels whose upper water would be heavier than the lower at the pressure between them.
+    Pairs of levels (depth - 1, lat, lon) whose upper water is heavier than the lower at the pressure between them.
 
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-    threshold : float
-        Excess from which it counts. [kg/m3]
-
-    Returns
-    -------
-    ndarray of bool, shape (depth - 1, lat, lon)
-        False where either is below the sea bed.
+    An excess of density above the threshold [kg/m3] counts; nothing does below the sea bed.
     """
     depth, lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("depth", "lat", "lon"))
     SA, CT, p = absolute_and_conservative(
@@ -170,9 +168,7 @@ def density_inversions(ocean: xr.Dataset, threshold: float = INVERSION) -> NDArr
 def _scales(
     horizontal: float | tuple[float, float], noise_ratio: float, time: float | None, vertical: float
 ) -> _Scales:
-    north, east = (
-        (float(horizontal), float(horizontal)) if np.isscalar(horizontal) else map(float, horizontal)  # type: ignore[arg-type]
-    )
+    north, east = np.broadcast_to(np.asarray(horizontal, dtype=float), 2).tolist()
     scales = _Scales(
         north, east, float(vertical), np.inf if time is None else float(time), float(noise_ratio)
     )
@@ -226,26 +222,9 @@ def _differences(
 
 def column_at(ocean: xr.Dataset, lat: float, lon: float, name: str) -> Array:
     """
-    Temperature and salinity of a valid ocean at a place, bilinear.
+    Temperature and salinity (depth, 2) of a valid ocean at a place [degrees], bilinear; the name is for messages.
 
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-    lat, lon : float
-        [degrees]
-    name : str
-        What lies there, for messages.
-
-    Returns
-    -------
-    ndarray, shape (depth, 2)
-        Of the wet ones among the four columns around the place, their weights shared out anew; NaN where all
-        four are dry.
-
-    Raises
-    ------
-    OceanError
-        If the place is outside the window or over land.
+    Of the wet ones among the four columns around the place, their weights shared out anew; NaN where all four are dry.
     """
     axes = [np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon")]
     middle = 0.5 * (axes[1][0] + axes[1][-1])
