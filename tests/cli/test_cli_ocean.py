@@ -1,69 +1,68 @@
-"""`mantaray ocean` check, show and plot: exit codes, one line for each finding, and files that are whole."""
+"""`mantaray ocean` as a user runs it: exit codes, one line each, files that are whole."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
-from pymantaray.cli.ocean import app, fleet_plan
-from pymantaray.errors import MantaRayError
+from pymantaray.ocean import cast_ocean, read_cast
+from pymantaray.ocean.schema import validate_ocean
+from pymantaray.records import write_netcdf
 from pymantaray.study import load_study
+from pymantaray.study.assemble import fleet_plan
 
-RUN = CliRunner()
-
-
-def call(*words):
-    return RUN.invoke(app, [str(word) for word in words])
-
-
-@pytest.fixture
-def bad_file(ocean_file, tmp_path):
-    with xr.open_dataset(ocean_file, engine="scipy") as data:
-        data = data.load()
-    data["salinity"].values[0, 2, 3] = 400.0
-    path = tmp_path / "bad.nc"
-    data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
-    return path
+CAST = """# drop 9, 2014-07-24/1920 UTC, lat 74.0, lon -140.0; bottom 450 m
+depth_m,temperature_degC,practical_salinity
+2,-1.2,27.2
+50,0.4,30.7
+120,-1.4,32.5
+400,0.6,34.8
+"""
 
 
-def test_a_usable_ocean_exits_with_0_and_counts_doubts(ocean_file):
-    result = call("check", ocean_file)
-    assert result.exit_code == 0, result.output
-    lines = result.output.splitlines()
+def test_a_usable_ocean_exits_with_0_and_counts_doubts(mantaray, ocean_file):
+    result = mantaray("ocean", "check", ocean_file)
+    lines = result.out.splitlines()
+    assert result.code == 0
     assert lines[0].startswith("doubtful: made up")
     assert lines[-1] == f"0 wrong, {len(lines) - 1} doubtful"
 
 
-def test_a_wrong_ocean_exits_with_2_and_says_what(bad_file):
-    result = call("check", bad_file)
-    assert result.exit_code == 2
-    first, *_, last = result.output.splitlines()
+def test_a_wrong_ocean_exits_with_2_and_says_what(mantaray, ocean_file, tmp_path):
+    with xr.open_dataset(ocean_file, engine="scipy") as data:
+        data = data.load()
+    data["salinity"].values[0, 2, 3] = 400.0
+    data.to_netcdf(tmp_path / "bad.nc", engine="scipy", format="NETCDF3_64BIT")
+    result = mantaray("ocean", "check", tmp_path / "bad.nc")
+    first, *_, last = result.out.splitlines()
+    assert result.code == 2
     assert first.startswith("wrong: ")
     assert "salinity" in first
     assert "400" in first
     assert last.startswith("1 wrong, ")
 
 
-def test_a_study_s_domain_and_fleet_must_fit(ocean_file, small_text, tmp_path):
+def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, tmp_path):
     study = tmp_path / "study.toml"
     study.write_text(small_text, encoding="utf-8")
-    assert call("check", "--study", study).exit_code == 0, "its own ocean holds it"
-    assert call("check", ocean_file, "--study", study).exit_code == 0
-    study.write_text(
-        small_text.replace("half_extent_north = 15000.0", "half_extent_north = 90000.0"), encoding="utf-8"
-    )
-    result = call("check", ocean_file, "--study", study)
-    assert result.exit_code == 2
-    assert "wrong: coverage (74.5 N -140 E): domain of +-90 km north" in result.output
-    study.write_text(
-        small_text.replace("half_extent_east = 15000.0", "half_extent_east = 2000.0"), encoding="utf-8"
-    )
-    result = call("check", ocean_file, "--study", study)
-    assert result.exit_code == 2
-    assert "coverage (vehicle" in result.output
-    result = call("check", ocean_file, "--study", "fram")
-    assert result.exit_code == 2
-    assert "is not inside the data" in result.output
+    assert mantaray("ocean", "check", "--study", study).code == 0, "its own ocean holds it"
+    assert mantaray("ocean", "check", ocean_file, "--study", study).code == 0
+    for side, half, says in (
+        ("north", 90e3, "wrong: coverage (74.5 N -140 E): domain of +-90 km north"),
+        ("east", 2e3, "coverage (vehicle"),
+    ):
+        text = small_text.replace(f"half_extent_{side} = 15000.0", f"half_extent_{side} = {half}")
+        study.write_text(text, encoding="utf-8")
+        result = mantaray("ocean", "check", ocean_file, "--study", study)
+        assert result.code == 2
+        assert says in result.out
+    result = mantaray("ocean", "check", ocean_file, "--study", "fram")
+    assert result.code == 2
+    assert "is not inside the data" in result.out
+    result = mantaray("ocean", "check")
+    assert result.code == 2
+    assert "name one, or a study" in result.err
 
 
 def test_the_plan_of_a_fleet_holds_starts_targets_and_landmarks():
@@ -72,58 +71,128 @@ def test_the_plan_of_a_fleet_holds_starts_targets_and_landmarks():
     assert set(plan) == {v.name for v in config.fleet.vehicles} | {m.name for m in config.landmarks}
     floats = [v for v in config.fleet.vehicles if v.kind == "float"]
     assert floats
-    for vehicle in floats:
-        np.testing.assert_allclose(
-            plan[vehicle.name][-1], [vehicle.north, vehicle.east, vehicle.target_depth]
-        )
-        assert plan[vehicle.name][0, 2] < 1.0
+    for v in floats:
+        np.testing.assert_allclose(plan[v.name][-1], [v.north, v.east, v.target_depth])
+        assert plan[v.name][0, 2] < 1.0
 
 
-def test_nothing_to_check_is_an_error_of_one_line():
-    result = call("check")
-    assert isinstance(result.exception, MantaRayError)
-    assert "name one, or a study" in str(result.exception)
-
-
-def test_show_prints_extent_levels_time_and_ranges(ocean_file):
-    result = call("show", ocean_file)
-    assert result.exit_code == 0, result.output
+def test_show_prints_extent_levels_time_and_ranges(mantaray, ocean_file):
     with xr.open_dataset(ocean_file, engine="scipy") as data:
-        low, high = float(data["water_temp"].min()), float(data["water_temp"].max())
-    for text in (
-        "made up     yes",
-        "2014-07-15 12:00 UTC",
-        "17 points, 0.04 degrees apart",
-        f"{low:.2f}",
-        f"{high:.2f}",
-    ):
-        assert text in result.output
-    assert "\n0 2 4 6 8 10 12" in result.output
-    equations = [call("show", ocean_file, "--equation", name).output for name in ("teos-10", "unesco")]
-    assert equations[0] != equations[1]
+        spans = [f"{float(bound):.2f}" for bound in (data["water_temp"].min(), data["water_temp"].max())]
+    shown = [mantaray("ocean", "show", ocean_file, "--equation", name).out for name in ("teos-10", "unesco")]
+    for text in ("made up     yes", "2014-07-15 12:00 UTC", "17 points, 0.04 degrees apart", *spans):
+        assert text in shown[0]
+    assert "\n0 2 4 6 8 10 12" in shown[0]
+    assert shown[0] != shown[1]
 
 
-def test_plot_writes_figures_and_refuses_places_outside(ocean_file, tmp_path):
+def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tmp_path):
     folder = tmp_path / "figures"
-    result = call("plot", ocean_file, "--out", folder, "--depth", 60, "--at", "74.5,220")
-    assert result.exit_code == 0, result.output
-    names = sorted(path.name for path in folder.iterdir())
-    assert names == sorted(
-        f"ocean_{name}.{kind}"
-        for name in ("profiles", "sections", "map", "sea_floor")
-        for kind in ("png", "pdf")
-    )
-    assert result.output.split() == [
-        str(folder / f"ocean_{name}.{kind}")
-        for name in ("profiles", "sections", "map", "sea_floor")
-        for kind in ("png", "pdf")
-    ]
+    result = mantaray("ocean", "plot", ocean_file, "--out", folder, "--depth", 60, "--at", "74.5,220")
+    names = [f"ocean_{n}.{k}" for n in ("profiles", "sections", "map", "sea_floor") for k in ("png", "pdf")]
+    assert result.code == 0
+    assert sorted(path.name for path in folder.iterdir()) == sorted(names)
+    assert result.out.split() == [str(folder / name) for name in names]
     for words, says in (
         (("--at", "10,10"), "outside the ocean"),
         (("--at", "north"), "not a place"),
         (("--depth", 9_000), "not in the water"),
     ):
-        result = call("plot", ocean_file, "--out", tmp_path / "none", *words)
-        assert isinstance(result.exception, MantaRayError)
-        assert says in str(result.exception)
+        result = mantaray("ocean", "plot", ocean_file, "--out", tmp_path / "none", *words)
+        assert result.code == 2
+        assert says in result.err
     assert not (tmp_path / "none").exists()
+
+
+@pytest.fixture
+def make(mantaray, tmp_path, monkeypatch):
+    """Run a command of `mantaray ocean` in a folder with a cast and an ocean of it; give its one line."""
+    monkeypatch.chdir(tmp_path)
+    Path("cast.csv").write_text(CAST)
+    Path("warmer.csv").write_text(CAST.replace("0.4,30.7", "1.4,30.7").replace("lat 74.0", "lat 74.05"))
+    levels = np.arange(0.0, 401.0, 25.0)
+    ocean = cast_ocean(read_cast("cast.csv"), bottom_depth=400.0, half_extent=(20e3, 20e3), levels=levels)
+    write_netcdf(ocean, Path("ocean.nc"))
+
+    def call(*words, code=0):
+        files = set(Path().iterdir())
+        result = mantaray("ocean", *words)
+        assert result.code == code, result
+        assert (result.err if code else result.out).count("\n") == 1
+        assert not code or set(Path().iterdir()) == files
+        return result.err if code else result.out
+
+    return call
+
+
+def load(path):
+    with xr.open_dataset(path) as data:
+        ocean = data.load()
+    validate_ocean(ocean)
+    return ocean
+
+
+def test_an_ocean_from_a_cast(make):
+    line = make("from-cast", "cast.csv", "new.nc", "--below", "constant", "--half-extent", 20, 30)
+    assert line.startswith("new.nc: ")
+    assert "450 m; cast cast: 4 samples averaged onto" in line
+    ocean = load("new.nc")
+    assert ocean["depth"].values[-1] == 450.0
+    assert "extended from 400 m down to the bottom at 450 m" in ocean.attrs["history"]
+    make("from-cast", "cast.csv", "new.nc", "--bottom", 300, "--force")
+    assert load("new.nc")["depth"].values[-1] == 300.0
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    ("from-cast cast.csv new.nc", "above the bottom at 450 m"),
+    ("from-cast cast.csv ocean.nc", "exists already; give another name or --force"),
+    ("from-cast cast.csv new.txt", "must end in .nc"),
+    ("from-cast cast.csv no/new.nc", "there is no folder no; make it first"),
+    ("from-cast none.csv new.nc --bottom 300", "cannot be read: No such file"),
+    ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv", "--below and --below-cast exclude each other"),
+    ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),
+    ("perturb ocean.nc new.nc", "--method eof: --rms and --scale needed"),
+    ("perturb ocean.nc new.nc --method mean --rms 1", "--method mean: takes no --rms"),
+    ("perturb ocean.nc new.nc --rms 0 --scale 10", "rms is 0; it must be positive"),
+])  # fmt: skip
+def test_what_is_missing_or_in_the_way_is_one_line(make, words, says):
+    assert says in make(*words.split(), code=2)
+
+
+def test_an_ocean_is_corrected_by_casts(make):
+    make("correct", "ocean.nc", "warmer.csv", "cast.csv", "new.nc", "--scale", 3, "--noise-ratio", 0.01)
+    before, after = load("ocean.nc"), load("new.nc")
+    change = (after["water_temp"] - before["water_temp"]).sel(depth=50.0)
+    assert 0.3 < float(change.interp(lat=74.05, lon=-140.0)) < 1.1
+    assert abs(float(change.interp(lat=74.0, lon=-140.0))) < 0.05
+    assert "corrected by 2 casts (warmer, cast)" in after.attrs["history"]
+
+
+def test_members_of_casts_modes_are_repeatable_by_their_seed(make):
+    modes = ("--rms", 0.5, "--scale", "inf", "--mode-cast", "cast.csv", "--mode-cast", "warmer.csv")
+    members = []
+    for name, seed in (("a.nc", 1), ("b.nc", 1), ("c.nc", 2)):
+        assert "sound speed perturbed by 1 vertical modes" in make(
+            "perturb", "ocean.nc", name, *modes, "--seed", seed
+        )
+        members.append(load(name))
+    assert members[0].identical(members[1])
+    assert not np.allclose(members[0]["water_temp"], members[2]["water_temp"], atol=1e-3)
+    assert members[0].attrs["history"].endswith("seed 1")
+    change = members[0]["water_temp"] - load("ocean.nc")["water_temp"]
+    assert float(np.abs(change).max("depth").std()) < 1e-3  # the same everywhere
+    assert int(np.abs(change.values[:, 0, 0]).argmax()) == 2  # at 50 m, where the casts differ
+
+
+def test_the_mean_and_one_column(make):
+    assert "replaced by the horizontal mean" in make("perturb", "ocean.nc", "a.nc", "--method", "mean")
+    assert "replaced by the column at 74 N -140 E" in make(
+        "perturb", "ocean.nc", "b.nc", "--method", "column", "--place", 74, -140
+    )
+
+
+def test_help_tells_the_units(mantaray):
+    """Brackets in a help text are taken for markup and vanish."""
+    for command, units in (("from-cast", ["in m", "in km"]), ("perturb", ["in m/s", "in km"])):
+        shown = " ".join(mantaray("ocean", command, "--help").out.replace("│", " ").split())
+        assert all(unit in shown for unit in units), shown

@@ -5,7 +5,7 @@ import pytest
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, quadrature, travel_time_sensitivity
 from pymantaray.estimation.range_models import RangeLinks
-from pymantaray.ocean.covariance import SoundSpeedCovariance
+from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.study.range_models import eigenray as eigenray_model
 from pymantaray.study.range_models.eigenray import EigenrayModel, pairs_of
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty

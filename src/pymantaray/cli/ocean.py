@@ -1,25 +1,24 @@
-"""Commands of `mantaray ocean`: check, show and plot; others register theirs. What they need is imported when they run."""
+"""Commands of `mantaray ocean`: check, show, plot and make; `fetch` is a group of its own. What they need is imported when they run."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pymantaray.cli import ocean_fetch, ocean_make
+from pymantaray.cli import ocean_fetch
+from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.errors import OceanError
 
 if TYPE_CHECKING:
-    import numpy as np
     import xarray as xr
-    from numpy.typing import NDArray
-
-    from pymantaray.study.config import StudyConfig
 
 EXIT_WRONG = 2
+_M_PER_KM = 1e3
+_S_PER_DAY = 86_400.0
+_MAKING = ("cast ", "corrected by ", "sound speed perturbed ", "replaced by ")  # lines of a history begin so
 
 app = typer.Typer(help="Fetch, make, check, show and plot the water.", no_args_is_help=True)
 app.add_typer(ocean_fetch.app, name="fetch")
-ocean_make.register(app)
 
 Files = Annotated[
     list[str],
@@ -27,9 +26,17 @@ Files = Annotated[
         metavar="FILE...", help="NetCDF files that belong together, or synthetic:beaufort, synthetic:fram."
     ),
 ]
+Ocean = Annotated[
+    str, typer.Argument(metavar="OCEAN", help="NetCDF file, or synthetic:beaufort, synthetic:fram.")
+]
+Cast = Annotated[Path, typer.Argument(metavar="CAST", help="CSV table or Argo NetCDF file.")]
+Casts = Annotated[list[Path], typer.Argument(metavar="CASTS...", help="CSV tables or Argo NetCDF files.")]
+Out = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
+Overwrite = Annotated[bool, typer.Option("--force", help="Replace OUT.nc if it exists.")]
 Time = Annotated[
     str | None, typer.Option("--time", help="Instant in UTC, as 2014-07-15T12:00, if there are several.")
 ]
+CastTime = Annotated[str | None, typer.Option("--time", help="Instant (UTC), as 2014-07-24T19:20.")]
 Currents = Annotated[
     Literal["required", "rest"],
     typer.Option(
@@ -37,8 +44,7 @@ Currents = Annotated[
     ),
 ]
 SeaFloor = Annotated[
-    Path | None,
-    typer.Option("--sea-floor", help="Sea floor from a GEBCO, ETOPO, IBCAO or GLORYS file."),
+    Path | None, typer.Option("--sea-floor", help="Sea floor from a GEBCO, ETOPO, IBCAO or GLORYS file.")
 ]
 Crs = Annotated[
     str | None,
@@ -70,12 +76,13 @@ def check(
     equation: Equation = "teos-10",
 ) -> None:
     """List what is wrong (exit 2) or doubtful (exit 0) about an ocean."""
-    from pymantaray.ocean.check import check_ocean
+    from pymantaray.ocean import check_ocean
 
     options: dict[str, Any] = {"time": time, "equation": equation, "currents": currents}
     sources = list(files or [])
     if study is not None:
         from pymantaray.study import load_study
+        from pymantaray.study.assemble import fleet_plan
 
         config = load_study(study)
         if not sources:
@@ -90,11 +97,11 @@ def check(
         raise OceanError("no file is given; name one, or a study with --study")
     if sea_floor is not None:
         options["sea_floor"] = _floor_beneath(sources, options["time"], options["currents"], sea_floor, crs)
-    found = check_ocean(sources, **options)
-    for finding in found:
+    findings = check_ocean(sources, **options)
+    for finding in findings:
         typer.echo(str(finding))
-    typer.echo(f"{len(found.wrong)} wrong, {len(found.doubtful)} doubtful")
-    if not found.ok:
+    typer.echo(f"{len(findings.wrong)} wrong, {len(findings.doubtful)} doubtful")
+    if not findings.ok:
         raise typer.Exit(EXIT_WRONG)
 
 
@@ -103,8 +110,7 @@ def show(
     files: Files, time: Time = None, currents: Currents = "required", equation: Equation = "teos-10"
 ) -> None:
     """Print extent, levels, time, ranges of each variable and history of an ocean."""
-    from pymantaray.ocean import open_ocean
-    from pymantaray.ocean.source import ocean_times
+    from pymantaray.ocean import ocean_times, open_ocean
     from pymantaray.ocean.summary import ocean_facts, variable_table
 
     times = ocean_times(files)
@@ -115,9 +121,8 @@ def show(
     ocean = open_ocean(files, time=time, currents=currents)
     for name, text in ocean_facts(ocean).items():
         typer.echo(f"{name:<11} {text}")
-    typer.echo("")
     table = variable_table(ocean, equation)
-    typer.echo(f"{'variable':<14} {'units':<6} {'least':>9} {'mean':>9} {'greatest':>9}")
+    typer.echo(f"\n{'variable':<14} {'units':<6} {'least':>9} {'mean':>9} {'greatest':>9}")
     for variable, row in table.iterrows():
         least, mean, greatest = (f"{row[column]:9.2f}" for column in ("least", "mean", "greatest"))
         typer.echo(f"{variable!s:<14} {row['units']:<6} {least} {mean} {greatest}")
@@ -147,7 +152,6 @@ def plot(
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress bar.")] = False,
 ) -> None:
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
-    from pymantaray.cli.output import progress_bars
     from pymantaray.ocean import open_ocean
     from pymantaray.report.ocean_plots import write_ocean_plots
 
@@ -155,45 +159,172 @@ def plot(
     ocean = open_ocean(files, time=time, currents=currents)
     floor = None if sea_floor is None else _floor_beneath(files, time, currents, sea_floor, crs)
     with progress_bars(quiet=quiet) as progress:
-        written = write_ocean_plots(ocean, out, depth=depth, place=place, sea_floor=floor, progress=progress)
-    for path in written:
+        paths = write_ocean_plots(ocean, out, depth=depth, place=place, sea_floor=floor, progress=progress)
+    for path in paths:
         typer.echo(str(path))
 
 
-def fleet_plan(config: "StudyConfig") -> dict[str, "NDArray[np.float64]"]:
-    """
-    Points that each vehicle and landmark of a study starts from and plans to reach.
+@app.command()
+def from_cast(
+    cast: Cast,
+    out: Out,
+    bottom: Annotated[
+        float | None,
+        typer.Option("--bottom", help="Depth of the sea bed, in m. Default: what the file tells."),
+    ] = None,
+    half_extent: Annotated[
+        tuple[float, float], typer.Option("--half-extent", help="Half sides north and east, in km.")
+    ] = (60.0, 60.0),
+    below: Annotated[
+        Literal["refuse", "constant"],
+        typer.Option("--below", help="Below the deepest sample: an error, or its water."),
+    ] = "refuse",
+    below_cast: Annotated[
+        Path | None, typer.Option("--below-cast", help="A deeper cast for below the deepest sample.")
+    ] = None,
+    lat: Annotated[
+        float | None, typer.Option("--lat", help="The cast's latitude, if its file has none, in degrees.")
+    ] = None,
+    lon: Annotated[
+        float | None, typer.Option("--lon", help="The cast's longitude, if its file has none, in degrees.")
+    ] = None,
+    time: CastTime = None,
+    name: Annotated[
+        str | None, typer.Option("--name", help="The cast to take, if the file holds several.")
+    ] = None,
+    equation: Equation = "teos-10",
+    force: Overwrite = False,
+) -> None:
+    """Make a horizontally uniform ocean at rest from one cast."""
+    check_output(out, [".nc"], inputs=[cast], force=force)
+    from pymantaray.ocean import cast_ocean, read_cast
 
-    Parameters
-    ----------
-    config : StudyConfig
+    if below_cast is not None and below != "refuse":
+        raise OceanError("--below and --below-cast exclude each other; give one")
+    ocean = cast_ocean(
+        read_cast(cast, lat=lat, lon=lon, time=time, name=name),
+        bottom_depth=bottom,
+        half_extent=(half_extent[0] * _M_PER_KM, half_extent[1] * _M_PER_KM),
+        below=below if below_cast is None else read_cast(below_cast),
+        equation=equation,
+    )
+    _write(ocean, out)
 
-    Returns
-    -------
-    dict of str to ndarray, shape (n, 3)
-        North, east, down; the start first. Drift is not foreseen. [m]
-    """
-    import numpy as np
 
-    from pymantaray.study.assemble import build_fleet
+@app.command()
+def correct(
+    ocean: Ocean,
+    casts: Casts,
+    out: Out,
+    scale: Annotated[
+        float, typer.Option("--scale", help="Horizontal scale of the background's error, in km.")
+    ] = 50.0,
+    noise_ratio: Annotated[
+        float, typer.Option("--noise-ratio", help="Variance of the casts' errors over the background's.")
+    ] = 0.1,
+    vertical_scale: Annotated[
+        float, typer.Option("--vertical-scale", help="Decay below the deepest sample, in m.")
+    ] = 100.0,
+    time_scale: Annotated[
+        float | None,
+        typer.Option("--time-scale", help="Scale in time, in days. Default: casts count in full."),
+    ] = None,
+    time: CastTime = None,
+    force: Overwrite = False,
+) -> None:
+    """Correct a gridded ocean by casts (optimal interpolation)."""
+    check_output(out, [".nc"], inputs=[Path(ocean), *casts], force=force)
+    from pymantaray.ocean import correct_with_casts, open_ocean, read_casts
 
-    plan = {vehicle.name: [tuple(vehicle.position)] for vehicle in build_fleet(config)}
-    for vehicle in config.fleet.vehicles:
-        if vehicle.kind == "float":
-            plan[vehicle.name].append((vehicle.north, vehicle.east, vehicle.target_depth))
-        elif vehicle.kind == "waypoints":
-            plan[vehicle.name].extend(vehicle.points)
-    plan.update({mark.name: [(mark.north, mark.east, mark.depth)] for mark in config.landmarks})
-    return {name: np.array(points, dtype=float) for name, points in plan.items()}
+    corrected = correct_with_casts(
+        open_ocean(ocean, time=time),
+        read_casts(casts),
+        horizontal_scale=scale * _M_PER_KM,
+        noise_ratio=noise_ratio,
+        vertical_scale=vertical_scale,
+        time_scale=None if time_scale is None else time_scale * _S_PER_DAY,
+    )
+    _write(corrected, out)
+
+
+@app.command()
+def perturb(
+    ocean: Ocean,
+    out: Out,
+    method: Annotated[
+        Literal["eof", "mean", "column"],
+        typer.Option("--method", help="Random in vertical modes, the horizontal mean, or one column."),
+    ] = "eof",
+    rms: Annotated[float | None, typer.Option("--rms", help="For eof: of sound speed, in m/s.")] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option("--scale", help="For eof: horizontal scale, in km; inf for the same everywhere."),
+    ] = None,
+    down_to: Annotated[
+        float | None,
+        typer.Option("--down-to", help="For eof: depth down to which rms is meant, in m. Default: all."),
+    ] = None,
+    mode_cast: Annotated[
+        list[Path] | None, typer.Option("--mode-cast", help="For eof: casts whose modes are taken.")
+    ] = None,
+    place: Annotated[
+        tuple[float, float] | None, typer.Option("--place", help="For column: latitude and longitude.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="For eof: one member for each seed.")] = 0,
+    time: CastTime = None,
+    equation: Equation = "teos-10",
+    force: Overwrite = False,
+) -> None:
+    """Make an ocean that is believed instead of the true one."""
+    options = {"rms": rms, "scale": scale, "down-to": down_to, "mode-cast": mode_cast, "place": place}
+    _check_options(method, {name for name, value in options.items() if value not in (None, [])})
+    check_output(out, [".nc"], inputs=[Path(ocean), *(mode_cast or [])], force=force)
+    from pymantaray.geometry import stream
+    from pymantaray.ocean import (
+        column_ocean,
+        mean_ocean,
+        open_ocean,
+        perturb_ocean,
+        read_casts,
+        vertical_modes,
+    )
+    from pymantaray.ocean.schema import with_history
+
+    true = open_ocean(ocean, time=time)
+    if method == "mean":
+        return _write(mean_ocean(true), out)
+    if place is not None:
+        return _write(column_ocean(true, place), out)
+    assert rms is not None and scale is not None  # noqa: PT018  checked above
+    member = perturb_ocean(
+        true,
+        rms=rms,
+        horizontal_scale=scale * _M_PER_KM,
+        rng=stream(seed, 0, "ocean", "perturb"),
+        modes=vertical_modes(read_casts(mode_cast), equation=equation) if mode_cast else None,
+        down_to=down_to,
+        equation=equation,
+    )
+    return _write(with_history(member, f"seed {seed}"), out)
+
+
+def _check_options(method: str, options: set[str]) -> None:
+    needed, further = {
+        "eof": ({"rms", "scale"}, {"down-to", "mode-cast"}),
+        "mean": (set[str](), set[str]()),
+        "column": ({"place"}, set[str]()),
+    }[method]
+    if missing := sorted(needed - options):
+        raise OceanError(f"--method {method}: --{' and --'.join(missing)} needed")
+    if extra := sorted(options - needed - further):
+        raise OceanError(f"--method {method}: takes no --{' and no --'.join(extra)}")
 
 
 def _floor_beneath(
     files: list[str], time: str | None, currents: Literal["required", "rest"], path: Path, crs: str | None
 ) -> "xr.DataArray | None":
     """Sea floor of a file in the ocean's window; None if the ocean does not open, which is said elsewhere."""
-    from pymantaray.ocean import open_ocean
-    from pymantaray.ocean.sea_floor import window_of
-    from pymantaray.ocean.topography import open_sea_floor
+    from pymantaray.ocean import open_ocean, open_sea_floor, window_of
 
     try:
         ocean = open_ocean(files, time=time, currents=currents)
@@ -208,3 +339,18 @@ def _place(text: str) -> tuple[float, float]:
     except ValueError:
         raise OceanError(f"--at {text!r} is not a place; write it as 74.5,-140") from None
     return lat, lon
+
+
+def _write(ocean: "xr.Dataset", out: Path) -> None:
+    """Whole or not at all, and one line for people on what was done last."""
+    import numpy as np
+
+    from pymantaray.records import write_netcdf
+
+    write_netcdf(ocean, out)
+    size = " x ".join(str(ocean.sizes[name]) for name in ("depth", "lat", "lon"))
+    wet = np.isfinite(ocean["water_temp"].values).any(axis=(1, 2))
+    making = [line for line in str(ocean.attrs["history"]).splitlines() if line.startswith(_MAKING)]
+    typer.echo(
+        f"{out}: {size} levels, latitudes, longitudes to {ocean['depth'].values[wet][-1]:g} m; {making[-1]}"
+    )

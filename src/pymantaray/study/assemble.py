@@ -165,6 +165,22 @@ def build_fleet(config: StudyConfig) -> list[Vehicle]:
     ]
 
 
+def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
+    """
+    Points (n, 3) that each vehicle and landmark of a study starts from and plans to reach; the start first.
+
+    North, east, down; drift is not foreseen. [m]
+    """
+    plan = {vehicle.name: [tuple(vehicle.position)] for vehicle in build_fleet(config)}
+    for vehicle in config.fleet.vehicles:
+        if vehicle.kind == "float":
+            plan[vehicle.name].append((vehicle.north, vehicle.east, vehicle.target_depth))
+        elif vehicle.kind == "waypoints":
+            plan[vehicle.name].extend(vehicle.points)
+    plan.update({mark.name: [(mark.north, mark.east, mark.depth)] for mark in config.landmarks})
+    return {name: np.array(points, dtype=float) for name, points in plan.items()}
+
+
 def _start_depth(vehicle: AnyVehicle, floats: FloatSection) -> float:
     if isinstance(vehicle, FloatVehicle):
         return floats.surface_depth if vehicle.surface_depth is None else vehicle.surface_depth

@@ -10,15 +10,20 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
-from pymantaray.ocean import open_ocean, to_local
-from pymantaray.ocean.casts import read_casts
-from pymantaray.ocean.covariance import SoundSpeedCovariance
-from pymantaray.ocean.modes import vertical_modes
-from pymantaray.ocean.perturb import perturb_ocean
-from pymantaray.ocean.random_field import pooled_rms
-from pymantaray.ocean.sea_floor import window_of
-from pymantaray.ocean.source import ocean_times
-from pymantaray.ocean.topography import open_sea_floor
+from pymantaray.ocean import (
+    SoundSpeedCovariance,
+    column_ocean,
+    mean_ocean,
+    ocean_times,
+    open_ocean,
+    open_sea_floor,
+    perturb_ocean,
+    pooled_rms,
+    read_casts,
+    to_local,
+    vertical_modes,
+    window_of,
+)
 from pymantaray.study.assemble import StudyOcean, build_ocean
 from pymantaray.study.config import OceanSection, StationVehicle
 from pymantaray.study.config_estimators import (
@@ -211,18 +216,17 @@ class Beliefs:
         if isinstance(section, PerturbedBelief):
             return perturb_ocean(
                 true,
-                "eof",
                 rms=section.rms,
                 horizontal_scale=section.horizontal_scale,
                 down_to=section.down_to,
-                n_modes=section.n_modes,
+                modes=section.n_modes,
                 rng=stream(config.study.seed, realization, "belief", "perturbed"),
                 equation=config.ocean.equation,
             )
         if isinstance(section, MeanBelief):
-            return perturb_ocean(true, "mean")
+            return mean_ocean(true)
         if isinstance(section, CastBelief):
-            return perturb_ocean(true, "column", place=self._cast_place(section))
+            return column_ocean(true, self._cast_place(section))
         assert isinstance(section, OtherDayBelief)  # the exact one is on disk; for the type checker
         earlier = np.timedelta64(round(section.days_earlier * 86400), "s")
         time = np.datetime64(str(true["time"].values), "ns") - earlier

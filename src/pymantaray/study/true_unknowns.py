@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pymantaray.estimation import Solution
 from pymantaray.estimation.unknowns import UnknownsEstimate
-from pymantaray.ocean.covariance import layer_weights
+from pymantaray.ocean import layer_weights
 from pymantaray.records import Trajectories
 from pymantaray.records.unknowns import SharedUnknowns
 from pymantaray.study.assemble import build_clocks

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics.path_integrals import quadrature
 from pymantaray.estimation.range_models import RangeLinks
-from pymantaray.ocean.covariance import SoundSpeedCovariance
+from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.study.range_models.eigenray import EigenrayModel, Pairs, pairs_of
 
 Array = NDArray[np.float64]
