@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from pymantaray.cli.ocean_fetch import app, parse_pair
 from pymantaray.errors import OceanError
-from pymantaray.ocean.schema import validate_ocean
+from pymantaray.ocean import validate_ocean
 
 HERE = Path(__file__).resolve().parent.parent / "ocean" / "fetch"
 SPEC = importlib.util.spec_from_file_location("fetch_conftest", HERE / "conftest.py")

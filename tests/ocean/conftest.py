@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymantaray.ocean import synthetic_ocean
-from pymantaray.ocean.schema import assemble_ocean
+from pymantaray.ocean import assemble_ocean, synthetic_ocean
 from pymantaray.ocean.synthetic import HYCOM_DEPTHS
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean import validate_ocean
 from pymantaray.ocean.cast_ocean import cast_levels, cast_ocean
 from pymantaray.ocean.casts import Cast, read_cast
 from pymantaray.ocean.local import to_local
-from pymantaray.ocean.schema import validate_ocean
 from pymantaray.ocean.seawater import sound_speed
 
 Z = np.arange(5.0, 301.0, 1.0)

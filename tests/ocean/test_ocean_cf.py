@@ -285,7 +285,7 @@ REFUSED = {
     "wrong way up": (lambda d: d.assign_coords(deptht=-d["deptht"]), "positive down but is negative"),
     "above the surface": (
         lambda d: d.assign_coords(deptht=("deptht", DEPTH - 5.0, d["deptht"].attrs)),
-        "5 m above the surface",
+        "a level 5 above the surface",
     ),
     "months": (_monthly, "climatology"),
     "climatology": (lambda d: _renamed(d, time_counter={"climatology": "bounds"}), "climatology"),

@@ -7,10 +7,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean import synthetic_ocean
-from pymantaray.ocean.check import check_ocean
-from pymantaray.ocean.check_schema import check_schema
-from pymantaray.ocean.schema import validate_ocean
+from pymantaray.ocean import check_ocean, synthetic_ocean, validate_ocean
 
 
 @pytest.fixture
@@ -99,7 +96,7 @@ def test_everything_is_listed_not_only_the_first(healthy):
     ocean = healthy.isel(lat=slice(None, None, -1)).drop_vars("water_v")
     ocean["salinity"].values[3, 4, 5] = 400.0
     del ocean.attrs["title"]
-    found = check_schema(ocean)
+    found = check_ocean(ocean)
     assert {f.what for f in found} == {
         "axis not monotone",
         "variable missing",
@@ -108,24 +105,21 @@ def test_everything_is_listed_not_only_the_first(healthy):
     }
 
 
-def test_files_that_do_not_open_are_told_in_full(healthy, tmp_path):
-    path = tmp_path / "bad.nc"
-    bad = healthy.drop_vars("time").assign_coords(time=("time", [np.datetime64("2020-01-01", "ns")]))
-    bad = xr.Dataset(
-        {
-            n: (("time", "depth", "lat", "lon"), healthy[n].values[None], healthy[n].attrs)
-            for n in healthy.data_vars
-        },
-        coords=bad.coords,
-    )
-    bad["salinity"].values[0, 3, 4, 5] = 400.0
-    bad["water_u"].values[0, 3, 4, 5] = 99.0
-    bad.to_netcdf(path)
-    found = check_ocean(path)
-    assert not found.ok
-    told = " ".join(str(f) for f in found.wrong)
-    assert "salinity" in told
-    assert "water_u" in told
+def test_files_that_do_not_open_are_told_in_full_and_in_the_reader_s_units(healthy, tmp_path):
+    """Temperature in K and currents in cm/s are no fault; a salt spike and a gale in the water are."""
+    steps = healthy.expand_dims("time").transpose("time", "depth", "lat", "lon")
+    steps = steps.assign(water_temp=steps["water_temp"] + 273.15)
+    for name in ("water_u", "water_v"):
+        steps[name] = (100.0 * steps[name]).assign_attrs(healthy[name].attrs | {"units": "cm s-1"})
+    steps["water_temp"].attrs = healthy["water_temp"].attrs | {"units": "K"}
+    steps.to_netcdf(tmp_path / "good.nc")
+    assert check_ocean(tmp_path / "good.nc").ok
+    steps["salinity"].values[0, 3, 4, 5] = 400.0
+    steps["water_u"].values[0, 3, 4, 5] = 9900.0
+    steps.to_netcdf(tmp_path / "bad.nc")
+    findings = check_ocean(tmp_path / "bad.nc")
+    assert [(f.what, f.where) for f in findings] == [("values", "salinity"), ("values", "water_u")]
+    assert findings.wrong[1].found.endswith("to 99")
     assert kinds(check_ocean(tmp_path / "missing.nc"), "wrong") == ["cannot be opened"]
 
 

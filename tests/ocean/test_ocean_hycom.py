@@ -276,21 +276,6 @@ def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path):
     assert grown < 100e6
 
 
-def test_more_than_the_machine_holds_is_refused_with_the_remedy(tmp_path, monkeypatch):
-    n = {"time": 1, "depth": 4, "lat": 100, "lon": 100}
-    axes = {
-        "time": (np.array([0.0]), "hours since 2014-07-15 12:00", "time"),
-        "depth": (np.arange(4.0), "m", "depth"),
-        "lat": (np.linspace(0.0, 10.0, 100), "degrees_north", "latitude"),
-        "lon": (np.linspace(0.0, 10.0, 100), "degrees_east", "longitude"),
-    }
-    netcdf3_header(tmp_path / "small.nc", n, axes, ("water_temp", "salinity", "water_u", "water_v"))
-    monkeypatch.setattr("pymantaray.ocean.files._memory", lambda: 12 * 8 * 40_000 - 1)
-    assert "read a window" in message_of(tmp_path / "small.nc")
-    monkeypatch.setattr("pymantaray.ocean.files._memory", lambda: 12 * 8 * 40_000)
-    assert open_ocean(tmp_path / "small.nc").sizes["lat"] == 100
-
-
 def netcdf3_header(path, sizes, axes, names):
     """Write a 64-bit-offset NetCDF-3 file whose fields are a hole in the file."""
 

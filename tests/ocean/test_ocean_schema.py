@@ -8,7 +8,8 @@ import pytest
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean import open_ocean
-from pymantaray.ocean.schema import VARIABLES, parse_instant, validate_ocean, with_history
+from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.schema import VARIABLES, validate_ocean, with_history
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ BREAKS = {
     "no time": (lambda o: o.drop_vars("time"), "time"),
     "time axis": (lambda o: o.expand_dims("time"), "time"),
     "time a number": (lambda o: o.assign_coords(time=3.0), "time"),
-    "depth from 5": (lambda o: o.assign_coords(depth=o["depth"] + 5.0), "depth starts at 5"),
+    "depth from 5": (lambda o: o.assign_coords(depth=o["depth"] + 5.0), "(depth): starts at 5 m"),
     "depth upward": (lambda o: o.assign_coords(depth=-o["depth"]), "depth"),
     "latitude falls": (lambda o: o.isel(lat=slice(None, None, -1)), "lat"),
     "latitude 95": (lambda o: o.assign_coords(lat=o["lat"] + 50.0), "-90 to 90"),
@@ -41,7 +42,10 @@ BREAKS = {
     "wrong order": (lambda o: o.transpose("lat", "lon", "depth"), "dimensions"),
     "kelvin": (lambda o: o.assign(water_temp=o["water_temp"] + 273.15), "278.15"),
     "all land": (lambda o: o.assign(water_u=o["water_u"] * np.nan), "land"),
-    "masks differ": (lambda o: o.assign(water_v=o["water_v"].where(o["lat"] > 45.0)), "disagree"),
+    "masks differ": (
+        lambda o: o.assign(water_v=o["water_v"].where(o["lat"] > 45.0)),
+        "36 points are missing in it or in water_temp",
+    ),
     "dry above wet": (lambda o: o.where(o["depth"] > 5.0), "beneath a dry one"),
     "no title": (lambda o: o.drop_attrs(), "title"),
     "synthetic perhaps": (lambda o: o.assign_attrs(synthetic="perhaps"), "perhaps"),

@@ -5,9 +5,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean import open_ocean
-from pymantaray.ocean.series import open_ocean_series
-from pymantaray.ocean.source import ocean_times
+from pymantaray.ocean import ocean_times, open_ocean, open_ocean_series
 
 START = np.datetime64("2020-01-01T00:00", "ns")
 

@@ -6,11 +6,11 @@ from pymantaray.ocean.check import check_ocean
 from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.local import to_local
 from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, layer_weights, vertical_modes
+from pymantaray.ocean.open import ocean_times, open_ocean, open_ocean_series
 from pymantaray.ocean.perturb import column_ocean, mean_ocean, perturb_ocean, pooled_rms
+from pymantaray.ocean.schema import assemble_ocean, validate_ocean, with_history
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth, window_of
 from pymantaray.ocean.seawater import sound_speed
-from pymantaray.ocean.series import open_ocean_series
-from pymantaray.ocean.source import ocean_times, open_ocean
 from pymantaray.ocean.summary import region_table, sound_speed_profile_spread
 from pymantaray.ocean.synthetic import synthetic_ocean
 from pymantaray.ocean.topography import open_sea_floor
@@ -18,6 +18,7 @@ from pymantaray.ocean.topography import open_sea_floor
 __all__ = [
     "SoundSpeedCovariance",
     "VerticalModes",
+    "assemble_ocean",
     "cast_ocean",
     "check_ocean",
     "column_ocean",
@@ -39,6 +40,8 @@ __all__ = [
     "sound_speed_profile_spread",
     "synthetic_ocean",
     "to_local",
+    "validate_ocean",
     "vertical_modes",
     "window_of",
+    "with_history",
 ]

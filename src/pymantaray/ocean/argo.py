@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,8 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import Cast, clean_cast
-from pymantaray.ocean.schema import parse_instant
+from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.files import open_file
 
 if TYPE_CHECKING:
     import netCDF4
@@ -97,7 +97,7 @@ def read_argo(path: str | Path) -> list[Cast]:
     import netCDF4
 
     path = Path(path)
-    _probe(path)
+    _check_sizes(path)
     try:
         with netCDF4.Dataset(path, "r") as data:
             return _profiles(data, path)
@@ -108,30 +108,12 @@ def read_argo(path: str | Path) -> list[Cast]:
         raise OceanError(f"{path}: cannot be read as an Argo file, perhaps cut short ({reason})") from None
 
 
-def _probe(path: Path) -> None:
-    """Read what a damaged file could crash on in another process, and check sizes before anything is read."""
-    from pymantaray.ocean import netcdf3
-    from pymantaray.ocean.hdf5 import Hdf5Process
-
-    def allowed(name: str, shape: Sequence[int]) -> None:
-        if math.prod(shape) > _LARGEST:
-            declared = " x ".join(map(str, shape))
-            raise OceanError(f"{path}: {name} declares {declared} values; allowed are {_LARGEST} in all")
-
-    wanted = {f"{p}{suffix}" for p in _PARAMETERS for suffix in ("", "_QC", "_ADJUSTED", "_ADJUSTED_QC")}
-    with path.open("rb") as stream:
-        hdf5 = stream.read(4) == _MAGIC[-1]
-    if not hdf5:
-        for name, variable in netcdf3.read_header(path)[1].items():
-            allowed(name, variable.shape)
-        return
-    with Hdf5Process() as process:
-        for name, declared in process.header(path)["variables"].items():
-            allowed(name, declared["shape"])
-            if name in wanted and declared["dtype"]:
-                selection = tuple(slice(0, n) for n in declared["shape"])
-                size = 8 * math.prod(declared["shape"]) + 2 * int(declared["chunk_bytes"])
-                process.values(path, name, selection, size)
+def _check_sizes(path: Path) -> None:
+    with open_file(path) as data:
+        for name, variable in data.variables.items():
+            if math.prod(variable.shape) > _LARGEST:
+                declared = " x ".join(map(str, variable.shape))
+                raise OceanError(f"{path}: {name} declares {declared} values; allowed are {_LARGEST} in all")
 
 
 def _profiles(data: "netCDF4.Dataset", path: Path) -> list[Cast]:

@@ -1,7 +1,7 @@
-"""The valid ocean that a collection of files holds at one instant."""
+"""The ocean that files hold at one instant: their fields read, converted and put together."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING
 
 import gsw
 import numpy as np
@@ -9,123 +9,92 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean import cf, units
-from pymantaray.ocean.collection import Collection, Currents, Part
-from pymantaray.ocean.conversion import (
+from pymantaray.ocean import cf
+from pymantaray.ocean.convert import (
+    HYCOM_NAMES,
+    IN_SITU,
+    PRACTICAL,
     check_salinity_unit,
     to_fixed_depths,
     to_in_situ_and_practical,
+    to_our_unit,
     up_to_surface,
 )
-from pymantaray.ocean.files import Stored
-from pymantaray.ocean.hycom import HYCOM_NAMES
-from pymantaray.ocean.schema import DIMS, VARIABLES, assemble_ocean, with_history
+from pymantaray.ocean.files import file_name, text
+from pymantaray.ocean.schema import DIMS, VARIABLES, ocean_dataset, with_history
+
+if TYPE_CHECKING:
+    from pymantaray.ocean.open import Collection, Part
 
 Array = NDArray[np.float64]
 _MOST_DISAGREEING = 0.05  # share of the wet points
-_STORAGE = {
-    *("_FillValue", "missing_value", "scale_factor", "add_offset", "coordinates", "calendar", "_Unsigned"),
-    *("DIMENSION_LABELS", "_ARRAY_DIMENSIONS", "_Netcdf4Dimid", "_NCProperties", "_Netcdf4Coordinates"),
-}
+_STORAGE = ("coordinates", "calendar")
 _TEXT = 300  # characters of a title or a source
 
 
-def ocean_at(collection: Collection, instant: np.datetime64, currents: Currents) -> xr.Dataset:
-    """
-    Read, convert and validate the ocean at an instant.
-
-    Parameters
-    ----------
-    collection : Collection
-    instant : numpy.datetime64
-        One of `Collection.times`.
-    currents : {"required", "rest"}
-
-    Returns
-    -------
-    xarray.Dataset
-
-    Raises
-    ------
-    OceanError
-        If something is missing then, or the result is not a valid ocean.
-    """
-    found = collection.at(instant, collection.needed(currents))
-    try:
-        ocean = _ocean(collection, found, instant)
-    except OceanError as error:
-        message = str(error)
-        known = any(message.startswith(part.file.name) for part in collection.parts)
-        raise OceanError(message if known else f"{collection.names}: {message}") from None
-    except Exception as error:  # noqa: BLE001  what no check foresaw in a damaged file
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise OceanError(f"{collection.names}: cannot be read, perhaps damaged ({reason})") from None
-    return ocean
-
-
-def _ocean(
-    collection: Collection, found: Mapping[str, tuple[Part, cf.Field]], instant: np.datetime64
+def ocean_of(
+    fields: Mapping[str, tuple["Part", cf.Field]], instant: np.datetime64, collection: "Collection"
 ) -> xr.Dataset:
-    done: list[str] = []
-    fields = {role: _in_our_unit(part, field, instant) for role, (part, field) in found.items()}
-    part, temperature = found["water_temp"]
-    if "water_u" not in fields:
-        at_rest = np.where(np.isfinite(fields["water_temp"]), 0.0, np.nan)
-        fields |= {"water_u": at_rest, "water_v": at_rest.copy()}
-        done.append("currents at rest: the data set has none")
+    """Ocean of the variables that a collection has at an instant, not validated; its history says what was done."""
+    steps: list[str] = []
+    values = {role: _in_our_unit(part, field, instant) for role, (part, field) in fields.items()}
+    part, temperature = fields["water_temp"]
+    if "water_u" not in values:
+        at_rest = np.where(np.isfinite(values["water_temp"]), 0.0, np.nan)
+        values |= {"water_u": at_rest, "water_v": at_rest.copy()}
+        steps.append("currents at rest: the data set has none")
     own = len(collection.parts) == 1 and _is_own(part)
     if not own:
-        done += _agree_on_wet(fields)
+        steps += _agree_on_wet(values)
     lat, lon, depth = part.grid.lat, part.grid.lon, part.levels
-    salinity = found["salinity"][1]
-    if (temperature.kind, salinity.kind) != (cf.IN_SITU, cf.PRACTICAL):
-        pressure = (
-            depth[:, None, None] if part.is_pressure else gsw.p_from_z(-depth[:, None, None], lat[:, None])
-        )
-        fields["water_temp"], fields["salinity"] = to_in_situ_and_practical(
-            fields["water_temp"], temperature.kind, fields["salinity"], salinity.kind, pressure, lat, lon
-        )
-        done.append(
-            f"temperature from {temperature.kind} to in situ, salinity from {salinity.kind} to practical (TEOS-10)"
+    kinds = temperature.kind, fields["salinity"][1].kind
+    if kinds != (IN_SITU, PRACTICAL):
+        column = depth[:, None, None]
+        pressure = column if part.is_pressure else gsw.p_from_z(-column, lat[:, None])
+        water = ((values["water_temp"], kinds[0]), (values["salinity"], kinds[1]))
+        values["water_temp"], values["salinity"] = to_in_situ_and_practical(*water, pressure, lat, lon)
+        steps.append(
+            f"temperature from {kinds[0]} to in situ, salinity from {kinds[1]} to practical (TEOS-10)"
         )
     if part.is_pressure:
-        depth, fields, moved = to_fixed_depths(fields, depth, lat)
-        done.append(f"levels of pressure moved by up to {moved:.2g} m to one depth each")
+        depth, values, moved = to_fixed_depths(values, depth, lat)
+        steps.append(f"levels of pressure moved by up to {moved:.2g} m to one depth each")
     first = depth[0]
-    depth, fields = up_to_surface(depth, fields, part.file.name)
+    depth, values = up_to_surface(depth, values, file_name(part.data))
     if first != 0.0:
-        done.append(f"level at 0 m added with the values at {first:.4g} m")
-    ocean = assemble_ocean(
+        steps.append(f"level at 0 m added with the values at {first:.4g} m")
+    attrs = collection.parts[0].data.attrs
+    hycom = all(_is_hycom(p) for p in collection.parts)
+    ocean = ocean_dataset(
         {"depth": depth, "lat": lat, "lon": lon},
         instant,
-        fields,
-        title=_title(collection),
-        source=_source(collection),
-        synthetic=any(p.file.attrs.get("synthetic") == 1 for p in collection.parts),
+        values,
+        title=_line(attrs.get("title")) or f"{'HYCOM ' if hycom else ''}{collection.names}",
+        source=_line(attrs.get("source"))
+        or _line(attrs.get("institution"))
+        or ("HYCOM" if hycom else collection.names),
+        synthetic=any(p.data.attrs.get("synthetic") == 1 for p in collection.parts),
     )
     if own:
         return _with_own_attributes(ocean, part)
-    history = _lines(part.file.attrs.get("history"))
-    if history:
-        ocean.attrs["history"] = history
-    for line in done:
+    history = str(part.data.attrs.get("history", "")).splitlines()[:50]
+    for line in filter(None, [*map(_line, history), *steps]):
         ocean = with_history(ocean, line)
     return ocean
 
 
-def _in_our_unit(part: Part, field: cf.Field, instant: np.datetime64) -> Array:
-    stored = part.file.variables[field.variable]
-    where = f"{part.file.name}: {field.variable}"
-    unit = stored.text("units")
-    if field.role == "salinity" and not unit:
-        # the canonical unit 1 of practical salinity is also written as a number, or left out
-        unit = "1" if field.kind == cf.PRACTICAL and ("units" in stored.attrs or _is_hycom(part)) else ""
+def _in_our_unit(part: "Part", field: cf.Field, instant: np.datetime64) -> Array:
+    variable = part.data.variables[field.variable]
+    where, unit = f"{file_name(part.data)}: {field.variable}", text(variable, "units")
+    practical = field.role == "salinity" and field.kind == PRACTICAL
+    if practical and not unit and ("units" in variable.attrs or _is_hycom(part)):
+        unit = "1"  # the canonical unit is also written as a number, or left out
     quantity = {
         "water_temp": "temperature",
-        "salinity": "practical salinity" if field.kind == cf.PRACTICAL else "mass salinity",
+        "salinity": "practical salinity" if practical else "mass salinity",
     }.get(field.role, "velocity")
-    values = units.convert(part.read(field, instant), quantity, unit, where=where)
-    if field.role == "salinity" and field.kind == cf.PRACTICAL:
+    values = to_our_unit(part.read(field, instant), quantity, unit, where=where)
+    if practical:
         check_salinity_unit(values, where)
     return values
 
@@ -137,13 +106,11 @@ def _agree_on_wet(fields: dict[str, Array]) -> list[str]:
     Water needs temperature and salinity from the surface down; a current that is missing there is 0, as
     at the sea bed.
     """
-    valid = np.isfinite(fields["water_temp"]) & np.isfinite(fields["salinity"])
-    wet = np.logical_and.accumulate(valid, axis=0)
-    dropped = int(
-        np.count_nonzero((np.isfinite(fields["water_temp"]) | np.isfinite(fields["salinity"])) & ~wet)
-    )
+    some = np.isfinite(fields["water_temp"]) | np.isfinite(fields["salinity"])
+    both = np.isfinite(fields["water_temp"]) & np.isfinite(fields["salinity"])
+    wet = np.logical_and.accumulate(both, axis=0)
     moving = np.isfinite(fields["water_u"]) & np.isfinite(fields["water_v"])
-    still = int(np.count_nonzero(wet & ~moving))
+    dropped, still = int(np.count_nonzero(some & ~wet)), int(np.count_nonzero(wet & ~moving))
     count = int(np.count_nonzero(wet))
     if not count:
         return []  # what is wrong then is said by the validation
@@ -163,53 +130,40 @@ def _agree_on_wet(fields: dict[str, Array]) -> list[str]:
     return lines
 
 
-def _is_own(part: Part) -> bool:
+def _is_own(part: "Part") -> bool:
     """Whether a file is of our schema, to be given back unchanged."""
-    variables, attrs = part.file.variables, part.file.attrs
+    variables = part.data.variables
     same = all(
         v.name in variables
         and variables[v.name].dims == DIMS
-        and variables[v.name].text("standard_name") == v.standard_name
-        and variables[v.name].text("units") == v.units
+        and text(variables[v.name], "standard_name") == v.standard_name
+        and text(variables[v.name], "units") == v.units
         for v in VARIABLES
     )
-    return same and {"title", "source", "synthetic"} <= attrs.keys() and not variables[part.layout.time].dims
+    stated = {"title", "source", "synthetic"} <= part.data.attrs.keys()
+    return same and stated and not variables[part.layout.time].dims
 
 
-def _with_own_attributes(ocean: xr.Dataset, part: Part) -> xr.Dataset:
-    ocean.attrs = {str(k): v for k, v in part.file.attrs.items() if k not in _STORAGE}
+def _with_own_attributes(ocean: xr.Dataset, part: "Part") -> xr.Dataset:
+    def plain(attrs: Mapping[str, object], *storage: str) -> dict[str, object]:
+        return {
+            k: v.item() if isinstance(v, np.generic) else v
+            for k, v in attrs.items()
+            if k not in (*_STORAGE, *storage)
+        }
+
+    ocean.attrs = plain(part.data.attrs)
     for name in (*(v.name for v in VARIABLES), *DIMS):
-        ocean[name].attrs = _descriptive(part.file.variables[name])
-    time = _descriptive(part.file.variables[part.layout.time])
-    ocean["time"].attrs = {k: v for k, v in time.items() if k != "units"}
+        ocean[name].attrs = plain(part.data.variables[name].attrs)
+    ocean["time"].attrs = plain(part.data.variables[part.layout.time].attrs, "units")
     return ocean
 
 
-def _descriptive(stored: Stored) -> dict[str, Any]:
-    return {str(k): v for k, v in stored.attrs.items() if k not in _STORAGE}
-
-
-def _is_hycom(part: Part) -> bool:
+def _is_hycom(part: "Part") -> bool:
     return all(f.variable in HYCOM_NAMES for f in part.layout.fields)
-
-
-def _title(collection: Collection) -> str:
-    default = f"{'HYCOM ' if all(_is_hycom(p) for p in collection.parts) else ''}{collection.names}"
-    return _line(collection.parts[0].file.attrs.get("title")) or default
-
-
-def _source(collection: Collection) -> str:
-    attrs = collection.parts[0].file.attrs
-    default = "HYCOM" if all(_is_hycom(p) for p in collection.parts) else collection.names
-    return _line(attrs.get("source")) or _line(attrs.get("institution")) or default
 
 
 def _line(value: object) -> str:
     """Attribute as one line of printable text."""
-    text = " ".join(value.split()) if isinstance(value, str) else ""
-    return "".join(c for c in text if c.isprintable())[:_TEXT]
-
-
-def _lines(value: object) -> str:
-    lines = value.splitlines() if isinstance(value, str) else []
-    return "\n".join(line for line in map(_line, lines[:50]) if line)
+    words = " ".join(value.split()) if isinstance(value, str) else ""
+    return "".join(c for c in words if c.isprintable())[:_TEXT]

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.cast import Cast
-from pymantaray.ocean.schema import assemble_ocean, parse_instant, with_history
+from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.schema import assemble_ocean, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
 
 Array = NDArray[np.float64]

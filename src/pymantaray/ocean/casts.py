@@ -13,7 +13,7 @@ from pymantaray.errors import OceanError
 from pymantaray.ocean.argo import is_netcdf, read_argo
 from pymantaray.ocean.cast import Cast, clean_cast
 from pymantaray.ocean.cast_table import CastTable, read_cast_table
-from pymantaray.ocean.schema import parse_instant
+from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.seawater import in_situ_temperature
 
 __all__ = ["Cast", "place_in_comments", "read_cast", "read_casts"]

@@ -1,25 +1,76 @@
 """Is this ocean fit for use: everything that is wrong or doubtful about a data set, not only the first thing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import gsw
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
 
-from pymantaray.errors import OceanError
-from pymantaray.ocean.check_place import check_place
-from pymantaray.ocean.check_schema import check_schema
-from pymantaray.ocean.check_water import check_water
-from pymantaray.ocean.collection import Currents
-from pymantaray.ocean.files import StoredFile, open_stored
-from pymantaray.ocean.findings import Finding, Findings, doubtful, wrong
-from pymantaray.ocean.hdf5 import Hdf5Process
-from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
-from pymantaray.ocean.seawater import Equation
-from pymantaray.ocean.source import open_ocean
+from pymantaray.errors import GeometryError, OceanError
+from pymantaray.geometry import LocalFrame
+from pymantaray.ocean.open import Currents, read_ocean
+from pymantaray.ocean.schema import Finding, place_of, violations
+from pymantaray.ocean.sea_floor import is_finer, local_floor, sea_floor_depth
+from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound_speed
+from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
+SLOWEST, FASTEST = 1_400.0, 1_600.0
+"""Sound speed of sea water anywhere. [m/s]"""
+DENSITY_NOISE = 2e-3
+"""Fall of density with depth that is not worth a word: twice what HYCOM's packing can do. [kg/m3]"""
+SPIKE, JUMP = 10.0, 40.0
+"""Sound speed by which a point may differ from all its neighbours, and from one. [m/s]"""
+STEEPEST = 5.0
+"""Vertical gradient of sound speed: 1 K/m or so. [s-1]"""
+MIN_LEVELS, UPPER, MIN_UPPER = 15, 200.0, 6
+"""Levels in all and in the upper so many metres."""
+COARSE = 12e3
+"""Spacing beyond which eddies and fronts are not resolved; HYCOM's and GLORYS's are 9 km at most. [m]"""
+MIN_NODES = 10
+"""Grid points across the domain."""
+SCALE_ERROR = 1e-3
+"""Distortion of lengths by the projection: 1 m in 1 km. [-]"""
+_GRAVITY = 9.81
+_CHANGES = (
+    *("carried", "extended", "extension", "added", "level", "perturbed", "replaced", "at rest", "set to 0"),
+)
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Everything that a check has found, what is wrong first."""
+
+    every: tuple[Finding, ...] = ()
+
+    @property
+    def wrong(self) -> tuple[Finding, ...]:
+        """Those that make the ocean unusable."""
+        return tuple(f for f in self.every if f.severity == "wrong")
+
+    @property
+    def doubtful(self) -> tuple[Finding, ...]:
+        """Those that someone should look at."""
+        return tuple(f for f in self.every if f.severity == "doubtful")
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing is wrong; something may be doubtful."""
+        return not self.wrong
+
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(self.every)
+
+    def __len__(self) -> int:
+        return len(self.every)
+
+    def named(self, what: str) -> Finding | None:
+        """First finding about a property; None if there is none."""
+        return next((f for f in self.every if f.what == what), None)
 
 
 def check_ocean(
@@ -61,123 +112,282 @@ def check_ocean(
 
     Examples
     --------
-    >>> found = check_ocean("synthetic:fram")
-    >>> found.ok, [f.what for f in found.doubtful]
+    >>> findings = check_ocean("synthetic:fram")
+    >>> findings.ok, [f.what for f in findings.doubtful]
     (True, ['made up'])
     """
     if isinstance(source, xr.Dataset):
-        ocean, found = source, _structure(source)
+        ocean = source
     else:
         try:
-            ocean, found = open_ocean(source, time=time, currents=currents), []
+            ocean = read_ocean(source, time=time, currents=currents)
         except OceanError as error:
-            return _sorted(_unopened(source, str(error)))
-    if any(f.severity == "wrong" for f in found):
-        return _sorted(found)
-    found = [
-        *found,
-        *check_water(ocean, equation),
-        *check_place(ocean, centre=centre, half_extent=half_extent, fleet=fleet or {}, sea_floor=sea_floor),
-        *_provenance(ocean),
-    ]
-    return _sorted(found)
+            return Findings((Finding("wrong", "cannot be opened", str(error)),))
+    findings = list(violations(ocean))
+    if not any(f.severity == "wrong" for f in findings):
+        findings += _water(ocean, equation)
+        findings += _place(ocean, centre, half_extent, fleet or {}, sea_floor)
+        findings += _provenance(ocean)
+    return Findings(tuple(sorted(findings, key=lambda f: f.severity != "wrong")))
 
 
-def _structure(ocean: xr.Dataset) -> list[Finding]:
-    """All violations of the schema; the schema's own validation has the last word."""
-    found = check_schema(ocean)
-    if not any(f.severity == "wrong" for f in found):
-        try:
-            validate_ocean(ocean)
-        except OceanError as error:
-            found.append(wrong("not a valid ocean", str(error), "", ""))
-    return found
+def _doubtful(what: str, found: str, allowed: str, remedy: str, where: str = "") -> Finding:
+    return Finding("doubtful", what, found, allowed, remedy, where)
 
 
-def _unopened(source: str | Path | Sequence[str | Path], reason: str) -> list[Finding]:
-    """Why a source does not open, and what else is wrong in its files as far as they can be read."""
-    paths = [Path(s) for s in ([source] if isinstance(source, str | Path) else source)]
-    raw = _raw(paths)
-    found = [] if raw is None else [f for f in check_schema(raw) if f.severity == "wrong"]
-    said = [f for f in found if f.where and f.where.split()[0] in reason]
-    if any(f.what != "variable missing" for f in said):
-        return found  # with more detail than the reason
-    opening = wrong("cannot be opened", reason, "", "")
-    return [opening, *(f for f in found if f not in said)]
-
-
-def _raw(paths: Sequence[Path]) -> xr.Dataset | None:
-    """Files as they are, one time step, under the schema's names; None where that makes no sense."""
-    fields: dict[str, xr.DataArray] = {}
-    coordinates: dict[str, xr.DataArray] = {}
-    try:
-        with Hdf5Process() as reader:
-            for path in paths:
-                file = open_stored(path, reader)
-                for v in VARIABLES:
-                    if v.name in file.variables:
-                        fields[v.name] = _first(file, v.name)
-                for name in DIMS:
-                    stored = {"lat": "latitude", "lon": "longitude"}.get(name, "")
-                    found = name if name in file.variables else stored
-                    if found in file.variables and len(file.variables[found].dims) == 1:
-                        units = {"units": file.variables[found].text("units")}
-                        coordinates[name] = xr.DataArray(file.values(found), dims=(name,), attrs=units)
-        if not fields:
-            return None
-        time = np.datetime64("NaT", "ns")  # whether times can be read, the opening has said
-        lent = {"title": "", "source": "", "synthetic": 0}  # files need not have them
-        return xr.Dataset(fields, coords={**coordinates, "time": time}, attrs=lent)
-    except (OceanError, ValueError):
-        return None  # it cannot be opened: that is known already
-
-
-def _first(file: StoredFile, name: str) -> xr.DataArray:
-    """First time step of a variable, its dimensions called as the schema does."""
-    variable = file.variables[name]
-    values = file.values(name, {"time": slice(0, 1)})
-    kept = [k for k, dim in enumerate(variable.dims) if dim != "time"]
-    dims = [{"latitude": "lat", "longitude": "lon"}.get(variable.dims[k], variable.dims[k]) for k in kept]
-    shape = [values.shape[k] for k in kept]
-    return xr.DataArray(values.reshape(shape), dims=dims, attrs={"units": variable.text("units")})
-
-
-def _provenance(ocean: xr.Dataset) -> list[Finding]:
+def _provenance(ocean: xr.Dataset) -> Iterator[Finding]:
     """Doubts from what the ocean says about itself."""
-    found = []
     if int(ocean.attrs.get("synthetic", 0)):
-        found.append(
-            doubtful("made up", "synthetic = 1", "", "do not report it as a model's or a measurement's ocean")
+        yield _doubtful(
+            "made up", "synthetic = 1", "", "do not report it as a model's or a measurement's ocean"
         )
-    still = not any(
-        np.any(ocean[name].values[np.isfinite(ocean[name].values)]) for name in ("water_u", "water_v")
-    )
+    still = all(not np.any(np.nan_to_num(ocean[name].values)) for name in ("water_u", "water_v"))
     if still:
-        found.append(
-            doubtful(
-                "currents at rest", "0 m/s everywhere", "", "floats do not drift; give u and v if they should"
-            )
+        yield _doubtful(
+            "currents at rest", "0 m/s everywhere", "", "floats do not drift; give u and v if they should"
         )
-    found.extend(
-        doubtful("changed", line.strip(), "", "see that the change is meant")
-        for line in str(ocean.attrs.get("history", "")).splitlines()
-        if any(word in line.lower() for word in _CHANGES) and not (still and "rest" in line.lower())
-    )
-    return found
+    for line in str(ocean.attrs.get("history", "")).splitlines():
+        if any(word in line.lower() for word in _CHANGES) and not (still and "rest" in line.lower()):
+            yield _doubtful("changed", line.strip(), "", "see that the change is meant")
 
 
-_CHANGES = (
-    "carried",
-    "extended",
-    "extension",
-    "added",
-    "level",
-    "perturbed",
-    "replaced",
-    "at rest",
-    "set to 0",
-)
+def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
+    """Is it sea water: sound speed, stability, gaps and jumps."""
+    depth, lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("depth", "lat", "lon"))
+    water = (ocean["water_temp"].values, ocean["salinity"].values)
+    place = (depth[:, None, None], lat[:, None], lon)
+    speed = sound_speed(*water, *place, equation=equation)
+    wet = np.isfinite(water[0])
+    bad = wet & ~((speed >= SLOWEST) & (speed <= FASTEST))
+    if bad.any():
+        off = np.abs(speed - 0.5 * (SLOWEST + FASTEST))
+        worst = np.where(bad, np.where(np.isnan(speed), np.inf, off), -np.inf)
+        at = np.unravel_index(int(np.argmax(worst)), speed.shape)
+        yield Finding(
+            "wrong",
+            "sound speed",
+            f"{np.count_nonzero(bad)} of {np.count_nonzero(wet)} wet points, the worst {speed[at]:.1f} m/s",
+            f"{SLOWEST:g} to {FASTEST:g} m/s",
+            "check units and fill values of temperature and salinity",
+            place_of(ocean, at),
+        )
+    yield from _inversions(ocean, absolute_and_conservative(*water, *place))
+    yield from _islands(ocean, wet)
+    yield from _jumps(ocean, speed, depth)
+    yield from _levels(depth, wet, water)
 
 
-def _sorted(found: list[Finding]) -> Findings:
-    return Findings(tuple(sorted(found, key=lambda f: f.severity != "wrong")))
+def _inversions(ocean: xr.Dataset, water: tuple[Array, Array, Array]) -> Iterator[Finding]:
+    """
+    Density that falls with depth, by the square of the buoyancy frequency between neighbouring levels.
+
+    See the documentation of ``gsw_Nsquared`` in the Gibbs SeaWater toolbox (as reproduced in the manual of its R
+    package).
+    """
+    SA, CT, p = water
+    lat = np.broadcast_to(ocean["lat"].values[:, None], SA.shape)
+    squared, _ = gsw.Nsquared(SA, CT, p, lat=lat, axis=0)
+    depth = np.asarray(ocean["depth"].values, dtype=float)
+    rise = np.asarray(squared * 1_027.0 * np.diff(depth)[:, None, None] / _GRAVITY)  # kg/m3
+    unstable = rise < -DENSITY_NOISE
+    if unstable.any():
+        k, i, j = np.unravel_index(int(np.nanargmin(rise)), rise.shape)
+        yield _doubtful(
+            "density inversions",
+            f"{np.count_nonzero(unstable)} of {np.count_nonzero(np.isfinite(rise))} pairs of levels, the largest"
+            f" {-rise[k, i, j]:.3f} kg/m3 between {depth[k]:g} and {depth[k + 1]:g} m (N2 ="
+            f" {squared[k, i, j]:.1e} s-2)",
+            f"{DENSITY_NOISE:g} kg/m3, which is rounding",
+            "interpolation or assimilation can do this; look at a section there",
+            place_of(ocean, (k, i, j)),
+        )
+
+
+def _islands(ocean: xr.Dataset, wet: NDArray[np.bool_]) -> Iterator[Finding]:
+    beside = np.nansum(_around(wet.astype(float)), axis=0)
+    lone = wet & (beside == 0)
+    if lone.any():
+        yield _doubtful(
+            "isolated wet points",
+            f"{np.count_nonzero(lone)} points without a wet neighbour at their level",
+            "",
+            "a hole of one point in the sea bed; interpolation across it is guesswork",
+            place_of(ocean, np.argwhere(lone)[0]),
+        )
+    land = ~wet[0] & (beside[0] == 4)
+    if land.any():
+        yield _doubtful(
+            "land of one point",
+            f"{np.count_nonzero(land)} columns",
+            "",
+            "an islet, or a gap in the data",
+            place_of(ocean, (0, *np.argwhere(land)[0])),
+        )
+
+
+def _around(field: Array) -> Array:
+    """Values at the four horizontal neighbours, shape (4, depth, lat, lon); NaN beyond the edge."""
+    wide = np.pad(field, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
+    return np.stack([wide[:, :-2, 1:-1], wide[:, 2:, 1:-1], wide[:, 1:-1, :-2], wide[:, 1:-1, 2:]])
+
+
+def _jumps(ocean: xr.Dataset, speed: Array, depth: Array) -> Iterator[Finding]:
+    step = speed - _around(speed)
+    known = np.isfinite(step)
+    above = np.where(known, step, np.inf).min(axis=0)
+    below = np.where(known, step, -np.inf).max(axis=0)
+    lone = np.where(known.sum(axis=0) >= 3, np.maximum(above, -below), 0.0)
+    largest = np.where(known, np.abs(step), 0.0).max(axis=0)
+    for what, size, limit, remedy in (
+        ("spikes", lone, SPIKE, "no front does this; look for a wrong value"),
+        (
+            "jumps between neighbours",
+            largest,
+            JUMP,
+            "a front this sharp is not resolved; look for a wrong value",
+        ),
+    ):
+        if np.any(size > limit):
+            at = np.unravel_index(int(np.argmax(size)), size.shape)
+            yield _doubtful(
+                what,
+                f"sound speed at {np.count_nonzero(size > limit)} points, the largest by {size[at]:.1f} m/s",
+                f"{limit:g} m/s",
+                remedy,
+                place_of(ocean, at),
+            )
+    slope = np.abs(np.diff(speed, axis=0)) / np.diff(depth)[:, None, None]
+    if np.any(slope > STEEPEST):
+        at = np.unravel_index(int(np.nanargmax(slope)), slope.shape)
+        yield _doubtful(
+            "jumps between levels",
+            f"gradient of sound speed at {np.count_nonzero(slope > STEEPEST)} points, the largest"
+            f" {slope[at]:.2g} s-1",
+            f"{STEEPEST:g} s-1",
+            "look for a wrong value or a level out of place",
+            place_of(ocean, at),
+        )
+
+
+def _levels(depth: Array, wet: NDArray[np.bool_], water: tuple[Array, Array]) -> Iterator[Finding]:
+    used = depth[wet.any(axis=(1, 2))]
+    upper = int(np.count_nonzero(used <= UPPER))
+    if used.size < MIN_LEVELS or (used[-1] > UPPER and upper < MIN_UPPER):
+        yield _doubtful(
+            "few levels",
+            f"{used.size} down to {used[-1]:g} m, {upper} in the upper {UPPER:g} m",
+            f"{MIN_LEVELS} and {MIN_UPPER}",
+            "ducts between the levels are lost; take a source with more",
+        )
+    both = wet[0] & wet[1]
+    if both.any() and all(np.array_equal(field[0][both], field[1][both]) for field in water):
+        yield _doubtful(
+            "first level carried up",
+            f"temperature and salinity at 0 m equal those at {depth[1]:g} m everywhere",
+            "",
+            "nothing was known above; ducts at the surface depend on it",
+        )
+
+
+def _place(
+    ocean: xr.Dataset,
+    centre: tuple[float, float] | None,
+    half_extent: tuple[float, float] | None,
+    fleet: Mapping[str, Array],
+    sea_floor: xr.DataArray | None,
+) -> Iterator[Finding]:
+    """Does it hold the domain and the fleet: coverage, spacing and the projection's error."""
+    lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
+    if centre is None:
+        centre = (0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1]))
+    try:
+        window = Window(lat, lon, LocalFrame(*centre))
+        largest = window.largest_rectangle()
+    except (OceanError, GeometryError) as error:
+        remedy = "fetch the window around the centre"
+        yield Finding("wrong", "coverage", str(error), "centre inside the data", remedy)
+        return
+    half = largest if half_extent is None else half_extent
+    if not window.holds(*half):
+        yield Finding(
+            "wrong",
+            "coverage",
+            f"domain of +-{half[0] / 1e3:g} km north, +-{half[1] / 1e3:g} km east",
+            f"+-{largest[0] / 1e3:.1f} km by +-{largest[1] / 1e3:.1f} km fits",
+            "fetch a larger window or shrink the domain",
+            f"{centre[0]:g} N {centre[1]:g} E",
+        )
+        return
+    yield from _fleet(ocean, window, half, fleet, sea_floor)
+    yield from _grid(window, half)
+
+
+def _grid(window: Window, half: tuple[float, float]) -> Iterator[Finding]:
+    spacing = window.native_spacing()
+    nodes = [2.0 * h / s for h, s in zip(half, spacing, strict=True)]
+    if max(spacing) > COARSE or min(nodes) < MIN_NODES:
+        yield _doubtful(
+            "coarse grid",
+            f"{spacing[0] / 1e3:.1f} km by {spacing[1] / 1e3:.1f} km, {nodes[0]:.0f} by {nodes[1]:.0f} cells"
+            " across the domain",
+            f"{COARSE / 1e3:g} km and {MIN_NODES} cells",
+            "fronts and eddies are lost; take a finer source or a larger domain",
+        )
+    side = np.linspace(-1.0, 1.0, 21)
+    north, east = half[0] * side[:, None], half[1] * side[None, :]
+    error = float(np.max(np.abs(window.frame.scale_factor(north, east) - 1.0)))
+    if error > SCALE_ERROR:
+        yield _doubtful(
+            "projection error",
+            f"lengths up to {1e3 * error:.2g} m in 1 km too long at the domain's edge",
+            f"{1e3 * SCALE_ERROR:g} m in 1 km",
+            "set half_extent to what the fleet needs",
+        )
+
+
+def _fleet(
+    ocean: xr.Dataset,
+    window: Window,
+    half: tuple[float, float],
+    fleet: Mapping[str, Array],
+    sea_floor: xr.DataArray | None,
+) -> Iterator[Finding]:
+    finer = sea_floor is not None and is_finer(sea_floor, window)
+    if sea_floor is not None and finer:
+        try:
+            local = local_floor(sea_floor, window, half)
+        except OceanError as error:
+            yield Finding("wrong", "sea floor", str(error), "the whole domain", "fetch a larger window of it")
+            return
+        bed = RegularGridInterpolator((local.north, local.east), local.depth)
+    else:
+        bed = RegularGridInterpolator((window.lat, window.lon), sea_floor_depth(ocean).values)
+    for name, plan in fleet.items():
+        where = f"vehicle {name}"
+        points = np.atleast_2d(np.asarray(plan, dtype=float))
+        outside = np.any(np.abs(points[:, :2]) > np.asarray(half) + 1e-6, axis=1)
+        if outside.any():
+            north, east = points[int(np.argmax(outside)), :2] / 1e3
+            yield Finding(
+                "wrong",
+                "coverage",
+                f"{np.count_nonzero(outside)} of {len(points)} planned points outside the domain, the first"
+                f" {north:g} km north, {east:g} km east",
+                f"+-{half[0] / 1e3:.1f} km by +-{half[1] / 1e3:.1f} km",
+                "fetch a larger window or move the vehicle",
+                where,
+            )
+            continue
+        at = points[:, :2] if finer else np.stack(window.geographic(points[:, 0], points[:, 1]), axis=-1)
+        beds = bed(at)
+        short = points[:, 2] - beds
+        if np.any(short > 0.0):
+            worst = 0 if short[0] > 0.0 else int(np.argmax(short))
+            yield Finding(
+                "doubtful" if worst else "wrong",
+                "sea bed above the vehicle",
+                f"sea bed at {beds[worst]:.0f} m, {'plan' if worst else 'start'} at {points[worst, 2]:g} m",
+                f"above {beds[worst]:.0f} m",
+                "it stops at the bed; move it to deeper water or plan shallower",
+                where,
+            )

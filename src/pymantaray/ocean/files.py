@@ -1,226 +1,173 @@
-"""Opening data sets that nobody vouches for: sizes are checked before anything is read."""
+"""NetCDF files and zarr folders, opened lazily by xarray's engines, and what these do not know."""
 
 import math
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import re
+import traceback
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean import netcdf3
-from pymantaray.ocean.hdf5 import Hdf5Process
+from pymantaray.records.writing import NETCDF_LOCK
 
 Array = NDArray[np.float64]
-Attributes = Mapping[str, Any]
-
-BASE_BYTES = 64 << 20
-"""Values of one variable (as float64) that are read from any file, however small. [bytes]"""
-BYTES_PER_BYTE = 32
-"""Values of one variable (as float64) that are read beyond that, per byte of the file's own size; a field
-that compresses more is refused where it is larger than `BASE_BYTES`."""
-_MEMORY_SHARE = 1 / 12  # of the machine, for one of four variables; conversion holds up to three of each
-_NETCDF_FILL = 9.96e36  # of floats that were never written
-_INTEGER_FILL = {"i2": -32767, "i4": -2147483647}
+MEMORY_SHARE = 1 / 12
+"""Of the machine's memory, for one of four variables; conversion holds up to three of each."""
+_NEVER_WRITTEN = {  # what the NetCDF library fills in where a variable declares nothing
+    "f4": np.float32(9.9692099683868690e36),
+    "f8": np.float64(9.9692099683868690e36),
+    "i2": np.int16(-32767),
+    "i4": np.int32(-2147483647),
+}
 
 
-@dataclass(frozen=True)
-class Stored:
-    """One variable of a data set: what its header says, and how to read a block of it."""
-
-    name: str
-    dims: tuple[str, ...]
-    shape: tuple[int, ...]
-    dtype: np.dtype[np.generic] | None
-    """None where the values are text or otherwise no numbers."""
-    attrs: Attributes
-    chunk_bytes: int
-    """What has to be read at once, decompressed; 0 where any block can be. [bytes]"""
-    read: Callable[[tuple[slice, ...]], NDArray[np.generic]]
-
-    def text(self, attribute: str) -> str:
-        """Attribute as text; empty where it is missing or a number."""
-        value = self.attrs.get(attribute, "")
-        return value.strip() if isinstance(value, str) else ""
-
-
-@dataclass(frozen=True)
-class StoredFile:
-    """A data set as it is stored: a NetCDF file or a zarr folder."""
-
-    path: Path
-    size: int
-    """[bytes]"""
-    attrs: Attributes
-    variables: Mapping[str, Stored]
-
-    @property
-    def name(self) -> str:
-        """Name for messages."""
-        return self.path.name
-
-    def values(self, name: str, selection: Mapping[str, slice] | None = None) -> Array:
-        """
-        Block of a variable as numbers: fill values masked, scale and offset applied.
-
-        Parameters
-        ----------
-        name : str
-        selection : mapping of str to slice, optional
-            Slices by dimension, without steps; by default everything.
-
-        Returns
-        -------
-        ndarray
-            NaN where a value is missing.
-
-        Raises
-        ------
-        OceanError
-            If the variable holds no numbers, is damaged, or needs more memory than a file of this size
-            can account for.
-        """
-        variable = self.variables[name]
-        if variable.dtype is None:
-            raise OceanError(f"{self.name}: {name} holds text or records, not numbers; write it as numbers")
-        key = []
-        for dim, n in zip(variable.dims, variable.shape, strict=True):
-            wanted = (selection or {}).get(dim, slice(None))
-            start, stop, _ = wanted.indices(n)
-            key.append(slice(start, max(start, stop)))
-        self._check_size(variable, math.prod(s.stop - s.start for s in key))
-        return _decoded(variable, variable.read(tuple(key)))
-
-    def _check_size(self, variable: Stored, count: int) -> None:
-        allowed = BASE_BYTES + BYTES_PER_BYTE * self.size
-        needed = max(8 * count, variable.chunk_bytes)
-        if needed > _MEMORY_SHARE * _memory() and needed <= allowed:
-            raise OceanError(
-                f"{self.name}: {variable.name} alone takes {needed / 2**30:.1f} GiB, the machine has"
-                f" {_memory() / 2**30:.0f}; read a window, south, north, west, east"
-            )
-        if needed > allowed:
-            raise OceanError(
-                f"{self.name}: {variable.name} declares {needed / 2**20:.0f} MiB, a file of"
-                f" {self.size / 2**20:.3g} MiB may hold {allowed / 2**20:.0f}; it is damaged, or read a"
-                " smaller window"
-            )
-
-
-def open_stored(path: str | Path, reader: Hdf5Process) -> StoredFile:
+def open_file(path: str | Path) -> xr.Dataset:
     """
-    Read the header of a NetCDF file or of a zarr folder.
+    Header of a data set, its values read where they are asked for: see `numbers`. To be closed.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-    reader : Hdf5Process
-        Reads the NetCDF-4 files; must be open while values are read.
-
-    Returns
-    -------
-    StoredFile
-
-    Raises
-    ------
-    OceanError
-        If there is nothing, nothing of a known kind, or something damaged.
+    Fill values become NaN, scale and offset are applied; times stay numbers.
     """
+    if re.match(r"\w+:/", str(path)):
+        raise OceanError(
+            f"{without_password(path)}: an address, not a file; get it with mantaray ocean fetch, or download it"
+        )
     path = Path(path)
-    if "://" in str(path) or str(path).startswith(("http:", "https:")):
-        raise OceanError(f"{path}: an address, not a file; get it with mantaray ocean fetch, or download it")
-    if path.is_dir():
-        from pymantaray.ocean.zarr_folder import open_zarr
+    engine = _engine(path)
+    with NETCDF_LOCK, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            options: dict[str, Any] = {"consolidated": False} if engine == "zarr" else {}
+            raw = xr.open_dataset(path, engine=engine, decode_cf=False, **options)
+            try:
+                if engine == "netcdf4":
+                    _check_length(raw, path)
+                data = decoded(raw)
+            except BaseException:
+                raw.close()
+                raise
+        except Exception as error:  # noqa: BLE001  the engines raise whatever they stumble over
+            cause: BaseException | None = error
+            while (
+                cause is not None
+            ):  # scipy's file that is half open ends here, where its warnings are not heard
+                traceback.clear_frames(cause.__traceback__)
+                cause = cause.__context__
+            raise unreadable(path, error) from None
+    data.set_close(raw.close)
+    data.encoding = {"source": str(path)}
+    return data
 
-        return open_zarr(path)
+
+def decoded(raw: xr.Dataset) -> xr.Dataset:
+    """Data set whose fill values, scale and offset are applied as CF has it, in double precision; times are not."""
+    for variable in raw.variables.values():
+        for name in ("scale_factor", "add_offset"):
+            if name in variable.attrs:
+                variable.attrs[name] = _decimal(float(variable.attrs[name]))
+        kind = variable.dtype.str[1:]
+        if "_FillValue" not in variable.attrs and kind in _NEVER_WRITTEN:
+            variable.attrs["_FillValue"] = _NEVER_WRITTEN[kind]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of fill values that differ from each other: all are
+        return xr.decode_cf(raw, decode_times=False, decode_coords=False, decode_timedelta=False)
+
+
+def numbers(data: xr.Dataset, name: str, selection: Mapping[str, slice] | None = None) -> Array:
+    """Values of a variable, or of the block that slices by dimension select; NaN where one is missing."""
+    variable = data.variables[name].isel(selection or {}, missing_dims="ignore")
+    if variable.dtype.kind not in "biuf":
+        raise OceanError(f"{file_name(data)}: {name} holds text or records, not numbers; write it as numbers")
+    needed, memory = 8 * math.prod(variable.shape), _memory()
+    if needed > MEMORY_SHARE * memory:
+        raise OceanError(
+            f"{file_name(data)}: {name} alone takes {needed / 2**30:.1f} GiB, the machine has"
+            f" {memory / 2**30:.0f}; read a window, south, north, west, east"
+        )
+    try:
+        with NETCDF_LOCK:
+            return np.array(variable.values, dtype=float)
+    except Exception as error:  # noqa: BLE001
+        raise unreadable(file_name(data), error) from None
+
+
+def file_name(data: xr.Dataset) -> str:
+    """Name for messages."""
+    return Path(data.encoding["source"]).name
+
+
+def text(variable: xr.Variable | xr.DataArray, attribute: str) -> str:
+    """Attribute as text; empty where it is missing or a number."""
+    value = variable.attrs.get(attribute, "")
+    return value.strip() if isinstance(value, str) else ""
+
+
+def without_password(address: object) -> str:
+    """Address without what stands before its host: no file, message or manifest is to hold it."""
+    return re.sub(r"(?<=://)[^/?#]*@", "", str(address))
+
+
+def unreadable(path: str | Path, error: Exception) -> OceanError:
+    """Damage that a library stumbled over, as one line."""
+    if isinstance(error, OceanError):
+        return error
+    reason = " ".join(str(error).split())[:120] or type(error).__name__
+    return OceanError(f"{Path(path).name}: cannot be read, perhaps cut short or damaged ({reason})")
+
+
+def _engine(path: Path) -> str:
+    if path.is_dir():
+        return _zarr_engine(path)
     if not path.is_file():
         raise OceanError(f"{path}: no such file; name an existing NetCDF file")
     with path.open("rb") as stream:
         start = stream.read(4)
-    if start in (b"CDF\x01", b"CDF\x02", b"CDF\x05"):
-        return _netcdf3(path)
-    if start == b"\x89HDF":
-        return _netcdf4(path, reader)
+    if start in (b"CDF\x01", b"CDF\x02"):
+        return "scipy"  # refuses what is cut short, where netCDF4 gives zeros
+    if start in (b"CDF\x05", b"\x89HDF"):
+        return "netcdf4"
     raise OceanError(f"{path.name}: neither NetCDF-3 nor NetCDF-4; was an error page saved instead?")
 
 
-def _netcdf3(path: Path) -> StoredFile:
-    attrs, variables = netcdf3.read_header(path)
+def _zarr_engine(path: Path) -> str:
+    metadata = [file for name in ("zarr.json", ".zgroup", ".zarray") for file in path.rglob(name)]
+    if not metadata:
+        raise OceanError(f"{path.name}: a folder, but no zarr group; name NetCDF files or a zarr folder")
+    for file in metadata:
+        if '"pickle"' in file.read_text(encoding="utf-8", errors="replace"):
+            raise OceanError(f"{path.name}: {file.parent.name} is coded by pickle, which runs what it holds")
+    try:
+        import zarr  # noqa: F401
+    except ImportError:
+        raise OceanError(
+            f'{path.name}: reading zarr needs the extra; pip install "pymantaray[zarr]"'
+        ) from None
+    return "zarr"
 
-    def reader(variable: netcdf3.Variable3) -> Callable[[tuple[slice, ...]], NDArray[np.generic]]:
-        return lambda key: netcdf3.read_values(path, variable, key)
 
-    stored = {
-        name: Stored(name, v.dims, v.shape, None if v.dtype.kind == "S" else v.dtype, v.attrs, 0, reader(v))
-        for name, v in variables.items()
-    }
-    return StoredFile(path, path.stat().st_size, attrs, stored)
-
-
-def _netcdf4(path: Path, process: Hdf5Process) -> StoredFile:
-    header = process.header(path)
-
-    def reader(name: str, declared: Mapping[str, Any]) -> Callable[[tuple[slice, ...]], NDArray[np.generic]]:
-        width = np.dtype(declared["dtype"] or "u1").itemsize
-
-        def read(key: tuple[slice, ...]) -> NDArray[np.generic]:
-            wanted = width * math.prod(s.stop - s.start for s in key)
-            return process.values(path, name, key, wanted + 2 * int(declared["chunk_bytes"]))
-
-        return read
-
-    stored = {
-        name: Stored(
-            name,
-            tuple(v["dims"]),
-            tuple(v["shape"]),
-            np.dtype(v["dtype"]) if v["dtype"] else None,
-            v["attrs"],
-            int(v["chunk_bytes"]),
-            reader(name, v),
+def _check_length(raw: xr.Dataset, path: Path) -> None:
+    """Refuse a NetCDF-3 file of 64-bit data that is cut short: the library gives zeros for what is not there."""
+    with path.open("rb") as stream:
+        classic = stream.read(3) == b"CDF"
+    declared = sum(variable.nbytes for variable in raw.variables.values())
+    if classic and declared > path.stat().st_size:
+        raise OceanError(
+            f"{path.name}: cannot be read, it declares {declared} bytes and has {path.stat().st_size};"
+            " it is cut short, fetch it again"
         )
-        for name, v in header["variables"].items()
-    }
-    return StoredFile(path, path.stat().st_size, header["attrs"], stored)
+
+
+def _decimal(number: float) -> float:
+    """Shortest decimal number of a float32: HYCOM packs in steps of 0.001, not of 0.0010000000474974513."""
+    single = np.float32(number)
+    return float(str(single)) if float(single) == number else number
 
 
 def _memory() -> int:
     """Of the machine. [bytes]"""
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-def _decoded(variable: Stored, raw: NDArray[np.generic]) -> Array:
-    """Numbers from what is stored, as the NetCDF User's Guide has it: mask first, then scale and offset."""
-    kind = raw.dtype.kind
-    if kind == "i" and variable.text("_Unsigned").lower() == "true":
-        raw = raw.view(raw.dtype.str.replace("i", "u"))
-    fills = [
-        number
-        for name in ("_FillValue", "missing_value")
-        for number in np.atleast_1d(np.asarray(variable.attrs.get(name, np.nan)))
-        if isinstance(number, np.number)
-    ]
-    with np.errstate(all="ignore"):
-        values = np.array(raw, dtype=float)
-        missing = ~np.isfinite(values)
-        if kind == "f":
-            missing |= np.abs(values) >= _NETCDF_FILL
-        elif "_FillValue" not in variable.attrs and raw.dtype.str[1:] in _INTEGER_FILL:
-            missing |= values == _INTEGER_FILL[raw.dtype.str[1:]]
-        for fill in fills:
-            missing |= values == float(raw.dtype.type(fill)) if kind == "f" else values == float(fill)
-        scale, offset = (_number(variable, name) for name in ("scale_factor", "add_offset"))
-        if scale is not None:
-            values *= scale
-        if offset is not None:
-            values += offset
-    values[missing] = np.nan
-    return values
-
-
-def _number(variable: Stored, name: str) -> float | None:
-    value = variable.attrs.get(name)
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry.longitude import contiguous
-from pymantaray.ocean.hycom import SAME_DEGREES
 
 Array = NDArray[np.float64]
 GeographicWindow = tuple[float, float, float, float]
 """South, north, west, east. [degrees]"""
+SAME_DEGREES = 1e-3
+"""HYCOM's coordinates are off the exact grid by 3e-5. [degrees]"""
 _MOST_BLOCKS = 8
 
 

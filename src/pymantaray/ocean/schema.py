@@ -1,13 +1,16 @@
-"""What a valid ocean is: a geographic data set with HYCOM's names, units and signs."""
+"""What a valid ocean is: a geographic data set with HYCOM's names, units and signs. One list of rules says so."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.longitude import wrapped
+from pymantaray.ocean.convert import is_our_unit, our_unit
 
 Array = NDArray[np.float64]
 DIMS = ("depth", "lat", "lon")
@@ -16,26 +19,78 @@ MIN_POINTS = {"depth": 2, "lat": 4, "lon": 4}  # horizontal cubic splines need f
 
 @dataclass(frozen=True)
 class Variable:
-    """Name, CF attributes and physically possible span of one variable."""
+    """Name, CF attributes, quantity and physically possible span of one variable."""
 
     name: str
     standard_name: str
-    units: str
+    quantity: str
     lowest: float
     highest: float
 
+    @property
+    def units(self) -> str:
+        """As CF writes them."""
+        return our_unit(self.quantity)
+
 
 VARIABLES = (
-    Variable("water_temp", "sea_water_temperature", "degC", -5.0, 45.0),
-    Variable("salinity", "sea_water_practical_salinity", "1", 0.0, 50.0),
-    Variable("water_u", "eastward_sea_water_velocity", "m s-1", -10.0, 10.0),
-    Variable("water_v", "northward_sea_water_velocity", "m s-1", -10.0, 10.0),
+    Variable("water_temp", "sea_water_temperature", "temperature", -5.0, 45.0),
+    Variable("salinity", "sea_water_practical_salinity", "practical salinity", 0.0, 50.0),
+    Variable("water_u", "eastward_sea_water_velocity", "velocity", -10.0, 10.0),
+    Variable("water_v", "northward_sea_water_velocity", "velocity", -10.0, 10.0),
 )
+_AXES = {"depth": "length", "lat": "latitude", "lon": "longitude"}
 _COORDINATES = {
     "depth": {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"},
     "lat": {"standard_name": "latitude", "units": "degrees_north", "axis": "Y"},
     "lon": {"standard_name": "longitude", "units": "degrees_east", "axis": "X"},
 }
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong (the ocean cannot be used) or doubtful (it can; someone should look)."""
+
+    severity: Literal["wrong", "doubtful"]
+    what: str
+    """The property, in a few words."""
+    found: str
+    """Value with unit."""
+    allowed: str = ""
+    """Limit with unit."""
+    remedy: str = ""
+    where: str = ""
+    """Place and depth, variable or axis; empty if it is the ocean as a whole."""
+
+    def __str__(self) -> str:
+        """One line."""
+        place = f" ({self.where})" if self.where else ""
+        limit = f"; allowed {self.allowed}" if self.allowed else ""
+        remedy = f"; {self.remedy}" if self.remedy else ""
+        return f"{self.severity}: {self.what}{place}: {self.found}{limit}{remedy}"
+
+
+def ocean_dataset(
+    coordinates: dict[str, Array],
+    time: np.datetime64,
+    fields: dict[str, Array],
+    *,
+    title: str,
+    source: str,
+    synthetic: bool,
+) -> xr.Dataset:
+    """Arrays as a data set of the schema, with CF attributes, not validated; see `assemble_ocean`."""
+    return xr.Dataset(
+        {
+            v.name: (DIMS, fields[v.name], {"standard_name": v.standard_name, "units": v.units})
+            for v in VARIABLES
+        },
+        coords={
+            **{k: ((k,), coordinates[k], attrs) for k, attrs in _COORDINATES.items()},
+            "time": ((), time.astype("datetime64[ns]"), {"standard_name": "time", "axis": "T"}),
+        },
+        attrs={"Conventions": "CF-1.8", "title": title, "source": source, "synthetic": int(synthetic)},
+    )
 
 
 def assemble_ocean(
@@ -73,17 +128,7 @@ def assemble_ocean(
     OceanError
         If the result does not satisfy `validate_ocean`.
     """
-    ocean = xr.Dataset(
-        {
-            v.name: (DIMS, fields[v.name], {"standard_name": v.standard_name, "units": v.units})
-            for v in VARIABLES
-        },
-        coords={
-            **{k: ((k,), coordinates[k], attrs) for k, attrs in _COORDINATES.items()},
-            "time": ((), time.astype("datetime64[ns]"), {"standard_name": "time", "axis": "T"}),
-        },
-        attrs={"Conventions": "CF-1.8", "title": title, "source": source, "synthetic": int(synthetic)},
-    )
+    ocean = ocean_dataset(coordinates, time, fields, title=title, source=source, synthetic=synthetic)
     validate_ocean(ocean)
     return ocean
 
@@ -114,35 +159,6 @@ def with_history(ocean: xr.Dataset, line: str) -> xr.Dataset:
     return ocean.assign_attrs(history=f"{before}\n{line.strip()}" if before else line.strip())
 
 
-def parse_instant(time: str | np.datetime64) -> np.datetime64:
-    """
-    Instant in UTC from text or numpy's type.
-
-    Parameters
-    ----------
-    time : str or numpy.datetime64
-        Without a zone it is taken as UTC.
-
-    Returns
-    -------
-    numpy.datetime64
-
-    Raises
-    ------
-    OceanError
-        If it cannot be read.
-    """
-    try:
-        stamp = pd.Timestamp(time)
-    except (TypeError, ValueError):
-        stamp = pd.Timestamp("NaT")
-    if pd.isna(stamp):
-        raise OceanError(f"time {time!r} is not an instant; write it as 2014-07-15T12:00 (UTC)")
-    if stamp.tz is not None:
-        stamp = stamp.tz_convert("UTC").tz_localize(None)
-    return stamp.to_datetime64()
-
-
 def layer_edges(depth: Array) -> Array:
     """Depths (n + 1,) between which each of n levels stands for the water: half-way to its neighbours. [m]"""
     return np.concatenate([depth[:1], 0.5 * (depth[:-1] + depth[1:]), depth[-1:]])
@@ -164,74 +180,161 @@ def validate_ocean(ocean: xr.Dataset) -> None:
     Raises
     ------
     OceanError
-        With one line that says what is wrong, where, and what is allowed.
+        With the first violation.
     """
-    for name in (*DIMS, "time"):
-        if name not in ocean.coords:
-            raise OceanError(
-                f"ocean: coordinate {name!r} is missing; needs depth, lat, lon and a scalar time"
-            )
+    for finding in violations(ocean):
+        if finding.severity == "wrong":
+            raise OceanError(f"ocean: {str(finding).removeprefix('wrong: ')}")
+
+
+def violations(ocean: xr.Dataset) -> Iterator[Finding]:
+    """
+    Everything about a data set that is against the schema, or not said.
+
+    ``where`` begins with the variable's or axis' name. What needs a healthy structure (which points are wet) is only
+    compared where there is one.
+    """
     for name in DIMS:
-        _check_axis(name, ocean[name])
-    if ocean["time"].ndim or not np.issubdtype(ocean["time"].dtype, np.datetime64):
-        raise OceanError("ocean: time must be one instant (a datetime64 scalar); select one time step")
-    for v in VARIABLES:
-        _check_variable(ocean, v)
-    _check_wet(ocean)
+        yield from _axis(ocean, name)
+    if "time" not in ocean.coords:
+        yield Finding("wrong", "axis missing", "no such coordinate", "one instant", "add the time", "time")
+    elif ocean["time"].ndim or not np.issubdtype(ocean["time"].dtype, np.datetime64):
+        axis = f"{ocean['time'].size} of {ocean['time'].dtype}"
+        yield Finding("wrong", "axis", axis, "one datetime64", "select one time step", "time")
+    for variable in VARIABLES:
+        yield from _variable(ocean, variable)
+    yield from _wet(ocean)
     missing = [name for name in ("title", "source", "synthetic") if name not in ocean.attrs]
     if missing:
-        raise OceanError(
-            f"ocean: attributes {missing} are missing; needs title, source and synthetic (0 or 1)"
+        yield Finding(
+            "wrong", "attributes missing", ", ".join(missing), "title, source, synthetic", "set them"
         )
-    if ocean.attrs["synthetic"] not in (0, 1):
-        raise OceanError(f"ocean: attribute synthetic is {ocean.attrs['synthetic']!r}; allowed are 0 and 1")
+    elif ocean.attrs["synthetic"] not in (0, 1):
+        yield Finding("wrong", "attribute", repr(ocean.attrs["synthetic"]), "0 or 1", "set it", "synthetic")
 
 
-def _check_axis(name: str, axis: xr.DataArray) -> None:
-    if axis.dims != (name,):
-        raise OceanError(f"ocean: coordinate {name!r} has dimensions {axis.dims}; needs ({name!r},)")
+def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
+    def wrong(what: str, found: str, allowed: str, remedy: str) -> Finding:
+        return Finding("wrong", what, found, allowed, remedy, name)
+
+    if name not in ocean.coords:
+        yield wrong("axis missing", "no such coordinate", ", ".join(DIMS), "name it so")
+        return
+    axis = ocean[name]
+    yield from _unit(axis, _AXES[name], "convert the axis")
+    if axis.dims != (name,) or not np.issubdtype(axis.dtype, np.number):
+        yield wrong("axis", f"dimensions {axis.dims}, {axis.dtype}", "one of numbers", "rebuild it")
+        return
     values = np.asarray(axis.values, dtype=float)
     if values.size < MIN_POINTS[name]:
-        raise OceanError(f"ocean: {values.size} point(s) along {name!r}; needs at least {MIN_POINTS[name]}")
-    if not np.all(np.isfinite(values)) or not np.all(np.diff(values) > 0.0):
-        raise OceanError(f"ocean: coordinate {name!r} does not rise strictly; sort it and drop duplicates")
-    if name == "depth" and values[0] != 0.0:
-        raise OceanError(f"ocean: depth starts at {values[0]:g} m; must start at 0 m, positive down")
-    if name == "lat" and (values[0] < -90.0 or values[-1] > 90.0):
-        raise OceanError(f"ocean: latitude spans {values[0]:g} to {values[-1]:g}; allowed -90 to 90 degrees")
-    if name == "lon" and values[-1] - values[0] >= 360.0:
-        raise OceanError(f"ocean: longitude spans {values[-1] - values[0]:g} degrees; allowed less than 360")
+        yield wrong("axis too short", f"{values.size} points", f"{MIN_POINTS[name]} or more", "widen it")
+    rising = np.diff(values) > 0.0
+    if not rising.all():
+        yield wrong(
+            "axis not monotone",
+            f"{np.count_nonzero(~rising)} of {rising.size} steps do not rise, the first after"
+            f" {values[int(np.argmin(rising))]:g}",
+            "strictly rising",
+            "sort it and drop duplicates",
+        )
+    elif name == "depth" and values.size and values[0] != 0.0:
+        yield wrong("axis", f"starts at {values[0]:g} m", "0 m, positive down", "add a level at 0 m")
+    finite = values[np.isfinite(values)]
+    if name == "lat" and np.abs(finite).max(initial=0.0) > 90.0:
+        yield wrong("axis", f"spans {finite.min():g} to {finite.max():g}", "-90 to 90 degrees", "check it")
+    if name == "lon" and finite.size and np.ptp(finite) >= 360.0:
+        yield wrong("axis", f"spans {np.ptp(finite):g} degrees", "less than 360", "cut it")
 
 
-def _check_variable(ocean: xr.Dataset, v: Variable) -> None:
-    if v.name not in ocean:
-        needed = ", ".join(w.name for w in VARIABLES)
-        raise OceanError(f"ocean: variable {v.name!r} ({v.standard_name}) is missing; needs {needed}")
+def _unit(array: xr.DataArray, quantity: str, remedy: str) -> Iterator[Finding]:
+    unit = str(array.attrs.get("units", "")).strip()
+    if unit and not is_our_unit(quantity, unit):
+        yield Finding("wrong", "units", unit, our_unit(quantity), remedy, str(array.name))
+
+
+def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
+    def wrong(what: str, found: str, allowed: str, remedy: str) -> Finding:
+        return Finding("wrong", what, found, allowed, remedy, v.name)
+
+    if v.name not in ocean.data_vars:
+        yield wrong("variable missing", "none", v.standard_name, "add it")
+        return
     field = ocean[v.name]
+    if not str(field.attrs.get("units", "")).strip():
+        yield Finding("doubtful", "units", "not stated", v.units, "state them", v.name)
+    yield from _unit(field, v.quantity, "convert the values")
     if field.dims != DIMS:
-        raise OceanError(f"ocean: {v.name} has dimensions {field.dims}; needs {DIMS}")
-    values = field.values
+        remedy = "transpose the variable" if set(field.dims) == set(DIMS) else "rebuild the variable"
+        yield wrong("dimensions", str(field.dims), str(DIMS), remedy)
+        if set(field.dims) != set(DIMS):
+            return
+    if not np.issubdtype(field.dtype, np.number):
+        yield wrong("type", str(field.dtype), "numbers", "rebuild the variable")
+        return
+    values = np.asarray(field.values, dtype=float)
     finite = np.isfinite(values)
-    if not np.any(finite):
-        raise OceanError(f"ocean: {v.name} has no valid value; is the window on land?")
-    low, high = float(np.min(values[finite])), float(np.max(values[finite]))
-    if low < v.lowest or high > v.highest:
-        raise OceanError(
-            f"ocean: {v.name} spans {low:g} to {high:g}; allowed {v.lowest:g} to {v.highest:g} {v.units};"
-            " check packing, units and fill value"
+    if np.isinf(values).any():
+        count = np.count_nonzero(np.isinf(values))
+        yield wrong("not finite", f"{count} infinite values", "NaN below the sea bed", "mask them")
+    if not finite.any():
+        yield wrong("no valid value", "all missing", "water somewhere", "is the window on land?")
+        return
+    outside = finite & ((values < v.lowest) | (values > v.highest))
+    if outside.any():
+        yield wrong(
+            "values",
+            f"{np.count_nonzero(outside)} of {np.count_nonzero(finite)} outside, {values[finite].min():g} to"
+            f" {values[finite].max():g}",
+            f"{v.lowest:g} to {v.highest:g} {v.units}",
+            "check packing, units and fill value",
         )
 
 
-def _check_wet(ocean: xr.Dataset) -> None:
-    wet = np.isfinite(ocean["water_temp"].values)
-    for v in VARIABLES[1:]:
-        differing = int(np.count_nonzero(np.isfinite(ocean[v.name].values) != wet))
-        if differing:
-            raise OceanError(
-                f"ocean: {v.name} and water_temp disagree on {differing} points about what is below the sea bed"
+def _wet(ocean: xr.Dataset) -> Iterator[Finding]:
+    """What is wet in one variable and dry in another, or wet beneath a dry point."""
+    fields = {v.name: ocean[v.name] for v in VARIABLES if v.name in ocean and ocean[v.name].dims == DIMS}
+    numeric = all(np.issubdtype(field.dtype, np.number) for field in fields.values())
+    if "water_temp" not in fields or not numeric:
+        return
+    wet = np.isfinite(fields.pop("water_temp").values)
+    for name, field in fields.items():
+        differ = np.isfinite(field.values) != wet
+        if differ.any():
+            yield Finding(
+                "wrong",
+                "NaN islands",
+                f"{np.count_nonzero(differ)} points are missing in it or in water_temp, not in both",
+                "the same points",
+                "mask all variables alike, or fill the gap",
+                f"{name} {place_of(ocean, np.argwhere(differ)[0])}",
             )
-    holes = int(np.count_nonzero(wet[1:] & ~wet[:-1]))
-    if holes:
-        raise OceanError(
-            f"ocean: {holes} wet points lie beneath a dry one; water must reach up to the surface"
+    beneath = wet[1:] & ~np.logical_and.accumulate(wet, axis=0)[:-1]
+    if beneath.any():
+        k, i, j = np.argwhere(beneath)[0]
+        yield Finding(
+            "wrong",
+            "NaN islands",
+            f"{np.count_nonzero(beneath)} wet points lie beneath a dry one",
+            "none",
+            "fill the gap above them, or mask them",
+            f"water_temp {place_of(ocean, (k + 1, i, j))}",
         )
+
+
+def place_of(ocean: xr.Dataset, index: Sequence[Any] | NDArray[np.intp]) -> str:
+    """Place of a grid point by its indices, in words, as ``34.64 N, 74.72 W, 50 m``."""
+    if any(name not in ocean.coords or ocean[name].ndim != 1 for name in DIMS):
+        return f"index {', '.join(str(int(n)) for n in index)}"
+    depth, lat, lon = (float(ocean[name].values[n]) for name, n in zip(DIMS, index, strict=True))
+    return f"{latitude(lat)}, {longitude(lon)}, {depth:g} m"
+
+
+def latitude(value: float) -> str:
+    """Latitude in words, as ``74.5 N``."""
+    return f"{abs(round(value, 3)):g} {'S' if value < 0.0 else 'N'}"
+
+
+def longitude(value: float) -> str:
+    """Longitude of any 360 degree window in words, as ``140 W``."""
+    turned = wrapped(value)
+    return f"{abs(round(turned, 3)):g} {'W' if turned < 0.0 else 'E'}"

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry.longitude import eastward, whole_turns, wrapped
-from pymantaray.ocean.files import Stored, StoredFile, open_stored
+from pymantaray.ocean.files import file_name, numbers, open_file, text
 from pymantaray.ocean.grid import GeographicWindow, checked_window
-from pymantaray.ocean.hdf5 import Hdf5Process
 from pymantaray.ocean.topography_projected import axis_metres, geographic_grid, mapping_of
 
 Array = NDArray[np.float64]
@@ -53,8 +52,8 @@ _METRES = {"", "m", "meter", "meters", "metre", "metres"}
 class _Field(NamedTuple):
     """Variable that holds the sea floor, its two axes, and which way it counts."""
 
-    file: StoredFile
-    variable: Stored
+    file: xr.Dataset
+    variable: str
     lat: str
     lon: str
     positive: str
@@ -62,21 +61,22 @@ class _Field(NamedTuple):
 
     def axis(self, name: str) -> Array:
         """Values of an axis, monotone."""
-        values = self.file.values(name).ravel()
+        values = numbers(self.file, name).ravel()
         steps = np.diff(values)
         if values.size < 2 or not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             raise OceanError(
-                f"{self.file.name}: axis {name} is not monotone or has fewer than 2 points; sort it"
+                f"{file_name(self.file)}: axis {name} is not monotone or has fewer than 2 points; sort it"
             )
         return values
 
     def read(self, rows: slice, columns: slice) -> Array:
         """One rectangle, latitude first."""
-        block = self.file.values(self.variable.name, {self.lat: rows, self.lon: columns})
-        single = tuple(k for k, dim in enumerate(self.variable.dims) if dim not in (self.lat, self.lon))
+        dims = self.file.variables[self.variable].dims
+        block = numbers(self.file, self.variable, {self.lat: rows, self.lon: columns})
+        single = tuple(k for k, dim in enumerate(dims) if dim not in (self.lat, self.lon))
         block = block.squeeze(single)
-        dims = [dim for dim in self.variable.dims if dim in (self.lat, self.lon)]
-        return block if dims[0] == self.lat else block.T
+        first = next(dim for dim in dims if dim in (self.lat, self.lon))
+        return block if first == self.lat else block.T
 
 
 def open_sea_floor(
@@ -120,12 +120,12 @@ def open_sea_floor(
     differ by up to 100 m; GEBCO's standard name says that, but its long name says sea level. Where a depth
     is missing there is land, as models have it; where a height is missing the file is refused.
     """
-    with Hdf5Process() as reader:
-        field = _find(open_stored(path, reader))
+    with open_file(path) as file:
+        field = _find(file)
         if _is_projected(field):
             if window is None:
                 raise OceanError(
-                    f"{field.file.name}: its axes are in metres; name a window (south, north, west, east)"
+                    f"{file_name(field.file)}: its axes are in metres; name a window (south, north, west, east)"
                 )
             unit = axis_metres(field.file, field.lon)
             lat, lon, values = geographic_grid(
@@ -133,7 +133,7 @@ def open_sea_floor(
                 field.read,
                 mapping_of(field.file, field.variable, crs),
                 checked_window(window),
-                field.file.name,
+                file_name(field.file),
             )
         else:
             lat, lon, values = _cut(field, window)
@@ -149,49 +149,50 @@ def open_sea_floor(
             "standard_name": "sea_floor_depth_below_sea_surface",
             "units": "m",
             "positive": "down",
-            "source": f"{field.file.name}: {field.variable.name}",
+            "source": f"{file_name(field.file)}: {field.variable}",
         },
     )
 
 
-def _find(file: StoredFile) -> _Field:
+def _find(file: xr.Dataset) -> _Field:
     """Variable on two horizontal axes whose standard name, or else name, is a sea floor's."""
     ranked: dict[bool, list[_Field]] = {True: [], False: []}
     for name, variable in file.variables.items():
+        name = str(name)
         axes = _horizontal(file, variable)
-        standard, stated = variable.text("standard_name"), variable.text("positive").lower()
+        standard, stated = text(variable, "standard_name"), text(variable, "positive").lower()
         by_standard = "down" if standard in _DOWN else "up" if standard in _UP else None
         by_name = _NAMED.get(name.lower())
         if axes is None or (by_standard is None and by_name is None):
             continue
         positive = stated if stated in ("up", "down") else by_standard or by_name or ""
-        ranked[by_standard is not None].append(_Field(file, variable, *axes, positive))
+        ranked[by_standard is not None].append(_Field(file, name, *axes, positive))
     found = ranked[True] or ranked[False]
     if len(found) == 1:
-        units = found[0].variable.text("units").lower()
+        units = text(file.variables[found[0].variable], "units").lower()
         if units not in _METRES:
-            raise OceanError(f"{file.name}: {found[0].variable.name} is in {units!r}; needs metres")
+            raise OceanError(f"{file_name(file)}: {found[0].variable} is in {units!r}; needs metres")
         return found[0]
     if found:
-        names = ", ".join(f.variable.name for f in found)
-        raise OceanError(f"{file.name}: several sea floors ({names}); keep one in the file")
+        names = ", ".join(f.variable for f in found)
+        raise OceanError(f"{file_name(file)}: several sea floors ({names}); keep one in the file")
     if "spacing" in file.variables and len(file.variables.get("z", file.variables["spacing"]).dims) == 1:
         raise OceanError(
-            f"{file.name}: GEBCO's old one-dimensional layout; convert it with GMT's grdconvert to a grid"
+            f"{file_name(file)}: GEBCO's old one-dimensional layout; convert it with GMT's grdconvert to a grid"
         )
-    listed = ", ".join([n for n, v in file.variables.items() if v.dims != (n,)][:6]) or "nothing"
+    listed = ", ".join([str(n) for n, v in file.variables.items() if v.dims != (n,)][:6]) or "nothing"
     raise OceanError(
-        f"{file.name}: no sea floor on latitude and longitude among {listed}; needs elevation, z, deptho or a"
+        f"{file_name(file)}: no sea floor on latitude and longitude among {listed}; needs elevation, z, deptho or a"
         " variable with a CF standard name such as sea_floor_depth_below_geoid"
     )
 
 
-def _horizontal(file: StoredFile, variable: Stored) -> tuple[str, str] | None:
+def _horizontal(file: xr.Dataset, variable: xr.Variable) -> tuple[str, str] | None:
     """Names of the latitude-like and the longitude-like dimension; every other one has one entry."""
     lat = lon = None
-    for dim, size in zip(variable.dims, variable.shape, strict=True):
+    for dim, size in zip(map(str, variable.dims), variable.shape, strict=True):
         axis = file.variables.get(dim)
-        standard = "" if axis is None else axis.text("standard_name")
+        standard = "" if axis is None else text(axis, "standard_name")
         named = axis is not None and axis.dims == (dim,)
         if named and (standard in _Y or (not standard and dim.lower() in _LAT)):
             lat = dim
@@ -206,7 +207,7 @@ def _is_projected(field: _Field) -> bool:
     for name, limit in ((field.lat, 90.0), (field.lon, 540.0)):
         if axis_metres(field.file, name) is not None:
             return True
-        degrees = field.file.variables[name].text("units").lower().startswith("degree")
+        degrees = text(field.file.variables[name], "units").lower().startswith("degree")
         if not degrees and np.max(np.abs(field.axis(name))) > limit + 1e-6:
             return True
     return False
@@ -215,7 +216,7 @@ def _is_projected(field: _Field) -> bool:
 def _cut(field: _Field, window: GeographicWindow | None) -> tuple[Array, Array, Array]:
     """Latitudes, longitudes and values of a window, as few rectangles of the file as that takes."""
     lat, lon = field.axis(field.lat), field.axis(field.lon)
-    name = field.file.name
+    name = file_name(field.file)
     if np.abs(lat).max() > 90.0 + 1e-6:
         raise OceanError(f"{name}: latitudes {lat.min():g} to {lat.max():g}; allowed -90 to 90 degrees")
     rows, columns, turned = _inside(lat, lon, None if window is None else checked_window(window))
@@ -269,7 +270,7 @@ def _inside(
 
 def _downward(values: Array, field: _Field) -> Array:
     """Depth, positive down, 0 on land and where a depth is missing."""
-    name, positive = f"{field.file.name}: {field.variable.name}", field.positive
+    name, positive = f"{file_name(field.file)}: {field.variable}", field.positive
     finite = values[np.isfinite(values)]
     if not finite.size:
         raise OceanError(f"{name} has no value in the window; choose another window")

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 import pyproj
+import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry.longitude import eastward, whole_turns
-from pymantaray.ocean.files import Stored, StoredFile
+from pymantaray.ocean.files import file_name, text
 from pymantaray.ocean.grid import GeographicWindow
 
 Array = NDArray[np.float64]
@@ -21,13 +22,13 @@ _UNITS = {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "k
 _REMEDY = 'name it with crs, "EPSG:3996" for IBCAO, or use the geographic version of the file'
 
 
-def axis_metres(file: StoredFile, axis: str) -> float | None:
+def axis_metres(file: xr.Dataset, axis: str) -> float | None:
     """
     Length of an axis' unit, if it is one of length.
 
     Parameters
     ----------
-    file : StoredFile
+    file : xarray.Dataset
     axis : str
         Name of a variable in it.
 
@@ -36,17 +37,17 @@ def axis_metres(file: StoredFile, axis: str) -> float | None:
     float or None
         None if the unit is not stated or is none of length. [m]
     """
-    return _UNITS.get(file.variables[axis].text("units").lower())
+    return _UNITS.get(text(file.variables[axis], "units").lower())
 
 
-def mapping_of(file: StoredFile, variable: Stored, crs: str | None) -> pyproj.CRS:
+def mapping_of(file: xr.Dataset, variable: str, crs: str | None) -> pyproj.CRS:
     """
     Coordinate reference system of a variable on projected axes.
 
     Parameters
     ----------
-    file : StoredFile
-    variable : Stored
+    file : xarray.Dataset
+    variable : str
         Its attribute ``grid_mapping`` names a variable of the file (CF conventions, section 5.6); else the
         only variable with a grid mapping's attributes is taken.
     crs : str or None
@@ -66,13 +67,13 @@ def mapping_of(file: StoredFile, variable: Stored, crs: str | None) -> pyproj.CR
             return pyproj.CRS.from_user_input(crs)
         except pyproj.exceptions.CRSError:
             raise OceanError(f"crs {crs!r} is unknown to PROJ; write it as EPSG:3996") from None
-    named = variable.text("grid_mapping")
+    named = text(file.variables[variable], "grid_mapping")
     candidates = [named] if named in file.variables else list(file.variables)
     attributes = [file.variables[name].attrs for name in candidates]
     mappings = [a for a in attributes if {"grid_mapping_name", "crs_wkt", "spatial_ref"} & set(a)]
     if len(mappings) != 1:
         raise OceanError(
-            f"{file.name}: axes of {variable.name} are projected, and {len(mappings)} grid mappings are given;"
+            f"{file_name(file)}: axes of {variable} are projected, and {len(mappings)} grid mappings are given;"
             f" {_REMEDY}"
         )
     try:
@@ -80,7 +81,7 @@ def mapping_of(file: StoredFile, variable: Stored, crs: str | None) -> pyproj.CR
     except (pyproj.exceptions.CRSError, KeyError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split())[:100]
         raise OceanError(
-            f"{file.name}: its grid mapping cannot be understood ({reason}); {_REMEDY}"
+            f"{file_name(file)}: its grid mapping cannot be understood ({reason}); {_REMEDY}"
         ) from None
 
 

@@ -12,10 +12,15 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Absorption, Currents, FluidBottom, Medium, SeaSurface, Sonar, WenzNoise
 from pymantaray.fleet import Behaviour, ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints
-from pymantaray.ocean import open_ocean, region_table, sound_speed_profile_spread, to_local
+from pymantaray.ocean import (
+    ocean_times,
+    open_ocean,
+    open_ocean_series,
+    region_table,
+    sound_speed_profile_spread,
+    to_local,
+)
 from pymantaray.ocean.sea_floor import window_of
-from pymantaray.ocean.series import open_ocean_series
-from pymantaray.ocean.source import ocean_times
 from pymantaray.ocean.topography import open_sea_floor
 from pymantaray.sensing import ClockModel, Detector, OneWay, Timing, TwoWay
 from pymantaray.sensing.picker import Picker

@@ -11,8 +11,8 @@ import xarray as xr
 from tomli_w import dumps
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean import validate_ocean
 from pymantaray.ocean.fetch.catalogue import load_catalogue
-from pymantaray.ocean.schema import validate_ocean
 
 pytest.importorskip("pydap.parsers", reason="the extra 'fetch' is not installed")
 pytest.importorskip("waitress", reason="waitress, which serves pydap's application here, is not installed")

@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean import validate_ocean
 from pymantaray.ocean.fetch import fetch_copernicus
-from pymantaray.ocean.schema import validate_ocean
 
 # first and last levels of the 50 of GLORYS12 [m]
 LEVELS = np.array(

@@ -13,8 +13,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean.convert import without_scaled_fill
 from pymantaray.ocean.fetch.messages import EXTRA, one_line, server_message
-from pymantaray.ocean.hycom import without_scaled_fill
 
 Array = NDArray[np.float64]
 Instants = NDArray[np.datetime64]

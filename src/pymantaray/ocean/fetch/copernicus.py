@@ -11,11 +11,12 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.fetch.catalogue import Product, load_catalogue, minute
 from pymantaray.ocean.fetch.hycom import Fetched, check_out, write_whole
 from pymantaray.ocean.fetch.messages import one_line
 from pymantaray.ocean.fetch.region import LARGEST_VALUES, Region
-from pymantaray.ocean.schema import parse_instant, with_history
+from pymantaray.ocean.schema import with_history
 
 _EXTRA = 'needs the package copernicusmarine: pip install "pymantaray[copernicus]"'
 _POINTS_PER_DEGREE = 12
@@ -178,7 +179,7 @@ def _one_line_errors(dataset: str) -> Iterator[None]:
 
 
 def _opened(parts: list[Path], day: np.datetime64) -> xr.Dataset:
-    from pymantaray.ocean.source import open_ocean
+    from pymantaray.ocean.open import open_ocean
 
     try:
         return open_ocean(parts if len(parts) > 1 else parts[0], time=day).load()

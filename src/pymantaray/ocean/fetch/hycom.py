@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.fetch import dap, subset
 from pymantaray.ocean.fetch.answers import readers
 from pymantaray.ocean.fetch.cache import Cache
@@ -16,7 +17,7 @@ from pymantaray.ocean.fetch.kept import Report, Source, WindowFields
 from pymantaray.ocean.fetch.region import Region
 from pymantaray.ocean.fetch.steps import Step, expected_step, find_step
 from pymantaray.ocean.fetch.transport import Limits, ServerError, Transport
-from pymantaray.ocean.schema import assemble_ocean, parse_instant, with_history
+from pymantaray.ocean.schema import assemble_ocean, with_history
 from pymantaray.records import write_netcdf
 
 

@@ -14,8 +14,7 @@ from pymantaray.ocean.fetch.kept import Array, Source, WindowFields
 from pymantaray.ocean.fetch.messages import place
 from pymantaray.ocean.fetch.region import LARGEST_VALUES, Region
 from pymantaray.ocean.fetch.transport import ServerError
-from pymantaray.ocean.files import open_stored
-from pymantaray.ocean.hdf5 import Hdf5Process
+from pymantaray.ocean.files import numbers, open_file, text
 
 _MARGIN = 0.12  # degrees; more than a step of the widest grid, so that the window can be enclosed
 _LARGEST = 512 * 2**20  # bytes of one answer
@@ -47,8 +46,7 @@ def read_window(
     OceanError
         If the service refuses, or sends another time, place or grid than asked for.
     """
-    with Hdf5Process() as reader:
-        return _read_all(source, urls, instant, region, region.boxes(seam, _MARGIN), reader)
+    return _read_all(source, urls, instant, region, region.boxes(seam, _MARGIN))
 
 
 def _read_all(
@@ -57,7 +55,6 @@ def _read_all(
     instant: np.datetime64,
     region: Region,
     boxes: list[tuple[float, float]],
-    reader: Hdf5Process,
 ) -> WindowFields:
     fields: dict[str, Array] = {}
     axes: dict[str, Array] = {}
@@ -66,7 +63,7 @@ def _read_all(
         parts = []
         for box in boxes:
             source.report(done, total)
-            parts.append(_read_box(source, url, name, instant, region, box, reader))
+            parts.append(_read_box(source, url, name, instant, region, box))
             done += 1
         try:
             whole = _joined(parts)
@@ -93,7 +90,6 @@ def _read_box(
     instant: np.datetime64,
     region: Region,
     box: tuple[float, float],
-    reader: Hdf5Process,
 ) -> xr.DataArray:
     time = f"{np.datetime_as_string(instant, unit='s')}Z"
     query = {
@@ -110,15 +106,15 @@ def _read_box(
     }
     address = f"{url}?{urlencode(query, quote_via=quote)}"
     request = {"url": url, "kind": "subset", **query}
-    return source.get(address, request, _LARGEST, lambda body: _read_netcdf(body, name, instant, reader))
+    return source.get(address, request, _LARGEST, lambda body: _read_netcdf(body, name, instant))
 
 
-def _read_netcdf(body: bytes, name: str, instant: np.datetime64, reader: Hdf5Process) -> xr.DataArray:
+def _read_netcdf(body: bytes, name: str, instant: np.datetime64) -> xr.DataArray:
     """Values of one variable at one step of a NetCDF file, dimensions (depth, lat, lon)."""
     with tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
         path = Path(folder) / "answer.nc"
         path.write_bytes(body)
-        file = open_stored(path, reader)
+        file = open_file(path)
         for needed in (name, "time", *_AXES):
             if needed not in file.variables:
                 raise OceanError(f"answer holds no {needed}")
@@ -126,16 +122,18 @@ def _read_netcdf(body: bytes, name: str, instant: np.datetime64, reader: Hdf5Pro
         if set(field.dims) - {"time"} != set(_AXES) or math.prod(field.shape) > LARGEST_VALUES:
             sizes = dict(zip(field.dims, field.shape, strict=True))
             raise OceanError(f"{name} has dimensions {sizes}; needs depth, lat, lon of the window")
-        times = decode_times(np.atleast_1d(file.values("time")), file.variables["time"].text("units"))
+        times = decode_times(np.atleast_1d(numbers(file, "time")), text(file.variables["time"], "units"))
         steps = np.flatnonzero(np.abs(times - instant) < np.timedelta64(60, "s"))
         if not steps.size:
             raise ServerError(f"no step {np.datetime_as_string(instant, unit='m')} came from the service")
         step = int(steps[0])
-        values = file.values(name, {"time": slice(step, step + 1)})
-        axes = {axis: file.values(axis) for axis in _AXES}
+        values = numbers(file, name, {"time": slice(step, step + 1)})
+        axes = {axis: numbers(file, axis) for axis in _AXES}
     if not all(np.all(np.isfinite(values)) for values in axes.values()):
         raise OceanError("coordinates of the answer are not numbers")
-    part = xr.DataArray(unpack(name, values, {"standard_name": field.text("standard_name")}), dims=field.dims)
+    part = xr.DataArray(
+        unpack(name, values, {"standard_name": text(field, "standard_name")}), dims=field.dims
+    )
     part = part.isel(time=0) if "time" in part.dims else part
     return part.transpose(*_AXES).assign_coords(axes).sortby(["depth", "lat"])
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean.schema import assemble_ocean, parse_instant
+from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.schema import assemble_ocean
 from pymantaray.ocean.seawater import density, in_situ_temperature
 from pymantaray.ocean.synthetic import beaufort, fram
 from pymantaray.ocean.synthetic.geostrophy import Grid, geostrophic_currents

@@ -1,0 +1,319 @@
+"""From what data sets say to what an ocean is: one table of units, instants, levels, TEOS-10's kinds of water."""
+
+import re
+import warnings
+from collections.abc import Sequence
+
+import gsw
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.errors import OceanError
+from pymantaray.ocean.files import file_name, numbers, text
+
+Array = NDArray[np.float64]
+Instants = NDArray[np.datetime64]
+
+IN_SITU, POTENTIAL, CONSERVATIVE = "in situ", "potential", "conservative"
+PRACTICAL, ABSOLUTE, PREFORMED, REFERENCE = "practical", "absolute", "preformed", "reference"
+HYCOM_NAMES = ("water_temp", "salinity", "water_u", "water_v")
+"""Names that mean in-situ temperature, practical salinity, currents east and north."""
+# where a server has scaled HYCOM's fill value like data: -30000 x 0.001, plus 20 for tracers
+_SCALED_FILL = dict(zip(HYCOM_NAMES, (-10.0, -10.0, -30.0, -30.0), strict=True))
+_AT_SURFACE = 1e-3  # m; a first level this close to 0 m is the surface
+_DEEPEST_FIRST_LEVEL = 30.0  # m, that is carried up to the surface
+_LEAST_SALINITY = 0.06  # a whole ocean below is kg/kg under a wrong unit
+_CALENDARS = ("", "standard", "gregorian", "proleptic_gregorian", "none")
+_WITHIN = np.timedelta64(1, "m")  # of an instant that is asked for
+
+_METRES = "m meter meters metre metres"
+_THOUSANDTHS = "1e-3 0.001 10^-3 10-3 ppt ‰ g/kg gkg-1 gkg^-1"
+# by quantity: the unit that this package uses; then factor and spellings of each unit, without case, blanks and
+# underscores (MPa and mPa are not told apart)
+_UNITS: dict[str, tuple[str, dict[float, str]]] = {
+    "temperature": (
+        "degC",
+        {1.0: "degc celsius degreec degreesc degreecelsius degreescelsius degcelsius c °c ºc its90 its-90"},
+    ),
+    "practical salinity": (
+        "1",
+        {
+            1.0: f"1 psu pss-78 pss78 pss practical parts/1000 dimensionless unitless none {_THOUSANDTHS}"
+            " practicalsalinityunit practicalsalinityunits"
+        },
+    ),
+    "mass salinity": ("g kg-1", {1.0: _THOUSANDTHS, 1000.0: "kg/kg kgkg-1 kgkg^-1"}),
+    "velocity": (
+        "m s-1",
+        {
+            1.0: "m/s ms-1 ms^-1 m.s-1 m*s-1 m/sec ms**-1 meterspersecond metrespersecond "
+            + " ".join(f"{m}/{s} {m}second-1" for m in _METRES.split() for s in ("s", "second", "seconds")),
+            0.01: "cm/s cms-1 cms^-1 cm.s-1 centimeter/s centimetre/s cm/sec",
+            0.001: "mm/s mms-1 mms^-1",
+            1000.0 / 3600.0: "km/h kmh-1 kmhour-1 km/hour",
+        },
+    ),
+    "length": (
+        "m",
+        {
+            1.0: _METRES,
+            1000.0: "km kilometer kilometre kilometers kilometres",
+            0.01: "cm centimeter centimetre centimeters centimetres",
+        },
+    ),
+    "pressure": (
+        "dbar",
+        {
+            1.0: "dbar decibar decibars dbars",
+            10.0: "bar bars",
+            1e-4: "pa pascal pascals",
+            1e-2: "hpa mbar millibar",
+            0.1: "kpa",
+            100.0: "mpa",
+        },
+    ),
+    "latitude": ("degrees_north", {1.0: "degreesnorth degreenorth degreesn degreen degrees"}),
+    "longitude": ("degrees_east", {1.0: "degreeseast degreeeast degreese degreee degrees"}),
+}
+_FACTORS = {
+    quantity: {word: factor for factor, words in units.items() for word in words.split()}
+    for quantity, (_, units) in _UNITS.items()
+}
+_KELVIN = ["k", "kelvin", "kelvins", "degk", "degreek", "degreesk", "degreekelvin", "degreeskelvin"]
+
+
+def is_unit_of(quantity: str, unit: str) -> bool:
+    """Whether a unit is one of a quantity, whatever its factor."""
+    word = _plain(unit)
+    return word in _FACTORS[quantity] or (quantity == "temperature" and word in _KELVIN)
+
+
+def is_our_unit(quantity: str, unit: str) -> bool:
+    """Whether values in a unit can be taken as they are."""
+    return _FACTORS[quantity].get(_plain(unit)) == 1.0
+
+
+def our_unit(quantity: str) -> str:
+    """Unit of a quantity in this package, as CF writes it."""
+    return _UNITS[quantity][0]
+
+
+def to_our_unit(values: Array, quantity: str, unit: str, *, where: str) -> Array:
+    """Values in degC, practical or g/kg, m/s, m, dbar or degrees; the same array where nothing is to be done."""
+    if not unit:
+        raise OceanError(f"{where} has no units; set its attribute units, as CF has it")
+    if not is_unit_of(quantity, unit):
+        raise OceanError(
+            f"{where} has units {unit[:40]!r}, not of a {quantity}; write them as {our_unit(quantity)}"
+        )
+    if quantity == "temperature" and _plain(unit) in _KELVIN:
+        return values - 273.15
+    factor = _FACTORS[quantity][_plain(unit)]
+    return values if factor == 1.0 else values * factor
+
+
+def _plain(unit: str) -> str:
+    return re.sub(r"[\s_]+", "", unit.strip().lower())
+
+
+def without_scaled_fill(name: str, values: Array) -> Array:
+    """Mask HYCOM's fill value where a server has scaled it like data; other variables are left alone."""
+    if name not in _SCALED_FILL:
+        return values
+    return np.where(np.abs(values - _SCALED_FILL[name]) < 1e-3, np.nan, values)
+
+
+def parse_instant(time: str | np.datetime64) -> np.datetime64:
+    """
+    Instant in UTC from text or numpy's type.
+
+    Parameters
+    ----------
+    time : str or numpy.datetime64
+        Without a zone it is taken as UTC.
+
+    Returns
+    -------
+    numpy.datetime64
+
+    Raises
+    ------
+    OceanError
+        If it cannot be read.
+    """
+    try:
+        stamp = pd.Timestamp(time)
+    except (TypeError, ValueError):
+        stamp = pd.Timestamp("NaT")
+    if pd.isna(stamp):
+        raise OceanError(f"time {time!r} is not an instant; write it as 2014-07-15T12:00 (UTC)")
+    if stamp.tz is not None:
+        stamp = stamp.tz_convert("UTC").tz_localize(None)
+    return stamp.to_datetime64()
+
+
+def instants(data: xr.Dataset, name: str) -> Instants:
+    """Instants of a time coordinate, in UTC and the calendar that is; one for a scalar."""
+    axis = data.variables[name]
+    where, unit, calendar = f"{file_name(data)}: {name}", text(axis, "units"), text(axis, "calendar").lower()
+    if "climatology" in axis.attrs or unit.lower().startswith(("month", "year", "common_year")):
+        raise OceanError(
+            f"{where} ({unit or 'climatology'}) is a climatology's or counts months; pick one and set its instant,"
+            " data.isel(time=[0]).assign_coords(time=[numpy.datetime64('2014-07-15')])"
+        )
+    if calendar not in _CALENDARS:
+        raise OceanError(
+            f"{where} is in the calendar {calendar!r}, whose days are not real ones; convert it first,"
+            " data.convert_calendar('standard', align_on='date')"
+        )
+    if " since " not in unit:
+        raise OceanError(
+            f"{where} has units {unit[:40]!r}: no time coordinate that can be read; needs units 'hours since ...'"
+        )
+    return decoded_times(np.atleast_1d(numbers(data, name)), unit, calendar, where=where)
+
+
+def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -> Instants:
+    """Instants from numbers of a unit since an origin, to the nanosecond where the numbers are whole."""
+    whole = np.all(values == np.round(values)) and np.all(np.abs(values) < 2**53)
+    attrs = {"units": unit, "calendar": calendar or "standard"}
+    raw = xr.Variable(("time",), values.astype(np.int64) if whole else values, attrs)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            times = xr.decode_cf(xr.Dataset({"when": raw}))["when"].values.astype("datetime64[ns]")
+    except Exception as error:  # noqa: BLE001  cftime and pandas raise many kinds
+        reason = " ".join(str(error).split())[:80]
+        raise OceanError(f"{where} cannot be read as {unit[:40]!r} ({reason})") from None
+    if times.size == 0 or np.any(np.isnat(times)):
+        raise OceanError(f"{where} is empty or has missing instants; correct the axis")
+    return np.asarray(times)
+
+
+def pick(times: Instants, time: str | np.datetime64 | None, names: str) -> np.datetime64:
+    """Instant that is asked for, to a minute, or the only one of rising times."""
+    if time is None:
+        if len(times) > 1:
+            raise OceanError(f"{names}: {len(times)} times ({listing(times)}); choose one")
+        return np.datetime64(times[0])
+    instant = parse_instant(time)
+    nearest = times[np.argmin(np.abs(times - instant))]
+    if abs(nearest - instant) > _WITHIN:
+        raise OceanError(f"{names}: time {time} is not in it; there is {listing(times)}")
+    return np.datetime64(nearest)
+
+
+def listing(times: Sequence[np.datetime64] | Instants) -> str:
+    """First four instants and the last, for messages."""
+    words = ", ".join(minute(t) for t in times[:4])
+    return words + (f", ... {minute(times[-1])}" if len(times) > 4 else "")
+
+
+def minute(time: np.datetime64) -> str:
+    """Instant as text, to the minute."""
+    return str(np.datetime_as_string(time, unit="m"))
+
+
+def levels(data: xr.Dataset, name: str) -> tuple[Array, bool]:
+    """Vertical axis, positive down, in the order of the file, and whether it is one of pressure. [m] or [dbar]"""
+    axis, where = data.variables[name], f"{file_name(data)}: {name}"
+    unit, standard_name = text(axis, "units"), text(axis, "standard_name")
+    if is_unit_of("pressure", unit) or standard_name.startswith("sea_water_pressure"):
+        return _from_surface(to_our_unit(numbers(data, name), "pressure", unit, where=where), where), True
+    values = to_our_unit(numbers(data, name), "length", unit, where=where)
+    positive = (text(axis, "positive") or text(axis, "_CoordinateZisPositive")).lower()
+    if standard_name in ("height", "altitude", "height_above_mean_sea_level"):
+        positive = positive or "up"
+    negative = bool(values.size) and bool(np.all(values <= 0.0)) and bool(np.any(values < 0.0))
+    if positive == "down" and negative:
+        raise OceanError(
+            f"{where} is called positive down but is negative; correct the sign or the attribute"
+        )
+    upward = positive == "up" or (negative and not positive)
+    return _from_surface(-values if upward else values, where), False
+
+
+def _from_surface(values: Array, where: str) -> Array:
+    if values.size == 0 or not np.all(np.isfinite(values)):
+        raise OceanError(f"{where} is empty or has values that are missing or not finite; correct the axis")
+    if values.min() < -_AT_SURFACE:
+        raise OceanError(
+            f"{where} has a level {-values.min():g} above the surface; check its attribute positive"
+        )
+    return np.asarray(np.where(np.abs(values) <= _AT_SURFACE, 0.0, values), dtype=float)
+
+
+def to_in_situ_and_practical(
+    temperature: tuple[Array, str], salinity: tuple[Array, str], pressure: Array, lat: Array, lon: Array
+) -> tuple[Array, Array]:
+    """
+    In-situ temperature and practical salinity by TEOS-10, from fields over (depth, lat, lon) and their kinds.
+
+    Potential temperature refers to 0 dbar; absolute, reference and preformed salinity are in g/kg; pressure [dbar]
+    broadcasts. See McDougall, T. J. and Barker, P. M. (2011), Getting started with TEOS-10 and the Gibbs Seawater
+    (GSW) Oceanographic Toolbox, SCOR/IAPSO WG127.
+    """
+    (t, t_kind), (s, s_kind) = temperature, salinity
+    place = (pressure, lon, lat[:, None])
+    with np.errstate(all="ignore"):
+        if s_kind == PRACTICAL:
+            practical = s
+        elif s_kind == ABSOLUTE:
+            practical = gsw.SP_from_SA(s, *place)
+        elif s_kind == REFERENCE:
+            practical = gsw.SP_from_SR(s)
+        else:
+            practical = gsw.SP_from_Sstar(s, *place)
+        if t_kind == IN_SITU:
+            return t, practical
+        absolute = s if s_kind == ABSOLUTE else gsw.SA_from_SP(practical, *place)
+        if t_kind == CONSERVATIVE:
+            return np.asarray(gsw.t_from_CT(absolute, t, pressure), dtype=float), practical
+        return np.asarray(gsw.pt_from_t(absolute, t, 0.0, pressure), dtype=float), practical
+
+
+def check_salinity_unit(salinity: Array, where: str) -> None:
+    """Refuse salinity in kg/kg whose unit says that it is practical."""
+    highest = np.max(salinity, initial=0.0, where=np.isfinite(salinity))
+    if 0.0 < highest < _LEAST_SALINITY:
+        raise OceanError(
+            f"{where} is {highest:.3g} at most, which looks like kg/kg; set units to 'kg kg-1' and the"
+            " standard_name to sea_water_absolute_salinity, or multiply by 1000"
+        )
+
+
+def to_fixed_depths(
+    fields: dict[str, Array], pressure: Array, lat: Array
+) -> tuple[Array, dict[str, Array], float]:
+    """
+    Move fields from levels of pressure [dbar] to the depths that these have at the middle latitude.
+
+    Gives the depths, the fields interpolated linearly (a value whose neighbour is missing is kept), and the largest
+    move. [m]
+    """
+    depth = -np.asarray(gsw.z_from_p(pressure, 0.5 * (lat[0] + lat[-1])), dtype=float)
+    depth[pressure == 0.0] = 0.0
+    actual = -np.asarray(gsw.z_from_p(pressure[:, None], lat), dtype=float)
+    shift = (depth[:, None] - actual)[..., None]
+    moved = {}
+    for name, field in fields.items():
+        slope = np.diff(field, axis=0) / np.diff(actual, axis=0)[..., None]
+        below = np.concatenate([slope, np.zeros_like(field[:1])])
+        above = np.concatenate([np.zeros_like(field[:1]), slope])
+        step = np.where(shift > 0.0, below, above) * shift
+        moved[name] = field + np.where(np.isfinite(step), step, 0.0)
+    return depth, moved, float(np.max(np.abs(shift)))
+
+
+def up_to_surface(depth: Array, fields: dict[str, Array], where: str) -> tuple[Array, dict[str, Array]]:
+    """Add a level at 0 m with the values of the first one, where that is deeper but not too deep. [m]"""
+    if depth[0] == 0.0:
+        return depth, fields
+    if depth[0] > _DEEPEST_FIRST_LEVEL:
+        raise OceanError(
+            f"{where}: the first level is at {depth[0]:g} m; up to {_DEEPEST_FIRST_LEVEL:g} m it is carried up to"
+            " the surface, beyond that write the levels above it yourself"
+        )
+    return np.concatenate([[0.0], depth]), {n: np.concatenate([f[:1], f]) for n, f in fields.items()}

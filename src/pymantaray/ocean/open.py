@@ -1,0 +1,396 @@
+"""One door to all oceans: files that belong together, or the name of a synthetic region."""
+
+import functools
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, ParamSpec, Self, TypeVar
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.errors import OceanError
+from pymantaray.ocean import cf
+from pymantaray.ocean.assemble import ocean_of
+from pymantaray.ocean.convert import (
+    Instants,
+    instants,
+    levels,
+    listing,
+    parse_instant,
+    pick,
+    without_scaled_fill,
+)
+from pymantaray.ocean.files import file_name, numbers, open_file, unreadable
+from pymantaray.ocean.grid import SAME_DEGREES, GeographicWindow, Selection, crop, select
+from pymantaray.ocean.schema import VARIABLES, validate_ocean
+from pymantaray.ocean.synthetic import EPOCH, synthetic_ocean
+from pymantaray.records.writing import NETCDF_LOCK
+
+Array = NDArray[np.float64]
+Source = str | Path | Sequence[str | Path]
+Currents = Literal["required", "rest"]
+_ROLES = tuple(v.name for v in VARIABLES)
+_SYNTHETIC = "synthetic:"
+_SYNTHETIC_STEP = np.timedelta64(3, "h")  # HYCOM's
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def one_line(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Make the message of an `OceanError` one line of printable text, whatever names a file holds."""
+
+    @functools.wraps(function)
+    def checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        try:
+            return function(*args, **kwargs)
+        except OceanError as error:
+            line = "".join(c if c.isprintable() else "?" for c in " ".join(str(error).split()))
+            raise OceanError(line if len(line) <= 600 else f"{line[:600]} ...") from None
+
+    return checked
+
+
+@one_line
+def open_ocean(
+    source: Source,
+    *,
+    time: str | np.datetime64 | None = None,
+    window: GeographicWindow | None = None,
+    currents: Currents = "required",
+) -> xr.Dataset:
+    """
+    Open an ocean and check it.
+
+    Parameters
+    ----------
+    source : str, Path or sequence of them
+        A NetCDF file or zarr folder with HYCOM's variables or CF standard names, several that belong
+        together, or ``"synthetic:beaufort"`` or ``"synthetic:fram"``. A valid ocean that was written as NetCDF
+        comes back unchanged.
+    time : str or numpy.datetime64, optional
+        Instant (UTC). For files by default their only time; for synthetic oceans 15 July 2014, 12 h.
+    window : tuple of float, optional
+        South, north, west, east: only grid points inside are read. West may be the greater, across the
+        antimeridian. By default everything. [degrees]
+    currents : {"required", "rest"}
+        Whether a data set without currents is refused, or taken with zero ones.
+
+    Returns
+    -------
+    xarray.Dataset
+        Valid in the sense of `pymantaray.ocean.validate_ocean`; ``attrs["synthetic"]`` says
+        whether it is made up, ``attrs["history"]`` what was converted, a line each.
+
+    Raises
+    ------
+    OceanError
+        If the source cannot be opened or is not a valid ocean.
+
+    Examples
+    --------
+    >>> ocean = open_ocean("synthetic:fram", window=(77.5, 78.5, -2.0, 2.0))
+    >>> dict(ocean.sizes)
+    {'depth': 40, 'lat': 25, 'lon': 51}
+    """
+    ocean = read_ocean(source, time=time, window=window, currents=currents)
+    _validate(ocean, source)
+    return ocean
+
+
+@one_line
+def read_ocean(
+    source: Source,
+    *,
+    time: str | np.datetime64 | None = None,
+    window: GeographicWindow | None = None,
+    currents: Currents = "required",
+) -> xr.Dataset:
+    """Ocean in the form of the schema, converted but not validated; otherwise as `open_ocean`."""
+    sources = _listed(source)
+    region = _region_of(sources)
+    if region is not None:
+        return crop(synthetic_ocean(region, EPOCH if time is None else time), window)
+    with Collection(sources, window) as collection:
+        collection.needed(currents)
+        return collection.ocean(pick(collection.times(), time, collection.names), currents)
+
+
+@one_line
+def open_ocean_series(
+    source: Source,
+    start: str | np.datetime64,
+    stop: str | np.datetime64,
+    *,
+    window: GeographicWindow | None = None,
+    currents: Currents = "required",
+) -> tuple[xr.Dataset, ...]:
+    """
+    Open the oceans at a source's own instants that enclose a span of time.
+
+    Parameters
+    ----------
+    source : str, Path or sequence of them
+        As in `open_ocean`. Synthetic oceans are given every 3 h.
+    start, stop : str or numpy.datetime64
+        The span (UTC).
+    window : tuple of float, optional
+        South, north, west, east; only grid points inside are read. [degrees]
+    currents : {"required", "rest"}
+
+    Returns
+    -------
+    tuple of xarray.Dataset
+        Valid oceans on one grid, times rising: the last at or before the start, the first at or after the
+        stop, and all between.
+
+    Raises
+    ------
+    OceanError
+        If the source does not cover the span, or its grid changes.
+    """
+    first, last = parse_instant(start), parse_instant(stop)
+    if last < first:
+        raise OceanError(f"ocean: span from {start} to {stop} runs backward; exchange them")
+    sources = _listed(source)
+    region = _region_of(sources)
+    if region is not None:
+        origin = first.astype("datetime64[D]").astype("datetime64[ns]")
+        begin = origin + (first - origin) // _SYNTHETIC_STEP * _SYNTHETIC_STEP
+        times = np.arange(begin, last + _SYNTHETIC_STEP, _SYNTHETIC_STEP)
+        return tuple(crop(synthetic_ocean(region, t), window) for t in _enclosing(times, first, last, region))
+    with Collection(sources, window) as collection:
+        times = _enclosing(collection.whole_times(currents), first, last, collection.names)
+        oceans = tuple(collection.ocean(np.datetime64(t), currents) for t in times)
+    for ocean in oceans:
+        _validate(ocean, source)
+        for name in ("depth", "lat", "lon"):
+            if not np.array_equal(ocean[name], oceans[0][name]):
+                raise OceanError(
+                    f"{collection.names}: {name} at {ocean['time'].values} differs from that at"
+                    f" {oceans[0]['time'].values}; a series needs one grid"
+                )
+    return oceans
+
+
+@one_line
+def ocean_times(source: Source) -> NDArray[np.datetime64]:
+    """
+    Instants at which a source has an ocean.
+
+    Parameters
+    ----------
+    source : str, Path or sequence of them
+        As in `open_ocean`.
+
+    Returns
+    -------
+    ndarray of datetime64[ns], shape (time,)
+        Rising; those at which temperature and salinity are there, and currents where the source has any.
+        Synthetic oceans exist at all times: their epoch.
+
+    Raises
+    ------
+    OceanError
+        If the source cannot be opened.
+    """
+    sources = _listed(source)
+    if _region_of(sources) is not None:
+        return np.array([EPOCH], dtype="datetime64[ns]")
+    with Collection(sources) as collection:
+        return collection.whole_times("rest")
+
+
+def _listed(source: Source) -> list[str | Path]:
+    return [source] if isinstance(source, str | Path) else list(source)
+
+
+def _region_of(sources: Sequence[str | Path]) -> str | None:
+    """Name of the synthetic region, if the source is one."""
+    regions = [str(s) for s in sources if str(s).startswith(_SYNTHETIC)]
+    if not regions:
+        return None
+    if len(sources) > 1:
+        raise OceanError(f"ocean: {regions[0]} cannot be combined with other sources; give it alone")
+    return regions[0].removeprefix(_SYNTHETIC)
+
+
+def _validate(ocean: xr.Dataset, source: Source) -> None:
+    try:
+        validate_ocean(ocean)
+    except OceanError as error:
+        raise OceanError(f"{_names([Path(s).name for s in _listed(source)])}: {error}") from None
+
+
+def _enclosing(times: Instants, start: np.datetime64, stop: np.datetime64, names: str) -> Instants:
+    """Those of rising instants that enclose a span."""
+    low = int(np.searchsorted(times, start, side="right")) - 1
+    high = int(np.searchsorted(times, stop, side="left"))
+    if low < 0 or high >= len(times):
+        there = f"there is {listing(times)}" if len(times) else "no time has everything"
+        raise OceanError(
+            f"{names}: does not cover {np.datetime_as_string(start, unit='m')} to"
+            f" {np.datetime_as_string(stop, unit='m')}; {there}"
+        )
+    return times[low : high + 1]
+
+
+def _names(names: Sequence[str]) -> str:
+    return ", ".join(names if len(names) < 5 else [*names[:3], f"... {names[-1]}"])
+
+
+@dataclass(frozen=True)
+class Part:
+    """One file: what is in it and which of it the window takes."""
+
+    data: xr.Dataset
+    layout: cf.Layout
+    times: Instants
+    grid: Selection
+    levels: Array
+    """Rising. [m] or [dbar]"""
+    upward: bool
+    """Whether levels fall in the file."""
+    is_pressure: bool
+
+    @classmethod
+    def of(cls, data: xr.Dataset, window: GeographicWindow | None) -> Self:
+        """Part of an ocean that an open file is."""
+        layout = cf.layout_of(data)
+        axis, is_pressure = levels(data, layout.depth)
+        steps = np.diff(axis)
+        if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+            raise OceanError(f"{file_name(data)}: {layout.depth} neither rises nor falls throughout; sort it")
+        upward = bool(steps.size and steps[0] < 0.0)
+        grid = select(numbers(data, layout.lat), numbers(data, layout.lon), window, file_name(data))
+        times = instants(data, layout.time)
+        return cls(data, layout, times, grid, axis[::-1] if upward else axis, upward, is_pressure)
+
+    def field(self, role: str) -> cf.Field | None:
+        """Variable of a role, if the file has it."""
+        return next((f for f in self.layout.fields if f.role == role), None)
+
+    def read(self, field: cf.Field, instant: np.datetime64) -> Array:
+        """Values of a variable at one of the file's instants, shape (depth, lat, lon), in the unit of the file."""
+        layout, variables = self.layout, self.data.variables
+        dims = variables[field.variable].dims
+        lat, lon, depth = (variables[n].dims[0] for n in (layout.lat, layout.lon, layout.depth))
+        block = {str(lat): self.grid.rows}
+        for time in variables[layout.time].dims:
+            i = int(np.flatnonzero(self.times == instant)[0])
+            block[str(time)] = slice(i, i + 1)
+        columns = [numbers(self.data, field.variable, {**block, str(lon): c}) for c in self.grid.blocks]
+        whole = np.concatenate(columns, axis=dims.index(lon))
+        whole = np.moveaxis(whole, [dims.index(d) for d in (depth, lat, lon)], (-3, -2, -1))
+        whole = whole.reshape(whole.shape[-3:])  # what is left has one element
+        whole = whole[:: -1 if self.upward else 1, :: -1 if self.grid.falling else 1, self.grid.order]
+        return without_scaled_fill(field.variable, np.ascontiguousarray(whole))
+
+
+class Collection:
+    """Files that together hold an ocean, open until the block ends."""
+
+    def __init__(self, paths: Sequence[str | Path], window: GeographicWindow | None = None) -> None:
+        if not paths:
+            raise OceanError("ocean: no file given; name at least one NetCDF file")
+        with ExitStack() as stack:
+            self.parts: list[Part] = []
+            for path in paths:
+                data = open_file(path)
+                stack.callback(_close, data)
+                try:
+                    self.parts.append(Part.of(data, window))
+                except Exception as error:  # noqa: BLE001  what no check foresaw in a damaged file
+                    raise unreadable(path, error) from None
+            self.names = _names([file_name(part.data) for part in self.parts])
+            missing = [r for r in _ROLES[:2] if not any(p.field(r) for p in self.parts)]
+            if missing:
+                raise self._lacks(missing)
+            self._stack = stack.pop_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def times(self) -> Instants:
+        """All instants that a file has, rising."""
+        return np.unique(np.concatenate([part.times for part in self.parts]))
+
+    def whole_times(self, currents: Currents) -> Instants:
+        """Instants at which everything is there, rising."""
+        times = self.times()
+        for role in self.needed(currents):
+            times = np.intersect1d(times, np.concatenate([p.times for p in self.parts if p.field(role)]))
+        return times
+
+    def needed(self, currents: Currents) -> tuple[str, ...]:
+        """Variables that must be there; at rest, currents only where a file has one of them."""
+        if currents not in ("required", "rest"):
+            raise OceanError(f"currents is {currents!r}; allowed are 'required' and 'rest'")
+        absent = [r for r in _ROLES[2:] if not any(p.field(r) for p in self.parts)]
+        if not absent:
+            return _ROLES
+        if currents == "required" or len(absent) == 1:
+            raise self._lacks(absent)
+        return _ROLES[:2]
+
+    def at(self, instant: np.datetime64, roles: Sequence[str]) -> dict[str, tuple[Part, cf.Field]]:
+        """File and variable of each role at an instant, all on one grid."""
+        fields: dict[str, tuple[Part, cf.Field]] = {}
+        for part in self.parts:
+            for role in roles if instant in part.times else ():
+                field = part.field(role)
+                if field is not None and role not in fields:
+                    fields[role] = (part, field)
+                    _check_same_grid(part, role, *next(iter(fields.items())))
+        absent = [r for r in roles if r not in fields]
+        if absent:
+            raise OceanError(f"{self.names}: no {' and no '.join(absent)} at {instant}; choose another time")
+        return fields
+
+    def ocean(self, instant: np.datetime64, currents: Currents) -> xr.Dataset:
+        """Ocean at one of the instants, converted, not validated."""
+        fields = self.at(instant, self.needed(currents))
+        try:
+            return ocean_of(fields, instant, self)
+        except OceanError as error:
+            known = any(str(error).startswith(file_name(part.data)) for part in self.parts)
+            raise OceanError(f"{error}" if known else f"{self.names}: {error}") from None
+
+    def _lacks(self, roles: Sequence[str]) -> OceanError:
+        relative = [n for p in self.parts for n in p.layout.grid_relative]
+        rest = 'or open it with currents="rest" for water at rest'
+        if relative and set(roles) <= set(_ROLES[2:]):
+            return OceanError(f"{self.names}: {cf.grid_relative_refusal(relative)}, {rest}")
+        line = (
+            f"{self.names}: no {' and no '.join(roles)}; an ocean needs water_temp, salinity, water_u and"
+            " water_v, or their CF standard names (HYCOM's ts3z and uv3z files together)"
+        )
+        return OceanError(line + (f", {rest}" if list(roles) == list(_ROLES[2:]) else ""))
+
+
+def _close(data: xr.Dataset) -> None:
+    with NETCDF_LOCK, suppress(Exception):
+        data.close()
+
+
+def _check_same_grid(part: Part, role: str, first_role: str, first: tuple[Part, cf.Field]) -> None:
+    other = first[0]
+    if part is other:
+        return
+    axes = {
+        "depth": (part.levels, other.levels),
+        "lat": (part.grid.lat, other.grid.lat),
+        "lon": (part.grid.lon, other.grid.lon),
+    }
+    for name, (a, b) in axes.items():
+        if (
+            a.shape != b.shape
+            or np.max(np.abs(a - b)) > SAME_DEGREES
+            or part.is_pressure != other.is_pressure
+        ):
+            raise OceanError(f"{file_name(part.data)}: {name} of {role} differs from that of {first_role}")
