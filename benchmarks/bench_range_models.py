@@ -22,7 +22,7 @@ from pymantaray.study import load_study
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.study.range_models.eigenray import EigenrayModel
+from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 
 

@@ -16,7 +16,7 @@ from pymantaray.study import load_study, parse_study, preset_text, run_study
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import ModesSection, RangeEstimatorSection
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.study.range_models.eigenray import EigenrayModel
+from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.true_unknowns import true_amplitudes
 
 NORTH, EAST, DEPTH = np.linspace(-8e3, 8e3, 9), np.linspace(-8e3, 8e3, 9), np.linspace(0.0, 1200.0, 25)

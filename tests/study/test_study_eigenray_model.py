@@ -6,8 +6,8 @@ import pytest
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, quadrature, travel_time_sensitivity
 from pymantaray.estimation.range_models import RangeLinks
 from pymantaray.ocean import SoundSpeedCovariance
-from pymantaray.study.range_models import eigenray as eigenray_model
-from pymantaray.study.range_models.eigenray import EigenrayModel, pairs_of
+from pymantaray.study.range_models import eigenray_model
+from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 
 NORTH, EAST, DEPTH = np.linspace(-8e3, 8e3, 9), np.linspace(-8e3, 8e3, 9), np.linspace(0.0, 1200.0, 13)

@@ -21,6 +21,7 @@ from pymantaray.study import parse_study, preset_text, run_study
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.config_estimators import (
+    RANGE_MODELS,
     CastBelief,
     ExactBelief,
     MeanBelief,
@@ -29,7 +30,7 @@ from pymantaray.study.config_estimators import (
     RangeEstimatorSection,
 )
 from pymantaray.study.estimators import EstimatorFactory
-from pymantaray.study.range_models.eigenray import EigenrayModel
+from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.study.realization import RealizationSolver
 from pymantaray.study.store import Run
@@ -106,6 +107,13 @@ def off(a, b):
 def test_sections_that_contradict_themselves_are_refused(values, message):
     with pytest.raises(ValidationError, match=message):
         section(**values)
+
+
+@pytest.mark.parametrize("name", RANGE_MODELS)
+def test_each_range_model_is_made_by_the_module_of_its_name(day, name):
+    told = {None: {}, "sound_speed": {"sound_speed": 1440.0}, "belief": {"belief": EXACT}}[RANGE_MODELS[name]]
+    model = EstimatorFactory(day).estimator(section(range_model=name, **told), 0).model
+    assert type(model).__module__.endswith(("estimation.range_models", "eigenray_model"))
 
 
 def test_section_survives_the_trip_through_toml():

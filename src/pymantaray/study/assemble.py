@@ -22,7 +22,7 @@ from pymantaray.ocean import (
 )
 from pymantaray.ocean.sea_floor import window_of
 from pymantaray.ocean.topography import open_sea_floor
-from pymantaray.sensing import ClockModel, Detector, OneWay, Timing, TwoWay
+from pymantaray.sensing import ClockModel, Detector, Landmark, OneWay, Timing, TwoWay
 from pymantaray.sensing.picker import Picker
 from pymantaray.study.config import (
     AnyVehicle,
@@ -64,45 +64,15 @@ class StudyOcean:
         return self.local if self.series is None else self.series
 
     def local_at(self, time: float) -> xr.Dataset:
-        """
-        Local ocean at a time of the mission.
-
-        Parameters
-        ----------
-        time : float
-            Since its start. [s]
-
-        Returns
-        -------
-        xarray.Dataset
-        """
+        """Local ocean at a time since the start of the mission. [s]"""
         return self.local if self.series is None else snapshot_at(self.series, time)
 
 
 def build_ocean(section: OceanSection, duration: float) -> StudyOcean:
-    """
-    Ocean of a study, in its local frame.
-
-    Parameters
-    ----------
-    section : OceanSection
-    duration : float
-        Of the mission; not read where the ocean stands still. [s]
-
-    Returns
-    -------
-    StudyOcean
-
-    Raises
-    ------
-    OceanError
-        If the source cannot be read, is not a valid ocean, or does not hold the domain or the times asked for.
-    """
+    """Ocean of a study over the duration of its mission [s], in its local frame."""
     oceans, time = _open(section, duration)
     geographic = oceans[0]
-    sea_floor = None
-    if section.bathymetry is not None:
-        sea_floor = open_sea_floor(section.bathymetry, window=window_of(geographic))
+    sea_floor = build_sea_floor(section, geographic)
 
     def local_ones() -> Iterator[xr.Dataset]:
         oceans.reverse()
@@ -125,6 +95,18 @@ def build_ocean(section: OceanSection, duration: float) -> StudyOcean:
     )
 
 
+def build_sea_floor(section: OceanSection, geographic: xr.Dataset) -> xr.DataArray | None:
+    """Sea floor of a study where it has a file of its own."""
+    if section.bathymetry is None:
+        return None
+    return open_sea_floor(section.bathymetry, window=window_of(geographic))
+
+
+def open_start(section: OceanSection) -> xr.Dataset:
+    """Geographic ocean of a study's start."""
+    return _open(section, 0.0)[0][0]
+
+
 def _open(section: OceanSection, duration: float) -> tuple[list[xr.Dataset], NDArray[np.float64]]:
     """Snapshots of a mission, the only one where the ocean stands still, and when they are. [s]"""
     instant = section.time
@@ -142,22 +124,7 @@ def _open(section: OceanSection, duration: float) -> tuple[list[xr.Dataset], NDA
 
 
 def build_fleet(config: StudyConfig) -> list[Vehicle]:
-    """
-    Vehicles of a study, in the configured order.
-
-    Parameters
-    ----------
-    config : StudyConfig
-
-    Returns
-    -------
-    list of Vehicle
-
-    Raises
-    ------
-    FleetError
-        If a vehicle's parameters do not fit each other.
-    """
+    """Vehicles of a study, in the configured order."""
     floats = config.fleet.floats
     return [
         Vehicle(
@@ -184,6 +151,14 @@ def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
             plan[vehicle.name].extend(vehicle.points)
     plan.update({mark.name: [(mark.north, mark.east, mark.depth)] for mark in config.landmarks})
     return {name: np.array(points, dtype=float) for name, points in plan.items()}
+
+
+def build_landmarks(config: StudyConfig) -> list[Landmark]:
+    """Landmarks of a study, in the configured order."""
+    return [
+        Landmark(name=mark.name, position=np.array([mark.north, mark.east, mark.depth]))
+        for mark in config.landmarks
+    ]
 
 
 def _start_depth(vehicle: AnyVehicle, floats: FloatSection) -> float:
@@ -220,53 +195,19 @@ def _behaviour(vehicle: AnyVehicle, floats: FloatSection) -> Behaviour:
 
 
 def build_timing(section: RangingSection) -> Timing:
-    """
-    Timing scheme of a study.
-
-    Parameters
-    ----------
-    section : RangingSection
-
-    Returns
-    -------
-    OneWay or TwoWay
-    """
+    """Timing scheme of a study."""
     return OneWay() if section.timing == "one-way" else TwoWay(turn_around=section.turn_around_s)
 
 
 def build_clocks(section: RangingSection) -> ClockModel | None:
-    """
-    Clocks of a study's vehicles.
-
-    Parameters
-    ----------
-    section : RangingSection
-
-    Returns
-    -------
-    ClockModel or None
-        None if they are synchronous.
-    """
+    """Clocks of a study's vehicles; None if they are synchronous."""
     if section.clock_offset_sigma == 0.0 and section.clock_skew_sigma == 0.0:
         return None
     return ClockModel(offset_sigma=section.clock_offset_sigma, skew_sigma=section.clock_skew_sigma)
 
 
 def build_picker(section: RangingSection, detector: Detector | None) -> Picker | None:
-    """
-    Rule by which a study's receivers take an arrival for the direct one.
-
-    Parameters
-    ----------
-    section : RangingSection
-    detector : Detector or None
-        What `build_detector` returned.
-
-    Returns
-    -------
-    Picker or None
-        None if they never err.
-    """
+    """Rule by which a study's receivers take an arrival for the direct one; None if they never err."""
     if section.mistaken == "off":
         return None
     return Picker(
@@ -276,20 +217,8 @@ def build_picker(section: RangingSection, detector: Detector | None) -> Picker |
     )
 
 
-def build_medium(config: StudyConfig, ocean: "StudyOcean") -> Medium | Callable[[float], Medium]:
-    """
-    Medium of a study's rays.
-
-    Parameters
-    ----------
-    config : StudyConfig
-    ocean : StudyOcean
-
-    Returns
-    -------
-    Medium or callable
-        A function of the time since the mission's start [s] if the ocean varies.
-    """
+def build_medium(config: StudyConfig, ocean: StudyOcean) -> Medium | Callable[[float], Medium]:
+    """Medium of a study's rays; a function of the time since the mission's start [s] if the ocean varies."""
 
     def at(time: float) -> Medium:
         return Medium.from_dataset(ocean.local_at(time), interpolation=config.acoustics.interpolation)
@@ -297,21 +226,8 @@ def build_medium(config: StudyConfig, ocean: "StudyOcean") -> Medium | Callable[
     return at(0.0) if ocean.series is None else at
 
 
-def build_currents(config: StudyConfig, ocean: "StudyOcean") -> Currents | Callable[[float], Currents] | None:
-    """
-    Currents along the rays of a study.
-
-    Parameters
-    ----------
-    config : StudyConfig
-    ocean : StudyOcean
-
-    Returns
-    -------
-    Currents, callable or None
-        None if rays are to run through water at rest; a function of the time since the mission's start [s] if
-        the ocean varies.
-    """
+def build_currents(config: StudyConfig, ocean: StudyOcean) -> Currents | Callable[[float], Currents] | None:
+    """Currents along the rays of a study, like `build_medium`; None if rays run through water at rest."""
     if not config.acoustics.currents:
         return None
 
@@ -321,26 +237,8 @@ def build_currents(config: StudyConfig, ocean: "StudyOcean") -> Currents | Calla
     return at(0.0) if ocean.series is None else at
 
 
-def build_detector(config: StudyConfig, ocean: "StudyOcean") -> Detector | None:
-    """
-    Sonar and losses of a study.
-
-    Parameters
-    ----------
-    config : StudyConfig
-    ocean : StudyOcean
-        Absorption is that of its first snapshot, also where the ocean varies.
-
-    Returns
-    -------
-    Detector or None
-        None if every arrival is heard.
-
-    Raises
-    ------
-    AcousticsError
-        If a value is impossible.
-    """
+def build_detector(config: StudyConfig, ocean: StudyOcean) -> Detector | None:
+    """Sonar and losses of a study, absorption by its first snapshot; None if every arrival is heard."""
     s = config.detection
     if s is None:
         return None

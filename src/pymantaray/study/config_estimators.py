@@ -129,6 +129,16 @@ class ClocksSection(Section):
         )
 
 
+RangeModelName = Literal["constant", "transmitter", "mean-slowness", "eigenray"]
+RANGE_MODELS: dict[RangeModelName, str | None] = {
+    "constant": "sound_speed",
+    "transmitter": None,
+    "mean-slowness": "belief",
+    "eigenray": "belief",
+}
+"""What each range model has to be told; how it is made is in the module of its name in `range_models`."""
+
+
 class RangeEstimatorSection(Section):
     """
     One estimator: one more condition of the study, on the same noise.
@@ -142,7 +152,7 @@ class RangeEstimatorSection(Section):
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
     ranges: Literal["refracted", "straight"] = "refracted"
     links: Literal["refracted", "all"] = "refracted"
-    range_model: Literal["constant", "transmitter", "mean-slowness", "eigenray"] = "transmitter"
+    range_model: RangeModelName = "transmitter"
     sound_speed: PositiveFloat | None = None
     belief: AnyBelief | None = None
     variance: Literal["fixed", "per-link", "correlated"] = "fixed"
@@ -169,13 +179,11 @@ class RangeEstimatorSection(Section):
     @model_validator(mode="after")
     def _model_has_what_it_needs(self) -> Self:
         model = self.range_model
-        for key, value, users in (
-            ("sound_speed", self.sound_speed, ("constant",)),
-            ("belief", self.belief, ("mean-slowness", "eigenray")),
-        ):
-            if value is None and model in users:
+        for key in ("sound_speed", "belief"):
+            value, needed = getattr(self, key), RANGE_MODELS[model] == key
+            if needed and value is None:
                 raise ValueError(f"range_model {model} needs {key}")
-            if value is not None and model not in users:
+            if value is not None and not needed:
                 raise ValueError(f"{key} is given, but range_model {model} does not use it; leave it out")
         return self
 

@@ -27,18 +27,7 @@ class Stopwatch:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """
-        Time a block.
-
-        Parameters
-        ----------
-        name : str
-            A name met before adds up.
-
-        Yields
-        ------
-        None
-        """
+        """Time a block."""
         start = perf_counter()
         try:
             yield
@@ -47,22 +36,7 @@ class Stopwatch:
 
 
 def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int) -> dict[str, Any]:
-    """
-    Collect what a run's results depend on and what it cost.
-
-    Parameters
-    ----------
-    config : StudyConfig
-    seconds : dict of str to float
-        Duration of each stage. [s]
-    workers : int
-        Number of processes that solved realizations.
-
-    Returns
-    -------
-    dict
-        Content of ``manifest.json``, apart from the summary of outcomes.
-    """
+    """Collect what a run's results depend on, and what it cost by stage: ``manifest.json`` but for the outcome."""
     memory = peak_memory_mib()  # before git is called: a child counts as large as its parent at first
     return {
         "format": 2,
@@ -96,19 +70,7 @@ def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int
 
 
 def sha256(path: Path) -> str:
-    """
-    Checksum of a file's content, or of a folder's.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits. A folder's (a zarr store) is that of its files' checksums and names, a line
-        each as ``sha256sum`` writes them, sorted by name.
-    """
+    """Checksum of a file's content; a folder's (a zarr store) is that of what ``sha256sum`` says of its files, by name."""
     if path.is_dir():
         names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
         lines = "".join(f"{sha256(path / name)}  {name}\n" for name in names)
@@ -118,14 +80,7 @@ def sha256(path: Path) -> str:
 
 
 def git_commit() -> str | None:
-    """
-    Commit of the checkout that the package runs from.
-
-    Returns
-    -------
-    str or None
-        With ``-dirty`` if tracked files differ from it; None for an installed copy or without git.
-    """
+    """Commit of the checkout that the package runs from, ``-dirty`` if it differs from it; None without a checkout or git."""
     root = Path(__file__).resolve().parents[3]
     if not (root / ".git").exists():
         return None
@@ -143,14 +98,7 @@ def git_commit() -> str | None:
 
 
 def peak_memory_mib() -> dict[str, float]:
-    """
-    Largest resident memory so far of this process and of the largest finished worker.
-
-    Returns
-    -------
-    dict of str to float
-        Keys ``main`` and ``largest_worker``. [MiB]
-    """
+    """Largest resident memory so far of this process and of the largest finished worker."""
     unit = 2.0**20 if sys.platform == "darwin" else 2.0**10  # bytes on macOS, KiB on Linux
     return {
         "main": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1),

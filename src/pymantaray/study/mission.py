@@ -11,7 +11,6 @@ from pymantaray.fleet import simulate
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
     Hearing,
-    Landmark,
     Links,
     NoiseModel,
     PingSchedule,
@@ -25,6 +24,7 @@ from pymantaray.study.assemble import (
     build_currents,
     build_detector,
     build_fleet,
+    build_landmarks,
     build_medium,
     build_ocean,
     build_picker,
@@ -56,31 +56,8 @@ class Mission:
 
 
 def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) -> Mission:
-    """
-    Run a mission up to its measurements without noise.
-
-    Parameters
-    ----------
-    config : StudyConfig
-    watch : Stopwatch
-        Gets the duration of each stage.
-    progress : callable
-        Told of each stage's begin and end, and in between of the links whose rays are found.
-
-    Returns
-    -------
-    Mission
-
-    Raises
-    ------
-    OceanError, FleetError, SensingError, AcousticsError
-        If the ocean cannot be used, or the fleet does not fit into it.
-    """
-    landmarks = [
-        Landmark(name=mark.name, position=np.array([mark.north, mark.east, mark.depth]))
-        for mark in config.landmarks
-    ]
-    vehicles = build_fleet(config)
+    """Run a mission up to its measurements without noise; the watch gets the duration of each stage."""
+    vehicles, landmarks = build_fleet(config), build_landmarks(config)
     mission, noise = config.mission, NoiseModel(**config.noise.model_dump())
 
     progress("ocean", 0, 1)
@@ -153,25 +130,10 @@ def picture_of_most_bent_link(
     spreading_cutoff_db: float | None,
 ) -> xr.Dataset | None:
     """
-    Ray picture of the link whose first direct arrival gains most on the straight chord.
+    Ray picture of the link between vehicles whose first direct arrival gains most on the straight chord, None without any.
 
-    Parameters
-    ----------
-    medium : Medium or callable
-        A function of time [s] where the water varies; it is drawn as it is at the link's ping.
-    truth : Trajectories
-    links : Links
-        Between vehicles or from a vehicle to a landmark; landmarks are not drawn.
-    arrivals : Arrivals
-        Of these links.
-    spreading_cutoff_db : float or None
-        As the study's.
-
-    Returns
-    -------
-    xarray.Dataset or None
-        See `pymantaray.acoustics.ray_picture`; attributes ``source`` and ``receiver`` are the vehicles'
-        names, ``time_h`` is the ping's time. None if no link between vehicles has a direct arrival.
+    Where the water varies it is drawn as it is at the link's ping. Attributes ``source`` and ``receiver`` are the vehicles'
+    names, ``time_h`` is the ping's time.
     """
     first = select(arrivals, "direct")
     gain = first.chord_travel_time - first.travel_time

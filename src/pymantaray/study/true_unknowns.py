@@ -22,21 +22,10 @@ def true_amplitudes(
     model: AdjustableEigenrays, true: xr.Dataset, believed: xr.Dataset, fleet: Trajectories
 ) -> dict[str, float]:
     """
-    Amplitudes of modes that come nearest to what the believed ocean lacks.
+    Amplitudes of modes that come nearest to what the believed ocean lacks, by the names of `Unknowns`. [m/s]
 
-    Parameters
-    ----------
-    model : AdjustableEigenrays
-    true, believed : xarray.Dataset
-        Local oceans on one grid.
-    fleet : Trajectories
-        Whose mean places the columns are taken at.
-
-    Returns
-    -------
-    dict of str to float
-        By the names of `Unknowns`: the least mean square over the water column of the error averaged over the vehicles'
-        places. An error that varies horizontally has no one true amplitude. [m s⁻¹]
+    The least mean square over the water column of the error averaged over the vehicles' mean places. An error that varies
+    horizontally has no one true amplitude.
     """
     place = fleet.position.mean(axis=1)
     at = [
@@ -48,26 +37,12 @@ def true_amplitudes(
     )
     depth = true["depth"].values
     wet = depth <= float(model.medium.bottom_depth(place).min())
-    found = model.fit(true_column - believed_column, np.where(wet, layer_weights(depth), 0.0))
-    return {f"mode {k + 1}": float(a) for k, a in enumerate(found)}
+    amplitudes = model.fit(true_column - believed_column, np.where(wet, layer_weights(depth), 0.0))
+    return {f"mode {k + 1}": float(a) for k, a in enumerate(amplitudes)}
 
 
 def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict[str, float]:
-    """
-    Offsets and skews of the clocks of one realization.
-
-    Parameters
-    ----------
-    config : StudyConfig
-    names : list of str
-        Of the vehicles.
-    realization : int
-
-    Returns
-    -------
-    dict of str to float
-        By the names of `Unknowns`; zero where the study's clocks are right. [s, -]
-    """
+    """Offsets [s] and skews of the clocks of one realization by the names of `Unknowns`; zero where clocks are right."""
     model = build_clocks(config.ranging)
     offset = skew = np.zeros(len(names))
     if model is not None:
@@ -83,36 +58,22 @@ def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict
 def collect_unknowns(
     solutions: Sequence[Mapping[str, Solution]], truths: Sequence[Mapping[str, Mapping[str, float]]]
 ) -> SharedUnknowns | None:
-    """
-    Put what all realizations found of their unknowns into one record.
-
-    Parameters
-    ----------
-    solutions : sequence of mapping of str to Solution
-        One for each realization.
-    truths : sequence of mapping of str to mapping of str to float
-        True values of the same realizations, by condition and name.
-
-    Returns
-    -------
-    SharedUnknowns or None
-        None if no usable solution has unknowns.
-    """
-    found: dict[str, list[UnknownsEstimate | None]] = {}
+    """Put the unknowns of all realizations into one record beside their true values; None if no solution has any."""
+    by_condition: dict[str, list[UnknownsEstimate | None]] = {}
     for name in dict.fromkeys(name for one in solutions for name in one):
         estimates = [one[name].unknowns for one in solutions]
         if any(e is not None for e in estimates):
-            found[name] = estimates
-    examples = [next(e for e in estimates if e is not None) for estimates in found.values()]
+            by_condition[name] = estimates
+    examples = [next(e for e in estimates if e is not None) for estimates in by_condition.values()]
     units = {name: unit for e in examples for name, unit in zip(e.name, e.unit, strict=True)}
     if not units:
         return None
     place = {name: i for i, name in enumerate(units)}
-    shape = len(found), len(solutions), len(units)
+    shape = len(by_condition), len(solutions), len(units)
     prior = np.full((shape[0], shape[2]), np.nan)
     value, truth = np.full(shape, np.nan), np.full(shape, np.nan)
     covariance = np.full((*shape, shape[2]), np.nan)
-    for c, (name, estimates) in enumerate(found.items()):
+    for c, (name, estimates) in enumerate(by_condition.items()):
         rows = [place[n] for n in examples[c].name]
         prior[c, rows] = examples[c].prior_sigma
         for r, e in enumerate(estimates):
@@ -121,7 +82,7 @@ def collect_unknowns(
                 truth[c, r, rows] = [truths[r][name].get(n, np.nan) for n in e.name]
                 covariance[c, r][np.ix_(rows, rows)] = e.covariance
     return SharedUnknowns(
-        condition=np.array(list(found)),
+        condition=np.array(list(by_condition)),
         realization=np.arange(len(solutions)),
         name=np.array(list(units)),
         unit=np.array(list(units.values())),

@@ -14,27 +14,7 @@ VARYING = ("sound_speed", "current_north", "current_east")
 
 
 def series_of(snapshots: Iterable[xr.Dataset], time: Array) -> xr.Dataset:
-    """
-    Put local snapshots one after the other.
-
-    Parameters
-    ----------
-    snapshots : iterable of xarray.Dataset
-        From `pymantaray.ocean.to_local`, on one grid. One is held at a time.
-    time : ndarray, shape (n,)
-        Their instants, rising. [s]
-
-    Returns
-    -------
-    xarray.Dataset
-        The first snapshot with `VARYING` over (time, north, east, depth) and the coordinate ``time``, a number
-        of seconds.
-
-    Raises
-    ------
-    StudyError
-        If there are not as many snapshots as instants, or their grids differ.
-    """
+    """Put local snapshots on one grid, of which one is held at a time, after each other; ``time`` is their instants. [s]"""
     first: xr.Dataset | None = None
     fields: dict[str, Array] = {}
     count = 0
@@ -61,27 +41,7 @@ def series_of(snapshots: Iterable[xr.Dataset], time: Array) -> xr.Dataset:
 
 
 def snapshot_at(series: xr.Dataset, time: float) -> xr.Dataset:
-    """
-    Snapshot of an ocean at a time, linear between the instants that it is given at.
-
-    Parameters
-    ----------
-    series : xarray.Dataset
-        From `series_of`.
-    time : float
-        [s]
-
-    Returns
-    -------
-    xarray.Dataset
-        Without the dimension ``time``. At an instant of the series it is what was given there, to the last
-        digit, and so it is between two that are equal.
-
-    Raises
-    ------
-    StudyError
-        If the series does not hold the time.
-    """
+    """Snapshot at a time [s], linear between the instants of a series; at one of them, to the last digit what it holds."""
     instants = series["time"].values
     if not instants[0] <= time <= instants[-1]:
         raise StudyError(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.path_integrals import travel_time_sensitivity
 from pymantaray.estimation.range_models import Prediction, RangeLinks
-from pymantaray.study.range_models.eigenray import EigenrayModel, pairs_of
+from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
 
 Array = NDArray[np.float64]
 
@@ -17,19 +17,7 @@ class AdjustableEigenrays:
     r"""
     Travel time of the earliest direct eigenray where the sound speed is what is believed and :math:`\sum_k a_k \phi_k(z)`.
 
-    Parameters
-    ----------
-    model : EigenrayModel
-        Of the ocean that is believed, where all amplitudes are zero.
-    depth : ndarray, shape (n_levels,)
-        [m]
-    shapes : ndarray, shape (n_modes, n_levels)
-        Modes, linear between the levels and constant beyond them. [-]
-    amplitude_sigma : ndarray, shape (n_modes,)
-        Prior standard deviations. [m s⁻¹]
-
-    Notes
-    -----
+    Shapes (n_modes, n_levels) are linear between their levels [m] and constant beyond; the amplitudes' prior sigma is in m/s.
     Rays are traced anew in the adjusted medium, so that an estimate's travel times are exact whatever the
     amplitudes; their derivatives are integrals along these rays (Fermat). The shapes are interpolated as the
     medium interpolates its levels, so that both belong together to the last digit.
@@ -49,32 +37,11 @@ class AdjustableEigenrays:
         return self._believed.medium
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """
-        Travel times of the direct arrivals.
-
-        Parameters
-        ----------
-        links : RangeLinks
-
-        Returns
-        -------
-        Prediction
-        """
+        """Travel times of the direct arrivals."""
         return self._model.predict(links)
 
     def adjusted(self, amplitudes: Array) -> Self:
-        """
-        Model with other amplitudes; the one asked for last is kept.
-
-        Parameters
-        ----------
-        amplitudes : ndarray, shape (n_modes,)
-            From what is believed. [m s⁻¹]
-
-        Returns
-        -------
-        AdjustableEigenrays
-        """
+        """Model with other amplitudes, counted from what is believed [m/s]; the one asked for last is kept."""
         if np.array_equal(amplitudes, self._amplitudes):
             return self
         if self._latest is None or not np.array_equal(amplitudes, self._latest._amplitudes):
@@ -97,18 +64,7 @@ class AdjustableEigenrays:
         return self._latest
 
     def sensitivity(self, links: RangeLinks) -> Array:
-        """
-        Change of the travel times by the amplitudes.
-
-        Parameters
-        ----------
-        links : RangeLinks
-
-        Returns
-        -------
-        ndarray, shape (n, n_modes)
-            Zero for a link without an arrival. [s² m⁻¹]
-        """
+        """Derivatives of the travel times by the amplitudes (n, n_modes), zero for a link without an arrival. [s²/m]"""
         pairs = pairs_of(links)
         paths, pair = self._model.paths(pairs)
         of_pairs = np.zeros((pairs.source.shape[0], self.amplitude_sigma.size))
@@ -116,21 +72,7 @@ class AdjustableEigenrays:
         return of_pairs[pairs.pair]
 
     def fit(self, difference: Array, weights: Array) -> Array:
-        """
-        Amplitudes that come nearest to a difference of sound speeds.
-
-        Parameters
-        ----------
-        difference : ndarray, shape (n_depth,)
-            At the levels of the medium. [m s⁻¹]
-        weights : ndarray, shape (n_depth,)
-            Of the levels. [-]
-
-        Returns
-        -------
-        ndarray, shape (n_modes,)
-            [m s⁻¹]
-        """
+        """Amplitudes that come nearest to a difference of sound speeds at the medium's levels, which have weights. [m/s]"""
         root = np.sqrt(weights)
         return np.asarray(np.linalg.lstsq((root * self._levels).T, root * difference, rcond=None)[0])
 

@@ -1,199 +1,22 @@
-"""The range model that traces rays: travel times and slowness vectors of the direct arrival in a believed medium."""
+"""Eigenrays through a believed ocean: as it is believed, as it varies, or with modes of unknown amplitude."""
 
-from dataclasses import replace
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-from pymantaray.acoustics import (
-    Currents,
-    Medium,
-    choose_arrivals,
-    current_delays,
-    find_eigenrays,
-    trace_paths,
-)
-from pymantaray.acoustics.eigenrays import solved_backwards
-from pymantaray.acoustics.path_integrals import quadrature
-from pymantaray.estimation.range_models import Prediction, RangeLinks
-from pymantaray.records import Arrivals, RayPaths
-
-Array = NDArray[np.float64]
+from pymantaray.estimation.range_models import RangeModel
+from pymantaray.study.assemble import build_currents, build_medium
+from pymantaray.study.beliefs import Beliefs
+from pymantaray.study.config_estimators import ExactBelief, OtherDayBelief, RangeEstimatorSection
+from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.study.range_models.varying_eigenrays import VaryingEigenrays
 
 
-class Pairs(NamedTuple):
-    """Links as unordered pairs of positions, each pair once."""
-
-    source: Array
-    receiver: Array
-    pair: NDArray[np.intp]
-    """Row of the pair of each link."""
-    backward: NDArray[np.bool_]
-    """Whether the link runs from the pair's receiver to its source."""
-
-
-class EigenrayModel:
-    """
-    Travel time of the earliest direct eigenray in the ocean that is believed.
-
-    Parameters
-    ----------
-    medium : Medium
-    spreading_cutoff_db : float or None
-        As in `find_eigenrays`: what counts as an arrival. [dB]
-    currents : Currents, optional
-        Believed currents, for their first-order effect on travel times. By default the water is at rest.
-    threads : int, optional
-        Of the ray solver; the result does not depend on it.
-
-    Notes
-    -----
-    All links are solved in one call, reciprocal pairs once. A link without an arrival is not possible. The first and
-    the last answers are kept: realizations of a study start at the same place.
-    """
-
-    def __init__(
-        self,
-        medium: Medium,
-        *,
-        spreading_cutoff_db: float | None = 15.0,
-        currents: Currents | None = None,
-        threads: int | None = None,
-    ) -> None:
-        self.medium = medium
-        self._cutoff, self._currents, self._threads = spreading_cutoff_db, currents, threads
-        self._kept: dict[bytes, Arrivals] = {}
-
-    def through(self, medium: Medium) -> "EigenrayModel":
-        """
-        Give the same model in another medium.
-
-        Parameters
-        ----------
-        medium : Medium
-
-        Returns
-        -------
-        EigenrayModel
-        """
-        return EigenrayModel(
-            medium, spreading_cutoff_db=self._cutoff, currents=self._currents, threads=self._threads
-        )
-
-    def predict(self, links: RangeLinks) -> Prediction:
-        """
-        Travel times of the direct arrivals.
-
-        Parameters
-        ----------
-        links : RangeLinks
-
-        Returns
-        -------
-        Prediction
-            The gradients are the slowness vectors at the ends; the current's part in them is left out.
-        """
-        pairs = pairs_of(links)
-        arrivals = self._solved(pairs)
-        n = pairs.source.shape[0]
-        delay = self._delays(pairs, arrivals)
-        out = []
-        for sign in (1.0, -1.0):
-            link, row = choose_arrivals(arrivals, "direct", delay=sign * delay)
-            time, ends = np.full(n, np.nan), np.full((2, n, 3), np.nan)
-            time[link] = arrivals.travel_time[row] + sign * delay[row]
-            ends[0, link], ends[1, link] = -arrivals.source_slowness[row], arrivals.receiver_slowness[row]
-            ends[:, time == 0.0] = 0.0  # equal positions
-            out.append((time, ends))
-            if self._currents is None:
-                out *= 2
-                break
-        (time, ends), (time_back, ends_back) = out
-        p, back = pairs.pair, pairs.backward
-        travel_time = np.where(back, time_back[p], time[p])
-        return Prediction(
-            travel_time=travel_time,
-            transmitter_gradient=np.where(back[:, None], ends_back[1, p], ends[0, p]),
-            receiver_gradient=np.where(back[:, None], ends_back[0, p], ends[1, p]),
-            possible=np.isfinite(travel_time),
-        )
-
-    def paths(self, pairs: Pairs) -> tuple[RayPaths, NDArray[np.int64]]:
-        """
-        Paths of the direct arrivals.
-
-        Parameters
-        ----------
-        pairs : Pairs
-
-        Returns
-        -------
-        paths : RayPaths
-        pair : ndarray of int
-            Row of ``pairs`` of each path; a pair without an arrival has none.
-        """
-        arrivals = self._solved(pairs)
-        pair, row = choose_arrivals(arrivals, "direct")
-        of_arrivals = {
-            name: getattr(arrivals, name)[row]
-            for name in (
-                "link",
-                "travel_time",
-                "surface_bounces",
-                "bottom_bounces",
-                "turning_points",
-                "launch_angle",
-                "arrival_angle",
-                "spreading_db",
-                "source_slowness",
-                "receiver_slowness",
-            )
-        }
-        direct = replace(arrivals, **of_arrivals)
-        return trace_paths(self.medium, pairs.source, pairs.receiver, direct, threads=self._threads), pair
-
-    def _solved(self, pairs: Pairs) -> Arrivals:
-        key = pairs.source.tobytes() + pairs.receiver.tobytes()
-        if key not in self._kept:
-            while len(self._kept) > 1:
-                self._kept.pop(list(self._kept)[1])
-            self._kept[key] = find_eigenrays(
-                self.medium,
-                pairs.source,
-                pairs.receiver,
-                spreading_cutoff_db=self._cutoff,
-                threads=self._threads,
-            )
-        return self._kept[key]
-
-    def _delays(self, pairs: Pairs, arrivals: Arrivals) -> Array:
-        if self._currents is None or not arrivals.link.size:
-            return np.zeros(arrivals.link.size)
-        paths = trace_paths(self.medium, pairs.source, pairs.receiver, arrivals, threads=self._threads)
-        return current_delays(quadrature(paths), self._currents, arrivals.link.size)
-
-
-def pairs_of(links: RangeLinks) -> Pairs:
-    """
-    Unordered pairs of the links' ends.
-
-    Parameters
-    ----------
-    links : RangeLinks
-
-    Returns
-    -------
-    Pairs
-        Sorted by position, each from the end from which it is solved.
-    """
-    backward = solved_backwards(links.transmitter, links.receiver)
-    source = np.where(backward[:, None], links.receiver, links.transmitter)
-    receiver = np.where(backward[:, None], links.transmitter, links.receiver)
-    distinct, pair = np.unique(np.hstack([source, receiver]), axis=0, return_inverse=True)
-    return Pairs(
-        np.ascontiguousarray(distinct[:, :3]),
-        np.ascontiguousarray(distinct[:, 3:]),
-        pair.reshape(-1),
-        backward,
-    )
+def build(section: RangeEstimatorSection, beliefs: Beliefs, realization: int) -> RangeModel:
+    """Range model of the belief; estimators that share the belief share the rays."""
+    assert section.belief is not None  # checked by the section; for the type checker
+    config, belief = beliefs.config, section.belief
+    if isinstance(belief, ExactBelief | OtherDayBelief) and belief.time_varying:
+        ocean, cutoff = beliefs.varying(belief), config.acoustics.cutoff_db
+        medium_at, currents_at = build_medium(config, ocean), build_currents(config, ocean)
+        assert callable(medium_at)  # it varies
+        assert currents_at is None or callable(currents_at)
+        return VaryingEigenrays(medium_at, currents_at, spreading_cutoff_db=cutoff)
+    rays = beliefs.believed(belief, realization).rays
+    return rays if section.modes is None else AdjustableEigenrays(rays, *beliefs.modes(section.modes))

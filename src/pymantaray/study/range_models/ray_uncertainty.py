@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics.path_integrals import quadrature
 from pymantaray.estimation.range_models import RangeLinks
 from pymantaray.ocean import SoundSpeedCovariance
-from pymantaray.study.range_models.eigenray import EigenrayModel, Pairs, pairs_of
+from pymantaray.study.range_models.eigenray_model import EigenrayModel, Pairs, pairs_of
 
 Array = NDArray[np.float64]
 _PER_SCALE = 8  # pieces of a ray to each horizontal scale: 0.2 % of a variance
@@ -19,15 +19,6 @@ class RayUncertainty:
     r"""
     Uncertainty of the direct arrivals' travel times in a believed ocean.
 
-    Parameters
-    ----------
-    model : EigenrayModel
-        Gives the rays.
-    covariance : SoundSpeedCovariance
-        Of the error of the sound speed that is believed.
-
-    Notes
-    -----
     By Fermat's principle the first-order error of a travel time is the integral of minus :math:`c'/c^2` along the
     unperturbed ray, so that two links of one epoch have the covariance
 
@@ -44,20 +35,7 @@ class RayUncertainty:
         self._model, self._covariance = model, covariance
 
     def covariances(self, links: RangeLinks, epoch: NDArray[np.intp]) -> list[Array]:
-        """
-        Covariances of the links of each epoch.
-
-        Parameters
-        ----------
-        links : RangeLinks
-        epoch : ndarray of int, shape (n,)
-            Number of the epoch of each link, from 0.
-
-        Returns
-        -------
-        list of ndarray, shape (n_links, n_links) each
-            Links there and back have the same ray. [s²]
-        """
+        """Covariances of the links of each epoch (n_links, n_links); links there and back have the same ray. [s²]"""
         pairs = pairs_of(links)
         weight, centre = self._pieces(*self._rays(pairs), pairs.source.shape[0])
         out = []

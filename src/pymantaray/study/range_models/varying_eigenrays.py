@@ -6,27 +6,15 @@ import numpy as np
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.estimation.range_models import Prediction, RangeLinks
-from pymantaray.study.range_models.eigenray import EigenrayModel
+from pymantaray.study.range_models.eigenray_model import EigenrayModel
 
 
 class VaryingEigenrays:
     """
     Travel time of the earliest direct eigenray in the water that is believed at each ping.
 
-    Parameters
-    ----------
-    medium_at : callable
-        Takes a time since the start of the mission [s], gives a Medium.
-    currents_at : callable, optional
-        Likewise, believed currents. By default the water is at rest.
-    spreading_cutoff_db : float or None
-        As in `find_eigenrays`. [dB]
-    threads : int, optional
-        Of the ray solver; the result does not depend on it.
-
-    Notes
-    -----
-    A medium is made for each ping of each prediction and let go again, so that memory does not grow with the pings.
+    ``medium_at`` and ``currents_at`` take a time since the start of the mission [s]; without currents the water is at rest. A
+    medium is made for each ping of each prediction and let go again, so that memory does not grow with the pings.
     """
 
     def __init__(
@@ -41,17 +29,7 @@ class VaryingEigenrays:
         self._cutoff, self._threads = spreading_cutoff_db, threads
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """
-        Travel times of the direct arrivals, ping by ping.
-
-        Parameters
-        ----------
-        links : RangeLinks
-
-        Returns
-        -------
-        Prediction
-        """
+        """Travel times of the direct arrivals, ping by ping."""
         n = links.time.size
         out = Prediction(
             np.full(n, np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.zeros(n, bool)
@@ -64,7 +42,7 @@ class VaryingEigenrays:
                 currents=None if self._currents_at is None else self._currents_at(float(time)),
                 threads=self._threads,
             )
-            found = model.predict(RangeLinks(*(column[rows] for column in links)))
-            for whole, part in zip(out, found, strict=True):
+            of_ping = model.predict(RangeLinks(*(column[rows] for column in links)))
+            for whole, part in zip(out, of_ping, strict=True):
                 whole[rows] = part
         return out

@@ -1,0 +1,11 @@
+"""Straight rays through the horizontal mean of a believed ocean."""
+
+from pymantaray.estimation.range_models import MeanSlowness
+from pymantaray.study.beliefs import Beliefs
+from pymantaray.study.config_estimators import RangeEstimatorSection
+
+
+def build(section: RangeEstimatorSection, beliefs: Beliefs, realization: int) -> MeanSlowness:
+    """Range model of the belief's mean profile."""
+    assert section.belief is not None  # checked by the section; for the type checker
+    return MeanSlowness(*beliefs.believed(section.belief, realization).profile())

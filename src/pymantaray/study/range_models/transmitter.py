@@ -1,0 +1,10 @@
+"""The sound speed at the transmitter for each range, as a straight world would have it."""
+
+from pymantaray.estimation.range_models import TransmitterSpeed
+from pymantaray.study.beliefs import Beliefs
+from pymantaray.study.config_estimators import RangeEstimatorSection
+
+
+def build(_section: RangeEstimatorSection, _beliefs: Beliefs, _realization: int) -> TransmitterSpeed:
+    """Range model that needs to be told nothing."""
+    return TransmitterSpeed()
