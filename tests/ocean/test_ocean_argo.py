@@ -136,8 +136,11 @@ def test_files_that_are_not_argos_are_refused_in_one_line(tmp_path):
     with netCDF4.Dataset(tmp_path / "huge.nc", "w") as data:
         data.createDimension("N_PROF", 2_000_000_000)
         data.createDimension("N_LEVELS", 2_000_000)
-        data.createVariable("PRES", "f4", ("N_PROF", "N_LEVELS"), chunksizes=(1000, 1000))
-    with pytest.raises(OceanError, match="PRES declares 2000000000 x 2000000 values"):
+        for name in ("PRES", "TEMP", "PSAL"):
+            data.createVariable(name, "f4", ("N_PROF", "N_LEVELS"), chunksizes=(1000, 1000))
+        for name in ("LATITUDE", "LONGITUDE"):
+            data.createVariable(name, "f8", ("N_PROF",), chunksizes=(1000,))
+    with pytest.raises(OceanError, match="LATITUDE alone takes"):
         read_casts(tmp_path / "huge.nc")
     for fmt in ("NETCDF4", "NETCDF3_CLASSIC"):
         whole = write_gdac(tmp_path / "whole.nc", fmt=fmt).read_bytes()

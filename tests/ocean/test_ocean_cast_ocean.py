@@ -8,8 +8,7 @@ import pytest
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean import validate_ocean
-from pymantaray.ocean.cast_ocean import cast_levels, cast_ocean
-from pymantaray.ocean.casts import Cast, read_cast
+from pymantaray.ocean.casts import Cast, cast_levels, cast_ocean, read_cast
 from pymantaray.ocean.local import to_local
 from pymantaray.ocean.seawater import sound_speed
 

@@ -1,5 +1,7 @@
 """Tables of casts: columns, units, places, times, and what is left out and counted."""
 
+import os
+
 import gsw
 import numpy as np
 import pandas as pd
@@ -148,7 +150,7 @@ REFUSED = {
     "depth,temperature,salinity\n0,1,30\n": "1 usable levels; a cast needs at least 2",
     "depth,temperature,salinity\n-9,1,30\n-1,1,30\n": "depth is negative in most rows; it must be positive down",
     "depth_fathom,temperature_degF,salinity\n0,1,30\n": "lacks temperature; found",
-    "depth,temperature [degF],salinity\n0,1,30\n": r"unit of column 'temperature \[degF\]' is unknown; allowed for",
+    "depth,temperature [degF],salinity\n0,1,30\n": r"unit of column 'temperature \[degF\]' is unknown; write temperature in degC",
     "depth,temperature,t,salinity\n0,1,1,30\n": "columns 'temperature' and 't' are both temperature; keep one",
     "depth,temperature,salinity\n": "needs a header with names of columns, and rows",
 }  # fmt: skip
@@ -248,3 +250,23 @@ def test_means_over_cells_keep_the_water_column(depths, random):
     assert np.sum(means * np.diff(edges)) == pytest.approx(exact, rel=1e-9, abs=1e-6)
     assert t.min() - 1e-9 <= means.min() <= means.max() <= t.max() + 1e-9
     np.testing.assert_allclose(salinity, 35.0, rtol=0, atol=1e-9)
+
+
+def test_what_is_no_ordinary_file_is_refused_before_it_is_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in ("/dev/zero", tmp_path / "pipe", tmp_path):
+        with pytest.raises(OceanError, match="not an ordinary file; a cast is a CSV table or NetCDF"):
+            read_cast(path)
+    with pytest.raises(OceanError, match="embedded null"):
+        read_cast("a\0b.csv")
+    with pytest.raises(OceanError, match="cannot be read: No such file"):
+        read_cast(os.fsdecode(b"caf\xe9.csv"))
+    with (tmp_path / "huge.csv").open("wb") as file:
+        file.truncate(200_000_001)
+    with pytest.raises(OceanError, match="more than 200,000,000 bytes; no table of a cast has so many"):
+        read_cast(tmp_path / "huge.csv")
+
+
+def test_a_cast_is_shown_in_a_line(tmp_path):
+    cast = read_cast(write(tmp_path, HEAD + table(depth_m=Z, temperature_degC=T, practical_salinity=S)))
+    assert repr(cast) == "Cast('cast', 73.9883 N -139.95 E, 2014-07-24T19:20, 5 levels from 0 to 400 m)"

@@ -10,8 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import validate_ocean
-from pymantaray.ocean.cast_ocean import cast_ocean
-from pymantaray.ocean.casts import Cast, read_cast
+from pymantaray.ocean.casts import Cast, cast_ocean, read_cast
 from pymantaray.ocean.corrections import column_at, correct_with_casts, density_inversions
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.synthetic import HYCOM_DEPTHS

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pymantaray.acoustics import Medium
-    from pymantaray.ocean.cast_table import CastTable
+    from pymantaray.ocean.cast import CastTable
 
 _GAP = 100.0  # m; a profile that ends higher above the sea bed is worth a note
 _ONLY = {
@@ -178,7 +178,7 @@ def read_profile(
     import gsw
     import numpy as np
 
-    from pymantaray.ocean.cast_table import read_cast_table
+    from pymantaray.ocean.cast import read_cast_table
     from pymantaray.ocean.seawater import sound_speed
 
     try:

@@ -1,7 +1,7 @@
 """Oceans: models' files, casts or synthetic regions, as sound speed, currents and sea floor."""
 
-from pymantaray.ocean.cast_ocean import cast_ocean
-from pymantaray.ocean.casts import read_cast, read_casts
+from pymantaray.ocean.cast import Cast
+from pymantaray.ocean.casts import cast_ocean, read_cast, read_casts
 from pymantaray.ocean.check import check_ocean
 from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.local import to_local
@@ -16,6 +16,7 @@ from pymantaray.ocean.synthetic import synthetic_ocean
 from pymantaray.ocean.topography import open_sea_floor
 
 __all__ = [
+    "Cast",
     "SoundSpeedCovariance",
     "VerticalModes",
     "assemble_ocean",

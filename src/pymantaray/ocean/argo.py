@@ -1,58 +1,34 @@
 """Argo's profile files, as the data centres deliver them or argopy writes them, as casts."""
 
-import math
-import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gsw
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import Cast, clean_cast
-from pymantaray.ocean.convert import parse_instant
-from pymantaray.ocean.files import open_file
-
-if TYPE_CHECKING:
-    import netCDF4
+from pymantaray.ocean.convert import decoded_times
+from pymantaray.ocean.files import numbers, open_file, text, unreadable
+from pymantaray.records.writing import NETCDF_LOCK
 
 Array = NDArray[np.float64]
 GOOD_FLAGS = frozenset("1258")
 """Quality flags of values that are used: good, probably good, changed, estimated."""
 _PARAMETERS = ("PRES", "TEMP", "PSAL")
 _DIMS = ("N_PROF", "N_LEVELS")
-_LARGEST = 20_000_000  # values of one variable; a float's whole life has a hundredth of it
-_UNIT = re.compile(
-    r"(day|hour|minute|second|millisecond|microsecond|nanosecond)s? since (\d{4}-\d{2}-\d{2}(?:[T ][\d:]+)?)"
-)
-_SECONDS = {
-    "day": 86_400.0,
-    "hour": 3_600.0,
-    "minute": 60.0,
-    "second": 1.0,
-    "millisecond": 1e-3,
-    "microsecond": 1e-6,
-    "nanosecond": 1e-9,
-}
-_LONGEST = 7e9  # s, 220 years; longer is the fill value, 999999 days
+_FILL = 99_999.0  # the format's, also where it is not declared
+_LATEST = np.datetime64("2200-01-01")  # later is the fill value, 999999 days
 _MAGIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
 
 
 def is_netcdf(path: Path) -> bool:
-    """
-    Whether a file begins as NetCDF does.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-
-    Returns
-    -------
-    bool
-        False too for a file that is not there.
-    """
+    """Whether a file begins as NetCDF does; not for what is no ordinary file."""
     try:
+        if not path.is_file():
+            return False
         with path.open("rb") as stream:
             return stream.read(4) in _MAGIC
     except OSError:
@@ -61,139 +37,92 @@ def is_netcdf(path: Path) -> bool:
 
 def read_argo(path: str | Path) -> list[Cast]:
     """
-    Read the profiles of an Argo file.
+    Profiles of an Argo file that have at least two usable levels, named by float and cycle.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        NetCDF with dimensions ``N_PROF`` and ``N_LEVELS``: a core profile file (``R...``, ``D...``), a float's
-        or a day's collection (``..._prof.nc``), or what argopy's ``to_netcdf`` writes of a collection of
-        profiles.
-
-    Returns
-    -------
-    list of Cast
-        Those with at least two usable levels, named by float and cycle; each one's notes count the levels
-        left out and the profiles of the file that had none.
-
-    Raises
-    ------
-    OceanError
-        If the file is unreadable, not of this form, or has no usable profile.
-
-    Notes
-    -----
-    A profile in real-time mode (``DATA_MODE`` R) gives its raw values, one in the modes A and D its adjusted
-    ones; raw values never stand in for missing adjusted ones, since adjustment leaves out what is bad. A
-    level counts if pressure, temperature and salinity all have a flag of `GOOD_FLAGS`; a profile, if its
-    position and date have. Files without flags or modes, as argopy's standard mode writes them after
-    filtering, are used as they are, and the notes say so.
+    The file is NetCDF with dimensions ``N_PROF`` and ``N_LEVELS``: a core profile file (``R...``, ``D...``), a float's or
+    a day's collection (``..._prof.nc``), or what argopy's ``to_netcdf`` writes of a collection of profiles. A profile in
+    real-time mode (``DATA_MODE`` R) gives its raw values, one in the modes A and D its adjusted ones; raw values never stand
+    in for missing adjusted ones, since adjustment leaves out what is bad. A level counts if pressure, temperature and
+    salinity all have a flag of `GOOD_FLAGS`; a profile, if its position and date have. Files without flags or modes, as
+    argopy's standard mode writes them after filtering, are used as they are. Each cast's notes say so, and count the levels
+    left out and the profiles of the file that had none.
 
     References
     ----------
     .. [1] Argo user's manual, doi:10.13155/29825, core-Argo profile format 3.1 and reference table 2. Read in
        excerpts and in the headers of files.
     """
-    import netCDF4
-
     path = Path(path)
-    _check_sizes(path)
-    try:
-        with netCDF4.Dataset(path, "r") as data:
+    with open_file(path) as data, NETCDF_LOCK:
+        try:
             return _profiles(data, path)
-    except OceanError:
-        raise
-    except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
-        reason = " ".join(str(error).split())[:120]
-        raise OceanError(f"{path}: cannot be read as an Argo file, perhaps cut short ({reason})") from None
+        except OceanError as error:
+            raise OceanError(f"{path}: {str(error).removeprefix(f'{path.name}: ')}") from None
+        except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
+            raise unreadable(path, error) from None
 
 
-def _check_sizes(path: Path) -> None:
-    with open_file(path) as data:
-        for name, variable in data.variables.items():
-            if math.prod(variable.shape) > _LARGEST:
-                declared = " x ".join(map(str, variable.shape))
-                raise OceanError(f"{path}: {name} declares {declared} values; allowed are {_LARGEST} in all")
-
-
-def _profiles(data: "netCDF4.Dataset", path: Path) -> list[Cast]:
-    if "PRES" not in data.variables or data.variables["PRES"].dimensions != _DIMS:
-        hint = (
-            " (points: argopy's ds.argo.point2profile() makes profiles of them)"
-            if "PRES" in data.variables
-            else ""
+def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
+    if "PRES" not in data.variables or data.variables["PRES"].dims != _DIMS:
+        hint = " (points: argopy's ds.argo.point2profile() makes profiles of them)"
+        raise OceanError(
+            f"no PRES over N_PROF and N_LEVELS, so no Argo profile file{hint if 'PRES' in data.variables else ''}"
         )
-        raise OceanError(f"{path}: no PRES over N_PROF and N_LEVELS, so no Argo profile file{hint}")
-    count, levels = (len(data.dimensions[d]) for d in _DIMS)
+    shape = data.variables["PRES"].shape
     for name in (*_PARAMETERS, "LATITUDE", "LONGITUDE"):
         if name not in data.variables:
-            raise OceanError(f"{path}: lacks {name}; a cast needs PRES, TEMP, PSAL, LATITUDE and LONGITUDE")
-    lat, lon = (_numbers(data, name, (count,)) for name in ("LATITUDE", "LONGITUDE"))
-    time = _times(data, count)
-    modes = _characters(data, "DATA_MODE", (count,))
-    values, usable, notes = _levels(data, (count, levels), modes)
-    placed = np.isfinite(lat) & np.isfinite(lon) & (np.abs(lat) <= 90.0) & (np.abs(lon) <= 360.0)
-    for flag in ("POSITION_QC", "JULD_QC", "TIME_QC"):
-        flags = _characters(data, flag, (count,))
+            raise OceanError(f"lacks {name}; a cast needs PRES, TEMP, PSAL, LATITUDE and LONGITUDE")
+    lat, lon = (_values(data, name, shape[:1]) for name in ("LATITUDE", "LONGITUDE"))
+    time = _times(data, shape[0])
+    values, usable, notes = _levels(data, shape)
+    placed = (np.abs(lat) <= 90.0) & (np.abs(lon) <= 360.0)
+    for name in ("POSITION_QC", "JULD_QC", "TIME_QC"):
+        flags = _letters(data, name, shape[:1])
         if flags is not None:
             placed &= np.isin(flags, list(GOOD_FLAGS))
-    used = np.flatnonzero(placed & (usable.sum(axis=1) >= 2))
-    if not used.size:
+    profiles = np.flatnonzero(placed & (usable.sum(axis=1) >= 2)).tolist()
+    if not profiles:
         raise OceanError(
-            f"{path}: none of {count} profiles has a good position and two levels with good pressure, temperature"
-            " and salinity"
+            f"none of {shape[0]} profiles has a good position and two levels with good pressure, temperature and salinity"
         )
-    if used.size < count:
-        notes.append(f"{count - used.size} of {count} profiles of the file had no good position or levels")
-    names = _names(data, count, path)
-    return [_cast(i, names[i], (lat, lon, time), values[:, i], usable[i], notes, path) for i in used.tolist()]
+    if len(profiles) < shape[0]:
+        notes.append(
+            f"{shape[0] - len(profiles)} of {shape[0]} profiles of the file had no good position or levels"
+        )
+    names = _names(data, shape[0], path.stem)
+    casts = []
+    for i in profiles:
+        present = int(np.count_nonzero(np.isfinite(values[:, i]).any(axis=0)))
+        flagged = max(present - int(usable[i].sum()), 0)
+        pressure, temperature, salinity = values[:, i, usable[i]]
+        told = [*notes, "depth from pressure by TEOS-10"]
+        if flagged:
+            told.append(f"{flagged} of {present} levels left out for their quality flags or missing values")
+        profile = (np.asarray(-gsw.z_from_p(pressure, lat[i]), dtype=float), temperature, salinity)
+        place = (float(lat[i]), float(lon[i]))
+        casts.append(
+            clean_cast(
+                names[i], place, time[i], profile, dropped=flagged, notes=told, where=f"{path}, profile {i}"
+            )
+        )
+    return casts
 
 
-def _cast(
-    i: int,
-    name: str,
-    where: tuple[Array, Array, NDArray[np.datetime64]],
-    values: Array,
-    usable: NDArray[np.bool_],
-    notes: list[str],
-    path: Path,
-) -> Cast:
-    lat, lon, time = (column[i] for column in where)
-    pressure, temperature, salinity = values[:, usable]
-    present = int(np.count_nonzero(np.isfinite(values).any(axis=0)))
-    flagged = present - int(usable.sum())
-    told = [*notes, "depth from pressure by TEOS-10"]
-    if flagged > 0:
-        told.append(f"{flagged} of {present} levels left out for their quality flags or missing values")
-    depth = np.asarray(-gsw.z_from_p(pressure, lat), dtype=float)
-    cast = clean_cast(
-        name=name,
-        place=(float(lat), float(lon)),
-        time=time,
-        profile=(depth, temperature, salinity),
-        notes=told,
-        where=f"{path}, profile {i}",
-    )
-    object.__setattr__(cast, "dropped", cast.dropped + max(flagged, 0))
-    return cast
-
-
-def _levels(
-    data: "netCDF4.Dataset", shape: tuple[int, int], modes: NDArray[Any] | None
-) -> tuple[Array, NDArray[np.bool_], list[str]]:
+def _levels(data: xr.Dataset, shape: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_], list[str]]:
     """Values of the three parameters, which levels are usable, and notes for all profiles."""
     values = np.empty((3, *shape))
     usable = np.ones(shape, dtype=bool)
     notes = []
     adjusted = np.zeros(shape[0], dtype=bool)
     if all(f"{p}_ADJUSTED" in data.variables for p in _PARAMETERS):
+        modes = _letters(data, "DATA_MODE", shape[:1])
         adjusted[:] = True if modes is None else np.isin(modes, ["A", "D"])
     for k, name in enumerate(_PARAMETERS):
-        values[k] = _numbers(data, name, shape)
-        flags = _characters(data, f"{name}_QC", shape)
+        values[k] = _values(data, name, shape)
+        flags = _letters(data, f"{name}_QC", shape)
         if adjusted.any():
-            values[k, adjusted] = _numbers(data, f"{name}_ADJUSTED", shape)[adjusted]
-            better = _characters(data, f"{name}_ADJUSTED_QC", shape)
+            values[k, adjusted] = _values(data, f"{name}_ADJUSTED", shape)[adjusted]
+            better = _letters(data, f"{name}_ADJUSTED_QC", shape)
             if better is not None:
                 flags = better if flags is None else np.where(adjusted[:, None], better, flags)
         if flags is None:
@@ -208,66 +137,65 @@ def _levels(
     return values, usable, notes
 
 
-def _numbers(data: "netCDF4.Dataset", name: str, shape: tuple[int, ...]) -> Array:
-    variable = data.variables[name]
-    if variable.shape != shape or not np.issubdtype(variable.dtype, np.number):
-        raise OceanError(
-            f"{name} is {variable.dtype} of shape {variable.shape}; needs numbers of shape {shape}"
-        )
-    found: Array = np.asarray(np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan))
-    return np.where(np.abs(found) >= 99_999.0, np.nan, found)  # the format's fill value, also undeclared
+def _values(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> Array:
+    _check_shape(data, name, shape)
+    values = numbers(data, name)
+    return np.where(np.abs(values) >= _FILL, np.nan, values)
 
 
-def _characters(data: "netCDF4.Dataset", name: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
-    """First letter of each cell; argopy writes flags as integers, the data centres as characters."""
+def _check_shape(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> None:
+    if data.variables[name].shape != shape:
+        raise OceanError(f"{name} has shape {data.variables[name].shape}; needs {shape}")
+
+
+def _letters(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
+    """
+    First letter of each cell, None without the variable.
+
+    The data centres write characters, which xarray joins along the last dimension; argopy writes integers or texts.
+    """
     if name not in data.variables:
         return None
-    variable = data.variables[name]
-    if variable.shape[: len(shape)] != shape:
-        raise OceanError(f"{name} has shape {variable.shape}; needs {shape}")
-    raw = np.ma.asarray(variable[:])
-    if raw.ndim > len(shape):  # characters of strings
-        raw = raw[..., 0]
+    raw = np.asarray(data.variables[name].values)
     if raw.dtype.kind in "iuf":
-        whole: Array = np.asarray(np.ma.filled(np.ma.asarray(raw, dtype=float), 9.0))
-        return np.where(np.isfinite(whole), whole, 9.0).astype(int).astype(str).astype("U1")
-    filled = np.ma.filled(raw, b" " if raw.dtype.kind == "S" else " ")
-    text = np.char.decode(filled, "latin-1") if filled.dtype.kind == "S" else filled.astype(str)
-    return np.asarray(text.astype("U1"))
+        _check_shape(data, name, shape)
+        return np.where(np.isfinite(raw), raw, 9).astype(int).astype(str).astype("U1")
+    joined = raw.dtype.kind == "S" and raw.shape == shape[:-1]
+    cells = [c.decode("latin-1") if isinstance(c, bytes) else str(c) for c in raw.ravel().tolist()]
+    if joined:
+        cells = [letter for cell in cells for letter in cell.ljust(shape[-1])[: shape[-1]]]
+    else:
+        _check_shape(data, name, shape)
+    return np.array([cell[:1] or " " for cell in cells], dtype="U1").reshape(shape)
 
 
-def _times(data: "netCDF4.Dataset", count: int) -> NDArray[np.datetime64]:
-    found = np.full(count, np.datetime64("NaT", "ns"))
+def _times(data: xr.Dataset, count: int) -> NDArray[np.datetime64]:
+    """Instants, to the millisecond; NaT where unknown."""
+    times = np.full(count, np.datetime64("NaT", "ms"))
     name = next((n for n in ("JULD", "TIME") if n in data.variables), None)
-    if name is None:
-        return found
-    variable = data.variables[name]
-    units = str(getattr(variable, "units", ""))
-    match = _UNIT.match(units.strip())
-    if variable.shape != (count,) or not np.issubdtype(variable.dtype, np.number) or not match:
-        raise OceanError(
-            f"{name} is {variable.dtype} of shape {variable.shape} in {units!r}; needs numbers of shape {(count,)} in"
-            " units as 'days since 1950-01-01 00:00:00 UTC'"
-        )
-    seconds = np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan) * _SECONDS[match[1]]
-    known = np.abs(seconds) < _LONGEST
-    epoch = parse_instant(match[2])
-    found[known] = epoch + np.round(seconds[known] * 1e3).astype("timedelta64[ms]")
-    return found
+    if name is not None:
+        values = _values(data, name, (count,)) if name == "JULD" else numbers(data, name)
+        known = np.isfinite(values)
+        if known.any():
+            unit = text(data.variables[name], "units")
+            instants = decoded_times(values[known], unit, where=name)
+            times[known] = instants + np.timedelta64(500, "us")
+            times[times > _LATEST] = np.datetime64("NaT")
+    return times
 
 
-def _names(data: "netCDF4.Dataset", count: int, path: Path) -> list[str]:
+def _names(data: xr.Dataset, count: int, stem: str) -> list[str]:
     """Float and cycle, as in ``6901234_012``; a D is added for a descending profile."""
-    floats = [path.stem] * count
-    if "PLATFORM_NUMBER" in data.variables:
-        raw = np.ma.filled(data.variables["PLATFORM_NUMBER"][:])
-        if raw.dtype.kind == "S" and raw.ndim == 2:
-            floats = ["".join(c.decode("latin-1") for c in row).strip("\0 ") or path.stem for row in raw]
-        elif raw.shape == (count,):
-            floats = [str(value).strip() for value in raw]
-    cycles = [f"{i}" for i in range(count)]
+    floats, cycles = [stem] * count, [f"{i}" for i in range(count)]
+    if "PLATFORM_NUMBER" in data.variables and data.variables["PLATFORM_NUMBER"].shape == (count,):
+        raw = data.variables["PLATFORM_NUMBER"].values.tolist()
+        texts = [
+            c.decode("latin-1") if isinstance(c, bytes) else f"{c:.0f}" if isinstance(c, float) else str(c)
+            for c in raw
+        ]
+        floats = [words.strip("\0 ") or stem for words in texts]
     if "CYCLE_NUMBER" in data.variables:
-        cycles = [f"{int(c):03d}" for c in np.ma.filled(data.variables["CYCLE_NUMBER"][:], 0)]
-    direction = _characters(data, "DIRECTION", (count,))
+        cycles = [f"{int(c):03d}" for c in np.nan_to_num(_values(data, "CYCLE_NUMBER", (count,)))]
+    direction = _letters(data, "DIRECTION", (count,))
     down = [""] * count if direction is None else ["D" if letter == "D" else "" for letter in direction]
     return [f"{f}_{c}{d}" for f, c, d in zip(floats, cycles, down, strict=True)]

@@ -1,18 +1,63 @@
-"""One cast: a measured profile at a place and time, and how raw rows become one."""
+"""One cast: a measured profile at a place and time, the CSV table that it stands in, and how raw rows become one."""
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.schema import VARIABLES
+from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
+from pymantaray.ocean.schema import VARIABLES, layer_edges
 from pymantaray.ocean.seawater import Equation, sound_speed
 
 Array = NDArray[np.float64]
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
 _DEEPEST = 12_000.0  # m
+MAX_BYTES = 200_000_000
+"""Of a table. A CTD of 24 Hz that goes down 12 km and up again at 1 m/s writes 600,000 rows, 300 bytes at most each."""
+
+_MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
+_FILLS = (-9.99e-29, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, -9999.0, -99999.0, 99999.0, -1e34, 1e35)
+# quantity: what it is a unit of, and its names in lower case, first those of `mantaray rays`, then those of cruises'
+# and models' files
+_COLUMNS = {
+    "depth": ("length", "depth vertcoord depsm z"),
+    "pressure": ("pressure", "pressure pres press ctdprs prdm p"),
+    "temperature": (
+        "temperature",
+        "temperature temp water_temp sea_water_temperature in_situ_temperature ctdtmp t090c t",
+    ),
+    "potential_temperature": (
+        "temperature",
+        "potential_temperature sea_water_potential_temperature theta thetao potemp",
+    ),
+    "conservative_temperature": (
+        "temperature",
+        "conservative_temperature sea_water_conservative_temperature",
+    ),
+    "salinity": (
+        "practical salinity",
+        "salinity practical_salinity sea_water_practical_salinity sal psal ctdsal salnty sal00 s",
+    ),
+    "absolute_salinity": ("mass salinity", "absolute_salinity sea_water_absolute_salinity"),
+    "sound_speed": ("velocity", "sound_speed soundspeed sound_velocity svel svcm"),
+    "lat": ("latitude", "latitude lat"),
+    "lon": ("longitude", "longitude lon long"),
+}
+_NAMES = {quantity: names.split() for quantity, (_, names) in _COLUMNS.items()}
+_TEXTS = {
+    "time": ("time", "datetime", "date_time", "time_utc", "timestamp", "date"),
+    "station": ("station", "stnnbr", "cast", "castno", "profile", "station_id", "cast_id", "profile_id"),
+}
+_HEADER = re.compile(
+    r"^(?P<name>[^\[(]*?)\s*(?:[\[(]\s*(?:units?\s*=\s*)?\"?(?P<unit>[^\"\])]*)\"?\s*[\])])?$"
+)
+_RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +121,24 @@ class Cast:
             raise OceanError(f"cast {self.name}: depth must increase from 0 m or below, positive down")
         for field, name in (("temperature", "water_temp"), ("salinity", "salinity")):
             low, high = _SPAN[name]
-            found = getattr(self, field)
-            if found.min() < low or found.max() > high:
+            values = getattr(self, field)
+            if values.min() < low or values.max() > high:
                 raise OceanError(
-                    f"cast {self.name}: {field} spans {found.min():g} to {found.max():g}; allowed {low:g} to {high:g}"
+                    f"cast {self.name}: {field} spans {values.min():g} to {values.max():g}; allowed {low:g} to {high:g}"
                 )
         if not (-90.0 <= self.lat <= 90.0 and -360.0 <= self.lon <= 360.0):
             raise OceanError(
                 f"cast {self.name}: place {self.lat:g} N {self.lon:g} E; latitude lies in -90 to 90, longitude in"
                 " -360 to 360 degrees"
             )
+
+    def __repr__(self) -> str:
+        """Name, place, time and reach; not the samples."""
+        time = "time unknown" if np.isnat(self.time) else minute(self.time)
+        return (
+            f"Cast({self.name!r}, {self.lat:g} N {self.lon:g} E, {time}, {self.depth.size} levels from"
+            f" {self.depth[0]:g} to {self.depth[-1]:g} m)"
+        )
 
     def sound_speed(self, equation: Equation = "teos-10") -> Array:
         """
@@ -120,8 +173,7 @@ class Cast:
         temperature, salinity : ndarray, shape (n,)
             [degC], [-]
         """
-        z = np.asarray(levels, dtype=float)
-        edges = np.concatenate([z[:1], 0.5 * (z[:-1] + z[1:]), z[-1:]])
+        edges = layer_edges(np.asarray(levels, dtype=float))
         return self._means(edges, self.temperature), self._means(edges, self.salinity)
 
     def _means(self, edges: Array, values: Array) -> Array:
@@ -132,71 +184,48 @@ class Cast:
 
 
 def clean_cast(
-    *,
     name: str,
     place: tuple[float, float],
     time: np.datetime64,
-    profile: tuple[Array, Array, Array],
+    profile: Sequence[Array],
+    *,
     bottom_depth: float = float("nan"),
+    dropped: int = 0,
     notes: Sequence[str] = (),
     where: str,
 ) -> Cast:
     """
-    Cast from raw rows: what cannot be used is left out and counted.
+    Cast from raw rows of depth [m], in-situ temperature [degC] and practical salinity, NaN where missing.
 
-    Parameters
-    ----------
-    name : str
-    place : tuple of float
-        Latitude and longitude. [degrees]
-    time : numpy.datetime64
-    profile : tuple of ndarray, shape (n_rows,)
-        Depth [m], in-situ temperature [degC], practical salinity; NaN where missing.
-    bottom_depth : float
-        [m]
-    notes : sequence of str
-        What was done before.
-    where : str
-        File and station for messages.
-
-    Returns
-    -------
-    Cast
-        A profile that was written from the bottom up is turned round.
-
-    Raises
-    ------
-    OceanError
-        If fewer than two rows are left, or depth is negative in most.
+    What cannot be used is left out and counted; a profile that was written from the bottom up is turned round.
+    ``dropped`` and ``notes`` tell what was done before, ``where`` file and station for messages.
     """
     depth, temperature, salinity = (np.asarray(column, dtype=float) for column in profile)
-    told = list(notes)
-    dropped: dict[str, int] = {}
-    keep = np.isfinite(depth) & np.isfinite(temperature) & np.isfinite(salinity)
-    dropped["with a missing value"] = int(np.count_nonzero(~keep))
-    if np.count_nonzero(depth[keep] < 0.0) > 0.5 * np.count_nonzero(keep):
+    notes = list(notes)
+    counts: dict[str, int] = {}
+    whole = np.isfinite(depth) & np.isfinite(temperature) & np.isfinite(salinity)
+    counts["with a missing value"] = int(np.count_nonzero(~whole))
+    if np.count_nonzero(depth[whole] < 0.0) > 0.5 * np.count_nonzero(whole):
         raise OceanError(f"{where}: depth is negative in most rows; it must be positive down")
-    possible = keep & (depth <= _DEEPEST)
+    possible = whole & (depth <= _DEEPEST)
     for values, variable in ((temperature, "water_temp"), (salinity, "salinity")):
         low, high = _SPAN[variable]
         possible &= (values >= low) & (values <= high)
-    dropped["with an impossible value"] = int(np.count_nonzero(keep & ~possible))
+    counts["with an impossible value"] = int(np.count_nonzero(whole & ~possible))
     wet = possible & (depth >= 0.0)
-    dropped["above the surface"] = int(np.count_nonzero(possible & ~wet))
+    counts["above the surface"] = int(np.count_nonzero(possible & ~wet))
     rows = np.flatnonzero(wet)
     steps = np.diff(depth[rows])
     if np.count_nonzero(steps < 0.0) > np.count_nonzero(steps >= 0.0):
         rows = rows[::-1]
-        told.append("written from the bottom up: turned round")
-    deepest = np.concatenate([[-1.0], np.maximum.accumulate(depth[rows])[:-1]]) if rows.size else np.empty(0)
+        notes.append("written from the bottom up: turned round")
+    deepest = np.maximum.accumulate(np.concatenate([[-1.0], depth[rows]]))[:-1]
     deeper = rows[depth[rows] > deepest]
-    dropped["no deeper than one before"] = int(rows.size - deeper.size)
-    told += [f"{count} of {depth.size} rows {why} dropped" for why, count in dropped.items() if count]
+    counts["no deeper than one before"] = int(rows.size - deeper.size)
+    notes += [f"{count} of {depth.size} rows {why} dropped" for why, count in counts.items() if count]
     if deeper.size < 2:
-        raise OceanError(
-            f"{where}: {deeper.size} usable levels; a cast needs at least 2"
-            + (f" ({'; '.join(told)})" if told else "")
-        )
+        reasons = f" ({'; '.join(notes)})" if notes else ""
+        raise OceanError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
     return Cast(
         name,
         float(place[0]),
@@ -206,6 +235,186 @@ def clean_cast(
         temperature[deeper],
         salinity[deeper],
         bottom_depth,
-        sum(dropped.values()),
-        tuple(told),
+        dropped + sum(counts.values()),
+        tuple(notes),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class CastTable:
+    """Rows of a CSV file as text, with what its columns mean."""
+
+    path: Path
+    header: tuple[str, ...]
+    """As the file writes it."""
+    rows: pd.DataFrame
+    """Cells, empty where there is none; columns by position, the index is the line of the file."""
+    comments: list[str]
+    """Lines that begin with ``#``."""
+    columns: dict[str, tuple[int, str]]
+    """Position and unit of each known quantity."""
+    texts: dict[str, int]
+    """Positions of ``time`` and ``station``, if they are there."""
+    bracketed: bool
+    """Whether units stand in brackets, as in the NetCDF Subset Service's tables."""
+
+    @property
+    def lines(self) -> list[int]:
+        """Line of the file that each row stands in."""
+        return self.rows.index.to_list()
+
+    def has(self, *quantities: str) -> bool:
+        """Whether all of these quantities have a column."""
+        return all(q in self.columns for q in quantities)
+
+    def name(self, quantity: str) -> str:
+        """Column of a quantity as the file calls it."""
+        return self.header[self.columns[quantity][0]]
+
+    def values(self, quantity: str, *, complete: bool = False) -> Array:
+        """A column in m, dbar, degC, practical salinity, g/kg, m/s or degrees; NaN where missing, unless complete is asked."""
+        position, unit = self.columns[quantity]
+        cells = self.rows[position]
+        cells = cells.mask(cells.str.lower().isin(_MISSING), "nan")
+        try:
+            values = cells.to_numpy(dtype=object).astype(float)
+        except ValueError:
+            raise self._no_number(quantity, int(np.argmin([_is_number(cell) for cell in cells]))) from None
+        missing = ~np.isfinite(values) | (np.abs(values) > 1e30)
+        if quantity not in ("lat", "lon"):  # -99 is a longitude
+            missing |= np.isin(values, _FILLS)
+        values[missing] = np.nan
+        if complete and missing.any():
+            raise self._no_number(quantity, int(np.argmax(missing)))
+        kind = _COLUMNS[quantity][0]
+        return to_our_unit(values, kind, unit or our_unit(kind), where=f"{self.path}: {self.name(quantity)}")
+
+    def text(self, kind: str) -> list[str] | None:
+        """Cells of the time or station column, None if there is none."""
+        return self.rows[self.texts[kind]].to_list() if kind in self.texts else None
+
+    def casts(self) -> dict[str, "CastTable"]:
+        """Rows of each cast by its name, in the order of the file; one without a name if nothing tells them apart."""
+        keys = self.text("station")
+        if self.bracketed and self.has("lat", "lon"):
+            times = self.text("time") or [""] * len(self.rows)
+            places = zip(times, self.values("lat"), self.values("lon"), strict=True)
+            keys = [f"{time} {lat:g} {lon:g}".strip() for time, lat, lon in places]
+        if keys is None or (len(set(keys)) < 2 and "station" not in self.texts):
+            return {"": self}
+        groups = self.rows.groupby(np.array(keys, dtype=object), sort=False)
+        return {str(key): replace(self, rows=rows) for key, rows in groups}
+
+    def _no_number(self, quantity: str, row: int) -> OceanError:
+        cell = self.rows[self.columns[quantity][0]].iloc[row]
+        return OceanError(
+            f"{self.path}, line {self.lines[row]}: {self.name(quantity)} needs a number; it is {cell!r}"
+        )
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def read_cast_table(path: str | Path) -> CastTable:
+    """
+    Read a CSV file of one or several casts.
+
+    Cells are separated by commas, semicolons, tabs or blanks, whichever the header has. Columns are known by name
+    whatever their case, alone or with their unit, as in ``depth_m``, ``depth [m]`` or ``latitude[unit="degrees_north"]``.
+    """
+    path = Path(path)
+    lines = {i: line for i, line in enumerate(_text(path).splitlines(), 1) if line.strip(" \t,;")}
+    comments = {i: line for i, line in lines.items() if line.lstrip().startswith("#")}
+    rows = {i: line.rstrip(" \t,;") for i, line in lines.items() if i not in comments}
+    if len(rows) < 2:
+        raise OceanError(f"{path}: not a cast: needs a header with names of columns, and rows")
+    title = next(iter(rows.values()))
+    separator = next((s for s in ",;\t" if s in title), r"\s+")
+    try:
+        cells = pd.read_csv(
+            StringIO("\n".join(rows.values())),
+            sep=separator,
+            header=None,
+            dtype=str,
+            keep_default_na=False,
+            skipinitialspace=True,
+        )
+    except ValueError as error:
+        if ragged := _RAGGED.search(str(error)):
+            titles, row, cell_count = map(int, ragged.groups())
+            raise OceanError(
+                f"{path}, line {list(rows)[row - 1]}: {cell_count} cells under a header of {titles}; is a separator"
+                " missing?"
+            ) from None
+        raise OceanError(f"{path}: not a table ({' '.join(str(error).split())[:80]})") from None
+    if len(cells) != len(rows):
+        raise OceanError(f"{path}: {len(rows)} lines make {len(cells)} rows; a quote is not closed")
+    cells = cells.fillna("").map(str.strip).set_axis(list(rows))
+    header = tuple(cells.iloc[0])
+    columns, texts = _columns(path, header)
+    return CastTable(path, header, cells.iloc[1:], list(comments.values()), columns, texts, "[unit=" in title)
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.exists() and not path.is_file():
+            raise OceanError(f"{path}: not an ordinary file; a cast is a CSV table or NetCDF")
+        with path.open("rb") as stream:
+            raw = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise OceanError(f"{path}: cannot be read: {error.strerror}; name an existing file") from None
+    except ValueError as error:  # a null character
+        raise OceanError(f"{path}: cannot be read: {error}; name an existing file") from None
+    if len(raw) > MAX_BYTES:
+        raise OceanError(f"{path}: more than {MAX_BYTES:,} bytes; no table of a cast has so many")
+    if b"\0" in raw[:4096]:
+        raise OceanError(f"{path}: neither a CSV table nor NetCDF; a cast is one of the two")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")  # degree signs of older programs
+
+
+def _columns(path: Path, header: tuple[str, ...]) -> tuple[dict[str, tuple[int, str]], dict[str, int]]:
+    columns: dict[str, tuple[int, str]] = {}
+    texts: dict[str, int] = {}
+    for i, title in enumerate(header):
+        match = _HEADER.match(title.lower())
+        name = re.sub(r"[\s.]+", "_", match["name"].strip()) if match else title.lower()
+        unit = (match["unit"] or "").strip() if match else ""
+        kind = next((kind for kind, names in _TEXTS.items() if name in names), None)
+        if kind is not None:
+            texts.setdefault(kind, i)
+            continue
+        quantity, suffix = _meaning(name)
+        if quantity is None:
+            continue
+        of = _COLUMNS[quantity][0]
+        if unit and not is_unit_of(of, unit):
+            raise OceanError(
+                f"{path}: unit of column {title!r} is unknown; write {quantity} in {our_unit(of)}"
+            )
+        if quantity not in columns:
+            columns[quantity] = (i, unit or suffix)
+        elif name in _NAMES[quantity]:
+            raise OceanError(
+                f"{path}: columns {header[columns[quantity][0]]!r} and {title!r} are both {quantity}; keep one"
+            )
+    return columns, texts
+
+
+def _meaning(name: str) -> tuple[str | None, str]:
+    """Quantity of a column, and the unit at the end of its name."""
+    for quantity, names in _NAMES.items():
+        if name in names:
+            return quantity, ""
+        for alias in names:
+            unit = name.removeprefix(alias + "_")
+            if unit != name and is_unit_of(_COLUMNS[quantity][0], unit):
+                return quantity, unit
+    return None, ""

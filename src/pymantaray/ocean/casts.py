@@ -1,24 +1,26 @@
-"""Casts: measured profiles of temperature and salinity, from tables or Argo's files."""
+"""Casts from tables or Argo's files, and an ocean from one: the same water everywhere, at rest, down to a stated bottom."""
 
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal
 
 import gsw
 import numpy as np
-from numpy.typing import NDArray
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry import LocalFrame
+from pymantaray.ocean import convert
 from pymantaray.ocean.argo import is_netcdf, read_argo
-from pymantaray.ocean.cast import Cast, clean_cast
-from pymantaray.ocean.cast_table import CastTable, read_cast_table
+from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.convert import parse_instant
-from pymantaray.ocean.seawater import in_situ_temperature
-
-__all__ = ["Cast", "place_in_comments", "read_cast", "read_casts"]
+from pymantaray.ocean.schema import assemble_ocean, with_history
+from pymantaray.ocean.seawater import Equation, sound_speed
 
 Array = NDArray[np.float64]
+Instant = str | np.datetime64
 _NUMBER = r"(-?\d+(?:\.\d+)?)\s*°?\s*"
 _LAT = re.compile(rf"\blat(?:itude)?\b\s*[:=]?\s*{_NUMBER}([NS])?\b", re.IGNORECASE)
 _LON = re.compile(rf"\blon(?:gitude)?\b\s*[:=]?\s*{_NUMBER}([EW])?\b", re.IGNORECASE)
@@ -28,12 +30,17 @@ _MONTH = re.compile(rf"\b({'|'.join(_MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECA
 _BOTTOM = re.compile(r"\bbottom(?:\s+depth)?\s*[:=]?\s*(\d+(?:\.\d+)?)\s*m\b", re.IGNORECASE)
 _PACKED_FILL, _PACKED_SCALE, _PACKED_OFFSET = -30_000.0, 0.001, 20.0  # HYCOM's, of both tracers
 _PACKED_ABOVE = 100.0  # no temperature or salinity is beyond this
-
-
-class _Given(NamedTuple):
-    lat: float | None
-    lon: float | None
-    time: str | np.datetime64 | None
+_TEMPERATURES = {
+    "temperature": convert.IN_SITU,
+    "potential_temperature": convert.POTENTIAL,
+    "conservative_temperature": convert.CONSERVATIVE,
+}
+_SALINITIES = {"salinity": convert.PRACTICAL, "absolute_salinity": convert.ABSOLUTE}
+_STEPS = ((100.0, 2.5), (200.0, 5.0), (500.0, 10.0), (1000.0, 25.0), (2000.0, 50.0), (12_000.0, 100.0))
+_SHORTEST = 0.5  # of the last step: a level nearer to the bottom than that is left out
+_POINTS = 9  # along each horizontal axis; the water is the same at all
+_MARGIN = 1.02  # of the window beyond the half extent
+_EDGE_POINTS = 101
 
 
 def read_cast(
@@ -50,7 +57,7 @@ def read_cast(
     Parameters
     ----------
     path : str or pathlib.Path
-        CSV with named columns (see `read_cast_table`): depth or pressure; temperature, in situ, potential or
+        CSV with named columns: depth or pressure; temperature, in situ, potential or
         conservative; practical or absolute salinity. HYCOM's point tables from the NetCDF Subset Service,
         also with the packed integers that it delivers. Argo's NetCDF profiles.
     lat, lon : float, optional
@@ -73,14 +80,14 @@ def read_cast(
         If the file is unreadable, a cell is no number, a column or the place is missing, fewer than two
         levels are left, or it holds several casts and none is named.
     """
-    found = read_casts(path, lat=lat, lon=lon, time=time)
-    named = found if name is None else [cast for cast in found if cast.name == name]
+    casts = read_casts(path, lat=lat, lon=lon, time=time)
+    named = casts if name is None else [cast for cast in casts if cast.name == name]
     if len(named) == 1:
         return named[0]
-    listing = ", ".join(cast.name for cast in found[:4]) + (", ..." if len(found) > 4 else "")
+    listing = ", ".join(cast.name for cast in casts[:4]) + (", ..." if len(casts) > 4 else "")
     if name is not None and not named:
         raise OceanError(f"{path}: no cast {name!r} in it; there is {listing}")
-    raise OceanError(f"{path}: holds {len(named or found)} casts ({listing}); choose one by its name")
+    raise OceanError(f"{path}: holds {len(named)} casts ({listing}); choose one by its name")
 
 
 def read_casts(
@@ -114,7 +121,6 @@ def read_casts(
     files = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
     if not files:
         raise OceanError("casts: no file given; name at least one")
-    given = _Given(lat, lon, time)
     casts: list[Cast] = []
     for path in files:
         if is_netcdf(path):
@@ -122,25 +128,15 @@ def read_casts(
                 raise OceanError(f"{path}: Argo's profiles have their own places and times; leave these out")
             casts += read_argo(path)
         else:
-            table = read_cast_table(path)
-            groups = _groups(table)
-            casts += [_cast(table.select(rows), station, given) for station, rows in groups.items()]
+            place = None if lat is None or lon is None else (float(lat), float(lon))
+            casts += [
+                _cast(table, name, place, time) for name, table in read_cast_table(path).casts().items()
+            ]
     return casts
 
 
 def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
-    """
-    Latitude and longitude that comment lines name, as in ``lat 74.0, lon -140.0``.
-
-    Parameters
-    ----------
-    comments : sequence of str
-
-    Returns
-    -------
-    tuple of float, or None
-        The first pair that one line has. [degrees]
-    """
+    """Latitude and longitude that the first of comment lines names, as in ``lat 74.0, lon -140.0``. [degrees]"""
     for line in comments:
         north, east = _LAT.search(line), _LON.search(line)
         if north and east:
@@ -151,92 +147,63 @@ def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
     return None
 
 
-def _groups(table: CastTable) -> dict[str, list[int]]:
-    """Rows of each cast by its name, in the order of the file."""
-    keys = [""] * len(table.rows)
-    station = table.text("station")
-    if table.bracketed and table.has("lat", "lon"):
-        times = table.text("time") or keys
-        places = zip(times, table.values("lat"), table.values("lon"), strict=True)
-        keys = [f"{t} {north:g} {east:g}".strip() for t, north, east in places]
-    elif station is not None:
-        keys = station
-    groups: dict[str, list[int]] = {}
-    for i, key in enumerate(keys):
-        groups.setdefault(key, []).append(i)
-    return groups if len(groups) > 1 or table.text("station") else {"": list(range(len(table.rows)))}
-
-
-def _cast(table: CastTable, station: str, given: _Given) -> Cast:
-    lat, lon = _place(table, given)
-    time, notes = _time(table, given.time)
-    temperature_kind = _kind(table, "temperature", ("potential_temperature", "conservative_temperature"))
-    salinity_kind = _kind(table, "salinity", ("absolute_salinity",))
-    values = {q: table.values(q) for q in (temperature_kind, salinity_kind)}
-    if table.bracketed and _packed(list(values.values())):
-        for q, raw in values.items():
-            values[q] = np.where(raw == _PACKED_FILL, np.nan, raw * _PACKED_SCALE + _PACKED_OFFSET)
+def _cast(table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None) -> Cast:
+    lat, lon = place = place or _place(table)
+    instant, notes = _time(table) if time is None else (parse_instant(time), [])
+    kinds = _kind(table, _TEMPERATURES), _kind(table, _SALINITIES)
+    values = [table.values(kind) for kind in kinds]
+    if table.bracketed and _packed(np.concatenate(values)):
+        values = [
+            np.where(raw == _PACKED_FILL, np.nan, raw * _PACKED_SCALE + _PACKED_OFFSET) for raw in values
+        ]
         notes.append("packed integers of the NetCDF Subset Service unpacked: times 0.001 plus 20")
-    vertical = "depth" if table.has("depth") else "pressure"
-    if not table.has(vertical):
-        raise OceanError(f"{table.path}: lacks depth or pressure; found {', '.join(table.header)}")
-    level = table.values(vertical)
-    if vertical == "pressure":
-        depth = np.asarray(-gsw.z_from_p(level, lat), dtype=float)
+    if table.has("depth"):
+        depth = table.values("depth")
+    elif table.has("pressure"):
+        with np.errstate(all="ignore"):
+            depth = np.asarray(-gsw.z_from_p(table.values("pressure"), lat), dtype=float)
         notes.append("depth from pressure by TEOS-10")
     else:
-        depth = level
+        raise OceanError(f"{table.path}: lacks depth or pressure; found {', '.join(table.header)}")
     with np.errstate(all="ignore"):  # rows that are nonsense are dropped below
-        converted, told = _converted(values, np.maximum(depth, 0.0), (lat, lon))
+        pressure = gsw.p_from_z(-np.maximum(depth, 0.0), lat)
+    temperature, salinity = convert.to_in_situ_and_practical(
+        (values[0][:, None, None], _TEMPERATURES[kinds[0]]),
+        (values[1][:, None, None], _SALINITIES[kinds[1]]),
+        pressure[:, None, None],
+        np.array([lat]),
+        np.array([lon]),
+    )
+    for kind, plain in zip(kinds, ("in-situ", "practical"), strict=True):
+        if kind not in ("temperature", "salinity"):
+            notes.append(f"{plain} from {kind.replace('_', ' ')} by TEOS-10")
     bottom = next((m for line in table.comments if (m := _BOTTOM.search(line))), None)
     return clean_cast(
-        name=station or table.path.stem,
-        place=(lat, lon),
-        time=time,
-        profile=(depth, *converted),
+        station or table.path.stem,
+        place,
+        instant,
+        (depth, temperature[:, 0, 0], salinity[:, 0, 0]),
         bottom_depth=float(bottom[1]) if bottom else float("nan"),
-        notes=notes + told,
+        notes=notes,
         where=str(table.path) + (f", {station}" if station else ""),
     )
 
 
-def _converted(
-    values: dict[str, Array], depth: Array, place: tuple[float, float]
-) -> tuple[tuple[Array, Array], list[str]]:
-    """In-situ temperature and practical salinity, and how they came about."""
-    (temperature_kind, temperature), (salinity_kind, salinity) = values.items()
-    lat, lon = place
-    pressure = gsw.p_from_z(-depth, lat)
-    notes = []
-    if salinity_kind == "absolute_salinity":
-        salinity = np.asarray(gsw.SP_from_SA(salinity, pressure, lon, lat), dtype=float)
-        notes.append("practical from absolute salinity by TEOS-10")
-    if temperature_kind == "potential_temperature":
-        temperature = in_situ_temperature(temperature, salinity, depth, lat, lon)
-        notes.append("in-situ from potential temperature by TEOS-10")
-    elif temperature_kind == "conservative_temperature":
-        SA = gsw.SA_from_SP(salinity, pressure, lon, lat)
-        temperature = np.asarray(gsw.t_from_CT(SA, temperature, pressure), dtype=float)
-        notes.append("in-situ from conservative temperature by TEOS-10")
-    return (temperature, salinity), notes
-
-
-def _kind(table: CastTable, plain: str, others: tuple[str, ...]) -> str:
-    kind = next((q for q in (plain, *others) if table.has(q)), None)
+def _kind(table: CastTable, kinds: dict[str, str]) -> str:
+    kind = next((kind for kind in kinds if table.has(kind)), None)
     if kind is None:
         hint = "; sound speed alone makes a profile for rays, no cast" if table.has("sound_speed") else ""
-        raise OceanError(f"{table.path}: lacks {plain}; found {', '.join(table.header)}{hint}")
+        raise OceanError(f"{table.path}: lacks {next(iter(kinds))}; found {', '.join(table.header)}{hint}")
     return kind
 
 
-def _packed(columns: list[Array]) -> bool:
-    found = np.concatenate([c[np.isfinite(c)] for c in columns])
-    return bool(found.size and np.all(found == np.round(found)) and np.abs(found).max() > _PACKED_ABOVE)
+def _packed(values: Array) -> bool:
+    numbers = values[np.isfinite(values)]
+    whole = bool(numbers.size) and bool(np.all(numbers == np.round(numbers)))
+    return whole and float(np.abs(numbers).max()) > _PACKED_ABOVE
 
 
-def _place(table: CastTable, given: _Given) -> tuple[float, float]:
-    if given.lat is not None and given.lon is not None:
-        return float(given.lat), float(given.lon)
+def _place(table: CastTable) -> tuple[float, float]:
     if table.has("lat", "lon"):
         places = np.column_stack([table.values("lat"), table.values("lon")])
         known = places[np.all(np.isfinite(places), axis=1)]
@@ -250,11 +217,8 @@ def _place(table: CastTable, given: _Given) -> tuple[float, float]:
     return place
 
 
-def _time(table: CastTable, given: str | np.datetime64 | None) -> tuple[np.datetime64, list[str]]:
-    if given is not None:
-        return parse_instant(given), []
-    column = table.text("time")
-    first = next((cell for cell in column or [] if cell), None)
+def _time(table: CastTable) -> tuple[np.datetime64, list[str]]:
+    first = next((cell for cell in table.text("time") or [] if cell), None)
     if first is not None:
         try:
             return parse_instant(first), []
@@ -266,7 +230,192 @@ def _time(table: CastTable, given: str | np.datetime64 | None) -> tuple[np.datet
             return parse_instant(match[1] + clock), ([] if clock else ["time of day unknown: taken as 0 h"])
         if match := _MONTH.search(line):
             month = _MONTHS.index(match[1].lower()[:3]) + 1
-            return parse_instant(f"{match[2]}-{month:02d}-01"), [
-                f"day unknown: {match[0]} taken as its first"
-            ]
+            note = f"day unknown: {match[0]} taken as its first"
+            return parse_instant(f"{match[2]}-{month:02d}-01"), [note]
     return np.datetime64("NaT", "ns"), ["time unknown"]
+
+
+def cast_levels(bottom_depth: float) -> Array:
+    """
+    Levels that keep the ducts of a cast without following its noise; the last is the bottom. [m]
+
+    From 0 every 2.5 m to 100 m, 5 m to 200 m, 10 m to 500 m, 25 m to 1000 m, 50 m to 2000 m, then 100 m.
+
+    Examples
+    --------
+    >>> cast_levels(12.0)
+    array([ 0. ,  2.5,  5. ,  7.5, 10. , 12. ])
+    """
+    levels = [0.0]
+    for until, step in _STEPS:
+        while levels[-1] < until and levels[-1] + (1.0 + _SHORTEST) * step <= bottom_depth:
+            levels.append(levels[-1] + step)
+    return np.array([*levels, float(bottom_depth)])
+
+
+def cast_ocean(
+    cast: Cast,
+    *,
+    bottom_depth: float | None = None,
+    half_extent: tuple[float, float] = (60e3, 60e3),
+    levels: ArrayLike | None = None,
+    below: Literal["refuse", "constant"] | Cast = "refuse",
+    time: str | np.datetime64 | None = None,
+    equation: Equation = "teos-10",
+) -> xr.Dataset:
+    """
+    Horizontally uniform ocean at rest from one cast.
+
+    Parameters
+    ----------
+    cast : Cast
+    bottom_depth : float, optional
+        Depth of the flat sea bed, the deepest level. Default: the cast's own, if it tells one. [m]
+    half_extent : tuple of float
+        Half sides (north, east) of a rectangle about the cast that the window holds. [m]
+    levels : array_like, shape (n,), optional
+        From 0, strictly increasing; those at or below the bottom are replaced by one there. Default:
+        `cast_levels`. [m]
+    below : {"refuse", "constant"} or Cast
+        What lies between the deepest sample and the bottom: an error; the temperature and salinity of the
+        deepest sample, so that sound speed rises with pressure alone; or the samples of a deeper cast that lie
+        below this one's.
+    time : str or numpy.datetime64, optional
+        Instant (UTC) of the ocean. Default: the cast's.
+    equation : {"teos-10", "del-grosso", "unesco"}
+        For the change of sound speed that the history tells.
+
+    Returns
+    -------
+    xarray.Dataset
+        A valid ocean. Its history tells the change of sound speed by averaging (rms and greatest, over the
+        samples), how far it was extended up and down, and that it is at rest.
+
+    Raises
+    ------
+    OceanError
+        If the bottom or the time is unknown, the bottom is deeper than the samples and ``below`` refuses, a
+        level is wrong, or the window reaches over a pole.
+
+    Notes
+    -----
+    Temperature and salinity are averaged over the cell of each level (`Cast.cell_means`). Above the
+    shallowest sample they are constant. "Uniform" holds for temperature and salinity at a depth: sound speed
+    then varies by some mm/s over 100 km, since pressure at a depth and the composition of sea water
+    depend on the place.
+    """
+    bottom = cast.bottom_depth if bottom_depth is None else float(bottom_depth)
+    if not (np.isfinite(bottom) and bottom > 0.0):
+        raise OceanError(f"cast {cast.name}: bottom_depth is {bottom:g} m; give the sea bed's positive depth")
+    instant = cast.time if time is None else parse_instant(time)
+    if np.isnat(instant):
+        raise OceanError(f"cast {cast.name}: its time is unknown; give one, as in 2014-07-24T19:20 (UTC)")
+    z, level_notes = _levels(cast, levels, bottom)
+    full, extensions = _extended(cast, bottom, below)
+    temperature, salinity = full.cell_means(z)
+    lat, lon = _axes(cast, half_extent)
+    columns = {"water_temp": temperature, "salinity": salinity, "water_u": 0.0 * z, "water_v": 0.0 * z}
+    shape = (z.size, lat.size, lon.size)
+    ocean = assemble_ocean(
+        {"depth": z, "lat": lat, "lon": lon},
+        instant,
+        {name: np.broadcast_to(c[:, None, None], shape).copy() for name, c in columns.items()},
+        title=f"Cast {cast.name}",
+        source=f"one cast at {cast.lat:g} N {cast.lon:g} E, the same water everywhere",
+        synthetic=False,
+    )
+    t, s = (np.interp(cast.depth, z, column) for column in (temperature, salinity))
+    averaged = sound_speed(t, s, cast.depth, cast.lat, cast.lon, equation=equation)
+    change = averaged - cast.sound_speed(equation)
+    change = change[cast.depth <= bottom]
+    averaging = (
+        f"cast {cast.name}: {cast.depth.size} samples averaged onto {z.size} levels, sound speed changed by"
+        f" {np.sqrt(np.mean(change**2)):.2g} m/s rms, {np.abs(change).max():.2g} m/s at most"
+    )
+    rest = "horizontally uniform, currents at rest"
+    for line in (*cast.notes, averaging, *level_notes, *extensions, rest):
+        ocean = with_history(ocean, line)
+    return ocean
+
+
+def _levels(cast: Cast, levels: ArrayLike | None, bottom: float) -> tuple[Array, list[str]]:
+    if levels is None:
+        return cast_levels(bottom), []
+    z = np.asarray(levels, dtype=float)
+    if z.ndim != 1 or z.size < 2 or z[0] != 0.0 or not np.all(np.diff(z) > 0.0):
+        raise OceanError(f"cast {cast.name}: levels must rise strictly from 0 m")
+    deeper = int(np.count_nonzero(z > bottom))
+    notes = [f"{deeper} levels below the bottom at {bottom:g} m left out"] if deeper else []
+    if bottom not in z:
+        notes.append(f"level at the bottom, {bottom:g} m, added")
+    return np.append(z[z < bottom], bottom), notes
+
+
+def _extended(
+    cast: Cast, bottom: float, below: Literal["refuse", "constant"] | Cast
+) -> tuple[Cast, list[str]]:
+    notes = []
+    if cast.depth[0] > 0.0:
+        notes.append(
+            f"extended from {cast.depth[0]:.4g} m up to the surface at constant temperature and salinity"
+        )
+    last = float(cast.depth[-1])
+    if bottom <= last:
+        return cast, notes
+    if isinstance(below, Cast):
+        deeper = below.depth > last
+        if not deeper.any():
+            raise OceanError(
+                f"cast {below.name}: ends at {below.depth[-1]:g} m, not below the {last:g} m of {cast.name}; a deeper"
+                " cast is needed"
+            )
+        jump = [
+            float(np.interp(last, below.depth, getattr(below, q)) - getattr(cast, q)[-1])
+            for q in ("temperature", "salinity")
+        ]
+        notes.append(
+            f"below {last:.6g} m the samples of cast {below.name}, which at that depth is warmer by {jump[0]:.2g} degC,"
+            f" saltier by {jump[1]:.2g}"
+        )
+        joined = [
+            np.concatenate([getattr(cast, q), getattr(below, q)[deeper]])
+            for q in ("depth", "temperature", "salinity")
+        ]
+        cast = Cast(cast.name, cast.lat, cast.lon, cast.time, joined[0], joined[1], joined[2])
+        last = float(cast.depth[-1])
+    elif below == "refuse":
+        raise OceanError(
+            f"cast {cast.name}: its deepest sample is at {last:g} m, above the bottom at {bottom:g} m; give"
+            f' bottom_depth={np.floor(last):g}, below="constant" or a deeper cast'
+        )
+    elif below != "constant":
+        raise OceanError(f"below is {below!r}; allowed are 'refuse', 'constant' and a cast")
+    if bottom > last:
+        notes.append(
+            f"extended from {last:.6g} m down to the bottom at {bottom:.6g} m at constant temperature and salinity"
+        )
+    return cast, notes
+
+
+def _axes(cast: Cast, half_extent: tuple[float, float]) -> tuple[Array, Array]:
+    """Latitudes and longitudes about the cast whose window holds the rectangle."""
+    north, east = (float(h) for h in half_extent)
+    if not (0.0 < north < 5e6 and 0.0 < east < 5e6):
+        raise OceanError(
+            f"half_extent is {half_extent} m; both half sides must be positive and below 5000 km"
+        )
+    frame = LocalFrame(cast.lat, cast.lon)
+    s = np.linspace(-1.0, 1.0, _EDGE_POINTS)
+    one = np.ones_like(s)
+    lat, lon = frame.to_geodetic(
+        north * np.concatenate([s, s, one, -one]), east * np.concatenate([one, -one, s, s])
+    )
+    half_lat = _MARGIN * float(np.abs(lat - cast.lat).max())
+    half_lon = _MARGIN * float(np.abs(lon - frame.longitude_deg).max())
+    if abs(cast.lat) + half_lat > 90.0 or half_lon >= 179.0:
+        raise OceanError(
+            f"cast {cast.name}: a window of +-{north / 1e3:g} by {east / 1e3:g} km about {cast.lat:g} N reaches over the"
+            " pole, where latitude and longitude are no grid; give a smaller half_extent"
+        )
+    s = np.linspace(-1.0, 1.0, _POINTS)
+    return cast.lat + half_lat * s, frame.longitude_deg + half_lon * s

@@ -61,12 +61,13 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
             1.0: _METRES,
             1000.0: "km kilometer kilometre kilometers kilometres",
             0.01: "cm centimeter centimetre centimeters centimetres",
+            0.3048: "ft feet foot",
         },
     ),
     "pressure": (
         "dbar",
         {
-            1.0: "dbar decibar decibars dbars",
+            1.0: "dbar db decibar decibars dbars",
             10.0: "bar bars",
             1e-4: "pa pascal pascals",
             1e-2: "hpa mbar millibar",
@@ -74,8 +75,8 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
             100.0: "mpa",
         },
     ),
-    "latitude": ("degrees_north", {1.0: "degreesnorth degreenorth degreesn degreen degrees"}),
-    "longitude": ("degrees_east", {1.0: "degreeseast degreeeast degreese degreee degrees"}),
+    "latitude": ("degrees_north", {1.0: "degreesnorth degreenorth degreesn degreen degrees degn deg"}),
+    "longitude": ("degrees_east", {1.0: "degreeseast degreeeast degreese degreee degrees dege deg"}),
 }
 _FACTORS = {
     quantity: {word: factor for factor, words in units.items() for word in words.split()}
