@@ -17,8 +17,8 @@ from pymantaray.estimation.range_weights import BelievedRanges
 from pymantaray.estimation.unknowns import AdjustableModel, ClockPrior, Unknowns
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 from pymantaray.records import RangingTruth, SolveStatus
-from pymantaray.sensing.clocks import Clocks, clock_error
-from pymantaray.sensing.timing import OneWay, TwoWay
+from pymantaray.sensing import Clocks, OneWay, TwoWay
+from pymantaray.sensing.timing import clock_error
 
 DEPTH = np.linspace(0.0, 6000.0, 13)
 SPEED = 1450.0 + 15.0 * np.cos(DEPTH / 1000.0)

@@ -23,9 +23,7 @@ from pymantaray.sensing import (
     measure_ranges,
     perturb,
 )
-from pymantaray.sensing.candidates import find_candidates
-from pymantaray.sensing.mistaken import Candidates, draw_taken, take_arrivals
-from pymantaray.sensing.picker import Picker
+from pymantaray.sensing.mistaken import Candidates, Picker, draw_taken, find_candidates, take_arrivals
 
 C = 1480.0
 SCHEDULE = PingSchedule(800.0)

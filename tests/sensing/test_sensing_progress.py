@@ -7,7 +7,7 @@ import pytest
 
 from pymantaray.acoustics import Currents, Medium, Sonar
 from pymantaray.records import VehicleStatus
-from pymantaray.sensing import Detector, PingSchedule, measure_ranges, reception
+from pymantaray.sensing import Detector, PingSchedule, measure_ranges
 
 SCHEDULE = PingSchedule(800.0)
 PAIRS = 3 * 10  # five vehicles, three pings
@@ -37,7 +37,7 @@ def steps(truth, water, **options):
     ],
 )
 def test_progress_rises_to_the_number_of_pairs(make_truth, water, monkeypatch, options, stopped):
-    monkeypatch.setattr(reception, "_BLOCK", 4)
+    monkeypatch.setattr("pymantaray.sensing.ranging._BLOCK", 4)
     truth = make_truth("ABCDE")
     status = truth.status.copy()
     status[:stopped] = VehicleStatus.GROUNDED
@@ -50,7 +50,7 @@ def test_progress_rises_to_the_number_of_pairs(make_truth, water, monkeypatch, o
 
 
 def test_following_rays_is_half_of_the_work(make_truth, water, monkeypatch):
-    monkeypatch.setattr(reception, "_BLOCK", 10)
+    monkeypatch.setattr("pymantaray.sensing.ranging._BLOCK", 10)
     done = [done for done, _ in steps(make_truth("ABCDE"), water, currents=Currents.uniform(0.2, 0.1))]
     assert {15, 20, 25, 30} <= set(done)
 

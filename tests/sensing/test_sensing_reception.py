@@ -1,14 +1,14 @@
 """Currents, multipath and detection on the way from rays to ranges, in water of constant sound speed."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from pymantaray.acoustics import Absorption, Currents, Medium, Sonar
+from pymantaray.acoustics import Absorption, Currents, Medium, Sonar, find_eigenrays
 from pymantaray.records import RayStatus
-from pymantaray.sensing import Detector, Landmark, PingSchedule, TwoWay, measure_ranges, reception
+from pymantaray.sensing import Detector, Landmark, PingSchedule, TwoWay, measure_ranges
 
 C = 1480.0
 SCHEDULE = PingSchedule(800.0)
@@ -58,7 +58,7 @@ def test_two_way_the_current_cancels(truth, water):
 def test_blocks_of_links_change_nothing(truth, water, monkeypatch):
     options = {"currents": CURRENT, "detector": Detector(SONAR, absorption=Absorption.thorp())}
     whole = measure_ranges(truth, LANDMARKS, water, SCHEDULE, **options)
-    monkeypatch.setattr(reception, "_BLOCK", 4)
+    monkeypatch.setattr("pymantaray.sensing.ranging._BLOCK", 4)
     parts = measure_ranges(truth, LANDMARKS, water, SCHEDULE, **options)
     np.testing.assert_array_equal(parts.truth.travel_time, whole.truth.travel_time)
     np.testing.assert_array_equal(parts.probability, whole.probability)
@@ -139,3 +139,27 @@ def test_strongest_goes_by_the_loss_of_the_detector(truth, water):
     over_bed = np.hypot(3000.0, 2 * 3000.0 - 2500.0 - 1400.0)
     np.testing.assert_allclose(lossy.truth.travel_time[row], over_bed / C, rtol=0, atol=1e-9)
     assert (plain.truth.travel_time[row] != lossy.truth.travel_time[row]).all()
+
+
+def test_a_direct_ray_that_is_not_among_the_arrivals_kept_is_ranged_on(truth, ridged, monkeypatch):
+    """The solver keeps 64 arrivals a link; that they leave out the direct one takes hundreds of kilometres."""
+
+    def without_direct_rays(*args, **options):
+        found = find_eigenrays(*args, **options)
+        if len(args) == 3:  # no bounces allowed
+            return found
+        kept = (found.surface_bounces > 0) | (found.bottom_bounces > 0)
+        rows = {
+            f.name: getattr(found, f.name)[kept] for f in fields(found) if f.metadata["dims"][0] == "arrival"
+        }
+        return replace(found, **rows)
+
+    options = {"max_surface_bounces": 1, "currents": CURRENT, "detector": Detector(SONAR)}
+    whole = measure_ranges(truth, [HIDDEN], ridged, SCHEDULE, **options)
+    monkeypatch.setattr("pymantaray.sensing.ranging.find_eigenrays", without_direct_rays)
+    short = measure_ranges(truth, [HIDDEN], ridged, SCHEDULE, **options)
+    assert set(whole.status) == {RayStatus.OK, RayStatus.BLOCKED}
+    np.testing.assert_array_equal(short.status, whole.status)
+    np.testing.assert_array_equal(short.truth.travel_time, whole.truth.travel_time)
+    np.testing.assert_array_equal(short.probability, whole.probability)
+    np.testing.assert_array_equal(short.arrivals.travel_time, whole.arrivals.travel_time)

@@ -7,13 +7,18 @@ import pytest
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
-from pymantaray.sensing import NoiseModel, measure_depth, measure_gnss, measure_odometry
+from pymantaray.sensing import NoiseModel, depth, gnss, odometry
+from pymantaray.sensing.sensor import Scene
+
+
+def seen(sensor, truth, gnss_depth=1.0):
+    return sensor.measure(Scene(truth, [], gnss_depth), NoiseModel())
 
 
 def test_composed_odometry_gives_the_truth_back(make_truth):
     """2,000 edges of a tumbling walk over kilometres, within a nanometre."""
     truth = make_truth(n_time=2001)
-    rotation, translation = measure_odometry(truth)
+    rotation, translation, _ = seen(odometry, truth).values()
     assert rotation.shape == (3, 2000, 4)
     for agent in range(3):
         place, turned = truth.position[agent, 0], matrix_from_quaternion(truth.quaternion[agent, 0])
@@ -37,13 +42,13 @@ def test_odometry_is_in_the_body_frame(make_truth):
         quaternion=quaternion_from_matrix(turn @ matrix_from_quaternion(truth.quaternion)),
         status=truth.status,
     )
-    for one, two in zip(measure_odometry(truth), measure_odometry(turned), strict=True):
+    for one, two in zip(*(seen(odometry, t).values() for t in (truth, turned)), strict=True):
         np.testing.assert_allclose(one, two, rtol=0, atol=1e-11)
 
 
 def test_depth_is_the_third_coordinate(make_truth):
     truth = make_truth()
-    np.testing.assert_array_equal(measure_depth(truth), truth.position[..., 2])
+    np.testing.assert_array_equal(seen(depth, truth)["depth"], truth.position[..., 2])
 
 
 def test_gnss_fixes_exactly_while_shallow(make_truth):
@@ -52,12 +57,13 @@ def test_gnss_fixes_exactly_while_shallow(make_truth):
     position[0, 3:6, 2] = [0.0, 0.999, 1.0]
     position[2, -1, 2] = 0.5
     truth = type(truth)(truth.name, truth.role, truth.time, position, truth.quaternion, truth.status)
-    fixes = measure_gnss(truth)
-    assert list(zip(fixes.agent, fixes.sample, strict=True)) == [(0, 3), (0, 4), (2, 12)]
-    np.testing.assert_array_equal(fixes.position, position[fixes.agent, fixes.sample])
-    assert measure_gnss(truth, gnss_depth=0.0).agent.size == 0
+    fixes = seen(gnss, truth)
+    agent, sample = fixes["gnss_agent"], fixes["gnss_sample"]
+    assert list(zip(agent, sample, strict=True)) == [(0, 3), (0, 4), (2, 12)]
+    np.testing.assert_array_equal(fixes["gnss_position"], position[agent, sample])
+    assert seen(gnss, truth, 0.0)["gnss_agent"].size == 0
     with pytest.raises(SensingError, match="gnss_depth is -1 m; it must be zero or positive"):
-        measure_gnss(truth, gnss_depth=-1.0)
+        seen(gnss, truth, -1.0)
 
 
 def test_composite_sigma_by_hand():

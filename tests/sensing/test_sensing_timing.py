@@ -231,7 +231,7 @@ def test_drawn_clocks_have_their_sigmas():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: TwoWay(-1.0), "turn_around is -1 s; it must be finite and zero or positive"),
+        (lambda: TwoWay(-1.0), "turn_around is -1; it must be finite and zero or positive"),
         (lambda: ClockModel(offset_sigma=np.nan), "offset_sigma is nan; it must be finite"),
         (lambda: Clocks(offset=[0.0], skew=[0.0, 1.0]), r"offset has shape \(1,\), skew \(2,\)"),
         (lambda: Clocks(offset=[np.inf], skew=[0.0]), "not finite; 0 is a perfect clock"),

@@ -8,7 +8,7 @@ import pytest
 
 from pymantaray.errors import StudyError
 from pymantaray.records import RayStatus, SolveStatus
-from pymantaray.sensing.picker import Picker
+from pymantaray.sensing import Picker
 from pymantaray.study import load_study, open_run, parse_study, preset_text, run_study, study_toml
 from pymantaray.study.assemble import build_picker
 from pymantaray.study.config import Condition, RangingSection

@@ -13,17 +13,7 @@ _SMALL = 1e-4  # rad; below it Taylor series replace the closed forms
 
 
 def hat(omega: ArrayLike) -> Array:
-    """
-    Skew matrix of a vector: ``hat(a) @ b == cross(a, b)``.
-
-    Parameters
-    ----------
-    omega : array_like, shape (..., 3)
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-    """
+    """Skew matrix (..., 3, 3) of a vector: ``hat(a) @ b == cross(a, b)``."""
     w = np.asarray(omega, dtype=float)
     out = np.zeros((*w.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2] = -w[..., 2], w[..., 1]
@@ -43,18 +33,7 @@ def _coefficients(theta: Array) -> tuple[Array, Array, Array]:
 
 
 def so3_exp(omega: ArrayLike) -> Array:
-    """
-    Rotation matrix of a rotation vector (Rodrigues).
-
-    Parameters
-    ----------
-    omega : array_like, shape (..., 3)
-        Axis times angle. [rad]
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-    """
+    """Rotation matrix of a rotation vector, axis times angle [rad] (Rodrigues)."""
     w = np.asarray(omega, dtype=float)
     a, b, _ = _coefficients(np.linalg.norm(w, axis=-1))
     k = hat(w)
@@ -65,16 +44,6 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     """
     Unit quaternion (w, x, y, z) of a rotation matrix, with w >= 0.
 
-    Parameters
-    ----------
-    rotation : array_like, shape (..., 3, 3)
-
-    Returns
-    -------
-    ndarray, shape (..., 4)
-
-    Notes
-    -----
     Of the four equivalent formulas the one with the largest divisor is taken for each matrix.
     """
     r = np.asarray(rotation, dtype=float)
@@ -104,22 +73,7 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
 
 
 def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
-    """
-    Rotation matrix of a quaternion (w, x, y, z); the norm is divided out.
-
-    Parameters
-    ----------
-    quaternion : array_like, shape (..., 4)
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-
-    Raises
-    ------
-    GeometryError
-        If a quaternion has no length.
-    """
+    """Rotation matrix of a quaternion (w, x, y, z); the norm is divided out."""
     q = np.asarray(quaternion, dtype=float)
     norm = np.linalg.norm(q, axis=-1, keepdims=True)
     if not np.all(norm > 0.0):
@@ -136,18 +90,7 @@ def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
 
 
 def so3_log(rotation: ArrayLike) -> Array:
-    """
-    Rotation vector of a rotation matrix, of length at most pi.
-
-    Parameters
-    ----------
-    rotation : array_like, shape (..., 3, 3)
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        Axis times angle. [rad]
-    """
+    """Rotation vector, axis times angle [rad], of a rotation matrix; of length at most pi."""
     q = quaternion_from_matrix(rotation)
     vector = q[..., 1:]
     s = np.linalg.norm(vector, axis=-1)
@@ -157,20 +100,7 @@ def so3_log(rotation: ArrayLike) -> Array:
 
 
 def se3_exp(twist: ArrayLike) -> tuple[Array, Array]:
-    """
-    Rigid motion after unit time under a constant body twist.
-
-    Parameters
-    ----------
-    twist : array_like, shape (..., 6)
-        ``[omega, v]`` in the body frame. [rad, m]
-
-    Returns
-    -------
-    rotation : ndarray, shape (..., 3, 3)
-    translation : ndarray, shape (..., 3)
-        [m]
-    """
+    """Rotation (..., 3, 3) and translation after unit time under a constant body twist."""
     xi = np.asarray(twist, dtype=float)
     omega, v = xi[..., :3], xi[..., 3:]
     a, b, c = _coefficients(np.linalg.norm(omega, axis=-1))
@@ -182,20 +112,7 @@ def se3_exp(twist: ArrayLike) -> tuple[Array, Array]:
 
 
 def se3_log(rotation: ArrayLike, translation: ArrayLike) -> Array:
-    """
-    Twist that reaches a rigid motion in unit time; inverse of `se3_exp`.
-
-    Parameters
-    ----------
-    rotation : array_like, shape (..., 3, 3)
-    translation : array_like, shape (..., 3)
-        [m]
-
-    Returns
-    -------
-    ndarray, shape (..., 6)
-        ``[omega, v]``. [rad, m]
-    """
+    """Twist that reaches a rotation (..., 3, 3) and translation in unit time; inverse of `se3_exp`."""
     omega = so3_log(rotation)
     theta = np.linalg.norm(omega, axis=-1)
     a, b, _ = _coefficients(theta)
@@ -205,3 +122,11 @@ def se3_log(rotation: ArrayLike, translation: ArrayLike) -> Array:
     inverse_left = np.eye(3) - 0.5 * k + d[..., None, None] * (k @ k)
     v = np.einsum("...ij,...j->...i", inverse_left, np.asarray(translation, dtype=float))
     return np.concatenate([omega, v], axis=-1)
+
+
+def moved_by(quaternion: ArrayLike, translation: ArrayLike, twist: ArrayLike) -> tuple[Array, Array]:
+    """Quaternion and translation of a pose followed by a twist in its body frame, ``T Exp(xi)``."""
+    rotation = matrix_from_quaternion(quaternion)
+    turn, move = se3_exp(twist)
+    shift = np.einsum("...ij,...j->...i", rotation, move)
+    return quaternion_from_matrix(rotation @ turn), np.asarray(translation + shift)

@@ -1,22 +1,28 @@
-"""Noise-free depth sensors."""
+"""Depth of every vehicle at every sample, positive down."""
+
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.records import Trajectories
+from pymantaray.records import Measurements
+from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
 
-def measure_depth(truth: Trajectories) -> NDArray[np.float64]:
-    """
-    Depth of every vehicle at every sample.
+@dataclass(frozen=True)
+class DepthNoise:
+    """Standard deviation of a depth. [m]"""
 
-    Parameters
-    ----------
-    truth : Trajectories
+    depth_sigma: float = level(0.01)
 
-    Returns
-    -------
-    ndarray, shape (n_agents, n_time)
-        Positive down. [m]
-    """
-    return np.array(truth.position[..., 2])
+
+def measure(scene: Scene, noise: DepthNoise) -> Columns:
+    """Depth of the truth."""
+    depth = scene.truth.position[..., 2]
+    return {"depth": depth, "depth_sigma": np.full(len(depth), noise.depth_sigma)}
+
+
+def perturb(measurements: Measurements, normal: Normal) -> Columns:
+    """Independent noise at every sample."""
+    m = measurements
+    noise = np.stack([normal((m.time.size,), name, "depth") for name in m.name])
+    return {"depth": m.depth + noise * m.depth_sigma[:, None]}

@@ -8,10 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics import Absorption, FluidBottom, Medium, SeaSurface, Sonar, transmission_loss
 from pymantaray.errors import SensingError
-from pymantaray.geometry import stream
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
 from pymantaray.records.base import Column, Record, column
-from pymantaray.sensing.noise import ranged_pairs
+from pymantaray.sensing.schedule import chances
 
 Array = NDArray[np.float64]
 
@@ -87,30 +86,9 @@ def draw_unheard(
     measurements: Measurements, probability: ArrayLike, *, root_seed: int, realization: int
 ) -> Measurements:
     """
-    Let chance decide which of the arrivals are heard in one realization.
+    Let chance decide which of the arrivals are heard: the others are UNHEARD, with a refracted range of NaN.
 
-    Parameters
-    ----------
-    measurements : Measurements
-    probability : array_like, shape (n_ranges,)
-        That an attempt is heard; not read where the status is not OK.
-    root_seed, realization : int
-        As for `pymantaray.geometry.stream`.
-
-    Returns
-    -------
-    Measurements
-        Attempts that were not heard have status UNHEARD and a refracted range of NaN.
-
-    Raises
-    ------
-    SensingError
-        If there is not one probability in 0 to 1 for each attempt with an arrival.
-
-    Notes
-    -----
-    Each ordered pair draws from its own stream, once an attempt, arrival or not, so a higher probability
-    only ever adds ranges and nothing else moves.
+    Probabilities are read where the status is OK. A higher one only ever adds ranges, and nothing else moves.
     """
     o = measurements
     p = np.asarray(probability, dtype=float)
@@ -123,11 +101,7 @@ def draw_unheard(
             f"probability: {np.count_nonzero(wrong)} attempts with an arrival have none in 0 to 1, the first is"
             f" {p[wrong][0]:g}"
         )
-    chance = np.empty(ok.size)
-    for transmitter, receiver, rows in ranged_pairs(o):
-        generator = stream(root_seed, realization, "sensing", transmitter, "heard", receiver)
-        chance[rows] = generator.random(rows.size)
-    lost = ok & ~(chance < p)
+    lost = ok & ~(chances(o, root_seed=root_seed, realization=realization) < p)
     return replace(
         o,
         range_status=np.where(lost, np.int8(RayStatus.UNHEARD), o.range_status),

@@ -1,43 +1,36 @@
-"""Noise-free GNSS fixes of surfaced vehicles."""
+"""GNSS: a fix at each sample at which a vehicle is shallower than its antenna can reach."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
-from pymantaray.records import Trajectories
+from pymantaray.records import Measurements
+from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
 
-class Fixes(NamedTuple):
-    """GNSS fixes by vehicle and sample."""
+@dataclass(frozen=True)
+class GnssNoise:
+    """Standard deviation of each axis of a fix. [m]"""
 
-    agent: NDArray[np.int64]
-    sample: NDArray[np.int64]
-    position: NDArray[np.float64]
+    gnss_sigma: float = level(0.10)
 
 
-def measure_gnss(truth: Trajectories, *, gnss_depth: float = 1.0) -> Fixes:
-    """
-    Fix at each sample at which a vehicle is shallower than its antenna can reach.
+def measure(scene: Scene, noise: GnssNoise) -> Columns:
+    """Positions where the depth is smaller than the scene's ``gnss_depth``."""
+    if not scene.gnss_depth >= 0.0:
+        raise SensingError(f"gnss_depth is {scene.gnss_depth:g} m; it must be zero or positive")
+    agent, sample = np.nonzero(scene.truth.position[..., 2] < scene.gnss_depth)
+    return {
+        "gnss_agent": agent,
+        "gnss_sample": sample,
+        "gnss_position": scene.truth.position[agent, sample],
+        "gnss_sigma": np.full(agent.size, noise.gnss_sigma),
+    }
 
-    Parameters
-    ----------
-    truth : Trajectories
-    gnss_depth : float
-        A fix is had while the depth is smaller. [m]
 
-    Returns
-    -------
-    Fixes
-        Index of the vehicle, index of the sample, and the position there [m].
-
-    Raises
-    ------
-    SensingError
-        If the depth is negative or NaN.
-    """
-    if not gnss_depth >= 0.0:
-        raise SensingError(f"gnss_depth is {gnss_depth:g} m; it must be zero or positive")
-    agent, sample = np.nonzero(truth.position[..., 2] < gnss_depth)
-    return Fixes(agent=agent, sample=sample, position=truth.position[agent, sample])
+def perturb(measurements: Measurements, normal: Normal) -> Columns:
+    """Noise drawn for every sample, surfaced or not, so that a fix more moves no other's."""
+    m = measurements
+    noise = np.stack([normal((m.time.size, 3), name, "gnss") for name in m.name])
+    return {"gnss_position": m.gnss_position + noise[m.gnss_agent, m.gnss_sample] * m.gnss_sigma[:, None]}

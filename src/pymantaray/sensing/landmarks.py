@@ -1,4 +1,4 @@
-"""Fixed, surveyed points that hear the fleet."""
+"""Fixed, surveyed points that hear the fleet, and what their survey says."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
+from pymantaray.records import Measurements
+from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
 Array = NDArray[np.float64]
 
@@ -51,36 +53,36 @@ class Landmark:
         object.__setattr__(self, "position", position)
 
 
+@dataclass(frozen=True)
+class SurveyNoise:
+    """Standard deviation of each axis of a landmark's survey. [m]"""
+
+    landmark_sigma: float = level(0.10)
+
+
+def measure(scene: Scene, noise: SurveyNoise) -> Columns:
+    """True places of the landmarks."""
+    return {
+        "landmark_name": np.array([landmark.name for landmark in scene.landmarks], dtype=str),
+        "landmark_position": landmark_positions(scene.landmarks),
+        "landmark_sigma": np.full(len(scene.landmarks), noise.landmark_sigma),
+    }
+
+
+def perturb(measurements: Measurements, normal: Normal) -> Columns:
+    """Noise of one survey before the mission."""
+    m = measurements
+    noise = np.array([normal((3,), name, "survey") for name in m.landmark_name]).reshape(-1, 3)
+    return {"landmark_position": m.landmark_position + noise * m.landmark_sigma[:, None]}
+
+
 def landmark_positions(landmarks: Sequence[Landmark]) -> Array:
-    """
-    Positions of landmarks as one array.
-
-    Parameters
-    ----------
-    landmarks : sequence of Landmark
-
-    Returns
-    -------
-    ndarray, shape (n_landmarks, 3)
-        [m]
-    """
+    """Positions of landmarks as one array, shape (n_landmarks, 3). [m]"""
     return np.array([landmark.position for landmark in landmarks], dtype=float).reshape(-1, 3)
 
 
 def check_names(vehicle_names: Sequence[str], landmarks: Sequence[Landmark]) -> None:
-    """
-    Check that no two participants have the same name, by which their random streams are found.
-
-    Parameters
-    ----------
-    vehicle_names : sequence of str
-    landmarks : sequence of Landmark
-
-    Raises
-    ------
-    SensingError
-        If a landmark shares its name with a vehicle or another landmark.
-    """
+    """Refuse two participants of one name: their random streams are found by it."""
     seen = set(vehicle_names)
     for landmark in landmarks:
         if landmark.name in seen:

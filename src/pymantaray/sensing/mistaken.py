@@ -1,19 +1,167 @@
-"""Ranges on another arrival than the direct one: the candidates of each attempt, and which of them chance takes."""
+"""Ranges on another arrival than the direct one: which arrivals a receiver may take, how probably, and which by chance."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics import Sonar, probability_of_excess
+from pymantaray.acoustics.selection import choose_arrivals
 from pymantaray.errors import SensingError
-from pymantaray.geometry import stream
-from pymantaray.records import Measurements, RayStatus
+from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.records.base import Column, Record, column
-from pymantaray.sensing.noise import ranged_pairs
-from pymantaray.sensing.picker import by_rank
+from pymantaray.sensing.ranging import Ranging
+from pymantaray.sensing.schedule import chances
+from pymantaray.sensing.timing import Leg, OneWay, Timing, TwoWay, half_round_trip, velocities
 
+Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+PickRule = Literal["first-detected", "strongest-detected"]
+_ONE_WAY = OneWay()
+_SPREAD_DB = 6.0  # of an arrival's level where no sonar says another
+_FAR_DB = 1e4  # stands for an infinite loss
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
+_TAIL = 8.0  # standard deviations beyond which a normal level does not go
+
+
+@dataclass(frozen=True)
+class Picker:
+    r"""
+    Rule by which a receiver picks one of the arrivals of a ping.
+
+    Parameters
+    ----------
+    rule : {"first-detected", "strongest-detected"}
+        The earliest of the arrivals that it detects, or the loudest of them.
+    sonar : Sonar, optional
+        What it detects, and how much levels spread about the predicted ones.
+    below_strongest_db : float, optional
+        Without a sonar, for ``first-detected``: an arrival predicted to be so much weaker than the link's strongest
+        is detected half the time. [dB]
+
+    Raises
+    ------
+    SensingError
+        If the rule is unknown, or there is not exactly one threshold where the rule needs one.
+
+    Notes
+    -----
+    The level of each arrival is normal in decibels about the predicted one with standard deviation
+    :math:`\sigma`, independently of the others. With the mean excess :math:`e_k` over the threshold and :math:`p_k =
+    \Phi(e_k / \sigma)`, arrival k in order of time is taken with probability
+
+    .. math:: p_k \prod_{j < k} (1 - p_j)
+
+    by ``first-detected`` and, of all orders,
+
+    .. math:: \int_{-e_k / \sigma}^\infty \varphi(z) \prod_{j \ne k} \Phi\left(z + (e_k - e_j) / \sigma\right) dz
+
+    by ``strongest-detected``. Both add up to :math:`1 - \prod_k (1 - p_k)`: with a sonar, nothing may be heard.
+    Without one, as everywhere, something is: the threshold lies `below_strongest_db` below the predicted level of
+    the strongest, :math:`\sigma` is 6 dB, and if nothing passes the receiver takes the predicted strongest;
+    ``strongest-detected`` has no threshold then.
+    """
+
+    rule: PickRule
+    sonar: Sonar | None = None
+    below_strongest_db: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the rule and that it has its threshold."""
+        if self.rule not in get_args(PickRule):
+            raise SensingError(f"Picker: rule {self.rule!r}; allowed are {', '.join(get_args(PickRule))}")
+        needed = self.rule == "first-detected" and self.sonar is None
+        if needed != (self.below_strongest_db is not None):
+            raise SensingError(
+                f"Picker: below_strongest_db is {self.below_strongest_db}; first-detected without a sonar needs it,"
+                " nothing else does"
+            )
+
+    def probabilities(self, loss_db: ArrayLike, link: ArrayLike, travel_time: ArrayLike) -> Array:
+        """
+        Probability that each arrival is the one that its receiver takes.
+
+        Parameters
+        ----------
+        loss_db : array_like, shape (n_arrivals,)
+            Loss; NaN counts as infinite. Without a sonar only differences within a link matter. [dB]
+        link : array_like of int, shape (n_arrivals,)
+            Arrivals of the same link compete.
+        travel_time : array_like, shape (n_arrivals,)
+            [s]
+
+        Returns
+        -------
+        ndarray, shape (n_arrivals,)
+        """
+        given = np.asarray(link, dtype=np.int64)
+        order = np.lexsort((np.asarray(travel_time, dtype=float), given))
+        loss = np.nan_to_num(np.asarray(loss_db, dtype=float), nan=_FAR_DB, posinf=_FAR_DB, neginf=-_FAR_DB)[
+            order
+        ]
+        ranks = by_rank(given[order])
+        competes = np.unique(given, return_inverse=True)[1][order]  # links without gaps between them
+        least = np.full(competes.max(initial=-1) + 1, np.inf)
+        np.minimum.at(least, competes, loss)
+        if self.sonar is not None:
+            spread, excess = self.sonar.spread_db, self.sonar.figure_of_merit_db - loss
+        else:
+            spread, excess = _SPREAD_DB, (self.below_strongest_db or 0.0) + least[competes] - loss
+        strongest = _earliest(ranks, competes, loss == least[competes])
+        if self.rule == "first-detected":
+            found, missed = _first(ranks, competes, probability_of_excess(excess, spread))
+            if self.sonar is None:
+                found[strongest] += missed[competes[strongest]]
+        elif spread == 0.0:
+            found = np.where((excess >= 0.0) & np.isin(np.arange(loss.size), strongest), 1.0, 0.0)
+        else:
+            lowest = None if self.sonar is None else -excess / spread
+            found = _loudest(ranks, competes, excess / spread, lowest)
+        result = np.empty(loss.size)
+        result[order] = found
+        return result
+
+
+def by_rank(group: NDArray[np.int64]) -> list[Indices]:
+    """The first row of each group, the second of each that has so many, and so on; rows of a group stand together."""
+    _, start, count = np.unique(group, return_index=True, return_counts=True)
+    return [start[count > rank] + rank for rank in range(int(count.max(initial=0)))]
+
+
+def _earliest(ranks: list[Indices], link: Indices, marked: NDArray[np.bool_]) -> Indices:
+    """First marked row of each link."""
+    row = np.full(link.max(initial=-1) + 1, -1)
+    for rows in ranks:
+        new = rows[marked[rows] & (row[link[rows]] < 0)]
+        row[link[new]] = new
+    return row
+
+
+def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
+    """Probability of each row to be the first detected, and of each link that none is."""
+    found, missed = np.empty(detected.size), np.ones(link.max(initial=-1) + 1)
+    for rows in ranks:
+        found[rows] = detected[rows] * missed[link[rows]]
+        missed[link[rows]] *= 1.0 - detected[rows]
+    return found, missed
+
+
+def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | None) -> Array:
+    """Probability of each row to be the loudest, above its lowest level; levels have standard deviation 1."""
+    from scipy.special import ndtr
+
+    low = np.full(level.size, -_TAIL) if lowest is None else np.clip(lowest, -_TAIL, _TAIL)
+    half = 0.5 * (_TAIL - low)
+    z = low[:, None] + half[:, None] * (_NODES + 1.0)
+    integrand = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+    for rows in ranks:
+        other = np.full(link.max(initial=-1) + 1, -1)
+        other[link[rows]] = rows
+        rival = other[link]
+        beaten = np.flatnonzero((rival >= 0) & (rival != np.arange(level.size)))
+        integrand[beaten] *= ndtr(z[beaten] + (level[beaten] - level[rival[beaten]])[:, None])
+    return np.asarray(half * (integrand @ _WEIGHTS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +225,155 @@ class Candidates(Record):
         return np.asarray((taken >= 0) & (np.append(self.direct, 1)[taken] == 0))
 
 
+def find_candidates(
+    ranging: Ranging, truth: Trajectories, picker: Picker, *, timing: Timing = _ONE_WAY
+) -> Candidates:
+    """
+    List what each range attempt may take for its direct arrival.
+
+    Parameters
+    ----------
+    ranging : Ranging
+        What `measure_ranges` returned, by the rule ``direct``, with a detector if the picker has a sonar.
+    truth : Trajectories
+        That was ranged.
+    picker : Picker
+    timing : OneWay or TwoWay
+        As the ranges were measured.
+
+    Returns
+    -------
+    Candidates
+        A link without a direct arrival has its reflected ones. A stopped vehicle's attempts have none.
+
+    Raises
+    ------
+    SensingError
+        If the picker has a sonar, but the arrivals have no loss.
+
+    Notes
+    -----
+    Without a sonar the losses are the arrivals' spreading alone: reflection and absorption lose nothing. Two-way, ping
+    and answer are picked independently.
+    """
+    arrivals, table = ranging.arrivals, ranging.attempts
+    if picker.sonar is not None and ranging.loss_db is None:
+        raise SensingError(
+            "find_candidates: a picker with a sonar needs ranges that were measured with a detector"
+        )
+    loss = arrivals.spreading_db if picker.sonar is None or ranging.loss_db is None else ranging.loss_db
+    there, back = (_way(ranging, picker, loss, sign) for sign in (1.0, -1.0))
+    attempt, link = _attempts_of_links(ranging)
+    backward = table.transmitter[attempt] > table.receiver[attempt]
+    start, stop = (np.searchsorted(arrivals.link, link, side=side) for side in ("left", "right"))
+    row, ping = _spread_out(start, stop)  # which of `attempt`, which arrival
+    if isinstance(timing, OneWay):
+        chosen = _Way(*(np.where(backward[row], b[ping], t[ping]) for t, b in zip(there, back, strict=True)))
+        time, probability, direct = chosen.travel_time, chosen.probability, chosen.direct
+        bounces = _bounces(ranging)[ping]
+    else:
+        one, answer = _spread_out(start[row], stop[row])
+        row, ping = row[one], ping[one]
+        time, probability, direct = _exchanges(
+            ranging, truth, timing, attempt[row], backward[row], ping, answer, there, back
+        )
+        bounces = _bounces(ranging)[ping] + _bounces(ranging)[answer]
+    attempt = attempt[row]
+    order = np.lexsort((time, ~direct, attempt))
+    return Candidates(
+        attempt=attempt[order],
+        travel_time=time[order],
+        probability=probability[order],
+        direct=direct[order],
+        bounces=bounces[order],
+    )
+
+
+class _Way(NamedTuple):
+    """Arrivals in one direction, row by row."""
+
+    travel_time: Array
+    probability: Array
+    direct: NDArray[np.bool_]
+
+
+def _way(ranging: Ranging, picker: Picker, loss: Array, sign: float) -> _Way:
+    arrivals = ranging.arrivals
+    delay = None if ranging.delay is None else sign * ranging.delay
+    time: Array = arrivals.travel_time if delay is None else arrivals.travel_time + delay
+    direct = np.zeros(time.size, dtype=bool)
+    direct[choose_arrivals(arrivals, "direct", delay=delay).row] = True
+    return _Way(time, picker.probabilities(loss, arrivals.link, time), direct)
+
+
+def _bounces(ranging: Ranging) -> NDArray[np.int16]:
+    return np.asarray(ranging.arrivals.surface_bounces + ranging.arrivals.bottom_bounces)
+
+
+def _attempts_of_links(ranging: Ranging) -> tuple[Indices, Indices]:
+    """Attempts whose rays were looked for, and the link of each."""
+    table, links = ranging.attempts, ranging.links
+    n = 1 + max(table.transmitter.max(initial=0), table.receiver.max(initial=0))
+    lower, upper = (
+        np.minimum(table.transmitter, table.receiver),
+        np.maximum(table.transmitter, table.receiver),
+    )
+    wanted = (table.sample * n + lower) * n + upper
+    there = (links.sample.astype(np.int64) * n + links.first) * n + links.second  # increasing
+    at = np.searchsorted(there, wanted)
+    found = np.flatnonzero(np.append(there, -1)[at] == wanted)
+    return found, at[found]
+
+
+def _spread_out(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
+    """All numbers of several ranges one after the other, and which range each is of."""
+    count = stop - start
+    of = np.repeat(np.arange(count.size), count)
+    return of, np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + start[of]
+
+
+def _exchanges(
+    ranging: Ranging,
+    truth: Trajectories,
+    timing: TwoWay,
+    attempt: Indices,
+    backward: NDArray[np.bool_],
+    ping: Indices,
+    answer: Indices,
+    there: _Way,
+    back: _Way,
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Half of the round trip, probability, and whether both ways are direct, of pairs of arrivals."""
+    arrivals, table = ranging.arrivals, ranging.attempts
+    epochs, at = np.unique(table.sample[attempt], return_inverse=True)
+    n = 1 + max(table.transmitter.max(initial=0), table.receiver.max(initial=0), truth.name.size - 1)
+    velocity = np.zeros((n, epochs.size, 3))
+    velocity[: truth.name.size] = velocities(truth, epochs)
+    ends = np.stack([-arrivals.source_slowness, arrivals.receiver_slowness])
+    own, other = backward.astype(np.int64), 1 - backward.astype(np.int64)
+
+    def leg(row: Indices, returning: NDArray[np.bool_]) -> Leg:
+        time = np.where(returning, back.travel_time[row], there.travel_time[row])
+        return Leg(time, ends[own, row], ends[other, row])
+
+    time = half_round_trip(
+        timing,
+        leg(ping, backward),
+        leg(answer, ~backward),
+        velocity[table.transmitter[attempt], at],
+        velocity[table.receiver[attempt], at],
+    )
+    probability = np.where(
+        backward,
+        back.probability[ping] * there.probability[answer],
+        there.probability[ping] * back.probability[answer],
+    )
+    direct = np.where(
+        backward, back.direct[ping] & there.direct[answer], there.direct[ping] & back.direct[answer]
+    )
+    return time, probability, direct
+
+
 def draw_taken(
     measurements: Measurements, candidates: Candidates, *, root_seed: int, realization: int
 ) -> Indices:
@@ -107,31 +404,15 @@ def draw_taken(
     the earliest and is heard without mistakes is heard with them too, by ``first-detected``: mistakes come
     in the place of what was not heard.
     """
-    chance = np.ones(measurements.range_status.size)
-    for transmitter, receiver, rows in ranged_pairs(measurements):
-        generator = stream(root_seed, realization, "sensing", transmitter, "heard", receiver)
-        chance[rows] = generator.random(rows.size)
-    return candidates.taken_by(chance)
+    return candidates.taken_by(chances(measurements, root_seed=root_seed, realization=realization))
 
 
 def take_arrivals(measurements: Measurements, candidates: Candidates, taken: Indices) -> Measurements:
     """
-    Range on what each attempt takes for the direct arrival.
+    Range on what each attempt takes for the direct arrival, by `draw_taken`; straight ranges stay.
 
-    Parameters
-    ----------
-    measurements : Measurements
-        Without noise.
-    candidates : Candidates
-    taken : ndarray of int, shape (n_ranges,)
-        From `draw_taken`.
-
-    Returns
-    -------
-    Measurements
-        Where another arrival was taken, the refracted range is its own, and the status is OK: the receiver knows
-        no better. Where nothing was, an arrival that there is has status UNHEARD and a refracted range of NaN.
-        Straight ranges stay.
+    Where another arrival was taken, the refracted range is its own, and the status is OK: the receiver knows no
+    better. Where nothing was, an arrival that there is has status UNHEARD and a refracted range of NaN.
     """
     o, wrong = measurements, candidates.mistaken(taken)
     lost = (taken < 0) & (o.range_status == RayStatus.OK)

@@ -1,33 +1,62 @@
-"""Noise-free odometry: the motion from each sample to the next, in the body frame."""
+"""Odometry: the motion from each sample to the next, in the body frame."""
+
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
-from pymantaray.records import Trajectories
+from pymantaray.geometry.se3 import matrix_from_quaternion, moved_by, quaternion_from_matrix, so3_log
+from pymantaray.records import Measurements
+from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
-Array = NDArray[np.float64]
+
+@dataclass(frozen=True)
+class OdometryNoise:
+    """Shares of an edge's rotation angle and length [-], and what is added per time [rad s⁻¹, m s⁻¹]."""
+
+    odometry_rotation_fraction: float = level(1e-6, may_be_zero=True)
+    odometry_rotation_drift: float = level(5e-7)
+    odometry_xy_fraction: float = level(0.05, may_be_zero=True)
+    odometry_z_fraction: float = level(0.001, may_be_zero=True)
+    odometry_translation_drift: float = level(0.0125)
+
+    def odometry_sigma(
+        self, rotation: ArrayLike, translation: ArrayLike, time: ArrayLike
+    ) -> NDArray[np.float64]:
+        r"""
+        Composite standard deviation (..., n_time - 1, 6) of edges, in the tangent of their noise-free relative poses.
+
+        The paper's :math:`\sigma_i = \sqrt{(f_i \lVert m \rVert)^2 + (d_i \Delta t)^2}`. It leaves the
+        motion's magnitude open: here it is the length of the edge's translation for the translations
+        and of its rotation vector for the rotations.
+        """
+        turned = np.linalg.norm(so3_log(matrix_from_quaternion(rotation)), axis=-1)
+        moved = np.linalg.norm(np.asarray(translation, dtype=float), axis=-1)
+        elapsed = np.diff(np.asarray(time, dtype=float))
+        turn = np.hypot(self.odometry_rotation_fraction * turned, self.odometry_rotation_drift * elapsed)
+        drift = self.odometry_translation_drift * elapsed
+        across = np.hypot(self.odometry_xy_fraction * moved, drift)
+        vertical = np.hypot(self.odometry_z_fraction * moved, drift)
+        return np.stack([turn, turn, turn, across, across, vertical], axis=-1)
 
 
-def measure_odometry(truth: Trajectories) -> tuple[Array, Array]:
-    """
-    Relative poses ``T_k^-1 T_{k+1}``.
-
-    Parameters
-    ----------
-    truth : Trajectories
-
-    Returns
-    -------
-    rotation : ndarray, shape (n_agents, n_time - 1, 4)
-        Quaternion (w, x, y, z) from body frame k + 1 to k, with w >= 0.
-    translation : ndarray, shape (n_agents, n_time - 1, 3)
-        Motion in body frame k. [m]
-    """
+def measure(scene: Scene, noise: OdometryNoise) -> Columns:
+    """Relative poses ``T_k^-1 T_{k+1}``, rotations with w >= 0."""
+    truth = scene.truth
     to_world = matrix_from_quaternion(truth.quaternion)
     to_body = np.swapaxes(to_world[:, :-1], -1, -2)
-    moved = np.diff(truth.position, axis=1)
-    return (
-        quaternion_from_matrix(to_body @ to_world[:, 1:]),
-        np.einsum("...ij,...j->...i", to_body, moved),
-    )
+    rotation = quaternion_from_matrix(to_body @ to_world[:, 1:])
+    translation = np.einsum("...ij,...j->...i", to_body, np.diff(truth.position, axis=1))
+    return {
+        "odometry_rotation": rotation,
+        "odometry_translation": translation,
+        "odometry_sigma": noise.odometry_sigma(rotation, translation, truth.time),
+    }
+
+
+def perturb(measurements: Measurements, normal: Normal) -> Columns:
+    """Noise ``T Exp(xi)`` on the manifold."""
+    m = measurements
+    xi = np.stack([normal(m.odometry_sigma.shape[1:], name, "odometry") for name in m.name])
+    rotation, translation = moved_by(m.odometry_rotation, m.odometry_translation, xi * m.odometry_sigma)
+    return {"odometry_rotation": rotation, "odometry_translation": translation}

@@ -1,24 +1,28 @@
-"""Noise-free ranges from acoustic travel times, by both of the paper's models."""
+"""Ranges without noise: the rays of every pair at every ping, the arrival that each receiver ranges on, travel times."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Currents, Medium, Rule, find_eigenrays
-from pymantaray.records import Arrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
+from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
+from pymantaray.acoustics.currents import Currents, current_delays
+from pymantaray.acoustics.selection import Rule, choose_arrivals, select
+from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.detection import Detector
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
-from pymantaray.sensing.reception import Progress, Reception, join, receive
 from pymantaray.sensing.schedule import Attempts, PingSchedule, attempts
 from pymantaray.sensing.timing import Leg, OneWay, Timing, TwoWay, half_round_trip, velocities
 
 Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+"""Told how many parts of the work are done, and how many there are."""
 _ONE_WAY = OneWay()
+_BLOCK = 512  # links whose ray paths are held at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,134 +125,317 @@ def measure_ranges(
     Travel time is reciprocal but for the current, so each unordered pair is solved once. The two refracted
     ranges ``c t`` of a pair differ, since the sound speed is that at the transmitter (two-way: the initiator).
     """
-    check_names([str(name) for name in truth.name], landmarks)
-    epochs = schedule.samples(truth.time)
-    n_agents, n_epochs = len(truth.name), epochs.size
-    fixed = landmark_positions(landmarks)
-    n = n_agents + len(fixed)
-    position = np.empty((n, n_epochs, 3))
-    position[:n_agents], position[n_agents:] = truth.position[:, epochs], fixed[:, None]
-    silent = np.zeros((n, n_epochs), dtype=bool)
-    silent[:n_agents] = truth.status[:, epochs] != VehicleStatus.ACTIVE
+    check_names(truth.name.tolist(), landmarks)
+    ear = _Ear(spreading_cutoff_db, max_surface_bounces, max_bottom_bounces, arrival, detector, threads)
+    pairs = _pairs(truth, landmarks, schedule.samples(truth.time))
+    ends = [0, pairs.epoch.size]  # of the runs of links that share their water
+    if callable(medium) or callable(currents):
+        ends = (pairs.first.size * np.arange(pairs.samples.size + 1)).tolist()
+    parts = []
+    for now, (start, stop) in zip(truth.time[pairs.samples].tolist(), pairwise(ends), strict=False):
+        water = medium(now) if callable(medium) else medium
+        flow = currents(now) if callable(currents) else currents
+        parts.append(_sound(ear, pairs, slice(start, stop), water, flow, progress))
+        del water, flow  # media that vary are held one at a time
+    links = _joined(parts)
+    return _ranging(links, pairs, truth, timing)
 
+
+class _Pairs(NamedTuple):
+    """Unordered pairs at every ping: links, pair by pair within each epoch."""
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    """Participants of each pair."""
+    samples: NDArray[np.int64]
+    """Of each epoch."""
+    place: Array
+    """Shape (n_participants, n_epochs, 3). [m]"""
+    silent: NDArray[np.bool_]
+    """Shape (n_participants, n_epochs)."""
+    epoch: NDArray[np.int64]
+    pair: NDArray[np.int64]
+    """Of each link."""
+
+    @property
+    def source(self) -> Array:
+        return self.place[self.first[self.pair], self.epoch]
+
+    @property
+    def receiver(self) -> Array:
+        return self.place[self.second[self.pair], self.epoch]
+
+    @property
+    def stopped(self) -> NDArray[np.bool_]:
+        ends = (self.silent[end[self.pair], self.epoch] for end in (self.first, self.second))
+        return np.asarray(np.logical_or(*ends))
+
+
+def _pairs(truth: Trajectories, landmarks: Sequence[Landmark], samples: NDArray[np.int64]) -> _Pairs:
+    n_agents, fixed = truth.name.size, landmark_positions(landmarks)
+    n = n_agents + len(fixed)
+    place, silent = np.empty((n, samples.size, 3)), np.zeros((n, samples.size), dtype=bool)
+    place[:n_agents], place[n_agents:] = truth.position[:, samples], fixed[:, None]
+    silent[:n_agents] = truth.status[:, samples] != VehicleStatus.ACTIVE
     first, second = np.triu_indices(n, k=1)
     first, second = first[first < n_agents], second[first < n_agents]
-    pair_of = np.zeros((n, n), dtype=np.int64)
-    pair_of[first, second] = pair_of[second, first] = np.arange(first.size)
-    epoch, pair = np.divmod(np.arange(n_epochs * first.size), max(first.size, 1))
-    source, receiver = position[first[pair], epoch], position[second[pair], epoch]
-    stopped = silent[first[pair], epoch] | silent[second[pair], epoch]
+    epoch, pair = np.divmod(np.arange(samples.size * first.size), max(first.size, 1))
+    return _Pairs(first, second, samples, place, silent, epoch, pair)
 
-    status = np.full(pair.size, RayStatus.STOPPED, dtype=np.int8)
-    time, chord = np.full((pair.size, 2), np.nan), np.full(pair.size, np.nan)
-    speed = np.full((pair.size, 2), np.nan)  # at the source, at the receiver
-    heard = ~stopped
 
-    def solve(links: slice, water: Medium, moving: Currents | None) -> Reception:
-        loud, quiet = links.start + np.flatnonzero(heard[links]), links.start + np.flatnonzero(stopped[links])
+class _Ear(NamedTuple):
+    """What every receiver listens for, and by how many threads."""
 
-        def tell(before: int, count: int) -> Progress | None:
-            if progress is None:
-                return None
-            return lambda done, total: progress(before + done * count // max(total, 1), pair.size)
+    spreading_cutoff_db: float | None
+    max_surface_bounces: int
+    max_bottom_bounces: int
+    rule: Rule
+    detector: Detector | None
+    threads: int | None
 
-        found = receive(
-            water,
-            source[loud],
-            receiver[loud],
-            spreading_cutoff_db=spreading_cutoff_db,
-            max_surface_bounces=max_surface_bounces,
-            max_bottom_bounces=max_bottom_bounces,
-            rule=arrival,
-            currents=moving,
-            detector=detector,
-            threads=threads,
-            progress=tell(links.start, loud.size),
-        )
-        there = found.there
-        status[loud], chord[loud] = there.status, there.chord_travel_time
-        time[loud] = np.stack([there.travel_time, found.back.travel_time], axis=-1)
-        speed[loud] = np.stack([there.source_sound_speed, there.receiver_sound_speed], axis=-1)
-        if quiet.size:  # what evaluation needs of a silent pair: its chord and sound speeds, no arrival
-            unheard = find_eigenrays(
-                water,
-                source[quiet],
-                receiver[quiet],
-                threads=threads,
-                progress=tell(links.start + loud.size, quiet.size),
-            )
-            chord[quiet] = unheard.chord_travel_time
-            speed[quiet] = np.stack([unheard.source_sound_speed, unheard.receiver_sound_speed], axis=-1)
-        return found
+    @property
+    def looks_again(self) -> bool:
+        """Whether the direct rays are looked for on their own where none is among the arrivals."""
+        return self.rule == "direct" and bool(self.max_surface_bounces or self.max_bottom_bounces)
 
-    ends: list[int] = [0, pair.size]  # of the runs of links that share their water
-    if callable(medium) or callable(currents):
-        ends = (first.size * np.arange(n_epochs + 1)).tolist()
-    found = join(
-        [
-            solve(
-                slice(start, stop),
-                medium(now) if callable(medium) else medium,
-                currents(now) if callable(currents) else currents,
-            )
-            for now, (start, stop) in zip(truth.time[epochs].tolist(), pairwise(ends), strict=False)
-        ]
+
+class _Sound(NamedTuple):
+    """Outcome of a run of links in both directions; slowness vectors of both point from source to receiver."""
+
+    status: NDArray[np.int8]
+    chord_travel_time: Array
+    travel_time: Array
+    """Shape (n_links, 2): from source to receiver, and back."""
+    sound_speed: Array
+    """Shape (n_links, 2): at the source, and at the receiver."""
+    gradient: Array
+    """Of travel time by the ends: link, way (there, back), end (source, receiver), axis."""
+    heard: NDArray[np.bool_]
+    """False where an end has stopped; such links are not among the arrivals."""
+    arrivals: Arrivals
+    """Their travel times are those in water at rest."""
+    probability: Array | None
+    """Shape (n_links, 2): that the arrival there and the one back are heard; None without a detector."""
+    loss_db: Array | None
+    delay: Array | None
+
+
+def _sound(
+    ear: _Ear,
+    pairs: _Pairs,
+    links: slice,
+    medium: Medium,
+    currents: Currents | None,
+    progress: Progress | None,
+) -> _Sound:
+    """Rays of a run of links, and what each receiver ranges on."""
+    source, receiver, stopped = pairs.source[links], pairs.receiver[links], pairs.stopped[links]
+    loud, quiet = np.flatnonzero(~stopped), np.flatnonzero(stopped)
+
+    def tell(before: int, count: int) -> Progress | None:
+        if progress is None:
+            return None
+        return lambda done, total: progress(before + done * count // max(total, 1), pairs.epoch.size)
+
+    arrivals, there, back, probability, loss, delay = _receive(
+        ear, medium, currents, source[loud], receiver[loud], tell(links.start, loud.size)
     )
-
-    table = attempts(n_agents, len(fixed), epochs)
-    per_epoch = table.sample.size // n_epochs
-    link = np.repeat(np.arange(n_epochs), per_epoch) * first.size + pair_of[table.transmitter, table.receiver]
-    backward = (table.transmitter > table.receiver).astype(np.int64)
-    travel_time, transmitter_speed = time[link, backward], speed[link, backward]
-    if isinstance(timing, TwoWay):
-        velocity = np.zeros(position.shape)
-        velocity[:n_agents] = velocities(truth, epochs)
-        gradient = np.full((pair.size, 2, 2, 3), np.nan)
-        gradient[heard] = _gradients(found)
-        at = np.repeat(np.arange(n_epochs), per_epoch)
-        ping, answer = (
-            Leg(time[link, way], gradient[link, way, backward], gradient[link, way, 1 - backward])
-            for way in (backward, 1 - backward)
+    n = stopped.size
+    status, chord = np.full(n, RayStatus.STOPPED, dtype=np.int8), np.full(n, np.nan)
+    time, speed, gradient = np.full((n, 2), np.nan), np.full((n, 2), np.nan), np.full((n, 2, 2, 3), np.nan)
+    status[loud], chord[loud] = there.status, there.chord_travel_time
+    time[loud] = np.stack([there.travel_time, back.travel_time], axis=-1)
+    speed[loud] = np.stack([there.source_sound_speed, there.receiver_sound_speed], axis=-1)
+    ends = [np.stack([-way.source_slowness, way.receiver_slowness], axis=1) for way in (there, back)]
+    gradient[loud] = np.stack(ends, axis=1)
+    chances = None if probability is None else np.full((n, 2), np.nan)
+    if chances is not None:
+        chances[loud] = probability
+    if quiet.size:  # what evaluation needs of a silent pair: its chord and sound speeds, no arrival
+        bare = find_eigenrays(
+            medium,
+            source[quiet],
+            receiver[quiet],
+            threads=ear.threads,
+            progress=tell(links.start + loud.size, quiet.size),
         )
-        initiator, responder = velocity[table.transmitter, at], velocity[table.receiver, at]
+        chord[quiet] = bare.chord_travel_time
+        speed[quiet] = np.stack([bare.source_sound_speed, bare.receiver_sound_speed], axis=-1)
+    return _Sound(status, chord, time, speed, gradient, ~stopped, arrivals, chances, loss, delay)
+
+
+def _receive(
+    ear: _Ear,
+    medium: Medium,
+    currents: Currents | None,
+    source: Array,
+    receiver: Array,
+    progress: Progress | None,
+) -> tuple[Arrivals, FirstArrivals, FirstArrivals, Array | None, Array | None, Array | None]:
+    """
+    Arrivals, those ranged on there and back, probabilities that they are heard, losses and delays of all arrivals.
+
+    By ``direct``, time and status of a link do not depend on the bounces allowed: one without a direct arrival has
+    the status that it has where none are. Each link counts once to find its rays, once more to find the direct ones
+    alone and once more to follow its rays, as far as that is done.
+    """
+    n, follows = len(source), currents is not None or ear.detector is not None
+    total = n * (1 + ear.looks_again + follows)
+
+    def tell(before: int) -> Progress | None:
+        return None if progress is None else lambda done, _: progress(before + done, total)
+
+    arrivals = find_eigenrays(
+        medium,
+        source,
+        receiver,
+        ear.max_surface_bounces,
+        ear.max_bottom_bounces,
+        ear.spreading_cutoff_db,
+        threads=ear.threads,
+        progress=tell(0),
+    )
+    bare, lost = None, np.empty(0, dtype=np.int64)
+    if ear.looks_again:
+        lost = np.flatnonzero(select(arrivals, "direct").status != RayStatus.OK)
+        bare = find_eigenrays(
+            medium,
+            source[lost],
+            receiver[lost],
+            spreading_cutoff_db=ear.spreading_cutoff_db,
+            threads=ear.threads,
+            progress=tell(2 * n - lost.size),
+        )
+        arrivals = _with_more(arrivals, bare, lost)
+    delay = loss = None
+    if follows:
+        before = n * (1 + ear.looks_again)
+        delay, loss = _along_rays(ear, medium, currents, (source, receiver), arrivals, tell(before))
+    ways = [select(arrivals, ear.rule, loss_db=loss, delay=d) for d in _both_ways(delay)]
+    status, margin = ways[0].status.copy(), ways[0].shadow_margin.copy()
+    if bare is not None:
+        status[lost], margin[lost] = bare.status, bare.shadow_margin
+    there, back = (replace(way, status=status, shadow_margin=margin) for way in ways)
+    probability = None
+    if ear.detector is not None and loss is not None:
+        heard = ear.detector.sonar.probability_heard(loss)
+        probability = np.full((n, 2), np.nan)
+        for way, d in enumerate(_both_ways(delay)):
+            link, row = choose_arrivals(arrivals, ear.rule, loss_db=loss, delay=d)
+            probability[link, way] = heard[row]
+    return arrivals, there, back, probability, loss, delay
+
+
+def _both_ways(delay: Array | None) -> tuple[Array | None, Array | None]:
+    return (None, None) if delay is None else (delay, -delay)
+
+
+def _with_more(arrivals: Arrivals, more: Arrivals, links: NDArray[np.int64]) -> Arrivals:
+    """Arrivals with those of some of their links that the solver had left out, having found too many."""
+    if not more.link.size:
+        return arrivals
+    rows = {
+        f.name: np.concatenate([getattr(arrivals, f.name), getattr(more, f.name)])
+        for f in fields(arrivals)
+        if f.metadata["dims"][0] == "arrival"
+    }
+    rows["link"] = np.concatenate([arrivals.link, links[more.link]])
+    order = np.lexsort((rows["travel_time"], rows["link"]))
+    return replace(arrivals, **{name: values[order] for name, values in rows.items()})
+
+
+def _along_rays(
+    ear: _Ear,
+    medium: Medium,
+    currents: Currents | None,
+    ends: tuple[Array, Array],
+    arrivals: Arrivals,
+    progress: Progress | None,
+) -> tuple[Array | None, Array | None]:
+    """Delay by the current and transmission loss of each arrival, None for what is not asked for."""
+    delay, loss = np.zeros(arrivals.link.size), np.zeros(arrivals.link.size)
+    for start in range(0, arrivals.status.size, _BLOCK):
+        stop = min(start + _BLOCK, arrivals.status.size)
+        rows = slice(*np.searchsorted(arrivals.link, [start, stop]))
+        part = _part(arrivals, slice(start, stop), rows)
+        source, receiver = (end[start:stop] for end in ends)
+        paths = trace_paths(medium, source, receiver, part, threads=ear.threads)
+        if currents is not None:
+            delay[rows] = current_delays(quadrature(paths), currents, part.link.size)
+        if ear.detector is not None:
+            loss[rows] = ear.detector.loss_db(medium, source, receiver, part, paths)
+        if progress is not None:
+            progress(stop, arrivals.status.size)
+    return (None if currents is None else delay), (None if ear.detector is None else loss)
+
+
+def _part(arrivals: Arrivals, links: slice, rows: slice) -> Arrivals:
+    """Arrivals of a run of links."""
+    cut = {"arrival": rows, "n_links": links}
+    columns = {f.name: getattr(arrivals, f.name)[cut[f.metadata["dims"][0]]] for f in fields(arrivals)}
+    return Arrivals(**columns | {"link": columns["link"] - links.start})
+
+
+def _joined(parts: Sequence[_Sound]) -> _Sound:
+    """One run of links of several, one after the other."""
+    if len(parts) == 1:
+        return parts[0]
+    before = np.cumsum([0, *(part.arrivals.status.size for part in parts)])
+    link = np.concatenate([part.arrivals.link + n for part, n in zip(parts, before[:-1], strict=True)])
+    arrivals = {
+        f.name: np.concatenate([getattr(part.arrivals, f.name) for part in parts]) for f in fields(Arrivals)
+    }
+    columns: dict[str, Any] = {"arrivals": Arrivals(**arrivals | {"link": link})}
+    for name in set(_Sound._fields) - {"arrivals"}:
+        values = [getattr(part, name) for part in parts]
+        columns[name] = None if values[0] is None else np.concatenate(values)
+    return _Sound(**columns)
+
+
+def _ranging(sound: _Sound, pairs: _Pairs, truth: Trajectories, timing: Timing) -> Ranging:
+    """From links, one an unordered pair, to range attempts."""
+    n_agents, n_epochs = truth.name.size, pairs.samples.size
+    table = attempts(n_agents, len(pairs.place) - n_agents, pairs.samples)
+    epoch = np.repeat(np.arange(n_epochs), table.sample.size // n_epochs)
+    pair_of = np.zeros((len(pairs.place),) * 2, dtype=np.int64)
+    pair_of[pairs.first, pairs.second] = pair_of[pairs.second, pairs.first] = np.arange(pairs.first.size)
+    link = epoch * pairs.first.size + pair_of[table.transmitter, table.receiver]
+    forth = (table.transmitter > table.receiver).astype(np.int64)  # the way of the ping, and its sender's end
+    back, travel_time = 1 - forth, sound.travel_time[link, forth]
+    if isinstance(timing, TwoWay):
+        velocity = np.zeros(pairs.place.shape)
+        velocity[:n_agents] = velocities(truth, pairs.samples)
+        ping, answer = (
+            Leg(
+                sound.travel_time[link, way],
+                sound.gradient[link, way, forth],
+                sound.gradient[link, way, back],
+            )
+            for way in (forth, back)
+        )
+        initiator, responder = velocity[table.transmitter, epoch], velocity[table.receiver, epoch]
         travel_time = half_round_trip(timing, ping, answer, initiator, responder)
+    probability = None
+    if sound.probability is not None:
+        both = isinstance(timing, TwoWay)
+        probability = sound.probability.prod(axis=-1)[link] if both else sound.probability[link, forth]
+    heard = sound.heard
     return Ranging(
         attempts=table,
-        status=status[link],
+        status=sound.status[link],
         truth=RangingTruth(
-            distance=np.linalg.norm(receiver - source, axis=-1)[link],
-            sound_speed=transmitter_speed,
+            distance=np.linalg.norm(pairs.receiver - pairs.source, axis=-1)[link],
+            sound_speed=sound.sound_speed[link, forth],
             travel_time=travel_time,
-            chord_travel_time=chord[link],
+            chord_travel_time=sound.chord_travel_time[link],
         ),
-        links=Links(sample=epochs[epoch][heard], first=first[pair][heard], second=second[pair][heard]),
-        arrivals=found.arrivals,
-        probability=_probabilities(found, heard, timing, link, backward),
-        loss_db=found.loss_db,
-        delay=found.delay,
+        links=Links(
+            sample=pairs.samples[pairs.epoch][heard],
+            first=pairs.first[pairs.pair][heard],
+            second=pairs.second[pairs.pair][heard],
+        ),
+        arrivals=sound.arrivals,
+        probability=probability,
+        loss_db=sound.loss_db,
+        delay=sound.delay,
     )
-
-
-def _gradients(found: Reception) -> Array:
-    """Of travel time with respect to the ends: link, way (there, back), end (source, receiver), axis."""
-    return np.stack(
-        [np.stack([-f.source_slowness, f.receiver_slowness], axis=1) for f in (found.there, found.back)],
-        axis=1,
-    )
-
-
-def _probabilities(
-    found: Reception,
-    heard: NDArray[np.bool_],
-    timing: Timing,
-    link: NDArray[np.int64],
-    backward: NDArray[np.int64],
-) -> Array | None:
-    """Probability that each attempt is heard; of an exchange, that the ping is and then the answer."""
-    if found.probability is None:
-        return None
-    of_link = np.full((heard.size, 2), np.nan)
-    of_link[heard] = found.probability
-    if isinstance(timing, TwoWay):
-        return np.asarray(of_link.prod(axis=-1)[link])
-    return np.asarray(of_link[link, backward])

@@ -1,6 +1,7 @@
 """Who pings when: ping epochs and the range attempts of each."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -8,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
+from pymantaray.geometry import stream
+from pymantaray.records import Measurements
 
+Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
@@ -111,4 +115,28 @@ def attempts(n_agents: int, n_landmarks: int, epochs: Indices) -> Attempts:
         sample=np.repeat(np.asarray(epochs, dtype=np.int64), transmitter.size),
         transmitter=np.tile(transmitter, len(epochs)),
         receiver=np.tile(receiver, len(epochs)),
+    )
+
+
+def by_pair(measurements: Measurements, draw: Callable[[str, str, int], Array]) -> Array:
+    """One number a range attempt, drawn for each transmitter and receiver and the number of their attempts."""
+    m = measurements
+    names = [str(name) for name in (*m.name, *m.landmark_name)]
+    pair = m.range_transmitter.astype(np.int64) * len(names) + m.range_receiver
+    order = np.argsort(pair, kind="stable")
+    keys, first = np.unique(pair[order], return_index=True)
+    drawn = np.empty(pair.size)
+    for key, rows in zip(keys, np.split(order, first[1:]), strict=False):
+        transmitter, receiver = divmod(int(key), len(names))
+        drawn[rows] = draw(names[transmitter], names[receiver], rows.size)
+    return drawn
+
+
+def chances(measurements: Measurements, *, root_seed: int, realization: int) -> Array:
+    """Uniform draws that decide what becomes of each attempt, arrival or not; each ordered pair has its own stream."""
+    return by_pair(
+        measurements,
+        lambda transmitter, receiver, n: stream(
+            root_seed, realization, "sensing", transmitter, "heard", receiver
+        ).random(n),
     )

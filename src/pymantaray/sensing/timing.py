@@ -1,16 +1,19 @@
-"""How a travel time is measured: one way between clocks, or there and back on one clock."""
+"""How a travel time is measured: one way between clocks, or there and back on one clock; and how clocks err."""
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import SensingError
-from pymantaray.records import Trajectories
+from pymantaray.geometry import stream
+from pymantaray.records import Measurements, RangingTruth, Trajectories
+from pymantaray.sensing.sensor import refuse_negative
 
 Array = NDArray[np.float64]
+_NOMINAL_SPEED = 1500.0  # m/s; where an end lies outside the water and c is unknown
 
 
 @dataclass(frozen=True)
@@ -42,10 +45,7 @@ class TwoWay:
 
     def __post_init__(self) -> None:
         """Check the turn-around time."""
-        if not math.isfinite(self.turn_around) or self.turn_around < 0.0:
-            raise SensingError(
-                f"TwoWay: turn_around is {self.turn_around:g} s; it must be finite and zero or positive"
-            )
+        refuse_negative(self)
 
 
 Timing = OneWay | TwoWay
@@ -70,22 +70,6 @@ def half_round_trip(
     r"""
     Half of what is left of a round trip after the turn-around time, with both vehicles moving meanwhile.
 
-    Parameters
-    ----------
-    timing : TwoWay
-    ping, answer : Leg
-        Travel times, shape (n,) [s], and gradients, shape (n, 3) [s m⁻¹], between the places at the ping. A
-        gradient of NaN (equal positions, where there is none) counts as zero.
-    initiator_velocity, responder_velocity : ndarray, shape (n, 3)
-        Constant during the exchange. [m s⁻¹]
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN where a leg has no arrival. [s]
-
-    Notes
-    -----
     With the times :math:`t_1, t_2` of both legs at rest, their gradients :math:`g` and the turn-around time
     :math:`\tau`, the responder has moved for :math:`t_1` when the ping arrives and for :math:`t_1 + \tau` when
     it answers, the initiator for :math:`t_1 + \tau + t_2` when the answer arrives. To first order in
@@ -110,20 +94,7 @@ def half_round_trip(
 
 
 def velocities(truth: Trajectories, samples: NDArray[np.int64]) -> Array:
-    """
-    Mean velocity of every vehicle from each of some samples to the one after it.
-
-    Parameters
-    ----------
-    truth : Trajectories
-    samples : ndarray of int, shape (n_epochs,)
-        Samples; at the last of the mission, the velocity is that from the one before it.
-
-    Returns
-    -------
-    ndarray, shape (n_agents, n_epochs, 3)
-        [m s⁻¹]
-    """
+    """Mean velocity (n_agents, n_epochs, 3) from each sample to the one after it, at the last from the one before. [m s⁻¹]"""
     start = np.minimum(samples, truth.time.size - 2)
     step = truth.position[:, start + 1] - truth.position[:, start]
     return np.asarray(step / (truth.time[start + 1] - truth.time[start])[:, None])
@@ -131,3 +102,108 @@ def velocities(truth: Trajectories, samples: NDArray[np.int64]) -> Array:
 
 def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.einsum("ij,ij->i", a, b))
+
+
+@dataclass(frozen=True, eq=False)
+class Clocks:
+    """
+    One realization's clocks, one of each vehicle; landmarks keep true time.
+
+    Parameters
+    ----------
+    offset : array_like, shape (n_agents,)
+        Clock minus true time at the start of the mission. [s]
+    skew : array_like, shape (n_agents,)
+        Growth of the offset with time. [-]
+
+    Raises
+    ------
+    SensingError
+        If the shapes differ or a value is not finite.
+    """
+
+    offset: Array
+    skew: Array
+
+    def __post_init__(self) -> None:
+        """Check and freeze both arrays."""
+        for name in ("offset", "skew"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if self.offset.ndim != 1 or self.offset.shape != self.skew.shape:
+            raise SensingError(
+                f"Clocks: offset has shape {self.offset.shape}, skew {self.skew.shape}; both must be (n_agents,)"
+            )
+        if not (np.isfinite(self.offset).all() and np.isfinite(self.skew).all()):
+            raise SensingError("Clocks: an offset or skew is not finite; 0 is a perfect clock")
+
+    def offset_at(self, participant: ArrayLike, time: ArrayLike) -> Array:
+        """Offset of participants' clocks at times since the start; one beyond the vehicles is a landmark, with 0. [s]"""
+        return np.asarray(self._of(self.offset, participant) + self.skew_of(participant) * np.asarray(time))
+
+    def skew_of(self, participant: ArrayLike) -> Array:
+        """Skew of participants' clocks. [-]"""
+        return self._of(self.skew, participant)
+
+    def _of(self, values: Array, participant: ArrayLike) -> Array:
+        index = np.asarray(participant, dtype=np.int64)
+        n = values.size
+        return np.where(index < n, np.append(values, 0.0)[np.minimum(index, n)], 0.0)
+
+
+@dataclass(frozen=True)
+class ClockModel:
+    """
+    How far apart the vehicles' clocks are.
+
+    Parameters
+    ----------
+    offset_sigma : float
+        Standard deviation of a clock's offset at the start of the mission. [s]
+    skew_sigma : float
+        Standard deviation of its skew. [-]
+
+    Raises
+    ------
+    SensingError
+        If a value is negative or not finite.
+    """
+
+    offset_sigma: float = 0.0
+    skew_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check both values."""
+        refuse_negative(self)
+
+    def draw(self, names: Sequence[str], *, root_seed: int, realization: int) -> Clocks:
+        """Draw one realization's clocks, each from its vehicle's own stream."""
+        draws = np.array(
+            [stream(root_seed, realization, "sensing", name, "clock").standard_normal(2) for name in names]
+        ).reshape(-1, 2)
+        return Clocks(offset=draws[:, 0] * self.offset_sigma, skew=draws[:, 1] * self.skew_sigma)
+
+
+def clock_error(measurements: Measurements, truth: RangingTruth, clocks: Clocks, timing: Timing) -> Array:
+    r"""Share of the clocks in each range attempt, as a length.
+
+    One way, a ping sent at true time T and received at T + t is measured as too long by
+    :math:`o_r(T + t) - o_t(T)`, with the offsets of receiver and transmitter. Two ways, the initiator's
+    offset cancels and the skews :math:`k` of initiator and responder leave
+    :math:`\frac12 [k_i (2 t + \tau) - k_r \tau]`, to first order in the skews.
+    """
+    o = measurements
+    if clocks.offset.size != o.name.size:
+        raise SensingError(f"clocks of {clocks.offset.size} vehicles; the measurements have {o.name.size}")
+    speed = np.where(np.isnan(o.transmitter_sound_speed), _NOMINAL_SPEED, o.transmitter_sound_speed)
+    time = np.where(np.isnan(truth.travel_time), truth.chord_travel_time, truth.travel_time)
+    time = np.where(np.isnan(time), truth.distance / speed, time)
+    if isinstance(timing, TwoWay):
+        own, other = clocks.skew_of(o.range_transmitter), clocks.skew_of(o.range_receiver)
+        return np.asarray(
+            speed * 0.5 * (own * (2.0 * time + timing.turn_around) - other * timing.turn_around)
+        )
+    sent = o.time[o.range_sample]
+    received = clocks.offset_at(o.range_receiver, sent + time)
+    return np.asarray(speed * (received - clocks.offset_at(o.range_transmitter, sent)))

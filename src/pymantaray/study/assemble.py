@@ -22,8 +22,7 @@ from pymantaray.ocean import (
 )
 from pymantaray.ocean.sea_floor import window_of
 from pymantaray.ocean.topography import open_sea_floor
-from pymantaray.sensing import ClockModel, Detector, Landmark, OneWay, Timing, TwoWay
-from pymantaray.sensing.picker import Picker
+from pymantaray.sensing import ClockModel, Detector, Landmark, OneWay, Picker, Timing, TwoWay
 from pymantaray.study.config import (
     AnyVehicle,
     DetectionSection,

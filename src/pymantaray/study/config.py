@@ -2,10 +2,12 @@
 
 import datetime as dt
 import math
-from typing import Annotated, Literal, Self, get_args
+from dataclasses import fields
+from typing import TYPE_CHECKING, Annotated, Literal, Self, get_args
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, create_model, field_validator, model_validator
 
+from pymantaray.sensing.noise import NoiseModel
 from pymantaray.study.config_estimators import (
     Depth,
     InputFile,
@@ -305,20 +307,16 @@ class MissionSection(Section):
         return self
 
 
-class NoiseSection(Section):
-    """Standard deviations, the paper's table of noise levels; those it leaves open are in record 0001."""
-
-    range_sigma: PositiveFloat = 1.0
-    depth_sigma: PositiveFloat = 0.01
-    gnss_sigma: PositiveFloat = 0.10
-    odometry_rotation_fraction: NonNegativeFloat = 1e-6
-    odometry_rotation_drift: PositiveFloat = 5e-7
-    odometry_xy_fraction: NonNegativeFloat = 0.05
-    odometry_z_fraction: NonNegativeFloat = 0.001
-    odometry_translation_drift: PositiveFloat = 0.0125
-    first_position_sigma: PositiveFloat = 0.10
-    first_rotation_sigma: PositiveFloat = 1e-4
-    landmark_sigma: PositiveFloat = 0.10
+if TYPE_CHECKING:
+    NoiseSection = Section
+else:
+    _SIGN = {True: NonNegativeFloat, False: PositiveFloat}
+    NoiseSection = create_model(
+        "NoiseSection",
+        __base__=Section,
+        __doc__="Levels of `NoiseModel`, the paper's table of noise; those it leaves open are in record 0001.",
+        **{f.name: (_SIGN[f.metadata["may_be_zero"]], f.default) for f in fields(NoiseModel)},
+    )
 
 
 class EstimatorSection(Section):

@@ -10,15 +10,15 @@ from pymantaray.acoustics import Medium, ray_picture, select
 from pymantaray.fleet import simulate
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
+    Candidates,
     Hearing,
     Links,
     NoiseModel,
     PingSchedule,
     assemble,
+    find_candidates,
     measure_ranges,
 )
-from pymantaray.sensing.candidates import find_candidates
-from pymantaray.sensing.mistaken import Candidates
 from pymantaray.study.assemble import (
     StudyOcean,
     build_currents,

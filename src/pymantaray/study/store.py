@@ -34,8 +34,7 @@ from pymantaray.records import (
 )
 from pymantaray.records.covariances import PoseCovariances
 from pymantaray.records.unknowns import SharedUnknowns
-from pymantaray.sensing import Hearing, Links, perturb
-from pymantaray.sensing.mistaken import Candidates, draw_taken
+from pymantaray.sensing import Candidates, Hearing, Links, draw_taken, perturb
 from pymantaray.study.assemble import build_clocks, build_timing
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.load import load_study

@@ -1,0 +1,35 @@
+"""What is known of each vehicle's pose when the mission starts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pymantaray.geometry.se3 import moved_by
+from pymantaray.records import Measurements
+from pymantaray.sensing.sensor import Columns, Normal, Scene, level
+
+
+@dataclass(frozen=True)
+class FirstPoseNoise:
+    """Standard deviation of each axis of the first pose, position [m] and rotation [rad]."""
+
+    first_position_sigma: float = level(0.10)
+    first_rotation_sigma: float = level(1e-4)
+
+
+def measure(scene: Scene, noise: FirstPoseNoise) -> Columns:
+    """First poses of the truth."""
+    sigma = np.repeat([noise.first_rotation_sigma, noise.first_position_sigma], 3)
+    return {
+        "first_position": scene.truth.position[:, 0],
+        "first_quaternion": scene.truth.quaternion[:, 0],
+        "first_sigma": np.tile(sigma, (scene.truth.name.size, 1)),
+    }
+
+
+def perturb(measurements: Measurements, normal: Normal) -> Columns:
+    """Noise ``T Exp(xi)`` on the manifold."""
+    m = measurements
+    xi = np.stack([normal((6,), name, "first pose") for name in m.name]) * m.first_sigma
+    quaternion, position = moved_by(m.first_quaternion, m.first_position, xi)
+    return {"first_position": position, "first_quaternion": quaternion}

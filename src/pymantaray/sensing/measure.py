@@ -1,0 +1,162 @@
+"""All measurements of a mission: without noise, and as one realization's random streams perturb them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import SensingError
+from pymantaray.geometry import stream
+from pymantaray.records import Measurements, RangingTruth, Trajectories
+from pymantaray.sensing.detection import draw_unheard
+from pymantaray.sensing.landmarks import Landmark, check_names
+from pymantaray.sensing.mistaken import Candidates, draw_taken, take_arrivals
+from pymantaray.sensing.noise import SENSORS, NoiseModel
+from pymantaray.sensing.ranging import Ranging
+from pymantaray.sensing.schedule import by_pair
+from pymantaray.sensing.sensor import Columns, Scene
+from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, clock_error
+
+_ONE_WAY = OneWay()
+
+
+def assemble(
+    truth: Trajectories,
+    landmarks: Sequence[Landmark],
+    ranging: Ranging,
+    noise: NoiseModel,
+    *,
+    gnss_depth: float = 1.0,
+) -> Measurements:
+    """
+    Measurements of a mission whose ranges are already measured.
+
+    Parameters
+    ----------
+    truth : Trajectories
+        Where the vehicles are.
+    landmarks : sequence of Landmark
+        The same as were ranged.
+    ranging : Ranging
+        What `measure_ranges` returned for the same truth.
+    noise : NoiseModel
+        Fills the standard deviations; nothing is perturbed.
+    gnss_depth : float
+        A vehicle has a GNSS fix while it is shallower. [m]
+
+    Returns
+    -------
+    Measurements
+        Without noise.
+
+    Raises
+    ------
+    SensingError
+        If a name is used twice or the GNSS depth is negative.
+    """
+    check_names(truth.name.tolist(), landmarks)
+    scene = Scene(truth, landmarks, gnss_depth)
+    columns: Columns = {}
+    for sensor in SENSORS:
+        columns |= sensor.measure(scene, noise)
+    return Measurements(
+        name=truth.name,
+        time=truth.time,
+        range_transmitter=ranging.attempts.transmitter,
+        range_receiver=ranging.attempts.receiver,
+        range_sample=ranging.attempts.sample,
+        range_status=ranging.status,
+        transmitter_sound_speed=ranging.truth.sound_speed,
+        straight_range=ranging.truth.distance,
+        refracted_range=ranging.truth.refracted_range,
+        range_sigma=np.full(ranging.status.size, noise.range_sigma),
+        **columns,
+    )
+
+
+def perturb(
+    measurements: Measurements,
+    *,
+    root_seed: int,
+    realization: int,
+    timing: Timing = _ONE_WAY,
+    clocks: ClockModel | Clocks | None = None,
+    ranging_truth: RangingTruth | None = None,
+    probability: ArrayLike | None = None,
+    candidates: Candidates | None = None,
+) -> Measurements:
+    """
+    Add one realization's noise to noise-free measurements.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        As `assemble` made them; their standard deviations are those of the noise.
+    root_seed : int
+        Seed of the whole study.
+    realization : int
+        Index of the realization.
+    timing : OneWay or TwoWay
+        As the ranges were measured; clocks act by it.
+    clocks : ClockModel or Clocks, optional
+        Clocks of the vehicles, drawn anew in each realization or given. By default they are synchronous.
+    ranging_truth : RangingTruth, optional
+        Of the same range attempts. Needed where there are clocks, which act on its travel times.
+    probability : array_like, shape (n_ranges,), optional
+        That an attempt with an arrival is heard. By default it is.
+    candidates : Candidates, optional
+        Arrivals that may be taken for the direct ones; their probabilities include that of being heard, so
+        `probability` is left out. By default the receiver never errs.
+
+    Returns
+    -------
+    Measurements
+        With noise on what every sensor measured. With clocks, both ranges of an attempt are pseudoranges. An
+        attempt that was not heard has status UNHEARD. One that took another arrival for the direct one has that
+        arrival's refracted range, see `take_arrivals`.
+
+    Raises
+    ------
+    SensingError
+        If clocks, probabilities or candidates do not fit the measurements, or both of the latter are given.
+
+    Notes
+    -----
+    Each vehicle's sensor and each ordered pair draws from its own stream, so another vehicle or sensor
+    moves no draw. A range attempt has one draw, heard or not, and both of its ranges get it. So all conditions see
+    the same noise.
+    """
+
+    def normal(shape: tuple[int, ...], *names: str) -> NDArray[np.float64]:
+        return stream(root_seed, realization, "sensing", *map(str, names)).standard_normal(shape)
+
+    m, true = measurements, ranging_truth
+    if candidates is not None:
+        if probability is not None:
+            raise SensingError(
+                "perturb: probability and candidates are given; candidates hold both, give them alone"
+            )
+        taken = draw_taken(m, candidates, root_seed=root_seed, realization=realization)
+        m = take_arrivals(m, candidates, taken)
+        if true is not None:
+            wrong, time = candidates.mistaken(taken), true.travel_time.copy()
+            time[wrong] = candidates.travel_time[taken[wrong]]
+            true = replace(true, travel_time=time)
+    noise = (
+        by_pair(m, lambda transmitter, receiver, n: normal((n,), transmitter, "range", receiver))
+        * m.range_sigma
+    )
+    if isinstance(clocks, ClockModel):
+        clocks = clocks.draw(m.name.tolist(), root_seed=root_seed, realization=realization)
+    if clocks is not None:
+        if true is None:
+            raise SensingError("perturb: clocks act on true travel times; give ranging_truth")
+        noise += clock_error(m, true, clocks, timing)
+    columns = {"straight_range": m.straight_range + noise, "refracted_range": m.refracted_range + noise}
+    for sensor in SENSORS:
+        columns |= sensor.perturb(m, normal)
+    noisy = replace(m, **columns)
+    if probability is None:
+        return noisy
+    return draw_unheard(noisy, probability, root_seed=root_seed, realization=realization)

@@ -1,0 +1,53 @@
+"""What the module of a sensor has: levels of its noise, what it measures of the truth, and how chance perturbs that."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import field, fields
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from numpy.typing import NDArray
+
+from pymantaray.errors import SensingError
+from pymantaray.records import Measurements, Trajectories
+
+if TYPE_CHECKING:
+    from pymantaray.sensing.landmarks import Landmark
+
+Columns = dict[str, NDArray[Any]]
+"""Columns of `Measurements` by name."""
+Normal = Callable[..., NDArray[Any]]
+"""Standard normal draws of a shape, from the stream that the further arguments name."""
+
+
+class Scene(NamedTuple):
+    """What there is to measure."""
+
+    truth: Trajectories
+    landmarks: Sequence["Landmark"]
+    gnss_depth: float
+    """A vehicle has a GNSS fix while it is shallower. [m]"""
+
+
+class Sensor(Protocol):
+    """The module of a sensor; `pymantaray.sensing.noise.SENSORS` lists them."""
+
+    def measure(self, scene: Scene, noise: Any, /) -> Columns:
+        """Its columns without noise, and the standard deviations that they are believed to have."""
+
+    def perturb(self, measurements: Measurements, normal: Normal, /) -> Columns:
+        """Those of its columns that noise changes."""
+
+
+def refuse_negative(model: Any) -> None:
+    """Check that every field of a dataclass is finite and zero or positive."""
+    for f in fields(model):
+        value = getattr(model, f.name)
+        if not math.isfinite(value) or value < 0.0:
+            raise SensingError(
+                f"{type(model).__name__}: {f.name} is {value:g}; it must be finite and zero or positive"
+            )
+
+
+def level(default: float, *, may_be_zero: bool = False) -> Any:
+    """Give a field of a noise model; a configuration refuses 0 where no estimator could weigh it."""
+    return field(default=default, metadata={"may_be_zero": may_be_zero})
