@@ -66,6 +66,23 @@ def test_run_makes_the_folder_and_says_where(mantaray, small_text, tmp_path):
     assert open_run(out).config.study.name == "quick"
 
 
+def test_a_report_that_is_interrupted_is_written_later(mantaray, small_text, tmp_path, monkeypatch):
+    (tmp_path / "small.toml").write_text(small_text)
+
+    def interrupt(*_arguments, **_options):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pymantaray.report.write_report", interrupt)
+        done = mantaray("study", "run", tmp_path / "small.toml", "--out", tmp_path / "run", "--workers", 1)
+    assert done.code == 130
+    command = f"mantaray study report {tmp_path / 'run'}"
+    assert done.err.splitlines() == [f"the data are complete; for their report: {command}"]
+    done = mantaray(*command.split()[1:])
+    assert (done.code, done.out) == (0, f"{tmp_path / 'run' / 'index.html'}\n")
+    assert {"index.html", "tables", "figures"} < set(names_in(tmp_path / "run"))
+
+
 def test_ocean_files_and_realizations_can_be_given(mantaray, small_text, ocean_file, tmp_path):
     (tmp_path / "small.toml").write_text(small_text)
     done = mantaray(

@@ -84,12 +84,31 @@ def run(
         if not no_figures:
             from pymantaray.report import write_report
 
-            write_report(results.path, progress=progress)
+            try:
+                write_report(results.path, progress=progress)
+            except BaseException:
+                typer.echo(
+                    f"the data are complete; for their report: mantaray study report {results.path}", err=True
+                )
+                raise
     if not quiet:
         from pymantaray.cli.summary import print_summary
 
         print_summary(results)
     typer.echo(str(results.path))
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")], quiet: Quiet = False
+) -> None:
+    """Write tables, figures and page of a run: those that it has again, or those that an interrupted one lacks."""
+    from pymantaray.cli.output import progress_bars
+    from pymantaray.report import write_report
+
+    with progress_bars(quiet=quiet) as progress:
+        page = write_report(folder, progress=progress)
+    typer.echo(str(page))
 
 
 @app.command()
