@@ -77,8 +77,9 @@ def _cause(error: OSError, temporary: Path) -> str:
     """What stops the writing: netCDF4 says "HDF error" whatever it is, so the system is asked once more."""
     if error.errno is None or error.errno < 0:
         try:
-            with temporary.open("ab", buffering=0) as file:
+            with temporary.open("ab") as file:
                 file.write(bytes(_PROBE_BYTES))
+                file.flush()  # all of it, where an unbuffered file writes what still fits and is content
                 os.fsync(file.fileno())
         except OSError as found:
             error = found

@@ -1,0 +1,111 @@
+"""What happens to runs: full disks, folders that go away, other threads; one line each, and nothing half-written."""
+
+import copy
+import shutil
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from factories import TINY
+
+from pymantaray.errors import StudyError
+from pymantaray.ocean import open_ocean
+from pymantaray.records import write_netcdf
+from pymantaray.study import assemble, parse_study, run_study
+from pymantaray.study.beliefs import Beliefs
+from pymantaray.study.config_estimators import ModesSection
+
+FULL = """
+import resource, sys
+from factories import TINY
+from pymantaray.errors import WriteError
+from pymantaray.study import parse_study, run_study
+def fill(stage, done, total):  # a file that grows beyond cannot be written from the end of the mission on
+    if (stage, done) == ("rays", total):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)
+try:
+    run_study(parse_study(TINY), "run", workers=1, progress=fill)
+except WriteError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize(("size", "file"), [(1000, "config.toml"), (100_000, "ocean.nc")])
+def test_full_disk_is_one_line_with_the_file_and_the_cause(tmp_path, size, file):
+    """In a process of its own, which HDF5 leaves with the file open."""
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, str(size)],
+        env={"PYTHONPATH": ":".join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.stderr == ""
+    assert done.stdout.endswith(f"/{file}: cannot be written: File too large\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folder_removed_under_a_run_is_one_line(tiny_config, tmp_path):
+    def remove(stage, _done, _total):
+        if stage == "realizations":
+            shutil.rmtree(tmp_path / "runs")
+
+    with pytest.raises(StudyError, match=r"\.tiny\.mantaray-part: was removed while") as caught:
+        run_study(tiny_config, tmp_path / "runs" / "tiny", workers=1, progress=remove)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_studies_in_threads_of_one_process_are_those_of_one(tiny_run, tmp_path):
+    """The libraries behind NetCDF hold one state for all threads; signals are for the main one alone."""
+    errors = []
+
+    def run(name, workers):
+        try:
+            run_study(parse_study(copy.deepcopy(TINY), "tiny"), tmp_path / name, workers=workers)
+        except Exception as error:  # noqa: BLE001
+            errors.append(error)
+
+    threads = [threading.Thread(target=run, args=(str(n), 1 + n)) for n in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert errors == []
+    for name in ("truth", "measurements", "estimates"):
+        assert len({(p / f"{name}.nc").read_bytes() for p in (tiny_run.path, *tmp_path.iterdir())}) == 1
+
+
+@pytest.fixture
+def window_file(tmp_path):
+    """Some of the synthetic Beaufort Sea at three times, in a file each."""
+    ocean = open_ocean("synthetic:beaufort", window=(74.2, 74.8, -141.2, -138.8))
+    for hours in (0, 3, 6):
+        time = ocean["time"].values + np.timedelta64(hours, "h")
+        write_netcdf(ocean.assign_coords(time=((), time, ocean["time"].attrs)), tmp_path / f"{hours}.nc")
+    return tmp_path
+
+
+def test_files_named_relative_to_the_working_folder_are_found_by_beliefs(tiny_tree, window_file, monkeypatch):
+    """The configuration is read again in the run's folder, and the ocean for the cast from its source."""
+    monkeypatch.chdir(window_file)
+    tiny_tree["study"].update(realizations=2, conditions=["odometry"])
+    tiny_tree["ocean"]["source"] = "0.nc"
+    tiny_tree["estimators"] = [{"name": "cast", "range_model": "mean-slowness", "belief": {"kind": "cast"}}]
+    run = run_study(parse_study(tiny_tree), "run", workers=1)
+    assert run.estimates.condition.tolist() == ["odometry", "cast"]
+    assert np.isfinite(run.estimates.position).all()
+
+
+def test_what_beliefs_need_of_a_varying_ocean_is_its_start(tiny_tree, window_file, monkeypatch):
+    """Not all of its snapshots brought to the local grid, in every worker."""
+    tiny_tree["study"].update(realizations=1, conditions=["odometry"])
+    tiny_tree["ocean"].update(source=[str(window_file / f"{h}.nc") for h in (0, 3, 6)], time_varying=True)
+    run = run_study(parse_study(tiny_tree), window_file / "run", workers=1)
+    monkeypatch.setattr(assemble, "to_local", lambda *_a, **_k: pytest.fail("regridded"))
+    depth, shapes, sigma = Beliefs(run).modes(ModesSection(count=2))
+    assert shapes.shape == (2, depth.size)
+    assert (sigma > 0.0).all()
