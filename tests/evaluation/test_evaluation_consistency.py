@@ -21,7 +21,7 @@ from pymantaray.evaluation.consistency import (
     mean_chi_square_bounds,
     nees,
 )
-from pymantaray.evaluation.coverage import coverage_table
+from pymantaray.evaluation import coverage_table
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 from pymantaray.records import Estimates, SolveStatus, Trajectories
 from pymantaray.records.covariances import PoseCovariances

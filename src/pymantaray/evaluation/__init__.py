@@ -1,6 +1,7 @@
 """How wrong is it: trajectory errors and range-error statistics. Truth and estimate meet only here."""
 
 from pymantaray.evaluation.comparison import comparison_table, paired_interval
+from pymantaray.evaluation.consistency import consistency_summary, consistency_table, coverage_table, nees
 from pymantaray.evaluation.ranging_error import (
     ALL_LINKS,
     RangeErrors,
@@ -11,6 +12,7 @@ from pymantaray.evaluation.ranging_error import (
     range_split_table,
 )
 from pymantaray.evaluation.trajectory_error import ape, ate_statistics, error_table, trajectory_errors
+from pymantaray.evaluation.unknowns import directions_table, unknowns_table
 
 __all__ = [
     "ALL_LINKS",
@@ -18,12 +20,18 @@ __all__ = [
     "ape",
     "ate_statistics",
     "comparison_table",
+    "consistency_summary",
+    "consistency_table",
+    "coverage_table",
+    "directions_table",
     "dropout_table",
     "error_table",
     "link_categories",
+    "nees",
     "paired_interval",
     "range_error_table",
     "range_errors",
     "range_split_table",
     "trajectory_errors",
+    "unknowns_table",
 ]

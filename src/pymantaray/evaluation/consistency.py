@@ -1,4 +1,4 @@
-"""Is the estimator as good as it thinks: NEES, range innovations and coverage, each against its 95 % bounds."""
+"""Is the estimator as good as it thinks: NEES, range innovations and coverage, each in its 95 % bounds."""
 
 from typing import Any, NamedTuple
 
@@ -15,26 +15,17 @@ from pymantaray.records.covariances import PoseCovariances
 
 Array = NDArray[np.float64]
 
-FLEET_STATISTICS = ("horizontal", "position", "ranges")
-VEHICLE_STATISTICS = ("horizontal", "position", "pose")
-AXES = ("north", "east", "down")
-_KEYS = ["condition", "statistic"]
+_AXES = ("north", "east", "down")
+_SIGMAS = (1.0, 3.0)
 
 
 class Errors(NamedTuple):
-    """
-    Errors at the epochs, NaN where a solve is not usable.
-
-    Parameters
-    ----------
-    position : ndarray, shape (n_conditions, n_realizations, n_epochs, n_agents, 3)
-        Estimate minus truth. [m]
-    pose : ndarray, shape (n_conditions, n_realizations, n_epochs, n_agents, 6)
-        From the estimate to the truth: rotation vector, then translation in the body frame. [rad, m]
-    """
+    """Errors at the epochs, NaN where a solve is not usable; (conditions, realizations, epochs, agents, 3 or 6)."""
 
     position: Array
+    """Estimate minus truth. [m]"""
     pose: Array
+    """From the estimate to the truth: rotation vector, then translation in the body frame. [rad, m]"""
 
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
@@ -76,19 +67,9 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
 
 def mean_chi_square_bounds(degrees_of_freedom: ArrayLike, confidence: float = 0.95) -> tuple[Array, Array]:
     """
-    Interval that holds a chi-square variable divided by its degrees of freedom.
+    Interval that holds a chi-square variable divided by its degrees of freedom, half of the rest on either side.
 
-    Parameters
-    ----------
-    degrees_of_freedom : array_like
-        Dimension times realizations.
-    confidence : float
-        Probability to lie inside; half of the rest is on either side. [-]
-
-    Returns
-    -------
-    low, high : ndarray
-        NaN for no degrees of freedom.
+    NaN for no degrees of freedom.
     """
     k = np.asarray(degrees_of_freedom, dtype=float)
     k = np.where(k > 0.0, k, np.nan)
@@ -100,23 +81,6 @@ def epoch_errors(truth: Trajectories, estimates: Estimates, covariances: PoseCov
     """
     Errors of positions and poses at the epochs for which there are covariances.
 
-    Parameters
-    ----------
-    truth : Trajectories
-    estimates : Estimates
-    covariances : PoseCovariances
-
-    Returns
-    -------
-    Errors
-
-    Raises
-    ------
-    EvaluationError
-        If the three are not of the same vehicles, times, conditions and realizations.
-
-    Notes
-    -----
     To first order the twist of the whole motion has the same covariance as rotation and translation apart. To second
     order it is their product that separates them: half the rotation error, 1e-2 rad, times metres of
     horizontal error leans into the vertical by centimetres, where depth is known to one. So rotation and translation
@@ -192,42 +156,32 @@ def consistency_table(
     independent. The fleet is therefore judged by one joint statistic for each epoch, and epochs are not pooled.
     """
     errors = epoch_errors(truth, estimates, covariances)
-    found = _by_agent(errors, covariances) if by_agent else _of_fleet(errors, covariances)
-    rows: list[dict[str, Any]] = []
-    c = covariances
-    for statistic, (value, dimension) in found.items():
+    statistics = _by_agent(errors, covariances) if by_agent else _of_fleet(errors, covariances)
+    parts = []
+    for name, (value, dimension) in statistics.items():
         good = np.isfinite(value) & (dimension > 0)
         freedom = np.sum(np.where(good, dimension, 0), axis=1)
-        total = np.sum(np.where(good, value, 0.0), axis=1)
-        count = good.sum(axis=1)
-        low, high = mean_chi_square_bounds(freedom, confidence)
-        upper = stats.chi2.sf(total, np.maximum(freedom, 1))
-        p_value = np.where(freedom > 0, 2.0 * np.minimum(upper, 1.0 - upper), np.nan)
-        for place in np.ndindex(freedom.shape):
-            if not freedom[place]:
-                continue
-            ratio = float(total[place] / freedom[place])
-            agent = {"agent": str(c.name[place[2]])} if by_agent else {}
-            rows.append(
-                {"condition": str(c.condition[place[0]])}
-                | agent
-                | {
-                    "time_h": float(c.time[place[1]] / 3600.0),
-                    "statistic": statistic,
-                    "realizations": int(count[place]),
-                    "degrees_of_freedom": int(freedom[place]),
-                    "ratio": ratio,
-                    "low": float(low[place]),
-                    "high": float(high[place]),
-                    "inside": bool(low[place] <= ratio <= high[place]),
-                    "p_value": float(p_value[place]),
-                }
-            )
-    columns = ["condition", *(["agent"] if by_agent else []), "time_h", "statistic", "realizations"]
-    columns += ["degrees_of_freedom", "ratio", "low", "high", "inside", "p_value"]
-    order = {str(name): i for i, name in enumerate(c.condition)}
-    table = pd.DataFrame(rows, columns=columns)
-    return table.sort_values("condition", key=lambda s: s.map(order), kind="stable", ignore_index=True)
+        place = np.nonzero(freedom)  # condition, epoch and, if asked, vehicle
+        k, total = freedom[place], np.sum(np.where(good, value, 0.0), axis=1)[place]
+        ratio, upper = total / k, stats.chi2.sf(total, k)
+        low, high = mean_chi_square_bounds(k, confidence)
+        columns = {
+            "order": place[0],
+            "condition": covariances.condition[place[0]],
+            **({"agent": covariances.name[place[2]]} if by_agent else {}),
+            "time_h": covariances.time[place[1]] / 3600.0,
+            "statistic": name,
+            "realizations": good.sum(axis=1)[place],
+            "degrees_of_freedom": k,
+            "ratio": ratio,
+            "low": low,
+            "high": high,
+            "inside": (low <= ratio) & (ratio <= high),
+            "p_value": 2.0 * np.minimum(upper, 1.0 - upper),
+        }
+        parts.append(pd.DataFrame(columns))
+    table = pd.concat(parts).sort_values("order", kind="stable", ignore_index=True)
+    return table.drop(columns="order")
 
 
 def consistency_summary(table: pd.DataFrame) -> pd.DataFrame:
@@ -251,23 +205,92 @@ def consistency_summary(table: pd.DataFrame) -> pd.DataFrame:
     Bonferroni's correction holds however the tests depend on each other, as epochs of one run do; of 20 epochs of
     a consistent estimator one is expected outside its bounds.
     """
-    rows = []
-    for keys, part in table.groupby(_KEYS, sort=False):
-        p = min(1.0, float(part["p_value"].min()) * len(part))
-        rows.append(
-            dict(zip(_KEYS, keys, strict=True))
-            | {
-                "tests": len(part),
-                "inside": int(part["inside"].sum()),
-                "median_ratio": float(part["ratio"].median()),
-                "min_ratio": float(part["ratio"].min()),
-                "max_ratio": float(part["ratio"].max()),
-                "p_bonferroni": p,
-                "consistent": p >= 0.05,
-            }
+    summary = (
+        table.groupby(["condition", "statistic"], sort=False)
+        .agg(
+            tests=("inside", "size"),
+            inside=("inside", "sum"),
+            median_ratio=("ratio", "median"),
+            min_ratio=("ratio", "min"),
+            max_ratio=("ratio", "max"),
+            p_bonferroni=("p_value", "min"),
         )
-    numbers = ["tests", "inside", "median_ratio", "min_ratio", "max_ratio", "p_bonferroni", "consistent"]
-    return pd.DataFrame(rows, columns=[*_KEYS, *numbers])
+        .reset_index()
+    )
+    summary["p_bonferroni"] = (summary["p_bonferroni"] * summary["tests"]).clip(upper=1.0)
+    return summary.assign(consistent=summary["p_bonferroni"] >= 0.05)
+
+
+def coverage_table(
+    truth: Trajectories, estimates: Estimates, covariances: PoseCovariances, *, confidence: float = 0.95
+) -> pd.DataFrame:
+    r"""
+    Share of position errors within 1 and 3 sigma, for each condition, epoch and axis, with binomial bounds.
+
+    Parameters
+    ----------
+    truth : Trajectories
+    estimates : Estimates
+    covariances : PoseCovariances
+    confidence : float
+        Of the bounds. [-]
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``condition``, ``time_h``, ``axis``, ``sigmas``, ``n`` (vehicles times realizations), ``effective_n``,
+        ``share``, ``expected``, ``low``, ``high`` and ``inside``.
+
+    Raises
+    ------
+    EvaluationError
+        As `epoch_errors`.
+
+    Notes
+    -----
+    Errors of the vehicles at one epoch are correlated, by :math:`\rho_{ij}` of their joint covariance, hence so are their
+    hits. If the covariance is right the share of one realization has the variance
+    :math:`n^{-2} \sum_{ij} [P(|x_i| < k, |x_j| < k) - p^2]`. The bounds are those of a binomial of as many draws as
+    have this variance, ``effective_n``, rounded down.
+    """
+    errors = epoch_errors(truth, estimates, covariances)
+    c = covariances
+    joint = np.einsum("creaibi->creiab", c.position_covariance)
+    rows = []
+    for i, e, axis in np.ndindex(c.condition.size, c.sample.size, 3):
+        block, error = joint[i, :, e, axis], errors.position[i, :, e, :, axis]
+        good = np.isfinite(block).all(axis=(1, 2)) & np.isfinite(error).all(axis=1)
+        if not good.any():
+            continue
+        sigma = np.sqrt(np.diagonal(block[good], axis1=1, axis2=2))
+        z = np.abs(error[good]) / sigma
+        rho = np.mean(block[good] / (sigma[:, :, None] * sigma[:, None, :]), axis=0)
+        for k in _SIGMAS:
+            p = float(stats.chi2.cdf(k * k, 1))
+            effect = float(np.sum(_hit_covariance(rho, k)) / (p * (1.0 - p) * len(rho)))
+            n = max(int(z.size / effect + 1e-9), 1)
+            low, high = (
+                stats.binom.ppf(q, n, p) / n for q in (0.5 - confidence / 2.0, 0.5 + confidence / 2.0)
+            )
+            share = float(np.mean(z <= k))
+            rows.append(
+                {
+                    "condition": str(c.condition[i]),
+                    "time_h": float(c.time[e] / 3600.0),
+                    "axis": _AXES[axis],
+                    "sigmas": k,
+                    "n": z.size,
+                    "effective_n": n,
+                    "share": share,
+                    "expected": p,
+                    "low": float(low),
+                    "high": float(high),
+                    "inside": bool(low <= share <= high),
+                }
+            )
+    columns = ["condition", "time_h", "axis", "sigmas", "n", "effective_n"]
+    columns += ["share", "expected", "low", "high", "inside"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _of_fleet(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDArray[Any]]]:
@@ -293,3 +316,15 @@ def _by_agent(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDAr
     }
     dimension = {"horizontal": 2, "position": 3, "pose": 6}
     return {name: (value, np.full(value.shape, dimension[name])) for name, value in found.items()}
+
+
+def _hit_covariance(rho: Array, k: float) -> Array:
+    """Covariance of two normal variables' being within k sigma, by their correlation."""
+    x, weight = np.polynomial.legendre.leggauss(200)
+    x, weight = k * x, k * weight
+    p = stats.chi2.cdf(k * k, 1)
+    r = np.minimum(np.abs(rho), 1.0)[..., None]
+    s = np.sqrt(np.maximum(1.0 - r * r, 1e-12))
+    within = stats.norm.cdf((k - r * x) / s) - stats.norm.cdf((-k - r * x) / s)
+    both = np.sum(weight * stats.norm.pdf(x) * within, axis=-1)
+    return np.asarray(np.where(r[..., 0] > 1.0 - 1e-12, p, both) - p * p)

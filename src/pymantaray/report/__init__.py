@@ -1,25 +1,23 @@
-"""Tables, figures and a page for the results of a study, and for two of them side by side.
+"""Tables, figures and a page for the results of a study, and for two of them side by side; plots of an ocean.
 
-matplotlib is imported when a report is first written.
+matplotlib is imported when the first of them is asked for.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pymantaray.report.compare import write_comparison
+    from pymantaray.report.ocean_plots import write_ocean_plots
     from pymantaray.report.write import write_report
 
-__all__ = ["write_comparison", "write_report"]
+__all__ = ["write_comparison", "write_ocean_plots", "write_report"]
+
+_ROOMS = {"write_comparison": "compare", "write_ocean_plots": "ocean_plots", "write_report": "write"}
 
 
 def __getattr__(name: str) -> Any:
     """Import what needs matplotlib on first use."""
-    if name == "write_report":
-        from pymantaray.report.write import write_report
-
-        return write_report
-    if name == "write_comparison":
-        from pymantaray.report.compare import write_comparison
-
-        return write_comparison
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _ROOMS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_ROOMS[name]}"), name)

@@ -1,23 +1,19 @@
 """Two runs side by side: sound speed, range errors, dropouts and position errors of both."""
 
-from collections.abc import Sequence
-from html import escape
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from pymantaray.evaluation import ALL_LINKS
-from pymantaray.report.figures import Plate
+from pymantaray.report.figures import Plate, Results, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
-from pymantaray.report.findings import Findings, gather
-from pymantaray.report.html import document, figure_html, heading, readable, table_html
-from pymantaray.report.page import SYNTHETIC_NOTE
-from pymantaray.report.tables import write_table, write_text
-from pymantaray.report.write import PAGE, STAGE, Progress, draw_plates, silent
-from pymantaray.study.store import TABLES, Run, open_run, staged_folder
+from pymantaray.report.page import SYNTHETIC_NOTE, heading, numbers_from_text, render, show_table
+from pymantaray.report.write import PAGE, Progress, write_parts
+from pymantaray.study.store import open_run, staged_folder
 
 _CAPTIONS = {
     "range_drop_category_compare": "Ranging failure rate by link category [%]",
@@ -26,6 +22,7 @@ _CAPTIONS = {
     "ate_pooled": "Position error by condition, pooled over vehicles, times and realizations",
     "region": "Regions",
 }
+_STATISTICS = ("mean_m", "median_m", "rmse_m", "p25_m", "p75_m", "p95_m")
 
 
 def write_comparison(
@@ -43,7 +40,7 @@ def write_comparison(
     run_dir_a, run_dir_b : str or pathlib.Path
         Folders of the runs.
     out : str or pathlib.Path, optional
-        Folder for the comparison, new or empty.
+        Folder for the comparison, new or empty; by default a dated one in ``runs``.
     progress : callable, optional
         Called with ``"report"``, the parts done and the parts there are.
 
@@ -57,191 +54,127 @@ def write_comparison(
     MantaRayError
         If a folder is no run, ``out`` is not free, or nothing can be written; then nothing is left behind.
     """
-    report = progress or silent
-    report(STAGE, 0, 1)
-    runs = [open_run(run_dir_a), open_run(run_dir_b)]
-    found = [gather(run) for run in runs]
-    names = distinct_names(runs, [f.region for f in found])
-    tables = comparison_tables(found, names)
-    plates = comparison_plates(found, names)
-    with staged_folder(out, "comparison") as (folder, place):
-        for key, table in tables.items():
-            write_table(table, folder / TABLES / f"{key}.csv")
-        draw_plates(plates, folder, report)
-        write_text(_page(found, names, tables, plates), folder / PAGE)
-    return place / PAGE
+    if progress is not None:
+        progress("report", 0, 1)
+    runs = by_name([Results(open_run(run_dir)) for run_dir in (run_dir_a, run_dir_b)])
+    tables, plates = comparison_tables(runs), comparison_plates(runs)
+    with staged_folder(out, "comparison") as (stage, folder):
+        write_parts(stage, tables, plates, _page(runs, tables, plates), progress)
+    return folder / PAGE
 
 
-def distinct_names(runs: Sequence[Run], regions: Sequence[str]) -> list[str]:
-    """
-    Names that tell runs apart: their regions, else their studies, else their folders.
-
-    Parameters
-    ----------
-    runs : sequence of Run
-    regions : sequence of str
-        Name of each run's ocean.
-
-    Returns
-    -------
-    list of str
-    """
-    studies = [run.config.study.name for run in runs]
-    for names in (list(regions), studies, [run.path.name for run in runs]):
-        if len(set(names)) == len(names):
-            return names
-    return [f"{study} ({i + 1})" for i, study in enumerate(studies)]
+def by_name(results: Sequence[Results]) -> dict[str, Results]:
+    """Runs by what tells them apart: their regions, else their studies, else their folders."""
+    regions, folders = [r.region for r in results], [r.run.path.name for r in results]
+    studies = [r.run.config.study.name for r in results]
+    numbered = [f"{study} ({i + 1})" for i, study in enumerate(studies)]
+    names = next(n for n in (regions, studies, folders, numbered) if len(set(n)) == len(n))
+    return dict(zip(names, results, strict=True))
 
 
-def comparison_tables(found: Sequence[Findings], names: Sequence[str]) -> dict[str, pd.DataFrame]:
-    """
-    Tables of several runs, one column of numbers each.
+def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
+    """Tables of several runs, one column of numbers each."""
 
-    Parameters
-    ----------
-    found : sequence of Findings
-    names : sequence of str
-        Of the runs, all different.
+    def of_all_links(table: str) -> dict[str, pd.DataFrame]:
+        return {name: r.tables[table].query("category == @ALL_LINKS") for name, r in runs.items()}
 
-    Returns
-    -------
-    dict of str to pandas.DataFrame
-        ``range_drop_category_compare`` is the paper's table of dropouts: a row for each link category,
-        percentages. The others have a row for each quantity and its unit.
-    """
-    per_run = {name: f.tables for name, f in zip(names, found, strict=True)}
-    every = [t["range_error"].query("category == @ALL_LINKS") for t in per_run.values()]
-    split = [t["range_error_split"].query("category == @ALL_LINKS") for t in per_run.values()]
-    errors = pd.concat(
-        {n: t["ate_pooled"].set_index("condition") for n, t in per_run.items()}, axis=1, sort=False
+    dropouts = {f"{name} [%]": r.tables["dropouts"].set_index("category") for name, r in runs.items()}
+    errors = of_all_links("range_error")
+    parts = {f"{name} [m]": t.set_index("part") for name, t in of_all_links("range_error_split").items()}
+    regions = {name: r.tables["region"].set_index("property") for name, r in runs.items()}
+    pooled = pd.concat(
+        {name: r.tables["ate_pooled"].set_index("condition") for name, r in runs.items()},
+        axis=1,
+        sort=False,
     )
-    conditions = errors.index.to_list()
-    statistics = ["mean_m", "median_m", "rmse_m", "p25_m", "p75_m", "p95_m"]
-    regions = [t["region"].set_index("property").iloc[:, 0] for t in per_run.values()]
     return {
         "range_drop_category_compare": _side_by_side(
-            [t["dropouts"].set_index("category")["percent"] for t in per_run.values()],
-            [f"{name} [%]" for name in names],
-            "link category",
-            last=ALL_LINKS,
+            {name: t["percent"] for name, t in dropouts.items()}, "link category", last=ALL_LINKS
         ),
-        "range_error": _side_by_side([e.drop(columns="category").iloc[0] for e in every], names, "quantity"),
-        "range_error_split": _side_by_side(
-            [s.set_index("part")["mean_m"] for s in split], [f"{name} [m]" for name in names], "part"
+        "range_error": _side_by_side(
+            {name: t.drop(columns="category").iloc[0] for name, t in errors.items()}, "quantity"
         ),
+        "range_error_split": _side_by_side({name: t["mean_m"] for name, t in parts.items()}, "part"),
         "ate_pooled": pd.DataFrame(
             [
-                {"condition": c, "quantity": s, **{n: errors.loc[c, (n, s)] for n in names}}
-                for c in conditions
-                for s in statistics
+                {"condition": c, "quantity": s, **{name: pooled.loc[c, (name, s)] for name in runs}}
+                for c in pooled.index
+                for s in _STATISTICS
             ]
         ),
-        "region": _side_by_side(regions, names, "property"),
+        "region": _side_by_side({name: t.iloc[:, 0] for name, t in regions.items()}, "property"),
     }
 
 
-def comparison_plates(found: Sequence[Findings], names: Sequence[str]) -> list[Plate]:
-    """
-    Figures of several runs.
+def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
+    """Figures of several runs."""
+    header, which = joint_header(runs), " and ".join(runs)
+    synthetic = any(r.synthetic for r in runs.values())
 
-    Parameters
-    ----------
-    found : sequence of Findings
-    names : sequence of str
-        Of the runs, all different.
+    def plate(name: str, caption: str, draw: Callable[[], Figure]) -> Plate:
+        return Plate(name, with_source(caption, synthetic=synthetic), draw)
 
-    Returns
-    -------
-    list of Plate
-    """
-    pairs = list(zip(names, found, strict=True))
-    header, made_up = joint_header(found, names), any(f.synthetic for f in found)
-    which = " and ".join(names)
-    means = "mean solid, quartiles dashed"
-    plates = [
-        (
+    def ape(*, log: bool) -> Figure:
+        return pooled_ape([ApePanel(name, r.errors, log=log) for name, r in runs.items()], header)
+
+    error = (
+        f"Absolute position error by ranging condition in {which}, {{}} scale; mean solid, quartiles dashed."
+    )
+    return [
+        plate(
             "sound_speed",
-            (
-                f"Sound speed against depth in {which}: mean of each level over the whole region (line), least to"
-                " greatest (shaded)."
-            ),
-            lambda: sound_speed_profiles([(n, f.run.profile) for n, f in pairs], header),
+            f"Sound speed against depth in {which}: mean of each level over the whole region (line), least to greatest"
+            " (shaded).",
+            lambda: sound_speed_profiles([(name, r.run.profile) for name, r in runs.items()], header),
         ),
-        (
+        plate(
             "range_error",
-            (
-                f"Signed range error, refracted minus straight, in {which}: mean (orange), zero (dashed) and fitted"
-                " normal (black)."
-            ),
-            lambda: range_error_histogram([(n, f.ranges.total) for n, f in pairs], header),
+            f"Signed range error, refracted minus straight, in {which}: mean (orange), zero (dashed) and fitted normal"
+            " (black).",
+            lambda: range_error_histogram([(name, r.ranges.total) for name, r in runs.items()], header),
         ),
-        (
-            "ape_pooled",
-            f"Absolute position error by ranging condition in {which}, logarithmic scale; {means}.",
-            lambda: pooled_ape([ApePanel(n, f.errors, log=True) for n, f in pairs], header),
-        ),
-        (
-            "ape_pooled_linear",
-            f"Absolute position error by ranging condition in {which}, linear scale; {means}.",
-            lambda: pooled_ape([ApePanel(n, f.errors, log=False) for n, f in pairs], header),
-        ),
+        plate("ape_pooled", error.format("logarithmic"), lambda: ape(log=True)),
+        plate("ape_pooled_linear", error.format("linear"), lambda: ape(log=False)),
     ]
-    return [Plate(name, caption, draw, made_up) for name, caption, draw in plates]
 
 
-def joint_header(found: Sequence[Findings], names: Sequence[str]) -> str:
-    """
-    Line on top of figures that show several oceans.
-
-    Parameters
-    ----------
-    found : sequence of Findings
-    names : sequence of str
-        Of the runs.
-
-    Returns
-    -------
-    str
-        Says which of the oceans are synthetic.
-    """
-    made_up = [name for name, f in zip(names, found, strict=True) if f.synthetic]
-    if not made_up:
-        return " and ".join(names)
-    if len(made_up) == len(names):
-        return f"{' and '.join(names)}, synthetic oceans"
-    return f"{' and '.join(names)}; synthetic ocean: {', '.join(made_up)}"
+def joint_header(runs: Mapping[str, Results]) -> str:
+    """Line on top of figures that show several oceans; it says which of them are synthetic."""
+    synthetic, which = [name for name, r in runs.items() if r.synthetic], " and ".join(runs)
+    if not synthetic:
+        return which
+    return (
+        f"{which}, synthetic oceans"
+        if len(synthetic) == len(runs)
+        else (f"{which}; synthetic ocean: {', '.join(synthetic)}")
+    )
 
 
-def _side_by_side(
-    columns: Sequence["pd.Series[float]"], names: Sequence[str], key: str, last: str = ""
-) -> pd.DataFrame:
-    rows = list(dict.fromkeys(row for column in columns for row in column.index))
+def _side_by_side(columns: Mapping[str, "pd.Series[float]"], key: str, last: str = "") -> pd.DataFrame:
+    rows = list(dict.fromkeys(row for column in columns.values() for row in column.index))
     rows.sort(key=lambda row: row == last)
-    table = pd.DataFrame({name: column.reindex(rows) for name, column in zip(names, columns, strict=True)})
+    table = pd.DataFrame({name: column.reindex(rows) for name, column in columns.items()})
     table.insert(0, key, rows)
     return table.reset_index(drop=True)
 
 
-def _page(
-    found: Sequence[Findings], names: Sequence[str], tables: dict[str, pd.DataFrame], plates: Sequence[Plate]
-) -> str:
-    title = " and ".join(names)
-    body = [f"<h1>{escape(title)}</h1>"]
-    for name, f in zip(names, found, strict=True):
-        attempts = f.run.measurements.range_status.size
-        heard = int(np.isfinite(f.ranges.total).sum())
-        text = f"{name}: study {f.run.config.study.name}, {heard:,} of {attempts:,} ranges heard"
-        body.append(f'<p class="soft">{escape(text)}</p>')
-    if any(f.synthetic for f in found):
-        which = ", ".join(n for n, f in zip(names, found, strict=True) if f.synthetic)
-        body.append(f'<p class="note">{escape(f"{which}: {SYNTHETIC_NOTE}")}</p>')
-    body += ["<h2>Tables</h2>"]
-    for key, caption in _CAPTIONS.items():
-        table = tables[key]
+def _page(runs: Mapping[str, Results], tables: Mapping[str, pd.DataFrame], plates: Sequence[Plate]) -> str:
+    synthetic = [name for name, r in runs.items() if r.synthetic]
+    shown = []
+    for name, caption in _CAPTIONS.items():
+        table = numbers_from_text(tables[name]) if name == "region" else tables[name]
         if "quantity" in table:
             table = table.assign(quantity=table["quantity"].map(heading))
-        if key == "region":
-            table = readable(table)
-        body.append(table_html(table, caption, f"tables/{key}.csv"))
-    body += ["<h2>Figures</h2>", *(figure_html(plate.name, plate.full_caption) for plate in plates)]
-    return document(f"{title}, MantaRay", body)
+        shown.append(show_table(table, caption, f"tables/{name}.csv"))
+    return render(
+        "comparison.html",
+        title=" and ".join(runs),
+        facts=[
+            f"{name}: study {r.run.config.study.name}, {r.heard:,} of {r.attempts:,} ranges heard"
+            for name, r in runs.items()
+        ],
+        description="",
+        notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],
+        plates=plates,
+        joint_tables=shown,
+    )

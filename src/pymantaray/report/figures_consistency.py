@@ -4,57 +4,50 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from pymantaray.report.figures import register
 from pymantaray.report.style import (
+    BAND,
     DOUBLE,
     GREY,
-    HEADER_LINE,
     INK,
     common_legend,
     condition_looks,
     condition_style,
+    entry,
+    legend_lines,
     new_figure,
     note,
     panel_title,
+    short_numbers,
     styled,
 )
 
 _PANELS = (("horizontal", "horizontal positions of the fleet"), ("ranges", "ranges of a ping"))
-_BAND = "#dcdcdc"
 _DODGE = 0.012  # share of the time axis between neighbouring conditions; all of them take half a step at most
-_PER_ROW = 5  # entries of the legend where it has lines of its own
 _ZOOM = 2.5  # half height of the lower row in widths of the band
 _TICKS = 10  # epochs that are all labelled
 _LINEAR_REACH = 4.0  # above this, or below its inverse, ratios need a logarithmic axis
 
 
+register(
+    "consistency",
+    place=110,
+    caption="Consistency over {r.realizations} at fixed epochs: (a) squared error of the fleet's horizontal positions"
+    " in their joint covariance, (b) squared innovation of the ranges of a ping, each by its degrees of freedom; where"
+    " they are drawn, (c, d) the same near the bounds. A consistent estimator is at 1 on average and inside the grey"
+    " 95 % bounds; empty markers are outside.",
+    draw=lambda r: consistency_over_time(r.tables["consistency_per_epoch"], r.header),
+    needs=lambda r: "consistency_per_epoch" in r.tables,
+)
+
+
 @styled
 def consistency_over_time(table: pd.DataFrame, header: str) -> Figure:
-    """
-    NEES of the fleet and innovations of its ranges, each by its degrees of freedom, at the fixed epochs.
-
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        From `pymantaray.evaluation.consistency_table`, of the fleet.
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A column for horizontal positions and one for ranges. The line at 1 is what a consistent estimator
-        has on average, the band its 95 % bounds, drawn for the condition with the most solves. A full marker lies
-        inside the bounds of its own condition, an empty one outside. Where some lie far off, they are on a
-        logarithmic scale, and the second row shows the surroundings of the band.
-    """
-    conditions = list(dict.fromkeys(table["condition"]))
-    looks = condition_looks(conditions)
-    entries = len(conditions) + 2
-    lines = 0 if entries <= HEADER_LINE else -(-entries // _PER_ROW)
+    """NEES of the fleet and innovations of its ranges, each by its degrees of freedom, at the fixed epochs."""
+    looks = condition_looks(list(dict.fromkeys(table["condition"])))
+    lines = legend_lines(len(looks) + 2)
     tables = [table[table["statistic"] == key] for key, _ in _PANELS]
     ratio = np.concatenate([part["ratio"].to_numpy(dtype=float) for part in tables])
     log = bool(ratio.size) and bool(ratio.max() > _LINEAR_REACH or ratio.min() < 1.0 / _LINEAR_REACH)
@@ -69,8 +62,7 @@ def consistency_over_time(table: pd.DataFrame, header: str) -> Figure:
         if log:
             panel_title(grid[1, c], "cd"[c], "the same, near the bounds")
             grid[0, c].set_yscale("log")
-            grid[0, c].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            grid[0, c].yaxis.set_minor_formatter(NullFormatter())
+            short_numbers(grid[0, c].yaxis)
             if len(part):
                 reach = _ZOOM * float(np.maximum(part["high"] - 1.0, 1.0 - part["low"]).max())
                 grid[1, c].set_ylim(max(1.0 - reach, 0.0), 1.0 + reach)
@@ -81,26 +73,14 @@ def consistency_over_time(table: pd.DataFrame, header: str) -> Figure:
         axes.set_ylabel("NEES / degrees of freedom")
     for axes in grid[:, 1]:
         axes.set_ylabel("NIS / degrees of freedom")
-    handles: list[Line2D | Patch] = [
-        Line2D(
-            [], [], color=colour, marker=marker, markersize=3.6, linewidth=0.9, label=condition_style(name)[1]
-        )
+    point = {"markersize": 3.6}
+    handles = [
+        entry(condition_style(name)[1], color=colour, marker=marker, linewidth=0.9, **point)
         for name, (colour, marker) in looks.items()
     ]
-    handles.append(Patch(color=_BAND, label="95 % bounds"))
-    handles.append(
-        Line2D(
-            [],
-            [],
-            color=INK,
-            marker="o",
-            markerfacecolor="white",
-            linestyle="none",
-            markersize=3.6,
-            label="outside its bounds",
-        )
-    )
-    common_legend(figure, handles, **({"ncols": _PER_ROW} if lines else {}))
+    outside = {"color": INK, "marker": "o", "markerfacecolor": "white", "linestyle": "none", **point}
+    band = Patch(color=BAND, label="95 % bounds")
+    common_legend(figure, [*handles, band, entry("outside its bounds", **outside)])
     return figure
 
 
@@ -115,7 +95,7 @@ def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
     bounds = table.sort_values("degrees_of_freedom", kind="stable").groupby("time_h")[["low", "high"]].last()
     edges = np.concatenate([[first], 0.5 * (hours[1:] + hours[:-1]), [last]])
     low, high = (bounds[side].to_numpy(dtype=float) for side in ("low", "high"))
-    axes.fill_between(edges, [*low, low[-1]], [*high, high[-1]], step="post", color=_BAND, linewidth=0.0)
+    axes.fill_between(edges, [*low, low[-1]], [*high, high[-1]], step="post", color=BAND, linewidth=0.0)
     shown = [name for name in looks if (table["condition"] == name).any()]
     dodge = min(_DODGE * (last - first), 0.5 * step / len(shown))
     for i, name in enumerate(shown):
@@ -125,13 +105,6 @@ def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
         axes.plot(x, part["ratio"], color=colour, linewidth=0.9)
         for inside in (True, False):
             chosen = part["inside"].to_numpy(dtype=bool) == inside
-            axes.plot(
-                x[chosen],
-                part["ratio"][chosen],
-                color=colour,
-                marker=marker,
-                markersize=3.6,
-                markerfacecolor=colour if inside else "white",
-                linestyle="none",
-            )
+            look = {"color": colour, "markerfacecolor": colour if inside else "white", "markersize": 3.6}
+            axes.plot(x[chosen], part["ratio"][chosen], marker, **look)
     axes.set_xlim(first, last)

@@ -8,44 +8,48 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator
 
+from pymantaray.report.figures import register
 from pymantaray.report.style import (
+    BAND,
     CONDITION_COLOURS,
     DOUBLE,
     GREY,
     INK,
     common_legend,
     condition_style,
+    entry,
     new_figure,
     panel_title,
+    short_numbers,
     styled,
 )
 
 _ROW = 0.17  # height of a line [in]
-_BAND = "#dcdcdc"
 _BASELINE = "straight"
+
+
+register(
+    "estimators",
+    place=100,
+    caption="What each estimator is worth, over {r.realizations}: (a) root mean square of the position error over all"
+    " poses, dashed that of straight ranges; (b) squared error of the fleet's horizontal positions in the covariance"
+    " that the estimator gives, by its degrees of freedom: median over the epochs, least to greatest, and the 95 %"
+    " bounds of a consistent estimator in grey.",
+    draw=lambda r: error_and_consistency(
+        r.tables["ate_pooled"], r.tables.get("consistency_per_epoch"), r.header
+    ),
+    needs=lambda r: bool(r.run.config.estimators),
+)
 
 
 @styled
 def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None, header: str) -> Figure:
     """
-    Root mean square of the position error, and NEES of the fleet, a line for each condition.
+    Root mean square of the position error, and NEES of the fleet if there is any, a line for each condition.
 
-    Parameters
-    ----------
-    errors : pandas.DataFrame
-        From `pymantaray.evaluation.error_table`, pooled.
-    consistency : pandas.DataFrame or None
-        From `pymantaray.evaluation.consistency.consistency_table`, of the fleet; None leaves out the second panel.
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The dashed line is the error with straight ranges. NEES is horizontal, by its degrees of freedom: median over the epochs
-        and least to greatest, in full where all epochs lie within their 95 % bounds, empty where none does.
+    A marker of NEES is full where all epochs lie within their 95 % bounds, empty where none does.
     """
     names = list(errors["condition"])
     y = np.arange(len(names))
@@ -57,20 +61,14 @@ def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None
     axes, handles = grid[0], list[Line2D | Patch]()
     panel_title(axes, "a", "position error, root mean square")
     if _BASELINE in names and np.isfinite(rmse[names.index(_BASELINE)]):
-        look: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": "--"}
-        axes.axvline(rmse[names.index(_BASELINE)], **look)
-        handles.append(Line2D([], [], label=f"error, {condition_style(_BASELINE)[1].lower()}", **look))
+        label = f"error, {condition_style(_BASELINE)[1].lower()}"
+        look: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": "--", "label": label}
+        handles.append(axes.axvline(rmse[names.index(_BASELINE)], **look))
     axes.scatter(rmse, y, c=colours, s=14.0, zorder=3)
     for x, line in zip(rmse, y, strict=True):
         if np.isfinite(x):
-            axes.annotate(
-                f"{x:.2f}" if x < 100.0 else f"{x:.1f}",
-                (x, line),
-                (5, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=6.0,
-            )
+            text = f"{x:.2f}" if x < 100.0 else f"{x:.1f}"
+            axes.annotate(text, (x, line), (5, 0), textcoords="offset points", va="center", fontsize=6.0)
     axes.set_xscale("log")
     axes.margins(x=0.12)
     axes.set_yticks(y, [condition_style(name)[1] for name in names])
@@ -80,32 +78,23 @@ def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None
         _draw_consistency(grid[1], consistency[consistency["statistic"] == "horizontal"], names, colours)
         panel_title(grid[1], "b", "horizontal NEES of the fleet / degrees of freedom")
         grid[1].set_xlabel("[-]")
-        handles += [
-            Patch(color=_BAND, label="95 % bounds"),
-            _mark(INK, "inside at every epoch"),
-            _mark(GREY, "at some"),
-            _mark("white", "at none"),
-        ]
+        point: dict[str, Any] = {"color": INK, "marker": "o", "markersize": 3.8, "linestyle": "none"}
+        faces = {"inside at every epoch": INK, "at some": GREY, "at none": "white"}
+        handles.append(Patch(color=BAND, label="95 % bounds"))
+        handles += [entry(label, markerfacecolor=face, **point) for label, face in faces.items()]
         grid[1].tick_params(axis="y", left=False)
     if handles:
         common_legend(figure, handles)
     for panel in grid:
         panel.grid(visible=False, axis="y")
-        panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        panel.xaxis.set_minor_formatter(NullFormatter())
+        short_numbers(panel.xaxis)
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     return figure
 
 
-def _mark(face: str, label: str) -> Line2D:
-    return Line2D(
-        [], [], color=INK, marker="o", markersize=3.8, markerfacecolor=face, linestyle="none", label=label
-    )
-
-
 def _draw_consistency(axes: Axes, table: pd.DataFrame, names: list[str], colours: list[str]) -> None:
     if len(table):
-        axes.axvspan(float(table["low"].median()), float(table["high"].median()), color=_BAND, linewidth=0.0)
+        axes.axvspan(float(table["low"].median()), float(table["high"].median()), color=BAND, linewidth=0.0)
     axes.axvline(1.0, color=GREY, linewidth=0.8)
     for i, (name, colour) in enumerate(zip(names, colours, strict=True)):
         part = table[table["condition"] == name]

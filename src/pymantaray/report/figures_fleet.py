@@ -9,24 +9,23 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
-from numpy.typing import NDArray
 
 from pymantaray.records import Measurements, RayStatus, Trajectories
-from pymantaray.report.colormaps import DEPTH
-from pymantaray.report.ends import range_ends
-from pymantaray.report.labels import plain
+from pymantaray.report.figures import range_ends, register
 from pymantaray.report.style import (
     COLUMN,
+    DEPTH,
     DOUBLE,
     GREY,
     INK,
+    Array,
     halo,
     new_figure,
     panel_title,
+    plain,
     styled,
 )
 
-Array = NDArray[np.float64]
 _ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down
 _SHALLOWEST = 0.05  # km; depth of the axes where nobody dives
 _MAX_VERTICES = 600  # of a chain in three dimensions, where every vertex costs
@@ -40,34 +39,34 @@ class _Shades:
     mappable: ScalarMappable
 
 
+register(
+    "fleet_layout",
+    place=20,
+    caption="Fleet layout: (a) start positions and drift in plan, (b) start (dotted line downward to the vehicle's"
+    " greatest depth) and track, (c) depth against time. Colour is each vehicle's greatest depth; a vehicle that"
+    " stays at the surface is black.",
+    draw=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header),
+)
+register(
+    "factor_graph",
+    place=40,
+    caption="Factor graph at the true positions: chains of poses coloured by the vehicle's greatest depth, the"
+    " {r.heard:,} ranges that were heard in grey.",
+    draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),
+)
+
+
 @styled
-def fleet_layout(truth: Trajectories, landmarks: tuple[NDArray[np.str_], Array], header: str) -> Figure:
-    """
-    Fleet in plan, in depth over time, and in three dimensions.
-
-    Parameters
-    ----------
-    truth : Trajectories
-        True poses.
-    landmarks : tuple of ndarray
-        Names (n,) and positions (n, 3) of the landmarks; may be empty. [m]
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Panel (a) plan with start positions and drift tracks, (b) three-dimensional with each vehicle's
-        greatest depth below its start, (c) depth against time.
-    """
+def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
+    """Fleet in plan, in depth over time, and in three dimensions."""
     shades = _shades(truth)
     figure = new_figure(DOUBLE, 4.6, header, layout=None)
     plan = figure.add_axes((0.075, 0.47, 0.40, 0.45))
     solid = figure.add_axes((0.50, 0.40, 0.44, 0.54), projection="3d")
     time = figure.add_axes((0.075, 0.09, 0.80, 0.24))
-    _draw_plan(plan, truth, landmarks, shades)
+    _draw_plan(plan, truth, measurements, shades)
     assert isinstance(solid, Axes3D)
-    _draw_solid(solid, truth, landmarks, shades)
+    _draw_solid(solid, truth, measurements, shades)
     _draw_depths(time, truth, shades)
     bar = figure.colorbar(shades.mappable, cax=figure.add_axes((0.895, 0.09, 0.016, 0.24)))
     bar.set_label("Greatest depth [m]")
@@ -80,22 +79,7 @@ def fleet_layout(truth: Trajectories, landmarks: tuple[NDArray[np.str_], Array],
 
 @styled
 def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
-    """
-    Factor graph in three dimensions: each vehicle's chain of poses coloured, ranges grey.
-
-    Parameters
-    ----------
-    truth : Trajectories
-        Gives the places of the poses.
-    measurements : Measurements
-        Its range table gives the edges; dropouts are left out.
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Factor graph in three dimensions: each vehicle's chain of poses coloured, ranges grey."""
     shades = _shades(truth)
     figure = new_figure(COLUMN, 3.1, header, layout=None)
     axes = figure.add_axes((-0.03, 0.08, 0.96, 0.88), projection="3d")
@@ -113,12 +97,7 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
     for name, start, colour in zip(truth.name, truth.position[:, 0] / 1e3, shades.colours, strict=True):
         axes.plot(*start[_ENU, None], "o", color=colour, markersize=3.4, markeredgecolor="white", zorder=8)
         _mark(axes, start, str(name))
-    if measurements.landmark_name.size:
-        n, e, d = measurements.landmark_position.T / 1e3
-        axes.plot(e, n, d, "^", color=INK, markersize=4)
-        for name, point in zip(measurements.landmark_name, measurements.landmark_position / 1e3, strict=True):
-            _mark(axes, point, str(name))
-    _frame(axes, np.concatenate([truth.position.reshape(-1, 3), measurements.landmark_position]) / 1e3)
+    _finish(axes, truth, measurements)
     poses = truth.position.shape[0] * truth.position.shape[1]
     figure.text(
         0.5, 0.02, f"{poses:,} poses, {len(edges):,} range edges", ha="center", fontsize=6.5, color=GREY
@@ -134,9 +113,7 @@ def _shades(truth: Trajectories) -> _Shades:
     return _Shades(colours, ScalarMappable(norm, DEPTH))
 
 
-def _draw_plan(
-    axes: Axes, truth: Trajectories, landmarks: tuple[NDArray[np.str_], Array], shades: _Shades
-) -> None:
+def _draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, shades: _Shades) -> None:
     starts = truth.position[:, 0, :2] / 1e3
     for path, colour in zip(truth.position[:, :, :2] / 1e3, shades.colours, strict=True):
         axes.plot(path[:, 1], path[:, 0], color=colour, linewidth=0.9)
@@ -151,41 +128,34 @@ def _draw_plan(
             path_effects=halo(),
             zorder=4,
         )
-    names, places = landmarks
-    axes.plot(places[:, 1] / 1e3, places[:, 0] / 1e3, "^", color=INK, markersize=4)
-    for name, place in zip(names, places / 1e3, strict=True):
-        axes.annotate(plain(str(name)), (place[1], place[0]), (4, 4), textcoords="offset points")
+    places = measurements.landmark_position / 1e3
+    axes.plot(places[:, 1], places[:, 0], "^", color=INK, markersize=4)
+    for name, (north, east, _) in zip(measurements.landmark_name, places, strict=True):
+        axes.annotate(plain(str(name)), (east, north), (4, 4), textcoords="offset points")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
     axes.set_xlabel("East [km]")
     axes.set_ylabel("North [km]")
 
 
-def _draw_solid(
-    axes: Axes3D, truth: Trajectories, landmarks: tuple[NDArray[np.str_], Array], shades: _Shades
-) -> None:
+def _draw_solid(axes: Axes3D, truth: Trajectories, measurements: Measurements, shades: _Shades) -> None:
     deepest = truth.position[:, :, 2].max(axis=1) / 1e3
     for i, colour in enumerate(shades.colours):
         start = truth.position[i, 0] / 1e3
         foot = np.array([start[0], start[1], deepest[i]])
         _line(axes, np.stack([start, foot]), color=colour, linewidth=0.6, linestyle=":")
         _line(axes, truth.position[i] / 1e3, color=colour, linewidth=0.7)
-        axes.plot([foot[1]], [foot[0]], [foot[2]], "o", color=colour, markersize=3.2)
+        axes.plot(*foot[_ENU, None], "o", color=colour, markersize=3.2)
         _mark(axes, foot if deepest[i] > 1e-3 else start, str(truth.name[i]))
-    names, places = landmarks
-    for name, place in zip(names, places / 1e3, strict=True):
-        axes.plot([place[1]], [place[0]], [place[2]], "^", color=INK, markersize=4)
-        _mark(axes, place, str(name))
-    _frame(axes, np.concatenate([truth.position.reshape(-1, 3), places]) / 1e3)
+    _finish(axes, truth, measurements)
 
 
 def _draw_depths(axes: Axes, truth: Trajectories, shades: _Shades) -> None:
     hours = truth.time / 3600.0
     for path, colour in zip(truth.position[:, :, 2], shades.colours, strict=True):
         axes.plot(hours, path, color=colour, linewidth=0.9)
-    axes.set_ylim(
-        1.06 * max(float(truth.position[:, :, 2].max()), 1.0), -0.04 * truth.position[:, :, 2].max()
-    )
+    deepest = float(truth.position[:, :, 2].max())
+    axes.set_ylim(1.06 * max(deepest, 1.0), -0.04 * deepest)
     axes.set_xlim(hours[0], hours[-1])
     axes.set_xlabel("Time [h]")
     axes.set_ylabel("Depth [m]")
@@ -193,27 +163,23 @@ def _draw_depths(axes: Axes, truth: Trajectories, shades: _Shades) -> None:
 
 def _line(axes: Axes3D, path: Array, **style: object) -> None:
     step = max(1, -(-len(path) // _MAX_VERTICES))
-    kept = path[np.unique(np.append(np.arange(0, len(path), step), len(path) - 1))]
-    axes.plot(*kept[:, _ENU].T, **style)
+    vertices = path[np.unique(np.append(np.arange(0, len(path), step), len(path) - 1))]
+    axes.plot(*vertices[:, _ENU].T, **style)
 
 
 def _mark(axes: Axes3D, place: Array, name: str) -> None:
     east, north, depth = place[_ENU]
-    axes.text(
-        east,
-        north,
-        depth,
-        f" {plain(name)}",
-        fontsize=6.5,
-        fontweight="bold",
-        color=INK,
-        zorder=9,
-        path_effects=halo(),
-    )
+    look = {"fontsize": 6.5, "fontweight": "bold", "color": INK, "zorder": 9, "path_effects": halo()}
+    axes.text(east, north, depth, f" {plain(name)}", **look)
 
 
-def _frame(axes: Axes3D, points: Array) -> None:
-    """Axes around all points, depth downward, north and east at one scale."""
+def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements) -> None:
+    """Landmarks, and axes around everything, depth downward, north and east at one scale."""
+    places = measurements.landmark_position / 1e3
+    for name, place in zip(measurements.landmark_name, places, strict=True):
+        axes.plot(*place[_ENU, None], "^", color=INK, markersize=4)
+        _mark(axes, place, str(name))
+    points = np.concatenate([truth.position.reshape(-1, 3) / 1e3, places])
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.maximum(1.08 * (high - low), [0.5 * (high - low)[:2].max()] * 2 + [1e-3])
     span[:2] = np.maximum(span[:2], 1e-2)

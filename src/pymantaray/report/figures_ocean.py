@@ -1,4 +1,4 @@
-"""Pictures of the water: sound-speed profiles of one or more regions, and rays through one section."""
+"""The water of a run: sound-speed profiles of one or more regions, and rays through one section."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pymantaray.report.colormaps import SOUND_SPEED
-from pymantaray.report.labels import plain, short
+from pymantaray.report.figures import register
 from pymantaray.report.style import (
+    BED,
     BLUE,
     COLUMN,
     DOUBLE,
@@ -19,36 +19,48 @@ from pymantaray.report.style import (
     INK,
     ORANGE,
     PINK,
+    SHORE,
+    SOUND_SPEED,
     common_legend,
+    entry,
     freeze_layout,
     new_figure,
     panel_title,
+    plain,
+    short,
     styled,
 )
 
-UPPER = 500.0
-"""Depth down to which the upper panel of the profiles goes. [m]"""
+_UPPER = 500.0  # m; depth of the upper panel of the profiles
+_BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest end or eigenray
+_LEAST_DEPTH = 100.0  # m
+_ROWS = 300  # of the colour image
+_FAN: dict[str, Any] = {"color": "#565656", "linewidth": 0.35, "alpha": 0.8, "zorder": 3}
+_CHORD: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
 _REGION_COLOURS = (BLUE, ORANGE, GREEN, PINK)
 _REGION_LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), "-.")
 
 
+register(
+    "sound_speed",
+    place=10,
+    caption="Sound speed against depth over the whole region: mean of each level (line), least to greatest (shaded);"
+    " (a) all depths, (b) the upper part.",
+    draw=lambda r: sound_speed_profiles([(r.region, r.run.profile)], r.header),
+)
+register(
+    "ray_picture",
+    place=30,
+    caption="Sound on the link that bends most: sound speed (blue), sea bed (brown, where it is not far below),"
+    " direct eigenrays (orange), the straight chord (dashed) and other rays from the same source (grey).",
+    draw=lambda r: ray_picture(r.run.ray_picture, r.header),
+    needs=lambda r: r.has_ray_picture,
+)
+
+
 @styled
 def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str) -> Figure:
-    """
-    Mean sound speed of each region against depth, between its least and its greatest.
-
-    Parameters
-    ----------
-    profiles : sequence of tuple of str and xarray.Dataset
-        Name of each region and its `pymantaray.ocean.sound_speed_profile_spread`.
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        All depths on the left, the upper 500 m on the right.
-    """
+    """Mean sound speed of each region against depth, between its least and its greatest."""
     figure = new_figure(COLUMN, 3.0, header)
     whole, upper = figure.subplots(1, 2)
     deepest = 0.0
@@ -60,7 +72,7 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
         for axes in (whole, upper):
             axes.fill_betweenx(depth, low, high, color=colour, alpha=0.22, linewidth=0.0)
             axes.plot(mean, depth, color=colour, linestyle=line, label=plain(short(name)))
-    limit = min(UPPER, deepest) or 1.0
+    limit = min(_UPPER, deepest) or 1.0
     whole.set_ylim(deepest or 1.0, 0.0)
     upper.set_ylim(limit, 0.0)
     _fit_speed_axis(upper, [profile for _, profile in profiles], limit)
@@ -76,22 +88,7 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
 
 @styled
 def ray_picture(picture: xr.Dataset, header: str) -> Figure:
-    """
-    Vertical section along one link: sound speed, sea bed, a fan of rays, eigenrays and the chord.
-
-    Parameters
-    ----------
-    picture : xarray.Dataset
-        From `pymantaray.acoustics.rays.ray_picture`; attributes ``source``, ``receiver`` and ``time_h``
-        name the link where they are given.
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Goes down to the sea bed unless that is far below the ends and the eigenrays; states its vertical exaggeration.
-    """
+    """Vertical section along one link: sound speed, sea bed, a fan of rays, eigenrays and the chord."""
     figure = new_figure(DOUBLE, 3.0, header)
     axes = figure.subplots()
     axes.grid(visible=False)
@@ -103,49 +100,38 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
     speed = np.where(rows[:, None] <= floor, speed, np.nan)
     mesh = axes.pcolormesh(km, rows, speed, cmap=SOUND_SPEED, shading="nearest", rasterized=True)
     figure.colorbar(mesh, ax=axes, label="Sound speed [m/s]", pad=0.015, aspect=30)
-    axes.fill_between(km, floor, max(depth[-1], floor.max()) * 2.0, color="#8d7f70", linewidth=0.0, zorder=2)
-    axes.plot(km, floor, color="#4a4038", linewidth=0.8, zorder=2)
+    axes.fill_between(km, floor, max(depth[-1], floor.max()) * 2.0, color=BED, linewidth=0.0, zorder=2)
+    axes.plot(km, floor, color=SHORE, linewidth=0.8, zorder=2)
 
     arrives = picture["ray_arrives"].values.astype(bool)
     for hit, x, z in zip(arrives, picture["ray_range"].values, picture["ray_depth"].values, strict=True):
         look: dict[str, Any] = {"color": ORANGE, "linewidth": 1.8, "zorder": 4} if hit else _FAN
         axes.plot(x / 1e3, z, **look)
     chord, ends = picture["chord_range"].values / 1e3, picture["chord_depth"].values
-    axes.plot(chord, ends, color=INK, linestyle=(0, (4, 2)), linewidth=1.1, zorder=5)
+    axes.plot(chord, ends, zorder=5, **_CHORD)
     axes.plot(chord, ends, "o", color="white", markeredgecolor=INK, markersize=4.5, zorder=6, clip_on=False)
     source, receiver = (str(picture.attrs.get(key, key)) for key in ("source", "receiver"))
-    for x, z, text, side in zip(chord, ends, (source, receiver), (1, -1), strict=True):
-        axes.annotate(
-            plain(text),
-            (x, z),
-            (8 * side, 10 if z > 0.7 * lowest else -10),
-            textcoords="offset points",
-            ha="left" if side > 0 else "right",
-            va="center",
-            fontweight="bold",
-            zorder=7,
-            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0.0},
-        )
+    box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0.0}
+    words: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontweight": "bold", "bbox": box}
+    for x, z, text, ha in zip(chord, ends, (source, receiver), ("left", "right"), strict=True):
+        offset = (8 if ha == "left" else -8, 10 if z > 0.7 * lowest else -10)
+        axes.annotate(plain(text), (x, z), offset, ha=ha, zorder=7, **words)
     axes.set_xlim(km[0], km[-1])
     axes.set_ylim(lowest, depth[0])
     axes.set_xlabel("Horizontal range [km]")
     axes.set_ylabel("Depth [m]")
     handles = _ray_handles(count=int(arrives.sum()), fan=bool((~arrives).any()))
     common_legend(figure, handles, handlelength=2.4)
-    link = plain(f"{source} to {receiver}{_when(picture)}")
+    hour = f", {float(picture.attrs['time_h']):g} h" if "time_h" in picture.attrs else ""
+    link = plain(f"{source} to {receiver}{hour}")
     axes.set_title(link, loc="left")
     freeze_layout(figure)  # which must be known to measure the exaggeration
-    box = axes.get_position()
-    height, width = box.height * figure.get_figheight(), box.width * figure.get_figwidth()
-    exaggeration = (height / max(lowest - depth[0], 1e-9)) / (width / max((km[-1] - km[0]) * 1e3, 1e-9))
+    panel = axes.get_window_extent()
+    exaggeration = (panel.height / max(lowest - depth[0], 1e-9)) / (
+        panel.width / max((km[-1] - km[0]) * 1e3, 1e-9)
+    )
     axes.set_title(f"{link}, vertical exaggeration {exaggeration:.2g}", loc="left")
     return figure
-
-
-_BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest end or eigenray
-_LEAST_DEPTH = 100.0  # m
-_ROWS = 300  # of the colour image
-_FAN: dict[str, Any] = {"color": "#565656", "linewidth": 0.35, "alpha": 0.8, "zorder": 3}
 
 
 def _lowest_shown(picture: xr.Dataset) -> float:
@@ -156,18 +142,12 @@ def _lowest_shown(picture: xr.Dataset) -> float:
     return min(max(_BELOW * deepest, _LEAST_DEPTH), float(depth[-1]))
 
 
-def _when(picture: xr.Dataset) -> str:
-    return f", {float(picture.attrs['time_h']):g} h" if "time_h" in picture.attrs else ""
-
-
 def _ray_handles(*, count: int, fan: bool) -> list[Line2D]:
-    handles = [Line2D([], [], color=INK, linestyle=(0, (4, 2)), linewidth=1.1, label="straight chord")]
-    if count:
-        text = "direct eigenray" if count == 1 else f"{count} direct eigenrays"
-        handles.insert(0, Line2D([], [], color=ORANGE, linewidth=1.8, label=text))
-    if fan:
-        handles.append(Line2D([], [], color=_FAN["color"], linewidth=0.6, label="other rays"))
-    return handles
+    eigenray = entry(
+        "direct eigenray" if count == 1 else f"{count} direct eigenrays", color=ORANGE, linewidth=1.8
+    )
+    other = entry("other rays", color=_FAN["color"], linewidth=0.6)
+    return [*([eigenray] if count else []), entry("straight chord", **_CHORD), *([other] if fan else [])]
 
 
 def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) -> None:

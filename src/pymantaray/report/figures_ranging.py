@@ -9,7 +9,7 @@ from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
 from pymantaray.records import RayStatus
-from pymantaray.report.labels import plain, short
+from pymantaray.report.figures import range_ends, register
 from pymantaray.report.style import (
     BLUE,
     DOUBLE,
@@ -19,14 +19,16 @@ from pymantaray.report.style import (
     PALE,
     PINK,
     SKY,
+    Array,
     common_legend,
     new_figure,
     note,
     panel_title,
+    plain,
+    short,
     styled,
 )
 
-Array = NDArray[np.float64]
 _LEAST_COUNT = 0.6  # where logarithmic axes of counts begin, so that a single one shows
 _STATUS_LOOK = {
     RayStatus.SHADOW: (ORANGE, "o", "shadow"),
@@ -39,33 +41,46 @@ _STATUS_LOOK = {
 }
 
 
+register(
+    "range_error",
+    place=50,
+    caption="Signed range error, refracted minus straight, of {r.heard:,} ranges: mean (orange), zero (dashed) and"
+    " fitted normal (black), with linear and logarithmic counts.",
+    draw=lambda r: range_error_histogram([(r.region, r.ranges.total)], r.header),
+)
+register(
+    "range_error_split",
+    place=60,
+    caption="Exact split of the range error: (a, b) the part from the reference speed, because the sound speed at the"
+    " transmitter is not the path's mean, and the part from the bending of the ray; (c) bending at its own scale.",
+    draw=lambda r: range_error_split(
+        r.run.ranging_truth.distance, r.ranges.reference_speed, r.ranges.bending, r.header
+    ),
+)
+register(
+    "dropouts",
+    place=70,
+    caption="All {r.attempts:,} range attempts by (a) distance and depth difference and (b) the depths of both ends;"
+    " dropouts coloured by their cause.",
+    draw=lambda r: dropout_map(
+        *range_ends(r.run.truth, r.run.measurements), r.run.measurements.range_status, r.header
+    ),
+)
+
+
 @styled
 def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> Figure:
-    """
-    Signed range error, refracted minus straight, with its mean, zero and the fitted normal.
-
-    Parameters
-    ----------
-    errors : sequence of tuple of str and ndarray
-        Name of each region and its range errors, NaN for dropouts. One row of panels each. [m]
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Counts on a linear scale on the left, on a logarithmic one, which shows the tails, on the right.
-    """
+    """Signed range error, refracted minus straight, with its mean, zero and the fitted normal."""
     figure = new_figure(DOUBLE, 0.55 + 2.05 * len(errors), header)
     rows = figure.subplots(len(errors), 2, squeeze=False, sharex=True)
-    for i, ((name, given), (linear, log)) in enumerate(zip(errors, rows, strict=True)):
-        found = given[np.isfinite(given)]
-        _histogram(linear, found)
-        _histogram(log, found)
+    for i, ((name, values), (linear, log)) in enumerate(zip(errors, rows, strict=True)):
+        heard = values[np.isfinite(values)]
+        _histogram(linear, heard)
+        _histogram(log, heard)
         log.set_yscale("log")
         log.set_ylim(_LEAST_COUNT)
         linear.set_ylabel("Ranges in a bin")
-        panel_title(linear, "abcdefgh"[2 * i], plain(_moments(name, found)))
+        panel_title(linear, "abcdefgh"[2 * i], plain(_moments(name, heard)))
         panel_title(log, "abcdefgh"[2 * i + 1], "the same, logarithmic count")
     for axes in rows[-1]:
         axes.set_xlabel("Range error, refracted − straight [m]")
@@ -75,37 +90,20 @@ def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> F
 
 @styled
 def range_error_split(distance: Array, reference_speed: Array, bending: Array, header: str) -> Figure:
-    """
-    Range error's two parts, against distance and as distributions.
-
-    Parameters
-    ----------
-    distance, reference_speed, bending : ndarray, shape (n_ranges,)
-        Straight distance and the parts of the error; rows with NaN are left out. [m]
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Both parts at one scale, their distributions on the same axis, and bending at its own scale.
-    """
+    """Range error's two parts, against distance and as distributions."""
     figure = new_figure(DOUBLE, 2.7, header)
     both, counts, alone = figure.subplots(1, 3, width_ratios=(1.25, 0.8, 1.25))
     counts.sharey(both)
-    found = np.isfinite(distance) & np.isfinite(reference_speed) & np.isfinite(bending)
-    km = distance[found] / 1e3
-    parts = (
-        ("reference speed", reference_speed[found], BLUE),
-        ("bending", bending[found], ORANGE),
-    )
+    heard = np.isfinite(distance) & np.isfinite(reference_speed) & np.isfinite(bending)
+    km, points = distance[heard] / 1e3, {"markersize": 1.6, "alpha": 0.5, "rasterized": True}
+    parts = (("reference speed", reference_speed[heard], BLUE), ("bending", bending[heard], ORANGE))
     panel_title(both, "a", "parts of the range error")
     panel_title(counts, "b", "distributions")
     panel_title(alone, "c", "bending alone")
     if km.size:
         edges = _edges(np.concatenate([values for _, values, _ in parts]))
         for label, values, colour in parts:
-            both.plot(km, values, ".", color=colour, markersize=1.6, alpha=0.5, rasterized=True, label=label)
+            both.plot(km, values, ".", color=colour, label=label, **points)
             counts.stairs(
                 np.histogram(values, edges)[0],
                 edges,
@@ -117,7 +115,7 @@ def range_error_split(distance: Array, reference_speed: Array, bending: Array, h
             )
         counts.set_xscale("log")
         counts.set_xlim(_LEAST_COUNT)
-        alone.plot(km, bending[found], ".", color=ORANGE, markersize=1.6, alpha=0.5, rasterized=True)
+        alone.plot(km, bending[heard], ".", color=ORANGE, **points)
         both.set_xlim(0.0)
         alone.set_xlim(0.0)
         both.legend(loc="best", markerscale=4, handletextpad=0.1, borderaxespad=0.1)
@@ -136,25 +134,11 @@ def range_error_split(distance: Array, reference_speed: Array, bending: Array, h
 
 @styled
 def dropout_map(transmitter: Array, receiver: Array, status: NDArray[np.int8], header: str) -> Figure:
-    """
-    Who is not heard, and why: attempts by distance, depth difference and the depths of both ends.
-
-    Parameters
-    ----------
-    transmitter, receiver : ndarray, shape (n_ranges, 3)
-        True positions of the ends. [m]
-    status : ndarray of int, shape (n_ranges,)
-        `RayStatus` of each attempt.
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Who is not heard, and why: attempts by distance, depth difference and the depths of both ends."""
     figure = new_figure(DOUBLE, 3.0, header)
     places = figure.subplots(1, 2)
     km = np.linalg.norm(receiver - transmitter, axis=-1) / 1e3
+    look = {"alpha": 0.8, "markeredgewidth": 0.0, "rasterized": True}
     ends = np.sort(np.stack([transmitter[:, 2], receiver[:, 2]]), axis=0)
     coordinates = ((km, ends[1] - ends[0]), (ends[0], ends[1]))
     for axes, (x, y) in zip(places, coordinates, strict=True):
@@ -163,17 +147,8 @@ def dropout_map(transmitter: Array, receiver: Array, status: NDArray[np.int8], h
         for member, (colour, marker, label) in _STATUS_LOOK.items():
             chosen = status == member
             if chosen.any():
-                axes.plot(
-                    x[chosen],
-                    y[chosen],
-                    marker,
-                    color=colour,
-                    markersize=2.6,
-                    alpha=0.8,
-                    markeredgewidth=0.0,
-                    rasterized=True,
-                    label=f"{label} ({chosen.sum():,})",
-                )
+                text = f"{label} ({chosen.sum():,})"
+                axes.plot(x[chosen], y[chosen], marker, color=colour, markersize=2.6, label=text, **look)
         if not status.size:
             note(axes, "no range was attempted")
     distance, depths = places
@@ -190,19 +165,16 @@ def dropout_map(transmitter: Array, receiver: Array, status: NDArray[np.int8], h
     return figure
 
 
-def _moments(name: str, found: Array) -> str:
-    if not found.size:
+def _moments(name: str, errors: Array) -> str:
+    if not errors.size:
         return f"{short(name)}: no range was heard"
-    return (
-        f"{short(name)}: N = {found.size:,}, mean {found.mean():+.2f} m, sd {_spread(found):.2f} m".replace(
-            "-", "−"
-        )
-    )
+    text = f"{short(name)}: N = {errors.size:,}, mean {errors.mean():+.2f} m, sd {_spread(errors):.2f} m"
+    return text.replace("-", "−")
 
 
-def _spread(found: Array) -> float:
+def _spread(errors: Array) -> float:
     """Standard deviation as in the table, 0 for a single value."""
-    return float(found.std(ddof=1)) if found.size > 1 else 0.0
+    return float(errors.std(ddof=1)) if errors.size > 1 else 0.0
 
 
 def _edges(values: Array) -> Array:
@@ -213,18 +185,18 @@ def _edges(values: Array) -> Array:
     return np.asarray(width * (np.arange(2 * count + 2) - count - 0.5), dtype=float)
 
 
-def _histogram(axes: Axes, found: Array) -> None:
+def _histogram(axes: Axes, errors: Array) -> None:
     axes.axvline(0.0, color=INK, linewidth=0.8, linestyle="--", label="zero")
-    if not found.size:
+    if not errors.size:
         axes.set_xlim(-1.0, 1.0)
         note(axes, "no range was heard")
         return
-    edges = _edges(found)
-    axes.stairs(np.histogram(found, edges)[0], edges, fill=True, color=SKY, label="ranges")
-    mean, sd = float(found.mean()), _spread(found)
+    edges = _edges(errors)
+    axes.stairs(np.histogram(errors, edges)[0], edges, fill=True, color=SKY, label="ranges")
+    mean, sd = float(errors.mean()), _spread(errors)
     if sd > 0.0:
         x = np.linspace(edges[0], edges[-1], 601)
-        scale = found.size * (edges[1] - edges[0]) / (sd * np.sqrt(2.0 * np.pi))
+        scale = errors.size * (edges[1] - edges[0]) / (sd * np.sqrt(2.0 * np.pi))
         axes.plot(
             x, scale * np.exp(-0.5 * ((x - mean) / sd) ** 2), color=INK, linewidth=1.0, label="fitted normal"
         )

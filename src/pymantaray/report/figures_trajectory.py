@@ -1,79 +1,95 @@
 """What refraction does to estimated positions: errors pooled by condition, and over time by vehicle."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from pymantaray.report.labels import plain, short
+from pymantaray.report.figures import Results, register
 from pymantaray.report.style import (
+    DISTINCT,
     DOUBLE,
     GREY,
     HEADER_LINE,
     INK,
     SKY,
+    Array,
     common_legend,
     condition_looks,
     condition_style,
+    entry,
     halo,
+    legend_lines,
     new_figure,
     note,
     panel_title,
+    plain,
+    short,
     styled,
 )
 
-Array = NDArray[np.float64]
 _LOG_BINS, _LINEAR_BINS = 100, 60
 _ROOF = 0.78  # share of a row's height that is drawn in; above it are the words
-_PER_ROW = 5  # entries of the legend where it has lines of its own
 _FAR = 3.0  # a linear axis goes no further than so many times where half of the conditions end
 _LEAST = 1e-4  # m; errors smaller than this are drawn as this
 
 
 @dataclass(frozen=True, eq=False)
 class ApePanel:
-    """
-    One column of `pooled_ape`.
-
-    Parameters
-    ----------
-    title : str
-    errors : mapping of str to ndarray
-        Errors by condition, of any shape, NaN where there is no estimate. [m]
-    log : bool
-        Logarithmic scale.
-    """
+    """One column of `pooled_ape`."""
 
     title: str
     errors: Mapping[str, Array]
     log: bool
 
 
+def _shown_over_time(results: Results) -> Mapping[str, Array]:
+    """Errors of all conditions, or of the study's own where estimators are too many for one panel."""
+    conditions = results.run.config.study.conditions
+    if len(results.errors) - len(conditions) <= DISTINCT:
+        return results.errors
+    return {name: errors for name, errors in results.errors.items() if name in conditions}
+
+
+def _caption_over_time(results: Results) -> str:
+    shown = _shown_over_time(results)
+    shaded = ", quartiles shaded" if len(shown) <= HEADER_LINE else ""
+    others = "; estimators are in the next figure" if len(shown) < len(results.errors) else ""
+    return (
+        f"Position error of each vehicle over time: median of {results.realizations}{shaded}{others};"
+        " GNSS fixes are marked at the bottom."
+    )
+
+
+register(
+    "ape_pooled",
+    place=80,
+    caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by ranging condition,"
+    " without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear scale, which ends where the"
+    " conditions other than odometry do.",
+    draw=lambda r: pooled_ape(
+        [ApePanel("logarithmic scale", r.errors, log=True), ApePanel("linear scale", r.errors, log=False)],
+        r.header,
+    ),
+)
+register(
+    "error_over_time",
+    place=90,
+    caption=_caption_over_time,
+    draw=lambda r: error_over_time(
+        r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
+    ),
+)
+
+
 @styled
 def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
-    """
-    Distribution of the translational error, all vehicles, times and realizations pooled.
-
-    Parameters
-    ----------
-    panels : sequence of ApePanel
-        A column each; those of one scale share their bins.
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A row for each condition. The mean is solid, the quartiles are dashed. A linear axis ends where
-        nearly all poses of the conditions other than odometry are shown, but not far beyond most of them, and
-        says what it leaves out.
-    """
+    """Distribution of the translational error, all vehicles, times and realizations pooled."""
     conditions = list(dict.fromkeys(name for panel in panels for name in panel.errors))
     rows = max(len(conditions), 1)
     figure = new_figure(DOUBLE, 0.85 + 0.72 * rows, header)
@@ -90,12 +106,9 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
         grid[-1, c].set_xlabel("Absolute position error [m]")
         for axes, name in zip(grid[:, c], conditions, strict=False):
             _ridge(axes, values.get(name, np.empty(0)), edges[panel.log], name, log=panel.log)
-    figure.supylabel("Share of poses in a bin [%]", fontsize=7.5)
-    lines = [
-        Line2D([], [], color=INK, linewidth=1.2, label="mean"),
-        Line2D([], [], color=INK, linewidth=0.8, linestyle="--", label="quartiles"),
-    ]
-    common_legend(figure, lines)
+    figure.supylabel("Share of poses in a bin [%]")
+    mean = entry("mean", color=INK, linewidth=1.2)
+    common_legend(figure, [mean, entry("quartiles", color=INK, linewidth=0.8, linestyle="--")])
     return figure
 
 
@@ -107,30 +120,10 @@ def error_over_time(
     fixes: NDArray[np.bool_],
     header: str,
 ) -> Figure:
-    """
-    Position error of every vehicle over time: median over the realizations; of few conditions quartiles shaded.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n_time,)
-        [s]
-    names : sequence of str
-        Vehicles.
-    errors : mapping of str to ndarray, shape (n_realizations, n_agents, n_time)
-        Errors by condition, NaN where there is no estimate. [m]
-    fixes : ndarray of bool, shape (n_agents, n_time)
-        Where a vehicle is at the surface with a GNSS fix.
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One panel for each vehicle, GNSS fixes marked below.
-    """
+    """Position error of every vehicle over time: median over the realizations; of few conditions quartiles shaded."""
     columns = min(3, max(len(names), 1))
     rows = max(-(-len(names) // columns), 1)
-    lines = -(-(len(errors) + 1) // _PER_ROW) if len(errors) + 1 > HEADER_LINE else 0
+    lines = legend_lines(len(errors) + 1)
     legend = 0.06 + 0.14 * lines if lines else 0.0  # room for it below the panels [in]
     width, height = DOUBLE, 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
     figure = new_figure(width, height, header, layout=None)
@@ -151,7 +144,7 @@ def error_over_time(
             continue
         low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _LEAST)
         for i, axes in enumerate(grid.flat[: len(names)]):
-            if quartiles_shaded(errors):
+            if len(errors) <= HEADER_LINE:
                 axes.fill_between(hours, low[i], high[i], color=looks[name][0], alpha=0.25, linewidth=0.0)
             axes.plot(hours, middle[i], color=looks[name][0], linewidth=0.9)
     for i, axes in enumerate(grid.flat):
@@ -162,44 +155,32 @@ def error_over_time(
         axes.yaxis.set_minor_locator(NullLocator())
         axes.set_xlim(hours[0], hours[-1])
         axes.set_title(plain(names[i]), loc="left", fontweight="bold")
-        axes.vlines(
-            hours[fixes[i]], 0.0, 0.045, transform=axes.get_xaxis_transform(), color=SKY, linewidth=0.6
-        )
+        look = {"transform": axes.get_xaxis_transform(), "color": SKY, "linewidth": 0.6}
+        axes.vlines(hours[fixes[i]], 0.0, 0.045, **look)
         if i + columns >= len(names):
             axes.tick_params(labelbottom=True)
-    figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom", fontsize=7.5)
-    figure.supylabel("Position error [m]", x=0.06 / width, ha="left", fontsize=7.5)
-    handles = [Line2D([], [], color=looks[n][0], label=condition_style(n)[1]) for n in errors]
-    handles.append(Line2D([], [], color=SKY, linewidth=2.5, label="GNSS fix"))
-    common_legend(figure, handles, **({"loc": "lower center", "ncols": _PER_ROW} if lines else {}))
+    figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom")
+    figure.supylabel("Position error [m]", x=0.06 / width, ha="left")
+    handles = [entry(condition_style(name)[1], color=looks[name][0]) for name in errors]
+    common_legend(figure, [*handles, entry("GNSS fix", color=SKY, linewidth=2.5)])
     return figure
 
 
-def quartiles_shaded(conditions: Collection[str]) -> bool:
-    """
-    Whether `error_over_time` shades the quartiles, of which more than a few would hide each other.
-
-    Parameters
-    ----------
-    conditions : collection of str
-
-    Returns
-    -------
-    bool
-    """
-    return len(conditions) <= HEADER_LINE
-
-
 def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
-    """Edges of bins that all panels of one scale share."""
-    found = [(name, values) for pool in pools for name, values in pool.items() if values.size]
-    if not found:
+    """
+    Edges of bins that all panels of one scale share.
+
+    A linear axis ends where nearly all poses of the conditions other than odometry are shown, but not far beyond most
+    of them.
+    """
+    drawn = [(name, values) for pool in pools for name, values in pool.items() if values.size]
+    if not drawn:
         return np.geomspace(0.1, 10.0, 3) if log else np.linspace(0.0, 1.0, 3)
     if log:
-        low = max(min(float(values.min()) for _, values in found), _LEAST)
-        high = max(max(float(values.max()) for _, values in found), 2.0 * low)
+        low = max(min(float(values.min()) for _, values in drawn), _LEAST)
+        high = max(max(float(values.max()) for _, values in drawn), 2.0 * low)
         return np.geomspace(0.999 * low, 1.001 * high, _LOG_BINS + 1)
-    solved = [values for name, values in found if name != "odometry"] or [values for _, values in found]
+    solved = [values for name, values in drawn if name != "odometry"] or [values for _, values in drawn]
     each = [float(np.percentile(values, 99.9)) for values in solved]
     reach = min(max(each), _FAR * float(np.median(each)))
     return np.linspace(0.0, max(1.05 * reach, _LEAST), _LINEAR_BINS + 1)
@@ -225,8 +206,6 @@ def _ridge(axes: Axes, values: Array, edges: Array, name: str, *, log: bool) -> 
     for quartile in np.percentile(values, [25.0, 75.0]):
         axes.axvline(quartile, ymax=_ROOF, color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
     beyond = 100.0 * float(np.mean(values > edges[-1]))
-    text = f"mean {f'{mean:#.3g}'.rstrip('.')} m" + (
-        f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else ""
-    )
-    axes.text(0.985, 0.98, text, color=GREY, ha="right", **place)
+    left_out = f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else ""
+    axes.text(0.985, 0.98, f"mean {f'{mean:#.3g}'.rstrip('.')} m{left_out}", color=GREY, ha="right", **place)
     axes.set_ylim(0.0, max(float(share.max()), 1e-6) / (_ROOF - 0.04))

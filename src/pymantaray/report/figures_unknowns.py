@@ -3,9 +3,8 @@
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from pymantaray.report.figures import register
 from pymantaray.report.style import (
     BLUE,
     DOUBLE,
@@ -14,6 +13,8 @@ from pymantaray.report.style import (
     common_legend,
     new_figure,
     panel_title,
+    plain,
+    short_numbers,
     styled,
 )
 
@@ -21,76 +22,41 @@ _HEIGHT = 1.35  # of a panel [in]
 _LEVEL = 110  # letters of names that fit on the axis level
 
 
+register(
+    "unknowns",
+    place=120,
+    caption="Sound-speed modes and clocks estimated with the poses, over {r.realizations}: standard deviation that the"
+    " estimator gives (blue) and error of its estimate (orange), both by the standard deviation beforehand (grey"
+    " line): on it the ranges say nothing.",
+    draw=lambda r: unknowns_before_and_after(r.tables["unknowns"], r.header),
+    needs=lambda r: "unknowns" in r.tables,
+)
+
+
 @styled
 def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
-    """
-    Standard deviation and error of every unknown, in standard deviations that it had beforehand.
-
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        From `pymantaray.evaluation.unknowns.unknowns_table`, not empty.
-    header : str
-        From `ocean_header`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A panel for each condition, on logarithmic scales of one range. At 1 nothing was learnt.
-    """
+    """Standard deviation and error of every unknown, in standard deviations that it had beforehand."""
     conditions = list(dict.fromkeys(table["condition"]))
     upright = [_too_wide(table.loc[table["condition"] == name, "unknown"]) for name in conditions]
     heights = [_HEIGHT + (0.6 if turned else 0.0) for turned in upright]
     figure = new_figure(DOUBLE, 0.5 + sum(heights), header)
     grid = figure.subplots(len(conditions), 1, sharey=True, squeeze=False)[:, 0]
+    after = {"color": BLUE, "markersize": 9.0, "markeredgewidth": 1.6, "label": "standard deviation after"}
+    error = {"color": ORANGE, "markersize": 3.2, "label": "error, root mean square"}
     for i, (axes, name) in enumerate(zip(grid, conditions, strict=True)):
         part = table[table["condition"] == name]
-        x = np.arange(len(part))
-        prior = part["prior_sigma"].to_numpy(dtype=float)
-        axes.axhline(1.0, color=GREY, linewidth=0.8)
-        axes.plot(
-            x,
-            part["sigma"] / prior,
-            color=BLUE,
-            marker="_",
-            markersize=9.0,
-            markeredgewidth=1.6,
-            linestyle="none",
-        )
-        axes.plot(x, part["rms_error"] / prior, color=ORANGE, marker="o", markersize=3.2, linestyle="none")
+        x, prior = np.arange(len(part)), part["prior_sigma"].to_numpy(dtype=float)
+        line = axes.axhline(1.0, color=GREY, linewidth=0.8, label="before")
+        points = axes.plot(x, part["sigma"] / prior, "_", **after)
+        points += axes.plot(x, part["rms_error"] / prior, "o", **error)
         axes.set_yscale("log")
         axes.set_xlim(-0.6, len(part) - 0.4)
-        axes.set_xticks(x, part["unknown"], rotation=90 if upright[i] else 0)
+        axes.set_xticks(x, [plain(unknown) for unknown in part["unknown"]], rotation=90 if upright[i] else 0)
         axes.grid(visible=False, axis="x")
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
-        panel_title(axes, "abcdefghijklmnopqrstuvwxyz"[i % 26], name)
-    figure.supylabel("In prior standard deviations [-]", fontsize=7.5)
-    common_legend(
-        figure,
-        [
-            Line2D(
-                [],
-                [],
-                color=BLUE,
-                marker="_",
-                markersize=9.0,
-                markeredgewidth=1.6,
-                linestyle="none",
-                label="standard deviation after",
-            ),
-            Line2D(
-                [],
-                [],
-                color=ORANGE,
-                marker="o",
-                markersize=3.2,
-                linestyle="none",
-                label="error, root mean square",
-            ),
-            Line2D([], [], color=GREY, linewidth=0.8, label="before"),
-        ],
-    )
+        short_numbers(axes.yaxis)
+        panel_title(axes, "abcdefghijklmnopqrstuvwxyz"[i % 26], plain(name))
+    figure.supylabel("In prior standard deviations [-]")
+    common_legend(figure, [*points, line])
     return figure
 
 

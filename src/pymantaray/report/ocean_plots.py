@@ -1,23 +1,49 @@
-"""Figures of an ocean written into a folder."""
+"""Plots of an ocean as its source has it: profiles, maps of sound speed, currents and sea floor, vertical sections."""
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
+from matplotlib.patheffects import AbstractPathEffect, withStroke
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from pymantaray.errors import ReportError
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.errors import ReportError, WriteError
+from pymantaray.geometry.longitude import whole_turns, wrapped
 from pymantaray.ocean import sound_speed_profile_spread
+from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
+from pymantaray.ocean.seawater import sound_speed
 from pymantaray.report.figures_ocean import sound_speed_profiles
-from pymantaray.report.figures_ocean_map import sea_floor_map, sound_speed_map
-from pymantaray.report.figures_ocean_section import sound_speed_sections
-from pymantaray.report.labels import ocean_header, ocean_name
-from pymantaray.report.style import save_figure
+from pymantaray.report.style import (
+    BED,
+    COLUMN,
+    DOUBLE,
+    FLOOR,
+    INK,
+    SHORE,
+    WATER,
+    Array,
+    new_figure,
+    ocean_header,
+    ocean_name,
+    panel_title,
+    save_figure,
+    styled,
+)
 
-DEPTH = 100.0
-"""Level of the map unless another is asked for. [m]"""
+_LEVEL = 100.0  # m; of the map unless another is asked for
+_UPPER = 500.0  # m; depth of the upper panels of the sections
+_LAND = "#d9d2c7"
+_CELLS: dict[str, Any] = {"shading": "nearest", "rasterized": True}
+_ARROWS = {DOUBLE: 32, COLUMN: 18}  # across the longer side of a map
+_MARGIN = 0.07  # of the axes, within which contour lines get no labels
+# white lines must read on yellow
+_OUTLINE: list[AbstractPathEffect] = [withStroke(linewidth=1.3, foreground="#30303070")]
 
 
 def write_ocean_plots(
@@ -43,7 +69,7 @@ def write_ocean_plots(
     place : tuple of float, optional
         Latitude and longitude where the sections cross, by default the middle of the window. [degrees]
     sea_floor : xarray.DataArray, optional
-        From `pymantaray.ocean.topography.open_sea_floor`. [m]
+        From `pymantaray.ocean.open_sea_floor`. [m]
     progress : callable, optional
         Told ``"figures"``, how many are done and how many there are.
 
@@ -55,7 +81,9 @@ def write_ocean_plots(
     Raises
     ------
     ReportError
-        If the place lies outside the window, the depth beneath the water, or nothing can be written.
+        If the place lies outside the window, or the depth beneath the water.
+    WriteError
+        If nothing can be written.
     """
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = (0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1]))
@@ -68,7 +96,7 @@ def write_ocean_plots(
         )
     wet = np.isfinite(ocean["water_temp"].values).any(axis=(1, 2))
     deepest = float(ocean["depth"].values[wet][-1])
-    level = min(DEPTH, 0.5 * deepest) if depth is None else float(depth)
+    level = min(_LEVEL, 0.5 * deepest) if depth is None else float(depth)
     if not 0.0 <= level <= deepest:
         raise ReportError(f"depth {level:g} m is not in the water; allowed 0 to {deepest:g} m")
     time = str(np.datetime_as_string(ocean["time"].values, unit="s"))
@@ -81,9 +109,292 @@ def write_ocean_plots(
         "ocean_map": lambda: sound_speed_map(ocean, level, header, sea_floor),
         "ocean_sea_floor": lambda: sea_floor_map(ocean, header, sea_floor),
     }
-    written = []
+    target, written = Path(folder), list[Path]()
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"{folder}: cannot be made: {error.strerror or error}") from None
     for i, (name, figure) in enumerate(draw.items()):
-        written.extend(save_figure(figure(), Path(folder), name))
+        written.extend(save_figure(figure(), target, name))
         if progress is not None:
             progress("figures", i + 1, len(draw))
     return written
+
+
+@styled
+def sound_speed_map(
+    ocean: xr.Dataset, depth: float, header: str, sea_floor: xr.DataArray | None = None
+) -> Figure:
+    """Sound speed at a level in plan, currents as arrows, the sea floor as contours."""
+    k = _nearest(ocean["depth"].values, depth)
+    level = float(ocean["depth"].values[k])
+    speed = _speed(ocean.isel(depth=[k]))[0]
+
+    def draw(axes: Axes, arrows: int) -> Any:
+        axes.set_facecolor(BED if level > 0.0 else _LAND)
+        mesh = axes.pcolormesh(ocean["lon"], ocean["lat"], speed, cmap=WATER, **_CELLS)
+        _draw_floor_lines(axes, _floor_of(ocean, sea_floor))
+        _draw_currents(axes, ocean.isel(depth=k), arrows)
+        return mesh
+
+    return _map(ocean, draw, "Sound speed [m/s]", header, f"at {level:g} m depth")
+
+
+@styled
+def sea_floor_map(ocean: xr.Dataset, header: str, sea_floor: xr.DataArray | None = None) -> Figure:
+    """Depth of the sea floor in plan."""
+    floor = _floor_of(ocean, sea_floor)
+    source = (
+        "where the levels end" if sea_floor is None else str(sea_floor.attrs.get("source", "from a file"))
+    )
+
+    def draw(axes: Axes, _arrows: int) -> Any:
+        axes.set_facecolor(_LAND)
+        wet = np.where(floor.values > 0.0, floor.values, np.nan)
+        mesh = axes.pcolormesh(floor["lon"], floor["lat"], wet, cmap=FLOOR, **_CELLS)
+        _draw_floor_lines(axes, floor)
+        return mesh
+
+    return _map(ocean, draw, "Sea floor depth [m]", header, f"sea floor, {source}", invert=True)
+
+
+def _map(
+    ocean: xr.Dataset,
+    draw: Callable[[Axes, int], Any],
+    label: str,
+    header: str,
+    title: str,
+    *,
+    invert: bool = False,
+) -> Figure:
+    """Map of the ocean's window, in which a kilometre is as long northward as eastward at the middle."""
+    lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
+    aspect = 1.0 / max(float(np.cos(np.radians(0.5 * (lat[0] + lat[-1])))), 0.02)
+    shape = aspect * (lat[-1] - lat[0]) / (lon[-1] - lon[0])
+    wide = shape < 1.1
+    width = DOUBLE if wide else COLUMN
+    height = min(max((width - 1.4) * shape + 0.75, 2.4), 7.0)
+    figure = new_figure(width, height, header)
+    axes = figure.subplots()
+    axes.grid(visible=False)
+    mesh = draw(axes, _ARROWS[width])
+    axes.set_aspect(aspect)
+    axes.set_xlim(lon[0], lon[-1])
+    axes.set_ylim(lat[0], lat[-1])
+    axes.set_xlabel("Longitude [°]")
+    axes.set_ylabel("Latitude [°]")
+    axes.xaxis.set_major_formatter(FuncFormatter(_longitude))
+    axes.yaxis.set_major_formatter(FuncFormatter(_latitude))
+    axes.xaxis.set_major_locator(MaxNLocator(7 if wide else 4, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    for spine in axes.spines.values():
+        spine.set_visible(True)
+    axes.set_title(title, loc="left")
+    bar = figure.colorbar(mesh, ax=axes, pad=0.015, aspect=24)
+    _finish_bar(bar, label)
+    if invert:
+        bar.ax.invert_yaxis()
+    return figure
+
+
+def _draw_floor_lines(axes: Axes, floor: xr.DataArray) -> None:
+    deepest = float(floor.max())
+    steps = [step for step in (200.0, 500.0, *np.arange(1_000.0, 7_000.0, 1_000.0)) if step < deepest]
+    if deepest - float(floor.min()) > 50.0 and steps:
+        look: dict[str, Any] = {"colors": "white", "linewidths": 0.6}
+        lines = axes.contour(floor["lon"], floor["lat"], floor.values, levels=steps, **look)
+        _label_contours(axes, lines, "%g m")
+
+
+def _draw_currents(axes: Axes, level: xr.Dataset, count: int) -> None:
+    u, v = level["water_u"].values, level["water_v"].values
+    size = np.hypot(u, v)
+    if not np.nanmax(np.where(np.isfinite(size), size, 0.0)) > 0.0:
+        return
+    lat, lon = level["lat"].values, level["lon"].values
+    squeeze = float(np.cos(np.radians(0.5 * (lat[0] + lat[-1]))))
+    gap = max(float(lat[-1] - lat[0]), squeeze * float(lon[-1] - lon[0])) / count
+    step = [max(1, round(gap / d)) for d in (lat[1] - lat[0], squeeze * (lon[1] - lon[0]))]
+    rows, columns = (slice(s // 2, None, s) for s in step)
+    scale = float(np.nanpercentile(size, 99.0)) or 1.0
+    look: dict[str, Any] = {"color": INK, "width": 0.0018, "headwidth": 4.0, "zorder": 4}
+    size_on_page = {"angles": "uv", "scale_units": "width", "scale": scale * count * 0.8}
+    thinned = (lon[columns], lat[rows], u[rows, columns], v[rows, columns])
+    arrows = axes.quiver(*thinned, **size_on_page, **look)
+    key = float(f"{scale:.1g}")
+    place = {"labelpos": "W", "labelsep": 0.05, "fontproperties": {"size": 6.5}}
+    axes.quiverkey(arrows, 0.94, 1.035, key, f"{key:g} m/s", **place)
+
+
+def _speed(ocean: xr.Dataset) -> Array:
+    depth, lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("depth", "lat", "lon"))
+    return sound_speed(
+        ocean["water_temp"].values, ocean["salinity"].values, depth[:, None, None], lat[:, None], lon
+    )
+
+
+class _Cut(NamedTuple):
+    """One vertical section."""
+
+    along: Array
+    """Latitude or longitude. [degrees]"""
+    speed: Array
+    """Shape (depth, along), NaN below the sea bed. [m/s]"""
+    filled: Array
+    """The same, carried on beneath it as `to_local` does. [m/s]"""
+    bed_along: Array
+    bed: Array
+    """Sea floor, on an axis of its own. [m]"""
+    crossing: float
+    """Where the other section crosses. [degrees]"""
+    title: str
+
+
+@styled
+def sound_speed_sections(
+    ocean: xr.Dataset, place: tuple[float, float], header: str, sea_floor: xr.DataArray | None = None
+) -> Figure:
+    """Sound speed along a parallel and a meridian through a place, upper part and all depths."""
+    depth = np.asarray(ocean["depth"].values, dtype=float)
+    cuts = _cuts(ocean, place, _floor_of(ocean, sea_floor))
+    known = np.any([np.isfinite(cut.speed).any(axis=1) for cut in cuts], axis=0)
+    lowest = float(depth[known][-1])
+    deepest = max(min(max(float(cut.bed.max()) for cut in cuts), 1.02 * lowest), lowest)
+    figure = new_figure(DOUBLE, 4.4, header)
+    widths = _widths(ocean["lat"].values, ocean["lon"].values)
+    panels = figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=widths)
+    for i, limit in enumerate((min(_UPPER, deepest), deepest)):
+        shown = np.concatenate([cut.speed[depth <= limit].ravel() for cut in cuts])
+        low, high = np.nanmin(shown), np.nanmax(shown)
+        for j, cut in enumerate(cuts):
+            axes = panels[i, j]
+            mesh = _draw_section(axes, depth, cut, (low, high), limit)
+            axes.axvline(cut.crossing, color=INK, linestyle=":", linewidth=0.7, zorder=1.5)
+            if i == 0:
+                panel_title(axes, "ab"[j], cut.title)
+            axes.xaxis.set_major_formatter(FuncFormatter(_longitude if j == 0 else _latitude))
+            axes.xaxis.set_major_locator(MaxNLocator(5 if j == 0 else 4, steps=[1, 2, 5, 10]))
+        panels[i, 0].set_ylabel("Depth [m]")
+        _finish_bar(figure.colorbar(mesh, ax=panels[i, :], pad=0.012, aspect=16), "Sound speed [m/s]")
+    panels[1, 0].set_xlabel("Longitude [°]")
+    panels[1, 1].set_xlabel("Latitude [°]")
+    return figure
+
+
+def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) -> tuple[_Cut, _Cut]:
+    """Section along the parallel and along the meridian nearest to a place."""
+    lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
+    row, column = _nearest(lat, place[0]), _nearest(lon, wrapped(place[1], about=0.5 * (lon[0] + lon[-1])))
+    temperature, salinity = (fill_below_sea_bed(ocean[v].values, lat) for v in ("water_temp", "salinity"))
+    filled = sound_speed(temperature, salinity, depth[:, None, None], lat[:, None], lon)
+    speed = np.where(np.isfinite(ocean["water_temp"].values), filled, np.nan)
+    parallel = _latitude(lat[row], digits=2, unit="° ")
+    meridian = _longitude(lon[column], digits=2, unit="° ")
+    along_lat, along_lon = _along(floor, "lat", lon[column]), _along(floor, "lon", lat[row])
+    return (
+        _Cut(lon, speed[:, row], filled[:, row], *along_lon, lon[column], f"west to east along {parallel}"),
+        _Cut(
+            lat,
+            speed[:, :, column],
+            filled[:, :, column],
+            *along_lat,
+            lat[row],
+            f"south to north along {meridian}",
+        ),
+    )
+
+
+def _draw_section(axes: Axes, depth: Array, cut: _Cut, span: tuple[float, float], limit: float) -> Any:
+    """Sound speed as filled contours, which go on under the bed so that their edge is the bed's; then the bed."""
+    axes.grid(visible=False)
+    along, bed = cut.along, cut.bed
+    levels = np.linspace(*span, 41) if span[1] > span[0] else np.array([span[0] - 0.5, span[0] + 0.5])
+    mesh = axes.contourf(along, depth, np.clip(cut.filled, *span), levels=levels, cmap=WATER)
+    mesh.set_edgecolor("face")
+    mesh.set_linewidth(0.2)
+    mesh.set_rasterized(True)
+    axes.set_xlim(along[0], along[-1])
+    axes.set_ylim(limit, 0.0)
+    shown = np.arange(depth.size) <= np.searchsorted(depth, limit)
+    ticks = MaxNLocator(7, steps=[1, 2, 2.5, 5, 10]).tick_values(*span)
+    look: dict[str, Any] = {"colors": "white", "linewidths": 0.5}
+    lines = axes.contour(along, depth[shown], cut.speed[shown], levels=ticks, **look)
+    _label_contours(axes, lines, "%g")
+    axes.fill_between(cut.bed_along, bed, 2.0 * max(limit, bed.max()), color=BED, linewidth=0.0, zorder=3)
+    axes.plot(cut.bed_along, bed, color=SHORE, linewidth=0.8, zorder=3)
+    return mesh
+
+
+def _along(floor: xr.DataArray, axis: str, at: float) -> tuple[Array, Array]:
+    """Axis and depth of the sea floor along a grid line."""
+    other = "lat" if axis == "lon" else "lon"
+    line = floor.interp({other: at}, kwargs={"fill_value": "extrapolate"})
+    return np.asarray(line[axis].values, dtype=float), np.maximum(line.values, 0.0)
+
+
+def _widths(lat: Array, lon: Array) -> list[float]:
+    """Ratio of the panels' widths: by length in kilometres, within reason."""
+    east = (lon[-1] - lon[0]) * float(np.cos(np.radians(0.5 * (lat[0] + lat[-1]))))
+    return [float(np.clip(east / (lat[-1] - lat[0]), 0.7, 1.5)), 1.0]
+
+
+def _floor_of(ocean: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.DataArray:
+    """Sea floor to draw, longitudes as the ocean counts them."""
+    if sea_floor is None:
+        return sea_floor_depth(ocean)
+    middle = 0.5 * float(ocean["lon"][0] + ocean["lon"][-1])
+    lon = sea_floor["lon"]
+    return sea_floor.assign_coords(lon=lon - whole_turns(0.5 * float(lon[0] + lon[-1]), about=middle))
+
+
+def _nearest(axis: Array, value: float) -> int:
+    """Index of the point of an axis that is nearest to a value."""
+    return int(np.argmin(np.abs(np.asarray(axis, dtype=float) - value)))
+
+
+def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
+    """Write values on contour lines, readable on light and on dark, away from the frame and each other."""
+    to_axes = axes.transData + axes.transAxes.inverted()
+    places: list[Array] = []
+    for path in lines.get_paths():
+        for line in path.to_polygons(closed_only=False):
+            corners = to_axes.transform(line)
+            length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+            along = np.linspace(0.0, length[-1], 201)
+            inside = np.stack([np.interp(along, length, corners[:, k]) for k in (0, 1)], axis=1)
+            inside = inside[np.all((inside > _MARGIN) & (inside < 1.0 - _MARGIN), axis=1)]
+            if len(inside) < 2 or np.ptp(inside, axis=0).max() < 2.0 * _MARGIN:
+                continue
+            middle = inside[np.argsort(np.abs(np.arange(len(inside)) - 0.5 * len(inside)))]
+            free = (p for p in middle if all(np.hypot(*(p - q)) > 1.6 * _MARGIN for q in places))
+            place = next(free, None)
+            if place is not None:
+                places.append(place)
+    lines.set_path_effects(_OUTLINE)
+    if not places:
+        return
+    at = to_axes.inverted().transform(places)
+    for text in axes.clabel(lines, fontsize=5.5, fmt=form, colors="white", zorder=2, manual=at.tolist()):
+        text.set_path_effects(_OUTLINE)
+
+
+def _finish_bar(bar: Colorbar, label: str) -> None:
+    """Give a colour bar its label, round ticks and a thin frame."""
+    bar.set_label(label)
+    bar.locator = MaxNLocator(6, steps=[1, 2, 5, 10])
+    bar.update_ticks()
+    bar.outline.set_linewidth(0.4)
+
+
+def _longitude(value: float, _position: int | None = None, *, digits: int = 4, unit: str = "") -> str:
+    """As ``140W``, from degrees of any window."""
+    turned = round(wrapped(value), digits)
+    side = "" if turned in (0.0, -180.0, 180.0) else "W" if turned < 0.0 else "E"
+    return f"{abs(turned):g}{unit}{side}".rstrip()
+
+
+def _latitude(value: float, _position: int | None = None, *, digits: int = 4, unit: str = "") -> str:
+    """As ``74.5N``."""
+    rounded = round(value, digits)
+    side = "" if rounded == 0.0 else "S" if rounded < 0.0 else "N"
+    return f"{abs(rounded):g}{unit}{side}".rstrip()

@@ -1,181 +1,120 @@
-"""The page of one run: what was found, its figures and tables, and what it was made with."""
+"""The page of a run: what is told of it, and numbers and tables as people read them; the templates lay it out."""
 
-from collections.abc import Sequence
-from html import escape
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.records import VehicleStatus
-from pymantaray.report.figures import Plate
-from pymantaray.report.findings import Findings
-from pymantaray.report.html import cards_html, document, figure_html, readable, show, signed, table_html
-from pymantaray.report.labels import condition_label
+from pymantaray.report.figures import Plate, Results
+from pymantaray.report.style import condition_label
+from pymantaray.report.tables import TABLES
 
 SYNTHETIC_NOTE = (
     "The ocean of this study is synthetic: it is made from published water masses, not from measurements or a"
     " forecast of the day. Its numbers say what such an ocean does, not what the real one did."
 )
-CAPTIONS = {
-    "ate_pooled": "Position error by condition, pooled over vehicles, times and realizations",
-    "ate_difference": "Difference of position error between conditions, 95 % intervals over realizations",
-    "consistency": "Consistency: sums over realizations of NEES and of range innovations by their degrees of freedom,"
-    " and at how many epochs they are inside their 95 % bounds",
-    "unknowns": "Sound-speed modes and clocks: standard deviation before and after, the share of the prior variance that"
-    " the measurements took away, and the errors",
-    "dropouts": "Range attempts and dropouts by kind of link, and their causes",
-    "range_error": "Signed range error, refracted minus straight, by kind of link",
-    "range_error_split": "Range error split into reference speed and bending",
-    "region": "Region",
-    "ate_per_agent": "Position error by condition and vehicle",
-    "ate_per_realization": "Position error by condition and realization",
-    "consistency_per_epoch": "Consistency at each epoch",
-    "consistency_per_agent": "Consistency of each vehicle at each epoch",
-    "coverage": "Share of position errors within 1 and 3 sigma, with binomial bounds",
-    "unknowns_directions": "Combinations of modes and clocks that the measurements see, from best to least",
-    "solves": "Health of each solve",
-}
-_SHOWN = {  # where the CSV file has more columns than fit on a page
-    "ate_pooled": "condition failed_solves mean_m median_m rmse_m p5_m p25_m p75_m p95_m max_m",
-    "ate_difference": "condition baseline statistic realizations pooled_difference_m bootstrap_low_m"
-    " bootstrap_high_m",
-    "ate_per_agent": "condition agent mean_m median_m rmse_m p5_m p25_m p75_m p95_m max_m",
-    "ate_per_realization": "condition realization mean_m median_m rmse_m p5_m p25_m p75_m p95_m max_m",
-    "range_error": "category n mean_m sd_m skewness excess_kurtosis p1_m p5_m p95_m p99_m min_m max_m"
-    " percent_beyond_3_sigma",
-}
 _MEANING = {"OVER_CHI_SQUARE": " (converged, but the cost is not what the noise lets one expect)"}
-_FOLDED = {
-    "ate_per_agent",
-    "ate_per_realization",
-    "consistency_per_epoch",
-    "consistency_per_agent",
-    "coverage",
-    "unknowns_directions",
-    "solves",
+_UNITS = {"_m": " [m]", "_s": " [s]", "_h": " [h]", "_deg": " [deg]"}
+_WORDS = {
+    "n": "N",
+    "sd_m": "sd [m]",
+    "rmse_m": "RMSE [m]",
+    "p1_m": "1 % [m]",
+    "p5_m": "5 % [m]",
+    "p25_m": "25 % [m]",
+    "p75_m": "75 % [m]",
+    "p95_m": "95 % [m]",
+    "p99_m": "99 % [m]",
+    "percent": "dropouts [%]",
+    "percent_beyond_3_sigma": "beyond 3 sigma [%]",
 }
+_LONG = 40  # characters of a cell that may be broken
 
 
-def run_page(found: Findings, plates: Sequence[Plate]) -> str:
-    """
-    Page of a run, to be read offline beside its folders ``figures`` and ``tables``.
+class ShownTable(NamedTuple):
+    """A table as a template writes it; a cell is its text and its class of the style sheet."""
 
-    Parameters
-    ----------
-    found : Findings
-    plates : sequence of Plate
-        Figures that were saved.
+    caption: str
+    file: str
+    kind: str
+    folded: bool
+    head: list[tuple[str, str]]
+    rows: list[list[tuple[str, str]]]
 
-    Returns
-    -------
-    str
-        HTML.
-    """
-    config = found.run.config
-    name = config.study.name
+
+def render(template: str, **content: Any) -> str:
+    """Page of a template in ``templates``; everything put into it is escaped."""
+    loader = PackageLoader("pymantaray.report", "templates")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.get_template(template).render(content) + "\n"
+
+
+def run_page(results: Results, plates: Sequence[Plate]) -> str:
+    """Page of a run, to be read offline beside its folders ``figures`` and ``tables``."""
+    config = results.run.config
     mission = (
-        f"{found.region}: {len(config.fleet.vehicles)} vehicles, {config.mission.duration_h:g} h,"
+        f"{results.region}: {len(config.fleet.vehicles)} vehicles, {config.mission.duration_h:g} h,"
         f" {config.study.realizations} noise realization{'' if config.study.realizations == 1 else 's'}"
     )
-    body = [f"<h1>{escape(name)}</h1>", f'<p class="soft">{escape(mission)}</p>']
-    if config.study.description:
-        body.append(f"<p>{escape(config.study.description)}</p>")
-    if found.synthetic:
-        body.append(f'<p class="note">{escape(SYNTHETIC_NOTE)}</p>')
-    body += [f'<p class="note">{escape(line)}</p>' for line in troubles(found)]
-    body += [cards_html(headlines(found)), "<h2>Figures</h2>"]
-    body += [figure_html(plate.name, plate.full_caption) for plate in plates]
-    body.append("<h2>Tables</h2>")
-    for key, caption in CAPTIONS.items():
-        if key not in found.tables:  # a run without covariances
-            continue
-        table = found.tables[key]
-        shown = table[_SHOWN[key].split()] if key in _SHOWN else readable(table)
-        body.append(table_html(shown, caption, f"tables/{key}.csv", folded=key in _FOLDED))
-    body.append("<h2>How it was made</h2>")
-    body.append(table_html(_flat(found.run.manifest), "Manifest", "manifest.json"))
-    body.append('<p><a href="config.toml">Configuration</a></p>')
-    return document(f"{name}, MantaRay", body)
+    shown = []
+    for name, frame in results.tables.items():
+        table = TABLES[name]
+        if name == "region":
+            frame = numbers_from_text(frame)
+        columns = frame[table.columns.split()] if table.columns else frame
+        shown.append(show_table(columns, table.caption, f"tables/{name}.csv", folded=table.folded))
+    manifest = pd.DataFrame(_entries(results.run.manifest), columns=["entry", "value"])
+    return render(
+        "run.html",
+        title=config.study.name,
+        facts=[mission],
+        description=config.study.description,
+        notes=[*([SYNTHETIC_NOTE] if results.synthetic else []), *troubles(results)],
+        cards=headlines(results),
+        plates=plates,
+        run_tables=shown,
+        origin=[show_table(manifest, "Manifest", "manifest.json")],
+    )
 
 
-def headlines(found: Findings) -> list[tuple[str, str, str]]:
-    """
-    Numbers that the page opens with.
-
-    Parameters
-    ----------
-    found : Findings
-
-    Returns
-    -------
-    list of tuple of str
-        What it is, its value, and a remark.
-    """
-    tables = found.tables
+def headlines(results: Results) -> list[tuple[str, str, str]]:
+    """Numbers that the page opens with: what it is, its value, and a remark."""
+    tables = results.tables
     drop = _row(tables["dropouts"], category=ALL_LINKS)
     total = _row(tables["range_error"], category=ALL_LINKS)
     bending = _row(tables["range_error_split"], category=ALL_LINKS, part="bending")
-    heard = drop["attempts"] - drop["dropouts"]
     dropouts = f"{drop['percent']:.1f} % dropouts" if drop["attempts"] else "no attempts"
+    spread = f"sd {show(total['sd_m'])} m; 1 % to 99 %: {show(total['p1_m'])} to {show(total['p99_m'])} m"
     cards = [
-        ("Ranges heard", f"{heard:,} of {drop['attempts']:,}", dropouts),
-        (
-            "Mean range error",
-            signed(total["mean_m"], "m"),
-            f"sd {show(total['sd_m'])} m; 1 % to 99 %: {show(total['p1_m'])} to {show(total['p99_m'])} m",
-        ),
-        (
-            "Mean bending",
-            signed(bending["mean_m"], "m"),
-            "the rest of the range error is reference speed",
-        ),
+        ("Ranges heard", f"{results.heard:,} of {results.attempts:,}", dropouts),
+        ("Mean range error", signed_metres(total["mean_m"]), spread),
+        ("Mean bending", signed_metres(bending["mean_m"]), "the rest of the range error is reference speed"),
     ]
     for row in tables["ate_pooled"].to_dict("records"):
-        cards.append(
-            (
-                f"Position error, {condition_label(row['condition']).lower()}",
-                "–" if np.isnan(row["mean_m"]) else f"{row['mean_m']:.2f} m",
-                f"mean; RMSE {show(row['rmse_m'])} m",
-            )
-        )
-    difference = tables["ate_difference"]
-    if len(difference):
-        first = difference.iloc[0]
-        interval = (
-            f"{signed(first['bootstrap_low_m'], 'm')} to {signed(first['bootstrap_high_m'], 'm')} (95 %)"
-        )
-        cards.append(
-            (
-                f"{first['condition']} minus {first['baseline']}".capitalize(),
-                signed(first["pooled_difference_m"], "m"),
-                f"mean position error; {interval}",
-            )
-        )
+        what = f"Position error, {condition_label(row['condition']).lower()}"
+        mean = "–" if np.isnan(row["mean_m"]) else f"{row['mean_m']:.2f} m"
+        cards.append((what, mean, f"mean; RMSE {show(row['rmse_m'])} m"))
+    for row in tables["ate_difference"].head(1).to_dict("records"):
+        ends = " to ".join(signed_metres(row[f"bootstrap_{end}_m"]) for end in ("low", "high"))
+        what = f"{row['condition']} minus {row['baseline']}".capitalize()
+        cards.append((what, signed_metres(row["pooled_difference_m"]), f"mean position error; {ends} (95 %)"))
     return cards
 
 
-def troubles(found: Findings) -> list[str]:
-    """
-    What a reader must know before trusting the numbers.
-
-    Parameters
-    ----------
-    found : Findings
-
-    Returns
-    -------
-    list of str
-        One line for each condition with unhealthy solves and each vehicle that stopped.
-    """
-    solves, truth = found.tables["solves"], found.run.truth
+def troubles(results: Results) -> list[str]:
+    """What a reader must know before trusting the numbers: unhealthy solves and vehicles that stopped, a line each."""
+    solves, truth = results.tables["solves"], results.run.truth
     lines = []
     for (condition, status), part in solves[solves["status"] != "OK"].groupby(["condition", "status"]):
         every = int((solves["condition"] == condition).sum())
-        lines.append(
-            f"Condition {condition}: {len(part)} of {every} solves have status {status}{_MEANING.get(str(status), '')}."
-        )
+        meaning = _MEANING.get(str(status), "")
+        lines.append(f"Condition {condition}: {len(part)} of {every} solves have status {status}{meaning}.")
     for name, row in zip(truth.name, truth.status, strict=True):
         if row[-1] != VehicleStatus.ACTIVE:
             hours = truth.time[np.argmax(row != VehicleStatus.ACTIVE)] / 3600.0
@@ -183,24 +122,105 @@ def troubles(found: Findings) -> list[str]:
     return lines
 
 
+def show_table(table: pd.DataFrame, caption: str, file: str, *, folded: bool = False) -> ShownTable:
+    """Table for a template, without its index; ``file`` is what it links to."""
+    marks = ["number" if pd.api.types.is_numeric_dtype(table[column]) else "" for column in table.columns]
+
+    def cell(value: Any, mark: str) -> tuple[str, str]:
+        text = show(value)
+        return text, "long" if not mark and len(text) > _LONG else mark
+
+    return ShownTable(
+        caption,
+        file,
+        file.rpartition(".")[2].upper(),
+        folded,
+        [(heading(str(column)), mark) for column, mark in zip(table.columns, marks, strict=True)],
+        [
+            [cell(value, mark) for value, mark in zip(row, marks, strict=True)]
+            for row in table.astype(object).itertuples(index=False, name=None)
+        ],
+    )
+
+
+def heading(column: str) -> str:
+    """
+    Head of a column for people, its unit in brackets.
+
+    Examples
+    --------
+    >>> heading("pooled_difference_m")
+    'pooled difference [m]'
+    """
+    if column in _WORDS:
+        return _WORDS[column]
+    for ending, unit in _UNITS.items():
+        if column.endswith(ending):
+            return column.removesuffix(ending).replace("_", " ") + unit
+    return column.replace("_", " ")
+
+
+def show(value: Any) -> str:
+    """
+    Value of a cell: four digits for a measured number, all of them for a count, a dash for a missing value.
+
+    Examples
+    --------
+    >>> show(4620), show(-4.9213), show(float("nan")), show("A")
+    ('4,620', '−4.921', '–', 'A')
+    """
+    if value is None:
+        return "–"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, int | np.integer):
+        return f"{int(value):,}".replace("-", "−")
+    if not isinstance(value, float | np.floating):
+        return str(value)
+    if np.isnan(value):
+        return "–"
+    if value == 0.0 or 1e-3 <= abs(value) < 1e4:
+        text = f"{value:.4g}"
+    else:
+        text = f"{value:,.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.3e}"
+    return text.replace("-", "−")
+
+
+def signed_metres(value: float) -> str:
+    """Number with its sign and unit, a dash for a missing value."""
+    return f"{value:+.2f} m".replace("-", "−") if np.isfinite(value) else "–"
+
+
+def numbers_from_text(table: pd.DataFrame) -> pd.DataFrame:
+    """Turn text that is a number into that number, so that it is shown as one; for tables that mix both."""
+
+    def number(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        for kind in (int, float):
+            try:
+                return kind(value)
+            except ValueError:
+                continue
+        return value
+
+    return table.astype(object).map(number)
+
+
 def _row(table: pd.DataFrame, **where: str) -> dict[str, Any]:
-    for row in table.to_dict("records"):
-        if all(row[key] == value for key, value in where.items()):
-            return {str(key): value for key, value in row.items()}
-    raise AssertionError(f"no row with {where}")
+    """The row of a table that has given values."""
+    (row,) = table[np.logical_and.reduce([table[key] == value for key, value in where.items()])].to_dict(
+        "records"
+    )
+    return {str(key): value for key, value in row.items()}
 
 
-def _flat(content: dict[str, Any], path: str = "") -> pd.DataFrame:
-    rows: list[tuple[str, str]] = []
-
-    def walk(value: Any, key: str) -> None:
-        if isinstance(value, dict) and value:
-            for name, item in value.items():
-                walk(item, f"{key} / {name}" if key else str(name))
-        elif isinstance(value, list):
-            rows.append((key, ", ".join(str(item) for item in value) or "none"))
-        else:
-            rows.append((key, "none" if value in (None, {}) else str(value)))
-
-    walk(content, path)
-    return pd.DataFrame(rows, columns=["entry", "value"])
+def _entries(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """Entries of nested dictionaries, each by the way to it."""
+    if isinstance(content, dict) and content:
+        for name, item in content.items():
+            yield from _entries(item, f"{path} / {name}" if path else str(name))
+    elif isinstance(content, list):
+        yield path, ", ".join(str(item) for item in content) or "none"
+    else:
+        yield path, "none" if content in (None, {}) else str(content)

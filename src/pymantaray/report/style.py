@@ -1,30 +1,43 @@
-"""One look for all figures: sizes, colours and fonts that read in a two-column paper; and saving them whole."""
+"""One look for all figures: colours, words and pieces that they share, under ``mantaray.mplstyle``; and saving them."""
 
 import functools
-import os
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from importlib.resources import as_file, files
 from itertools import cycle
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
+import matplotlib.style
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
+from matplotlib.ticker import FuncFormatter, NullFormatter
+from numpy.typing import NDArray
 
-from pymantaray.errors import ReportError
-from pymantaray.report.labels import condition_label, plain
+from pymantaray.records import whole_file
 
+with warnings.catch_warnings():
+    # cmocean 4.0 makes its maps in a way that matplotlib 3.11 has deprecated
+    warnings.simplefilter("ignore", DeprecationWarning)
+    import cmocean
+
+Array = NDArray[np.float64]
 COLUMN, DOUBLE = 3.5, 7.16
 """Width of one and of both columns of the paper. [in]"""
-PNG_DPI = 200
 HEADER_LINE = 4
 """Entries of a legend that fit beside the header over both columns."""
 
 BLUE, ORANGE, GREEN, SKY, PINK = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#CC79A7"  # Okabe and Ito
-INK, GREY, PALE = "#1a1a1a", "#6b6b6b", "#c8c8c8"
+INK, GREY, PALE, BAND = "#1a1a1a", "#6b6b6b", "#c8c8c8", "#dcdcdc"
+BED, SHORE = "#8d7f70", "#4a4038"
 
 CONDITION_COLOURS = {
     "odometry": GREY,
@@ -33,68 +46,47 @@ CONDITION_COLOURS = {
     "straight-all": SKY,
     "no-ranges": GREEN,
 }
+CONDITION_LABELS = {
+    "odometry": "Odometry only",
+    "straight": "Straight ranges",
+    "refracted": "Refracted ranges",
+    "straight-all": "Straight, no dropouts",
+    "no-ranges": "Graph without ranges",
+}
 _MORE_COLOURS = (PINK, "#882255", "#332288", "#999933", "#44AA99", "#AA4499")  # after Okabe and Ito, Tol
-_MARKERS = "osD^v<>phd"
 DISTINCT = len(_MORE_COLOURS)
 """Conditions besides the study's own that have a colour each."""
-_RC: Any = {  # any: matplotlib's types allow only a dictionary with all settings
-    "axes.axisbelow": True,
-    "axes.edgecolor": INK,
-    "axes.grid": True,
-    "axes.labelcolor": INK,
-    "axes.labelsize": 7.5,
-    "axes.linewidth": 0.6,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 7.5,
-    "figure.facecolor": "white",
-    "font.family": "DejaVu Sans",
-    "font.size": 7.0,
-    "grid.color": "#e4e4e4",
-    "grid.linewidth": 0.5,
-    "legend.columnspacing": 1.5,
-    "legend.fontsize": 6.5,
-    "legend.frameon": False,
-    "legend.handlelength": 1.8,
-    "lines.linewidth": 1.1,
-    "pdf.fonttype": 42,
-    "savefig.facecolor": "white",
-    "xtick.color": INK,
-    "xtick.direction": "out",
-    "xtick.labelsize": 7.0,
-    "xtick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.color": INK,
-    "ytick.direction": "out",
-    "ytick.labelsize": 7.0,
-    "ytick.major.width": 0.6,
-    "ytick.minor.width": 0.4,
-}
+_PER_LINE = 5  # entries of a legend below the panels
+_MARKERS = "osD^v<>phd"
+_FITS = 28  # characters of a name on a figure
 
+with as_file(files("pymantaray.report") / "mantaray.mplstyle") as _file:
+    _STYLE: Any = ["default", mpl.rc_params_from_file(_file, use_default_template=False)]
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
+def _stretch(colormap: Colormap, low: float, high: float) -> Colormap:
+    """Part of a colour map on which lines can be read."""
+    return LinearSegmentedColormap.from_list(colormap.name, colormap(np.linspace(low, high, 256)))
+
+
+SOUND_SPEED = _stretch(cmocean.cm.ice, 0.99, 0.55)
+"""Light blues: black, grey and orange lines stand out on all of them."""
+DEPTH = _stretch(cmocean.cm.thermal, 0.88, 0.08)
+"""Light at the surface, dark below; lines of all its colours stand out on white."""
+WATER = _stretch(cmocean.cm.thermal, 0.12, 0.98)
+"""Sound speed where its structure is the subject: slow dark, fast light."""
+FLOOR = _stretch(cmocean.cm.deep, 0.04, 0.85)
+"""Depth of the sea floor in plan: shallow light, deep dark."""
+
+
 def styled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """
-    Run a function under the common style, whatever the user's own settings are.
-
-    Parameters
-    ----------
-    function : callable
-        Makes or saves a figure.
-
-    Returns
-    -------
-    callable
-    """
+    """Make or save a figure under the common style, whatever the user's own settings are."""
 
     @functools.wraps(function)
     def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        with mpl.rc_context():
-            mpl.rcdefaults()
-            mpl.rcParams.update(_RC)
+        with mpl.style.context(_STYLE):
             return function(*args, **kwargs)
 
     return wrapper
@@ -102,21 +94,9 @@ def styled(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 def new_figure(width: float, height: float, header: str, *, layout: str | None = "constrained") -> Figure:
     """
-    Empty figure with a small line on top that says which water it shows.
+    Empty figure, in inches, with a small line on top that says which water it shows; unknown to pyplot.
 
-    Parameters
-    ----------
-    width, height : float
-        Size. [in]
-    header : str
-        From `ocean_header`; empty for none.
-    layout : str or None
-        Layout engine; None where axes are placed by hand, as three-dimensional ones must be.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With an Agg canvas, unknown to pyplot.
+    Without a layout engine axes are placed by hand, as three-dimensional ones must be.
     """
     figure = Figure(figsize=(width, height), layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
@@ -126,35 +106,55 @@ def new_figure(width: float, height: float, header: str, *, layout: str | None =
     return figure
 
 
+def ocean_header(attrs: Mapping[Any, Any]) -> str:
+    """
+    One line on the water that a figure shows; a synthetic ocean is always called that.
+
+    Examples
+    --------
+    >>> ocean_header({"title": "Fram Strait (synthetic)", "synthetic": 1, "time": "2014-07-15T12:00:00"})
+    'Fram Strait, synthetic ocean, 2014-07-15 12:00 UTC'
+    """
+    parts = [short(ocean_name(attrs))]
+    if is_synthetic(attrs):
+        parts.append("synthetic ocean")
+    if attrs.get("time"):
+        parts.append(f"{str(attrs['time'])[:16].replace('T', ' ')} UTC")
+    return ", ".join(parts)
+
+
+def ocean_name(attrs: Mapping[Any, Any]) -> str:
+    """Name of an ocean without the note that it is synthetic."""
+    return str(attrs.get("title", "unnamed ocean")).replace("(synthetic)", "").strip() or "unnamed ocean"
+
+
+def is_synthetic(attrs: Mapping[Any, Any]) -> bool:
+    """Whether a data set says that its ocean is made up."""
+    return bool(int(attrs.get("synthetic", 0)))
+
+
+def short(name: str) -> str:
+    """Name cut to what fits on a figure, with an ellipsis if something was cut."""
+    return name if len(name) <= _FITS else name[: _FITS - 1].rstrip() + "…"
+
+
+def plain(text: str) -> str:
+    """Text as matplotlib shows it literally: dollar signs start no mathematics."""
+    return text.replace("$", r"\$")
+
+
+def condition_label(name: str) -> str:
+    """Words for a ranging condition; the name itself for an estimator's."""
+    return CONDITION_LABELS.get(name, name)
+
+
 def condition_style(name: str) -> tuple[str, str]:
-    """
-    Colour and label of a ranging condition.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    colour, label : str
-        Pink and the name itself for a condition that is not one of the study's own.
-    """
+    """Colour and label of a ranging condition; estimators share one colour."""
     return CONDITION_COLOURS.get(name, PINK), plain(condition_label(name))
 
 
 def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """
-    Colour and marker of each condition of one figure, different where `condition_style` has one colour for all others.
-
-    Parameters
-    ----------
-    conditions : sequence of str
-
-    Returns
-    -------
-    dict of str to tuple of str
-        From each condition to its colour and marker. Colours come again after six estimators.
-    """
+    """Colour and marker of each condition of one figure; colours come again after `DISTINCT` estimators."""
     more, markers = cycle(_MORE_COLOURS), cycle(_MARKERS)
     return {
         name: (CONDITION_COLOURS[name] if name in CONDITION_COLOURS else next(more), next(markers))
@@ -163,70 +163,48 @@ def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def panel_title(axes: Axes, letter: str, text: str) -> None:
-    """
-    Title of one panel of several.
+    """Title of one panel of several."""
+    axes.set_title(f"({letter}) {text}", loc="left")
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    letter : str
-        The panel's letter.
-    text : str
-    """
-    axes.set_title(f"({letter}) {text}", loc="left", fontsize=7.5)
+
+def short_numbers(axis: Axis) -> None:
+    """Write ticks of a logarithmic axis as 0.1, 1, 10, and only the major ones."""
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def entry(label: str, **look: Any) -> Line2D:
+    """Line or marker that stands in a legend only."""
+    return Line2D([], [], label=label, **look)
+
+
+def legend_lines(entries: int) -> int:
+    """Lines of `common_legend` below the panels; 0 where it stands beside the header."""
+    return 0 if entries <= HEADER_LINE else -(-entries // _PER_LINE)
 
 
 def common_legend(figure: Figure, handles: Sequence[Artist], **options: Any) -> None:
-    """
-    Legend for all panels: on the line of the header where it fits there, else below the panels.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    handles : sequence of matplotlib.artist.Artist
-        With labels. If there are more than `HEADER_LINE` and the figure lays itself out, room is made.
-    **options
-        Of `matplotlib.figure.Figure.legend`.
-    """
-    place = (
-        "outside lower center" if len(handles) > HEADER_LINE and figure.get_layout_engine() else "upper right"
-    )
-    look: dict[str, Any] = {"loc": place, "ncols": len(handles), "borderaxespad": 0.1, **options}
-    figure.legend(handles=handles, **look)
+    """Legend for all panels: on the line of the header where it fits there, else below the panels."""
+    if legend_lines(len(handles)):
+        below = "lower center" if figure.get_layout_engine() is None else "outside lower center"
+        place: dict[str, Any] = {"loc": below, "ncols": min(len(handles), _PER_LINE)}
+    else:
+        place = {"loc": "upper right", "ncols": len(handles)}
+    figure.legend(handles=handles, borderaxespad=0.1, **(place | options))
 
 
 def note(axes: Axes, text: str) -> None:
-    """
-    Say in the middle of a panel why it is empty.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    text : str
-    """
+    """Say in the middle of a panel why it is empty."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
 
 
 def halo() -> list[AbstractPathEffect]:
-    """
-    White outline that keeps text readable on lines.
-
-    Returns
-    -------
-    list of matplotlib.patheffects.AbstractPathEffect
-        For a text's ``path_effects``.
-    """
+    """White outline that keeps text readable on lines."""
     return [withStroke(linewidth=1.6, foreground="white")]
 
 
 def freeze_layout(figure: Figure) -> None:
-    """
-    Lay a figure out once and for all, so that drawing it again does not.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    """
+    """Lay a figure out once and for all, so that drawing it again does not."""
     if figure.get_layout_engine() is not None:
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
@@ -234,43 +212,14 @@ def freeze_layout(figure: Figure) -> None:
 
 @styled
 def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """
-    Write a figure as PNG and PDF, each whole or not at all, the same bytes each time.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    folder : pathlib.Path
-        Made if it is not there.
-    name : str
-        File name without its ending.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The PNG and the PDF.
-
-    Raises
-    ------
-    ReportError
-        If a file cannot be written.
-    """
+    """Write a figure as PNG and PDF, each whole or not at all, the same bytes each time."""
     metadata: dict[str, dict[str, Any]] = {
         "png": {"Software": None},
         "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     }
     freeze_layout(figure)
-    paths = []
-    for kind, entries in metadata.items():
-        path = folder / f"{name}.{kind}"
-        temporary = folder / f".{name}.{os.getpid()}.part"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            figure.savefig(temporary, format=kind, dpi=PNG_DPI, metadata=entries)
-            temporary.replace(path)
-        except OSError as error:
-            raise ReportError(f"{path}: figure cannot be written: {error.strerror or error}") from None
-        finally:
-            temporary.unlink(missing_ok=True)
-        paths.append(path)
+    paths = [folder / f"{name}.{kind}" for kind in metadata]
+    for path, (kind, entries) in zip(paths, metadata.items(), strict=True):
+        with whole_file(path) as temporary:
+            figure.savefig(temporary, format=kind, metadata=entries)
     return paths

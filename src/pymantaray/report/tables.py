@@ -1,152 +1,148 @@
-"""Tables of a run: what is in each, in the order of the report, and writing them whole."""
+"""Tables of a run: what is in each, and how it stands on the page, in the order of the page."""
 
-import os
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from pymantaray.errors import ReportError
 from pymantaray.evaluation import (
     comparison_table,
+    consistency_summary,
+    consistency_table,
+    coverage_table,
+    directions_table,
     dropout_table,
     error_table,
     range_error_table,
     range_split_table,
+    unknowns_table,
 )
-from pymantaray.evaluation.consistency import consistency_summary, consistency_table
-from pymantaray.evaluation.coverage import coverage_table
-from pymantaray.evaluation.unknowns import directions_table, unknowns_table
-from pymantaray.records import Estimates, SolveStatus
+from pymantaray.records import Estimates, SolveStatus, whole_file
 from pymantaray.study.store import Run
 
+_ERRORS = "mean_m median_m rmse_m p5_m p25_m p75_m p95_m max_m"
 
-def make_tables(run: Run) -> dict[str, pd.DataFrame]:
+
+@dataclass(frozen=True)
+class Table:
     """
-    All tables of a run.
+    A table of every report.
 
     Parameters
     ----------
-    run : Run
-
-    Returns
-    -------
-    dict of str to pandas.DataFrame
-        ``ate_pooled``, ``ate_difference`` (paired confidence intervals between conditions),
-        ``ate_per_agent``, ``ate_per_realization``, ``dropouts``, ``range_error``, ``range_error_split``,
-        ``region`` and ``solves`` (health of each solve); with covariances ``consistency``,
-        ``consistency_per_epoch``, ``consistency_per_agent`` and ``coverage``; where modes or clocks are
-        estimated ``unknowns`` and ``unknowns_directions``. Units are in the names of columns or properties.
-
-    Raises
-    ------
-    EvaluationError
-        If truth, measurements and estimates do not fit together.
+    caption : str
+    make : callable
+        Makes the table of a run; None where the run does not have what it needs. Units are in the names of its
+        columns, which end in ``_m``, ``_s``, ``_h``, ``_deg``.
+    columns : str
+        Names of those that are shown on the page, where the CSV file has more than fit.
+    folded : bool
+        Show only the caption until it is clicked.
     """
-    truth, measurements, estimates = run.truth, run.measurements, run.estimates
-    more: dict[str, pd.DataFrame] = {}
-    if run.covariances is not None:
-        known = (truth, estimates, run.covariances)
-        by_epoch, by_agent = consistency_table(*known), consistency_table(*known, by_agent=True)
-        more = {
-            "consistency": consistency_summary(by_epoch),
-            "consistency_per_epoch": by_epoch,
-            "consistency_per_agent": by_agent,
-            "coverage": coverage_table(*known),
-        }
-    if run.unknowns is not None:
-        more["unknowns"] = unknowns_table(run.unknowns)
-        more["unknowns_directions"] = directions_table(run.unknowns)
-    return {
-        **more,
-        "ate_pooled": error_table(truth, estimates),
-        "ate_difference": comparison_table(truth, estimates, root_seed=run.config.study.seed),
-        "ate_per_agent": error_table(truth, estimates, by=("agent",)),
-        "ate_per_realization": error_table(truth, estimates, by=("realization",)),
-        "dropouts": dropout_table(measurements, truth),
-        "range_error": range_error_table(measurements, run.ranging_truth, truth),
-        "range_error_split": range_split_table(measurements, run.ranging_truth, truth),
-        "region": run.region.reset_index(),
-        "solves": solve_table(estimates),
-    }
+
+    caption: str
+    make: Callable[[Run], pd.DataFrame | None]
+    columns: str = ""
+    folded: bool = False
 
 
 def solve_table(estimates: Estimates) -> pd.DataFrame:
-    """
-    Health of every solve.
+    """Status, iterations and costs of every solve; ``expected_cost`` is half the degrees of freedom."""
+    e = estimates
+    c, r = (index.ravel() for index in np.indices(e.solve_status.shape))
+    columns = {
+        "condition": e.condition[c],
+        "realization": e.realization[r],
+        "status": [SolveStatus(int(status)).name for status in e.solve_status.ravel()],
+    }
+    numbers = ["iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm", "gated_links"]
+    return pd.DataFrame(columns | {name: np.asarray(getattr(e, name)).ravel() for name in numbers})
 
-    Parameters
-    ----------
-    estimates : Estimates
 
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each condition and realization: ``status`` (name of the `SolveStatus`), ``iterations``,
-        ``initial_cost``, ``final_cost``, ``expected_cost`` (half the degrees of freedom),
-        ``gradient_norm``, ``gated_links``; costs are without units.
-    """
-    rows: list[dict[str, Any]] = []
-    for c, r in np.ndindex(estimates.solve_status.shape):
-        rows.append(
-            {
-                "condition": str(estimates.condition[c]),
-                "realization": int(estimates.realization[r]),
-                "status": SolveStatus(int(estimates.solve_status[c, r])).name,
-                "iterations": int(estimates.iterations[c, r]),
-                "initial_cost": float(estimates.initial_cost[c, r]),
-                "final_cost": float(estimates.final_cost[c, r]),
-                "expected_cost": float(estimates.expected_cost[c, r]),
-                "gradient_norm": float(estimates.gradient_norm[c, r]),
-                "gated_links": int(estimates.gated_links[c, r]),
-            }
-        )
-    columns = ["condition", "realization", "status", "iterations"]
-    costs = ["initial_cost", "final_cost", "expected_cost", "gradient_norm"]
-    return pd.DataFrame(rows, columns=[*columns, *costs, "gated_links"])
+def _consistency(run: Run, *, by_agent: bool = False) -> pd.DataFrame | None:
+    if run.covariances is None:
+        return None
+    return consistency_table(run.truth, run.estimates, run.covariances, by_agent=by_agent)
+
+
+def _summary(run: Run) -> pd.DataFrame | None:
+    by_epoch = _consistency(run)
+    return None if by_epoch is None else consistency_summary(by_epoch)
+
+
+TABLES: dict[str, Table] = {
+    "ate_pooled": Table(
+        "Position error by condition, pooled over vehicles, times and realizations",
+        lambda run: error_table(run.truth, run.estimates),
+        f"condition failed_solves {_ERRORS}",
+    ),
+    "ate_difference": Table(
+        "Difference of position error between conditions, 95 % intervals over realizations",
+        lambda run: comparison_table(run.truth, run.estimates, root_seed=run.config.study.seed),
+        "condition baseline statistic realizations pooled_difference_m bootstrap_low_m bootstrap_high_m",
+    ),
+    "consistency": Table(
+        "Consistency: sums over realizations of NEES and of range innovations by their degrees of freedom,"
+        " and at how many epochs they are inside their 95 % bounds",
+        _summary,
+    ),
+    "unknowns": Table(
+        "Sound-speed modes and clocks: standard deviation before and after, the share of the prior variance that"
+        " the measurements took away, and the errors",
+        lambda run: None if run.unknowns is None else unknowns_table(run.unknowns),
+    ),
+    "dropouts": Table(
+        "Range attempts and dropouts by kind of link, and their causes",
+        lambda run: dropout_table(run.measurements, run.truth),
+    ),
+    "range_error": Table(
+        "Signed range error, refracted minus straight, by kind of link",
+        lambda run: range_error_table(run.measurements, run.ranging_truth, run.truth),
+        "category n mean_m sd_m skewness excess_kurtosis p1_m p5_m p95_m p99_m min_m max_m percent_beyond_3_sigma",
+    ),
+    "range_error_split": Table(
+        "Range error split into reference speed and bending",
+        lambda run: range_split_table(run.measurements, run.ranging_truth, run.truth),
+    ),
+    "region": Table("Region", lambda run: run.region.reset_index()),
+    "ate_per_agent": Table(
+        "Position error by condition and vehicle",
+        lambda run: error_table(run.truth, run.estimates, by=("agent",)),
+        f"condition agent {_ERRORS}",
+        folded=True,
+    ),
+    "ate_per_realization": Table(
+        "Position error by condition and realization",
+        lambda run: error_table(run.truth, run.estimates, by=("realization",)),
+        f"condition realization {_ERRORS}",
+        folded=True,
+    ),
+    "consistency_per_epoch": Table("Consistency at each epoch", _consistency, folded=True),
+    "consistency_per_agent": Table(
+        "Consistency of each vehicle at each epoch",
+        lambda run: _consistency(run, by_agent=True),
+        folded=True,
+    ),
+    "coverage": Table(
+        "Share of position errors within 1 and 3 sigma, with binomial bounds",
+        lambda run: (
+            None if run.covariances is None else coverage_table(run.truth, run.estimates, run.covariances)
+        ),
+        folded=True,
+    ),
+    "unknowns_directions": Table(
+        "Combinations of modes and clocks that the measurements see, from best to least",
+        lambda run: None if run.unknowns is None else directions_table(run.unknowns),
+        folded=True,
+    ),
+    "solves": Table("Health of each solve", lambda run: solve_table(run.estimates), folded=True),
+}
+"""By the name of the CSV file; whatever adds one adds it to every report."""
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """
-    Write a table as CSV with all its digits, whole or not at all.
-
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        Without its index.
-    path : pathlib.Path
-        Its folder is made if it is not there.
-
-    Raises
-    ------
-    ReportError
-        If the file cannot be written.
-    """
-    write_text(table.to_csv(index=False, lineterminator="\n"), path)
-
-
-def write_text(text: str, path: Path) -> None:
-    """
-    Write a text file under a temporary name, then rename.
-
-    Parameters
-    ----------
-    text : str
-    path : pathlib.Path
-        Its folder is made if it is not there.
-
-    Raises
-    ------
-    ReportError
-        If the file cannot be written.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(text, encoding="utf-8", newline="")
-        temporary.replace(path)
-    except OSError as error:
-        raise ReportError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        temporary.unlink(missing_ok=True)
+    """Write a table as CSV with all its digits."""
+    with whole_file(path) as temporary:
+        table.to_csv(temporary, index=False, lineterminator="\n")
