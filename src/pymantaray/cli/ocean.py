@@ -153,7 +153,7 @@ def plot(
 ) -> None:
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
     from pymantaray.ocean import open_ocean
-    from pymantaray.report.ocean_plots import write_ocean_plots
+    from pymantaray.report import write_ocean_plots
 
     place = None if at is None else _place(at)
     ocean = open_ocean(files, time=time, currents=currents)

@@ -1,6 +1,7 @@
 """Two runs side by side: sound speed, range errors, dropouts and position errors of both."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -11,7 +12,7 @@ from pymantaray.report.figures import Plate, Results, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
-from pymantaray.report.page import SYNTHETIC_NOTE, heading, numbers_from_text, render, show_table
+from pymantaray.report.page import SYNTHETIC_NOTE, Picture, heading, numbers_from_text, render, show_table
 from pymantaray.report.write import PAGE, Progress, write_parts
 from pymantaray.study.store import open_run, staged_folder
 
@@ -59,7 +60,7 @@ def write_comparison(
     runs = by_name([Results(open_run(run_dir)) for run_dir in (run_dir_a, run_dir_b)])
     tables, plates = comparison_tables(runs), comparison_plates(runs)
     with staged_folder(out, "comparison") as (stage, folder):
-        write_parts(stage, tables, plates, _page(runs, tables, plates), progress)
+        write_parts(stage, tables, plates, partial(_page, runs, tables), progress)
     return folder / PAGE
 
 
@@ -158,7 +159,9 @@ def _side_by_side(columns: Mapping[str, "pd.Series[float]"], key: str, last: str
     return table.reset_index(drop=True)
 
 
-def _page(runs: Mapping[str, Results], tables: Mapping[str, pd.DataFrame], plates: Sequence[Plate]) -> str:
+def _page(
+    runs: Mapping[str, Results], tables: Mapping[str, pd.DataFrame], pictures: Sequence[Picture]
+) -> str:
     synthetic = [name for name, r in runs.items() if r.synthetic]
     shown = []
     for name, caption in _CAPTIONS.items():
@@ -175,6 +178,6 @@ def _page(runs: Mapping[str, Results], tables: Mapping[str, pd.DataFrame], plate
         ],
         description="",
         notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],
-        plates=plates,
+        pictures=pictures,
         joint_tables=shown,
     )

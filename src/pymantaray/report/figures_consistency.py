@@ -1,5 +1,7 @@
 """Whether estimators are as good as they think: NEES and range innovations over time, with their bounds."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -29,18 +31,6 @@ _DODGE = 0.012  # share of the time axis between neighbouring conditions; all of
 _ZOOM = 2.5  # half height of the lower row in widths of the band
 _TICKS = 10  # epochs that are all labelled
 _LINEAR_REACH = 4.0  # above this, or below its inverse, ratios need a logarithmic axis
-
-
-register(
-    "consistency",
-    place=110,
-    caption="Consistency over {r.realizations} at fixed epochs: (a) squared error of the fleet's horizontal positions"
-    " in their joint covariance, (b) squared innovation of the ranges of a ping, each by its degrees of freedom; where"
-    " they are drawn, (c, d) the same near the bounds. A consistent estimator is at 1 on average and inside the grey"
-    " 95 % bounds; empty markers are outside.",
-    draw=lambda r: consistency_over_time(r.tables["consistency_per_epoch"], r.header),
-    needs=lambda r: "consistency_per_epoch" in r.tables,
-)
 
 
 @styled
@@ -105,6 +95,18 @@ def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
         axes.plot(x, part["ratio"], color=colour, linewidth=0.9)
         for inside in (True, False):
             chosen = part["inside"].to_numpy(dtype=bool) == inside
-            look = {"color": colour, "markerfacecolor": colour if inside else "white", "markersize": 3.6}
+            look: Any = {"color": colour, "markerfacecolor": colour if inside else "white", "markersize": 3.6}
             axes.plot(x[chosen], part["ratio"][chosen], marker, **look)
     axes.set_xlim(first, last)
+
+
+register(
+    "consistency",
+    place=110,
+    caption="Consistency over {r.realizations} at fixed epochs: (a) squared error of the fleet's horizontal positions"
+    " in their joint covariance, (b) squared innovation of the ranges of a ping, each by its degrees of freedom; where"
+    " they are drawn, (c, d) the same near the bounds. A consistent estimator is at 1 on average and inside the grey"
+    " 95 % bounds; empty markers are outside.",
+    draw=lambda r: consistency_over_time(r.tables["consistency_per_epoch"], r.header),
+    needs=lambda r: "consistency_per_epoch" in r.tables,
+)

@@ -30,20 +30,6 @@ _ROW = 0.17  # height of a line [in]
 _BASELINE = "straight"
 
 
-register(
-    "estimators",
-    place=100,
-    caption="What each estimator is worth, over {r.realizations}: (a) root mean square of the position error over all"
-    " poses, dashed that of straight ranges; (b) squared error of the fleet's horizontal positions in the covariance"
-    " that the estimator gives, by its degrees of freedom: median over the epochs, least to greatest, and the 95 %"
-    " bounds of a consistent estimator in grey.",
-    draw=lambda r: error_and_consistency(
-        r.tables["ate_pooled"], r.tables.get("consistency_per_epoch"), r.header
-    ),
-    needs=lambda r: bool(r.run.config.estimators),
-)
-
-
 @styled
 def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None, header: str) -> Figure:
     """
@@ -105,3 +91,17 @@ def _draw_consistency(axes: Axes, table: pd.DataFrame, names: list[str], colours
         axes.plot([ratio.min(), ratio.max()], [i, i], color=colour, linewidth=0.9)
         axes.plot(np.median(ratio), i, color=colour, marker="o", markersize=3.8, markerfacecolor=face)
     axes.set_xscale("log")
+
+
+register(
+    "estimators",
+    place=100,
+    caption="What each estimator is worth, over {r.realizations}: (a) root mean square of the position error over all"
+    " poses, dashed that of straight ranges; (b) squared error of the fleet's horizontal positions in the covariance"
+    " that the estimator gives, by its degrees of freedom: median over the epochs, least to greatest, and the 95 %"
+    " bounds of a consistent estimator in grey.",
+    draw=lambda r: error_and_consistency(
+        r.tables["ate_pooled"], r.tables.get("consistency_per_epoch"), r.header
+    ),
+    needs=lambda r: bool(r.run.config.estimators),
+)

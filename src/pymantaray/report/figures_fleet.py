@@ -39,23 +39,6 @@ class _Shades:
     mappable: ScalarMappable
 
 
-register(
-    "fleet_layout",
-    place=20,
-    caption="Fleet layout: (a) start positions and drift in plan, (b) start (dotted line downward to the vehicle's"
-    " greatest depth) and track, (c) depth against time. Colour is each vehicle's greatest depth; a vehicle that"
-    " stays at the surface is black.",
-    draw=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header),
-)
-register(
-    "factor_graph",
-    place=40,
-    caption="Factor graph at the true positions: chains of poses coloured by the vehicle's greatest depth, the"
-    " {r.heard:,} ranges that were heard in grey.",
-    draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),
-)
-
-
 @styled
 def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
     """Fleet in plan, in depth over time, and in three dimensions."""
@@ -200,3 +183,20 @@ def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements) -> No
     axes.set_xlabel("East [km]")
     axes.set_ylabel("North [km]")
     axes.set_zlabel("Depth [km]")
+
+
+register(
+    "fleet_layout",
+    place=20,
+    caption="Fleet layout: (a) start positions and drift in plan, (b) start (dotted line downward to the vehicle's"
+    " greatest depth) and track, (c) depth against time. Colour is each vehicle's greatest depth; a vehicle that"
+    " stays at the surface is black.",
+    draw=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header),
+)
+register(
+    "factor_graph",
+    place=40,
+    caption="Factor graph at the true positions: chains of poses coloured by the vehicle's greatest depth, the"
+    " {r.heard:,} ranges that were heard in grey.",
+    draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),
+)

@@ -41,23 +41,6 @@ _REGION_COLOURS = (BLUE, ORANGE, GREEN, PINK)
 _REGION_LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), "-.")
 
 
-register(
-    "sound_speed",
-    place=10,
-    caption="Sound speed against depth over the whole region: mean of each level (line), least to greatest (shaded);"
-    " (a) all depths, (b) the upper part.",
-    draw=lambda r: sound_speed_profiles([(r.region, r.run.profile)], r.header),
-)
-register(
-    "ray_picture",
-    place=30,
-    caption="Sound on the link that bends most: sound speed (blue), sea bed (brown, where it is not far below),"
-    " direct eigenrays (orange), the straight chord (dashed) and other rays from the same source (grey).",
-    draw=lambda r: ray_picture(r.run.ray_picture, r.header),
-    needs=lambda r: r.has_ray_picture,
-)
-
-
 @styled
 def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str) -> Figure:
     """Mean sound speed of each region against depth, between its least and its greatest."""
@@ -158,3 +141,20 @@ def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) ->
     if low:
         margin = 0.05 * max(max(high) - min(low), 1.0)
         axes.set_xlim(min(low) - margin, max(high) + margin)
+
+
+register(
+    "sound_speed",
+    place=10,
+    caption="Sound speed against depth over the whole region: mean of each level (line), least to greatest (shaded);"
+    " (a) all depths, (b) the upper part.",
+    draw=lambda r: sound_speed_profiles([(r.region, r.run.profile)], r.header),
+)
+register(
+    "ray_picture",
+    place=30,
+    caption="Sound on the link that bends most: sound speed (blue), sea bed (brown, where it is not far below),"
+    " direct eigenrays (orange), the straight chord (dashed) and other rays from the same source (grey).",
+    draw=lambda r: ray_picture(r.run.ray_picture, r.header),
+    needs=lambda r: r.has_ray_picture,
+)

@@ -41,33 +41,6 @@ _STATUS_LOOK = {
 }
 
 
-register(
-    "range_error",
-    place=50,
-    caption="Signed range error, refracted minus straight, of {r.heard:,} ranges: mean (orange), zero (dashed) and"
-    " fitted normal (black), with linear and logarithmic counts.",
-    draw=lambda r: range_error_histogram([(r.region, r.ranges.total)], r.header),
-)
-register(
-    "range_error_split",
-    place=60,
-    caption="Exact split of the range error: (a, b) the part from the reference speed, because the sound speed at the"
-    " transmitter is not the path's mean, and the part from the bending of the ray; (c) bending at its own scale.",
-    draw=lambda r: range_error_split(
-        r.run.ranging_truth.distance, r.ranges.reference_speed, r.ranges.bending, r.header
-    ),
-)
-register(
-    "dropouts",
-    place=70,
-    caption="All {r.attempts:,} range attempts by (a) distance and depth difference and (b) the depths of both ends;"
-    " dropouts coloured by their cause.",
-    draw=lambda r: dropout_map(
-        *range_ends(r.run.truth, r.run.measurements), r.run.measurements.range_status, r.header
-    ),
-)
-
-
 @styled
 def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> Figure:
     """Signed range error, refracted minus straight, with its mean, zero and the fitted normal."""
@@ -202,3 +175,30 @@ def _histogram(axes: Axes, errors: Array) -> None:
         )
     axes.axvline(mean, color=ORANGE, linewidth=1.2, label="mean")
     axes.yaxis.set_major_formatter(ScalarFormatter())
+
+
+register(
+    "range_error",
+    place=50,
+    caption="Signed range error, refracted minus straight, of {r.heard:,} ranges: mean (orange), zero (dashed) and"
+    " fitted normal (black), with linear and logarithmic counts.",
+    draw=lambda r: range_error_histogram([(r.region, r.ranges.total)], r.header),
+)
+register(
+    "range_error_split",
+    place=60,
+    caption="Exact split of the range error: (a, b) the part from the reference speed, because the sound speed at the"
+    " transmitter is not the path's mean, and the part from the bending of the ray; (c) bending at its own scale.",
+    draw=lambda r: range_error_split(
+        r.run.ranging_truth.distance, r.ranges.reference_speed, r.ranges.bending, r.header
+    ),
+)
+register(
+    "dropouts",
+    place=70,
+    caption="All {r.attempts:,} range attempts by (a) distance and depth difference and (b) the depths of both ends;"
+    " dropouts coloured by their cause.",
+    draw=lambda r: dropout_map(
+        *range_ends(r.run.truth, r.run.measurements), r.run.measurements.range_status, r.header
+    ),
+)

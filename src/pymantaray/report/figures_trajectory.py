@@ -66,27 +66,6 @@ def _caption_over_time(results: Results) -> str:
     )
 
 
-register(
-    "ape_pooled",
-    place=80,
-    caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by ranging condition,"
-    " without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear scale, which ends where the"
-    " conditions other than odometry do.",
-    draw=lambda r: pooled_ape(
-        [ApePanel("logarithmic scale", r.errors, log=True), ApePanel("linear scale", r.errors, log=False)],
-        r.header,
-    ),
-)
-register(
-    "error_over_time",
-    place=90,
-    caption=_caption_over_time,
-    draw=lambda r: error_over_time(
-        r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
-    ),
-)
-
-
 @styled
 def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
     """Distribution of the translational error, all vehicles, times and realizations pooled."""
@@ -209,3 +188,24 @@ def _ridge(axes: Axes, values: Array, edges: Array, name: str, *, log: bool) -> 
     left_out = f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else ""
     axes.text(0.985, 0.98, f"mean {f'{mean:#.3g}'.rstrip('.')} m{left_out}", color=GREY, ha="right", **place)
     axes.set_ylim(0.0, max(float(share.max()), 1e-6) / (_ROOF - 0.04))
+
+
+register(
+    "ape_pooled",
+    place=80,
+    caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by ranging condition,"
+    " without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear scale, which ends where the"
+    " conditions other than odometry do.",
+    draw=lambda r: pooled_ape(
+        [ApePanel("logarithmic scale", r.errors, log=True), ApePanel("linear scale", r.errors, log=False)],
+        r.header,
+    ),
+)
+register(
+    "error_over_time",
+    place=90,
+    caption=_caption_over_time,
+    draw=lambda r: error_over_time(
+        r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
+    ),
+)

@@ -22,17 +22,6 @@ _HEIGHT = 1.35  # of a panel [in]
 _LEVEL = 110  # letters of names that fit on the axis level
 
 
-register(
-    "unknowns",
-    place=120,
-    caption="Sound-speed modes and clocks estimated with the poses, over {r.realizations}: standard deviation that the"
-    " estimator gives (blue) and error of its estimate (orange), both by the standard deviation beforehand (grey"
-    " line): on it the ranges say nothing.",
-    draw=lambda r: unknowns_before_and_after(r.tables["unknowns"], r.header),
-    needs=lambda r: "unknowns" in r.tables,
-)
-
-
 @styled
 def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
     """Standard deviation and error of every unknown, in standard deviations that it had beforehand."""
@@ -63,3 +52,14 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
 def _too_wide(names: pd.Series) -> bool:
     """Whether names would touch on an axis of the figure's width."""
     return len(names) * (int(names.str.len().max()) + 2) > _LEVEL
+
+
+register(
+    "unknowns",
+    place=120,
+    caption="Sound-speed modes and clocks estimated with the poses, over {r.realizations}: standard deviation that the"
+    " estimator gives (blue) and error of its estimate (orange), both by the standard deviation beforehand (grey"
+    " line): on it the ranges say nothing.",
+    draw=lambda r: unknowns_before_and_after(r.tables["unknowns"], r.header),
+    needs=lambda r: "unknowns" in r.tables,
+)

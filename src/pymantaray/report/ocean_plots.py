@@ -218,11 +218,11 @@ def _draw_currents(axes: Axes, level: xr.Dataset, count: int) -> None:
     rows, columns = (slice(s // 2, None, s) for s in step)
     scale = float(np.nanpercentile(size, 99.0)) or 1.0
     look: dict[str, Any] = {"color": INK, "width": 0.0018, "headwidth": 4.0, "zorder": 4}
-    size_on_page = {"angles": "uv", "scale_units": "width", "scale": scale * count * 0.8}
+    size_on_page: dict[str, Any] = {"angles": "uv", "scale_units": "width", "scale": scale * count * 0.8}
     thinned = (lon[columns], lat[rows], u[rows, columns], v[rows, columns])
     arrows = axes.quiver(*thinned, **size_on_page, **look)
     key = float(f"{scale:.1g}")
-    place = {"labelpos": "W", "labelsep": 0.05, "fontproperties": {"size": 6.5}}
+    place: dict[str, Any] = {"labelpos": "W", "labelsep": 0.05, "fontproperties": {"size": 6.5}}
     axes.quiverkey(arrows, 0.94, 1.035, key, f"{key:g} m/s", **place)
 
 

@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.records import VehicleStatus
-from pymantaray.report.figures import Plate, Results
+from pymantaray.report.figures import Results
 from pymantaray.report.style import condition_label
 from pymantaray.report.tables import TABLES
 
@@ -35,6 +35,15 @@ _WORDS = {
 _LONG = 40  # characters of a cell that may be broken
 
 
+class Picture(NamedTuple):
+    """A figure that was saved, and its size on the page. [px]"""
+
+    name: str
+    caption: str
+    width: int
+    height: int
+
+
 class ShownTable(NamedTuple):
     """A table as a template writes it; a cell is its text and its class of the style sheet."""
 
@@ -55,7 +64,7 @@ def render(template: str, **content: Any) -> str:
     return environment.get_template(template).render(content) + "\n"
 
 
-def run_page(results: Results, plates: Sequence[Plate]) -> str:
+def run_page(results: Results, pictures: Sequence[Picture]) -> str:
     """Page of a run, to be read offline beside its folders ``figures`` and ``tables``."""
     config = results.run.config
     mission = (
@@ -77,7 +86,7 @@ def run_page(results: Results, plates: Sequence[Plate]) -> str:
         description=config.study.description,
         notes=[*([SYNTHETIC_NOTE] if results.synthetic else []), *troubles(results)],
         cards=headlines(results),
-        plates=plates,
+        pictures=pictures,
         run_tables=shown,
         origin=[show_table(manifest, "Manifest", "manifest.json")],
     )
@@ -177,12 +186,13 @@ def show(value: Any) -> str:
         return f"{int(value):,}".replace("-", "−")
     if not isinstance(value, float | np.floating):
         return str(value)
-    if np.isnan(value):
+    size = abs(float(value))
+    if np.isnan(size):
         return "–"
-    if value == 0.0 or 1e-3 <= abs(value) < 1e4:
+    if size == 0.0 or 1e-3 <= size < 1e4:
         text = f"{value:.4g}"
     else:
-        text = f"{value:,.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.3e}"
+        text = f"{value:,.0f}" if 1e4 <= size < 1e7 else f"{value:.3e}"
     return text.replace("-", "−")
 
 

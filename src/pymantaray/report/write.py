@@ -1,13 +1,14 @@
 """A run's report in its folder: tables, figures and page, all new or all as they were."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
 from pymantaray.records import whole_file
 from pymantaray.report.figures import Plate, Results, run_plates
-from pymantaray.report.page import run_page
+from pymantaray.report.page import Picture, run_page
 from pymantaray.report.style import save_figure
 from pymantaray.report.tables import write_table
 from pymantaray.study.store import FIGURES, TABLES, open_run, staged_parts
@@ -16,6 +17,7 @@ Progress = Callable[[str, int, int], None]
 """Told the name of a stage, how many of its parts are done, and how many there are."""
 
 PAGE = "index.html"
+_PIXELS_PER_INCH = 133.0  # of figures on the page
 
 
 def write_report(run_dir: str | Path, *, progress: Progress | None = None) -> Path:
@@ -44,27 +46,30 @@ def write_report(run_dir: str | Path, *, progress: Progress | None = None) -> Pa
     if progress is not None:
         progress("report", 0, 1)
     results = Results(run)
-    plates = run_plates(results)
     with staged_parts(run.path, (TABLES, FIGURES, PAGE)) as stage:
-        write_parts(stage, results.tables, plates, run_page(results, plates), progress)
+        write_parts(stage, results.tables, run_plates(results), partial(run_page, results), progress)
     return run.path / PAGE
 
 
 def write_parts(
     folder: Path,
-    tables: dict[str, pd.DataFrame],
+    tables: Mapping[str, pd.DataFrame],
     plates: Sequence[Plate],
-    page: str,
+    page: Callable[[Sequence[Picture]], str],
     progress: Progress | None,
 ) -> None:
     """Write tables, figures and page into an empty folder; figures one by one, so that only one is in memory."""
     (folder / TABLES).mkdir()
-    (folder / FIGURES).mkdir()
     for name, table in tables.items():
         write_table(table, folder / TABLES / f"{name}.csv")
+    (folder / FIGURES).mkdir()
+    pictures = []
     for i, plate in enumerate(plates):
-        save_figure(plate.draw(), folder / FIGURES, plate.name)
+        figure = plate.draw()
+        save_figure(figure, folder / FIGURES, plate.name)
+        width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
+        pictures.append(Picture(plate.name, plate.caption, width, height))
         if progress is not None:
             progress("report", i + 1, len(plates))
     with whole_file(folder / PAGE) as file:
-        file.write_text(page, encoding="utf-8", newline="")
+        file.write_text(page(pictures), encoding="utf-8", newline="")

@@ -6,7 +6,7 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -104,6 +104,56 @@ def staged_folder(out: str | Path | None, name: str = "") -> Iterator[tuple[Path
             os.close(lock)
     if out is None:
         _point_latest_at(folder)
+
+
+@contextmanager
+def staged_parts(folder: Path, names: Sequence[str]) -> Iterator[Path]:
+    """
+    Folder to write parts of a finished run into, which replace those of the same names if the block ends well.
+
+    On any exception, Ctrl-C included, they are all as they were. ``names`` are in the order in which they are put in
+    place; the last says that all are there.
+
+    Raises
+    ------
+    StudyError
+        If nothing can be written there.
+    """
+    _clear_abandoned(folder)
+    stage = folder / f".{secrets.token_hex(8)}{_PART}"
+    try:
+        stage.mkdir()
+    except OSError as error:
+        raise StudyError(f"{folder}: cannot be written: {error.strerror}") from None
+    lock = _lock(stage)
+    try:
+        yield stage
+        _exchange(stage, folder, names)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def _exchange(stage: Path, folder: Path, names: Sequence[str]) -> None:
+    before = stage / "before"
+    before.mkdir()
+    try:
+        for name in reversed(names):
+            if (folder / name).exists():
+                (folder / name).rename(before / name)
+        for name in names:
+            (stage / name).rename(folder / name)
+    except BaseException as error:
+        for name in names:
+            if (before / name).exists() or not (stage / name).exists():
+                if (folder / name).exists():
+                    (folder / name).rename(stage / name)
+                if (before / name).exists():
+                    (before / name).rename(folder / name)
+        if isinstance(error, OSError):
+            raise StudyError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise
 
 
 def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Path, Path, int | None]:
