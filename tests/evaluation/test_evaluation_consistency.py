@@ -14,6 +14,7 @@ from pymantaray.estimation.covariance import (
     graph_covariances,
     reckoned_covariances,
 )
+from pymantaray.evaluation import coverage_table
 from pymantaray.evaluation.consistency import (
     consistency_summary,
     consistency_table,
@@ -21,7 +22,6 @@ from pymantaray.evaluation.consistency import (
     mean_chi_square_bounds,
     nees,
 )
-from pymantaray.evaluation import coverage_table
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 from pymantaray.records import Estimates, SolveStatus, Trajectories
 from pymantaray.records.covariances import PoseCovariances

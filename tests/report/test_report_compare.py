@@ -6,8 +6,8 @@ import pytest
 from pymantaray.errors import StudyError
 from pymantaray.report import write as write_module
 from pymantaray.report import write_comparison
-from pymantaray.report.compare import comparison_plates, comparison_tables, distinct_names
-from pymantaray.report.findings import gather
+from pymantaray.report.compare import by_name, comparison_plates, comparison_tables
+from pymantaray.report.figures import Results
 from pymantaray.study import open_run
 
 
@@ -34,8 +34,7 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
 
 
 def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_folder, run):
-    found = [gather(run), gather(open_run(other_folder))]
-    tables = comparison_tables(found, ["one", "other"])
+    tables = comparison_tables({"one": Results(run), "other": Results(open_run(other_folder))})
     table = tables["range_drop_category_compare"]
     assert list(table.columns) == ["link category", "one [%]", "other [%]"]
     assert table["link category"].iloc[-1] == "all links"
@@ -51,16 +50,15 @@ def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_
 
 
 def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):
-    found = [gather(run), gather(open_run(other_folder))]
-    plates = comparison_plates(found, ["one", "other"])
+    plates = comparison_plates({"one": Results(run), "other": Results(open_run(other_folder))})
     figure = plates[0].draw()
     assert figure.get_suptitle() == "one and other; synthetic ocean: one"
 
 
 def test_runs_of_one_region_are_told_apart_by_their_folders(run, fakes, tmp_path):
     again = open_run(fakes.run(tmp_path / "again"))
-    assert distinct_names([run, again], ["Test Sea", "Test Sea"]) == ["run", "again"]
-    assert distinct_names([run, run], ["Test Sea", "Test Sea"]) == ["quick (1)", "quick (2)"]
+    assert list(by_name([Results(run), Results(again)])) == ["run", "again"]
+    assert list(by_name([Results(run), Results(run)])) == ["quick (1)", "quick (2)"]
 
 
 def test_a_folder_that_is_not_empty_is_refused_and_kept(run_folder, other_folder, tmp_path):

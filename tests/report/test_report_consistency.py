@@ -8,7 +8,6 @@ from matplotlib.colors import to_hex
 
 from pymantaray.evaluation.consistency import mean_chi_square_bounds
 from pymantaray.report.figures_consistency import consistency_over_time
-from pymantaray.report.style import save_figure
 
 HEADER = "Test Sea, synthetic ocean"
 HOURS = np.array([24.0, 48.0, 72.0, 84.0])
@@ -107,10 +106,3 @@ def test_a_single_epoch_and_an_empty_table_are_drawn(look, table):
     look.draw(consistency_over_time(table[table["time_h"] == 24.0], HEADER))
     figure = look.draw(consistency_over_time(table.iloc[:0], HEADER))
     assert look.texts(figure).count("nothing to judge") == 2
-
-
-def test_file_is_the_same_each_time(table, tmp_path):
-    first = save_figure(consistency_over_time(table, HEADER), tmp_path / "a", "consistency")
-    again = save_figure(consistency_over_time(table, HEADER), tmp_path / "b", "consistency")
-    for one, other in zip(first, again, strict=True):
-        assert one.read_bytes() == other.read_bytes()

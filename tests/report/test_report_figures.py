@@ -6,12 +6,12 @@ from matplotlib.collections import LineCollection
 
 from pymantaray.records import RayStatus
 from pymantaray.report import style
-from pymantaray.report.ends import range_ends
+from pymantaray.report.figures import range_ends
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_ocean import ray_picture, sound_speed_profiles
 from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
 from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pooled_ape
-from pymantaray.report.labels import ocean_header
+from pymantaray.report.style import ocean_header
 
 HEADER = "Test Sea, synthetic ocean"
 
@@ -19,12 +19,11 @@ HEADER = "Test Sea, synthetic ocean"
 def test_every_figure_has_units_on_its_axes_and_says_synthetic(look, fakes, made, truth, measurements):
     error = measurements.refracted_range - measurements.straight_range
     ape = {"straight": np.random.default_rng(0).random((3, 4, truth.time.size))}
-    landmarks = (measurements.landmark_name, measurements.landmark_position)
     fixes = np.zeros((4, truth.time.size), dtype=bool)
     figures = [
         sound_speed_profiles([("Test Sea", fakes.profile())], HEADER),
         ray_picture(fakes.rays(), HEADER),
-        fleet_layout(truth, landmarks, HEADER),
+        fleet_layout(truth, measurements, HEADER),
         factor_graph(truth, measurements, HEADER),
         range_error_histogram([("Test Sea", error)], HEADER),
         range_error_split(measurements.straight_range, error, -np.abs(error), HEADER),
@@ -49,13 +48,12 @@ def test_no_text_is_cut_off_and_no_legend_covers_the_header(look, fakes, truth, 
     error = measurements.refracted_range - measurements.straight_range
     rng = np.random.default_rng(0)
     ape = {name: rng.gamma(3.0, 9.0, (3, 4, truth.time.size)) for name in style.CONDITION_COLOURS}
-    landmarks = (measurements.landmark_name, measurements.landmark_position)
     fixes = np.zeros((4, truth.time.size), dtype=bool)
     region = "Another name " * 9
     figures = [
         sound_speed_profiles([(region, fakes.profile()), ("b", fakes.profile())], "header"),
         ray_picture(fakes.rays(), header),
-        fleet_layout(truth, landmarks, header),
+        fleet_layout(truth, measurements, header),
         range_error_histogram([(region, error)], header),
         range_error_split(measurements.straight_range, error, -np.abs(error), header),
         dropout_map(*range_ends(truth, measurements), measurements.range_status, header),
@@ -146,7 +144,7 @@ def test_ray_picture_of_a_shadow_has_no_eigenray(look, fakes):
 
 
 def test_fleet_is_drawn_east_to_the_right(truth, measurements):
-    plan = fleet_layout(truth, (measurements.landmark_name, measurements.landmark_position), HEADER).axes[0]
+    plan = fleet_layout(truth, measurements, HEADER).axes[0]
     for line, path in zip(plan.lines, truth.position, strict=False):
         np.testing.assert_allclose(line.get_xdata(), path[:, 1] / 1e3)
         np.testing.assert_allclose(line.get_ydata(), path[:, 0] / 1e3)
@@ -174,7 +172,6 @@ def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, fakes):
     truth = fakes.truth(lone, np.random.default_rng(0))
     measurements = fakes.measurements(lone, truth, np.random.default_rng(0))[0]
     nothing = np.full(7, np.nan)
-    no_names = (measurements.landmark_name, measurements.landmark_position)
     every = [
         (range_error_histogram([("x", nothing)], ""), "no range was heard"),
         (range_error_histogram([("x", np.empty(0))], ""), "no range was heard"),
@@ -185,7 +182,7 @@ def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, fakes):
         (pooled_ape([ApePanel("p", {"straight": nothing}, log=True)], ""), "no usable solve"),
         (pooled_ape([ApePanel("p", {"straight": np.zeros(9)}, log=True)], ""), "mean 0.00 m"),
         (pooled_ape([ApePanel("p", {}, log=False)], ""), "p"),
-        (fleet_layout(truth, no_names, ""), "A"),
+        (fleet_layout(truth, measurements, ""), "A"),
         (factor_graph(truth, measurements, ""), "0 range edges"),
         (
             error_over_time(

@@ -2,6 +2,7 @@
 
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,9 +12,8 @@ from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table
 from pymantaray.records import RayStatus
 from pymantaray.report import write, write_report
-from pymantaray.report.findings import gather
-from pymantaray.report.html import heading, show, table_html
-from pymantaray.report.page import run_page
+from pymantaray.report.figures import Results
+from pymantaray.report.page import heading, run_page, show
 from pymantaray.study import open_run
 
 FIGURES = {
@@ -50,7 +50,7 @@ class Page(HTMLParser):
 
 def without_drawing(monkeypatch):
     """Let a report be written without its figures, which other tests look at."""
-    monkeypatch.setattr(write, "save_figure", lambda _figure, folder, _name: folder.mkdir(exist_ok=True))
+    monkeypatch.setattr(write, "save_figure", lambda *_: None)
 
 
 @pytest.fixture(scope="module")
@@ -156,13 +156,48 @@ def test_a_report_that_fails_leaves_the_folder_as_it_was(fakes, tmp_path, monkey
     def fail(figure, target, name):
         if name == "factor_graph":
             raise ReportError("disk full")
-        target.mkdir(exist_ok=True)
 
     monkeypatch.setattr(write, "save_figure", fail)
     with pytest.raises(ReportError, match="disk full"):
         write_report(folder)
     assert sorted(p.relative_to(folder) for p in folder.rglob("*")) == before
     assert (folder / "index.html").read_text() == "the old page"
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(fakes, tmp_path, monkeypatch, before):
+    folder = fakes.run(tmp_path / "run", fakes.Made(realizations=1))
+    without_drawing(monkeypatch)
+    if before:
+        for name in ("tables", "figures"):
+            (folder / name).mkdir()
+            (folder / name / "old").touch()
+        (folder / "index.html").write_text("old")
+    data = {p.name for p in folder.iterdir()}
+    rename, left = Path.rename, 0
+
+    def interrupted(self, target):
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise KeyboardInterrupt
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", interrupted)
+    for step in range(1, 7 if before else 4):
+        left = step
+        with pytest.raises(KeyboardInterrupt):
+            write_report(folder)
+        assert {p.name for p in folder.iterdir()} == data
+        if before:
+            assert (folder / "index.html").read_text() == "old"
+            assert [p.name for name in ("tables", "figures") for p in (folder / name).iterdir()] == [
+                "old"
+            ] * 2
+    left = 0
+    write_report(folder)
+    assert not (folder / "tables" / "old").exists()
+    assert {p.name for p in folder.iterdir()} == data | {"tables", "figures", "index.html"}
 
 
 def test_a_new_report_replaces_the_old_one(fakes, tmp_path, monkeypatch):
@@ -187,7 +222,7 @@ def test_page_tells_of_a_vehicle_that_stopped(fakes, tmp_path):
     status = run.truth.status.copy()
     status[1, 60:] = 1
     run.__dict__["truth"] = type(run.truth)(**{**vars(run.truth), "status": status})
-    text = run_page(gather(run), [])
+    text = run_page(Results(run), [])
     assert "Vehicle B stopped after 10.0 h: GROUNDED." in text
 
 
@@ -204,9 +239,3 @@ def test_headings_carry_units_in_brackets():
     assert [heading(c) for c in ("mean_m", "p95_m", "start_h", "percent", "final_cost")] == [
         "mean [m]", "95 % [m]", "start [h]", "dropouts [%]", "final cost",
     ]  # fmt: skip
-
-
-def test_table_shows_every_cell():
-    frame = pd.DataFrame({"name": ["a<", "b"], "mean_m": [1.5, np.nan], "n": [1, 2]})
-    pieces = [t for t in Page(table_html(frame, "A & B", "tables/x.csv")).text if t.strip()]
-    assert pieces == ["A & B ", "CSV", "name", "mean [m]", "N", "a<", "1.5", "1", "b", "–", "2"]

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pymantaray.errors import ReportError
-from pymantaray.report.labels import ocean_header
-from pymantaray.report.style import new_figure, save_figure, styled
+from pymantaray.errors import WriteError
+from pymantaray.report.style import new_figure, ocean_header, save_figure, styled
 
 
 @styled
@@ -20,6 +19,8 @@ def small(header="Test Sea"):
 
 
 def test_figures_are_valid_not_blank_and_the_same_each_time(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
     first, second = (save_figure(small(), tmp_path / name, "plot") for name in ("one", "two"))
     for a, b in zip(first, second, strict=True):
         assert a.read_bytes() == b.read_bytes()
@@ -40,7 +41,7 @@ def test_a_figure_that_cannot_be_drawn_leaves_no_file(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Figure, "savefig", fail)
-    with pytest.raises(ReportError, match=r"plot\.png: figure cannot be written: No space left"):
+    with pytest.raises(WriteError, match=r"plot\.png: cannot be written: No space left"):
         save_figure(small(), tmp_path, "plot")
     assert list(tmp_path.iterdir()) == []
 
@@ -48,9 +49,9 @@ def test_a_figure_that_cannot_be_drawn_leaves_no_file(tmp_path, monkeypatch):
 def test_the_user_s_own_settings_neither_matter_nor_change(tmp_path):
     with mpl.rc_context({"axes.facecolor": "red", "font.size": 30.0}):
         before = dict(mpl.rcParams)
-        mine = save_figure(small(), tmp_path / "mine", "plot")
+        mine = save_figure(small(), tmp_path, "mine")
         assert dict(mpl.rcParams) == before
-    clean = save_figure(small(), tmp_path / "clean", "plot")
+    clean = save_figure(small(), tmp_path, "clean")
     assert mine[0].read_bytes() == clean[0].read_bytes()
 
 
