@@ -44,10 +44,6 @@ def hycom(
         str | None, typer.Option("--experiment", help="Name of an experiment, in place of the preferred one.")
     ] = None,
     servers: Servers = None,
-    cache: Annotated[
-        Path | None, typer.Option("--cache", help="Folder of what is kept; else MANTARAY_CACHE.")
-    ] = None,
-    no_cache: Annotated[bool, typer.Option("--no-cache", help="Keep nothing, use nothing kept.")] = False,
     time_limit: Annotated[
         float, typer.Option("--time-limit", metavar="SECONDS", help="For the whole fetch.")
     ] = 1800.0,
@@ -68,8 +64,6 @@ def hycom(
             servers=servers,
             experiment=experiment,
             nearest=nearest,
-            cache=cache,
-            use_cache=not no_cache,
             limits=Limits(total_s=time_limit, attempts=attempts),
             overwrite=overwrite,
             progress=progress,
@@ -142,9 +136,5 @@ def _tell(fetched: "Fetched", *, quiet: bool) -> None:
     if not quiet:
         for remark in fetched.remarks:
             typer.echo(f"note: {remark}", err=True)
-        typer.echo(
-            f"{fetched.title}, over {fetched.service}: {fetched.requests} requests, {fetched.kept} answers kept"
-            " from before",
-            err=True,
-        )
+        typer.echo(f"{fetched.title}: {fetched.requests} requests", err=True)
     typer.echo(str(fetched.path))

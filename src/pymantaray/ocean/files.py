@@ -109,7 +109,7 @@ def text(variable: xr.Variable | xr.DataArray, attribute: str) -> str:
 
 def without_password(address: object) -> str:
     """Address without what stands before its host: no file, message or manifest is to hold it."""
-    return re.sub(r"(?<=://)[^/?#]*@", "", str(address))
+    return re.sub(r"(?<=:/).*@", "/", str(address))
 
 
 def unreadable(path: str | Path, error: Exception) -> OceanError:

@@ -67,71 +67,62 @@ def _running():
 @pytest.fixture
 def thredds(_running, monkeypatch):
     """The server, well behaved and with nothing asked yet."""
-    for name in ("MANTARAY_OCEAN_SERVERS", "MANTARAY_CACHE"):
-        monkeypatch.delenv(name, raising=False)
+    monkeypatch.delenv("MANTARAY_OCEAN_SERVERS", raising=False)
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     app = _running.app
     app.faults.clear()
     app.asked.clear()
-    app.services = ("dodsC", "ncss")
+    app.account = None
     app.release.clear()
     yield SimpleNamespace(app=app, root=_running.root)
     app.release.set()
 
 
 @pytest.fixture
-def servers_file(thredds, tmp_path):
-    """A catalogue whose addresses are the server's."""
-    path = tmp_path / "servers.toml"
-    path.write_text(f'[addresses]\nopendap = "{thredds.root}/dodsC"\nsubset = "{thredds.root}/ncss"\n')
-    return path
+def year_files_from(thredds, tmp_path):
+    """Write the shipped catalogue with years that begin at another hour."""
 
-
-@pytest.fixture
-def without_known_gaps(servers_file, tmp_path):
-    """Write the shipped catalogue without its list of missing steps, to learn of them from the server alone."""
-
-    def write(year_starts_h=12):
+    def write(year_starts_h):
         shipped = load_catalogue().model_dump(mode="json", exclude_none=True)["experiments"]
         for experiment in shipped:
-            experiment |= {"missing": "", "year_starts_h": year_starts_h}
+            experiment["year_starts_h"] = year_starts_h
         path = tmp_path / "mirror.toml"
-        path.write_text(servers_file.read_text() + dumps({"experiments": shipped}))
+        path.write_text(dumps({"addresses": {"opendap": thredds.root}, "experiments": shipped}))
         return path
 
     return write
 
 
 @pytest.fixture
-def fetch(servers_file, tmp_path):
-    """Fetch from the server with a cache of its own and little patience; gives what happened and the ocean."""
+def fetch(thredds, tmp_path):
+    """Fetch from the server with little patience; gives what happened and the ocean."""
     from pymantaray.ocean.fetch import Limits, fetch_hycom
 
     def call(lat=(73.0, 73.6), lon=(-150.0, -149.0), time="2014-07-15T12", out="ocean.nc", **options):
-        limits = {"attempts": 3, "backoff_s": 0.01, "idle_s": 0.25, "request_s": 0.5, "total_s": 20.0}
+        limits = {"attempts": 3, "backoff_s": 0.01, "idle_s": 0.25, "request_s": 0.8, "total_s": 20.0}
         limits |= options.pop("limits", {})
-        options = {"servers": servers_file, "cache": tmp_path / "cache", "limits": Limits(**limits)} | options
-        got = fetch_hycom(lat, lon, time, tmp_path / out, **options)
-        with xr.open_dataset(got.path) as written:
+        options = {"servers": thredds.root, "limits": Limits(**limits)} | options
+        fetched = fetch_hycom(lat, lon, time, tmp_path / out, **options)
+        with xr.open_dataset(fetched.path) as written:
             ocean = written.load()
         validate_ocean(ocean)
-        return got, ocean
+        return fetched, ocean
 
     return call
 
 
 @pytest.fixture
 def refusal(fetch, tmp_path):
-    """The one line with which a fetch fails; nothing must be left under the final name."""
+    """The one line with which a fetch fails; nothing must be left under the final name or beside it."""
 
     def call(**options):
+        before = set(tmp_path.iterdir())
         with pytest.raises(OceanError) as caught:
             fetch(**options)
         message = str(caught.value)
         assert "\n" not in message
         assert len(message) < 700, message
-        assert not (tmp_path / options.get("out", "ocean.nc")).exists()
-        assert not list(tmp_path.glob("*.part"))
+        assert set(tmp_path.iterdir()) == before
         return message
 
     return call

@@ -1,25 +1,22 @@
 """
-A THREDDS stand-in on loopback: pydap's server for OPeNDAP and a subset service, with HYCOM's schema.
+A THREDDS stand-in on loopback: pydap's server for OPeNDAP with HYCOM's schema, and one that breaks HTTP itself.
 
 The fields are closed forms of depth, place and time, packed as HYCOM packs them; the axes are those of HYCOM's global
-grids and are never held in memory as a whole. Run as a program it prints its port and dies after a number of requests.
+grids and are never held in memory as a whole.
 """
 
 import gzip
 import logging
 import os
-import sys
-import tempfile
+import re
+import socket
 import threading
-import time
+from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
-from urllib.parse import parse_qs
 
 import netCDF4
 import numpy as np
 import waitress
-import xarray as xr
 from pydap.handlers.lib import BaseHandler
 from pydap.model import BaseType, DatasetType, GridType
 
@@ -139,31 +136,6 @@ class Model:
         )
         return BaseHandler(data)
 
-    def subset(self, query):
-        """What the subset service answers: NetCDF-4, unpacked float32 with NaN."""
-        one = {key: values[0] for key, values in query.items()}
-        wanted = np.datetime64(one["time_start"].rstrip("Z"))
-        step = np.flatnonzero(self.instants.astype("datetime64[s]") == wanted)
-        if not step.size:
-            return "400 Bad Request", b"Requested time range does not intersect the data set"
-        rows = (self.lat >= float(one["south"])) & (self.lat <= float(one["north"]))
-        columns = (self.lon >= float(one["west"])) & (self.lon <= float(one["east"]))
-        lat, lon, hour = self.lat[rows], self.lon[columns], hours(self.instants[step])
-        fields = {
-            name: (
-                ("time", "depth", "lat", "lon"),
-                truth(name, *np.ix_(hour, self.depth, lat, lon)).astype("f4"),
-            )
-            for name in query["var"]
-        }
-        data = xr.Dataset(fields, {"time": hour, "depth": self.depth, "lat": lat, "lon": lon})
-        data["time"].attrs["units"] = "hours since 2000-01-01"
-        data["tau"] = ("time", np.zeros(1), {"units": "hours since analysis"})
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "subset.nc"
-            data.to_netcdf(path, engine="netcdf4")
-            return "200 OK", path.read_bytes()
-
 
 def file_dap(path):
     """A NetCDF file as it is, packed; pydap's own handler of files cannot cut windows (3.5.9)."""
@@ -177,40 +149,34 @@ def file_dap(path):
 
 
 class Thredds:
-    """Both services of one server, counting what it is asked and misbehaving on request."""
+    """An OPeNDAP service that counts what it is asked and misbehaves on request."""
 
-    def __init__(self, models, *, services=("dodsC", "ncss")):
+    def __init__(self, models):
         self.models = models
-        self.services = services
         self.handlers = {}
         self.faults = []  # (text in the address, what happens); each is used once
         self.asked = []
         self.release = threading.Event()
-        self.die_after = None
+        self.account = None
 
     def __call__(self, environ, start_response):
         address = environ["PATH_INFO"] + ("?" + environ["QUERY_STRING"] if environ["QUERY_STRING"] else "")
         self.asked.append(address)
-        if self.die_after is not None and len(self.asked) > self.die_after:
-            os._exit(9)
+        if self.account and environ.get("HTTP_AUTHORIZATION") != self.account:
+            start_response("401 Unauthorized", [])
+            return [b""]
         fault = next((f for f in self.faults if f[0] in address), None)
         if fault is not None:
-            if fault[1] != "always 500":
-                self.faults.remove(fault)
+            self.faults.remove(fault)
             return self.misbehave(fault[1], environ, start_response)
         return self.answer(environ, start_response)
 
     def answer(self, environ, start_response):
-        _, _, service, path = environ["PATH_INFO"].split("/", 3)
-        dataset, suffix = path.rsplit(".", 1) if service == "dodsC" else (path, "")
-        if service not in self.services or dataset not in self.models:
+        dataset, suffix = environ["PATH_INFO"].removeprefix("/thredds/dodsC/").rsplit(".", 1)
+        if dataset not in self.models:
             start_response("404 Not Found", [("Content-Type", "text/html")])
             return [b"<html><body>No such <b>data set</b>\n</body></html>"]
         model = self.models[dataset]
-        if service == "ncss":
-            status, body = model.subset(parse_qs(environ["QUERY_STRING"], keep_blank_values=True))
-            start_response(status, [("Content-Length", str(len(body)))])
-            return [body]
         if dataset not in self.handlers:
             self.handlers[dataset] = file_dap(model) if isinstance(model, os.PathLike) else model.dap()
         environ["SCRIPT_NAME"] = ""
@@ -218,57 +184,45 @@ class Thredds:
         return self.handlers[dataset](environ, start_response)
 
     def misbehave(self, what, environ, start_response):
-        def plain(status, body, *headers):
+        plain = {  # status, body, header
+            "500": ("500 Internal Server Error", b"<html>\n<h1>java.lang.NullPointerException</h1></html>"),
+            "page": ("200 OK", b"<html><body>down for maintenance</body></html>"),
+            "error": ("200 OK", b'Error {\n    code = 500;\n    message = "timeout in reader";\n};\n'),
+            "garbage": ("200 OK", np.random.default_rng(0).bytes(5000)),
+            "loop": ("302 Found", b"", ("Location", environ["PATH_INFO"])),
+        }
+        if what.startswith("503"):
+            plain[what] = ("503 Service Unavailable", b"", ("Retry-After", what[4:] or "0"))
+        if what in plain:
+            status, body, *headers = plain[what]
             start_response(status, [("Content-Type", "text/html"), *headers])
             return [body]
-
-        if what.endswith("500"):
-            return plain(
-                "500 Internal Server Error", b"<html>\n<h1>java.lang.NullPointerException</h1></html>"
-            )
-        if what == "503":
-            return plain("503 Service Unavailable", b"", ("Retry-After", "0"))
-        if what == "404":
-            return plain("404 Not Found", b"")
-        if what == "page":
-            return plain("200 OK", b"<html><body>down for maintenance</body></html>")
-        if what == "error":
-            return plain("200 OK", b'Error {\n    code = 500;\n    message = "timeout in reader";\n};\n')
-        if what == "garbage":
-            return plain("200 OK", np.random.default_rng(0).bytes(5000))
-        if what == "loop":
-            return plain("302 Found", b"", ("Location", environ["PATH_INFO"]))
         if what == "hang":
             self.release.wait(20.0)
-            return plain("504 Gateway Timeout", b"")
-        held = {}
-        whole = b"".join(
-            self.answer(environ, lambda status, headers, _=None: held.update(s=status, h=headers))
-        )
+            start_response("504 Gateway Timeout", [])
+            return [b""]
+        head = {}
+        whole = b"".join(self.answer(environ, lambda *words: head.update(status=words[0])))
         if what == "drip":
-            start_response(held["s"], [("Content-Length", str(len(whole)))])
+            start_response(head["status"], [("Content-Length", str(len(whole)))])
             return self.drip(whole)
         if what == "cut":  # fewer bytes than announced, then the connection closes
-            start_response(held["s"], [("Content-Length", str(len(whole)))])
+            start_response(head["status"], [("Content-Length", str(len(whole)))])
             return [whole[: len(whole) // 2]]
         if what == "chunk":  # chunked without an end
-            start_response(held["s"], [])
+            start_response(head["status"], [])
             return self.broken(whole)
-        if what.startswith("gzip"):
-            body = gzip.compress(whole)
-            body = body[: len(body) // 2] if what == "gzip cut" else body
-            start_response(held["s"], [("Content-Length", str(len(body))), ("Content-Encoding", "gzip")])
-            return [body]
+        gzipped = [("Content-Encoding", "gzip")] if what.startswith("gzip") else []
         body = {
             "short": lambda: whole[: len(whole) // 2],  # honest about its length, not about its content
-            "long": lambda: whole + b"\0" * 4096,
-            "flood": lambda: whole + b"\0" * (16 << 20),
-            "shift": lambda: whole.replace(
-                b"Data:\n" + whole.split(b"Data:\n")[1][:4], b"Data:\n\x7f\xff\xff\xff"
+            "flood": lambda: whole + b"\0" * (65 << 20),
+            "shift": lambda: re.sub(
+                rb"(Data:\n)....", rb"\1\x7f\xff\xff\xff", whole, count=1, flags=re.DOTALL
             ),
-            "hdf": lambda: b"\x89HDF\r\n\x1a\n" + whole[:3000],
+            "gzip": lambda: gzip.compress(whole),
+            "gzip cut": lambda: gzip.compress(whole)[:-100],
         }[what]()
-        start_response(held["s"], [("Content-Length", str(len(body)))])
+        start_response(head["status"], [("Content-Length", str(len(body))), *gzipped])
         return [body]
 
     def broken(self, whole):
@@ -290,7 +244,7 @@ class Running:
         self.app = app
         self.map = {}
         self.server = waitress.server.create_server(app, map=self.map, host="127.0.0.1", port=port, threads=4)
-        self.root = f"http://127.0.0.1:{self.server.effective_port}/thredds"
+        self.root = f"http://127.0.0.1:{self.server.effective_port}/thredds/dodsC"
         self.thread = threading.Thread(target=self.serve, daemon=True)
         self.thread.start()
 
@@ -315,13 +269,33 @@ def reanalysis(year=2014):
     return Model(steps[~np.isin(steps, gaps)], glbv_latitudes(), longitudes(-180.0))
 
 
-def main():
-    app = Thredds({"GLBv0.08/expt_53.X/data/2014": reanalysis()})
-    app.die_after = int(sys.argv[1])
-    running = Running(app)
-    print(running.root, flush=True)
-    time.sleep(60.0)
+class Endless:
+    """A server that never comes to the end of an answer: of its headers, of its promises or of its text."""
 
+    def __init__(self, what):
+        self.first, self.again, self.pause = {
+            "headers": (b"HTTP/1.1 200 OK\r\nX-A: ", b"a", 0.02),
+            "continue": (b"", b"HTTP/1.1 100 Continue\r\n\r\n", 0.001),
+            "text": (b"HTTP/1.1 200 OK\r\n\r\nDataset {", b" " * 1024, 0.001),
+        }[what]
+        self.ended = threading.Event()
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.root = f"http://127.0.0.1:{self.listener.getsockname()[1]}/thredds/dodsC"
+        threading.Thread(target=self.serve, daemon=True).start()
 
-if __name__ == "__main__":
-    main()
+    def serve(self):
+        with suppress(OSError):
+            while True:
+                connection, _ = self.listener.accept()
+                threading.Thread(target=self.talk, args=(connection,), daemon=True).start()
+
+    def talk(self, connection):
+        with connection, suppress(OSError):
+            connection.recv(65536)
+            connection.sendall(self.first)
+            while not self.ended.wait(self.pause):
+                connection.sendall(self.again)
+
+    def stop(self):
+        self.ended.set()
+        self.listener.close()

@@ -1,13 +1,12 @@
-"""The catalogue: what is shipped is whole, what a user writes is checked, and the known gaps are those of the list."""
+"""The catalogue: what is shipped is whole, and what a user writes is checked."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.fetch.catalogue import known_missing, load_catalogue
+from pymantaray.ocean.fetch.catalogue import covering, load_catalogue
 
 
 @pytest.fixture(autouse=True)
@@ -31,23 +30,14 @@ def _no_environment(monkeypatch):
     ],
 )
 def test_every_time_since_1994_has_an_experiment(time, names):
-    found = load_catalogue().covering(np.datetime64(time, "s"))
-    assert tuple(e.name for e in found) == names
+    experiments = covering(load_catalogue().experiments, np.datetime64(time, "s"), None, "experiment")
+    assert tuple(e.name for e in experiments) == names
 
 
 def test_there_is_no_hole_between_experiments():
-    catalogue = load_catalogue()
+    experiments = load_catalogue().experiments
     for day in np.arange("1994-01-02", "2026-01-01", 4, dtype="datetime64[D]"):
-        assert catalogue.covering(day.astype("datetime64[s]"))
-
-
-def test_the_gaps_are_those_of_the_transcribed_list(shared_data):
-    text = (shared_data / "hycom" / "missing_time_steps_53X_2014_2015.txt").read_text()
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
-    expected = np.array(re.findall(r"\d{4}-\d\d-\d\dT\d\d", " ".join(lines)), dtype="datetime64[s]")
-    found = known_missing(load_catalogue().experiments[0])
-    np.testing.assert_array_equal(found, np.sort(expected))
-    assert found.size == 118
+        assert covering(experiments, day.astype("datetime64[s]"), None, "experiment")
 
 
 def test_a_mirror_needs_only_its_addresses(tmp_path, monkeypatch):
@@ -56,7 +46,6 @@ def test_a_mirror_needs_only_its_addresses(tmp_path, monkeypatch):
     for given in (mine, str(mine)):
         catalogue = load_catalogue(given)
         assert catalogue.addresses.opendap == "https://mirror.example/dodsC"
-        assert catalogue.addresses.subset == ""  # never half of one server and half of another
         assert catalogue.experiments == load_catalogue().experiments
     monkeypatch.setenv("MANTARAY_OCEAN_SERVERS", str(mine))
     assert load_catalogue().addresses.opendap == "https://mirror.example/dodsC"
@@ -68,26 +57,8 @@ EXPERIMENT = """
 name = "mine"
 title = "My run"
 first = 2020-01-01T00:00:00
-missing = "gaps.txt"
 datasets = [{ path = "mine", variables = ["water_temp", "salinity", "water_u", "water_v"] }]
 """
-
-
-def test_a_run_of_one_s_own_brings_its_own_gaps(tmp_path):
-    (tmp_path / "gaps.txt").write_text("# mine\n2020-02 03T00 04T06\n")
-    (tmp_path / "mine.toml").write_text(EXPERIMENT)
-    (experiment,) = load_catalogue(tmp_path / "mine.toml").experiments
-    assert (
-        known_missing(experiment).tolist()
-        == np.array(["2020-02-03T00", "2020-02-04T06"], "datetime64[s]").tolist()
-    )
-    (tmp_path / "gaps.txt").write_text("2020-02 99T00\n")
-    with pytest.raises(OceanError, match=r"gaps.txt: list of missing steps cannot be read"):
-        known_missing(experiment)
-    (tmp_path / "gaps.txt").unlink()
-    (experiment,) = load_catalogue(tmp_path / "mine.toml").experiments
-    with pytest.raises(OceanError, match=r"gaps.txt: list of missing steps cannot be read"):
-        known_missing(experiment)
 
 
 @pytest.mark.parametrize(
@@ -95,7 +66,7 @@ def test_a_run_of_one_s_own_brings_its_own_gaps(tmp_path):
     [
         ("not = [toml", "mine.toml: not TOML"),
         ("[servers]\nopendap = 'http://a'", "mine.toml: servers: Extra inputs are not permitted"),
-        ("[addresses]\nsubset = 'http://a'", "mine.toml: addresses.opendap: Field required"),
+        ("[addresses]", "mine.toml: addresses.opendap: Field required"),
         ("[addresses]\nopendap = 'file:///etc/passwd'", "is not an address"),
         (EXPERIMENT.replace("2020-01-01T00:00:00", "'soon'"), "mine.toml: experiments.0.first"),
         (

@@ -160,7 +160,7 @@ def refusal(tmp_path, *, lat=(73.0, 74.0), lon=(-150.0, -149.0), time="2014-07-1
 
 
 def test_what_cannot_be_is_refused_before_the_service_is_asked(service, tmp_path):
-    assert "no product covers 1980-01-01; there is glorys12 from 1993-01-01" in refusal(
+    assert "no product covers 1980-01-01T00:00; there is glorys12 1993-01-01 to today" in refusal(
         tmp_path, time="1980-01-01"
     )
     assert "no product is called 'mine'; there are glorys12, analysis" in refusal(tmp_path, product="mine")

@@ -2,6 +2,6 @@
 
 from pymantaray.ocean.fetch.copernicus import fetch_copernicus
 from pymantaray.ocean.fetch.hycom import Fetched, fetch_hycom
-from pymantaray.ocean.fetch.transport import Limits
+from pymantaray.ocean.fetch.limits import Limits
 
 __all__ = ["Fetched", "Limits", "fetch_copernicus", "fetch_hycom"]

@@ -2,21 +2,21 @@
 
 import datetime as dt
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.convert import parse_instant
-from pymantaray.ocean.fetch.catalogue import Product, load_catalogue, minute
-from pymantaray.ocean.fetch.hycom import Fetched, check_out, write_whole
-from pymantaray.ocean.fetch.messages import one_line
+from pymantaray.geometry.longitude import wrapped
+from pymantaray.ocean.convert import minute, parse_instant
+from pymantaray.ocean.fetch.catalogue import Product, covering, load_catalogue
+from pymantaray.ocean.fetch.hycom import Fetched, check_out
+from pymantaray.ocean.fetch.limits import one_line
 from pymantaray.ocean.fetch.region import LARGEST_VALUES, Region
+from pymantaray.ocean.open import open_ocean
 from pymantaray.ocean.schema import with_history
+from pymantaray.records.writing import write_netcdf
 
 _EXTRA = 'needs the package copernicusmarine: pip install "pymantaray[copernicus]"'
 _POINTS_PER_DEGREE = 12
@@ -74,48 +74,32 @@ def fetch_copernicus(
     region = Region.of(lat, lon)
     day = parse_instant(time).astype("datetime64[D]").astype("datetime64[s]")
     path = check_out(out, overwrite=overwrite)
-    chosen = _product(load_catalogue(servers).copernicus, day, product)
+    chosen = covering(load_catalogue(servers).copernicus, day, product, "product")[0]
     points = (region.north - region.south) * region.width * _POINTS_PER_DEGREE**2 * _LEVELS
     if points > LARGEST_VALUES:
         raise OceanError(
             f"fetch: the window has about {points:,.0f} points; allowed are {LARGEST_VALUES:,}, make it smaller"
         )
     with tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
-        parts = [
-            _subset(request_of(part, region, day, Path(folder), f"part{i}.nc"))
-            for i, part in enumerate(chosen.datasets)
-        ]
-        ocean = _opened(parts, day)
+        files = [Path(folder) / f"part{i}.nc" for i in range(len(chosen.datasets))]
+        for part, file in zip(chosen.datasets, files, strict=True):
+            _subset(_request(part, region, day, file))
+        try:
+            ocean = open_ocean(files, time=day)
+        except OceanError as error:
+            raise OceanError(f"copernicus: what the service returned is no ocean: {error}") from None
     title = f"{chosen.title}, {minute(day)[:10]}"
     ids = ", ".join(part.id for part in chosen.datasets)
     ocean = ocean.assign_attrs(title=title, source=chosen.title)
-    write_whole(with_history(ocean, f"fetched from Copernicus Marine ({ids}): {region.text}"), path)
-    return Fetched(path, title, day, "Copernicus Marine", len(parts), 0)
+    ocean = with_history(ocean, f"fetched from Copernicus Marine ({ids}): {region.text}")
+    write_netcdf(ocean, path, replace=overwrite)
+    return Fetched(path, title, day, len(files))
 
 
-def request_of(
-    part: Product.Dataset, region: Region, day: np.datetime64, folder: Path, name: str
-) -> dict[str, Any]:
-    """
-    Arguments of ``copernicusmarine.subset`` for one data set.
-
-    Parameters
-    ----------
-    part : Product.Dataset
-    region : Region
-    day : numpy.datetime64
-        A midnight, where the daily means have their time.
-    folder : pathlib.Path
-        Where the service's file goes.
-    name : str
-        Its name.
-
-    Returns
-    -------
-    dict
-    """
+def _request(part: Product.Dataset, region: Region, day: np.datetime64, file: Path) -> dict[str, Any]:
+    """Arguments of ``copernicusmarine.subset`` for one data set, whose daily means have their time at midnight."""
     # the package counts longitudes as it finds them, and shifts its axis where west exceeds east
-    east = (region.west + region.width + 180.0) % 360.0 - 180.0
+    east = wrapped(region.west + region.width)
     instant = dt.datetime.fromisoformat(str(day)).replace(tzinfo=dt.UTC)
     return {
         "dataset_id": part.id,
@@ -127,61 +111,27 @@ def request_of(
         "start_datetime": instant,
         "end_datetime": instant,
         "coordinates_selection_method": "outside",  # one point beyond each side: the window is enclosed
-        "output_directory": folder,
-        "output_filename": name,
+        "output_directory": file.parent,
+        "output_filename": file.name,
         "file_format": "netcdf",
         "overwrite": True,
         "disable_progress_bar": True,
     }
 
 
-def _product(products: tuple[Product, ...], day: np.datetime64, name: str | None) -> Product:
-    named = [p for p in products if name is None or p.name == name]
-    if not named:
-        known = ", ".join(p.name for p in products)
-        raise OceanError(f"fetch: no product is called {name!r}; there are {known or 'none'}")
-    for p in named:
-        if np.datetime64(p.first) <= day and (p.last is None or day <= np.datetime64(p.last)):
-            return p
-    spans = ", ".join(
-        f"{p.name} from {p.first:%Y-%m-%d}" + (f" to {p.last:%Y-%m-%d}" if p.last else "") for p in named
-    )
-    raise OceanError(f"fetch: no product covers {minute(day)[:10]}; there is {spans}")
-
-
-def _subset(request: dict[str, Any]) -> Path:
-    with _one_line_errors(request["dataset_id"]):
+def _subset(request: dict[str, Any]) -> None:
+    dataset = request["dataset_id"]
+    try:
         import copernicusmarine
 
         copernicusmarine.subset(**request)
-    path = Path(request["output_directory"]) / str(request["output_filename"])
-    if not path.is_file():
-        raise OceanError(f"copernicus: {request['dataset_id']}: the service returned no file")
-    return path
-
-
-@contextmanager
-def _one_line_errors(dataset: str) -> Iterator[None]:
-    try:
-        yield
     except ImportError as error:
-        if (error.name or "").partition(".")[0] != "copernicusmarine":
-            raise OceanError(f"copernicus: {one_line(error)}; {_EXTRA}") from None
-        raise OceanError(f"copernicus: {_EXTRA}") from None
+        known = (error.name or "").partition(".")[0] == "copernicusmarine"
+        raise OceanError(f"copernicus: {'' if known else f'{one_line(error)}; '}{_EXTRA}") from None
     except Exception as error:  # noqa: BLE001  the package raises its own, its libraries' and click's
         kind = type(error).__name__
-        remedy = (
-            f"; {_ACCOUNT}"
-            if any(w in kind for w in ("Credential", "Password", "Authentication", "Abort"))
-            else ""
-        )
+        login = any(w in kind for w in ("Credential", "Password", "Authentication", "Abort"))
+        remedy = f"; {_ACCOUNT}" if login else ""
         raise OceanError(f"copernicus: {dataset}: {one_line(error) or kind} ({kind}){remedy}") from None
-
-
-def _opened(parts: list[Path], day: np.datetime64) -> xr.Dataset:
-    from pymantaray.ocean.open import open_ocean
-
-    try:
-        return open_ocean(parts if len(parts) > 1 else parts[0], time=day).load()
-    except OceanError as error:
-        raise OceanError(f"copernicus: what the service returned is no ocean: {error}") from None
+    if not (request["output_directory"] / request["output_filename"]).is_file():
+        raise OceanError(f"copernicus: {dataset}: the service returned no file")

@@ -1,24 +1,36 @@
-"""HYCOM by place and time: the experiment, the step, the window, and a valid ocean in a file."""
+"""HYCOM by place and time: the experiment, the step, the window over OPeNDAP, and a valid ocean in a file."""
 
-from contextlib import closing
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.convert import parse_instant
-from pymantaray.ocean.fetch import dap, subset
-from pymantaray.ocean.fetch.answers import readers
-from pymantaray.ocean.fetch.cache import Cache
-from pymantaray.ocean.fetch.catalogue import Addresses, Experiment, load_catalogue, minute
-from pymantaray.ocean.fetch.kept import Report, Source, WindowFields
-from pymantaray.ocean.fetch.region import Region
-from pymantaray.ocean.fetch.steps import Step, expected_step, find_step
-from pymantaray.ocean.fetch.transport import Limits, ServerError, Transport
-from pymantaray.ocean.schema import assemble_ocean, with_history
-from pymantaray.records import write_netcdf
+from pymantaray.ocean.convert import Instants, decoded_times, minute, parse_instant, without_scaled_fill
+from pymantaray.ocean.fetch.catalogue import Experiment, covering, load_catalogue
+from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError
+from pymantaray.ocean.fetch.region import LARGEST_VALUES, Region, runs
+from pymantaray.ocean.files import decoded
+from pymantaray.ocean.schema import DIMS, assemble_ocean, with_history
+from pymantaray.records.writing import write_netcdf
+
+if TYPE_CHECKING:
+    from pymantaray.ocean.fetch.transport import Connection
+
+Array = NDArray[np.float64]
+Report = Callable[[str, int, int], None]
+AXES = ("time", *DIMS)
+BLOCK_VALUES = 200_000
+"""Of one request: a variable on some levels."""
+_SAME = 1e-3  # degrees, metres
+_MINUTE = np.timedelta64(60, "s")
+_FARTHEST = np.timedelta64(72, "h")  # that still counts as nearest; gaps of 51 h have been reported
+_PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "standard_name")
 
 
 @dataclass(frozen=True)
@@ -28,22 +40,20 @@ class Fetched:
     path: Path
     title: str
     time: np.datetime64
-    service: str
     requests: int
     """Asked of servers."""
-    kept: int
-    """Answers that came from the cache."""
     remarks: tuple[str, ...] = ()
-    """What is not as asked for first: another step, another experiment, the other service."""
+    """What is not as asked for first: another step, another experiment."""
 
 
 @dataclass(frozen=True)
-class _Got:
-    experiment: Experiment
-    time: np.datetime64
-    window: WindowFields
-    service: str
-    remarks: tuple[str, ...]
+class _Held:
+    """A data set on a server: pydap's, its axes and its times."""
+
+    url: str
+    data: Any
+    axes: dict[str, Array]
+    times: Instants
 
 
 def fetch_hycom(
@@ -55,8 +65,6 @@ def fetch_hycom(
     servers: str | Path | None = None,
     experiment: str | None = None,
     nearest: bool = False,
-    cache: str | Path | None = None,
-    use_cache: bool = True,
     limits: Limits | None = None,
     overwrite: bool = False,
     progress: Report | None = None,
@@ -64,9 +72,8 @@ def fetch_hycom(
     """
     Fetch a window of HYCOM at one time and write it as a valid ocean.
 
-    The window is read over OPeNDAP, block by block; where that fails, through the NetCDF Subset Service.
-    What has arrived is kept, so that a fetch that broke goes on where it stopped. The file appears under
-    its name when it is whole.
+    The window is read over OPeNDAP, block by block, each tried several times. The file appears under its name when
+    it is whole.
 
     Parameters
     ----------
@@ -79,15 +86,12 @@ def fetch_hycom(
     out : str or Path
         File to write; its folder must exist.
     servers : str or Path, optional
-        See `pymantaray.ocean.fetch.catalogue.load_catalogue`.
+        See `pymantaray.ocean.fetch.catalogue.load_catalogue`. A user and password in an address are given to the
+        server and to nobody else.
     experiment : str, optional
         Name of an experiment; by default the preferred one that covers the time.
     nearest : bool, optional
         Take the nearest step where the one asked for does not exist.
-    cache : str or Path, optional
-        Folder of what is kept; by default the platform's.
-    use_cache : bool, optional
-        False: nothing is kept and nothing kept is used.
     limits : Limits, optional
         How long to wait and how often to ask.
     overwrite : bool, optional
@@ -108,52 +112,39 @@ def fetch_hycom(
     wanted = parse_instant(time).astype("datetime64[s]")
     path = check_out(out, overwrite=overwrite)
     catalogue = load_catalogue(servers)
-    candidates = catalogue.covering(wanted, experiment)
-    readers()  # missed now, not after a request
-    kept = Cache(cache) if use_cache else None
-    source = Source(Transport(limits), kept, progress)
-    with closing(source.transport):
-        got = _get(source, catalogue.addresses, candidates, wanted, region, nearest=nearest)
-    title = f"{got.experiment.title}, {minute(got.time)}Z"
-    history = f"fetched over {got.service} from {catalogue.addresses.opendap}: {region.text}"
+    candidates = covering(catalogue.experiments, wanted, experiment, "experiment")
+    remarks: tuple[str, ...] = ()
+    try:
+        from pymantaray.ocean.fetch.transport import Connection
+    except ImportError:
+        raise OceanError('fetch: needs the packages of the extra: pip install "pymantaray[fetch]"') from None
+    with Connection(catalogue.addresses.opendap, limits or Limits()) as connection:
+        for chosen in candidates:
+            step = _find_step(connection, chosen, wanted, nearest=nearest)
+            if step is not None:
+                break
+            remarks += (f"{chosen.title} does not reach {minute(wanted)} on the server",)
+        else:
+            raise OceanError(f"fetch: {'; '.join(remarks)}; choose another time")
+        instant, datasets = step
+        coordinates, fields = _read_window(connection, datasets, instant, region, progress)
+    if abs(instant - wanted) >= _MINUTE:
+        remarks += (f"{minute(wanted)} does not exist: {minute(instant)} was taken",)
+    title = f"{chosen.title}, {minute(instant)}Z"
     try:
         ocean = assemble_ocean(
-            {"depth": got.window.depth, "lat": got.window.lat, "lon": got.window.lon},
-            got.time,
-            got.window.fields,
-            title=title,
-            source=got.experiment.title,
-            synthetic=False,
+            coordinates, instant, fields, title=title, source=chosen.title, synthetic=False
         )
     except OceanError as error:
         raise OceanError(f"{title}, {region.text}: {error}") from None
-    for line in (history, *got.remarks):
+    for line in (f"fetched over OPeNDAP from {connection.root}: {region.text}", *remarks):
         ocean = with_history(ocean, line)
-    write_whole(ocean, path)
-    if kept is not None:
-        kept.prune()
-    return Fetched(path, title, got.time, got.service, source.transport.requests, source.kept, got.remarks)
+    write_netcdf(ocean, path, replace=overwrite)
+    return Fetched(path, title, instant, connection.requests, remarks)
 
 
 def check_out(out: str | Path, *, overwrite: bool) -> Path:
-    """
-    Check that a file can be written, before anything is fetched.
-
-    Parameters
-    ----------
-    out : str or Path
-    overwrite : bool
-        Whether an existing file may be replaced.
-
-    Returns
-    -------
-    pathlib.Path
-
-    Raises
-    ------
-    OceanError
-        If its folder does not exist, or it exists itself.
-    """
+    """Refuse a file that cannot be written before anything is fetched."""
     path = Path(out)
     if not path.parent.is_dir():
         raise OceanError(f"{path.parent}: no such folder; make it first")
@@ -162,91 +153,128 @@ def check_out(out: str | Path, *, overwrite: bool) -> Path:
     return path
 
 
-def write_whole(ocean: xr.Dataset, path: Path) -> None:
-    """
-    Write an ocean under a temporary name, then rename.
-
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-    path : pathlib.Path
-
-    Raises
-    ------
-    WriteError
-        If it cannot be written.
-    """
-    write_netcdf(ocean, path)
-
-
-def _get(
-    source: Source,
-    addresses: Addresses,
-    candidates: tuple[Experiment, ...],
-    wanted: np.datetime64,
-    region: Region,
-    *,
-    nearest: bool,
-) -> _Got:
-    """Ask the experiments that cover the time in turn; the next only where a server's axes do not reach."""
-    passed: tuple[str, ...] = ()
-    for experiment in candidates:
-        instant = expected_step(experiment, wanted, nearest=nearest)
-        try:
-            step = find_step(source, addresses.opendap, experiment, wanted, nearest=nearest)
-            if step is None:
-                passed += (f"{experiment.title} does not reach {minute(wanted)} on the server",)
-                continue
-            instant = step.time
-            window = _over_opendap(source, addresses.opendap, experiment, step, region)
-            return _Got(experiment, instant, window, "OPeNDAP", passed + _other_step(wanted, instant))
-        except ServerError as error:
-            window = _fall_back(source, addresses, experiment, instant, region, error)
-            remarks = (*passed, *_other_step(wanted, instant), f"OPeNDAP failed: {error}")
-            return _Got(experiment, instant, window, "the NetCDF Subset Service", remarks)
-    raise OceanError(f"fetch: {'; '.join(passed)}; choose another time")
+def _find_step(
+    connection: "Connection", experiment: Experiment, wanted: np.datetime64, *, nearest: bool
+) -> tuple[np.datetime64, dict[str, _Held]] | None:
+    """Step on the time axes that the server reports, with the data set of each variable; None if they do not reach."""
+    year = experiment.year_of(wanted)
+    opened = [_open_all(connection, experiment, year)]
+    times = _common(opened[0])
+    if not times.size:
+        raise ServerError(f"{experiment.title}: its data sets have no step in common")
+    if experiment.by_year and not times[0] <= wanted <= times[-1]:
+        beside = year + (-1 if wanted < times[0] else 1)
+        if experiment.first.year <= beside <= (experiment.last.year if experiment.last else beside):
+            try:
+                opened.append(_open_all(connection, experiment, beside))
+                times = np.union1d(times, _common(opened[1]))
+            except ServerError:
+                pass  # there may be none, and the answer to the question is the same: no such step
+    closest = times[np.argmin(np.abs(times - wanted))]
+    if abs(closest - wanted) >= _MINUTE:
+        if not times[0] < wanted < times[-1]:
+            return None
+        if not nearest:
+            sides = (times[times < wanted][-1], times[times > wanted][0])
+            raise OceanError(
+                f"{experiment.title} has no step {minute(wanted)}; nearest: {' and '.join(map(minute, sides))};"
+                " choose one, or let the nearest be taken (--nearest)"
+            )
+        if abs(closest - wanted) > _FARTHEST:
+            raise OceanError(
+                f"{experiment.title}: no step within 72 h of {minute(wanted)}; choose another time"
+            )
+    return closest, next(datasets for datasets in opened if closest in _common(datasets))
 
 
-def _over_opendap(
-    source: Source, root: str, experiment: Experiment, step: Step, region: Region
-) -> WindowFields:
-    try:
-        return dap.read_window(source, step.datasets, step.time, region)
-    except dap.MovedError as moved:  # the kept axes are of before
-        anew = find_step(source, root, experiment, step.time, nearest=False, fresh=True)
-        if anew is None:
-            raise ServerError(str(moved)) from None
-        return dap.read_window(source, anew.datasets, anew.time, region)
+def _open_all(connection: "Connection", experiment: Experiment, year: int) -> dict[str, _Held]:
+    held: dict[str, _Held] = {}
+    for part in experiment.datasets:
+        url = f"{connection.root}/{part.path.format(year=year)}"
+        data = connection.ask(url, partial(_open, connection, url))
+        held |= dict.fromkeys(part.variables, data)
+    return held
 
 
-def _fall_back(
-    source: Source,
-    addresses: Addresses,
-    experiment: Experiment,
+def _open(connection: "Connection", url: str) -> _Held:
+    data = connection.open(url)
+    axes = {}
+    for name in AXES:
+        if name not in data:
+            raise ServerError(f"no coordinate {name}; is it a data set of HYCOM?")
+        axes[name] = np.asarray(data[name].data[:], dtype=float)
+        if axes[name].ndim != 1 or not axes[name].size or not np.all(np.isfinite(axes[name])):
+            raise PassingError(f"coordinate {name} is not an axis of numbers")
+    unit = str(data["time"].attributes.get("units", ""))
+    times = decoded_times(axes["time"], unit, where="time")
+    return _Held(url, data, axes, (times + np.timedelta64(500, "ms")).astype("datetime64[s]"))
+
+
+def _common(datasets: dict[str, _Held]) -> Instants:
+    """Steps that all variables have, rising: axes that step back and repeat have been reported."""
+    first, *others = {d.url: d.times for d in datasets.values()}.values()
+    common = np.unique(first)
+    for times in others:
+        common = np.intersect1d(common, times)
+    return common
+
+
+def _read_window(
+    connection: "Connection",
+    datasets: dict[str, _Held],
     instant: np.datetime64,
     region: Region,
-    failed: ServerError,
-) -> WindowFields:
-    if not addresses.subset:
-        raise OceanError(f"{failed}; what arrived is kept, run the same command again later") from None
-    root = addresses.subset.rstrip("/")
-    # a data set of a year may or may not hold the first hours of it
-    years = dict.fromkeys([experiment.year_of(instant), int(str(instant)[:4])])
-    reason = ""
-    for year in years if experiment.by_year else [0]:
-        urls = {
-            name: f"{root}/{d.path.format(year=year)}" for d in experiment.datasets for name in d.variables
-        }
-        try:
-            return subset.read_window(source, urls, instant, region, seam=experiment.longitudes)
-        except ServerError as error:
-            reason = reason or str(error)
-    raise OceanError(
-        f"OPeNDAP: {failed}; subset service: {reason}; what arrived is kept, run the same command again later"
-    )
+    progress: Report | None,
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Coordinates and fields (depth, lat, lon) of one step; NaN below the sea bed."""
+    first = next(iter(datasets.values()))
+    for held in datasets.values():
+        for name in DIMS:
+            a, b = held.axes[name], first.axes[name]
+            if a.shape != b.shape or np.any(np.abs(a - b) > _SAME):
+                raise ServerError(f"{held.url}: {name} differs from that of {first.url}")
+    rows = region.latitudes(first.axes["lat"])
+    columns, lon = region.longitudes(first.axes["lon"])
+    depth = first.axes["depth"]
+    shape = (depth.size, rows.size, columns.size)
+    if np.prod(shape) > LARGEST_VALUES:
+        raise OceanError(
+            f"fetch: the window has {shape[1]} x {shape[2]} x {shape[0]} points; allowed are"
+            f" {LARGEST_VALUES:,}, make it smaller"
+        )
+    blocks = []
+    for name in datasets:
+        at = 0
+        for west, east in runs(columns):
+            width = east - west + 1
+            height = max(1, BLOCK_VALUES // (rows.size * width))
+            for top in range(0, depth.size, height):
+                levels = slice(top, min(top + height, depth.size))
+                blocks.append((name, levels, slice(west, east + 1), slice(at, at + width)))
+            at += width
+    fields = {name: np.full(shape, np.nan) for name in datasets}
+    for done, (name, levels, stored, place) in enumerate(blocks):
+        if progress is not None:
+            progress("fetch", done, len(blocks))
+        held = datasets[name]
+        index = int(np.flatnonzero(held.times == instant)[0])  # the first, where the axis repeats itself
+        key = (slice(index, index + 1), levels, slice(int(rows[0]), int(rows[-1]) + 1), stored)
+        fields[name][levels, :, place] = connection.ask(held.url, partial(_read_block, held.data, name, key))
+    if progress is not None:
+        progress("fetch", len(blocks), len(blocks))
+    return {"depth": depth, "lat": first.axes["lat"][rows], "lon": lon}, fields
 
 
-def _other_step(wanted: np.datetime64, taken: np.datetime64) -> tuple[str, ...]:
-    if abs(taken - wanted) < np.timedelta64(60, "s"):
-        return ()
-    return (f"{minute(wanted)} does not exist: {minute(taken)} was taken",)
+def _read_block(data: Any, name: str, key: tuple[slice, ...]) -> Array:
+    """Values (depth, lat, lon) of one step, unpacked."""
+    if name not in data:
+        raise ServerError(f"holds no {name}")
+    variable = data[name]
+    attrs = {k: v for k, v in variable.attributes.items() if k in _PACKING}
+    if str(attrs.pop("standard_name", "")).startswith("sea_water_potential"):
+        raise ServerError(f"{name} is potential temperature; in-situ temperature is needed")
+    raw = np.asarray(getattr(variable, "array", variable).data[key])
+    if raw.shape != tuple(s.stop - s.start for s in key):
+        raise PassingError(f"wrong size: {name} has {raw.shape}")
+    values = decoded(xr.Dataset({name: (AXES, raw, attrs)}))[name].values[0]
+    return without_scaled_fill(name, np.asarray(values, dtype=float))

@@ -1,236 +1,226 @@
-"""One address asked for bytes: time limits, size limits, retries; every outcome is the bytes or one line."""
+"""pydap asked within limits that hold whatever a server does; every outcome is an answer or one line."""
 
 import email.utils
+import socket
+import threading
 import time
+import warnings
+import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Self, TypeVar
+from urllib.parse import quote, urlsplit, urlunsplit
+
+import requests
+import urllib3
+from requests.adapters import HTTPAdapter
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.fetch.messages import EXTRA, check_address, one_line, place, server_message
+from pymantaray.ocean.fetch.catalogue import split_address
+from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError, TimeLimitError, one_line
 
-if TYPE_CHECKING:
-    import requests
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # it imports webob, and that cgi
+    from pydap.client import open_url
+    from pydap.model import DatasetType
 
 T = TypeVar("T")
 _RETRIED = frozenset({408, 425, 429, 500, 502, 503, 504})
-_CHUNK = 65536  # bytes
+_LARGEST_ANSWER = 64 << 20  # bytes
 
 
-class ServerError(OceanError):
-    """What a server answered cannot be used; asking again cannot help."""
-
-
-class _PassingError(ServerError):
-    """What a server answered cannot be used, but the next answer may be better."""
-
-
-class TimeLimitError(OceanError):
-    """The time that was allowed for the whole fetch has passed."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """How long to wait and how often to ask."""
-
-    connect_s: float = 20.0
-    """To open a connection. [s]"""
-    idle_s: float = 90.0
-    """Without a byte. [s]"""
-    request_s: float = 300.0
-    """For one answer. [s]"""
-    total_s: float = 1800.0
-    """For the whole fetch. [s]"""
-    attempts: int = 4
-    """For one answer, the first included."""
-    backoff_s: float = 2.0
-    """Before the second attempt; doubles with each. [s]"""
-    longest_backoff_s: float = 60.0
-    """Between two attempts, also where a server asks for longer. [s]"""
-
-    def __post_init__(self) -> None:
-        """Refuse limits that could not be kept."""
-        for name in ("connect_s", "idle_s", "request_s", "total_s"):
-            if not getattr(self, name) > 0.0:
-                raise OceanError(f"fetch: {name} is {getattr(self, name)}; must be positive")
-        if self.attempts < 1 or not self.backoff_s >= 0.0 or not self.longest_backoff_s >= 0.0:
-            raise OceanError("fetch: attempts must be at least 1 and backoff_s at least 0")
-
-
-class Transport:
+class Connection:
     """
-    Gets addresses one after another over one connection, within a total time limit.
+    An OPeNDAP server asked for one thing after another, each several times if need be, within a total time limit.
 
-    pydap's own client is not used for this: its time limit holds for each read from the socket only, its
-    session repeats requests inside one call, and where https fails it falls back to http.
-
-    Parameters
-    ----------
-    limits : Limits, optional
-
-    Raises
-    ------
-    OceanError
-        If the packages of the extra are not installed.
+    Each attempt runs in a thread of its own that is left, and its sockets shut, when its time has passed: a limit
+    of the client library holds for each read from a socket only, and a server can keep that alive for ever.
     """
 
-    def __init__(self, limits: Limits | None = None) -> None:
-        try:
-            import requests
-        except ImportError:
-            raise OceanError(f"fetch: {EXTRA}") from None
-        self.limits = limits or Limits()
+    def __init__(self, root: str, limits: Limits) -> None:
+        self.root, account = split_address(root)
+        self.limits = limits
         self.requests = 0
+        self._end = time.monotonic() + limits.total_s
+        self._adapter = _Adapter()
         self._session = requests.Session()
         self._session.headers["User-Agent"] = f"pymantaray/{version('pymantaray')}"
-        self._end = time.monotonic() + self.limits.total_s
+        self._session.auth = account
+        self._session.adapters.clear()
+        for scheme in ("https", urlsplit(self.root).scheme):  # never from https to an unprotected address
+            self._session.mount(f"{scheme}://", self._adapter)
 
-    def close(self) -> None:
-        """Close the connection."""
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         self._session.close()
 
-    def remaining(self) -> float:
-        """
-        Time left for the whole fetch.
+    def open(self, url: str) -> DatasetType:
+        """Data set of pydap whose arrays are read where they are indexed; to be called inside `ask`."""
+        # pydap would put a session of its own, without account and limits, in the place of ours: it gets a gateway
+        return open_url(url, application=self._gateway, protocol="dap2")
 
-        Returns
-        -------
-        float
-            [s]
+    def _gateway(self, environ: dict[str, str], start_response: Callable[..., object]) -> list[bytes]:
+        parts = urlsplit(self.root)
+        query = environ["QUERY_STRING"].replace("[", "%5B").replace("]", "%5D")
+        url = urlunsplit((parts.scheme, parts.netloc, quote(environ["PATH_INFO"]), query, ""))
+        start_response("200 OK", [("Content-Type", "text/plain; charset=utf-8")])
+        return [self._get(url)]
 
-        Raises
-        ------
-        TimeLimitError
-            If there is none.
-        """
+    def _get(self, url: str) -> bytes:
+        self.requests += 1
+        waits = (self.limits.connect_s, self.limits.idle_s)
+        try:
+            with self._session.get(url, stream=True, timeout=waits) as answer:
+                body = _whole(answer)
+        except requests.ConnectTimeout:
+            raise PassingError(f"no connection within {waits[0]:.3g} s") from None
+        except (requests.Timeout, urllib3.exceptions.ReadTimeoutError):
+            raise PassingError(f"no answer within {waits[1]:.3g} s") from None
+        except requests.exceptions.TooManyRedirects:
+            raise ServerError("redirects without end") from None
+        except requests.exceptions.InvalidSchema:
+            raise ServerError("redirected to an unprotected address; refused") from None
+        except (requests.RequestException, urllib3.exceptions.HTTPError, OSError) as error:
+            raise PassingError(_connection_line(error)) from None
+        _check(answer, body)
+        return body
+
+    def ask(self, url: str, read: Callable[[], T]) -> T:
+        """What a function reads from the server, tried again while that may help."""
+        where = f"{urlsplit(url).hostname}{urlsplit(url).path}"
+        for attempt in range(self.limits.attempts):
+            try:
+                return self._within(min(self.limits.request_s, self._remaining()), read)
+            except PassingError as error:
+                reason = str(error)
+                pause = max(self.limits.backoff_s * 2.0**attempt, error.retry_after)
+            except ServerError as error:
+                raise ServerError(f"{where}: {error}") from None
+            if attempt + 1 < self.limits.attempts:
+                time.sleep(min(pause, self.limits.longest_backoff_s, self._remaining()))
+        raise ServerError(f"{where}: {reason} ({self.limits.attempts} attempts)")
+
+    def _remaining(self) -> float:
         left = self._end - time.monotonic()
         if left <= 0.0:
             raise TimeLimitError(
-                f"fetch: the time limit of {self.limits.total_s:g} s has passed; what arrived is kept,"
-                " run the same command again or give more time"
+                f"fetch: the time limit of {self.limits.total_s:g} s has passed; run the same command again later,"
+                " or allow more (--time-limit)"
             )
         return left
 
-    def get(self, url: str, largest: int, parse: Callable[[bytes], T]) -> tuple[bytes, T]:
-        """
-        Get the answer of an address, and what it means.
+    def _within(self, seconds: float, read: Callable[[], T]) -> T:
+        answers: list[T] = []
+        errors: list[BaseException] = []
 
-        Parameters
-        ----------
-        url : str
-            http or https.
-        largest : int
-            Bytes after which an answer is given up.
-        parse : callable
-            Gives the meaning; any exception of it counts as a broken answer, which is asked for again.
-
-        Returns
-        -------
-        body : bytes
-        parsed : object
-
-        Raises
-        ------
-        ServerError
-            If the server refuses, or no attempt gave an answer that can be used.
-        TimeLimitError
-            If the total time limit passes.
-        """
-        check_address(url)
-        reason = ""
-        for attempt in range(self.limits.attempts):
+        def work() -> None:
             try:
-                body = self._once(url, largest)
-                return body, _parsed(body, parse)
-            except _PassingError as error:
-                reason = str(error)
-                self._wait(attempt, error)
-        raise ServerError(f"{place(url)}: {reason} ({self.limits.attempts} attempts)")
+                answers.append(read())
+            except BaseException as error:  # noqa: BLE001  a parser given garbage raises whatever it stumbles over
+                errors.append(error)
 
-    def _wait(self, attempt: int, error: _PassingError) -> None:
-        if attempt + 1 == self.limits.attempts:
-            return
-        asked = float(getattr(error, "retry_after", 0.0))
-        pause = max(self.limits.backoff_s * 2.0**attempt, asked)
-        time.sleep(min(pause, self.limits.longest_backoff_s, self.remaining()))
-        self.remaining()
-
-    def _once(self, url: str, largest: int) -> bytes:
-        import requests
-        import urllib3
-
-        left = self.remaining()
-        end = time.monotonic() + min(self.limits.request_s, left)
-        waits = (min(self.limits.connect_s, left), min(self.limits.idle_s, self.limits.request_s, left))
-        self.requests += 1
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
         try:
-            with self._session.get(url, stream=True, timeout=waits) as answer:
-                _check_status(
-                    url, answer, self._read(answer, 65536, end) if answer.status_code >= 400 else b""
-                )
-                return self._read(answer, largest, end)
-        except requests.ConnectTimeout:
-            raise _PassingError(f"no connection within {waits[0]:.3g} s") from None
-        except (requests.Timeout, urllib3.exceptions.ReadTimeoutError):
-            raise _PassingError(f"no answer within {waits[1]:.3g} s") from None
-        except requests.exceptions.TooManyRedirects:
-            raise ServerError(f"{place(url)}: redirects without end") from None
-        except (requests.RequestException, urllib3.exceptions.HTTPError, OSError) as error:
-            raise _PassingError(_connection_line(error)) from None
-
-    def _read(self, answer: "requests.Response", largest: int, end: float) -> bytes:
-        parts, size = [], 0
-        # read1 returns after one read of the socket, so that a server that drips is stopped by the clock
-        while part := answer.raw.read1(_CHUNK, decode_content=True):
-            parts.append(part)
-            size += len(part)
-            if size > largest:
-                raise _PassingError(f"wrong size: more than the {largest} bytes that were to be expected")
-            if time.monotonic() > end:
-                self.remaining()
-                raise _PassingError(f"answer not complete within {self.limits.request_s:g} s")
-        return b"".join(parts)
+            thread.join(seconds)
+        finally:
+            if thread.is_alive():
+                self._adapter.hang_up()
+        if answers:
+            return answers[0]
+        if not errors:
+            self._remaining()
+            raise PassingError(f"answer not complete within {seconds:.3g} s")
+        raise _told(errors[0]) from None
 
 
-def _parsed(body: bytes, parse: Callable[[bytes], T]) -> T:
-    try:
-        return parse(body)
-    except ServerError:
-        raise
-    except OceanError as error:
-        raise _PassingError(str(error)) from None
-    except Exception as error:  # noqa: BLE001  a parser given garbage raises whatever it stumbles over
-        raise _PassingError(f"answer cannot be read ({one_line(error) or type(error).__name__})") from None
+def _told(error: BaseException) -> OceanError:
+    if isinstance(error, ServerError):
+        return error
+    if isinstance(error, OceanError):
+        return PassingError(str(error))
+    return PassingError(f"answer cannot be read ({one_line(error) or type(error).__name__})")
 
 
-def _check_status(url: str, answer: "requests.Response", body: bytes) -> None:
-    code = answer.status_code
-    if url.startswith("https:") and not answer.url.startswith("https:"):
-        raise ServerError(f"{place(url)}: redirected from https to an unprotected address; refused")
-    if code < 400:
-        return
-    said = server_message(body)
-    line = f"server error {code} {answer.reason or ''}".rstrip() + (f" ({said})" if said else "")
-    if code in _RETRIED:
-        passing: Any = _PassingError(line)
-        passing.retry_after = _seconds(answer.headers.get("Retry-After", ""))
-        raise passing
-    raise ServerError(f"{place(url)}: {line}")
+class _Adapter(HTTPAdapter):
+    """Remembers its sockets, so that they can be shut under a thread that waits."""
+
+    def __init__(self) -> None:
+        super().__init__(pool_maxsize=1)
+        self._sockets: weakref.WeakSet[socket.socket] = weakref.WeakSet()
+
+    def get_connection_with_tls_context(self, *args: Any, **kwargs: Any) -> Any:
+        pool: Any = super().get_connection_with_tls_context(*args, **kwargs)
+        if "ConnectionCls" not in vars(pool):
+            pool.ConnectionCls = _remembering(pool.ConnectionCls, self._sockets)
+        return pool
+
+    def hang_up(self) -> None:
+        for held in list(self._sockets):
+            with suppress(OSError):
+                held.shutdown(socket.SHUT_RDWR)
+
+
+def _remembering(connection: Any, sockets: weakref.WeakSet[socket.socket]) -> Any:
+    class Remembering(connection):  # type: ignore[misc]
+        def connect(self) -> None:
+            super().connect()
+            sockets.add(self.sock)
+
+    return Remembering
+
+
+def _whole(answer: requests.Response) -> bytes:
+    body = bytearray()
+    for piece in answer.iter_content(1 << 16):
+        body += piece
+        if len(body) > _LARGEST_ANSWER:
+            raise PassingError(f"wrong size: more than {_LARGEST_ANSWER >> 20} MiB")
+    return bytes(body)
+
+
+def _check(answer: requests.Response, body: bytes) -> None:
+    """Refuse what is no answer to OPeNDAP: an error by its status or by its text, half a description."""
+    said = _message(body)
+    if answer.status_code >= 400:
+        line = f"server error {answer.status_code} {answer.reason or ''}".rstrip() + (
+            f" ({said})" if said else ""
+        )
+        if answer.status_code in _RETRIED:
+            raise PassingError(line, _seconds(answer.headers.get("Retry-After", "")))
+        raise ServerError(line)
+    if body.lstrip().startswith(b"Error"):
+        raise PassingError(f"server reports: {said}")
+    description = body.partition(b"\nData:")[0]
+    if not description.lstrip().lower().startswith((b"dataset", b"attributes")):
+        raise PassingError("something else than data came")
+    if description.count(b"{") != description.count(b"}"):
+        raise PassingError("answer cut short")
+
+
+def _message(body: bytes) -> str:
+    """What an error page or an OPeNDAP error says, as one line without tags."""
+    text = body[:4000].decode("utf-8", errors="replace")
+    if '"' in text and text.lstrip().startswith("Error"):
+        return one_line(text.split('"')[1], 100)
+    return one_line("".join(part.partition(">")[2] for part in ("<>" + text).split("<")), 100)
 
 
 def _seconds(header: str) -> float:
-    """Retry-After as a number of seconds or a date. [s]"""
-    try:
-        return max(0.0, float(header))
-    except ValueError:
-        parsed = email.utils.parsedate_tz(header)
-        return 0.0 if parsed is None else max(0.0, email.utils.mktime_tz(parsed) - time.time())
+    """Retry-After as a number of seconds or a date; 0 where it is neither. [s]"""
+    with suppress(ValueError):
+        return float(header)
+    with suppress(ValueError, TypeError, OverflowError):
+        return email.utils.parsedate_to_datetime(header).timestamp() - time.time()
+    return 0.0
 
 
 def _connection_line(error: Exception) -> str:
     text = str(error)
-    if "IncompleteRead" in text or "incomplete" in text.lower():
+    if "incomplete" in text.lower():
         return "answer cut short"
     if "refused" in text:
         return "connection refused"
