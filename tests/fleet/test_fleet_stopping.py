@@ -95,6 +95,11 @@ def test_path_depends_on_nothing_but_the_vehicle_itself(run, make_float, make_oc
         ({"duration": 25.0}, "duration is 25 s, 0.5 times sampling_period"),
         ({"physics_step": 0.0}, "physics_step is 0 s; it must be finite and positive"),
         ({"duration": np.nan}, "duration is nan s; it must be finite and positive"),
+        ({"physics_step": 1e-300, "sampling_period": 1e300}, "sampling_period is 1e.300 s, inf times"),
+        (
+            {"duration": 5e14},
+            r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine has",
+        ),
     ],
 )
 def test_times_that_do_not_fit_are_refused(run, make_float, times, message):

@@ -1,4 +1,4 @@
-"""What a vehicle does: each behaviour is a frozen, checked set of parameters."""
+"""What a vehicle does, each behaviour a frozen, checked set of parameters, and whether it can be done where it starts."""
 
 import math
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import FleetError
+from pymantaray.fleet._kernel import LEFT_DOMAIN, Water, floor_depth, place
 
 Array = NDArray[np.float64]
 
@@ -246,22 +247,7 @@ class Vehicle:
 
 
 def unique_names(vehicles: Sequence[Vehicle]) -> list[str]:
-    """
-    Names of a fleet, checked.
-
-    Parameters
-    ----------
-    vehicles : sequence of Vehicle
-
-    Returns
-    -------
-    list of str
-
-    Raises
-    ------
-    FleetError
-        If there is no vehicle or two have the same name.
-    """
+    """Names of a fleet, none of them twice."""
     names = [vehicle.name for vehicle in vehicles]
     if not names:
         raise FleetError("fleet: there are no vehicles; at least one is needed")
@@ -269,3 +255,51 @@ def unique_names(vehicles: Sequence[Vehicle]) -> list[str]:
     if double:
         raise FleetError(f"vehicle {double[0]!r}: the name is used twice; names must be unique: rename one")
     return names
+
+
+def check_placement(vehicle: Vehicle, water: Water) -> None:
+    """Refuse a start, a target depth there, or a waypoint outside the ocean or below the sea floor."""
+    owner = f"vehicle {vehicle.name!r}"
+    behaviour = vehicle.behaviour
+    _check_point(owner, "the start position", vehicle.position, water)
+    if isinstance(behaviour, FloatCycle):
+        target = np.array([*vehicle.position[:2], behaviour.target_depth])
+        _check_point(owner, "target_depth", target, water)
+    elif isinstance(behaviour, Waypoints):
+        for index, point in enumerate(behaviour.points):
+            _check_point(owner, f"waypoint {index}", point, water)
+
+
+def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
+    north, east, depth = (float(value) for value in point)
+    if place(water, north, east, 0.0) == LEFT_DOMAIN:
+        span_north = (water.current_north.shape[1] - 1) / water.per_north
+        span_east = (water.current_north.shape[2] - 1) / water.per_east
+        raise FleetError(
+            f"{owner}: {what} is at north {north:g}, east {east:g} m, outside the ocean; north must lie in"
+            f" {water.north:g} to {water.north + span_north:g} and east in {water.east:g} to"
+            f" {water.east + span_east:g} m: move it or give a larger ocean"
+        )
+    floor = floor_depth(water, north, east)
+    if depth > floor:
+        raise FleetError(
+            f"{owner}: {what} is {depth:g} m deep; the sea floor at north {north:g}, east {east:g} m is at"
+            f" {floor:.9g} m: choose a smaller depth or another place"
+        )
+
+
+def check_step(vehicle: Vehicle, physics_step: float) -> None:
+    """Refuse a step [s] by which a float's depth would overshoot, or a swimmer could jump over a waypoint."""
+    behaviour = vehicle.behaviour
+    if isinstance(behaviour, FloatCycle):
+        limit, why = 1.0 / behaviour.depth_gain, "1 / depth_gain, else its depth would overshoot"
+    elif isinstance(behaviour, Waypoints):
+        limit = behaviour.capture_radius / behaviour.speed
+        why = "capture_radius / speed, else it could jump over a waypoint"
+    else:
+        return
+    if physics_step > limit:
+        raise FleetError(
+            f"vehicle {vehicle.name!r}: physics_step is {physics_step:g} s; it may be at most {limit:g} s,"
+            f" {why}: shorten the step"
+        )

@@ -1,6 +1,7 @@
 """From vehicles and an ocean to their true trajectories."""
 
 import math
+import os
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,23 +10,125 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import FleetError
 from pymantaray.fleet import _kernel, _kernel_float
-from pymantaray.fleet.behaviours import ConstantTwist, FloatCycle, Vehicle, Waypoints, unique_names
-from pymantaray.fleet.placement import check_placement, check_step
-from pymantaray.fleet.water import water_from_dataset
+from pymantaray.fleet.behaviours import (
+    ConstantTwist,
+    FloatCycle,
+    Vehicle,
+    Waypoints,
+    check_placement,
+    check_step,
+    unique_names,
+)
 from pymantaray.records import Trajectories
 
 Array = NDArray[np.float64]
+_DIMS = ("north", "east", "depth")
+_FLOOR = ("floor_north", "floor_east")
+_EDGE = 1e-6  # of the ocean's side; as far as this a sea floor's axis may end inside it
+_POSE_BYTES = 114  # a pose and its status, twice: as they are made, and in the record
 
 
-def _whole(name: str, value: float, unit_name: str, unit: float) -> int:
-    """Count how often one time fits into another, exactly."""
-    count = round(value / unit)
-    if count < 1 or abs(value - count * unit) > 1e-9 * value:
+def simulate(
+    vehicles: Sequence[Vehicle],
+    ocean: xr.Dataset,
+    *,
+    duration: float,
+    physics_step: float,
+    sampling_period: float,
+) -> Trajectories:
+    """
+    True poses of a fleet, sampled at 0, T, 2T, ..., duration.
+
+    Parameters
+    ----------
+    vehicles : sequence of Vehicle
+        Names must be unique.
+    ocean : xarray.Dataset
+        Local data set: uniform axes ``north`` and ``east``, levels ``depth`` [m]; ``current_north``,
+        ``current_east`` (north, east, depth) [m s⁻¹]; ``sea_floor_depth`` (north, east) or
+        (floor_north, floor_east) [m]. Currents with a further axis ``time``, seconds from the mission's
+        start, are linear between its instants, which must enclose the mission.
+    duration : float
+        Length of the mission, a whole number of sampling periods. [s]
+    physics_step : float
+        Step of the integration. [s]
+    sampling_period : float
+        Time between samples, a whole number of steps. [s]
+
+    Returns
+    -------
+    Trajectories
+        One row per vehicle, in the order given. A vehicle that leaves the ocean or meets the sea floor
+        keeps its last pose inside, and its status says so from the next sample on.
+
+    Raises
+    ------
+    FleetError
+        If the times do not fit each other or the ocean's, a vehicle starts outside the ocean or below the sea floor,
+        has its target there, shares its name, or needs a shorter step, or memory cannot hold the samples; one line with the
+        remedy.
+
+    Notes
+    -----
+    Every step a vehicle commands a body twist, which the exponential map carries over the step
+    exactly. A float commands the current at the middle of the step, in place and time, the place predicted
+    with the previous step's current: second order in the step. Hold times and delays are rounded to whole steps.
+    """
+    steps, periods = _counts(duration, physics_step, sampling_period)
+    names, water = unique_names(vehicles), _water(ocean)
+    _check_memory(len(vehicles), periods + 1)
+    if water.time.size > 1 and not (water.time[0] <= 0.0 and duration <= water.time[-1]):
         raise FleetError(
-            f"simulate: {name} is {value:g} s, {value / unit:.6g} times {unit_name} ({unit:g} s); it must be"
-            " a whole number of times, at least once: change one of them"
+            f"simulate: the currents are given from {water.time[0]:g} to {water.time[-1]:g} s; the mission takes 0 to"
+            f" {duration:g} s: give snapshots that enclose it"
         )
-    return count
+    for vehicle in vehicles:
+        check_placement(vehicle, water)
+        check_step(vehicle, physics_step)
+    position = np.empty((len(vehicles), periods + 1, 3))
+    quaternion = np.empty((len(vehicles), periods + 1, 4))
+    status = np.zeros((len(vehicles), periods + 1), dtype=np.int8)
+    for row, vehicle in enumerate(vehicles):
+        position[row] = vehicle.position
+        quaternion[row] = _start_quaternion(vehicle.heading)
+        _run(vehicle, water, float(physics_step), steps, position[row], quaternion[row], status[row])
+    return Trajectories(
+        name=np.array(names),
+        role=np.array([vehicle.behaviour.role for vehicle in vehicles]),
+        time=np.arange(periods + 1) * float(sampling_period),
+        position=position,
+        quaternion=quaternion,
+        status=status,
+    )
+
+
+def _counts(duration: float, physics_step: float, sampling_period: float) -> tuple[int, int]:
+    """Steps in a sampling period and sampling periods in the mission, exactly."""
+    named = {"duration": duration, "physics_step": physics_step, "sampling_period": sampling_period}
+    for name, value in named.items():
+        if not math.isfinite(value) or value <= 0.0:
+            raise FleetError(f"simulate: {name} is {value:g} s; it must be finite and positive")
+    counts = []
+    for name, unit_name in (("sampling_period", "physics_step"), ("duration", "sampling_period")):
+        value, unit = named[name], named[unit_name]
+        count = value / unit
+        if not math.isfinite(count) or round(count) < 1 or abs(value - round(count) * unit) > 1e-9 * value:
+            raise FleetError(
+                f"simulate: {name} is {value:g} s, {count:.6g} times {unit_name} ({unit:g} s); it must be"
+                " a whole number of times, at least once: change one of them"
+            )
+        counts.append(round(count))
+    return counts[0], counts[1]
+
+
+def _check_memory(n_vehicles: int, n_samples: int) -> None:
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if n_vehicles * n_samples * _POSE_BYTES > there:
+        raise FleetError(
+            f"simulate: {n_vehicles} vehicles x {n_samples:g} samples x {_POSE_BYTES} bytes are"
+            f" {n_vehicles * n_samples * _POSE_BYTES / 2**30:.3g} GiB of memory; this machine has {there / 2**30:.3g}:"
+            " sample less often"
+        )
 
 
 def _start_quaternion(heading: float) -> tuple[float, float, float, float]:
@@ -74,83 +177,94 @@ def _run(
         )
 
 
-def simulate(
-    vehicles: Sequence[Vehicle],
-    ocean: xr.Dataset,
-    *,
-    duration: float,
-    physics_step: float,
-    sampling_period: float,
-) -> Trajectories:
-    """
-    True poses of a fleet, sampled at 0, T, 2T, ..., duration.
-
-    Parameters
-    ----------
-    vehicles : sequence of Vehicle
-        Names must be unique.
-    ocean : xarray.Dataset
-        Local data set: uniform axes ``north`` and ``east``, levels ``depth`` [m]; ``current_north``,
-        ``current_east`` (north, east, depth) [m s⁻¹]; ``sea_floor_depth`` (north, east) or
-        (floor_north, floor_east) [m]. Currents with a further axis ``time``, seconds from the mission's
-        start, are linear between its instants, which must enclose the mission.
-    duration : float
-        Length of the mission, a whole number of sampling periods. [s]
-    physics_step : float
-        Step of the integration. [s]
-    sampling_period : float
-        Time between samples, a whole number of steps. [s]
-
-    Returns
-    -------
-    Trajectories
-        One row per vehicle, in the order given. A vehicle that leaves the ocean or meets the sea floor
-        keeps its last pose inside, and its status says so from the next sample on.
-
-    Raises
-    ------
-    FleetError
-        If the times do not fit each other or the ocean's, a vehicle starts outside the ocean or below the sea floor,
-        has its target there, shares its name, or needs a shorter step; one line with the remedy.
-
-    Notes
-    -----
-    Every step a vehicle commands a body twist, which the exponential map carries over the step
-    exactly. A float commands the current at the middle of the step, in place and time, the place predicted
-    with the previous step's current: second order in the step. Hold times and delays are rounded to whole steps.
-    """
-    for name, value in (
-        ("duration", duration),
-        ("physics_step", physics_step),
-        ("sampling_period", sampling_period),
-    ):
-        if not math.isfinite(value) or value <= 0.0:
-            raise FleetError(f"simulate: {name} is {value:g} s; it must be finite and positive")
-    steps = _whole("sampling_period", sampling_period, "physics_step", physics_step)
-    periods = _whole("duration", duration, "sampling_period", sampling_period)
-    names = unique_names(vehicles)
-    water = water_from_dataset(ocean)
-    if water.time.size > 1 and not (water.time[0] <= 0.0 and duration <= water.time[-1]):
+def _water(ocean: xr.Dataset) -> _kernel.Water:
+    """Arrays of a local ocean data set for the integrators, checked."""
+    needed = [*_DIMS, "current_north", "current_east", "sea_floor_depth"]
+    absent = [name for name in needed if name not in ocean.variables]
+    if absent:
         raise FleetError(
-            f"simulate: the currents are given from {water.time[0]:g} to {water.time[-1]:g} s; the mission takes 0 to"
-            f" {duration:g} s: give snapshots that enclose it"
+            f"ocean: the data set lacks {', '.join(absent)}; a local data set has {', '.join(needed)}"
         )
-    for vehicle in vehicles:
-        check_placement(vehicle, water)
-        check_step(vehicle, physics_step)
-
-    position = np.empty((len(vehicles), periods + 1, 3))
-    quaternion = np.empty((len(vehicles), periods + 1, 4))
-    status = np.zeros((len(vehicles), periods + 1), dtype=np.int8)
-    for row, vehicle in enumerate(vehicles):
-        position[row] = vehicle.position
-        quaternion[row] = _start_quaternion(vehicle.heading)
-        _run(vehicle, water, float(physics_step), steps, position[row], quaternion[row], status[row])
-    return Trajectories(
-        name=np.array(names),
-        role=np.array([vehicle.behaviour.role for vehicle in vehicles]),
-        time=np.arange(periods + 1) * float(sampling_period),
-        position=position,
-        quaternion=quaternion,
-        status=status,
+    north, east = _axis(ocean, "north", uniform=True), _axis(ocean, "east", uniform=True)
+    depth, time = _axis(ocean, "depth", uniform=False), _times(ocean)
+    floor_north, floor_east = _floor_axes(ocean, north, east)
+    own = floor_north is not north
+    dims = _DIMS if time.size == 1 else ("time", *_DIMS)
+    current_north, current_east = (
+        _variable(ocean, name, dims).reshape(time.size, north.size, east.size, depth.size)
+        for name in ("current_north", "current_east")
     )
+    return _kernel.Water(
+        north=float(north[0]),
+        east=float(east[0]),
+        per_north=_per_metre(north),
+        per_east=_per_metre(east),
+        depth=depth,
+        time=time,
+        current_north=current_north,
+        current_east=current_east,
+        floor_north=float(floor_north[0]),
+        floor_east=float(floor_east[0]),
+        floor_per_north=_per_metre(floor_north),
+        floor_per_east=_per_metre(floor_east),
+        floor=_variable(ocean, "sea_floor_depth", _FLOOR if own else _DIMS[:2]),
+    )
+
+
+def _per_metre(axis: Array) -> float:
+    """Cells in a metre of a uniform axis."""
+    return float((axis.size - 1) / (axis[-1] - axis[0]))
+
+
+def _axis(ocean: xr.Dataset, name: str, *, uniform: bool) -> Array:
+    axis = np.asarray(ocean[name].values, dtype=float)
+    steps = np.diff(axis)
+    if axis.size < 2 or not np.isfinite(axis).all() or (steps <= 0.0).any():
+        raise FleetError(
+            f"ocean: axis {name!r} has {axis.size} values; it needs at least 2, finite and increasing"
+        )
+    if uniform and np.ptp(steps) > 1e-6 * steps.mean():
+        raise FleetError(
+            f"ocean: axis {name!r} has steps from {steps.min():g} to {steps.max():g} m; they must be equal:"
+            " bring the data set to the local frame with pymantaray.ocean.to_local"
+        )
+    return axis
+
+
+def _variable(ocean: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
+    if set(ocean[name].dims) != set(dims):
+        raise FleetError(f"ocean: {name} has dimensions {ocean[name].dims}; it needs {dims}")
+    values = np.ascontiguousarray(ocean[name].transpose(*dims).values, dtype=float)
+    if not np.isfinite(values).all():
+        raise FleetError(
+            f"ocean: {name} has {np.count_nonzero(~np.isfinite(values))} missing values; none are allowed:"
+            " fill it with pymantaray.ocean.to_local"
+        )
+    return values
+
+
+def _floor_axes(ocean: xr.Dataset, north: Array, east: Array) -> tuple[Array, Array]:
+    """Axes of the sea floor, its own or the ocean's."""
+    if not set(_FLOOR) <= set(ocean["sea_floor_depth"].dims):
+        return north, east
+    axes = _axis(ocean, _FLOOR[0], uniform=True), _axis(ocean, _FLOOR[1], uniform=True)
+    for name, axis, whole in zip(_FLOOR, axes, (north, east), strict=True):
+        edge = _EDGE * (whole[-1] - whole[0])
+        if axis[0] > whole[0] + edge or axis[-1] < whole[-1] - edge:
+            raise FleetError(
+                f"ocean: axis {name!r} reaches from {axis[0]:g} to {axis[-1]:g} m, the ocean from {whole[0]:g} to"
+                f" {whole[-1]:g} m; the sea floor must lie under all of it"
+            )
+    return axes
+
+
+def _times(ocean: xr.Dataset) -> Array:
+    """Instants of the currents, one where they do not vary. [s]"""
+    if "time" not in ocean["current_north"].dims:
+        return np.zeros(1)
+    time = ocean["time"].values
+    if not np.issubdtype(time.dtype, np.number):
+        raise FleetError(
+            f"ocean: time is of type {time.dtype}; it must count seconds from the mission's start"
+        )
+    return _axis(ocean, "time", uniform=False)
