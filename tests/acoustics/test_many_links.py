@@ -214,9 +214,7 @@ def test_no_paths_of_no_rays():
     assert rays.position.shape == (0, 3)
 
 
-@pytest.mark.parametrize(
-    "module", ["", ".loss", ".absorption_field", ".moving_water", ".sonar", ".selection"]
-)
+@pytest.mark.parametrize("module", ["", ".loss", ".absorption", ".currents", ".sonar", ".selection"])
 def test_acoustics_loads_nothing_heavy(module):
     code = (
         f"import sys, pymantaray.acoustics{module}\n"
