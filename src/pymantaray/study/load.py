@@ -170,8 +170,8 @@ def _read(path: Path) -> str:
     except UnicodeDecodeError:
         raise StudyError(f"{path}: cannot be read: not UTF-8 text") from None
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
-        name, cause = str(path), getattr(error, "strerror", None) or error
-        raise StudyError(f"{repr(name) if '\0' in name else name}: cannot be read: {cause}") from None
+        shown = repr(str(path)) if "\0" in str(path) else str(path)
+        raise StudyError(f"{shown}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if len(text) > _MOST_CHARACTERS:
         raise StudyError(f"{path}: cannot be read: more than {_MOST_CHARACTERS:,} characters")
     return text
