@@ -100,29 +100,7 @@ def copernicus(
 
 
 def parse_pair(option: str, text: str) -> tuple[float, float]:
-    """
-    Two numbers with a comma between.
-
-    Parameters
-    ----------
-    option : str
-        For the message.
-    text : str
-
-    Returns
-    -------
-    tuple of float
-
-    Raises
-    ------
-    OceanError
-        If they are none.
-
-    Examples
-    --------
-    >>> parse_pair("--lon", "-150,-130")
-    (-150.0, -130.0)
-    """
+    """Two numbers with a comma between."""
     from pymantaray.errors import OceanError
 
     try:

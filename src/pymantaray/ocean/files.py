@@ -33,10 +33,10 @@ def open_file(path: str | Path) -> xr.Dataset:
 
     Fill values become NaN, scale and offset are applied; times stay numbers.
     """
-    if re.match(r"\w+:/", str(path)):
-        raise OceanError(
-            f"{without_password(path)}: an address, not a file; get it with mantaray ocean fetch, or download it"
-        )
+    address = re.search(r"[a-z][a-z0-9+]+:/.*", str(path))  # also where a folder was put before it
+    if address:
+        line = "an address, not a file; get it with mantaray ocean fetch, or download it"
+        raise OceanError(f"{without_password(address[0])}: {line}")
     path = Path(path)
     engine = _engine(path)
     with NETCDF_LOCK, warnings.catch_warnings():

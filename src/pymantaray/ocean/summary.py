@@ -105,19 +105,7 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
 
 
 def ocean_facts(ocean: xr.Dataset) -> dict[str, str]:
-    """
-    Extent, levels, time and origin of an ocean in words.
-
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-
-    Returns
-    -------
-    dict of str to str
-        In the order to be shown.
-    """
+    """Extent, levels, time and origin of an ocean in words."""
     validate_ocean(ocean)
     lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
     wet = np.isfinite(ocean["water_temp"].values)
@@ -140,22 +128,7 @@ def ocean_facts(ocean: xr.Dataset) -> dict[str, str]:
 
 
 def variable_table(ocean: xr.Dataset, equation: Equation = "teos-10") -> pd.DataFrame:
-    """
-    Least, mean and greatest value of each variable, of the current's speed and of sound speed.
-
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-    equation : {"teos-10", "del-grosso", "unesco"}
-        Equation of sound speed.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row a variable; columns ``units``, ``least``, ``mean`` (over wet grid points, each counting the
-        same) and ``greatest``.
-    """
+    """Least, mean and greatest value of each variable, of the current's speed and of sound speed."""
     validate_ocean(ocean)
     fields = {v.name: (v.units.replace("m s-1", "m/s"), ocean[v.name].values) for v in VARIABLES}
     fields["current speed"] = ("m/s", np.hypot(ocean["water_u"].values, ocean["water_v"].values))

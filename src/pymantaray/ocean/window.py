@@ -26,35 +26,12 @@ class Window:
     frame: LocalFrame
 
     def geographic(self, north: Array, east: Array) -> tuple[Array, Array]:
-        """
-        Latitude and longitude of local points, longitude as the data set counts it.
-
-        Parameters
-        ----------
-        north, east : ndarray, shape (...)
-            [m]
-
-        Returns
-        -------
-        lat, lon : ndarray, shape (...)
-            Longitude within 180 degrees of the window's middle. [degrees]
-        """
+        """Latitude and longitude of local points, longitude as the data set counts it."""
         lat, lon = self.frame.to_geodetic(north, east)
         return lat, wrapped(lon, about=0.5 * (self.lon[0] + self.lon[-1]))
 
     def holds(self, half_north: float, half_east: float) -> bool:
-        """
-        Whether a rectangle about the frame's centre lies inside the window.
-
-        Parameters
-        ----------
-        half_north, half_east : float
-            Half sides. [m]
-
-        Returns
-        -------
-        bool
-        """
+        """Whether a rectangle about the frame's centre lies inside the window."""
         s = np.linspace(-1.0, 1.0, _EDGE_POINTS)
         one = np.ones_like(s)
         north = half_north * np.concatenate([s, s, one, -one])
@@ -69,14 +46,7 @@ class Window:
         )
 
     def native_spacing(self) -> tuple[float, float]:
-        """
-        Grid spacing of the data set at the frame's centre.
-
-        Returns
-        -------
-        north, east : float
-            [m]
-        """
+        """Grid spacing of the data set at the frame's centre."""
         lat, lon = self.frame.latitude_deg, self.frame.longitude_deg
         d_lat = _step_at(self.lat, lat)
         d_lon = _step_at(self.lon, float(self.geographic(np.zeros(1), np.zeros(1))[1][0]))
@@ -85,19 +55,7 @@ class Window:
         return float(n[1] - n[0]), float(e[1] - e[0])
 
     def largest_rectangle(self) -> tuple[float, float]:
-        """
-        Half sides of the rectangle of largest area about the frame's centre that the window holds.
-
-        Returns
-        -------
-        half_north, half_east : float
-            [m]
-
-        Raises
-        ------
-        OceanError
-            If the frame's centre is not inside the window.
-        """
+        """Half sides of the rectangle of largest area about the frame's centre that the window holds."""
         tallest = _reach(lambda north: self.holds(north, 0.0))
         if tallest <= 0.0:
             raise OceanError(

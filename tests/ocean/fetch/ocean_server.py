@@ -217,7 +217,7 @@ class Thredds:
             "short": lambda: whole[: len(whole) // 2],  # honest about its length, not about its content
             "flood": lambda: whole + b"\0" * (65 << 20),
             "shift": lambda: re.sub(
-                rb"(Data:\n)....", rb"\1\x7f\xff\xff\xff", whole, count=1, flags=re.DOTALL
+                rb"(?<=Data:\n)....", lambda _: b"\x7f\xff\xff\xff", whole, count=1, flags=re.DOTALL
             ),
             "gzip": lambda: gzip.compress(whole),
             "gzip cut": lambda: gzip.compress(whole)[:-100],

@@ -220,7 +220,7 @@ def _seconds(header: str) -> float:
 
 def _connection_line(error: Exception) -> str:
     text = str(error)
-    if "incomplete" in text.lower():
+    if any(word in text for word in ("IncompleteRead", "incomplete", "ended prematurely")):
         return "answer cut short"
     if "refused" in text:
         return "connection refused"
