@@ -5,12 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pymantaray.acoustics.bellhop import (
-    BellhopArrivals,
-    read_bellhop_arrivals,
-    read_bellhop_rays,
-    read_environment,
-)
+from pymantaray.acoustics.bellhop import BellhopArrivals, read_bellhop_arrivals, read_bellhop_rays
 from pymantaray.errors import AcousticsError
 
 DATA = Path(__file__).parent / "data"
@@ -75,20 +70,17 @@ def test_first_direct_arrivals_are_the_straight_lines(name):
 
 
 def test_the_grid_is_that_of_the_environment():
-    arrivals, environment = (
-        read_bellhop_arrivals(DATA / "bellhop_fan.arr"),
-        read_environment(DATA / "bellhop_fan"),
-    )
-    for mine, theirs in (
-        (arrivals.source_north, environment.source_x),
-        (arrivals.source_east, environment.source_y),
-        (arrivals.source_depth, environment.source_depth),
-        (arrivals.receiver_range, environment.receiver_range),
-        (arrivals.receiver_bearing, environment.receiver_bearing),
-        (arrivals.receiver_depth, environment.receiver_depth),
+    arrivals = read_bellhop_arrivals(DATA / "bellhop_fan.arr")
+    for found, typed in (
+        (arrivals.source_north, [500.0]),
+        (arrivals.source_east, [-250.0]),
+        (arrivals.source_depth, [500.0, 800.0]),
+        (arrivals.receiver_range, [1000.0, 2000.0, 3000.0]),
+        (arrivals.receiver_bearing, np.radians([0.0, 30.0])),
+        (arrivals.receiver_depth, [400.0, 900.0]),
     ):
-        np.testing.assert_allclose(mine, theirs, rtol=SINGLE)
-    assert arrivals.frequency == environment.frequency == 10_000.0
+        np.testing.assert_allclose(found, typed, rtol=SINGLE)
+    assert arrivals.frequency == 10_000.0
 
 
 def test_text_and_binary_say_the_same():

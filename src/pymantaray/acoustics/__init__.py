@@ -8,7 +8,7 @@ from pymantaray.acoustics.loss import FluidBottom, SeaSurface, TransmissionLoss,
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.path_integrals import path_integrals, quadrature, travel_time_sensitivity
 from pymantaray.acoustics.paths import trace_fan, trace_paths
-from pymantaray.acoustics.profiles import ReducedProfile, smooth_profile, thin_profile
+from pymantaray.acoustics.profiles import ReducedProfile, read_profile, smooth_profile, thin_profile
 from pymantaray.acoustics.rays import ray_picture
 from pymantaray.acoustics.selection import Rule, choose_arrivals, select
 from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
@@ -33,6 +33,7 @@ __all__ = [
     "probability_of_excess",
     "quadrature",
     "ray_picture",
+    "read_profile",
     "select",
     "smooth_profile",
     "thin_profile",

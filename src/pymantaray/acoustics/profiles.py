@@ -1,20 +1,33 @@
-"""Raw casts made into profiles that rays can be traced in: thinned or smoothed, with the change on record."""
+"""Profiles of sound speed that rays can be traced in: read from a file, thinned or smoothed, the change on record."""
 
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
-from pymantaray.errors import AcousticsError
+from pymantaray.errors import AcousticsError, OceanError
+
+if TYPE_CHECKING:
+    from pymantaray.ocean.cast import CastTable
 
 Array = NDArray[np.float64]
 RAW_SPACING = 2.0  # m; levels closer than this in the median are those of a raw cast
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
 _REACH = 4.0  # standard deviations at which the weights are cut off
+
+
+class Profile(NamedTuple):
+    """A profile as a file has it: levels [m], sound speed [m s⁻¹], and where it was computed for, if it was."""
+
+    depth: Array
+    sound_speed: Array
+    position: tuple[float, float] | None
+    """Latitude and longitude by which TEOS-10 gave sound speed or depth. [degrees]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,21 +69,70 @@ class ReducedProfile:
         )
 
 
-def is_raw_cast(depth: ArrayLike) -> bool:
+def read_profile(path: str | Path, position: tuple[float, float] | None = None) -> Profile:
     """
-    Whether levels are as close as those of a raw cast.
-
-    A spline through such levels follows every error of the instrument and bends rays by it.
+    Sound speed of a profile or a cast in a table, computed by TEOS-10 if the file does not have it.
 
     Parameters
     ----------
-    depth : array_like, shape (n_levels,)
-        [m]
+    path : str or pathlib.Path
+        CSV with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical
+        ``salinity``; the names may end in their units as in ``depth_m``.
+    position : tuple of float, optional
+        Latitude and longitude. Default: from a comment line with ``lat ...`` and ``lon ...``. [degrees]
 
     Returns
     -------
-    bool
-        True if the median spacing is below 2 m.
+    Profile
+
+    Raises
+    ------
+    AcousticsError
+        If columns, numbers or a position that is needed are missing, or depth does not increase.
+    """
+    import gsw
+
+    from pymantaray.ocean.cast import read_cast_table
+    from pymantaray.ocean.seawater import sound_speed
+
+    try:
+        table = read_cast_table(path)
+        has_speed, has_water = table.has("sound_speed"), table.has("temperature", "salinity")
+        vertical = "depth" if table.has("depth") else "pressure"
+        if not table.has(vertical) or not (has_speed or has_water):
+            lacks = ([] if table.has(vertical) else ["depth"]) + (
+                [] if has_speed or has_water else ["sound_speed"]
+            )
+            raise AcousticsError(
+                f"{path}: lacks {', '.join(lacks)}; found {', '.join(table.header)}; pressure serves for depth,"
+                " temperature and salinity for sound_speed"
+            )
+        used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
+        level, *water = (table.values(name, complete=True) for name in used)
+    except OceanError as error:
+        raise AcousticsError(str(error)) from None
+    falls = np.flatnonzero(np.diff(level) <= 0.0)
+    if falls.size:
+        i = falls[0] + 1
+        raise AcousticsError(
+            f"{path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after {level[i - 1]:g}; it must"
+            " increase"
+        )
+    if level[0] < 0.0:
+        raise AcousticsError(f"{path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down")
+    if has_speed and vertical == "depth":
+        return Profile(level, water[0], None)
+    lat, lon = _place(table, position)
+    depth = level if vertical == "depth" else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
+    speed = water[0] if has_speed else sound_speed(water[0], water[1], depth, lat, lon)
+    return Profile(depth, speed, (lat, lon))
+
+
+def is_raw_cast(depth: ArrayLike) -> bool:
+    """
+    Whether levels are as close as those of a raw cast, below 2 m in the median.
+
+    A spline through such levels follows every error of the instrument and bends rays by it.
     """
     spacing = np.diff(np.asarray(depth, dtype=float))
     return bool(spacing.size and np.median(spacing) < RAW_SPACING)
@@ -184,6 +246,22 @@ def smooth_profile(
         s0, s1, s2 = w.sum(), (w * x).sum(), (w * x * x).sum()
         smoothed[i] = (w * (s2 - s1 * x) * c[part]).sum() / (s0 * s2 - s1 * s1)
     return _record(*cast, levels, smoothed, "smoothed", length, interpolation)
+
+
+def _place(table: "CastTable", position: tuple[float, float] | None) -> tuple[float, float]:
+    from pymantaray.ocean.casts import place_in_comments
+
+    place = position or place_in_comments(table.comments)
+    if place is None:
+        raise AcousticsError(
+            f"{table.path}: sound speed or depth has to be computed, for which --position LAT LON is needed"
+        )
+    lat, lon = place
+    if not (-90.0 <= lat <= 90.0 and -360.0 <= lon <= 360.0):
+        raise AcousticsError(
+            f"{table.path}: position {lat:g} {lon:g}; latitude and longitude in degrees are needed"
+        )
+    return lat, lon
 
 
 def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:

@@ -1,10 +1,22 @@
-"""Options that several groups of commands share."""
+"""Options that several commands share, each written down once."""
 
-from typing import Any
+import functools
+import inspect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_type_hints
 
+import typer
 from typer.core import TyperCommand
 
+from pymantaray.errors import AcousticsError
+
 _OCEAN = "--ocean"
+Pair = tuple[float, float]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no summary.")]
 
 
 class OceanCommand(TyperCommand):
@@ -42,3 +54,136 @@ def repeat_ocean(words: list[str], most: int) -> list[str]:
             place += 1
         out.append(word)
     return out
+
+
+@dataclass(frozen=True)
+class MediumOptions:
+    """Where the water comes from: a profile, an ocean or a study's run."""
+
+    profile: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="A profile or cast: depth (m) or pressure (dbar), and sound_speed (m/s) or temperature"
+            " (degC) and salinity; needs --bottom.",
+        ),
+    ] = None
+    bottom: Annotated[
+        float | None, typer.Option(metavar="M", help="Depth of the sea bed under the profile, in metres.")
+    ] = None
+    thin: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M/S", help="Leave out levels of the profile that interpolation meets within so many m/s."
+        ),
+    ] = None
+    smooth: Annotated[
+        float | None, typer.Option(metavar="M", help="Average the profile over so many metres.")
+    ] = None
+    position: Annotated[
+        Pair | None,
+        typer.Option(
+            metavar="LAT LON",
+            help="Where the profile was taken, if sound speed or depth has to be computed (TEOS-10). Default: what"
+            " the file's comment lines say.",
+        ),
+    ] = None
+    ocean: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME|FILE...", help="Ocean files, or synthetic:beaufort or synthetic:fram."),
+    ] = None
+    centre: Annotated[
+        Pair | None,
+        typer.Option(
+            metavar="LAT LON", help="Where in the ocean north and east are 0. Default: the data's middle."
+        ),
+    ] = None
+    half_extent: Annotated[
+        Pair | None,
+        typer.Option(
+            metavar="NORTH EAST", help="Half sides of the domain in metres. Default: the largest that fits."
+        ),
+    ] = None
+    time: Annotated[str | None, typer.Option(help="Which time of the ocean's files, UTC.")] = None
+    run: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder of a study's run, for its ocean.")
+    ] = None
+    interpolation: Annotated[
+        Literal["smooth", "linear"] | None,
+        typer.Option(
+            help="What lies between grid points: cubic splines or straight lines. Default: smooth, for --run as in"
+            " the study, for Bellhop linear."
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Which eigenrays are looked for."""
+
+    max_surface_bounces: Annotated[
+        int, typer.Option(min=0, max=15, help="Reflections at the surface that an arrival may have.")
+    ] = 0
+    max_bottom_bounces: Annotated[
+        int, typer.Option(min=0, max=15, help="Reflections at the sea bed that an arrival may have.")
+    ] = 0
+    cutoff_db: Annotated[
+        str,
+        typer.Option(
+            metavar="DB|off", help="Rays weaker than spherical spreading by more than this are no arrivals."
+        ),
+    ] = "15"
+    tolerance: Annotated[
+        float, typer.Option(metavar="M", help="Error allowed at the end of a ray, in metres.")
+    ] = 1e-3
+
+    def __post_init__(self) -> None:
+        """Refuse what is no length and no level."""
+        if not 0.0 < self.tolerance < math.inf:
+            raise AcousticsError(f"--tolerance {self.tolerance:g}: a positive length in metres is needed")
+        try:
+            possible = self.cutoff_db == "off" or float(self.cutoff_db) > 0.0
+        except ValueError:
+            possible = False
+        if not possible:
+            raise AcousticsError(
+                f"--cutoff-db {self.cutoff_db}: a positive number of decibels or off is needed"
+            )
+
+    @property
+    def spreading_cutoff_db(self) -> float | None:
+        """The cut-off as `find_eigenrays` takes it. [dB]"""
+        return None if self.cutoff_db == "off" else float(self.cutoff_db)
+
+
+def with_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command for typer take groups of options, arguments whose type is a dataclass above, as one argument each."""
+    signature = inspect.signature(command)
+    groups: dict[str, Any] = {
+        p.name: p.annotation for p in signature.parameters.values() if is_dataclass(p.annotation)
+    }
+    parameters = [
+        p.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for p in signature.parameters.values()
+        if p.name not in groups
+    ]
+    for group in groups.values():
+        hints = get_type_hints(group, include_extras=True)
+        parameters += [
+            inspect.Parameter(
+                f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name]
+            )
+            for f in fields(group)
+        ]
+
+    @functools.wraps(command)
+    def call(**values: Any) -> None:
+        arguments = {
+            name: group(**{f.name: values.pop(f.name) for f in fields(group)})
+            for name, group in groups.items()
+        }
+        command(**values, **arguments)
+
+    call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    call.__annotations__ = {p.name: p.annotation for p in parameters}
+    return call

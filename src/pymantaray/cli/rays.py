@@ -1,15 +1,35 @@
 """Commands of `mantaray rays`: travel times, eigenrays and paths between the positions of a table."""
 
+import math
+from collections import Counter
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import OceanCommand
+from pymantaray.cli.options import Force, MediumOptions, OceanCommand, Quiet, SearchOptions, with_options
 from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
-from pymantaray.cli.rays_options import MediumOptions, SearchOptions, with_options
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+    import xarray as xr
+    from numpy.typing import NDArray
+
+    from pymantaray.cli.rays_medium import LoadedMedium
+    from pymantaray.cli.rays_tables import TracedRays
+    from pymantaray.records import Arrivals
+    from pymantaray.records.text_table import TextTable
+
+    Array = NDArray[np.float64]
+    Status = NDArray[np.int8]
 
 app = typer.Typer(help="Travel times and rays between your own positions.", no_args_is_help=True)
+app.command("compare-bellhop", cls=OceanCommand)(compare_bellhop)
+app.command("write-bellhop", cls=OceanCommand)(write_bellhop)
+
+_MANY = 4096  # links that are worth a progress bar
 
 In = Annotated[
     Path,
@@ -20,8 +40,6 @@ In = Annotated[
     ),
 ]
 Out = Annotated[Path, typer.Argument(metavar="OUT.csv", help="Table to write; OUT.nc for NetCDF.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no summary.")]
 
 
 @app.command(cls=OceanCommand)
@@ -35,15 +53,12 @@ def times(
     quiet: Quiet = False,
 ) -> None:
     """Travel time of the earliest arrival of each link, and why there is none."""
-    from pymantaray.cli.rays_run import begin, finish, solve
     from pymantaray.cli.rays_tables import times_table
 
-    job = begin("times", links, out, medium, search, force=force, quiet=quiet)
-    arrivals = solve(job)
-    if out.suffix == ".nc":
-        finish(job, arrivals.first().to_dataset(), status=arrivals.status)
-    else:
-        finish(job, times_table(job.table.text, job.source, job.receiver, arrivals), status=arrivals.status)
+    job = _begin("times", links, out, medium, search, force=force, quiet=quiet)
+    arrivals = job.solve()
+    table = times_table(job.table.frame, job.source, job.receiver, arrivals)
+    job.finish(arrivals.first().to_dataset() if out.suffix == ".nc" else table, arrivals.status)
 
 
 @app.command(cls=OceanCommand)
@@ -57,13 +72,12 @@ def eigen(
     quiet: Quiet = False,
 ) -> None:
     """Every arrival of each link: time, bounces, angles, spreading and slowness."""
-    from pymantaray.cli.rays_run import begin, finish, solve
     from pymantaray.cli.rays_tables import arrivals_table
 
-    job = begin("eigen", links, out, medium, search, force=force, quiet=quiet)
-    arrivals = solve(job)
-    result = arrivals.to_dataset() if out.suffix == ".nc" else arrivals_table(job.table.text, arrivals)
-    finish(job, result, status=arrivals.status, found=f"{arrivals.link.size} arrivals")
+    job = _begin("eigen", links, out, medium, search, force=force, quiet=quiet)
+    arrivals = job.solve()
+    result = arrivals.to_dataset() if out.suffix == ".nc" else arrivals_table(job.table.frame, arrivals)
+    job.finish(result, arrivals.status, f"{arrivals.link.size} arrivals")
 
 
 @app.command(cls=OceanCommand)
@@ -94,25 +108,162 @@ def trace(
     quiet: Quiet = False,
 ) -> None:
     """Path of each eigenray, or of a fan of rays from each source, node by node."""
-    from pymantaray.cli.rays_run import begin, finish, trace_arrivals, trace_fans
     from pymantaray.cli.rays_tables import paths_dataset, paths_table
+    from pymantaray.errors import AcousticsError
 
-    job = begin(
-        "trace",
-        links,
-        out,
-        medium,
-        search,
-        force=force,
-        quiet=quiet,
-        fan=fan,
-        azimuth=azimuth,
-        distance=distance,
-    )
-    rays, status = trace_arrivals(job) if job.fan is None else (trace_fans(job, job.fan), None)
+    if fan is None and (azimuth is not None or distance is not None):
+        raise AcousticsError("--azimuth and --distance go with --fan FROM TO COUNT")
+    if fan is not None and search.cutoff_db != SearchOptions.cutoff_db:
+        raise AcousticsError("--cutoff-db: a fan is traced whole, without a cut-off; leave one of them out")
+    angles = None if fan is None else _fan_angles(*fan)
+    aimed = fan is None or azimuth is None or distance is None
+    job = _begin("trace", links, out, medium, search, force=force, quiet=quiet, receivers=aimed)
+    status = None
+    if angles is None:
+        rays, status = job.trace()
+    else:
+        job.record["fan"] = {"from_to_count": fan, "azimuth_deg": azimuth, "distance_m": distance}
+        rays = job.trace_fans(angles, azimuth, distance)
     result = paths_dataset(rays) if out.suffix == ".nc" else paths_table(rays)
-    finish(job, result, status=status, found=f"{rays.row.size} rays, {rays.paths.arrival.size} nodes")
+    job.finish(result, status, f"{rays.row.size} rays, {rays.paths.arrival.size} nodes")
 
 
-app.command("compare-bellhop", cls=OceanCommand)(compare_bellhop)
-app.command("write-bellhop", cls=OceanCommand)(write_bellhop)
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One call of a command: what it works on, read and checked, what it computes, and how it ends."""
+
+    out: Path
+    quiet: bool
+    search: SearchOptions
+    loaded: "LoadedMedium"
+    table: "TextTable"
+    source: "Array"
+    receiver: "Array"
+    record: dict[str, Any]
+
+    def solve(self) -> "Arrivals":
+        """Arrivals of all links."""
+        from pymantaray.acoustics import find_eigenrays
+        from pymantaray.cli.output import progress_bars
+
+        with progress_bars(quiet=self.quiet or len(self.source) < _MANY) as report:
+            return find_eigenrays(
+                self.loaded.medium,
+                self.source,
+                self.receiver,
+                self.search.max_surface_bounces,
+                self.search.max_bottom_bounces,
+                self.search.spreading_cutoff_db,
+                tolerance=self.search.tolerance,
+                progress=None if report is None else lambda done, total: report("links", done, total),
+            )
+
+    def trace(self) -> "tuple[TracedRays, Status]":
+        """Paths of all arrivals, and the outcome of each link."""
+        from pymantaray.acoustics import trace_paths
+        from pymantaray.cli.rays_tables import TracedRays, number_within
+
+        arrivals, tolerance = self.solve(), self.search.tolerance
+        paths = trace_paths(self.loaded.medium, self.source, self.receiver, arrivals, tolerance=tolerance)
+        return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals.status
+
+    def trace_fans(self, angles: "Array", azimuth: float | None, distance: float | None) -> "TracedRays":
+        """A fan from the source of every row, by its azimuth [degrees] and length [m] or else towards the receiver."""
+        import numpy as np
+
+        from pymantaray.acoustics import trace_fan
+        from pymantaray.cli.rays_tables import TracedRays, joined
+        from pymantaray.errors import AcousticsError
+
+        fans = []
+        for line, source, (north, east, _) in zip(
+            self.table.frame.index, self.source, self.receiver - self.source, strict=True
+        ):
+            try:
+                fans.append(
+                    trace_fan(
+                        self.loaded.medium,
+                        source,
+                        math.atan2(east, north) if azimuth is None else math.radians(azimuth),
+                        angles,
+                        math.hypot(north, east) if distance is None else distance,
+                        max_surface_bounces=self.search.max_surface_bounces,
+                        max_bottom_bounces=self.search.max_bottom_bounces,
+                        tolerance=self.search.tolerance,
+                    )
+                )
+            except AcousticsError as error:
+                raise AcousticsError(f"{self.table.path}, line {line}: {error}") from None
+        n, size = len(fans), angles.size
+        return TracedRays(
+            joined(fans, size), np.repeat(np.arange(n), size), np.tile(np.arange(size), n), np.tile(angles, n)
+        )
+
+    def finish(self, result: "pd.DataFrame | xr.Dataset", status: "Status | None", also: str = "") -> None:
+        """Write the result, and print the outcomes of the links, if they have any, and the output's name."""
+        from pymantaray.cli.rays_tables import status_words, write_result
+
+        outcomes = Counter([] if status is None else status_words(status))
+        write_result(result, self.out, self.record | ({} if status is None else {"outcomes": dict(outcomes)}))
+        if not self.quiet:
+            counts = ", ".join(f"{count} {word}" for word, count in outcomes.most_common())
+            summary = "; ".join(filter(None, (counts, also)))
+            typer.echo(f"{len(self.source)} {'sources' if status is None else 'links'}: {summary}")
+            for note in self.loaded.notes:
+                typer.echo(note)
+        typer.echo(str(self.out))
+
+
+def _begin(
+    command: str,
+    links: Path,
+    out: Path,
+    medium: MediumOptions,
+    search: SearchOptions,
+    *,
+    force: bool,
+    quiet: bool,
+    receivers: bool = True,
+) -> Job:
+    """Read and check everything that a command is told, before it computes."""
+    import numpy as np
+
+    import pymantaray
+    from pymantaray.cli.output import check_output
+    from pymantaray.cli.rays_medium import load_medium
+    from pymantaray.cli.rays_tables import SOURCE, read_links, sidecar
+    from pymantaray.records.text_table import read_text_table
+
+    inputs = [path for path in (links, medium.profile, *map(Path, medium.ocean or [])) if path is not None]
+    check_output(
+        out,
+        (".csv", ".nc"),
+        inputs=inputs,
+        beside=[sidecar(out)] if out.suffix == ".csv" else [],
+        force=force,
+    )
+    if receivers:
+        table, source, receiver = read_links(links)
+    else:
+        table = read_text_table(links)
+        source = table.numbers(SOURCE)
+        receiver = np.full_like(source, np.nan)
+    loaded = load_medium(medium)
+    record = {
+        "mantaray": pymantaray.__version__,
+        "command": command,
+        "links": str(links),
+        "medium": loaded.record,
+        "search": asdict(search),
+    }
+    return Job(out, quiet, search, loaded, table, source, receiver, record)
+
+
+def _fan_angles(first: float, last: float, count: int) -> "Array":
+    import numpy as np
+
+    from pymantaray.errors import AcousticsError
+
+    if count < 1 or not first <= last or (count > 1 and first == last):
+        raise AcousticsError(f"--fan {first:g} {last:g} {count}: needs FROM below TO and a positive COUNT")
+    return np.radians(np.linspace(first, last, count))

@@ -5,14 +5,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.rays_io import read_links, write_table
-from pymantaray.cli.rays_options import MediumOptions, with_options
+from pymantaray.cli.options import Force, MediumOptions, Quiet, with_options
+from pymantaray.errors import AcousticsError
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
+    from numpy.typing import NDArray
 
     from pymantaray.acoustics import Medium
-    from pymantaray.acoustics.bellhop.listing import Array
+
+    Array = NDArray[np.float64]
 
 _LINKS = typer.Argument(
     metavar="LINKS.csv",
@@ -25,7 +28,6 @@ Refine = Annotated[
 StepLength = Annotated[
     float, typer.Option("--step", help="Step along Bellhop's rays in metres; 0 leaves it to Bellhop.")
 ]
-Folder = Annotated[Path, typer.Option("--out", help="Folder for the files.")]
 
 
 @with_options
@@ -44,18 +46,22 @@ def compare_bellhop(
     timeout: Annotated[
         float, typer.Option("--timeout", help="Seconds that one run of Bellhop may take.")
     ] = 600.0,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress bar and no summary.")] = False,
+    force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run Bellhop on every link and set its first direct travel times beside ours."""
-    from pymantaray.acoustics.bellhop import compare_with_bellhop, find_bellhop
-    from pymantaray.cli.output import progress_bars
+    from pymantaray.acoustics.bellhop import BellhopOptions, compare_with_bellhop, find_bellhop
+    from pymantaray.cli.output import check_output, progress_bars
+    from pymantaray.cli.rays_tables import read_links, write_table
 
-    binary = find_bellhop(program)
+    inputs = [path for path in (links, medium.profile, *map(Path, medium.ocean or [])) if path is not None]
+    check_output(out, (".csv",), inputs=inputs, force=force)
+    options, binary = BellhopOptions(step=step), find_bellhop(program)
     _, source, receiver = read_links(links)
-    straight = straight_medium(medium, refine=refine)
+    straight = _straight_medium(medium, refine)
     with progress_bars(quiet=quiet) as progress:
         table = compare_with_bellhop(
-            straight, source, receiver, program=binary, step=step, timeout=timeout, progress=progress
+            straight, source, receiver, options, program=binary, timeout=timeout, progress=progress
         )
     write_table(table, out)
     if not quiet:
@@ -65,7 +71,7 @@ def compare_bellhop(
 
 @with_options
 def write_bellhop(
-    out: Folder,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files.")],
     medium: MediumOptions,
     links: Annotated[Path | None, _LINKS] = None,
     link: Annotated[
@@ -83,45 +89,32 @@ def write_bellhop(
         Literal["rigid", "vacuum", "matching"], typer.Option("--sea-bed", help="What the sea bed is made of.")
     ] = "rigid",
     step: StepLength = 50.0,
+    force: Force = False,
 ) -> None:
     """Write links and their ocean as BELLHOP3D input files: .env, .ssp and .bty."""
+    from pymantaray.acoustics.bellhop import BellhopOptions
     from pymantaray.acoustics.bellhop import write_bellhop as write_files
-    from pymantaray.errors import AcousticsError
+    from pymantaray.cli.rays_tables import read_links
 
     if (links is None) == (link is None):
         raise AcousticsError(
             "write-bellhop: give LINKS.csv, or --run with --link ROW, for the ends of the links"
         )
-    straight = straight_medium(medium, refine=refine)
+    there = sorted(out.glob("link*.env"))
+    if there and not force:
+        raise AcousticsError(f"{there[0]}: exists already; give another folder or --force")
+    options = BellhopOptions(run=output, beams=beams, bottom=sea_bed, step=step)
+    straight = _straight_medium(medium, refine)
     if links is not None:
         _, source, receiver = read_links(links)
     else:
         source, receiver = _links_of_run(medium.run, link or [])
-    paths = write_files(out, straight, source, receiver, run=output, beams=beams, bottom=sea_bed, step=step)
-    for path in paths:
+    for path in write_files(out, straight, source, receiver, options):
         typer.echo(str(path))
 
 
-def straight_medium(options: MediumOptions, *, refine: int) -> "Medium":
-    """
-    Medium with straight lines between its grid points, as Bellhop has it.
-
-    Parameters
-    ----------
-    options : MediumOptions
-        Linear unless ``smooth`` is asked for, which is sampled, see `pymantaray.acoustics.bellhop.linear_medium`.
-    refine : int
-        Parts that each cell of a smooth medium is cut into.
-
-    Returns
-    -------
-    Medium
-
-    Raises
-    ------
-    MantaRayError
-        As `pymantaray.cli.rays_medium.load_medium`.
-    """
+def _straight_medium(options: MediumOptions, refine: int) -> "Medium":
+    """Medium with straight lines between its grid points: linear, or a smooth one sampled on finer cells."""
     from pymantaray.acoustics.bellhop import linear_medium
     from pymantaray.cli.rays_medium import load_medium
 
@@ -135,25 +128,21 @@ def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":
     """True places of both ends of links of a study's run."""
     import numpy as np
 
-    from pymantaray.errors import AcousticsError
     from pymantaray.study import open_run
 
     if run is None:
         raise AcousticsError("--link: a row of which run? name it with --run FOLDER")
     results = open_run(run)
-    links, truth = results.links, results.truth
+    links, still = results.links, results.measurements.landmark_position
     wrong = [row for row in rows if not 0 <= row < links.sample.size]
     if wrong:
         raise AcousticsError(f"--link {wrong[0]}: the run has links 0 to {links.sample.size - 1}")
-    fixed = np.array([(mark.north, mark.east, mark.depth) for mark in results.config.landmarks]).reshape(
-        -1, 3
+    places = [np.concatenate([results.truth.position[:, links.sample[row]], still]) for row in rows]
+    source, receiver = (
+        np.array([place[who[row]] for place, row in zip(places, rows, strict=True)])
+        for who in (links.first, links.second)
     )
-    ends = []
-    for participants in (links.first[rows], links.second[rows]):
-        moving = truth.position[:, links.sample[rows]]
-        still = np.broadcast_to(fixed[:, None], (len(fixed), len(rows), 3))
-        ends.append(np.concatenate([moving, still])[participants, np.arange(len(rows))])
-    return ends[0], ends[1]
+    return source, receiver
 
 
 def _summary(table: "pd.DataFrame") -> str:

@@ -1,17 +1,14 @@
 """The medium that the options of `mantaray rays` ask for, and a record of how it was made."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pymantaray.cli.rays_options import MediumOptions
-from pymantaray.errors import AcousticsError, OceanError
+from pymantaray.cli.options import MediumOptions
+from pymantaray.errors import AcousticsError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from pymantaray.acoustics import Medium
-    from pymantaray.ocean.cast import CastTable
+    from pymantaray.acoustics.medium import Interpolation
 
 _GAP = 100.0  # m; a profile that ends higher above the sea bed is worth a note
 _ONLY = {
@@ -29,26 +26,11 @@ class LoadedMedium(NamedTuple):
     notes: list[str]
 
 
-def load_medium(
-    options: MediumOptions, *, default: Literal["smooth", "linear"] | None = None
-) -> LoadedMedium:
+def load_medium(options: MediumOptions, *, default: "Interpolation | None" = None) -> LoadedMedium:
     """
     Medium from the one source that is given.
 
-    Parameters
-    ----------
-    options : MediumOptions
-    default : {"smooth", "linear"}, optional
-        Interpolation if none is asked for. Default: smooth, and a run's own for a run.
-
-    Returns
-    -------
-    LoadedMedium
-
-    Raises
-    ------
-    MantaRayError
-        If not exactly one source is given, an option does not go with it, or it is no ocean.
+    The interpolation, if none is asked for, is ``default``, or else a run's own, or else smooth.
     """
     kind = _source(options)
     interpolation = options.interpolation or default
@@ -88,21 +70,19 @@ def load_medium(
 
 
 def _source(options: MediumOptions) -> str:
-    given = [kind for kind in ("ocean", "profile", "run") if getattr(options, kind)]
-    if len(given) != 1:
-        named = " and ".join(f"--{kind}" for kind in given) or "no ocean"
+    kinds = [kind for kind in _ONLY if getattr(options, kind)]
+    if len(kinds) != 1:
+        named = " and ".join(f"--{kind}" for kind in sorted(kinds)) or "no ocean"
         raise AcousticsError(f"{named} given; exactly one of --ocean, --profile and --run is needed")
     for kind, names in _ONLY.items():
         for name in names:
-            if kind != given[0] and getattr(options, name) is not None:
-                raise AcousticsError(f"--{name.replace('_', '-')}: goes with --{kind}, not with --{given[0]}")
-    return given[0]
+            if kind != kinds[0] and getattr(options, name) is not None:
+                raise AcousticsError(f"--{name.replace('_', '-')}: goes with --{kind}, not with --{kinds[0]}")
+    return kinds[0]
 
 
-def _from_profile(
-    path: Path, options: MediumOptions, interpolation: Literal["smooth", "linear"]
-) -> LoadedMedium:
-    from pymantaray.acoustics import Medium, smooth_profile, thin_profile
+def _from_profile(path: Path, options: MediumOptions, interpolation: "Interpolation") -> LoadedMedium:
+    from pymantaray.acoustics import Medium, read_profile, smooth_profile, thin_profile
     from pymantaray.acoustics.profiles import is_raw_cast
 
     bottom = options.bottom
@@ -112,14 +92,18 @@ def _from_profile(
         raise AcousticsError(f"--bottom {bottom:g}: a positive depth in metres is needed")
     if options.thin is not None and options.smooth is not None:
         raise AcousticsError("--thin and --smooth exclude each other; give one")
-    depth, speed, record = read_profile(path, options.position)
-    first = float(depth[0])
-    notes = []
+    profile = read_profile(path, options.position)
+    depth, speed = profile.depth, profile.sound_speed
+    first, last = float(depth[0]), float(depth[-1])
+    record: dict[str, Any] = {"profile": str(path), "raw_levels": depth.size}
+    if profile.position is not None:
+        record |= {"position_deg": list(profile.position), "computed": "TEOS-10"}
     if interpolation == "smooth" and is_raw_cast(depth) and options.thin is options.smooth is None:
         raise AcousticsError(
             f"{path}: {depth.size} levels less than 2 m apart are a raw cast; thin it, as by --thin 0.1 (m/s),"
             " smooth it, as by --smooth 10 (m), or take --interpolation linear"
         )
+    notes = []
     try:
         reduced = None
         if options.thin is not None:
@@ -139,92 +123,11 @@ def _from_profile(
         raise AcousticsError(f"{path}: {error}") from None
     if first > 0.0:
         notes.append(f"{path}: starts at {first:g} m; the sound speed there is taken up to the surface")
-    if bottom > depth[-1] + _GAP:
+    if bottom > last + _GAP:
         notes.append(
-            f"{path}: ends at {depth[-1]:g} m, above the sea bed at {bottom:g} m; sound speed is continued from there"
+            f"{path}: ends at {last:g} m, above the sea bed at {bottom:g} m; sound speed is continued from there"
             " to a constant within some 400 m, so add levels if rays go that deep"
         )
     record |= {"levels": int(depth.size), "bottom_depth_m": bottom, "interpolation": interpolation}
-    record["last_level_m"] = float(depth[-1])
+    record["last_level_m"] = last
     return LoadedMedium(medium, record, notes)
-
-
-def read_profile(
-    path: Path, position: tuple[float, float] | None = None
-) -> "tuple[NDArray[np.float64], NDArray[np.float64], dict[str, Any]]":
-    """
-    Sound speed of a profile or a cast, computed by TEOS-10 if the file does not have it.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        CSV with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical
-        ``salinity``; the names may end in their units as in ``depth_m``.
-    position : tuple of float, optional
-        Latitude and longitude. Default: from a comment line with ``lat ...`` and ``lon ...``. [degrees]
-
-    Returns
-    -------
-    depth, sound_speed : ndarray, shape (n_levels,)
-        [m, m s⁻¹]
-    record : dict
-        The file, its number of levels and what was computed.
-
-    Raises
-    ------
-    AcousticsError
-        If columns, numbers or a position that is needed are missing, or depth does not increase.
-    """
-    import gsw
-    import numpy as np
-
-    from pymantaray.ocean.cast import read_cast_table
-    from pymantaray.ocean.seawater import sound_speed
-
-    try:
-        table = read_cast_table(path)
-        has_speed, has_water = table.has("sound_speed"), table.has("temperature", "salinity")
-        vertical = "depth" if table.has("depth") else "pressure"
-        if not table.has(vertical) or not (has_speed or has_water):
-            wanted = ["depth"] if not table.has(vertical) else []
-            wanted += [] if has_speed or has_water else ["sound_speed"]
-            raise AcousticsError(
-                f"{path}: lacks {', '.join(wanted)}; found {', '.join(table.header)}; pressure serves for depth,"
-                " temperature and salinity for sound_speed"
-            )
-        used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
-        level, *water = (table.values(name, complete=True) for name in used)
-    except OceanError as error:
-        raise AcousticsError(str(error)) from None
-    record: dict[str, Any] = {"profile": str(path), "raw_levels": level.size}
-    falls = np.flatnonzero(np.diff(level) <= 0.0)
-    if falls.size:
-        line = table.lines[falls[0] + 1]
-        raise AcousticsError(
-            f"{path}, line {line}: {table.name(vertical)} is {level[falls[0] + 1]:g} after {level[falls[0]]:g}; it must"
-            " increase"
-        )
-    if level[0] < 0.0:
-        raise AcousticsError(f"{path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down")
-    if has_speed and vertical == "depth":
-        return level, water[0], record
-    lat, lon = _place(table, position)
-    record |= {"position_deg": [lat, lon], "computed": "TEOS-10"}
-    depth = level if vertical == "depth" else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
-    return depth, water[0] if has_speed else sound_speed(water[0], water[1], depth, lat, lon), record
-
-
-def _place(table: "CastTable", position: tuple[float, float] | None) -> tuple[float, float]:
-    from pymantaray.ocean.casts import place_in_comments
-
-    found = position or place_in_comments(table.comments)
-    if found is None:
-        raise AcousticsError(
-            f"{table.path}: sound speed or depth has to be computed, for which --position LAT LON is needed"
-        )
-    lat, lon = found
-    if not (-90.0 <= lat <= 90.0 and -360.0 <= lon <= 360.0):
-        raise AcousticsError(
-            f"{table.path}: position {lat:g} {lon:g}; latitude and longitude in degrees are needed"
-        )
-    return lat, lon

@@ -1,7 +1,9 @@
-"""What the solver found as the tables that `mantaray rays` writes."""
+"""Tables of `mantaray rays`: links in; travel times, arrivals and paths out, whole or not at all."""
 
+import json
 from dataclasses import fields
-from typing import NamedTuple, TypeVar
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -9,12 +11,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import choose_arrivals
-from pymantaray.cli.rays_io import RECEIVER, SOURCE
-from pymantaray.records import Arrivals, RayPaths, RayStatus
-from pymantaray.records.base import Record
+from pymantaray.records import Arrivals, RayPaths, RayStatus, whole_file, write_netcdf
+from pymantaray.records.text_table import TextTable, read_text_table
 
 Array = NDArray[np.float64]
-R = TypeVar("R", bound=Record)
+SOURCE, RECEIVER = (
+    [f"{end}_{axis}" for axis in ("north", "east", "depth")] for end in ("source", "receiver")
+)
+_DIGITS = "%.12g"
 _BOUNDARIES = np.array(["water", "surface", "bottom"])
 _WORDS = {int(status): status.name.lower() for status in RayStatus}
 
@@ -28,23 +32,36 @@ class TracedRays(NamedTuple):
     launch_angle: Array | None = None
 
 
+def read_links(path: Path) -> tuple[TextTable, Array, Array]:
+    """A table of links, and north, east, down of their sources and receivers (n_links, 3). [m]"""
+    table = read_text_table(path)
+    ends = table.numbers(SOURCE + RECEIVER)
+    return table, ends[:, :3].copy(), ends[:, 3:].copy()
+
+
+def sidecar(out: Path) -> Path:
+    """File beside a table that says how it was made."""
+    return out.with_name(out.name + ".json")
+
+
+def write_table(table: pd.DataFrame, out: Path) -> None:
+    """Write a table as CSV."""
+    with whole_file(out) as temporary:
+        table.to_csv(temporary, index=False, float_format=_DIGITS)
+
+
+def write_result(result: pd.DataFrame | xr.Dataset, out: Path, record: dict[str, Any]) -> None:
+    """Write a table as CSV and how it was made as JSON beside it, or NetCDF with that in the attribute ``made_by``."""
+    if isinstance(result, xr.Dataset):
+        write_netcdf(result.assign_attrs(made_by=json.dumps(record)), out)
+        return
+    with whole_file(sidecar(out)) as beside:
+        beside.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        write_table(result, out)
+
+
 def times_table(links: pd.DataFrame, source: Array, receiver: Array, arrivals: Arrivals) -> pd.DataFrame:
-    """
-    One row a link: the columns it came with and its earliest arrival.
-
-    Parameters
-    ----------
-    links : pandas.DataFrame
-        As text.
-    source, receiver : ndarray, shape (n_links, 3)
-        [m]
-    arrivals : Arrivals
-
-    Returns
-    -------
-    pandas.DataFrame
-        A column of the links that has the name of an added one is called ``given_...``.
-    """
+    """One row a link: the columns it came with and its earliest arrival."""
     link, row = choose_arrivals(arrivals, "first")
     time = _scattered(len(links), link, arrivals.travel_time[row])
     angle = _scattered(len(links), link, arrivals.launch_angle[row])
@@ -67,21 +84,8 @@ def times_table(links: pd.DataFrame, source: Array, receiver: Array, arrivals: A
 
 
 def arrivals_table(links: pd.DataFrame, arrivals: Arrivals) -> pd.DataFrame:
-    """
-    One row an arrival, with the columns beyond the coordinates that its link came with.
-
-    Parameters
-    ----------
-    links : pandas.DataFrame
-        As text.
-    arrivals : Arrivals
-
-    Returns
-    -------
-    pandas.DataFrame
-        A column of the links that has the name of an added one is called ``given_...``.
-    """
-    own = links.drop(columns=[*SOURCE, *RECEIVER]).iloc[arrivals.link].reset_index(drop=True)
+    """One row an arrival, with the columns beyond the coordinates that its link came with."""
+    own = links.drop(columns=[*SOURCE, *RECEIVER]).iloc[arrivals.link]
     added = pd.DataFrame(
         {
             "row": arrivals.link,
@@ -102,17 +106,7 @@ def arrivals_table(links: pd.DataFrame, arrivals: Arrivals) -> pd.DataFrame:
 
 
 def paths_table(rays: TracedRays) -> pd.DataFrame:
-    """
-    One row a node.
-
-    Parameters
-    ----------
-    rays : TracedRays
-
-    Returns
-    -------
-    pandas.DataFrame
-    """
+    """One row a node."""
     paths, ray = rays.paths, rays.paths.arrival
     first = np.searchsorted(ray, np.arange(rays.row.size))
     step = paths.position[:, :2] - paths.position[first[ray], :2]
@@ -135,18 +129,7 @@ def paths_table(rays: TracedRays) -> pd.DataFrame:
 
 
 def paths_dataset(rays: TracedRays) -> xr.Dataset:
-    """
-    Record of the paths, with the row of the links and the number within it of each ray.
-
-    Parameters
-    ----------
-    rays : TracedRays
-
-    Returns
-    -------
-    xarray.Dataset
-        `RayPaths.load` reads it from a file.
-    """
+    """Record of the paths, with the row of the links and the number within it of each ray."""
     dataset = rays.paths.to_dataset()
     dataset["row"] = ("ray", rays.row, {"long_name": "row of the links, from 0"})
     dataset["number"] = ("ray", rays.number, {"long_name": "number of the ray within the row, from 0"})
@@ -156,62 +139,24 @@ def paths_dataset(rays: TracedRays) -> xr.Dataset:
     return dataset
 
 
-def joined(parts: list[R], offsets: list[int], counter: str) -> R:
-    """
-    Records one after the other.
-
-    Parameters
-    ----------
-    parts : list of Record
-        At least one, of one kind.
-    offsets : list of int
-        Added to the column ``counter`` of each part.
-    counter : str
-        Name of the column that counts links or arrivals.
-
-    Returns
-    -------
-    Record
-    """
-    columns = {}
-    for name in (f.name for f in fields(parts[0]) if "dims" in f.metadata):
-        arrays = [getattr(part, name) for part in parts]
-        if name == counter:
-            arrays = [array + offset for array, offset in zip(arrays, offsets, strict=True)]
-        columns[name] = np.concatenate(arrays)
-    return type(parts[0])(**columns)
+def joined(fans: list[RayPaths], rays: int) -> RayPaths:
+    """Paths of fans of so many rays each, one after the other."""
+    columns = {
+        f.name: np.concatenate([getattr(fan, f.name) for fan in fans])
+        for f in fields(RayPaths)
+        if "dims" in f.metadata
+    }
+    columns["arrival"] = np.concatenate([fan.arrival + i * rays for i, fan in enumerate(fans)])
+    return RayPaths(**columns)
 
 
 def number_within(group: NDArray[np.int64]) -> NDArray[np.int64]:
-    """
-    Number of each row within its group.
-
-    Parameters
-    ----------
-    group : ndarray of int, shape (n,)
-        Not decreasing.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        From 0.
-    """
+    """Number of each row within its group."""
     return np.arange(group.size) - np.searchsorted(group, group)
 
 
 def status_words(status: NDArray[np.int8]) -> list[str]:
-    """
-    Outcomes in words.
-
-    Parameters
-    ----------
-    status : ndarray of int, shape (n_links,)
-        RayStatus.
-
-    Returns
-    -------
-    list of str
-    """
+    """Outcomes in words."""
     return [_WORDS[int(code)] for code in status]
 
 
@@ -233,4 +178,5 @@ def _beside(links: pd.DataFrame, added: pd.DataFrame) -> pd.DataFrame:
             name = f"given_{name}"
         names.append(name)
     first = [name for name in ("row", "arrival") if name in added.columns]
-    return pd.concat([added[first], links.set_axis(names, axis=1), added.drop(columns=first)], axis=1)
+    links = links.set_axis(names, axis=1).reset_index(drop=True)
+    return pd.concat([added[first], links, added.drop(columns=first)], axis=1)

@@ -3,24 +3,21 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.errors import OceanError
+from pymantaray.errors import OceanError, RecordError
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
 from pymantaray.ocean.schema import VARIABLES, layer_edges
 from pymantaray.ocean.seawater import Equation, sound_speed
+from pymantaray.records.text_table import read_text_table
 
 Array = NDArray[np.float64]
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
 _DEEPEST = 12_000.0  # m
-MAX_BYTES = 200_000_000
-"""Of a table. A CTD of 24 Hz that goes down 12 km and up again at 1 m/s writes 600,000 rows, 300 bytes at most each."""
-
 _MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
 _FILLS = (-9.99e-29, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, -9999.0, -99999.0, 99999.0, -1e34, 1e35)
 # quantity: what it is a unit of, and its names in lower case, first those of `mantaray rays`, then those of cruises'
@@ -57,7 +54,6 @@ _TEXTS = {
 _HEADER = re.compile(
     r"^(?P<name>[^\[(]*?)\s*(?:[\[(]\s*(?:units?\s*=\s*)?\"?(?P<unit>[^\"\])]*)\"?\s*[\])])?$"
 )
-_RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,57 +323,15 @@ def read_cast_table(path: str | Path) -> CastTable:
     Cells are separated by commas, semicolons, tabs or blanks, whichever the header has. Columns are known by name
     whatever their case, alone or with their unit, as in ``depth_m``, ``depth [m]`` or ``latitude[unit="degrees_north"]``.
     """
-    path = Path(path)
-    lines = {i: line for i, line in enumerate(_text(path).splitlines(), 1) if line.strip(" \t,;")}
-    comments = {i: line for i, line in lines.items() if line.lstrip().startswith("#")}
-    rows = {i: line.rstrip(" \t,;") for i, line in lines.items() if i not in comments}
-    if len(rows) < 2:
-        raise OceanError(f"{path}: not a cast: needs a header with names of columns, and rows")
-    title = next(iter(rows.values()))
-    separator = next((s for s in ",;\t" if s in title), r"\s+")
     try:
-        cells = pd.read_csv(
-            StringIO("\n".join(rows.values())),
-            sep=separator,
-            header=None,
-            dtype=str,
-            keep_default_na=False,
-            skipinitialspace=True,
-        )
-    except ValueError as error:
-        if ragged := _RAGGED.search(str(error)):
-            titles, row, cell_count = map(int, ragged.groups())
-            raise OceanError(
-                f"{path}, line {list(rows)[row - 1]}: {cell_count} cells under a header of {titles}; is a separator"
-                " missing?"
-            ) from None
-        raise OceanError(f"{path}: not a table ({' '.join(str(error).split())[:80]})") from None
-    if len(cells) != len(rows):
-        raise OceanError(f"{path}: {len(rows)} lines make {len(cells)} rows; a quote is not closed")
-    cells = cells.fillna("").map(str.strip).set_axis(list(rows))
-    header = tuple(cells.iloc[0])
-    columns, texts = _columns(path, header)
-    return CastTable(path, header, cells.iloc[1:], list(comments.values()), columns, texts, "[unit=" in title)
-
-
-def _text(path: Path) -> str:
-    try:
-        if path.exists() and not path.is_file():
-            raise OceanError(f"{path}: not an ordinary file; a cast is a CSV table or NetCDF")
-        with path.open("rb") as stream:
-            raw = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise OceanError(f"{path}: cannot be read: {error.strerror}; name an existing file") from None
-    except ValueError as error:  # a null character
-        raise OceanError(f"{path}: cannot be read: {error}; name an existing file") from None
-    if len(raw) > MAX_BYTES:
-        raise OceanError(f"{path}: more than {MAX_BYTES:,} bytes; no table of a cast has so many")
-    if b"\0" in raw[:4096]:
-        raise OceanError(f"{path}: neither a CSV table nor NetCDF; a cast is one of the two")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")  # degree signs of older programs
+        table = read_text_table(path)
+    except RecordError as error:
+        raise OceanError(str(error)) from None
+    header = tuple(table.frame.columns)
+    columns, texts = _columns(table.path, header)
+    rows = table.frame.set_axis(range(len(header)), axis=1)
+    bracketed = any("[unit=" in title for title in header)
+    return CastTable(table.path, header, rows, table.comments, columns, texts, bracketed)
 
 
 def _columns(path: Path, header: tuple[str, ...]) -> tuple[dict[str, tuple[int, str]], dict[str, int]]:

@@ -1,0 +1,313 @@
+"""What Bellhop writes as records in SI units: arrivals (`.arr`, text or binary) and rays (`.ray`)."""
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import AcousticsError
+from pymantaray.records.base import Column, Record, column
+
+Array = NDArray[np.float64]
+_GRID = "source_depth source_north source_east receiver_bearing receiver_depth receiver_range"
+_RECORD_MARK = bytes([4, 0, 0, 0])  # length of a binary file's first record: the four letters of its kind
+_RAYS = re.compile(r"\s*'[^']*'([^']*)'(\w+)\s*'(.*)", re.DOTALL)  # title, head, coordinates, rays
+_COORDINATES = {"xyz": 3, "rz": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class BellhopArrivals(Record):
+    """
+    Arrivals as Bellhop wrote them: one row per arrival, and the grid of sources and receivers.
+
+    Bellhop's x is taken for north and y for east. Angles are from the horizontal, positive down, and from
+    north towards east; azimuths are NaN in a 2-D file.
+    """
+
+    kind: ClassVar[str] = "bellhop_arrivals"
+
+    frequency: Column = column("", "Hz", "frequency")
+    source_depth: Column = column("source_depth", "m", "depth of the sources")
+    source_north: Column = column("source_north", "m", "north of the sources, Bellhop's x")
+    source_east: Column = column("source_east", "m", "east of the sources, Bellhop's y")
+    receiver_bearing: Column = column("receiver_bearing", "rad", "bearing of the receivers from the source")
+    receiver_depth: Column = column("receiver_depth", "m", "depth of the receivers")
+    receiver_range: Column = column("receiver_range", "m", "horizontal range of the receivers")
+    count: Column = column(_GRID, "1", "number of arrivals", "i8")
+    pair: Column = column("arrival", "1", "index into the flat count, last dimension fastest", "i8")
+    travel_time: Column = column("arrival", "s", "travel time")
+    travel_time_imaginary: Column = column("arrival", "s", "imaginary part, from absorption")
+    amplitude: Column = column("arrival", "1", "pressure amplitude relative to 1 m")
+    phase: Column = column("arrival", "rad", "phase change by reflections and caustics")
+    launch_declination: Column = column(
+        "arrival", "rad", "angle from the horizontal at the source, positive down"
+    )
+    launch_azimuth: Column = column("arrival", "rad", "azimuth at the source")
+    arrival_declination: Column = column(
+        "arrival", "rad", "angle from the horizontal at the receiver, positive down"
+    )
+    arrival_azimuth: Column = column("arrival", "rad", "azimuth at the receiver")
+    surface_bounces: Column = column("arrival", "1", "reflections at the surface", "i4")
+    bottom_bounces: Column = column("arrival", "1", "reflections at the sea bed", "i4")
+
+    def first_direct(self) -> Array:
+        """Earliest arrival without a bounce of every source and receiver, NaN where there is none. [s]"""
+        first = np.full(self.count.size, np.inf)
+        direct = (self.surface_bounces == 0) & (self.bottom_bounces == 0)
+        np.minimum.at(first, self.pair[direct], self.travel_time[direct])
+        return np.where(np.isfinite(first), first, np.nan).reshape(self.count.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class BellhopRays(Record):
+    """
+    Rays as Bellhop wrote them: nodes of all rays one after the other, and one row per ray.
+
+    In a 2-D file north is the range and east is 0.
+    """
+
+    kind: ClassVar[str] = "bellhop_rays"
+
+    frequency: Column = column("", "Hz", "frequency")
+    ray: Column = column("node", "1", "ray that the node belongs to", "i8")
+    position: Column = column("node axis", "m", "north, east, down")
+    launch_declination: Column = column(
+        "n_rays", "rad", "angle from the horizontal at the source, positive down"
+    )
+    launch_azimuth: Column = column("n_rays", "rad", "azimuth at the source, of the first step")
+    surface_bounces: Column = column("n_rays", "1", "reflections at the surface", "i4")
+    bottom_bounces: Column = column("n_rays", "1", "reflections at the sea bed", "i4")
+
+
+def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
+    """
+    Read a `.arr` file of BELLHOP or BELLHOP3D, text or binary.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+
+    Returns
+    -------
+    BellhopArrivals
+        Arrivals in the file's order, which is not that of time.
+
+    Raises
+    ------
+    AcousticsError
+        If the file is missing, damaged, without the mark 2D or 3D on top (as before 2018), or of an
+        irregular grid of receivers.
+
+    Notes
+    -----
+    Bellhop keeps travel times in single precision: 0.24 us from 2 to 4 s, 0.48 us from 4 to 8 s.
+    """
+    file = Path(path)
+    content = _content(file)
+    stream: _Text | _Binary
+    if content.startswith(_RECORD_MARK):
+        stream = _Binary(file, content)
+        mark = stream.record(4).decode("ascii", "replace")
+    else:
+        mark, _, text = content.decode("utf-8", "replace").lstrip().partition("\n")
+        stream = _Text(file, text)
+    mark = mark.strip().strip("' ")
+    if mark not in ("2D", "3D"):
+        raise AcousticsError(f"{file}: starts with {mark!r}; '2D' or '3D' is expected, as written since 2018")
+    arrivals = _arrivals(stream, three_d=mark == "3D")
+    if stream.left():
+        raise AcousticsError(f"{file}: {stream.left()} numbers follow the last arrival")
+    return arrivals
+
+
+def read_bellhop_rays(path: str | Path) -> BellhopRays:
+    """
+    Read a `.ray` file of BELLHOP or BELLHOP3D.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+
+    Returns
+    -------
+    BellhopRays
+        Rays in the file's order.
+
+    Raises
+    ------
+    AcousticsError
+        If the file is missing or damaged.
+
+    Notes
+    -----
+    The launch angle on a ray's first line is in degrees from some programs and in radians from others: the
+    one nearer to the direction of the first step is taken.
+    """
+    file = Path(path)
+    parts = _RAYS.match(_content(file).decode("utf-8", "replace"))
+    if parts is None or parts[2] not in _COORDINATES:
+        raise AcousticsError(f"{file}: the kind of coordinates is neither 'xyz' nor 'rz'")
+    columns, frequency, stream = (
+        _COORDINATES[parts[2]],
+        _Text(file, parts[1]).take(1)[0],
+        _Text(file, parts[3]),
+    )
+    heads, nodes = [], []
+    while stream.left():
+        written = stream.take(1)[0]
+        size, surface, bottom = stream.whole(), stream.whole(), stream.whole()
+        points = stream.take(size * columns).reshape(size, columns)
+        if columns == 2:
+            points = np.insert(points, 1, 0.0, axis=1)
+        heads.append((*_launch(written, points), surface, bottom))
+        nodes.append(points)
+    table = np.array(heads, dtype=float).reshape(-1, 4)
+    return BellhopRays(
+        frequency=frequency,
+        ray=np.repeat(np.arange(len(nodes)), [len(points) for points in nodes]),
+        position=np.concatenate([np.empty((0, 3)), *nodes]),
+        launch_declination=table[:, 0],
+        launch_azimuth=table[:, 1],
+        surface_bounces=table[:, 2],
+        bottom_bounces=table[:, 3],
+    )
+
+
+class _Text:
+    """Numbers of a text, whatever its lines."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path, self._at = path, 0
+        words = text.replace("D", "E").split()
+        for i in [i for i, word in enumerate(words) if "*" in word][::-1]:  # 3*0.0, as some compilers write
+            times, _, value = words[i].partition("*")
+            words[i : i + 1] = [value] * (int(times) if times.isdigit() else 1)
+        try:
+            self._values = np.array(words, dtype=float)
+        except ValueError as error:
+            raise AcousticsError(f"{path}: {error}") from None
+
+    def left(self) -> int:
+        """Count of the numbers not taken yet."""
+        return int(self._values.size - self._at)
+
+    def take(self, n: int) -> Array:
+        """The next n numbers."""
+        if n > self.left():
+            raise AcousticsError(
+                f"{self.path}: the file ends early: is the run finished, its receiver grid rectilinear?"
+            )
+        self._at += n
+        return self._values[self._at - n : self._at]
+
+    def whole(self) -> int:
+        """The next number as a count."""
+        value = float(self.take(1)[0])
+        if not (value.is_integer() and value >= 0.0):
+            raise AcousticsError(f"{self.path}: found {value:g} where a count is expected")
+        return int(value)
+
+    def vector(self) -> Array:
+        """A count and that many numbers."""
+        return self.take(self.whole())
+
+
+class _Binary:
+    """Numbers of four bytes in the records of an unformatted Fortran file, each between two marks of its length."""
+
+    def __init__(self, path: Path, content: bytes) -> None:
+        self.path, self._rest = path, content
+
+    def left(self) -> int:
+        """Count of the numbers not taken yet, which other writers may pad."""
+        return 0
+
+    def record(self, size: int | None = None) -> bytes:
+        """Bytes of the next record, which must have so many."""
+        length = int.from_bytes(self._rest[:4], "little")
+        whole, mark = self._rest[4 : 4 + length], self._rest[4 + length : 8 + length]
+        if len(mark) < 4 or mark != self._rest[:4]:
+            raise AcousticsError(f"{self.path}: the file ends early or is damaged")
+        if size is not None and length != size:
+            raise AcousticsError(f"{self.path}: a record of {length} bytes where {size} are expected")
+        self._rest = self._rest[8 + length :]
+        return whole
+
+    def take(self, n: int) -> Array:
+        """The reals of the next record, which must be n."""
+        return np.frombuffer(self.record(4 * n), dtype="<f4").astype(float)
+
+    def whole(self) -> int:
+        """The integer of the next record."""
+        return int.from_bytes(self.record(4), "little", signed=True)
+
+    def vector(self) -> Array:
+        """The reals of the next record, which starts with their number."""
+        record = self.record()
+        n = int.from_bytes(record[:4], "little")
+        if len(record) != 4 * (n + 1) or n == 0:
+            raise AcousticsError(f"{self.path}: a list of positions is damaged")
+        return np.frombuffer(record[4:], dtype="<f4").astype(float)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise AcousticsError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _arrivals(stream: _Text | _Binary, *, three_d: bool) -> BellhopArrivals:
+    frequency = stream.take(1)[0]
+    none = np.zeros(1)
+    x, y = (stream.vector(), stream.vector()) if three_d else (none, none)
+    z, receiver_z, ranges = stream.vector(), stream.vector(), stream.vector()
+    bearings = np.radians(stream.vector()) if three_d else none
+    shape = (z.size, x.size, y.size, bearings.size, receiver_z.size, ranges.size)
+    counts, tables, columns = np.zeros(math.prod(shape), dtype=np.int64), [], 10 if three_d else 8
+    per_source = bearings.size * receiver_z.size * ranges.size
+    for pair in range(counts.size):
+        if pair % per_source == 0:
+            most = stream.whole()
+        counts[pair] = n = stream.whole()
+        if n > most:
+            raise AcousticsError(f"{stream.path}: {n} arrivals where at most {most} are announced")
+        tables += [stream.take(columns) for _ in range(n)]
+    rows = np.array(tables).reshape(-1, columns)
+    if not three_d:  # the azimuths that a 2-D file lacks
+        rows = np.insert(rows, [5, 6], np.nan, axis=1)
+    return BellhopArrivals(
+        frequency=frequency,
+        source_depth=z,
+        source_north=x,
+        source_east=y,
+        receiver_bearing=bearings,
+        receiver_depth=receiver_z,
+        receiver_range=ranges,
+        count=counts.reshape(shape),
+        pair=np.repeat(np.arange(counts.size), counts),
+        amplitude=rows[:, 0],
+        phase=np.radians(rows[:, 1]),
+        travel_time=rows[:, 2],
+        travel_time_imaginary=rows[:, 3],
+        launch_declination=np.radians(rows[:, 4]),
+        launch_azimuth=np.radians(rows[:, 5]),
+        arrival_declination=np.radians(rows[:, 6]),
+        arrival_azimuth=np.radians(rows[:, 7]),
+        surface_bounces=rows[:, 8],
+        bottom_bounces=rows[:, 9],
+    )
+
+
+def _launch(written: float, points: Array) -> tuple[float, float]:
+    """Declination and azimuth at the source; NaN for a ray that takes no step."""
+    if len(points) < 2:
+        return math.nan, math.nan
+    north, east, down = points[1] - points[0]
+    seen = math.atan2(down, math.hypot(north, east))
+    declination = min(written, math.radians(written), key=lambda angle: abs(angle - seen))
+    return declination, math.atan2(east, north)

@@ -1,0 +1,281 @@
+"""Finding and running Bellhop, and its travel times by the paper's rule beside those of the two-point solver."""
+
+import os
+import resource
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from pymantaray.acoustics.bellhop.output import BellhopArrivals, read_bellhop_arrivals
+from pymantaray.acoustics.bellhop.write import BellhopOptions, write_bellhop
+from pymantaray.acoustics.eigenrays import find_eigenrays
+from pymantaray.acoustics.medium import Medium
+from pymantaray.errors import AcousticsError
+from pymantaray.records import RayStatus
+
+PROGRAMS = ("bellhopcxx3d", "bellhopcxx", "bellhop3d", "bellhop3d.exe")
+MOST_BEAMS = 400
+_TAIL = 200  # characters of the print file in a message
+
+
+class BellhopRun(NamedTuple):
+    """One finished run: the `.arr` or `.ray` file, and the CPU time of the program [s]."""
+
+    output: Path
+    cpu_time: float
+
+
+def find_bellhop(program: str | Path | None = None) -> Path:
+    """
+    Find the program.
+
+    Parameters
+    ----------
+    program : str or pathlib.Path, optional
+        Name on PATH, or a path. Default: the first of ``bellhopcxx3d``, ``bellhopcxx``, ``bellhop3d`` and
+        ``bellhop3d.exe`` on PATH.
+
+    Returns
+    -------
+    pathlib.Path
+        Absolute.
+
+    Raises
+    ------
+    AcousticsError
+        If it is not there or may not be run.
+    """
+    names = PROGRAMS if program is None else (str(program),)
+    for path in map(shutil.which, names):
+        if path:
+            return Path(path).resolve()
+    if program is not None and Path(program).is_file():
+        raise AcousticsError(f"{program}: is there but may not be run; make it executable")
+    raise AcousticsError(
+        f"Bellhop: no {' or '.join(names)} on PATH; install it, or name the program by its path"
+    )
+
+
+def run_bellhop(program: str | Path | None, env: str | Path, *, timeout: float = 600.0) -> BellhopRun:
+    """
+    Run Bellhop, on one thread, on a `.env` file; it writes its results next to it.
+
+    Parameters
+    ----------
+    program : str or pathlib.Path, optional
+        See `find_bellhop`.
+    env : str or pathlib.Path
+        The file, for an arrivals or a ray run.
+    timeout : float
+        The run is ended after this long. [s]
+
+    Returns
+    -------
+    BellhopRun
+
+    Raises
+    ------
+    AcousticsError
+        If the program is missing, fails, takes too long or writes no result; the message ends with the tail of
+        its print file.
+
+    Notes
+    -----
+    The Fortran program takes the name of the file alone; ``bellhopcxx`` and ``bellhopcuda`` are told that the
+    run is 3-D.
+    """
+    binary, file = find_bellhop(program), Path(env).resolve()
+    if not file.is_file():
+        raise AcousticsError(f"{env}: no such file")
+    words = ["--3D", "-1"] if "cxx" in binary.name or "cuda" in binary.name else []
+    outputs = [file.with_suffix(suffix) for suffix in (".arr", ".ray")]
+    for old in (*outputs, file.with_suffix(".prt")):
+        old.unlink(missing_ok=True)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    try:
+        done = subprocess.run(  # a program that the user named, no shell
+            [str(binary), *words, file.stem],
+            cwd=file.parent,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=timeout,
+            check=False,
+            env={**os.environ, "LC_ALL": "C"},
+        )
+    except subprocess.TimeoutExpired:
+        raise AcousticsError(
+            f"{binary.name}: not finished with {file.name} after {timeout:g} s{_tail(file, b'')}"
+        ) from None
+    except OSError as error:
+        raise AcousticsError(f"{binary}: cannot be run: {error.strerror}") from None
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    tail = _tail(file, done.stdout + done.stderr)
+    if done.returncode != 0:
+        raise AcousticsError(f"{binary.name}: failed on {file.name} with exit code {done.returncode}{tail}")
+    written = [path for path in outputs if path.is_file() and path.stat().st_size > 0]
+    if not written or "FATAL ERROR" in tail:
+        raise AcousticsError(f"{binary.name}: wrote no arrivals or rays for {file.name}{tail}")
+    return BellhopRun(written[0], after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+
+
+def bellhop_arrivals(
+    medium: Medium,
+    source: ArrayLike,
+    receiver: ArrayLike,
+    options: BellhopOptions | None = None,
+    *,
+    program: str | Path | None = None,
+    timeout: float = 600.0,
+) -> tuple[BellhopArrivals, float]:
+    """
+    Run Bellhop on one link in a temporary folder.
+
+    Parameters
+    ----------
+    medium : Medium
+        With ``linear`` interpolation, Bellhop's own.
+    source, receiver : array_like, shape (3,)
+        Positions ``(north, east, down)``. [m]
+    options : BellhopOptions, optional
+        See `write_bellhop`.
+    program : str or pathlib.Path, optional
+        See `find_bellhop`.
+    timeout : float
+        [s]
+
+    Returns
+    -------
+    arrivals : BellhopArrivals
+        All of them, bounced ones included; horizontal positions are relative to the source.
+    cpu_time : float
+        [s]
+
+    Raises
+    ------
+    AcousticsError
+        As `write_bellhop` and `run_bellhop`, or if the medium is smooth.
+    """
+    if medium.interpolation != "linear":
+        raise AcousticsError(
+            "interpolation: 'smooth'; Bellhop draws straight lines between grid points, compare a medium made with"
+            " interpolation='linear' or by linear_medium"
+        )
+    start = np.asarray(source, dtype=float)
+    with tempfile.TemporaryDirectory(prefix="mantaray-bellhop-") as folder:
+        (env,) = write_bellhop(folder, medium, start, receiver, options, origin=start[:2].tolist())
+        done = run_bellhop(program, env, timeout=timeout)
+        return read_bellhop_arrivals(done.output), done.cpu_time
+
+
+def compare_with_bellhop(
+    medium: Medium,
+    source: ArrayLike,
+    receiver: ArrayLike,
+    options: BellhopOptions | None = None,
+    *,
+    program: str | Path | None = None,
+    timeout: float = 600.0,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> pd.DataFrame:
+    """
+    Earliest direct arrivals of the two-point solver and of Bellhop, link by link.
+
+    Parameters
+    ----------
+    medium : Medium
+        With ``linear`` interpolation, Bellhop's own.
+    source, receiver : array_like, shape (n_links, 3) or (3,)
+        Positions ``(north, east, down)``. [m]
+    options : BellhopOptions, optional
+        See `write_bellhop`. The search for a direct arrival starts with its beams and doubles them up to 400.
+    program : str or pathlib.Path, optional
+        See `find_bellhop`.
+    timeout : float
+        Of each run of Bellhop. [s]
+    progress : callable, optional
+        Takes a stage's name, the links done and the links there are.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per link: its length, our status and travel time (no amplitude cut-off), Bellhop's travel time
+        and the beams it took, the difference (Bellhop minus ours) [us], and CPU times [ms]; ours are an average
+        over all links on one thread, after compilation.
+
+    Raises
+    ------
+    AcousticsError
+        As `bellhop_arrivals`.
+
+    Notes
+    -----
+    The rule is the paper's: a fan of 100 x 100 beams within 15 degrees of the chord, doubled until
+    an arrival without a bounce appears; the earliest one counts. Bellhop's positions, relative to the source,
+    and its travel times are in single precision, which alone makes up to about half a microsecond.
+    """
+    options, binary = options or BellhopOptions(), find_bellhop(program)
+    a, b = (np.ascontiguousarray(np.atleast_2d(np.asarray(p, dtype=float))) for p in (source, receiver))
+    find_eigenrays(medium, a, b, spreading_cutoff_db=None, threads=1)  # compiles, and warms the caches
+    start = time.process_time()
+    ours = find_eigenrays(medium, a, b, spreading_cutoff_db=None, threads=1).first()
+    our_cpu = (time.process_time() - start) / len(a)
+    rows = []
+    for i, ends in enumerate(zip(a, b, strict=True)):
+        if progress is not None:
+            progress("bellhop", i, len(a))
+        first, beams, cpu = _first_direct(medium, *ends, options, binary, timeout)
+        rows.append(
+            {
+                "link": i,
+                "distance_m": float(np.linalg.norm(ends[1] - ends[0])),
+                "status": RayStatus(int(ours.status[i])).name,
+                "travel_time_s": ours.travel_time[i],
+                "bellhop_travel_time_s": first,
+                "difference_us": 1e6 * (first - ours.travel_time[i]),
+                "bellhop_beams": beams,
+                "cpu_ms": 1e3 * our_cpu,
+                "bellhop_cpu_ms": 1e3 * cpu,
+            }
+        )
+    if progress is not None:
+        progress("bellhop", len(a), len(a))
+    return pd.DataFrame(rows)
+
+
+def _first_direct(
+    medium: Medium,
+    source: ArrayLike,
+    receiver: ArrayLike,
+    options: BellhopOptions,
+    program: Path,
+    timeout: float,
+) -> tuple[float, int, float]:
+    """Earliest arrival without a bounce or NaN [s], the beams it took and the CPU time of all runs [s]."""
+    cpu, beams = 0.0, options.beams
+    while True:
+        fan = replace(options, beams=beams)
+        arrivals, spent = bellhop_arrivals(medium, source, receiver, fan, program=program, timeout=timeout)
+        cpu += spent
+        first = arrivals.first_direct().item()
+        if np.isfinite(first) or 2 * beams > MOST_BEAMS:
+            return first, beams, cpu
+        beams *= 2
+
+
+def _tail(file: Path, printed: bytes) -> str:
+    """End of the print file, or of what the program said, on one line."""
+    try:
+        text = file.with_suffix(".prt").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        text = printed.decode("utf-8", "replace")
+    words = " ".join(text.split())
+    return f"; its print file ends: {words[-_TAIL:]}" if words else "; it printed nothing"

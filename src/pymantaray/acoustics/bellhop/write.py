@@ -1,0 +1,359 @@
+"""A medium and its links as BELLHOP3D input files: `.env`, `.ssp` and `.bty`."""
+
+import math
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.acoustics.medium import Medium
+from pymantaray.errors import AcousticsError
+from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.records.writing import whole_file
+
+Array = NDArray[np.float64]
+BottomKind = Literal["rigid", "vacuum", "matching"]
+Run = Literal["arrivals", "arrivals-binary", "rays", "eigenrays"]
+_LETTER: dict[Run, str] = {"arrivals": "A", "arrivals-binary": "a", "rays": "R", "eigenrays": "E"}
+_LONGEST_NAME = 60  # Bellhop keeps 80 characters of a name with its extension
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """
+    Sea bed as an acousto-elastic half-space.
+
+    Attributes
+    ----------
+    sound_speed : float
+        Of compressional waves. [m s⁻¹]
+    density_g_per_cm3 : float
+        In Bellhop's unit. [g cm⁻³]
+    attenuation_db_per_wavelength : float
+        Of compressional waves. [dB per wavelength]
+    shear_speed : float
+        0 for a fluid. [m s⁻¹]
+    shear_attenuation_db_per_wavelength : float
+        [dB per wavelength]
+    """
+
+    sound_speed: float
+    density_g_per_cm3: float
+    attenuation_db_per_wavelength: float = 0.0
+    shear_speed: float = 0.0
+    shear_attenuation_db_per_wavelength: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no sediment is."""
+        for name, value in vars(self).items():
+            least = 1e-300 if name in ("sound_speed", "density_g_per_cm3") else 0.0
+            if not least <= value < math.inf:
+                raise AcousticsError(f"half-space: {name} is {value}; it must be finite and positive")
+
+
+@dataclass(frozen=True)
+class BellhopOptions:
+    """
+    What Bellhop is to compute for a link, and how.
+
+    Parameters
+    ----------
+    run : {"arrivals", "arrivals-binary", "rays", "eigenrays"}
+        What it writes: `.arr` as text or binary, or `.ray`.
+    beams : int
+        Beams in declination and again in bearing.
+    cone : float
+        Width of the fan to either side of the chord, in both. [rad]
+    frequency : float
+        Bellhop joins arrivals nearer than 0.05/(2 pi frequency) seconds. [Hz]
+    bottom : {"rigid", "vacuum", "matching"} or HalfSpace
+        Sea bed: lossless with or without a change of sign, without a contrast to the water, or given.
+    step : float
+        Step along the rays; 0 leaves it to Bellhop, a tenth of the last level, which can cost milliseconds. [m]
+
+    Raises
+    ------
+    AcousticsError
+        If one is impossible.
+    """
+
+    run: Run = "arrivals"
+    beams: int = 100
+    cone: float = math.radians(15.0)
+    frequency: float = 10_000.0
+    bottom: BottomKind | HalfSpace = "rigid"
+    step: float = 50.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for name, value, allowed in (("run", self.run, Run), ("bottom", self.bottom, BottomKind)):
+            if value not in get_args(allowed) and not (name == "bottom" and isinstance(value, HalfSpace)):
+                raise AcousticsError(f"{name}: {value!r}; allowed are {', '.join(get_args(allowed))}")
+        if self.beams < 2 or not 0.0 < self.cone <= math.pi:
+            raise AcousticsError(
+                f"beams {self.beams}, cone {self.cone:g} rad; at least 2 beams and up to pi are allowed"
+            )
+        if not (0.0 < self.frequency < math.inf and 0.0 <= self.step < math.inf):
+            raise AcousticsError(
+                f"frequency {self.frequency} Hz, step {self.step} m; the first must be positive, the second not less than 0"
+            )
+
+
+def write_bellhop(
+    folder: str | Path,
+    medium: Medium,
+    source: ArrayLike,
+    receiver: ArrayLike,
+    options: BellhopOptions | None = None,
+    *,
+    name: str = "link",
+    origin: Sequence[float] = (0.0, 0.0),
+) -> list[Path]:
+    """
+    Write a medium and its links as input of BELLHOP3D, one run per link.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        Where the files go; made if needed. Files of the same names are replaced.
+    medium : Medium
+        Its values at the grid points are written. Bellhop's grid means straight lines between them, so a
+        smooth medium is not the same ocean there; pass it through `linear_medium` first.
+    source, receiver : array_like, shape (n_links, 3) or (3,)
+        Positions ``(north, east, down)`` inside the grid. [m]
+    options : BellhopOptions, optional
+        Default: arrivals of 100 x 100 beams within 15 degrees of the chord over a rigid bed.
+    name : str
+        Stem of the files of one link; several links add ``_0``, ``_1`` and so on.
+    origin : sequence of 2 floats
+        North and east of Bellhop's x = y = 0. Bellhop keeps positions in single precision: near the source
+        they lose least. [m]
+
+    Returns
+    -------
+    list of pathlib.Path
+        The `.env` file of each link. The `.ssp` and `.bty` files of further links are hard links to the first.
+
+    Raises
+    ------
+    AcousticsError
+        If an end lies outside the grid or its levels, or the name is impossible.
+    WriteError
+        If a file cannot be written.
+
+    Notes
+    -----
+    Bellhop's x is north, y east and z down, so its bearings are azimuths clockwise from north. Lengths are
+    written with all their digits. A medium with one profile is written as one (option C) with a flat `.bty`
+    that reaches beyond all links; any other as a hexahedral grid. The sea bed is bilinear in a medium and two
+    triangles a cell in Bellhop.
+    """
+    options = options or BellhopOptions()
+    if not name or len(name) > _LONGEST_NAME or Path(name).name != name:
+        raise AcousticsError(f"name: {name!r}; a file name of 1 to {_LONGEST_NAME} characters is needed")
+    a, b = (np.atleast_2d(np.asarray(points, dtype=float)) for points in (source, receiver))
+    _check_ends(medium, a, b)
+    shift = np.array([origin[0], origin[1], 0.0])
+    grids = _grid_texts(medium, np.concatenate([a, b]) - shift, shift)
+    stems = [name] if len(a) == 1 else [f"{name}_{i}" for i in range(len(a))]
+    paths = [Path(folder) / f"{stem}.env" for stem in stems]
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        for suffix, text in grids.items():
+            first = paths[0].with_suffix(suffix)
+            _write(first, text)
+            for path in paths[1:]:
+                _same_file(first, path.with_suffix(suffix))
+    except OSError as error:
+        raise AcousticsError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    for path, start, end in zip(paths, a - shift, b - shift, strict=True):
+        _write(path, _env_text(path.stem, medium, start, end, options))
+    return paths
+
+
+def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> Medium:
+    """
+    Sample a medium on a finer grid, with straight lines between the points.
+
+    Parameters
+    ----------
+    medium : Medium
+        Smooth or linear; a linear one stays the same ocean.
+    horizontal, vertical : int
+        Parts that each cell is cut into, along north and east and along depth.
+
+    Returns
+    -------
+    Medium
+        With ``linear`` interpolation. Its difference from a smooth medium falls as the square of the parts.
+
+    Raises
+    ------
+    AcousticsError
+        If a number of parts is below 1.
+    """
+    from scipy.interpolate import CubicSpline, make_interp_spline
+
+    if horizontal < 1 or vertical < 1:
+        raise AcousticsError(f"horizontal {horizontal}, vertical {vertical}; at least 1 part a cell")
+    axes = (medium.north, medium.east, medium.depth)
+    finer = (_cut(medium.north, horizontal), _cut(medium.east, horizontal), _cut(medium.depth, vertical))
+    c = medium.sound_speed
+    if medium.interpolation == "smooth":
+        c = CubicSpline(medium.depth, c, axis=2, bc_type="natural")(finer[2])
+        for k, axis in enumerate(axes[:2]):
+            if axis.size > 1:
+                c = make_interp_spline(axis, c, k=min(3, axis.size - 1), axis=k)(finer[k])
+    else:
+        c = _on_grid(axes, c, finer)
+    bed = (_cut(medium.bed_north, horizontal), _cut(medium.bed_east, horizontal))
+    return Medium.from_grid(
+        *finer,
+        c,
+        bathymetry=_on_grid((medium.bed_north, medium.bed_east), medium.bathymetry, bed),
+        bed_north=bed[0],
+        bed_east=bed[1],
+        interpolation="linear",
+    )
+
+
+def _check_ends(medium: Medium, a: Array, b: Array) -> None:
+    if a.ndim != 2 or a.shape[1:] != (3,) or a.shape != b.shape or len(a) == 0:
+        raise AcousticsError(f"source has shape {a.shape}, receiver {b.shape}; both need (n_links, 3)")
+    if medium.depth[0] != 0.0:
+        raise AcousticsError(
+            f"depth: the first level is at {medium.depth[0]:g} m; Bellhop takes it for the surface, give one at 0"
+        )
+    sides = [
+        (axis[0], axis[-1]) if axis.size > 1 else (-math.inf, math.inf)
+        for axis in (medium.north, medium.east)
+    ]
+    low, high = np.array([*sides, (0.0, medium.depth[-1])]).T
+    for end, points in (("source", a), ("receiver", b)):
+        outside = np.flatnonzero(~np.all((points >= low) & (points <= high), axis=1))
+        if outside.size:
+            p = points[outside[0]]
+            raise AcousticsError(
+                f"{end} of link {outside[0]}: {p[0]:g} north, {p[1]:g} east, {p[2]:g} m deep is outside the grid or"
+                f" its levels (0 to {medium.depth[-1]:g} m); Bellhop would move or lose it"
+            )
+
+
+def _grid_texts(medium: Medium, ends: Array, shift: Array) -> dict[str, str]:
+    """
+    The hexahedral `.ssp`, if sound speed varies horizontally, and the `.bty` of type R, by their suffix.
+
+    Both have x and y in kilometres, then lists along x: of each depth and y, and of each y. Bellhop needs two points
+    along an axis; one, no variation along it, becomes two beyond all ends.
+    """
+    centre = [np.mean(medium.north) - shift[0], np.mean(medium.east) - shift[1]]
+    reach = 10_000.0 + 2.0 * float(np.abs(ends[:, :2] - centre).max())
+
+    def axes(values: Array, north: Array, east: Array) -> tuple[list[str], Array]:
+        lines: list[str] = []
+        for k, axis in enumerate((north - shift[0], east - shift[1])):
+            if axis.size == 1:
+                axis, values = axis[0] + reach * np.array([-1.0, 1.0]), np.repeat(values, 2, axis=k)
+            lines += [f"{axis.size} /", _row(axis, _kilometres)]
+        return lines, values
+
+    lines, bed = axes(medium.bathymetry, medium.bed_north, medium.bed_east)
+    texts = {".bty": ["'R'", *lines, *map(_row, bed.T)]}
+    if medium.sound_speed.shape[:2] != (1, 1):
+        lines, c = axes(medium.sound_speed, medium.north, medium.east)
+        levels = [f"{medium.depth.size} /", _row(medium.depth)]
+        texts[".ssp"] = [*lines, *levels, *map(_row, c.transpose(2, 1, 0).reshape(-1, len(c)))]
+    return {suffix: "\n".join(lines) + "\n" for suffix, lines in texts.items()}
+
+
+def _env_text(title: str, medium: Medium, start: Array, end: Array, options: BellhopOptions) -> str:
+    """The `.env` of one link, with a flat surface next to a vacuum and attenuation in dB per wavelength."""
+    uniform = medium.sound_speed.shape[:2] == (1, 1)
+    profile = medium.sound_speed[0, 0] if uniform else medium.sound_speed.mean(axis=(0, 1))
+    bed = options.bottom
+    if bed == "matching":
+        bed = HalfSpace(sound_speed=float(profile[-1]), density_g_per_cm3=1.0)
+    half_space = []
+    if isinstance(bed, HalfSpace):
+        losses = (bed.attenuation_db_per_wavelength, bed.shear_attenuation_db_per_wavelength)
+        half_space = [
+            _row((medium.depth[-1], bed.sound_speed, bed.shear_speed, bed.density_g_per_cm3, *losses))
+        ]
+    letter = "A" if isinstance(bed, HalfSpace) else "R" if bed == "rigid" else "V"
+    step = end - start
+    across, bearing = math.hypot(step[0], step[1]), math.atan2(step[1], step[0])
+    fan = np.degrees(np.linspace(-options.cone, options.cone, options.beams))
+    side = 1.05 * across + float(np.linalg.norm(step)) * math.sin(min(options.cone, 0.5 * math.pi)) + 100.0
+    deepest = 1.1 * float(max(medium.bathymetry.max(), medium.depth[-1]))
+    box = f"{_plain(options.step)} {_kilometres(side)} {_kilometres(side)} {_plain(deepest)}"
+    last = _plain(medium.depth[-1])
+    lines = [
+        f"'{title} by MantaRay, x north, y east'",
+        f"{_plain(options.frequency)} ! frequency [Hz]",
+        "1 ! media",
+        f"'{'C' if uniform else 'H'}VW' ! profile, vacuum above, attenuation in dB per wavelength",
+        f"{medium.depth.size} 0.0 {last} ! levels, roughness [m], last level [m]",
+        *(_row(level) for level in zip(medium.depth, profile, strict=True)),
+        f"'{letter}~' 0.0 ! sea bed, roughness [m]",
+        *half_space,
+        *_list([start[0]], "source x [km]", _kilometres),
+        *_list([start[1]], "source y [km]", _kilometres),
+        *_list([start[2]], "source depth [m]"),
+        *_list([end[2]], "receiver depth [m]"),
+        *_list([across], "receiver range [km]", _kilometres),
+        *_list([math.degrees(bearing)], "receiver bearing [deg] from x towards y"),
+        f"'{_LETTER[options.run]}G RR3' ! run type",
+        *_list(math.degrees(math.atan2(step[2], across)) + fan, "declination [deg], positive down"),
+        *_list(math.degrees(bearing) + fan, "bearing [deg] from x towards y"),
+        f"{box} ! step [m], box x [km], y [km], z [m]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _plain(value: float) -> str:
+    """Shortest decimal that reads back as the same double."""
+    return repr(float(value))
+
+
+def _kilometres(value: float) -> str:
+    """Metres written as kilometres by moving the decimal point, so that no digit is lost."""
+    return format(Decimal(_plain(value)).scaleb(-3), "f")
+
+
+def _row(values: Iterable[float], word: Callable[[float], str] = _plain) -> str:
+    """Numbers of one list, ended by a slash."""
+    return " ".join(map(word, values)) + " /"
+
+
+def _list(values: Sequence[float] | Array, what: str, word: Callable[[float], str] = _plain) -> list[str]:
+    return [f"{len(values)} ! {what}", _row(values, word)]
+
+
+def _write(path: Path, text: str) -> None:
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _same_file(first: Path, other: Path) -> None:
+    other.unlink(missing_ok=True)
+    try:
+        other.hardlink_to(first)
+    except OSError:  # a file system without hard links
+        shutil.copyfile(first, other)
+
+
+def _cut(axis: Array, parts: int) -> Array:
+    if axis.size == 1 or parts == 1:
+        return axis
+    inner = axis[:-1, None] + np.diff(axis)[:, None] * (np.arange(parts) / parts)
+    return np.append(inner.ravel(), axis[-1])
+
+
+def _on_grid(axes: tuple[Array, ...], values: Array, finer: tuple[Array, ...]) -> Array:
+    places = np.stack(np.meshgrid(*finer, indexing="ij"), axis=-1)
+    return linear_interpolator(axes, values)(places.reshape(-1, len(axes))).reshape(places.shape[:-1])

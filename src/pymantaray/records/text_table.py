@@ -1,0 +1,134 @@
+"""Tables that people write, CSV and its kin, as text: rows with the lines of the file that they stand in."""
+
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pymantaray.errors import RecordError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+    from numpy.typing import NDArray
+
+_MAX_BYTES = 200_000_000
+"""A CTD of 24 Hz that goes down 12 km and up again at 1 m/s writes 600,000 rows, 300 bytes at most each."""
+_RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
+
+
+@dataclass(frozen=True, eq=False)
+class TextTable:
+    """
+    Cells of a table as text.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    frame : pandas.DataFrame
+        Of str, with the header's names, by the line of the file that each row stands in, from 1. An empty cell is "".
+    comments : list of str
+        Lines that begin with ``#``.
+    """
+
+    path: Path
+    frame: "pd.DataFrame"
+    comments: list[str]
+
+    def require(self, columns: list[str]) -> None:
+        """Refuse a table that lacks a column, naming those that it has, or has it twice."""
+        header = list(self.frame.columns)
+        missing = [name for name in columns if name not in header]
+        if missing:
+            raise RecordError(f"{self.path}: lacks {', '.join(missing)}; found {', '.join(header)}")
+        twice = [name for name in columns if header.count(name) > 1]
+        if twice:
+            raise RecordError(f"{self.path}: has two columns {twice[0]}; keep one")
+
+    def numbers(self, columns: list[str]) -> "NDArray[np.float64]":
+        """Columns as finite numbers (n_rows, n_columns); a cell that is none is refused, naming its line."""
+        import numpy as np
+        import pandas as pd
+
+        self.require(columns)
+        values = np.empty((len(self.frame), len(columns)))
+        for k, name in enumerate(columns):
+            values[:, k] = pd.to_numeric(self.frame[name], errors="coerce")
+        wrong = np.argwhere(~np.isfinite(values))
+        if wrong.size:
+            row, k = wrong[0]
+            raise RecordError(
+                f"{self.path}, line {self.frame.index[row]}: every one of {', '.join(columns)} needs a number;"
+                f" {columns[k]} is {self.frame[columns[k]].iloc[row]!r}"
+            )
+        return values
+
+
+def read_text_table(path: str | Path) -> TextTable:
+    """
+    Read a table with a header, its cells separated by commas, semicolons, tabs or blanks, whichever the header has.
+
+    Empty lines and lines that begin with ``#`` are no rows; blanks about a cell are no part of it.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+
+    Returns
+    -------
+    TextTable
+
+    Raises
+    ------
+    RecordError
+        If the file is unreadable, no text, above 200 MB or without rows, or a row has more cells than the header.
+    """
+    import pandas as pd
+
+    path = Path(path)
+    lines = {i: line for i, line in enumerate(_text(path).splitlines(), 1) if line.strip(" \t,;")}
+    comments = {i: line for i, line in lines.items() if line.lstrip().startswith("#")}
+    rows = {i: line.rstrip(" \t,;") for i, line in lines.items() if i not in comments}
+    if len(rows) < 2:
+        raise RecordError(f"{path}: needs a header with names of columns, and rows")
+    separator = next((s for s in ",;\t" if s in next(iter(rows.values()))), r"\s+")
+    try:
+        cells = pd.read_csv(
+            io.StringIO("\n".join(rows.values())),
+            sep=separator,
+            header=None,
+            dtype=str,
+            keep_default_na=False,
+            skipinitialspace=True,
+        )
+    except ValueError as error:
+        if ragged := _RAGGED.search(str(error)):
+            titles, row, n = map(int, ragged.groups())
+            raise RecordError(
+                f"{path}, line {list(rows)[row - 1]}: {n} cells under a header of {titles}; is a separator missing?"
+            ) from None
+        raise RecordError(f"{path}: not a readable table: {' '.join(str(error).split())[:80]}") from None
+    if len(cells) != len(rows):
+        raise RecordError(f"{path}: {len(rows)} lines make {len(cells)} rows; a quote is not closed")
+    cells = cells.fillna("").map(str.strip).set_axis(list(rows))
+    return TextTable(path, cells.iloc[1:].set_axis(cells.iloc[0].tolist(), axis=1), list(comments.values()))
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.exists() and not path.is_file():
+            raise RecordError(f"{path}: not an ordinary file")
+        with path.open("rb") as file:
+            raw = file.read(_MAX_BYTES + 1)
+    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+        cause = getattr(error, "strerror", None) or error
+        raise RecordError(f"{path}: cannot be read: {cause}; name an existing file") from None
+    if len(raw) > _MAX_BYTES:
+        raise RecordError(f"{path}: more than {_MAX_BYTES:,} bytes; no table of people's has so many")
+    if b"\0" in raw[:4096]:
+        raise RecordError(f"{path}: not a table of text")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")  # degree signs of older programs

@@ -1,0 +1,173 @@
+"""A medium and its links written for Bellhop, read by a reader that shares nothing with the writer."""
+
+import math
+
+import numpy as np
+import pytest
+from bellhop_stand_in import read_env, read_grids
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics.bellhop import BellhopOptions, HalfSpace, linear_medium, write_bellhop
+from pymantaray.errors import AcousticsError
+
+DEPTH = np.array([0.0, 10.0, 50.0, 200.0, 1000.0])
+PROFILE = Medium.from_profile(DEPTH, 1450.0 + 0.017 * DEPTH, bottom_depth=1234.5, interpolation="linear")
+ATOL_POSITION = 1e-9  # m; double precision of a range and a bearing
+
+
+def grid_medium(n_north=4, n_east=3, *, seed=0):
+    rng = np.random.default_rng(seed)
+    north = np.cumsum(rng.uniform(500.0, 2000.0, n_north)) - 3000.0
+    east = np.cumsum(rng.uniform(500.0, 2000.0, n_east)) + 70_000.0
+    c = rng.uniform(1430.0, 1520.0, (n_north, n_east, DEPTH.size))
+    bed = rng.uniform(300.0, 1000.0, (n_north, n_east))
+    return Medium.from_grid(north, east, DEPTH, c, bathymetry=bed, interpolation="linear")
+
+
+def middle(medium, depth, offset=(0.0, 0.0)):
+    return np.array([medium.north.mean() + offset[0], medium.east.mean() + offset[1], depth])
+
+
+@settings(max_examples=25, deadline=None)
+@given(n_north=st.integers(1, 4), n_east=st.integers(1, 4), seed=st.integers(0, 2**32 - 1))
+def test_a_medium_is_written_to_the_last_bit(tmp_path_factory, n_north, n_east, seed):
+    medium = grid_medium(n_north, n_east, seed=seed)
+    folder = tmp_path_factory.mktemp("round")
+    (env,) = write_bellhop(folder, medium, middle(medium, 20.0), middle(medium, 100.0, (1.0, 2.0)))
+    water, bed = read_grids(env)
+    assert (water is None) == (n_north == n_east == 1) == (read_env(env).profile == "C")
+    grids = (
+        [(bed, medium.bathymetry)]
+        if water is None
+        else [(bed, medium.bathymetry), (water, medium.sound_speed)]
+    )
+    for (north, east, *_, values), expected in grids:
+        found = np.array(values)
+        for k, (axis, own) in enumerate(((north, medium.north), (east, medium.east))):
+            if own.size == 1:  # two points about it, far beyond the link, and no variation between them
+                assert axis[0] < own[0] - 1e4 < own[0] + 1e4 < axis[1]
+                np.testing.assert_array_equal(*np.split(found, 2, axis=k))
+                found = found.take([0], axis=k)
+            else:
+                np.testing.assert_array_equal(axis, own)
+        np.testing.assert_array_equal(found, expected)
+    if water is not None:
+        np.testing.assert_array_equal(water[2], DEPTH)
+
+
+def test_one_profile_is_written_as_one_over_a_bed_that_reaches_beyond_the_link(tmp_path):
+    (env,) = write_bellhop(tmp_path, PROFILE, [0, 0, 10], [80_000.0, -3_000.0, 300.0])
+    np.testing.assert_array_equal(read_env(env).levels, np.stack([DEPTH, PROFILE.sound_speed[0, 0]], axis=1))
+    water, (north, _, bed) = read_grids(env)
+    assert water is None
+    assert north[0] < -80_000.0 < 80_000.0 < north[1]
+    assert set(np.ravel(bed)) == {1234.5}
+
+
+def test_positions_fan_and_box_of_a_link(tmp_path):
+    medium = grid_medium()
+    source = np.array([medium.north[1] + 0.123, medium.east[1] + 1 / 3, 12.3])
+    receiver = source + np.array([-400.1, 500.7, 101.9])
+    options = BellhopOptions(beams=11, cone=0.2, run="rays", frequency=12_345.0, step=7.0)
+    (env,) = write_bellhop(tmp_path, medium, source, receiver, options)
+    found = read_env(env)
+    assert found.source == tuple(source)
+    assert (found.run_type, found.frequency, found.step) == ("RG RR3", 12_345.0, 7.0)
+    r, bearing = found.receiver_range, found.receiver_bearing
+    there = [source[0] + r * math.cos(bearing), source[1] + r * math.sin(bearing), found.receiver_depth]
+    np.testing.assert_allclose(there, receiver, rtol=0, atol=ATOL_POSITION)
+    slope, fan = math.atan2(101.9, math.hypot(400.1, 500.7)), np.linspace(-0.2, 0.2, 11)  # positive down
+    np.testing.assert_allclose(found.declinations, slope + fan, atol=1e-12)
+    np.testing.assert_allclose(found.bearings, math.atan2(500.7, -400.1) + fan, atol=1e-12)
+    assert np.all(found.box[:2] > np.abs(receiver - source)[:2])
+    assert found.box[2] > medium.bathymetry.max()
+
+
+@pytest.mark.parametrize(
+    ("step", "bearing_deg"),
+    [([500, 0, 0], 0.0), ([0, 500, 0], 90.0), ([-500, 0, 0], 180.0), ([0, -500, 0], -90.0)],
+)
+def test_x_is_north_and_bearings_run_clockwise(tmp_path, step, bearing_deg):
+    medium = grid_medium()
+    (env,) = write_bellhop(tmp_path, medium, middle(medium, 20.0), middle(medium, 20.0) + step)
+    assert math.degrees(read_env(env).receiver_bearing) == pytest.approx(bearing_deg)
+
+
+def test_links_share_their_grids_and_the_origin_moves_them(tmp_path):
+    medium = grid_medium()
+    a, b = middle(medium, 20.0), middle(medium, 100.0, (50.0, 60.0))
+    for _ in range(2):  # the second time over the first
+        paths = write_bellhop(tmp_path, medium, [a, b], [b, a], name="pair", origin=a[:2])
+    assert [path.name for path in paths] == ["pair_0.env", "pair_1.env"]
+    for suffix in (".ssp", ".bty"):
+        first, second = (path.with_suffix(suffix) for path in paths)
+        assert first.samefile(second)
+    assert read_env(paths[0]).source == (0.0, 0.0, 20.0)
+    (north, *_, c), _ = read_grids(paths[1])
+    np.testing.assert_allclose(north, medium.north - a[0], rtol=0, atol=ATOL_POSITION)
+    np.testing.assert_array_equal(c, medium.sound_speed)
+    assert len(list(tmp_path.iterdir())) == 6
+
+
+@pytest.mark.parametrize(
+    ("bottom", "letter", "expected"),
+    [
+        ("rigid", "R", None),
+        ("vacuum", "V", None),
+        ("matching", "A", [1000.0, 1467.0, 0.0, 1.0, 0.0, 0.0]),
+        (HalfSpace(1650.0, 1.9, 0.8, 300.0, 1.5), "A", [1000.0, 1650.0, 300.0, 1.9, 0.8, 1.5]),
+    ],
+)
+def test_bottoms(tmp_path, bottom, letter, expected):
+    (env,) = write_bellhop(tmp_path, PROFILE, [0, 0, 10], [500.0, 0, 20], BellhopOptions(bottom=bottom))
+    assert (read_env(env).bottom, read_env(env).half_space) == (letter, expected)
+
+
+def test_what_bellhop_would_move_or_lose_is_not_written(tmp_path):
+    medium = grid_medium()
+    inside = middle(medium, 20.0)
+    for receiver in (middle(medium, 20.0, (1e5, 0.0)), middle(medium, 1000.5), middle(medium, -1.0)):
+        with pytest.raises(AcousticsError, match=r"receiver of link 0: .* is outside the grid or its levels"):
+            write_bellhop(tmp_path, medium, inside, receiver)
+    high = Medium.from_profile([-5.0, 100.0], [1500.0, 1500.0], bottom_depth=100.0)
+    with pytest.raises(AcousticsError, match="the first level is at -5 m; Bellhop takes it for the surface"):
+        write_bellhop(tmp_path, high, [0, 0, 10], [0, 100, 10])
+    with pytest.raises(AcousticsError, match="name: 'a/b'"):
+        write_bellhop(tmp_path, medium, inside, inside, name="a/b")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"beams": 1}, {"cone": 4.0}, {"run": "tl"}, {"bottom": "mud"}, {"frequency": 0.0}, {"step": -1.0}],
+)
+def test_impossible_options_are_refused(wrong):
+    with pytest.raises(AcousticsError, match=next(iter(wrong))):
+        BellhopOptions(**wrong)
+    with pytest.raises(AcousticsError, match="sound_speed is -1"):
+        HalfSpace(sound_speed=-1.0, density_g_per_cm3=1.0)
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "smooth"])
+def test_a_finer_linear_medium_nears_the_same_ocean(interpolation):
+    axis, z = np.linspace(0.0, 8000.0, 5), np.linspace(0.0, 1000.0, 11)
+    n, e, d = np.meshgrid(axis, axis, z, indexing="ij")
+    c = 1480.0 + 5.0 * np.sin(n / 3e3) * np.cos(e / 4e3) + 8.0 * np.cos(d / 300.0)
+    bed = 1000.0 + n[..., 0] / 100.0
+    medium = Medium.from_grid(axis, axis, z, c, bathymetry=bed, interpolation=interpolation)
+    points = np.random.default_rng(5).uniform([0, 0, 0], [8000.0, 8000.0, 1000.0], (200, 3))
+    exact = find_eigenrays(medium, points, points).source_sound_speed
+
+    def error(parts):
+        fine = linear_medium(medium, horizontal=parts, vertical=parts)
+        assert fine.bathymetry[parts, 0] == pytest.approx(1020.0)
+        return np.abs(find_eigenrays(fine, points, points).source_sound_speed - exact).max()
+
+    errors = [error(parts) for parts in (1, 2, 4, 8)]
+    if interpolation == "linear":
+        assert max(errors) < 1e-9, errors
+    else:  # second order, also between 2 and 8 where the cells are small
+        assert errors[0] > 0.1
+        assert errors[1] / errors[3] > 8.0, errors
