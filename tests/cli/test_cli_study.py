@@ -93,6 +93,10 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, small_text, ocean_f
     assert done.out == f"{tmp_path / 'run'}\n"
     run = open_run(tmp_path / "run")
     assert run.config.ocean.files == (str(ocean_file),)
+    assert (
+        run.config.study.description
+        == f"{tmp_path / 'small.toml'} with 2 realizations and the ocean {ocean_file}"
+    )
     assert list(run.manifest["ocean"]["sha256"]) == [str(ocean_file)]
     assert run.estimates.realization.tolist() == [0, 1]
 

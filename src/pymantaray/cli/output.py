@@ -6,12 +6,16 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from math import isnan
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from pymantaray.errors import WriteError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 EXIT_KNOWN_ERROR = 2
 Report = Callable[[str, int, int], None]
@@ -127,6 +131,22 @@ def progress_bars(*, quiet: bool) -> Iterator[Report | None]:
         yield report
 
 
+def print_table(title: str, table: "pd.DataFrame", columns: Mapping[str, tuple[str, str]]) -> None:
+    """Print columns of a table, each by its heading, its name and the format of its numbers, empty for words."""
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    shown = Table(title=title, title_justify="left", box=box.SIMPLE, pad_edge=False)
+    for heading, (_, form) in columns.items():
+        shown.add_column(escape(heading), no_wrap=not form, justify="right" if form else "left")
+    for row in table.to_dict("records"):
+        cells = [(row[name], form) for name, form in columns.values()]
+        shown.add_row(*(escape("-" if form and isnan(x) else format(x, form)) for x, form in cells))
+    Console().print(shown)
+
+
 def check_output(
     out: Path,
     endings: Iterable[str],
@@ -138,22 +158,7 @@ def check_output(
     """
     Refuse an output that cannot or must not be written, before anything is computed.
 
-    Parameters
-    ----------
-    out : pathlib.Path
-    endings : iterable of str
-        Allowed endings of its name.
-    inputs : iterable of pathlib.Path
-        Files that must not be overwritten, whatever ``force`` says.
-    beside : iterable of pathlib.Path
-        Further files that are written along with it.
-    force : bool
-        Allow what exists to be replaced.
-
-    Raises
-    ------
-    WriteError
-        In one line.
+    ``beside`` are further files that are written along with it; ``inputs`` are not overwritten even by ``force``.
     """
     if out.suffix not in endings:
         raise WriteError(f"{out}: the output's name must end in {' or '.join(endings)}")

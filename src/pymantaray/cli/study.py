@@ -1,11 +1,15 @@
 """Commands of `mantaray study`; what they need is imported when they run, so that help is quick."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pymantaray.cli.options import OceanCommand
+from pymantaray.cli.output import print_table, progress_bars
+
+if TYPE_CHECKING:
+    from pymantaray.study import Run
 
 app = typer.Typer(help="Run the paper's study, or one of your own.", no_args_is_help=True)
 
@@ -73,7 +77,6 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run a study: data, tables and figures go into one folder."""
-    from pymantaray.cli.output import progress_bars
     from pymantaray.study import load_study
 
     config = load_study(study, realizations=realizations, ocean=ocean)
@@ -92,9 +95,7 @@ def run(
                 )
                 raise
     if not quiet:
-        from pymantaray.cli.summary import print_summary
-
-        print_summary(results)
+        _print_summary(results)
     typer.echo(str(results.path))
 
 
@@ -103,7 +104,6 @@ def report(
     folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")], quiet: Quiet = False
 ) -> None:
     """Write tables, figures and page of a run: those that it has again, or those that an interrupted one lacks."""
-    from pymantaray.cli.output import progress_bars
     from pymantaray.report import write_report
 
     with progress_bars(quiet=quiet) as progress:
@@ -119,13 +119,81 @@ def compare(
     quiet: Quiet = False,
 ) -> None:
     """Set two runs side by side: tables, figures and a page in a folder of their own."""
-    from pymantaray.cli.output import progress_bars
     from pymantaray.report import write_comparison
 
     with progress_bars(quiet=quiet) as progress:
         page = write_comparison(first, second, out, progress=progress)
     if not quiet:
-        from pymantaray.cli.summary import print_tables
-
-        print_tables(page.parent)
+        _print_comparison(page.parent)
     typer.echo(str(page))
+
+
+def _print_summary(run: "Run") -> None:
+    """Dropouts, range errors and trajectory errors, and warnings of solves and vehicles that did not end well."""
+    from pymantaray.evaluation import dropout_table, error_table, range_error_table
+
+    study, hours, fleet = run.config.study, run.config.mission.duration_h, run.config.fleet.vehicles
+    count = f"{study.realizations} realization{'' if study.realizations == 1 else 's'}"
+    water = "synthetic ocean" if run.synthetic else "ocean from files"
+    typer.echo(f"\n{study.name}: {hours:g} h, {len(fleet)} vehicles, {count}, {water}")
+    errors = range_error_table(run.measurements, run.ranging_truth, run.truth)
+    print_table(
+        "Refracted minus straight range",
+        dropout_table(run.measurements, run.truth).merge(errors),
+        {
+            "links": ("category", ""),
+            "tried": ("attempts", "d"),
+            "lost %": ("percent", ".1f"),
+            "mean [m]": ("mean_m", "+.2f"),
+            "sd [m]": ("sd_m", ".2f"),
+            "1 % [m]": ("p1_m", "+.1f"),
+            "99 % [m]": ("p99_m", "+.1f"),
+        },
+    )
+    print_table(
+        "Trajectory error, all vehicles and realizations, no alignment",
+        error_table(run.truth, run.estimates),
+        {
+            "condition": ("condition", ""),
+            "solves": ("solves", "d"),
+            "failed": ("failed_solves", "d"),
+            "mean [m]": ("mean_m", ".2f"),
+            "median [m]": ("median_m", ".2f"),
+            "RMSE [m]": ("rmse_m", ".2f"),
+            "95 % [m]": ("p95_m", ".2f"),
+        },
+    )
+    for line in _warnings(run):
+        typer.echo(f"warning: {line}")
+
+
+def _print_comparison(folder: Path) -> None:
+    """Tables of a comparison that set numbers side by side."""
+    import pandas as pd
+
+    for name, title in {
+        "range_drop_category_compare": "Ranges not heard",
+        "range_error": "Refracted minus straight range, all links",
+        "range_error_split": "Its parts, mean",
+        "ate_pooled": "Trajectory error, all vehicles and realizations, no alignment",
+    }.items():
+        table = pd.read_csv(folder / "tables" / f"{name}.csv")
+        numbers = table.select_dtypes("number").columns
+        print_table(title, table, {name: (name, ".2f" if name in numbers else "") for name in table.columns})
+
+
+def _warnings(run: "Run") -> list[str]:
+    """Which solves failed their health gate and which vehicles stopped, a line each."""
+    outcome = run.manifest["outcome"]
+    lines = [
+        f"vehicle {name} stopped after {stop['time_s'] / 3600.0:.1f} h: {stop['status']}"
+        for name, stop in outcome["stopped_vehicles"].items()
+    ]
+    by_kind: dict[tuple[str, str], list[int]] = {}
+    for solve in outcome["unhealthy_solves"]:
+        by_kind.setdefault((solve["condition"], solve["status"]), []).append(solve["realization"])
+    for (condition, status), which in by_kind.items():
+        count = f"{len(which)} of {run.config.study.realizations} solves"
+        listed = ", ".join(map(str, which))
+        lines.append(f"condition {condition}: {count} {status}, realizations {listed}")
+    return lines

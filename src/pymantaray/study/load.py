@@ -71,7 +71,7 @@ def load_study(
     ocean: Sequence[str | Path] | None = None,
 ) -> StudyConfig:
     """
-    Read and check a study's configuration.
+    Read and check a study's configuration; the description of a changed one says what is changed.
 
     Parameters
     ----------
@@ -109,13 +109,26 @@ def load_study(
         raise StudyError(
             f"{name}: not valid TOML: a number is too long, or tables are nested too deep"
         ) from None
-    if realizations is not None:
-        study = tree.setdefault("study", {})
-        if isinstance(study, dict):
-            study["realizations"] = realizations
+    if realizations is not None or ocean is not None:
+        _change(tree, name, realizations, ocean)
     if ocean is not None:
         tree["ocean"] = {"source": [input_file(str(source), Path()) for source in ocean]}
     return parse_study(tree, name, path.parent if is_file else None)
+
+
+def _change(
+    tree: dict[str, Any], name: str, realizations: int | None, ocean: Sequence[str | Path] | None
+) -> None:
+    study = tree.setdefault("study", {})
+    if not isinstance(study, dict):
+        return
+    changes = []
+    if realizations is not None:
+        study["realizations"] = realizations
+        changes.append(f"{realizations} realization{'' if realizations == 1 else 's'}")
+    if ocean is not None:
+        changes.append(f"the ocean {' '.join(map(str, ocean))}")
+    study["description"] = f"{name} with {' and '.join(changes)}"
 
 
 def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None = None) -> StudyConfig:
