@@ -9,11 +9,11 @@ from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, layer_we
 from pymantaray.ocean.open import ocean_times, open_ocean, open_ocean_series
 from pymantaray.ocean.perturb import column_ocean, mean_ocean, perturb_ocean, pooled_rms
 from pymantaray.ocean.schema import assemble_ocean, validate_ocean, with_history
-from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth, window_of
+from pymantaray.ocean.sea_floor import fill_below_sea_bed, open_sea_floor, sea_floor_depth
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.summary import region_table, sound_speed_profile_spread
 from pymantaray.ocean.synthetic import synthetic_ocean
-from pymantaray.ocean.topography import open_sea_floor
+from pymantaray.ocean.window import window_of
 
 __all__ = [
     "Cast",

@@ -18,6 +18,7 @@ from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.schema import assemble_ocean, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
+from pymantaray.ocean.window import rectangle
 
 Array = NDArray[np.float64]
 Instant = str | np.datetime64
@@ -40,7 +41,6 @@ _STEPS = ((100.0, 2.5), (200.0, 5.0), (500.0, 10.0), (1000.0, 25.0), (2000.0, 50
 _SHORTEST = 0.5  # of the last step: a level nearer to the bottom than that is left out
 _POINTS = 9  # along each horizontal axis; the water is the same at all
 _MARGIN = 1.02  # of the window beyond the half extent
-_EDGE_POINTS = 101
 
 
 def read_cast(
@@ -405,11 +405,7 @@ def _axes(cast: Cast, half_extent: tuple[float, float]) -> tuple[Array, Array]:
             f"half_extent is {half_extent} m; both half sides must be positive and below 5000 km"
         )
     frame = LocalFrame(cast.lat, cast.lon)
-    s = np.linspace(-1.0, 1.0, _EDGE_POINTS)
-    one = np.ones_like(s)
-    lat, lon = frame.to_geodetic(
-        north * np.concatenate([s, s, one, -one]), east * np.concatenate([one, -one, s, s])
-    )
+    lat, lon = frame.to_geodetic(*rectangle(north, east))
     half_lat = _MARGIN * float(np.abs(lat - cast.lat).max())
     half_lon = _MARGIN * float(np.abs(lon - frame.longitude_deg).max())
     if abs(cast.lat) + half_lat > 90.0 or half_lon >= 179.0:

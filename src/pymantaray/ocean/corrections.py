@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.schema import validate_ocean, with_history
 from pymantaray.ocean.seawater import absolute_and_conservative
+from pymantaray.ocean.window import counted_place
 
 Array = NDArray[np.float64]
 _TRACERS = ("water_temp", "salinity")
@@ -227,13 +227,7 @@ def column_at(ocean: xr.Dataset, lat: float, lon: float, name: str) -> Array:
     Of the wet ones among the four columns around the place, their weights shared out anew; NaN where all four are dry.
     """
     axes = [np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon")]
-    middle = 0.5 * (axes[1][0] + axes[1][-1])
-    at = (lat, wrapped(lon, about=middle))
-    if not all(axis[0] <= x <= axis[-1] for x, axis in zip(at, axes, strict=True)):
-        raise OceanError(
-            f"cast {name}: {lat:g} N {lon:g} E is outside the ocean's window, latitude {axes[0][0]:g} to"
-            f" {axes[0][-1]:g}, longitude {axes[1][0]:g} to {axes[1][-1]:g}; leave it out"
-        )
+    at = counted_place(ocean, (lat, lon), f"cast {name}")
     corner, share = [], []
     for x, axis in zip(at, axes, strict=True):
         i = int(np.clip(np.searchsorted(axis, x) - 1, 0, axis.size - 2))

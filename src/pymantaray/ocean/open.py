@@ -24,9 +24,9 @@ from pymantaray.ocean.convert import (
     without_scaled_fill,
 )
 from pymantaray.ocean.files import file_name, numbers, open_file, unreadable
-from pymantaray.ocean.grid import SAME_DEGREES, GeographicWindow, Selection, crop, select
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.synthetic import EPOCH, synthetic_ocean
+from pymantaray.ocean.window import SAME_DEGREES, GeographicWindow, Selection, crop, select
 from pymantaray.records.writing import NETCDF_LOCK
 
 Array = NDArray[np.float64]

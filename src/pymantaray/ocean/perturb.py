@@ -11,10 +11,10 @@ from scipy.interpolate import RectBivariateSpline
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.modes import VerticalModes, vertical_modes
 from pymantaray.ocean.schema import VARIABLES, layer_edges, validate_ocean, with_history
 from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound_speed
+from pymantaray.ocean.window import counted_place
 
 Array = NDArray[np.float64]
 _NODES_PER_SCALE = 4.0  # of a random field; a cubic spline then misses 0.1 % of the standard deviation
@@ -147,13 +147,7 @@ def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
     """
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
-    middle = 0.5 * (lon[0] + lon[-1])
-    at_lat, at_lon = place[0], wrapped(place[1], about=middle)
-    if not (lat[0] <= at_lat <= lat[-1] and lon[0] <= at_lon <= lon[-1]):
-        raise OceanError(
-            f"column: {place[0]:g} N {place[1]:g} E is outside the ocean's window, latitude {lat[0]:g} to"
-            f" {lat[-1]:g}, longitude {lon[0]:g} to {lon[-1]:g}"
-        )
+    at_lat, at_lon = counted_place(ocean, place, "column")
     wet = np.isfinite(ocean["water_temp"].values)
     apart = np.hypot(lat[:, None] - at_lat, (lon - at_lon) * np.cos(np.radians(at_lat)))
     i, j = np.unravel_index(int(np.argmin(np.where(wet[0], apart, np.inf))), apart.shape)

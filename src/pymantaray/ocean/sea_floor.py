@@ -1,22 +1,53 @@
-"""Coarse sea floor from what is valid or a finer one from a file, and values below it for the interpolants."""
+"""Sea floor: what an ocean's levels imply, or a file of depths or heights, and values below it for the interpolants."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import pyproj
 import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.longitude import eastward, whole_turns
+from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
+from pymantaray.ocean.files import file_name, numbers, open_file, text
 from pymantaray.ocean.schema import layer_edges
-from pymantaray.ocean.window import Window
+from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
 
 Array = NDArray[np.float64]
 MAX_FLOOR_NODES = 1_000_000
 """Nodes of a finer sea floor in the local frame at most; with more its spacing is widened."""
 _SAME_SPACING = 1.01  # a file as fine as the ocean's grid to within 1 % is not coarser
 _MIN_CELLS = 2  # on either side of the centre
+MAX_POINTS = 40_000_000
+"""Grid points of a file that are read at most: 320 MB as numbers of double precision."""
+_MAX_NODES = 16_000_000  # of latitude and longitude, that a file in a map projection is put on
+_DEEPEST, _HIGHEST = 11_100.0, 9_000.0  # m; beyond these a fill value or a unit is wrong
+_DEGREE = 111_195.0  # m, of latitude on the mean sphere
+_DOWN = (
+    "sea_floor_depth_below_sea_surface",
+    "sea_floor_depth_below_geoid",
+    "sea_floor_depth_below_mean_sea_level",
+    "sea_floor_depth_below_geopotential_datum",
+    "sea_floor_depth",
+)
+_UP = (
+    "height_above_reference_ellipsoid",  # what GEBCO calls its heights, which are above mean sea level
+    "height_above_mean_sea_level",
+    "height_above_geopotential_datum",
+    "surface_altitude",
+    "bedrock_altitude",
+    "altitude",
+)
+_NAMED = {"deptho": "down", "elevation": "up", "z": "up", "topo": "up", "altitude": "up"}
+_NAMED |= dict.fromkeys(("bathymetry", "bathy", "depth", "band1"), "")
+_LAT, _LON = ("lat", "latitude", "nav_lat", "y"), ("lon", "longitude", "nav_lon", "x")
+_Y, _X = ("latitude", "projection_y_coordinate"), ("longitude", "projection_x_coordinate")
+_CRS_REMEDY = 'name it with crs, "EPSG:3996" for IBCAO, or use the geographic version of the file'
 
 
 def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
@@ -139,7 +170,279 @@ def levels_to(depth: Array, deepest: float) -> Array:
     return np.asarray(np.linspace(depth[-1], deepest, count + 1)[1:])
 
 
-def window_of(ocean: xr.Dataset) -> tuple[float, float, float, float]:
-    """South, north, west and east of an ocean, to ask a file of the sea floor for. [degrees]"""
-    lat, lon = ocean["lat"].values, ocean["lon"].values
-    return float(lat[0]), float(lat[-1]), float(lon[0]), float(lon[-1])
+def open_sea_floor(
+    path: str | Path, *, window: GeographicWindow | None = None, crs: str | None = None
+) -> xr.DataArray:
+    """
+    Depth of the sea floor from a NetCDF file.
+
+    Known are GEBCO (``elevation``), ETOPO (``z``, also on axes ``x`` and ``y`` in degrees), IBCAO
+    (geographic, or polar stereographic in metres), GLORYS (``deptho`` with ``mask``), and any variable on
+    two horizontal axes whose CF standard name is a sea floor depth, a height or an altitude. Only the
+    window is read.
+
+    Parameters
+    ----------
+    path : str or Path
+        NetCDF-3 or NetCDF-4.
+    window : tuple of float, optional
+        South, north, west, east; longitudes in any 360 degree window. By default the whole file; needed
+        for a file in a map projection. [degrees]
+    crs : str, optional
+        Coordinate reference system of a file on projected axes that names none, such as ``"EPSG:3996"``
+        for IBCAO's grids.
+
+    Returns
+    -------
+    xarray.DataArray, shape (lat, lon)
+        Positive down, 0 on land; latitudes and longitudes rise. One point beyond the window on each side
+        is kept where the file has it. Attribute ``source`` names file and variable. [m]
+
+    Raises
+    ------
+    OceanError
+        If the file cannot be read, holds no such variable or several, does not reach the window, lacks
+        values in it, or is projected without saying how.
+
+    Notes
+    -----
+    Heights above mean sea level, the geoid and the sea surface are taken for one another: they differ by
+    up to 2 m, less than the vertical error of any of these grids. A height above the ellipsoid would
+    differ by up to 100 m; GEBCO's standard name says that, but its long name says sea level. Where a depth
+    is missing there is land, as models have it; where a height is missing the file is refused.
+    """
+    with open_file(path) as data:
+        field = _field_of(data)
+        lat, lon, values = _projected(field, window, crs) if field.is_projected() else _cut(field, window)
+        return xr.DataArray(
+            _downward(values, field),
+            coords={
+                "lat": ("lat", lat, {"standard_name": "latitude", "units": "degrees_north"}),
+                "lon": ("lon", lon, {"standard_name": "longitude", "units": "degrees_east"}),
+            },
+            dims=("lat", "lon"),
+            name="sea_floor_depth",
+            attrs={
+                "standard_name": "sea_floor_depth_below_sea_surface",
+                "units": "m",
+                "positive": "down",
+                "source": f"{file_name(data)}: {field.name}",
+            },
+        )
+
+
+class _Field(NamedTuple):
+    """Variable that holds the sea floor, its two axes, and which way it counts."""
+
+    data: xr.Dataset
+    name: str
+    lat: str
+    lon: str
+    positive: str
+    """``"up"``, ``"down"``, or empty where only the values can tell."""
+
+    def axis(self, name: str) -> Array:
+        """Values of an axis, monotone; in metres if its unit is a length."""
+        values, unit = numbers(self.data, name).ravel(), text(self.data.variables[name], "units")
+        steps = np.diff(values)
+        if values.size < 2 or not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+            raise OceanError(
+                f"{file_name(self.data)}: axis {name} is not monotone or has fewer than 2 points; sort it"
+            )
+        return to_our_unit(values, "length", unit, where=name) if is_unit_of("length", unit) else values
+
+    def is_projected(self) -> bool:
+        """Whether its axes are those of a map projection."""
+        for name, limit in ((self.lat, 90.0), (self.lon, 540.0)):
+            unit = text(self.data.variables[name], "units").lower()
+            beyond = np.max(np.abs(self.axis(name))) > limit + 1e-6
+            if is_unit_of("length", unit) or (beyond and not unit.startswith("degree")):
+                return True
+        return False
+
+    def read(self, rows: slice, columns: slice) -> Array:
+        """One rectangle, latitude first."""
+        dims = self.data.variables[self.name].dims
+        block = numbers(self.data, self.name, {self.lat: rows, self.lon: columns})
+        block = block.squeeze(tuple(k for k, dim in enumerate(dims) if dim not in (self.lat, self.lon)))
+        return block if dims.index(self.lat) < dims.index(self.lon) else block.T
+
+
+def _field_of(data: xr.Dataset) -> _Field:
+    """Variable on two horizontal axes whose standard name, or else name, is a sea floor's."""
+    where = file_name(data)
+    by_standard_name: list[_Field] = []
+    by_name: list[_Field] = []
+    for name, variable in ((str(name), variable) for name, variable in data.variables.items()):
+        axes, standard_name = _horizontal(data, variable), text(variable, "standard_name")
+        known = standard_name in _DOWN + _UP
+        if axes is None or not (known or name.lower() in _NAMED):
+            continue
+        usual = ("down" if standard_name in _DOWN else "up") if known else _NAMED[name.lower()]
+        stated = text(variable, "positive").lower()
+        field = _Field(data, name, *axes, stated if stated in ("up", "down") else usual)
+        (by_standard_name if known else by_name).append(field)
+    fields = by_standard_name or by_name
+    if len(fields) > 1:
+        names = ", ".join(field.name for field in fields)
+        raise OceanError(f"{where}: several sea floors ({names}); keep one in the file")
+    if fields:
+        unit = text(data.variables[fields[0].name], "units")
+        if unit and not is_our_unit("length", unit):
+            raise OceanError(f"{where}: {fields[0].name} is in {unit!r}; needs metres")
+        return fields[0]
+    if "spacing" in data.variables and len(data.variables.get("z", data.variables["spacing"]).dims) == 1:
+        raise OceanError(
+            f"{where}: GEBCO's old one-dimensional layout; convert it with GMT's grdconvert to a grid"
+        )
+    listed = ", ".join([str(n) for n, v in data.variables.items() if v.dims != (n,)][:6]) or "nothing"
+    raise OceanError(
+        f"{where}: no sea floor on latitude and longitude among {listed}; needs elevation, z, deptho or a variable"
+        " with a CF standard name such as sea_floor_depth_below_geoid"
+    )
+
+
+def _horizontal(data: xr.Dataset, variable: xr.Variable) -> tuple[str, str] | None:
+    """Names of the latitude-like and the longitude-like dimension; every other one has one entry."""
+    lat = lon = None
+    for dim, size in zip(map(str, variable.dims), variable.shape, strict=True):
+        axis = data.variables.get(dim)
+        standard_name = "" if axis is None else text(axis, "standard_name")
+        named = axis is not None and axis.dims == (dim,)
+        if named and (standard_name in _Y or (not standard_name and dim.lower() in _LAT)):
+            lat = dim
+        elif named and (standard_name in _X or (not standard_name and dim.lower() in _LON)):
+            lon = dim
+        elif size != 1:
+            return None
+    return None if lat is None or lon is None else (lat, lon)
+
+
+def _cut(field: _Field, window: GeographicWindow | None) -> tuple[Array, Array, Array]:
+    """Latitudes, longitudes and values of a window and one point around it."""
+    lat, lon = field.axis(field.lat), field.axis(field.lon)
+    wider = None
+    if window is not None:
+        south, north, west, east = checked_window(window)
+        d_lat, d_lon = (1.000001 * float(np.max(np.abs(np.diff(axis)))) for axis in (lat, lon))
+        west, east = west - d_lon, eastward(west, east) + d_lon
+        wider = (max(south - d_lat, -90.0), min(north + d_lat, 90.0), west, east)
+    part = select(lat, lon, wider, file_name(field.data))
+    if min(part.lat.size, part.lon.size) < 2:
+        raise OceanError(
+            f"{file_name(field.data)}: covers latitude {lat.min():g} to {lat.max():g}, longitude {lon.min():g} to"
+            f" {lon.max():g}; the window {window} is not in it, fetch that part"
+        )
+    if part.lat.size * part.lon.size > MAX_POINTS:
+        raise OceanError(
+            f"{file_name(field.data)}: {part.lat.size * part.lon.size:,} points asked for; at most {MAX_POINTS:,}"
+            " are read, name a window (south, north, west, east)"
+        )
+    values = np.concatenate([field.read(part.rows, block) for block in part.blocks], axis=1)
+    return part.lat, part.lon, values[:: -1 if part.falling else 1, part.order]
+
+
+def _projected(field: _Field, window: GeographicWindow | None, crs: str | None) -> tuple[Array, Array, Array]:
+    """Field on projected axes, bilinear on latitudes and longitudes spaced as the file is at the window's middle."""
+    where = file_name(field.data)
+    if window is None:
+        raise OceanError(f"{where}: its axes are in metres; name a window (south, north, west, east)")
+    y, x = field.axis(field.lat), field.axis(field.lon)
+    lat, lon = _nodes(checked_window(window), float(np.median(np.abs(np.diff(x)))), where)
+    to_file = pyproj.Transformer.from_crs("EPSG:4326", _crs_of(field, crs), always_xy=True)
+    at_x, at_y = to_file.transform(*np.meshgrid(lon, lat))
+    rows, columns = _reach(y, at_y), _reach(x, at_x)
+    size = (rows.stop - rows.start, columns.stop - columns.start)
+    if min(size) < 2:
+        raise OceanError(f"{where}: the window {window} is not in it; fetch the grid that covers it")
+    if size[0] * size[1] > _MAX_NODES:
+        raise OceanError(
+            f"{where}: the window needs more than {_MAX_NODES:,} of its points; choose a smaller one"
+        )
+    bilinear = RegularGridInterpolator(
+        (y[rows], x[columns]), field.read(rows, columns), bounds_error=False, fill_value=np.nan
+    )
+    return lat, lon, np.asarray(bilinear((at_y, at_x)))
+
+
+def _crs_of(field: _Field, crs: str | None) -> pyproj.CRS:
+    """
+    Coordinate reference system of the axes: what the user says, else what the file does.
+
+    The attribute ``grid_mapping`` names a variable of the file (CF conventions, section 5.6); else the only variable with
+    a grid mapping's attributes is taken.
+    """
+    if crs is not None:
+        try:
+            return pyproj.CRS.from_user_input(crs)
+        except pyproj.exceptions.CRSError:
+            raise OceanError(f"crs {crs!r} is unknown to PROJ; write it as EPSG:3996") from None
+    where, variables = file_name(field.data), field.data.variables
+    named = text(variables[field.name], "grid_mapping")
+    candidates: list[Any] = [named] if named in variables else list(variables)
+    mappings = [variables[name].attrs for name in candidates]
+    mappings = [a for a in mappings if {"grid_mapping_name", "crs_wkt", "spatial_ref"} & set(a)]
+    if len(mappings) != 1:
+        raise OceanError(
+            f"{where}: axes of {field.name} are projected, and {len(mappings)} grid mappings are given; {_CRS_REMEDY}"
+        )
+    try:
+        plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in mappings[0].items()}
+        return pyproj.CRS.from_cf(plain)
+    except (pyproj.exceptions.CRSError, KeyError, ValueError, TypeError) as error:
+        reason = " ".join(str(error).split())[:100]
+        raise OceanError(
+            f"{where}: its grid mapping cannot be understood ({reason}); {_CRS_REMEDY}"
+        ) from None
+
+
+def _nodes(window: GeographicWindow, spacing: float, where: str) -> tuple[Array, Array]:
+    south, north, west, east = window
+    east = eastward(west, east)
+    parallel = max(float(np.cos(np.radians(0.5 * (south + north)))), 1e-3)
+    n_lat = 1 + max(1, round((north - south) * _DEGREE / spacing))
+    n_lon = 1 + max(1, round((east - west) * _DEGREE * parallel / spacing))
+    if n_lat * n_lon > _MAX_NODES:
+        raise OceanError(
+            f"{where}: {n_lat * n_lon:,} nodes {spacing:g} m apart in the window; allowed {_MAX_NODES:,}, choose a"
+            " smaller one"
+        )
+    turn = whole_turns(0.5 * (west + east))
+    return np.linspace(south, north, n_lat), np.linspace(west - turn, east - turn, n_lon)
+
+
+def _reach(axis: Array, values: Array) -> slice:
+    """Entries of a monotone axis that are needed for values between, one to spare on either side."""
+    finite = values[np.isfinite(values)]
+    rising = axis if axis[-1] > axis[0] else axis[::-1]
+    if not finite.size or finite.max() < rising[0] or finite.min() > rising[-1]:
+        return slice(0, 0)
+    first = max(int(np.searchsorted(rising, finite.min(), side="right")) - 2, 0)
+    last = min(int(np.searchsorted(rising, finite.max(), side="left")) + 2, axis.size)
+    return slice(first, last) if axis[-1] > axis[0] else slice(axis.size - last, axis.size - first)
+
+
+def _downward(values: Array, field: _Field) -> Array:
+    """Depth, positive down, 0 on land and where a depth is missing."""
+    name, positive = f"{file_name(field.data)}: {field.name}", field.positive
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        raise OceanError(f"{name} has no value in the window; choose another window")
+    if not positive:
+        positive = "down" if finite.min() >= 0.0 else "up" if finite.max() <= 0.0 else ""
+    if not positive:
+        raise OceanError(f"{name} has both signs and does not say which is down; set its attribute positive")
+    depth = values if positive == "down" else -values
+    low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
+    if low < -_HIGHEST or high > _DEEPEST:
+        raise OceanError(
+            f"{name} reaches from {-low:g} m above the sea to {high:g} m below; allowed are"
+            f" {_HIGHEST:g} and {_DEEPEST:g}, check fill value and units"
+        )
+    missing = int(np.count_nonzero(np.isnan(depth)))
+    if missing and positive == "up":
+        raise OceanError(
+            f"{name} has no value at {missing} of {depth.size} points of the window; choose a window that the file"
+            " fills"
+        )
+    return np.where(np.isnan(depth), 0.0, np.maximum(depth, 0.0))

@@ -1,18 +1,133 @@
-"""The geographic window seen from the local frame: longitudes, spacing, and the rectangle that fits."""
+"""Windows on the Earth: what they take of a data set's grid, and what of the local frame lies inside them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 from scipy import optimize
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import contiguous, wrapped
 
 Array = NDArray[np.float64]
-_EDGE_POINTS = 101  # of a rectangle's side, where containment is checked
+GeographicWindow = tuple[float, float, float, float]
+"""South, north, west, east. [degrees]"""
+SAME_DEGREES = 1e-3
+"""HYCOM's coordinates are off the exact grid by 3e-5. [degrees]"""
+_MOST_BLOCKS = 8
+_SIDE_POINTS = 101  # of a rectangle, where containment is checked
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Grid points of a window: what to read from the file, and how to put it in order."""
+
+    lat: Array
+    """Rising. [degrees]"""
+    lon: Array
+    """Rising, with the middle in -180 to 180. [degrees]"""
+    rows: slice
+    """Of the file."""
+    falling: bool
+    """Whether latitudes fall in the file."""
+    blocks: tuple[slice, ...]
+    """Columns of the file."""
+    order: NDArray[np.intp]
+    """Puts the columns of the blocks, one after the other, in a row."""
+
+
+def checked_window(window: GeographicWindow) -> GeographicWindow:
+    """South, north, west and east as numbers; west may be the greater, across the antimeridian. [degrees]"""
+    try:
+        south, north, west, east = (float(v) for v in window)
+    except (TypeError, ValueError):
+        raise OceanError(
+            f"window {window!r} is not four numbers: south, north, west, east in degrees"
+        ) from None
+    if not np.all(np.isfinite([south, north, west, east])) or not -90.0 <= south < north <= 90.0:
+        raise OceanError(
+            f"window {window!r}: needs south, north, west, east in degrees, south below north within -90 to 90"
+        )
+    return south, north, west, east
+
+
+def select(lat: Array, lon: Array, window: GeographicWindow | None, where: str) -> Selection:
+    """
+    Grid points of a window, by default all of them.
+
+    Latitudes [degrees] rise or fall, longitudes are counted in any way; ``where`` names the file in messages.
+    """
+    for name, axis, bound in (("latitude", lat, 90.0), ("longitude", lon, 720.0)):
+        if axis.size == 0 or not np.all(np.isfinite(axis)):
+            raise OceanError(f"{where}: {name} is empty or has values that are missing; correct the axis")
+        if np.max(np.abs(axis)) > bound + SAME_DEGREES:
+            raise OceanError(f"{where}: {name} reaches {np.max(np.abs(axis)):g}; is it in degrees?")
+    steps = np.diff(lat)
+    if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+        raise OceanError(f"{where}: latitude neither rises nor falls throughout; sort it and drop duplicates")
+    rows, columns = np.arange(lat.size), np.arange(lon.size)
+    if window is not None:
+        south, north, west, east = checked_window(window)
+        rows = rows[(lat >= south - SAME_DEGREES) & (lat <= north + SAME_DEGREES)]
+        width = 360.0 if east - west >= 360.0 else (east - west) % 360.0
+        columns = columns[(lon - west + SAME_DEGREES) % 360.0 <= width + 2.0 * SAME_DEGREES]
+        if rows.size == 0 or columns.size == 0:
+            raise OceanError(
+                f"{where}: no grid point in the window {south:g} to {north:g} N, {west:g} to {east:g} E; the data"
+                f" reach from {lat.min():g} to {lat.max():g} N and {lon.min():g} to {lon.max():g} E"
+            )
+    runs = np.split(columns, np.flatnonzero(np.diff(columns) != 1) + 1)
+    if len(runs) > _MOST_BLOCKS:  # longitudes in no order: read all between the outermost
+        runs = [np.arange(columns[0], columns[-1] + 1)]
+    read = np.concatenate(runs)
+    order, rising = contiguous(lon[columns])
+    falling = bool(steps.size and steps[0] < 0.0)
+    inside = lat[rows[0] : rows[-1] + 1]
+    return Selection(
+        np.ascontiguousarray(inside[::-1] if falling else inside),
+        rising,
+        slice(int(rows[0]), int(rows[-1]) + 1),
+        falling,
+        tuple(slice(int(run[0]), int(run[-1]) + 1) for run in runs),
+        np.searchsorted(read, columns)[order],
+    )
+
+
+def crop(ocean: xr.Dataset, window: GeographicWindow | None) -> xr.Dataset:
+    """Part of a valid ocean that lies in a window, all of it without one."""
+    if window is None:
+        return ocean
+    part = select(ocean["lat"].values, ocean["lon"].values, window, str(ocean.attrs["title"]))
+    columns = np.concatenate([np.r_[block] for block in part.blocks])[part.order]
+    return ocean.isel(lat=part.rows, lon=columns)
+
+
+def window_of(ocean: xr.Dataset) -> GeographicWindow:
+    """Window of a valid ocean, to ask a file of the sea floor for. [degrees]"""
+    lat, lon = ocean["lat"].values, ocean["lon"].values
+    return float(lat[0]), float(lat[-1]), float(lon[0]), float(lon[-1])
+
+
+def counted_place(ocean: xr.Dataset, place: tuple[float, float], name: str) -> tuple[float, float]:
+    """Latitude and longitude of a place as the ocean counts it, which must lie in its window. [degrees]"""
+    south, north, west, east = window_of(ocean)
+    lat, lon = place[0], wrapped(place[1], about=0.5 * (west + east))
+    if not (south <= lat <= north and west <= lon <= east):
+        raise OceanError(
+            f"{name}: {place[0]:g} N {place[1]:g} E is outside the ocean's window, latitude {south:g} to {north:g},"
+            f" longitude {west:g} to {east:g}"
+        )
+    return lat, lon
+
+
+def rectangle(half_north: float, half_east: float) -> tuple[Array, Array]:
+    """North and east of points along the four sides of a rectangle about the origin. [m]"""
+    s = np.linspace(-1.0, 1.0, _SIDE_POINTS)
+    one = np.ones_like(s)
+    return half_north * np.concatenate([s, s, one, -one]), half_east * np.concatenate([one, -one, s, s])
 
 
 @dataclass(frozen=True)
@@ -26,17 +141,13 @@ class Window:
     frame: LocalFrame
 
     def geographic(self, north: Array, east: Array) -> tuple[Array, Array]:
-        """Latitude and longitude of local points, longitude as the data set counts it."""
+        """Latitude and longitude of local points [m], within 180 degrees of the data set's middle. [degrees]"""
         lat, lon = self.frame.to_geodetic(north, east)
         return lat, wrapped(lon, about=0.5 * (self.lon[0] + self.lon[-1]))
 
     def holds(self, half_north: float, half_east: float) -> bool:
-        """Whether a rectangle about the frame's centre lies inside the window."""
-        s = np.linspace(-1.0, 1.0, _EDGE_POINTS)
-        one = np.ones_like(s)
-        north = half_north * np.concatenate([s, s, one, -one])
-        east = half_east * np.concatenate([one, -one, s, s])
-        lat, lon = self.geographic(north, east)
+        """Whether a rectangle of these half sides [m] about the frame's centre lies inside the data set."""
+        lat, lon = self.geographic(*rectangle(half_north, half_east))
         tolerance = 1e-9  # degrees; a side may lie on the window's edge
         return bool(
             np.all(lat >= self.lat[0] - tolerance)
@@ -46,7 +157,7 @@ class Window:
         )
 
     def native_spacing(self) -> tuple[float, float]:
-        """Grid spacing of the data set at the frame's centre."""
+        """Grid spacing of the data set at the frame's centre, north and east. [m]"""
         lat, lon = self.frame.latitude_deg, self.frame.longitude_deg
         d_lat = _step_at(self.lat, lat)
         d_lon = _step_at(self.lon, float(self.geographic(np.zeros(1), np.zeros(1))[1][0]))
@@ -55,7 +166,7 @@ class Window:
         return float(n[1] - n[0]), float(e[1] - e[0])
 
     def largest_rectangle(self) -> tuple[float, float]:
-        """Half sides of the rectangle of largest area about the frame's centre that the window holds."""
+        """Half sides, north and east, of the rectangle of largest area about the frame's centre that the data set holds. [m]"""
         tallest = _reach(lambda north: self.holds(north, 0.0))
         if tallest <= 0.0:
             raise OceanError(

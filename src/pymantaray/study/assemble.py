@@ -16,12 +16,12 @@ from pymantaray.ocean import (
     ocean_times,
     open_ocean,
     open_ocean_series,
+    open_sea_floor,
     region_table,
     sound_speed_profile_spread,
     to_local,
+    window_of,
 )
-from pymantaray.ocean.sea_floor import window_of
-from pymantaray.ocean.topography import open_sea_floor
 from pymantaray.sensing import ClockModel, Detector, Landmark, OneWay, Picker, Timing, TwoWay
 from pymantaray.study.config import (
     AnyVehicle,
