@@ -45,7 +45,7 @@ def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monk
     result = run("hycom", *WINDOW, "--time", "2014-07-15T12", "--out", "ocean.nc")
     assert result.exception is None, result.exception
     assert result.stdout == "ocean.nc\n"
-    assert "expt_53.X, 2014-07-15T12:00Z: 10 requests" in result.stderr
+    assert "expt_53.X, 2014-07-15T12:00Z: 11 requests" in result.stderr
     with xr.open_dataset("ocean.nc") as ocean:
         validate_ocean(ocean)
         assert dict(ocean.sizes) == {"depth": 40, "lat": 11, "lon": 8}

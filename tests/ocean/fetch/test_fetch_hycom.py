@@ -20,7 +20,9 @@ def test_a_window_of_the_reanalysis_is_the_server_s_water(fetch, is_true, thredd
     assert ocean.attrs["title"] == "HYCOM GOFS 3.1 reanalysis GLBv0.08 expt_53.X, 2014-07-15T12:00Z"
     assert ocean.attrs["synthetic"] == 0
     assert fetched.remarks == ()
-    assert fetched.requests == len(thredds.app.asked) == 2 + 4 + 4  # descriptions, axes, variables
+    assert (
+        fetched.requests == len(thredds.app.asked) == 2 + 4 + 4 + 1
+    )  # descriptions, axes, variables, the step again
     assert progress == [("fetch", i, 4) for i in range(5)]
 
 
@@ -114,7 +116,7 @@ def test_between_two_year_files_the_nearest_steps_come_from_both(refusal, fetch,
 def test_separate_data_sets_give_one_ocean(fetch, is_true, thredds):
     _, ocean = fetch(time="2025-01-15T03")
     is_true(ocean, "2025-01-15T03:00")
-    assert len(thredds.app.asked) == 4 * (2 + 4 + 1)
+    assert len(thredds.app.asked) == 4 * (2 + 4 + 1 + 1)
 
 
 def test_a_step_that_the_server_lacks_is_refused_with_its_neighbours(refusal, fetch, is_true):
@@ -148,6 +150,22 @@ def test_an_experiment_that_does_not_reach_the_time_gives_way_to_the_next(fetch,
     is_true(ocean, "2016-06-01T00:00")
     assert "expt_56.3" in fetched.title
     assert "expt_57.2 does not reach 2016-06-01T00:00" in fetched.remarks[0]
+
+
+def test_a_time_axis_that_moves_during_the_fetch_is_noticed(refusal, thredds, monkeypatch):
+    """A server that loses steps at the front sends another step under the same index."""
+    model = thredds.app.models["GLBv0.08/expt_57.2"]
+
+    def lose_one_step(_stage, done, _total):
+        if done == 2:
+            monkeypatch.setattr(model, "instants", model.instants[1:])
+            thredds.app.handlers.pop("GLBv0.08/expt_57.2")
+
+    try:
+        message = refusal(time="2016-06-01T00", progress=lose_one_step)
+    finally:
+        thredds.app.handlers.pop("GLBv0.08/expt_57.2", None)
+    assert "time axis has moved during the fetch" in message
 
 
 def test_times_that_no_experiment_covers_are_refused(refusal, thredds):

@@ -262,7 +262,16 @@ def _read_window(
         fields[name][levels, :, place] = connection.ask(held.url, partial(_read_block, held.data, name, key))
     if progress is not None:
         progress("fetch", len(blocks), len(blocks))
+    for held in {d.url: d for d in datasets.values()}.values():
+        connection.ask(held.url, partial(_check_unmoved, held, instant))
     return {"depth": depth, "lat": first.axes["lat"][rows], "lon": lon}, fields
+
+
+def _check_unmoved(held: _Held, instant: np.datetime64) -> None:
+    """Refuse what was read if the index of the step means another one now: steps of running analyses come and go."""
+    index = int(np.flatnonzero(held.times == instant)[0])
+    if held.data["time"].data[index : index + 1][0] != held.axes["time"][index]:
+        raise ServerError("its time axis has moved during the fetch; run the same command again")
 
 
 def _read_block(data: Any, name: str, key: tuple[slice, ...]) -> Array:
