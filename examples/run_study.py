@@ -19,5 +19,5 @@ def main() -> None:
         print(f"{condition:<10} ATE {np.sqrt((distance**2).mean()):6.2f} m")  # noqa: T201
 
 
-if __name__ == "__main__":  # worker processes import this file again
+if __name__ == "__main__":
     main()
