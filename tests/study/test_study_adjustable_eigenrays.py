@@ -5,16 +5,15 @@ import tomllib
 import numpy as np
 import pytest
 import xarray as xr
-from pydantic import ValidationError
 
 from pymantaray.acoustics import Medium
-from pymantaray.errors import OceanError, StudyError
+from pymantaray.errors import OceanError
 from pymantaray.estimation.range_models import RangeLinks
 from pymantaray.estimation.unknowns import AdjustableModel
 from pymantaray.records import Trajectories
-from pymantaray.study import load_study, parse_study, preset_text, run_study
+from pymantaray.study import parse_study, preset_text, run_study
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config_estimators import ModesSection, RangeEstimatorSection
+from pymantaray.study.config_estimators import ModesSection
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.true_unknowns import true_amplitudes
@@ -107,40 +106,6 @@ def test_true_amplitudes_are_those_of_the_difference_where_the_fleet_is():
     assert found == pytest.approx({"mode 1": 1.0, "mode 2": -0.75}, abs=1e-9)
 
 
-def section(**values):
-    return RangeEstimatorSection.model_validate(
-        {"name": "e", "range_model": "eigenray", "belief": EXACT, **values}
-    )
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"modes": {}}, "count"),
-        ({"modes": {"count": 0}}, "count"),
-        ({"modes": {"count": 2, "down_to": 300.0}}, "down_to is given without rms"),
-        ({"modes": {"count": 2}, "range_model": "mean-slowness"}, "range_model is mean-slowness"),
-        (
-            {
-                "modes": {"count": 2},
-                "variance": "per-link",
-                "uncertainty_rms": 1.0,
-                "uncertainty_horizontal_scale": 1e4,
-            },
-            "would count twice",
-        ),
-        (
-            {"clocks": {}, "range_model": "transmitter", "belief": None, "solver": "incremental"},
-            "does not estimate",
-        ),
-        ({"clocks": {"skew_sigma": -1.0}}, "skew_sigma"),
-    ],
-)
-def test_sections_that_contradict_themselves_are_refused(values, message):
-    with pytest.raises(ValidationError, match=message):
-        section(**values)
-
-
 def a_day(*estimators, **ranging):
     tree = tomllib.loads(preset_text("quick"))
     tree["study"] |= {"realizations": 2, "conditions": ["straight"]}
@@ -149,24 +114,6 @@ def a_day(*estimators, **ranging):
     tree["ranging"] = ranging
     tree["estimators"] = [{"name": f"e{i}", "range_model": "eigenray", **e} for i, e in enumerate(estimators)]
     return parse_study(tree)
-
-
-def test_clocks_without_any_prior_are_refused_by_the_study():
-    with pytest.raises(StudyError, match="estimator e0 estimates clocks, but their priors are 0"):
-        a_day({"belief": EXACT, "clocks": {}})
-    assert a_day({"belief": EXACT, "clocks": {}}, clock_skew_sigma=1e-8).estimators[0].clocks is not None
-
-
-def test_casts_are_found_beside_the_configuration(tmp_path):
-    text = (
-        preset_text("quick")
-        + '\n[[estimators]]\nname = "e"\nrange_model = "eigenray"\nbelief = { kind = "exact" }\n'
-    )
-    (tmp_path / "study.toml").write_text(text + 'modes = { count = 1, casts = ["a.csv", "b.csv"] }\n')
-    config = load_study(tmp_path / "study.toml")
-    names = tuple(str(tmp_path / name) for name in ("a.csv", "b.csv"))
-    assert config.estimators[0].modes.casts == names
-    assert config.files == names
 
 
 @pytest.fixture(scope="module")
@@ -206,13 +153,6 @@ def test_study_finds_water_and_clocks_and_keeps_the_truth_beside_them(run):
     wrong = run.config.estimators[0].modes.model_copy(update={"count": 99})
     with pytest.raises(OceanError, match="count is 99, but there are"):
         Beliefs(run).modes(wrong)
-
-
-@pytest.mark.slow
-def test_joint_estimates_do_not_depend_on_the_number_of_workers(joint, run, tmp_path):
-    again = run_study(joint, tmp_path / "two", workers=2)
-    assert (run.path / "estimates.nc").read_bytes() == (again.path / "estimates.nc").read_bytes()
-    np.testing.assert_array_equal(again.unknowns.covariance, run.unknowns.covariance)
 
 
 def test_modes_of_casts_are_scaled_as_those_of_the_ocean(run, tmp_path):

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from pydantic import Field, ValidationError
-from tomli_w import dumps
+from pydantic import Field
 
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon
 from pymantaray.estimation.assemble import timed_ranges
@@ -77,55 +76,11 @@ def off(a, b):
     return float(np.abs(a - b).max())
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"range_model": "constant"}, "range_model constant needs sound_speed"),
-        ({"range_model": "eigenray"}, "range_model eigenray needs belief"),
-        ({"belief": EXACT}, "belief is given, but range_model transmitter does not use it"),
-        ({"sound_speed": 1500.0}, "sound_speed is given, but"),
-        ({"links": "all"}, "a dropout has none"),
-        (
-            {"ranges": "straight", "range_model": "constant", "sound_speed": 1500.0},
-            "knows nothing of the water",
-        ),
-        ({"variance": "per-link"}, "computed along eigenrays"),
-        ({"range_model": "eigenray", "belief": EXACT, "variance": "per-link"}, "needs uncertainty_rms and"),
-        ({"uncertainty_rms": 1.0}, 'variance is "fixed"'),
-        (
-            {"range_model": "mean-slowness", "belief": {"kind": "cast", "north": 1.0}},
-            "must be given together",
-        ),
-        ({"range_model": "eigenray", "belief": {"kind": "perturbed"}}, "rms"),
-        ({"range_model": "eigenray", "belief": {"kind": "exact", "rms": 1.0}}, "rms"),
-        ({"loss": "tukey"}, "loss"),
-        ({"loss": "gnc", "solver": "incremental"}, "gnc"),
-        ({"range_model": "eigenray", "belief": EXACT, "solver": "incremental"}, "incremental"),
-        ({"name": "two words"}, "name"),
-    ],
-)
-def test_sections_that_contradict_themselves_are_refused(values, message):
-    with pytest.raises(ValidationError, match=message):
-        section(**values)
-
-
 @pytest.mark.parametrize("name", RANGE_MODELS)
 def test_each_range_model_is_made_by_the_module_of_its_name(day, name):
     told = {None: {}, "sound_speed": {"sound_speed": 1440.0}, "belief": {"belief": EXACT}}[RANGE_MODELS[name]]
     model = EstimatorFactory(day).estimator(section(range_model=name, **told), 0).model
     assert type(model).__module__.endswith(("estimation.range_models", "eigenray_model"))
-
-
-def test_section_survives_the_trip_through_toml():
-    entries = [
-        section(range_model="eigenray", belief=PERTURBED, variance="correlated", start="dead-reckoning"),
-        section(range_model="constant", sound_speed=1450.0),
-        section(range_model="mean-slowness", belief={"kind": "other-day", "days_earlier": 5.0}),
-    ]
-    text = dumps({"estimators": [e.model_dump(exclude_none=True) for e in entries]})
-    again = [RangeEstimatorSection.model_validate(e) for e in tomllib.loads(text)["estimators"]]
-    assert again == entries
-    assert entries[0].uncertainty == (1.0, 20e3, 300.0)
 
 
 def test_exact_ocean_leads_from_dead_reckoning_to_the_truth(day):

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import WenzNoise
-from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.records import RayStatus
-from pymantaray.sensing import ClockModel, OneWay, TwoWay
-from pymantaray.study import load_study, open_run, parse_study, run_study, study_toml
+from pymantaray.sensing import ClockModel, TwoWay
+from pymantaray.study import open_run, parse_study, run_study
 from pymantaray.study.assemble import build_clocks, build_currents, build_detector, build_ocean, build_timing
 
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
@@ -17,63 +16,6 @@ DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3
 def run_of(tree, folder, **sections):
     tree["study"].update(conditions=["odometry", "refracted"], realizations=1)
     return run_study(parse_study(tree | sections, "tiny"), folder / "run", workers=1)
-
-
-def test_by_default_ranging_is_the_papers():
-    config = load_study("beaufort")
-    assert config.detection is None
-    assert build_timing(config.ranging) == OneWay()
-    assert build_clocks(config.ranging) is None
-    a = config.acoustics
-    assert (a.max_surface_bounces, a.max_bottom_bounces, a.arrival, a.currents) == (0, 0, "direct", False)
-
-
-@pytest.mark.parametrize(
-    ("sections", "expected"),
-    [
-        ({"ranging": {"turn_around_s": 2.0}}, "ranging: turn_around_s is 2 s, but timing is one-way"),
-        ({"ranging": {"timing": "twoway"}}, "ranging.timing: found 'twoway'; allowed: 'one-way' or 'two-way'"),
-        ({"ranging": {"clock_skew_sigma": -1.0}}, "ranging.clock_skew_sigma: found -1.0; allowed: 0 or more"),
-        ({"ranging": {"clock_ofset_sigma": 1.0}}, "unknown key; did you mean clock_offset_sigma?"),
-        ({"acoustics": {"arrival": "loudest"}}, "acoustics.arrival: found 'loudest'; allowed: 'direct', 'first'"),
-        ({"acoustics": {"max_surface_bounces": -1}}, "acoustics.max_surface_bounces: found -1; allowed: 0 or more"),
-        ({"acoustics": {"max_bottom_bounces": 16}}, "acoustics.max_bottom_bounces: found 16; allowed: 15 or less"),
-        ({"acoustics": {"max_bottom_bounces": 1.5}}, "acoustics.max_bottom_bounces: found 1.5"),
-        ({"detection": {"frequency_hz": 1e4, "bandwidth_hz": 1e3}}, "detection.source_level_db: missing"),
-        ({"detection": DETECTION | {"bandwidth_hz": 6e4}}, "detection: bandwidth_hz is 60000, but frequency_hz"),
-        (
-            {"detection": DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}},
-            "detection: shipping and noise_spectral_level_db exclude each other",
-        ),
-        (
-            {"detection": DETECTION | {"surface_loss": "bubbles"}},
-            "tiny: detection.surface_loss is bubbles, but acoustics.max_surface_bounces is 0",
-        ),
-        (
-            {"detection": DETECTION | {"sediment": "sand"}},
-            "tiny: detection.sediment is sand, but acoustics.max_bottom_bounces is 0",
-        ),
-    ],
-)  # fmt: skip
-def test_each_contradiction_is_one_line(tiny_tree, sections, expected):
-    with pytest.raises(StudyError) as caught:
-        parse_study(tiny_tree | sections, "tiny")
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "sections",
-    [
-        {"detection": DETECTION},
-        {"detection": DETECTION | {"noise_spectral_level_db": 40.0}},
-        {"ranging": {"timing": "two-way", "turn_around_s": 0.5, "clock_skew_sigma": 1e-6}},
-    ],
-)
-def test_a_runs_configuration_reads_back_equal(tiny_tree, sections, tmp_path):
-    config = parse_study(tiny_tree | sections)
-    (tmp_path / "config.toml").write_text(study_toml(config))
-    assert load_study(tmp_path / "config.toml") == config
 
 
 def test_sections_become_what_ranging_takes(tiny_tree):

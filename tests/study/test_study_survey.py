@@ -156,39 +156,6 @@ def test_every_estimator_solves_the_survey(tmp_path):
     assert 1.2 * rms["straight"] < rms["mean-slowness"] < rms["refracted"] < rms["constant"]
 
 
-def test_by_default_no_receiver_errs():
-    for name in ("beaufort", "fram", "quick", "survey"):
-        assert build_picker(load_study(name).ranging, None) is None
-
-
-@pytest.mark.parametrize(
-    ("sections", "expected"),
-    [
-        ({"ranging": {"mistaken": "first"}}, "ranging.mistaken: found 'first'; allowed: 'off', 'first-detected' or"),
-        ({"ranging": {"below_strongest_db": 6.0}}, "ranging: below_strongest_db is 6, but mistaken is off"),
-        (
-            {"ranging": {"mistaken": "strongest-detected", "below_strongest_db": 6.0}},
-            "ranging: below_strongest_db is 6, but mistaken is strongest-detected",
-        ),
-        ({"ranging": FIRST | {"below_strongest_db": -1.0}}, "ranging.below_strongest_db: found -1.0; allowed: 0 or"),
-        ({"ranging": FIRST}, "tiny: ranging.mistaken is first-detected, but nothing says what is detected"),
-        (
-            {"ranging": FIRST | {"below_strongest_db": 6.0}, "detection": DETECTION},
-            "tiny: ranging.below_strongest_db and [detection] exclude each other",
-        ),
-        (
-            {"ranging": FIRST, "detection": DETECTION, "acoustics": {"arrival": "first"}},
-            "tiny: ranging.mistaken is first-detected, but acoustics.arrival is first",
-        ),
-    ],
-)  # fmt: skip
-def test_each_contradiction_is_one_line(tiny_tree, sections, expected):
-    with pytest.raises(StudyError) as caught:
-        parse_study(tiny_tree | sections, "tiny")
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
 def test_sections_become_a_picker(tiny_tree, tmp_path):
     ranging = FIRST | {"below_strongest_db": 9.0}
     config = parse_study(tiny_tree | {"ranging": ranging})

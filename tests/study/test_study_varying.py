@@ -1,7 +1,6 @@
 """An ocean that varies in time, from the configuration to the run folder; and a sea floor from a file."""
 
 import datetime as dt
-import hashlib
 from dataclasses import replace
 
 import numpy as np
@@ -15,10 +14,10 @@ from pymantaray.fleet import simulate
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.records import RayStatus, write_netcdf
-from pymantaray.study import load_study, open_run, parse_study, preset_text, run_study
+from pymantaray.study import load_study, open_run, parse_study, run_study
 from pymantaray.study.assemble import build_currents, build_fleet, build_medium, build_ocean
 from pymantaray.study.estimators import EstimatorFactory
-from pymantaray.study.manifest import Stopwatch, describe_run, sha256
+from pymantaray.study.manifest import Stopwatch, sha256
 from pymantaray.study.mission import simulate_mission
 from pymantaray.study.varying import VARYING, series_of, snapshot_at
 
@@ -84,46 +83,6 @@ def test_snapshots_on_other_grids_or_too_few_are_refused():
     for count in (0, 1, 3):
         with pytest.raises(StudyError, match=f"{count} snapshots for 2 instants"):
             series_of([local(1450.0)] * count, times)
-
-
-def test_by_default_the_ocean_is_a_snapshot():
-    for name in ("beaufort", "fram", "quick"):
-        ocean = load_study(name).ocean
-        assert (ocean.time_varying, ocean.bathymetry) == (False, None)
-        assert (ocean.currents, ocean.equation) == ("required", "teos-10")
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "expected"),
-    [
-        ("equation", "mackenzie", "ocean.equation: found 'mackenzie'; allowed: 'teos-10', 'del-grosso' or 'unesco'"),
-        ("currents", "none", "ocean.currents: found 'none'; allowed: 'required' or 'rest'"),
-        ("time_varying", "yes", "ocean.time_varying: found 'yes'"),
-        ("bathymetry", "", "ocean.bathymetry: found ''"),
-        ("time_variing", True, "ocean.time_variing: unknown key; did you mean time_varying?"),
-    ],
-)  # fmt: skip
-def test_each_bad_value_is_one_line(tiny_tree, key, value, expected):
-    tiny_tree["ocean"][key] = value
-    with pytest.raises(StudyError) as caught:
-        parse_study(tiny_tree, "tiny")
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_the_sea_floors_file_is_relative_to_the_configuration_and_among_the_inputs(tmp_path):
-    (tmp_path / "floor.nc").write_bytes(b"floor")
-    text = preset_text("quick").replace("[ocean]", '[ocean]\nbathymetry = "floor.nc"')
-    (tmp_path / "mine.toml").write_text(text)
-    config = load_study(tmp_path / "mine.toml")
-    floor = str(tmp_path / "floor.nc")
-    assert config.ocean.bathymetry == floor
-    assert config.ocean.synthetic
-    assert config.ocean.files == (floor,)
-    described = describe_run(config, {}, workers=1)["ocean"]
-    assert described["sha256"] == {floor: hashlib.sha256(b"floor").hexdigest()}
-    (tmp_path / "files.toml").write_text(text.replace('"synthetic:beaufort"', '["a.nc"]'))
-    assert load_study(tmp_path / "files.toml").ocean.files == (str(tmp_path / "a.nc"), floor)
 
 
 def test_checksum_of_a_folder_tells_of_every_file_and_its_name(tmp_path):
@@ -314,16 +273,6 @@ def test_a_day_in_the_beaufort_sea_runs_and_its_eddies_move(make_tiny_tree, tmp_
 
 
 @pytest.mark.slow
-def test_results_do_not_depend_on_the_number_of_workers(make_tiny_tree, tmp_path):
-    tree = make_tiny_tree()
-    tree["study"].update(conditions=["odometry", "refracted"], realizations=2)
-    tree["ocean"]["time_varying"] = True
-    one, two = (run_study(parse_study(tree), tmp_path / str(n), workers=n) for n in (1, 2))
-    for name in ("truth", "arrivals", "measurements", "estimates"):
-        assert same(getattr(one, name), getattr(two, name)), name
-
-
-@pytest.mark.slow
 def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(make_tiny_tree, tmp_path):
     """Without noise it leads to the truth; frozen at the start it does not; the same day taken again is the same."""
     tree = make_tiny_tree() | {"acoustics": {"currents": True}}
@@ -347,19 +296,3 @@ def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(make_tin
     at = run.estimates.condition.tolist().index
     same_day, varying = (run.estimates.position[at(n)] for n in ("same-day", "varying"))
     np.testing.assert_array_equal(same_day, varying)
-
-
-def test_belief_that_varies_is_refused_where_the_water_does_not(make_tiny_tree):
-    tree = make_tiny_tree()
-    varying = {"kind": "exact", "time_varying": True}
-    tree["estimators"] = [{"name": "e", "range_model": "eigenray", "belief": varying}]
-    with pytest.raises(
-        StudyError, match="estimator e believes in water that varies, but the study's stands still"
-    ):
-        parse_study(tree)
-    tree["ocean"]["time_varying"] = True
-    tree["estimators"][0]["modes"] = {"count": 1}
-    with pytest.raises(
-        StudyError, match='time_varying is for range_model "eigenray" with variance "fixed" and'
-    ):
-        parse_study(tree)
