@@ -1,22 +1,17 @@
-"""Small fleets with known poses, and measurements of them."""
+"""Small fleets with known poses, and measurements of them that need no acoustics."""
 
 import numpy as np
 import pytest
 
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
 from pymantaray.records import RangingTruth, Trajectories
-from pymantaray.sensing import Attempts, Landmark, NoiseModel, Ranging, assemble, attempts
+from pymantaray.sensing import Landmark, NoiseModel, Ranging, assemble, attempts
 
-PERIOD = 200.0  # s
-LANDMARKS = (Landmark("L1", (900.0, -900.0, 300.0)), Landmark("L2", (-1200.0, 0.0, 50.0)))
+LANDMARKS = (Landmark("L1", (900.0, -900.0, 300.0)), Landmark("L2", (-1200.0, 0.0, 250.0)))
 
 
 def build_truth(names="ABC", n_time=13, seed=0):
-    """
-    Poses of a random walk with rotation, spread over 2 km.
-
-    Each vehicle's path depends on its own name only, so that fleets can grow.
-    """
+    """Random walks with rotation every 200 s, spread over 2 km; each depends on its vehicle's name alone."""
     position, quaternion = [], []
     for name in names:
         rng = np.random.default_rng([seed, ord(name)])
@@ -27,39 +22,28 @@ def build_truth(names="ABC", n_time=13, seed=0):
     return Trajectories(
         name=list(names),
         role=["float"] * len(names),
-        time=PERIOD * np.arange(n_time),
+        time=200.0 * np.arange(n_time),
         position=position,
         quaternion=quaternion,
         status=np.zeros((len(names), n_time)),
     )
 
 
-def build_ranging(truth, landmarks=LANDMARKS, epochs=(4, 8, 12), bias=7.0):
-    """
-    Range every pair without acoustics: the refracted range is longer by `bias`, and NaN for A to C.
-
-    Links and arrivals are those of no link, since nothing downstream reads them.
-    """
-    fixed = np.array([landmark.position for landmark in landmarks]).reshape(-1, 3)
-    table = attempts(len(truth.name), len(fixed), np.array(epochs))
-    fixed = np.broadcast_to(fixed[:, None], (len(fixed), truth.time.size, 3))
-    place = np.concatenate([truth.position, fixed])
-    distance = np.linalg.norm(
-        place[table.transmitter, table.sample] - place[table.receiver, table.sample], axis=-1
-    )
+def build_ranging(truth, landmarks=LANDMARKS, epochs=(4, 8, 12)):
+    """Ranges of all pairs at 1450 m/s over ways 7 m longer than the chords; A does not reach C."""
+    table = attempts(len(truth.name), len(landmarks), np.array(epochs))
+    fixed = np.array([landmark.position for landmark in landmarks]).reshape(-1, 1, 3)
+    place = np.concatenate([truth.position, np.tile(fixed, (1, truth.time.size, 1))])
+    ends = (place[who, table.sample] for who in (table.transmitter, table.receiver))
+    distance = np.linalg.norm(np.subtract(*ends), axis=-1)
     dropout = (table.transmitter == 0) & (table.receiver == 2)
-    return Ranging(
-        attempts=Attempts(*table),
-        status=dropout.astype(np.int8),
-        truth=RangingTruth(
-            distance=distance,
-            sound_speed=np.full(distance.size, 1450.0),
-            travel_time=(distance + np.where(dropout, np.nan, bias)) / 1450.0,
-            chord_travel_time=distance / 1450.0,
-        ),
-        links=None,
-        arrivals=None,
+    true = RangingTruth(
+        distance=distance,
+        sound_speed=np.full(distance.size, 1450.0),
+        travel_time=(distance + np.where(dropout, np.nan, 7.0)) / 1450.0,
+        chord_travel_time=distance / 1450.0,
     )
+    return Ranging(table, dropout.astype(np.int8), true, links=None, arrivals=None)
 
 
 @pytest.fixture(scope="session")
@@ -80,3 +64,8 @@ def make_measurements():
         return assemble(truth, landmarks, ranging, noise or NoiseModel(), gnss_depth=gnss_depth)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def landmarks():
+    return LANDMARKS

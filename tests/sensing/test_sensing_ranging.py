@@ -1,22 +1,57 @@
-"""Ranges from the ray solver: both models, both directions, dropouts and silence."""
+"""Ranges from the ray solver: both models, both directions, dropouts, silence, currents, detection, water that varies."""
 
-from dataclasses import replace
+import weakref
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from pymantaray.acoustics import Medium
+from pymantaray.acoustics import (
+    Absorption,
+    Currents,
+    Medium,
+    Sonar,
+    direct_travel_time_linear_gradient,
+    find_eigenrays,
+)
 from pymantaray.records import RayStatus, VehicleStatus
-from pymantaray.sensing import Landmark, Links, NoiseModel, PingSchedule, assemble, measure_ranges
+from pymantaray.records.base import Record
+from pymantaray.sensing import (
+    Detector,
+    Landmark,
+    Links,
+    NoiseModel,
+    PingSchedule,
+    TwoWay,
+    assemble,
+    measure_ranges,
+)
 
-LANDMARKS = [Landmark("L1", (900.0, -900.0, 300.0)), Landmark("L2", (-1200.0, 0.0, 250.0))]
-SCHEDULE = PingSchedule(800.0)  # samples 4, 8, 12
+SCHEDULE = PingSchedule(800.0)
+PINGS = np.array([800.0, 1600.0, 2400.0])  # s; samples 4, 8 and 12
 C0, GRADIENT, BOTTOM = 1450.0, 0.016, 3000.0
+DEPTH = np.array([0.0, 1500.0, 4000.0])
+CURRENT = Currents.uniform(0.3, -0.4)
+SONAR = Sonar(source_level_db=150.0, frequency_hz=25e3, bandwidth_hz=4e3, noise=45.0)
+HIDDEN = Landmark("L1", (4000.0, 0.0, 250.0))
 
 
-def medium(gradient):
-    depth = np.array([0.0, 1500.0, 4000.0])
-    return Medium.from_profile(depth, C0 + gradient * depth, bottom_depth=BOTTOM, interpolation="linear")
+def profile(speed):
+    speed = np.broadcast_to(speed, 3)
+    return Medium.from_profile(DEPTH, speed, bottom_depth=BOTTOM, interpolation="linear")
+
+
+def ridged(crest, gradient=0.0, bottom=1000.0):
+    """A ridge across the north axis at 2 km hides one side from the other, but not from a bounce at the surface."""
+    north, east, depth = np.array([-5e3, 1.9e3, 2e3, 2.1e3, 8e3]), np.array([-5e3, 5e3]), np.array([0.0, 4e3])
+    bathymetry = np.full((5, 2), bottom)
+    bathymetry[2] = crest
+    speed = np.broadcast_to(C0 + gradient * depth, (5, 2, 2))
+    return Medium.from_grid(north, east, depth, speed, bathymetry=bathymetry, interpolation="linear")
+
+
+STILL, REFRACTING, RIDGED = profile(C0), profile(C0 + GRADIENT * DEPTH), ridged(150.0)
 
 
 @pytest.fixture(scope="module")
@@ -25,148 +60,334 @@ def truth(make_truth):
 
 
 @pytest.fixture(scope="module")
-def ranging(truth):
-    return measure_ranges(truth, LANDMARKS, medium(GRADIENT), SCHEDULE, threads=1)
+def few(make_truth):
+    return make_truth("ABC")
 
 
-def place(truth, participant, sample):
-    if participant < len(truth.name):
-        return truth.position[participant, sample]
-    return LANDMARKS[participant - len(truth.name)].position
+@pytest.fixture(scope="module")
+def ranging(truth, landmarks):
+    return measure_ranges(truth, landmarks, REFRACTING, SCHEDULE, threads=1)
 
 
-def test_refracted_range_is_the_straight_one_where_sound_speed_is_constant(truth):
-    ranging = measure_ranges(truth, LANDMARKS, medium(0.0), SCHEDULE)
-    assert (ranging.status == RayStatus.OK).all()
-    np.testing.assert_allclose(ranging.truth.refracted_range, ranging.truth.distance, rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(ranging.truth.sound_speed, C0)
+def ends(truth, landmarks, table):
+    """Places of the transmitter and the receiver of each attempt."""
+    fixed = np.array([mark.position for mark in landmarks]).reshape(-1, 1, 3)
+    place = np.concatenate([truth.position, np.tile(fixed, (1, truth.time.size, 1))])
+    return place[table.transmitter, table.sample], place[table.receiver, table.sample]
 
 
-def test_every_attempt_by_closed_form(truth, ranging):
+def stopping(truth, rows, since=0):
+    status = truth.status.copy()
+    status[rows, since:] = VehicleStatus.GROUNDED
+    return replace(truth, status=status)
+
+
+def assert_same(one, other, what="ranging"):
+    if isinstance(one, Record):
+        one, other = ([getattr(r, f.name) for f in fields(r)] for r in (one, other))
+    if isinstance(one, (list, tuple)):
+        for a, b in zip(one, other, strict=True):
+            assert_same(a, b, what)
+    else:
+        np.testing.assert_array_equal(one, other, err_msg=what)
+
+
+def test_refracted_range_is_the_straight_one_where_sound_speed_is_constant(truth, landmarks):
+    found = measure_ranges(truth, landmarks, STILL, SCHEDULE)
+    assert (found.status == RayStatus.OK).all()
+    np.testing.assert_allclose(found.truth.refracted_range, found.truth.distance, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(found.truth.sound_speed, C0)
+
+
+def test_every_attempt_by_closed_form(truth, landmarks, ranging):
     """Travel time of the direct circular arc in a constant gradient, chord time along the straight line."""
-    table = ranging.attempts
+    table, true = ranging.attempts, ranging.truth
     assert table.sample.size == 3 * 4 * (3 + 2)
     assert (ranging.status == RayStatus.OK).all()
-    for row, (sample, i, j) in enumerate(zip(*table, strict=True)):
-        a, b = place(truth, i, sample), place(truth, j, sample)
-        distance = np.linalg.norm(a - b)
-        ca, cb = C0 + GRADIENT * a[2], C0 + GRADIENT * b[2]
-        time = 2 / GRADIENT * np.arcsinh(GRADIENT * distance / (2 * np.sqrt(ca * cb)))
-        chord = distance * np.log(cb / ca) / (cb - ca)
-        assert ranging.truth.sound_speed[row] == pytest.approx(ca, rel=1e-12)
-        assert ranging.truth.distance[row] == pytest.approx(distance, rel=1e-14)
-        assert ranging.truth.travel_time[row] == pytest.approx(time, rel=0, abs=1e-6)
-        assert ranging.truth.chord_travel_time[row] == pytest.approx(chord, rel=0, abs=1e-6)
-        assert (
-            ranging.truth.refracted_range[row]
-            == ranging.truth.sound_speed[row] * ranging.truth.travel_time[row]
-        )
+    a, b = ends(truth, landmarks, table)
+    distance, ca, cb = np.linalg.norm(a - b, axis=1), C0 + GRADIENT * a[:, 2], C0 + GRADIENT * b[:, 2]
+    time = direct_travel_time_linear_gradient(a, b, sound_speed_surface=C0, gradient=GRADIENT)
+    np.testing.assert_allclose(true.sound_speed, ca, rtol=1e-12)
+    np.testing.assert_allclose(true.distance, distance, rtol=1e-14)
+    np.testing.assert_allclose(true.travel_time, time, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(true.chord_travel_time, distance * np.log(cb / ca) / (cb - ca), atol=1e-6)
+    np.testing.assert_array_equal(true.refracted_range, true.sound_speed * true.travel_time)
 
 
 def test_both_directions_share_one_travel_time_but_not_the_sound_speed(ranging):
-    table = ranging.attempts
-    rows = {key: row for row, key in enumerate(zip(*table, strict=True))}
-    pairs = [(row, rows[k, j, i]) for (k, i, j), row in rows.items() if i < j < 4]
-    forth, back = np.array(pairs).T
+    rows = {key: row for row, key in enumerate(zip(*ranging.attempts, strict=True))}
+    forth, back = np.array([(row, rows[k, j, i]) for (k, i, j), row in rows.items() if i < j < 4]).T
     assert forth.size == 18
     np.testing.assert_array_equal(ranging.truth.travel_time[forth], ranging.truth.travel_time[back])
     assert (ranging.truth.refracted_range[forth] != ranging.truth.refracted_range[back]).all()
 
 
-def test_links_are_the_unordered_pairs_row_by_row_those_of_the_arrivals(truth, ranging, tmp_path):
+def test_links_are_the_unordered_pairs_row_by_row_those_of_the_arrivals(truth, landmarks, ranging, tmp_path):
     links, first = ranging.links, ranging.arrivals.first()
     assert links.sample.size == first.status.size == 3 * (6 + 4 * 2)
     assert (links.first < links.second).all()
-    keys = set(zip(links.sample.tolist(), links.first.tolist(), links.second.tolist(), strict=True))
-    assert len(keys) == links.sample.size
-    for row in range(links.sample.size):
-        a = place(truth, links.first[row], links.sample[row])
-        b = place(truth, links.second[row], links.sample[row])
-        assert first.source_sound_speed[row] == pytest.approx(C0 + GRADIENT * a[2], rel=1e-12)
-        assert first.receiver_sound_speed[row] == pytest.approx(C0 + GRADIENT * b[2], rel=1e-12)
+    assert len(set(zip(links.sample, links.first, links.second, strict=True))) == links.sample.size
+    fixed = np.tile([[mark.position] for mark in landmarks], (1, truth.time.size, 1))
+    depth = np.concatenate([truth.position, fixed])[..., 2]
+    for end, speed in ((links.first, first.source_sound_speed), (links.second, first.receiver_sound_speed)):
+        np.testing.assert_allclose(speed, C0 + GRADIENT * depth[end, links.sample], rtol=1e-12)
     links.save(tmp_path / "links.nc")
-    np.testing.assert_array_equal(Links.load(tmp_path / "links.nc").second, links.second)
+    assert_same(Links.load(tmp_path / "links.nc"), links)
 
 
-def test_a_stopped_vehicle_is_silent_and_the_others_are_not(truth, ranging):
+def test_a_stopped_vehicle_is_silent_and_the_others_are_not(truth, landmarks, ranging):
     """Vehicle B stops between the first and the second ping."""
-    status = truth.status.copy()
-    status[1, 6:] = VehicleStatus.GROUNDED
-    stopped = measure_ranges(replace(truth, status=status), LANDMARKS, medium(GRADIENT), SCHEDULE)
-    table = stopped.attempts
+    stopped = measure_ranges(stopping(truth, 1, 6), landmarks, REFRACTING, SCHEDULE)
+    table, links = stopped.attempts, stopped.links
     silent = ((table.transmitter == 1) | (table.receiver == 1)) & (table.sample > 6)
     assert silent.sum() == 2 * (3 + 3 + 2)
     np.testing.assert_array_equal(stopped.status, np.where(silent, RayStatus.STOPPED, RayStatus.OK))
-    expected = np.where(silent, np.nan, ranging.truth.travel_time)
-    np.testing.assert_array_equal(stopped.truth.travel_time, expected)
-    for name in ("distance", "sound_speed", "chord_travel_time"):
-        np.testing.assert_array_equal(getattr(stopped.truth, name), getattr(ranging.truth, name))
-    heard = ~((stopped.links.sample > 6) & ((stopped.links.first == 1) | (stopped.links.second == 1)))
-    assert heard.all()
-    assert stopped.links.sample.size == stopped.arrivals.status.size == 3 * 14 - 2 * 5
+    expected = replace(ranging.truth, travel_time=np.where(silent, np.nan, ranging.truth.travel_time))
+    assert_same(stopped.truth, expected)
+    assert not ((links.sample > 6) & ((links.first == 1) | (links.second == 1))).any()
+    assert links.sample.size == stopped.arrivals.status.size == 3 * 14 - 2 * 5
 
 
-def test_a_whole_fleet_at_rest_is_silent(truth):
-    at_rest = replace(truth, status=np.full(truth.status.shape, VehicleStatus.LEFT_DOMAIN))
-    stopped = measure_ranges(at_rest, [], medium(GRADIENT), SCHEDULE)
+def test_a_whole_fleet_at_rest_is_silent_and_one_vehicle_alone_ranges_nobody(truth, make_truth):
+    stopped = measure_ranges(stopping(truth, slice(None)), [], REFRACTING, SCHEDULE)
     assert (stopped.status == RayStatus.STOPPED).all()
     assert stopped.links.sample.size == stopped.arrivals.status.size == 0
     assert np.isfinite(stopped.truth.distance).all()
+    for medium in (REFRACTING, lambda _: REFRACTING):
+        alone = measure_ranges(make_truth("A"), [], medium, SCHEDULE)
+        assert alone.status.size == alone.links.sample.size == 0
 
 
 def test_a_link_behind_a_ridge_is_a_dropout_with_its_chord_and_sound_speed(truth):
-    """A ridge up to 20 m below the surface, at north 3 km, hides a landmark from the whole fleet."""
-    north, east, depth = np.array([-5e3, 2.5e3, 3e3, 3.5e3, 8e3]), np.array([-5e3, 5e3]), np.array([0.0, 4e3])
-    speed = np.broadcast_to(C0 + GRADIENT * depth, (5, 2, 2))
-    bathymetry = np.full((5, 2), BOTTOM)
-    bathymetry[2] = 20.0
-    ridge = Medium.from_grid(north, east, depth, speed, bathymetry=bathymetry, interpolation="linear")
-    ranging = measure_ranges(truth, [Landmark("L", (5000.0, 0.0, 300.0))], ridge, SCHEDULE)
-    hidden = ranging.attempts.receiver == 4
-    np.testing.assert_array_equal(ranging.status, np.where(hidden, RayStatus.BLOCKED, RayStatus.OK))
-    np.testing.assert_array_equal(np.isnan(ranging.truth.travel_time), hidden)
-    np.testing.assert_array_equal(np.isnan(ranging.truth.refracted_range), hidden)
-    at = truth.position[ranging.attempts.transmitter, ranging.attempts.sample]
-    np.testing.assert_allclose(ranging.truth.sound_speed, C0 + GRADIENT * at[:, 2], rtol=1e-12)
+    wall = ridged(20.0, GRADIENT, BOTTOM)
+    found = measure_ranges(truth, [Landmark("L", (5000.0, 0.0, 300.0))], wall, SCHEDULE)
+    hidden, true = found.attempts.receiver == 4, found.truth
+    np.testing.assert_array_equal(found.status, np.where(hidden, RayStatus.BLOCKED, RayStatus.OK))
+    np.testing.assert_array_equal(np.isnan(true.travel_time), hidden)
+    at = truth.position[found.attempts.transmitter, found.attempts.sample]
+    np.testing.assert_allclose(true.sound_speed, C0 + GRADIENT * at[:, 2], rtol=1e-12)
     distance = np.linalg.norm(at - [5000.0, 0.0, 300.0], axis=-1)[hidden]
-    np.testing.assert_allclose(ranging.truth.distance[hidden], distance, rtol=1e-14)
-    speed_sum = C0 + GRADIENT * at[hidden, 2] + C0 + GRADIENT * 300.0
-    np.testing.assert_allclose(ranging.truth.chord_travel_time[hidden], 2 * distance / speed_sum, rtol=1e-5)
+    np.testing.assert_allclose(true.distance[hidden], distance, rtol=1e-14)
+    mean = C0 + GRADIENT * 0.5 * (at[hidden, 2] + 300.0)
+    np.testing.assert_allclose(true.chord_travel_time[hidden], distance / mean, rtol=1e-5)
 
 
-def test_a_receiver_outside_the_water_hears_nothing(truth):
+def test_a_receiver_outside_the_water_hears_nothing_by_no_probability(few):
     buried = [Landmark("L", (0.0, 0.0, BOTTOM + 100.0))]
-    ranging = measure_ranges(truth, buried, medium(GRADIENT), SCHEDULE)
-    buried_link = ranging.attempts.receiver == 4
-    np.testing.assert_array_equal(ranging.status, np.where(buried_link, RayStatus.OUTSIDE, RayStatus.OK))
-    np.testing.assert_array_equal(np.isnan(ranging.truth.refracted_range), buried_link)
-    assert np.isfinite(ranging.truth.distance).all()
+    found = measure_ranges(few, buried, STILL, SCHEDULE, detector=Detector(SONAR))
+    below = found.attempts.receiver == 3
+    np.testing.assert_array_equal(found.status, np.where(below, RayStatus.OUTSIDE, RayStatus.OK))
+    np.testing.assert_array_equal(np.isnan(found.truth.refracted_range), below)
+    np.testing.assert_array_equal(np.isnan(found.probability), below)
+    assert np.isfinite(found.truth.distance).all()
 
 
-def test_cut_off_is_handed_to_the_solver(truth):
+def test_cut_off_is_handed_to_the_solver(truth, landmarks):
     """No ray here is 10 dB stronger than spherical spreading, so a cut-off that asks for it leaves none."""
-    strict = measure_ranges(truth, LANDMARKS, medium(GRADIENT), SCHEDULE, spreading_cutoff_db=-10.0)
+    strict = measure_ranges(truth, landmarks, REFRACTING, SCHEDULE, spreading_cutoff_db=-10.0)
     assert (strict.status == RayStatus.WEAK).all()
 
 
-def test_one_vehicle_alone_ranges_nobody(make_truth):
-    ranging = measure_ranges(make_truth("A"), [], medium(GRADIENT), SCHEDULE)
-    assert ranging.status.size == ranging.links.sample.size == 0
+def test_assembled_measurements_hold_the_measured_ranges(truth, landmarks, ranging):
+    m = assemble(truth, landmarks, ranging, NoiseModel())
+    assert_same([m.range_sample, m.range_transmitter, m.range_receiver], list(ranging.attempts))
+    true = ranging.truth
+    assert_same(
+        [m.range_status, m.straight_range, m.refracted_range, m.transmitter_sound_speed],
+        [ranging.status, true.distance, true.refracted_range, true.sound_speed],
+    )
+    assert_same([m.depth, m.first_position], [truth.position[..., 2], truth.position[:, 0]])
+    assert_same([m.landmark_position], [np.array([mark.position for mark in landmarks])])
 
 
-def test_assembled_measurements_hold_the_measured_ranges(truth, ranging, tmp_path):
-    observed = assemble(truth, LANDMARKS, ranging, NoiseModel())
-    np.testing.assert_array_equal(observed.refracted_range, ranging.truth.refracted_range)
-    np.testing.assert_array_equal(observed.range_transmitter, ranging.attempts.transmitter)
-    np.testing.assert_array_equal(observed.range_receiver, ranging.attempts.receiver)
-    np.testing.assert_array_equal(observed.range_sample, ranging.attempts.sample)
-    np.testing.assert_array_equal(observed.range_status, ranging.status)
-    np.testing.assert_array_equal(observed.straight_range, ranging.truth.distance)
-    np.testing.assert_array_equal(observed.transmitter_sound_speed, ranging.truth.sound_speed)
-    np.testing.assert_array_equal(observed.depth, truth.position[..., 2])
-    np.testing.assert_array_equal(observed.first_position, truth.position[:, 0])
-    np.testing.assert_array_equal(observed.first_quaternion, truth.quaternion[:, 0])
-    np.testing.assert_array_equal(observed.landmark_position, [m.position for m in LANDMARKS])
-    observed.save(tmp_path / "measurements.nc")
-    again = type(observed).load(tmp_path / "measurements.nc")
-    np.testing.assert_array_equal(again.refracted_range, observed.refracted_range)
+def test_one_way_a_current_carries_the_sound_there_and_holds_it_up_on_the_way_back(few, landmarks):
+    """Closed form of a constant current; what is of second order is below a millimetre."""
+    found = measure_ranges(few, landmarks, STILL, SCHEDULE, currents=CURRENT)
+    step = np.subtract(*ends(few, landmarks, found.attempts)[::-1])
+    velocity = np.array([0.3, -0.4, 0.0])
+    along, slower = step @ velocity, C0**2 - velocity @ velocity
+    exact = (np.sqrt(along**2 + slower * np.einsum("ij,ij->i", step, step)) - along) / slower
+    np.testing.assert_allclose(found.truth.travel_time, exact, rtol=0, atol=5e-7)
+    assert np.abs(found.truth.refracted_range - found.truth.distance).max() > 0.3
+    still = measure_ranges(few, landmarks, STILL, SCHEDULE)
+    np.testing.assert_array_equal(found.arrivals.travel_time, still.arrivals.travel_time)
+    assert still.probability is None
+
+
+def test_two_way_the_current_cancels(few, landmarks):
+    """Of the delay u/c t what moves with the vehicles, v/c of it, does not cancel."""
+    still, moving = (
+        measure_ranges(few, landmarks, STILL, SCHEDULE, currents=current, timing=TwoWay(1.0))
+        for current in (None, CURRENT)
+    )
+    np.testing.assert_allclose(moving.truth.travel_time, still.truth.travel_time, rtol=0, atol=3e-7)
+
+
+def test_probability_follows_the_sonar_equation_by_hand(few, landmarks):
+    """Spherical spreading and Thorp's absorption in water without refraction; two-way both pings must be heard."""
+    thorp = Absorption.thorp()
+    one, two = (
+        measure_ranges(few, landmarks, STILL, SCHEDULE, detector=Detector(SONAR, absorption=thorp), **timing)
+        for timing in ({}, {"timing": TwoWay()})
+    )
+    loss = 20.0 * np.log10(one.truth.distance)
+    loss = loss + thorp.db_per_km(np.zeros((1, 3)), 25e3)[0] * one.truth.distance / 1e3
+    excess = 150.0 - (45.0 + 10.0 * np.log10(4e3)) - 10.0 - loss
+    np.testing.assert_allclose(one.probability, norm.cdf(excess / 6.0), rtol=1e-6)
+    assert np.ptp(one.probability) > 0.1
+    np.testing.assert_allclose(two.probability, one.probability**2, rtol=1e-12)
+
+
+def test_by_direct_the_bounces_allowed_change_neither_times_nor_statuses(few):
+    bare = measure_ranges(few, [HIDDEN], RIDGED, SCHEDULE)
+    more = measure_ranges(few, [HIDDEN], RIDGED, SCHEDULE, max_surface_bounces=1, max_bottom_bounces=1)
+    assert more.arrivals.link.size > bare.arrivals.link.size
+    assert set(bare.status) == {RayStatus.OK, RayStatus.BLOCKED}
+    assert_same([more.status, more.truth], [bare.status, bare.truth])
+
+
+def test_a_direct_ray_that_is_not_among_the_arrivals_kept_is_ranged_on(few, monkeypatch):
+    """The solver keeps 64 arrivals a link; that they leave out the direct one takes hundreds of kilometres."""
+
+    def without_direct_rays(*args, **options):
+        found = find_eigenrays(*args, **options)
+        if len(args) == 3:  # no bounces allowed
+            return found
+        bounced = (found.surface_bounces > 0) | (found.bottom_bounces > 0)
+        rows = [f.name for f in fields(found) if f.metadata["dims"][0] == "arrival"]
+        return replace(found, **{name: getattr(found, name)[bounced] for name in rows})
+
+    options = {"max_surface_bounces": 1, "currents": CURRENT, "detector": Detector(SONAR)}
+    whole = measure_ranges(few, [HIDDEN], RIDGED, SCHEDULE, **options)
+    monkeypatch.setattr("pymantaray.sensing.ranging.find_eigenrays", without_direct_rays)
+    assert_same(measure_ranges(few, [HIDDEN], RIDGED, SCHEDULE, **options), whole)
+
+
+def test_by_first_a_hidden_link_is_ranged_over_the_surface(few):
+    """The image of the landmark in the surface lies as high above it as the landmark lies below."""
+    first = measure_ranges(few, [HIDDEN], RIDGED, SCHEDULE, max_surface_bounces=1, arrival="first")
+    hidden = (first.attempts.receiver == 3) & (first.status == RayStatus.OK)
+    at = few.position[first.attempts.transmitter, first.attempts.sample][hidden]
+    assert hidden.any()
+    image = np.linalg.norm(at - HIDDEN.position * [1, 1, -1], axis=-1)
+    np.testing.assert_allclose(first.truth.travel_time[hidden], image / C0, rtol=0, atol=1e-9)
+
+
+def test_strongest_goes_by_the_loss_of_the_detector(few):
+    """Water that absorbs 200 dB/km by the surface and nothing below it leaves the longer way over the sea bed."""
+    upper = Absorption(lambda x, _frequency: np.where(x[:, 2] < 1500.0, 200.0, 0.0))
+    mark = [Landmark("L1", (0.0, 3000.0, 2500.0))]
+    station = replace(few, position=np.broadcast_to([0.0, 0.0, 1400.0], few.position.shape))
+    options = {"max_surface_bounces": 1, "max_bottom_bounces": 1, "arrival": "strongest"}
+    plain, lossy = (
+        measure_ranges(station, mark, STILL, SCHEDULE, detector=detector, **options)
+        for detector in (None, Detector(SONAR, absorption=upper))
+    )
+    row = lossy.attempts.receiver == 3
+    over_bed = np.hypot(3000.0, 2 * BOTTOM - 2500.0 - 1400.0)
+    np.testing.assert_allclose(lossy.truth.travel_time[row], over_bed / C0, rtol=0, atol=1e-9)
+    assert (plain.truth.travel_time[row] != lossy.truth.travel_time[row]).all()
+
+
+@pytest.mark.parametrize("timing", [{}, {"timing": TwoWay(0.0)}], ids=["one-way", "two-way"])
+def test_travel_time_is_the_distance_over_the_sound_speed_of_the_ping(few, landmarks, timing):
+    """Water that warms evenly; the vehicles' own motion is taken out by holding them."""
+    held = replace(few, position=np.broadcast_to(few.position[:, :1], few.position.shape))
+
+    def speed(t):
+        return 1450.0 + 0.01 * np.asarray(t)
+
+    found = measure_ranges(held, landmarks, lambda t: profile(speed(t)), SCHEDULE, **timing)
+    sent, true = held.time[found.attempts.sample], found.truth
+    assert set(sent) == set(PINGS)
+    for time in (true.travel_time, true.chord_travel_time):
+        np.testing.assert_allclose(time, true.distance / speed(sent), rtol=1e-12)
+    np.testing.assert_allclose(true.sound_speed, speed(sent), rtol=1e-15)
+
+
+OPTIONS = [
+    {},
+    {"currents": CURRENT},
+    {"timing": TwoWay(1.0), "currents": CURRENT},
+    {"detector": Detector(SONAR), "max_surface_bounces": 1},
+    {"arrival": "first", "max_surface_bounces": 1},
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_neither_water_that_is_always_the_same_nor_threads_nor_blocks_of_links_change_a_digit(
+    truth, landmarks, options, monkeypatch
+):
+    stopped = stopping(truth, 1, 6)
+    still = measure_ranges(stopped, landmarks, REFRACTING, SCHEDULE, threads=2, **options)
+    monkeypatch.setattr("pymantaray.sensing.ranging._BLOCK", 4)
+    varying = dict(options)
+    if "currents" in options:
+        varying["currents"] = lambda _: CURRENT
+    assert_same(
+        measure_ranges(stopped, landmarks, lambda _: REFRACTING, SCHEDULE, threads=1, **varying), still
+    )
+
+
+def test_each_ping_is_the_still_result_in_its_own_water(truth, landmarks):
+    """Rays, chords and sound speeds of a refracting medium that changes, silent pairs included."""
+
+    def medium(t):
+        return profile(1450.0 + (0.016 + 4e-6 * t) * DEPTH)
+
+    stopped = stopping(truth, 1, 6)
+    varying = measure_ranges(stopped, landmarks, medium, SCHEDULE)
+    for ping in PINGS:
+        still = measure_ranges(stopped, landmarks, medium(ping), SCHEDULE)
+        now = truth.time[still.attempts.sample] == ping
+        assert now.sum() == 4 * (3 + 2)
+        assert_same(varying.status[now], still.status[now])
+        for name in ("travel_time", "chord_travel_time", "sound_speed"):
+            assert_same(getattr(varying.truth, name)[now], getattr(still.truth, name)[now])
+
+
+def test_the_current_is_that_of_the_ping(few, landmarks):
+    """A current that turns from north to south between the pings, in water that stands still."""
+    flow = dict(zip(PINGS, (0.4, 0.0, -0.6), strict=True))
+    found = measure_ranges(few, landmarks, STILL, SCHEDULE, currents=lambda t: Currents.uniform(flow[t], 0.0))
+    step = np.subtract(*ends(few, landmarks, found.attempts)[::-1])
+    north = np.array([flow[t] for t in few.time[found.attempts.sample]])
+    first_order = found.truth.distance / C0 - north * step[:, 0] / C0**2
+    np.testing.assert_allclose(found.truth.travel_time, first_order, rtol=0, atol=1e-12)
+    assert np.abs(found.truth.travel_time - found.truth.distance / C0).max() > 1e-4
+
+
+def test_media_are_made_once_a_ping_and_let_go_again(truth, landmarks):
+    earlier, asked = [], []
+
+    def medium(t):
+        assert not any(old() for old in earlier), "an earlier medium is still held"
+        fresh = replace(REFRACTING)
+        earlier.append(weakref.ref(fresh))
+        asked.append(t)
+        return fresh
+
+    measure_ranges(truth, landmarks, medium, SCHEDULE, currents=CURRENT, threads=1)
+    assert asked == PINGS.tolist()
+
+
+@pytest.mark.parametrize("stopped", [0, 2, 4])
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+@pytest.mark.parametrize("varying", [False, True])
+def test_progress_rises_to_the_number_of_pairs(truth, options, stopped, varying, monkeypatch):
+    monkeypatch.setattr("pymantaray.sensing.ranging._BLOCK", 4)
+    seen = []
+    measure_ranges(
+        stopping(truth, slice(stopped)),
+        [],
+        (lambda _: REFRACTING) if varying else REFRACTING,
+        SCHEDULE,
+        progress=lambda *step: seen.append(step),
+        threads=1,
+        **options,
+    )
+    done, total = zip(*seen, strict=True)
+    assert set(total) == {3 * 6}
+    assert list(done) == sorted(done)
+    assert done[-1] == 3 * 6
+    assert not varying or {6, 12} <= set(done)
