@@ -1,5 +1,6 @@
-"""How kernels are compiled: as part of entries, or by themselves where this Numba does not allow it."""
+"""How kernels are compiled: linked into entries, kept on disk only as long as no source changes, in memory where no disk can be written."""
 
+import os
 import subprocess
 import sys
 
@@ -7,8 +8,45 @@ import numpy as np
 import pytest
 from numba import njit
 
-from pymantaray.acoustics._kernels.compile import kernel
-from pymantaray.acoustics._kernels.keep_code import _KeptLibrary
+from pymantaray.compile import kernel
+
+INNER = """
+from pymantaray.compile import kernel
+
+@kernel
+def factor():
+    return {factor}
+"""
+OUTER = """
+from pymantaray.compile import entry
+from inner import factor
+
+@entry
+def scaled(x):
+    return factor() * x
+"""
+
+
+@pytest.fixture
+def two_files(tmp_path):
+    """An entry that calls a kernel of another file, run in a process of its own; returns what it prints and says."""
+    (tmp_path / "outer.py").write_text(OUTER)
+
+    def run(factor, before="", **environment):
+        (tmp_path / "inner.py").write_text(INNER.format(factor=factor))
+        code = f"{before}\nfrom outer import scaled\nprint(scaled(1.0), scaled.stats.cache_path is not None)"
+        command = [sys.executable, "-B", "-c", code]
+        done = subprocess.run(
+            command,
+            cwd=tmp_path,
+            env={**os.environ, **environment},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return done.stdout.split(), done.stderr
+
+    return run
 
 
 @kernel
@@ -26,21 +64,36 @@ def sum_of_squares(values):
 
 def test_kernels_are_called_by_entries_and_not_from_python():
     assert sum_of_squares(np.arange(4.0)) == 14.0
-    (compiled,) = square.overloads.values()
-    assert isinstance(compiled.library, _KeptLibrary)  # else it was optimized and compiled by itself
     with pytest.raises(KeyError, match="square is called by kernels only"):
         square(np.arange(4.0), 1)
 
 
-def test_without_the_parts_of_numba_that_this_takes_kernels_compile_by_themselves():
-    code = """
-import sys
-sys.modules["pymantaray.acoustics._kernels.keep_code"] = None
-import numpy as np
-from pymantaray.acoustics._kernels.cubic import cubic
-print(cubic(0.5, 1.0, 0.0, 1.0, 1.0, 1.0))
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120
-    )
-    assert done.stdout.strip() == "0.5", done.stderr
+@pytest.mark.parametrize("place", ["beside the source", "NUMBA_CACHE_DIR"])
+def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_path, place):
+    folder = tmp_path / "cache"
+    environment = {"NUMBA_CACHE_DIR": str(folder) if place == "NUMBA_CACHE_DIR" else ""}
+    for factor in (2.0, 3.0, 3.0):
+        printed, said = two_files(factor, **environment)
+        assert printed == [str(factor), "True"], said
+    kept = [*(folder if place == "NUMBA_CACHE_DIR" else tmp_path / "__pycache__").rglob("outer.scaled*.nbi")]
+    assert len(kept) == 1  # that of the first factor is gone
+
+
+def test_where_no_folder_can_be_written_kernels_are_compiled_in_memory_and_one_line_says_so(
+    two_files, tmp_path
+):
+    (tmp_path / "__pycache__").touch()
+    nowhere = str(tmp_path / "__pycache__" / "nowhere")
+    printed, said = two_files(2.0, HOME=nowhere, XDG_CACHE_HOME=nowhere, NUMBA_CACHE_DIR="")
+    assert printed == ["2.0", "False"], said
+    assert said.count("\n") == 1
+    assert "cannot be kept" in said
+
+
+@pytest.mark.parametrize(
+    "numba", ["numba.__version__ = '9.0.0'", "sys.modules['numba.core.typed_passes'] = None"]
+)
+def test_a_numba_that_was_not_tried_compiles_each_kernel_by_itself(two_files, numba):
+    before = f"import sys, numba\n{numba}\nimport inner\ninner.factor()"  # Python may call it then
+    printed, said = two_files(2.0, before)
+    assert printed == ["2.0", "True"], said

@@ -8,11 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from pymantaray.compile import entry, kernel
 from pymantaray.records.status import VehicleStatus
-
-OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 ACTIVE = int(VehicleStatus.ACTIVE)
 GROUNDED = int(VehicleStatus.GROUNDED)
@@ -44,7 +42,7 @@ class Water(NamedTuple):
     floor: np.ndarray
 
 
-@njit(**OPTIONS)
+@entry
 def place(water, north, east, depth):
     """Tell the status of a vehicle at a position; the domain's edge and the sea floor are inside."""
     x = (north - water.north) * water.per_north
@@ -57,7 +55,7 @@ def place(water, north, east, depth):
     return ACTIVE
 
 
-@njit(**OPTIONS)
+@entry
 def floor_depth(water, north, east):
     """Interpolate the depth of the sea floor bilinearly; constant outside the domain."""
     i, x = cell_of((north - water.floor_north) * water.floor_per_north, water.floor.shape[0])
@@ -67,7 +65,7 @@ def floor_depth(water, north, east):
     return near * (1.0 - x) + far * x
 
 
-@njit(**OPTIONS)
+@kernel
 def cell_of(x, n):
     """Find the cell of an axis that holds a coordinate, counted in cells, and the place in it; clamped."""
     x = min(max(x, 0.0), n - 1.0)
@@ -75,12 +73,12 @@ def cell_of(x, n):
     return i, x - i
 
 
-@njit(**OPTIONS)
+@kernel
 def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(**OPTIONS)
+@kernel
 def _exponential(omega, v, dt):
     """Give the quaternion and translation of a body twist held for a time."""
     phi = (omega[0] * dt, omega[1] * dt, omega[2] * dt)
@@ -102,7 +100,7 @@ def _exponential(omega, v, dt):
     return quaternion, translation
 
 
-@njit(**OPTIONS)
+@kernel
 def _rotate(q, a):
     """Turn a body vector into the world by a unit quaternion."""
     axis = (q[1], q[2], q[3])
@@ -112,7 +110,7 @@ def _rotate(q, a):
     return a[0] + 2.0 * s[0], a[1] + 2.0 * s[1], a[2] + 2.0 * s[2]
 
 
-@njit(**OPTIONS)
+@kernel
 def _compose(q, p, quaternion, translation):
     """Move a pose by a motion in its body frame; a vehicle does not rise out of the water."""
     moved = _rotate(q, translation)
@@ -125,7 +123,7 @@ def _compose(q, p, quaternion, translation):
     return turned, (p[0] + moved[0], p[1] + moved[1], max(p[2] + moved[2], 0.0))
 
 
-@njit(**OPTIONS)
+@kernel
 def _write(sample, q, p, state, position, quaternion, status):
     for a in range(3):
         position[sample, a] = p[a]
@@ -134,7 +132,7 @@ def _write(sample, q, p, state, position, quaternion, status):
     status[sample] = state
 
 
-@njit(**OPTIONS)
+@entry
 def run_twist(water, twist, dt, steps, position, quaternion, status):
     """Integrate a constant body twist; row 0 of the poses is the start, the others are filled."""
     p = (position[0, 0], position[0, 1], position[0, 2])
@@ -151,7 +149,7 @@ def run_twist(water, twist, dt, steps, position, quaternion, status):
         _write(sample, q, p, state, position, quaternion, status)
 
 
-@njit(**OPTIONS)
+@kernel
 def _pursue(q, p, point, turn_rate, dt):
     """Angular velocity that turns body x towards a point by the shortest way, within the limit."""
     inverse = (q[0], -q[1], -q[2], -q[3])
@@ -163,7 +161,7 @@ def _pursue(q, p, point, turn_rate, dt):
     return 0.0, 0.0, rate  # dead ahead (rate 0), or dead astern, where any way round is as short
 
 
-@njit(**OPTIONS)
+@entry
 def run_waypoints(
     water, points, speed, turn_rate, capture_radius, loop, dt, steps, position, quaternion, status
 ):

@@ -5,10 +5,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from pymantaray.fleet._kernel import ACTIVE, OPTIONS, Water, cell_of, place
+from pymantaray.compile import entry, kernel
+from pymantaray.fleet._kernel import ACTIVE, Water, cell_of, place
 
 _SAME = 1e-6  # of a cell; nodes closer than this are one
 
@@ -26,7 +26,7 @@ class Cycle(NamedTuple):
     hold_surface: int
 
 
-@njit(**OPTIONS)
+@kernel
 def _shallowest(water, i, j):
     """Find the shallowest node of the sea floor under a cell of the ocean; it rises nowhere above that."""
     start, stop = _under(i, water.north - water.floor_north, water.per_north, water.floor_per_north)
@@ -35,7 +35,7 @@ def _shallowest(water, i, j):
     return water.floor[max(start, 0) : min(stop, n), max(left, 0) : min(right, m)].min()
 
 
-@njit(**OPTIONS)
+@kernel
 def _under(i, offset, per_metre, floor_per_metre):
     """Nodes of the sea floor, first and one past the last, between which a cell's edges lie."""
     near = (offset + i / per_metre) * floor_per_metre
@@ -43,7 +43,7 @@ def _under(i, offset, per_metre, floor_per_metre):
     return math.floor(near + _SAME), math.ceil(far - _SAME) + 1
 
 
-@njit(**OPTIONS)
+@kernel
 def _form(values, i, j, k, thickness):
     """Write the trilinear interpolant of a cell as a polynomial: 1, x, y, xy and the same times z."""
     a = values[i, j, k]
@@ -57,7 +57,7 @@ def _form(values, i, j, k, thickness):
     return a, b, c, d, (e - a) / thickness, (f - b) / thickness, (g - c) / thickness, (h - d) / thickness
 
 
-@njit(**OPTIONS)
+@kernel
 def _change(before, after, per_second):
     """Write how fast a polynomial changes from one instant to the next."""
     a, b, c, d, e, f, g, h = after
@@ -73,13 +73,13 @@ def _change(before, after, per_second):
     )
 
 
-@njit(**OPTIONS)
+@kernel
 def _evaluate(form, x, y, z):
     a, b, c, d, e, f, g, h = form
     return a + b * x + (c + d * x) * y + (e + f * x + (g + h * x) * y) * z
 
 
-@njit(**OPTIONS)
+@kernel
 def _level(depth, k, z):
     """Find the layer that holds a depth, starting from the one last visited."""
     while k > 0 and z < depth[k]:
@@ -96,7 +96,7 @@ def _float_kernel(varying):
     Two functions, so that a float in still currents pays nothing for time.
     """
 
-    @njit(**OPTIONS)
+    @entry
     def run_float(water, cycle, dt, steps, position, status):
         _, n, m, _ = water.current_north.shape
         level = water.depth

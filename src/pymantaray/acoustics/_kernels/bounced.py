@@ -18,12 +18,12 @@ from pymantaray.acoustics._kernels.cells import (
     candidate,
     follow,
 )
-from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.limits import fan_nodes
 from pymantaray.acoustics._kernels.refine_bounced import INSET, Aim, refine_bounced, tube
 from pymantaray.acoustics._kernels.rows import finish
 from pymantaray.acoustics._kernels.search import ANGLE, CODE, fewer_bounces, find_brackets
 from pymantaray.acoustics._kernels.trace import FORWARD, LEGS, ON_SURFACE, Rule
+from pymantaray.compile import kernel
 
 STEEPEST_FORWARD = 1.08  # rad
 SHALLOWEST_LEGS = 1.02  # rad; the fans overlap, what both find is kept once

@@ -3,11 +3,11 @@
 import math
 from collections import namedtuple
 
-from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.cubic import cubic
 from pymantaray.acoustics._kernels.field import linear_full, smooth_full
 from pymantaray.acoustics._kernels.section import SMOOTH, bilinear_weights, move_level
 from pymantaray.acoustics._kernels.step import N_FULL
+from pymantaray.compile import kernel
 
 TOUCH = 1e-6  # m; a ray this far beyond a boundary still touches it only
 IN_WATER, AT_SURFACE, AT_BOTTOM = 0, 1, 2

@@ -21,11 +21,11 @@ from pymantaray.acoustics._kernels.boundary import (
     floor_at,
     hold,
 )
-from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.refine import cubic_angle
 from pymantaray.acoustics._kernels.refine_bounced import newton
 from pymantaray.acoustics._kernels.search import ANGLE, CODE, MISS, SLOPE, fewer_bounces
 from pymantaray.acoustics._kernels.trace import MOST_BOUNCES, trace
+from pymantaray.compile import kernel
 
 # columns of a candidate after its cells: launch angle, cross-track slowness, reflections at both boundaries, generation
 _M, _Q, _COUNTS, _GENERATION = MOST_BOUNCES + 1, MOST_BOUNCES + 2, MOST_BOUNCES + 3, MOST_BOUNCES + 4

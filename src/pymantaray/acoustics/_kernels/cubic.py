@@ -1,6 +1,6 @@
 """The cubic Hermite polynomial that stands for a step of a ray and for the miss between two rays."""
 
-from pymantaray.acoustics._kernels.compile import inlined, kernel
+from pymantaray.compile import inlined, kernel
 
 
 @inlined

@@ -1,11 +1,11 @@
 """Faces as events: the faces of a LINEAR section's cells, the surface and the sea bed end a step."""
 
 from pymantaray.acoustics._kernels.boundary import NO_BED, floor_at
-from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.cubic import cubic
 from pymantaray.acoustics._kernels.field import linear_full
 from pymantaray.acoustics._kernels.section import find_level
 from pymantaray.acoustics._kernels.step import N_FULL, step
+from pymantaray.compile import kernel
 
 TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = 0, 1, 2, 3, 4, 5
 ON_FACE = 1e-9  # m; a ray this near to a face is on it

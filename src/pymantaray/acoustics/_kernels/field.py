@@ -6,8 +6,8 @@ distance stays a smooth function of the launch angle; such rays are rejected aft
 
 import math
 
-from pymantaray.acoustics._kernels.compile import inlined, kernel
 from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level
+from pymantaray.compile import inlined, kernel
 
 ABOVE_SCALE = 20.0  # m; length over which the continuation above the surface bends to a constant
 BELOW_SCALE = 200.0  # m; the same below the deepest level

@@ -2,9 +2,9 @@
 
 import math
 
-from pymantaray.acoustics._kernels.compile import kernel, sort_head
 from pymantaray.acoustics._kernels.field import level_speed
-from pymantaray.acoustics._kernels.section import SMOOTH
+from pymantaray.acoustics._kernels.section import SMOOTH, sort_head
+from pymantaray.compile import kernel
 
 STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
 BEYOND = 0.02  # rad; the fan goes beyond the steepest ray that may arrive by this

@@ -6,7 +6,6 @@ import numpy as np
 
 from pymantaray.acoustics._kernels.bounced import add_bounced
 from pymantaray.acoustics._kernels.boundary import TOUCH, bottom_at, clearances
-from pymantaray.acoustics._kernels.compile import entry, kernel
 from pymantaray.acoustics._kernels.field import field_at
 from pymantaray.acoustics._kernels.limits import (
     BEYOND,
@@ -23,6 +22,7 @@ from pymantaray.acoustics._kernels.rows import N_COLUMNS, finish, sort_rows
 from pymantaray.acoustics._kernels.search import GOOD, MISS, copy_ray, find_brackets, shoot
 from pymantaray.acoustics._kernels.section import LINEAR
 from pymantaray.acoustics._kernels.trace import OPEN, Rule
+from pymantaray.compile import entry, kernel
 
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7
 SPACING_SMOOTH = 0.016  # rad

@@ -16,11 +16,11 @@ from pymantaray.acoustics._kernels.boundary import (
     Floor,
     bottom_at,
 )
-from pymantaray.acoustics._kernels.compile import entry, kernel, sort_head
 from pymantaray.acoustics._kernels.field import field_at
 from pymantaray.acoustics._kernels.limits import is_steep, speed_extremes, turning_limits
-from pymantaray.acoustics._kernels.section import LINEAR, cut_section, line_breaks
+from pymantaray.acoustics._kernels.section import LINEAR, cut_section, line_breaks, sort_head
 from pymantaray.acoustics._kernels.trace import FORWARD, LEGS, OPEN, Rule, trace
+from pymantaray.compile import entry, kernel
 
 
 @kernel

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.cubic import cubic_root
 from pymantaray.acoustics._kernels.search import ANGLE, MISS, SLOPE
 from pymantaray.acoustics._kernels.trace import trace
+from pymantaray.compile import kernel
 
 
 @kernel

@@ -4,10 +4,10 @@ import math
 from collections import namedtuple
 
 from pymantaray.acoustics._kernels.boundary import LANDED, across_plane
-from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.refine import cubic_angle
 from pymantaray.acoustics._kernels.search import ANGLE, CODE, GOOD, MISS, SLOPE, fewer_bounces, shoot
 from pymantaray.acoustics._kernels.trace import trace
+from pymantaray.compile import kernel
 
 INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the travel time corrected (Fermat)
 _NEAR = 1e-5  # rad; derivatives are differences between rays so near to each other

@@ -2,7 +2,7 @@
 
 import math
 
-from pymantaray.acoustics._kernels.compile import kernel
+from pymantaray.compile import kernel
 
 # travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at both
 # ends [s/m] (3 + 3), reflections at the surface and at the sea bed

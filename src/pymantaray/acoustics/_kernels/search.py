@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 
-from pymantaray.acoustics._kernels.compile import kernel
 from pymantaray.acoustics._kernels.cubic import cubic
 from pymantaray.acoustics._kernels.trace import GONE, GROWN, ON_SURFACE, OPEN, append_code, trace
+from pymantaray.compile import kernel
 
 # columns of a ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, which reflections;
 # scratch: error of the cubic about it, where it left the water or had too many reflections (0: nowhere), tolerance, how far it diverged on its way

@@ -10,7 +10,7 @@ between levels. Off the baseline both are expanded to second order in the cross-
 import math
 from collections import namedtuple
 
-from pymantaray.acoustics._kernels.compile import entry, inlined, kernel, sort_head
+from pymantaray.compile import entry, inlined, kernel
 
 SMOOTH = 0
 LINEAR = 1
@@ -25,6 +25,18 @@ n_range columns (SMOOTH) or cells (LINEAR); breaks holds the cell edges (LINEAR)
 lut maps depth to a level not below the cell's own. data is, for SMOOTH, (n_range, n_depth - 1, 16): the
 cubics in depth of c, c_r, c_y and c_yy in each layer; for LINEAR, (n_range, n_depth, 6).
 """
+
+
+@kernel
+def sort_head(values, count):
+    """Sort the first count values in place (insertion sort: short and nearly sorted input)."""
+    for i in range(1, count):
+        v = values[i]
+        j = i - 1
+        while j >= 0 and values[j] > v:
+            values[j + 1] = values[j]
+            j -= 1
+        values[j + 1] = v
 
 
 @entry

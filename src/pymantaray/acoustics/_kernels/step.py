@@ -17,9 +17,9 @@ import math
 
 import numpy as np
 
-from pymantaray.acoustics._kernels.compile import inlined, kernel
 from pymantaray.acoustics._kernels.field import linear_full, smooth_full, smooth_planar
 from pymantaray.acoustics._kernels.section import SMOOTH, move_level
+from pymantaray.compile import inlined, kernel
 
 N_FULL = 8
 N_FAN = 4

@@ -19,7 +19,6 @@ from pymantaray.acoustics._kernels.boundary import (
     landed,
     reflect,
 )
-from pymantaray.acoustics._kernels.compile import kernel, out_of_line
 from pymantaray.acoustics._kernels.faces import (
     BOTTOM,
     ON_FACE,
@@ -31,6 +30,7 @@ from pymantaray.acoustics._kernels.faces import (
 )
 from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level, move_level
 from pymantaray.acoustics._kernels.step import N_FAN, N_FULL, derivative, step, step_error
+from pymantaray.compile import kernel, out_of_line
 
 MAX_STEPS = 100_000
 _MOST_STUCK = 20  # steps too short to be shortened, of a ray so flat that the field's last digits turn it
