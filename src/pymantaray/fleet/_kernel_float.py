@@ -32,7 +32,11 @@ def _shallowest(water, i, j):
     start, stop = _under(i, water.north - water.floor_north, water.per_north, water.floor_per_north)
     left, right = _under(j, water.east - water.floor_east, water.per_east, water.floor_per_east)
     n, m = water.floor.shape
-    return water.floor[max(start, 0) : min(stop, n), max(left, 0) : min(right, m)].min()
+    shallowest = math.inf
+    for a in range(max(start, 0), min(stop, n)):
+        for b in range(max(left, 0), min(right, m)):
+            shallowest = min(shallowest, water.floor[a, b])
+    return shallowest
 
 
 @kernel
