@@ -35,9 +35,9 @@ import sys
 import numpy as np
 sys.path.insert(0, sys.argv[2])
 import test_cuda
-from pymantaray.acoustics._kernels import solve_cuda
-from pymantaray.acoustics import solvers
-solvers._WAVE, solve_cuda._THREADS = 4, 3  # two waves, threads with several links
+from pymantaray.acoustics._kernels import cuda
+from pymantaray.acoustics import eigenrays
+eigenrays._WAVE, cuda._THREADS = 4, 3  # two waves, threads with several links
 np.savez(sys.argv[1], **test_cuda.solve("cuda"))
 """
 
@@ -53,7 +53,8 @@ try:
 except Exception as error:
     print("no toolkit:", str(error).splitlines()[0])
     raise SystemExit(77)
-from pymantaray.acoustics._kernels import boundary, solve_cuda, workspace
+from pymantaray.acoustics._kernels import cuda as kernels
+from pymantaray.acoustics._kernels import layout
 
 
 def array(dimensions, dtype=types.float64):
@@ -61,14 +62,14 @@ def array(dimensions, dtype=types.float64):
 
 
 real, whole = types.float64, types.int64
-medium = types.Tuple(
-    (whole, array(1), array(1), array(1), array(3), array(1), whole, array(1), whole, array(1, types.int32), real, real)
-)
-work = types.NamedTuple([array(len(shape) + 1) for shape in workspace.shapes(16)], workspace.Work)
-bed = types.NamedTuple([array(1), array(1), array(2)], boundary.Bed)
-signature = (medium, bed, array(2), array(2), whole, whole, real, real, types.boolean, work)
-results = (array(3), array(1, whole), array(1, types.int8), array(2))
-ptx, _ = cuda.compile_ptx(solve_cuda.solve_wave.py_func, (*signature, *results), cc=cc)
+sheet = types.NamedTuple([array(1), array(1), array(2)], layout.Sheet)
+field = [whole, array(1), array(1), array(1), array(3), array(1), whole, array(1), whole, array(1, types.int32), real, real]
+domain = types.NamedTuple([*field, sheet, sheet], layout.Domain)
+settings = types.NamedTuple([real, real, types.boolean], layout.Settings)
+work = types.NamedTuple([array(len(shape) + 1) for shape in layout.shapes(16)], layout.Work)
+results = types.NamedTuple([array(3), array(1, whole), array(1, types.int8), array(2)], layout.Results)
+signature = (domain, types.UniTuple(whole, 2), settings, array(2), array(2), work, results)
+ptx, _ = cuda.compile_ptx(kernels._solve_wave, signature, cc=cc)
 print(ptx.count(".visible .entry"), ptx.count(chr(10)))
 """
 
@@ -127,30 +128,35 @@ def test_kernel_compiles_for_a_device_without_one():
 
 @pytest.mark.parametrize("dirt", [np.nan, 1e300])
 def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt):
-    from pymantaray.acoustics._kernels.link import N_INFO, solve_links
-    from pymantaray.acoustics._kernels.rows import N_COLUMNS
-    from pymantaray.acoustics._kernels.workspace import Work, least_shapes, shapes
+    from pymantaray.acoustics._kernels.layout import (
+        N_ARRIVAL,
+        N_INFO,
+        Results,
+        Settings,
+        Work,
+        least_shapes,
+        shapes,
+    )  # fmt: skip
+    from pymantaray.acoustics._kernels.link import solve_links
 
     guard = 64
     longest = np.hypot(*(RECEIVER - SOURCE)[:3, :2].T).max()
     some = np.array([0, 1, 2, 0])
     for medium in media():
-        packed = medium.packed()
+        domain = medium.domain()
         results = []
-        for sizes in (shapes(Z.size), least_shapes(packed, longest)):
+        for sizes in (shapes(Z.size), least_shapes(domain, longest)):
             blocks = [np.full(np.prod(size, dtype=int) + 2 * guard, dirt) for size in sizes]
             work = Work(*(b[guard:-guard].reshape(size) for b, size in zip(blocks, sizes, strict=True)))
-            rows, info = np.zeros((4, 64, N_COLUMNS)), np.empty((4, N_INFO))
             counts, status = np.zeros(4, dtype=np.int64), np.zeros(4, dtype=np.int8)
+            out = Results(np.zeros((4, 64, N_ARRIVAL)), counts, status, np.empty((4, N_INFO)))
             for first in (1, 0):
-                solve_links(
-                    packed, medium.bed(), SOURCE[some], RECEIVER[some], (1, 1), 15.0, 1e-3, True,
-                    first, 2, work, rows, counts, status, info,
-                )  # fmt: skip
+                ends, share = (SOURCE[some], RECEIVER[some]), (first, 2)
+                solve_links(domain, (1, 1), Settings(15.0, 1e-3, True), *ends, share, work, out)
             for name, block in zip(Work._fields, blocks, strict=True):
                 edges = np.concatenate([block[:guard], block[-guard:]])
                 assert np.array_equal(edges, np.full(2 * guard, dirt), equal_nan=True), name
-            results.append((rows, counts, status, info))
+            results.append(out)
         for full, least in zip(*results, strict=True):
             np.testing.assert_array_equal(full, least)
         np.testing.assert_array_equal(results[0][0][0], results[0][0][3])
@@ -158,12 +164,12 @@ def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt
 
 
 def test_a_thread_of_a_12_km_link_needs_two_thirds_of_a_megabyte():
-    from pymantaray.acoustics._kernels.workspace import least_shapes
+    from pymantaray.acoustics._kernels.layout import least_shapes
 
     axis, depth = np.linspace(0.0, 2e4, 9), np.linspace(0.0, 4000.0, 40)
     c = np.full((9, 9, 40), 1500.0)
-    packed = Medium.from_grid(axis, axis, depth, c, bathymetry=np.full((9, 9), 4e3)).packed()
-    needed = 8 * sum(np.prod(shape) for shape in least_shapes(packed, 12e3))
+    domain = Medium.from_grid(axis, axis, depth, c, bathymetry=np.full((9, 9), 4e3)).domain()
+    needed = 8 * sum(np.prod(shape) for shape in least_shapes(domain, 12e3))
     assert needed < 0.68e6
 
 
@@ -171,6 +177,6 @@ def test_device_that_is_not_there_is_one_line(monkeypatch):
     medium = Medium.from_profile(Z, DUCT, bottom_depth=3500.0)
     with pytest.raises(AcousticsError, match="device: 'tpu'; allowed are 'auto', 'cpu' and 'cuda'"):
         find_eigenrays(medium, SOURCE, RECEIVER, device="tpu")
-    monkeypatch.setattr("pymantaray.acoustics.solvers.find_spec", lambda _: None)
+    monkeypatch.setattr("pymantaray.acoustics.eigenrays.find_spec", lambda _: None)
     with pytest.raises(AcousticsError, match=r"no CUDA device was found; .* pip install pymantaray\[cuda\]"):
         find_eigenrays(medium, SOURCE, RECEIVER, device="cuda")

@@ -79,10 +79,10 @@ def test_duct_carries_several_arrivals_that_a_dense_fan_confirms():
     """A brute-force fan of 40,001 rays brackets as many changes of sign of the miss as there are eigenrays."""
     from numba import njit
 
-    from pymantaray.acoustics._kernels.paths import baseline
-    from pymantaray.acoustics._kernels.search import MISS, shoot
-    from pymantaray.acoustics._kernels.trace import OPEN, Rule
-    from pymantaray.acoustics._kernels.workspace import workspace
+    from pymantaray.acoustics._kernels.layout import MISS, workspace
+    from pymantaray.acoustics._kernels.link import prepare
+    from pymantaray.acoustics._kernels.search import shoot
+    from pymantaray.acoustics._kernels.trace import direct_course
 
     medium = uniform()
     axis_depth = 115.0
@@ -90,17 +90,15 @@ def test_duct_carries_several_arrivals_that_a_dense_fan_confirms():
     arrivals = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None, canonical=False)
 
     @njit(_nrt=False)
-    def trace_all(medium, bed, source, angles, axis, work, miss):
-        section, floor = baseline(medium, bed, source, (1.0, 0.0), 9e3, work)
-        beyond = Rule(OPEN, 0, 0, 0, 0, 0.0, 0)
+    def trace_all(domain, source, receiver, angles, work, miss):
+        section, walls, link = prepare(domain, source, receiver, work)
         for i in range(angles.size):
-            shoot(section, floor, beyond, angles[i], 20.0, 9e3, axis, 1e-3, 0.0, work.node, work)
+            shoot(section, walls, direct_course(link, False), angles[i], 1e-3, 0.0, work.node, work)
             miss[i] = work.node[MISS]
 
-    axis = (source[2], 1.0, 0.0, float(arrivals.source_sound_speed[0]))
     angles = np.linspace(-0.3, 0.3, 40_001)
     miss = np.empty(angles.size)
-    trace_all(medium.packed(), medium.bed(), source, angles, axis, workspace(medium.depth.size), miss)
+    trace_all(medium.domain(), source, receiver, angles, workspace(medium.depth.size), miss)
     crossings = angles[:-1][np.diff(np.sign(miss)) != 0]
     wet = [a for a in crossings if np.min(np.abs(arrivals.launch_angle - a)) < 1e-4]
     assert len(arrivals.link) >= 3

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pymantaray.acoustics import Medium, blocks, find_eigenrays, paths, trace_fan, trace_paths
-from pymantaray.acoustics.blocks import MOST_ROWS, in_blocks
+from pymantaray.acoustics import Medium, eigenrays, find_eigenrays, paths, trace_fan, trace_paths
+from pymantaray.acoustics.eigenrays import in_blocks
 
 Z = np.array([0.0, 10, 30, 60, 100, 150, 250, 400, 700, 1200, 2000, 3000, 4000])
 DUCT = 1440.0 + 0.016 * Z + 8.0 * np.exp(-(((Z - 60) / 25.0) ** 2))
@@ -61,7 +61,7 @@ def test_blocks_hold_every_row_once_and_in_order(n, threads, each):
     runs = list(in_blocks(lambda start, stop: time.sleep(each) or range(start, stop), n, threads=threads))
     assert [i for run in runs for i in run] == list(range(n))
     assert len(runs[0]) == min(n, 1)
-    assert max(len(run) for run in runs) <= MOST_ROWS
+    assert max(len(run) for run in runs) <= 64
 
 
 def test_a_slow_reader_holds_up_the_work():
@@ -108,7 +108,7 @@ def test_threads_and_block_boundaries_change_nothing(monkeypatch, bounces):
     for threads in (2, 5):
         assert_same(find_eigenrays(medium, *ends, bounces, bounces, threads=threads), one)
     for seconds in (0.0, 1e-3, 10.0):  # single links, blocks of a few, blocks of most
-        monkeypatch.setattr(blocks, "_SECONDS", seconds)
+        monkeypatch.setattr(eigenrays, "_SECONDS", seconds)
         assert_same(find_eigenrays(medium, *ends, bounces, bounces, threads=2), one)
 
 

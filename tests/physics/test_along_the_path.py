@@ -18,6 +18,7 @@ from pymantaray.acoustics import (
     trace_paths,
     travel_time_sensitivity,
 )
+from pymantaray.records import RayAxis
 
 
 @pytest.fixture(scope="module", params=["smooth", "linear"])
@@ -71,6 +72,27 @@ def test_path_runs_from_source_to_receiver_in_the_travel_time(duct):
 def test_travel_time_is_the_integral_of_slowness_along_the_path(duct):
     _, _, _, arrivals, paths, profile = duct
     time = path_integrals(paths, lambda x: 1.0 / profile(x[:, 2]))[:, 0]
+    np.testing.assert_allclose(time, arrivals.travel_time, rtol=0, atol=1e-7)
+
+
+def test_a_ray_that_turns_back_on_a_slope_has_the_path_of_its_reflections():
+    """Over a bed of 20 degrees rays launched at all angles leave a reflection backwards: they are followed in depth."""
+    north, slope = np.array([0.0, 4000.0]), np.tan(np.radians(20.0))
+    bed = (200.0 + slope * north)[:, None]
+    medium = Medium.from_grid(north, [0.0], [0.0, 3e3], np.full((2, 1, 2), 1500.0), bathymetry=bed)
+    rng = np.random.default_rng(0)
+    ends = []
+    for _ in range(2):
+        n = rng.uniform(500.0, 3500.0, 150)
+        ends.append(np.column_stack([n, 0.0 * n, rng.uniform(0.02, 0.95, n.size) * (200.0 + slope * n)]))
+    arrivals = find_eigenrays(medium, *ends, 1, 1, None)
+    paths = trace_paths(medium, *ends, arrivals)
+    flat = np.abs(arrivals.launch_angle) < 1.0
+    assert np.count_nonzero(flat & (arrivals.ray_axis == RayAxis.VERTICAL)) > 5
+    for boundary, bounces in ((1, arrivals.surface_bounces), (2, arrivals.bottom_bounces)):
+        met = np.bincount(paths.arrival, paths.boundary == boundary, minlength=bounces.size)
+        np.testing.assert_array_equal(met, 2 * bounces)  # a node before and one after
+    time = path_integrals(paths, lambda x: np.full(len(x), 1.0 / 1500.0))[:, 0]
     np.testing.assert_allclose(time, arrivals.travel_time, rtol=0, atol=1e-7)
 
 

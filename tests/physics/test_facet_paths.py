@@ -14,9 +14,9 @@ from numba import njit
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.acoustics._kernels.paths import baseline
-from pymantaray.acoustics._kernels.trace import LEGS, Rule, trace
-from pymantaray.acoustics._kernels.workspace import workspace
+from pymantaray.acoustics._kernels.layout import workspace
+from pymantaray.acoustics._kernels.link import prepare
+from pymantaray.acoustics._kernels.trace import fan_ray, legs_course, trace
 
 C = 1500.0
 
@@ -236,27 +236,19 @@ def test_rays_that_no_ray_in_the_plane_of_the_link_leads_to():
 
 
 @njit(_nrt=False)
-def steps_in_depth(medium, bed, source, unit, horizontal, angle, work):
+def steps_in_depth(domain, source, receiver, angle, work):
     """Steps of a ray followed leg by leg in depth, down and up again."""
-    s, floor = baseline(medium, bed, source, unit, horizontal, work)
-    axis = (source[2], 0.0, 1.0, 1500.0)
-    rule = Rule(LEGS, 0, 1, 0, 2, 300.0, 0)
-    fan = work.K_fan
-    return trace(s, floor, rule, angle, 0.0, 3e3, axis, 0.03, work.y, fan, work.ynew, work.no_path)[1]
+    s, walls, link = prepare(domain, source, receiver, work)
+    course = legs_course(link, (0, 1), True, 300.0, 3e3)
+    return trace(s, walls, course, angle, 0.0, 0.03, fan_ray(work))[1]
 
 
 def test_rays_in_depth_end_where_they_are_too_flat():
     """Reflected almost level they took as many steps as there are, a tenth of a second a ray."""
     medium = twisted_medium(150.0, 1000.0, 9)
     source, receiver = (end[89] for end in draw_links(100, 28))
-    step = receiver[:2] - source[:2]
-    horizontal, work = float(np.hypot(*step)), workspace(medium.depth.size)
-    taken = [
-        steps_in_depth(
-            medium.packed(), medium.bed(), source, tuple(step / horizontal), horizontal, angle, work
-        )
-        for angle in np.linspace(-1.3, 1.3, 400)
-    ]
+    domain, work = medium.domain(), workspace(medium.depth.size)
+    taken = [steps_in_depth(domain, source, receiver, angle, work) for angle in np.linspace(-1.3, 1.3, 400)]
     assert max(taken) < 1000
 
 

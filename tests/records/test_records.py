@@ -205,6 +205,7 @@ def test_first_arrival_of_each_link():
         spreading_db=[0, 0, 0],
         source_slowness=vector,
         receiver_slowness=-vector,
+        ray_axis=[0, 0, 1],
         status=[RayStatus.SHADOW, RayStatus.OK, RayStatus.OK],
         chord_travel_time=[1, 2, 3],
         source_sound_speed=[1500, 1501, 1502],

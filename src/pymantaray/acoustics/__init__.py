@@ -6,10 +6,15 @@ from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import find_eigenrays
 from pymantaray.acoustics.loss import FluidBottom, SeaSurface, TransmissionLoss, transmission_loss
 from pymantaray.acoustics.medium import Medium
-from pymantaray.acoustics.path_integrals import path_integrals, quadrature, travel_time_sensitivity
-from pymantaray.acoustics.paths import trace_fan, trace_paths
+from pymantaray.acoustics.paths import (
+    path_integrals,
+    quadrature,
+    ray_picture,
+    trace_fan,
+    trace_paths,
+    travel_time_sensitivity,
+)
 from pymantaray.acoustics.profiles import ReducedProfile, read_profile, smooth_profile, thin_profile
-from pymantaray.acoustics.rays import ray_picture
 from pymantaray.acoustics.selection import Rule, choose_arrivals, select
 from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
 

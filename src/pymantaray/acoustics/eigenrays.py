@@ -1,20 +1,37 @@
-"""Two-point travel times: all eigenrays between pairs of positions."""
+"""Two-point travel times: all eigenrays between pairs of positions, on the processor in threads or on a CUDA device."""
 
 import math
+import os
+import threading
+import time
 import warnings
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Medium
-from pymantaray.acoustics.solvers import Device, Solved, on_cuda, solve_on_cuda, solve_on_processor
 from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals
 
+if TYPE_CHECKING:
+    from pymantaray.acoustics._kernels.layout import Domain, Results, Settings
+
 Array = NDArray[np.float64]
+Device = Literal["auto", "cpu", "cuda"]
+T = TypeVar("T")
+MAX_ARRIVALS = 64  # kept per link
+_MANY_LINKS = 50_000  # from which "auto" takes a CUDA device
+_WAVE = 65_536  # links per launch on a device; their rows take 0.4 GB
+_MOST_ROWS = 64  # of a block
+_SECONDS = 0.02  # of a block: long beside what Python does between two, short beside a person's patience
+_AHEAD = 4  # blocks per thread that are waiting or unread, at most
 
 
 def find_eigenrays(
@@ -41,8 +58,8 @@ def find_eigenrays(
     source, receiver : array_like, shape (n_links, 3) or (3,)
         Positions ``(north, east, down)`` in the local frame. [m]
     max_surface_bounces, max_bottom_bounces : int
-        Reflections that an arrival may have, at most 15 each. The surface is flat, the sea bed bilinear between
-        grid points; both reflect without loss.
+        Reflections that an arrival may have, at most 15 each. The surface is flat or the underside of ice, ice and sea
+        bed are bilinear between grid points; all reflect without loss.
     spreading_cutoff_db : float or None
         Eigenrays weaker than spherical spreading by more than this are no arrivals. None keeps every ray.
         [dB]
@@ -87,96 +104,196 @@ def find_eigenrays(
         raise AcousticsError(f"source has shape {a.shape}, receiver {b.shape}; they must be equal")
     if not (tolerance > 0.0 and math.isfinite(tolerance)):
         raise AcousticsError(f"tolerance: {tolerance}; a positive length in metres is needed")
-    from pymantaray.acoustics._kernels.trace import MOST_BOUNCES
+    from pymantaray.acoustics._kernels.layout import MOST_BOUNCES
 
-    for name, bounces in (
+    for name, number in (
         ("max_surface_bounces", max_surface_bounces),
         ("max_bottom_bounces", max_bottom_bounces),
     ):
-        if bounces not in range(MOST_BOUNCES + 1):
-            raise AcousticsError(f"{name}: {bounces!r}; a whole number from 0 to {MOST_BOUNCES} is needed")
+        if number not in range(MOST_BOUNCES + 1):
+            raise AcousticsError(f"{name}: {number!r}; a whole number from 0 to {MOST_BOUNCES} is needed")
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
     most = (int(max_surface_bounces), int(max_bottom_bounces))
-    settings = (most if any(most) else None, cutoff, float(tolerance), canonical)
-    solve = solve_on_cuda if on_cuda(device, len(a)) else partial(solve_on_processor, threads=threads)
-    blocks: list[Solved] = []
+    from pymantaray.acoustics._kernels.layout import Settings
+
+    bounces, settings = most if any(most) else None, Settings(cutoff, float(tolerance), canonical)
+    solve = _solve_on_cuda if _on_cuda(device, len(a)) else partial(_solve_on_processor, threads=threads)
+    blocks: list[Results] = []
     done = 0
-    with closing(solve(medium, a, b, settings)) as solving:
+    with closing(solve(medium.domain(), bounces, settings, a, b)) as solving:
         for block in solving:
             blocks.append(block)
             done += block.counts.size
             if progress is not None:
                 progress(done, len(a))
-    solved = Solved(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
+    results = type(blocks[0])(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
     blocks.clear()  # at most two copies of the result at a time
-    return _arrivals(solved)
+    return _arrivals(results)
 
 
-def _arrivals(solved: Solved) -> Arrivals:
-    table, info = solved.rows, solved.info
-    short = int(np.count_nonzero(info[:, 5] == 0.0))
+def _arrivals(results: "Results") -> Arrivals:
+    from pymantaray.acoustics._kernels import layout
+
+    table, info = results.rows, results.info
+    short = int(np.count_nonzero(info[:, layout.COMPLETE] == 0.0))
     if short:
         warnings.warn(
             f"{short} of {len(info)} links have more eigenrays than are kept; the latest or shallowest are left out",
             RuntimeWarning,
             stacklevel=3,
         )
+    source, receiver = layout.SOURCE_SLOWNESS, layout.RECEIVER_SLOWNESS
     return Arrivals(
-        link=np.repeat(np.arange(len(info)), solved.counts),
-        travel_time=table[:, 0],
-        surface_bounces=table[:, 11],
-        bottom_bounces=table[:, 12],
-        turning_points=table[:, 4],
-        launch_angle=table[:, 1],
-        arrival_angle=table[:, 2],
-        spreading_db=table[:, 3],
-        source_slowness=table[:, 5:8],
-        receiver_slowness=table[:, 8:11],
-        status=solved.status,
-        chord_travel_time=info[:, 0],
-        source_sound_speed=info[:, 1],
-        receiver_sound_speed=info[:, 2],
-        shadow_margin=info[:, 3],
+        link=np.repeat(np.arange(len(info)), results.counts),
+        travel_time=table[:, layout.TRAVEL_TIME],
+        surface_bounces=table[:, layout.SURFACE_BOUNCES],
+        bottom_bounces=table[:, layout.BOTTOM_BOUNCES],
+        turning_points=table[:, layout.TURNING_POINTS],
+        launch_angle=table[:, layout.LAUNCH_ANGLE],
+        arrival_angle=table[:, layout.ARRIVAL_ANGLE],
+        spreading_db=table[:, layout.SPREADING_DB],
+        source_slowness=table[:, source : source + 3],
+        receiver_slowness=table[:, receiver : receiver + 3],
+        ray_axis=table[:, layout.RAY_AXIS],
+        status=results.status,
+        chord_travel_time=info[:, layout.CHORD_TIME],
+        source_sound_speed=info[:, layout.SOURCE_SPEED],
+        receiver_sound_speed=info[:, layout.RECEIVER_SPEED],
+        shadow_margin=info[:, layout.MARGIN],
     )
 
 
+def _room(n_links: int) -> "Results":
+    """Arrays that the kernels fill for a number of links."""
+    from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, Results
+
+    rows = np.empty((n_links, MAX_ARRIVALS, N_ARRIVAL))
+    status = np.zeros(n_links, dtype=np.int8)
+    return Results(rows, np.zeros(n_links, dtype=np.int64), status, np.empty((n_links, N_INFO)))
+
+
+def _compact(room: "Results", n: int) -> "Results":
+    """Copy what the first n links have."""
+    counts = room.counts[:n].copy()
+    used = np.arange(MAX_ARRIVALS) < counts[:, None]
+    return type(room)(room.rows[:n][used], counts, room.status[:n].copy(), room.info[:n].copy())
+
+
+def _solve_on_processor(
+    domain: "Domain",
+    bounces: tuple[int, int] | None,
+    settings: "Settings",
+    source: Array,
+    receiver: Array,
+    *,
+    threads: int | None = None,
+) -> Generator["Results", None, None]:
+    """Solve links in threads, a block at a time; memory does not grow with the number of blocks."""
+    from pymantaray.acoustics._kernels.layout import workspace
+    from pymantaray.acoustics._kernels.link import solve_links
+
+    own = threading.local()  # arrays made anew for each block would cost page faults
+
+    def solve(start: int, stop: int) -> "Results":
+        if not hasattr(own, "room"):
+            own.room, own.work = _room(_MOST_ROWS), workspace(domain.depth.size)
+        room, n = own.room, stop - start
+        part = type(room)(*(x[:n] for x in room))
+        solve_links(
+            domain, bounces, settings, source[start:stop], receiver[start:stop], (0, 1), own.work, part
+        )
+        return _compact(room, n)
+
+    return in_blocks(solve, len(source), threads=threads)
+
+
+def _solve_on_cuda(
+    domain: "Domain", bounces: tuple[int, int] | None, settings: "Settings", source: Array, receiver: Array
+) -> Generator["Results", None, None]:
+    """Solve links on the current CUDA device, a wave at a time."""
+    from pymantaray.acoustics._kernels.cuda import CudaSolver
+
+    solver = CudaSolver(domain, bounces, settings, source, receiver)
+    for start in range(0, max(len(source), 1), _WAVE):
+        part = slice(start, start + _WAVE)
+        room = _room(len(source[part]))
+        solver.solve(source[part], receiver[part], room)
+        yield _compact(room, len(room.counts))
+
+
+def _on_cuda(device: str, n_links: int) -> bool:
+    """Whether links are to be solved on a CUDA device; "auto" takes one, where there is one, for many links."""
+    if device not in ("auto", "cpu", "cuda"):
+        raise AcousticsError(f"device: {device!r}; allowed are 'auto', 'cpu' and 'cuda'")
+    if device == "cpu" or (device == "auto" and n_links < _MANY_LINKS):
+        return False
+    from numba import config
+
+    found = False
+    if config.ENABLE_CUDASIM or find_spec("numba_cuda"):  # the target inside older Numba lacks too much
+        from numba import cuda
+
+        found = bool(cuda.is_available())
+    if device == "cuda" and not found:
+        raise AcousticsError(
+            "device: 'cuda', but no CUDA device was found; it needs an NVIDIA driver and pip install pymantaray[cuda]"
+        )
+    return found
+
+
+def in_blocks(
+    work: Callable[[int, int], T], n_rows: int, *, threads: int | None = None
+) -> Generator[T, None, None]:
+    """Do work on rows, from one to before another, in blocks: in threads, in order, with little waiting, and soon stopped.
+
+    Blocks are as long as recent ones suggest for 0.02 s, at most 64 rows; the first is one row, so that kernels are compiled
+    once, before the threads start, and without rows there is one empty block. What work gives for a row must not depend on
+    the block. When the consumer stops, or an interrupt arrives, blocks that wait are dropped and those at work finish.
+    """
+    pace = 0.0  # s a row
+
+    def timed(start: int, stop: int) -> tuple[T, float]:
+        begin = time.perf_counter()
+        done = work(start, stop)
+        return done, (time.perf_counter() - begin) / max(stop - start, 1)
+
+    def after(start: int) -> int:
+        return min(start + min(max(int(_SECONDS / max(pace, 1e-9)), 1), _MOST_ROWS), n_rows)
+
+    start = min(n_rows, 1)
+    done, pace = timed(0, start)
+    yield done
+    workers = min(threads or os.cpu_count() or 1, n_rows - start)
+    if workers <= 1:
+        while start < n_rows:
+            stop = after(start)
+            done, pace = timed(start, stop)
+            yield done
+            start = stop
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        waiting: deque[Future[tuple[T, float]]] = deque()
+        try:
+            while start < n_rows or waiting:
+                while start < n_rows and len(waiting) < _AHEAD * workers:
+                    stop = after(start)
+                    waiting.append(pool.submit(timed, start, stop))
+                    start = stop
+                done, pace = waiting.popleft().result()
+                yield done
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
 def solved_backwards(source: Array, receiver: Array) -> NDArray[np.bool_]:
-    """
-    Whether the solver starts from the receiver: a link is solved from its deeper end (ties: north, east).
-
-    Parameters
-    ----------
-    source, receiver : ndarray, shape (n_links, 3)
-        [m]
-
-    Returns
-    -------
-    ndarray of bool, shape (n_links,)
-    """
+    """Whether the solver starts from the receiver: a link is solved from its deeper end (ties: north, east)."""
     down, north, east = (source[:, k] - receiver[:, k] for k in (2, 0, 1))
     return np.where(down != 0.0, down < 0.0, np.where(north != 0.0, north < 0.0, east < 0.0))
 
 
 def as_positions(name: str, values: ArrayLike) -> Array:
-    """
-    Positions as an array of floats, checked.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    values : array_like, shape (n_links, 3) or (3,)
-        [m]
-
-    Returns
-    -------
-    ndarray, shape (n_links, 3)
-
-    Raises
-    ------
-    AcousticsError
-        If the shape is another or a coordinate is not finite.
-    """
+    """Positions as an array (n_links, 3) of finite floats; the name is for messages. [m]"""
     points = np.atleast_2d(np.array(values, dtype=float))
     if points.ndim != 2 or points.shape[1] != 3:
         raise AcousticsError(f"{name}: shape {points.shape}; needs (n_links, 3): north, east, down in metres")

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.medium import Medium
-from pymantaray.acoustics.path_integrals import quadrature
-from pymantaray.acoustics.paths import trace_paths
+from pymantaray.acoustics.paths import quadrature, trace_paths
 from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals, RayPaths
 from pymantaray.records.base import Column, Record, column

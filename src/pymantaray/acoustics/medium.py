@@ -13,7 +13,7 @@ from pymantaray.geometry.grid import linear_interpolator
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pymantaray.acoustics._kernels.boundary import Bed
+    from pymantaray.acoustics._kernels.layout import Domain
 
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
@@ -41,7 +41,11 @@ class Medium:
         Its axes, those of the sound speed unless it came with its own. [m]
     interpolation : {"smooth", "linear"}
         C2 cubic spline in depth and cubic B-spline horizontally, or piecewise linear in depth and
-        bilinear horizontally. The sea bed is bilinear in both.
+        bilinear horizontally. Sea bed and ice are bilinear in both.
+    ice_draft : ndarray, shape (n_ice_north, n_ice_east)
+        Depth of the underside of an ice cover, one value 0 where there is none. [m]
+    ice_north, ice_east : ndarray, shape (n_ice_north,), (n_ice_east,)
+        Its axes. [m]
     """
 
     north: Array
@@ -52,6 +56,9 @@ class Medium:
     bed_north: Array
     bed_east: Array
     interpolation: Interpolation
+    ice_draft: Array
+    ice_north: Array
+    ice_east: Array
     field: Array
     knots_north: Array
     knots_east: Array
@@ -70,6 +77,9 @@ class Medium:
         bed_north: ArrayLike | None = None,
         bed_east: ArrayLike | None = None,
         interpolation: Interpolation = "smooth",
+        ice_draft: ArrayLike = 0.0,
+        ice_north: ArrayLike | None = None,
+        ice_east: ArrayLike | None = None,
     ) -> Self:
         """
         Medium on a grid of the local frame.
@@ -87,6 +97,10 @@ class Medium:
             Its axes, where they are not those of the sound speed; they must reach as far. [m]
         interpolation : {"smooth", "linear"}
             What lies between the grid points.
+        ice_draft : float or array_like, shape (n_ice_north, n_ice_east)
+            Depth of the underside of an ice cover, which takes the place of the surface. [m]
+        ice_north, ice_east : array_like, optional
+            Its axes, where they are not those of the sound speed. [m]
 
         Returns
         -------
@@ -95,14 +109,22 @@ class Medium:
         Raises
         ------
         AcousticsError
-            If an axis does not increase, a shape does not fit, the sea bed does not cover the water, or a sound speed is not finite or outside
-            1000 to 2500 m/s.
+            If an axis does not increase, a shape does not fit, sea bed or ice do not cover the water, ice is below the sea
+            bed or above the surface, or a sound speed is not finite or outside 1000 to 2500 m/s.
         """
         axes = [_axis(name, values) for name, values in (("north", north), ("east", east), ("depth", depth))]
         n, e, z = axes
         bed_n = n if bed_north is None else _axis("bed_north", bed_north)
         bed_e = e if bed_east is None else _axis("bed_east", bed_east)
-        _check_cover(("bed_north", bed_n, n), ("bed_east", bed_e, e))
+        draft = np.array(ice_draft, dtype=float, order="C")
+        ice_n, ice_e = np.zeros(1), np.zeros(1)
+        if draft.ndim:
+            ice_n = n if ice_north is None else _axis("ice_north", ice_north)
+            ice_e = e if ice_east is None else _axis("ice_east", ice_east)
+        draft = np.atleast_2d(draft)
+        _check_cover(
+            ("bed_north", bed_n, n), ("bed_east", bed_e, e), ("ice_north", ice_n, n), ("ice_east", ice_e, e)
+        )
         if z.size < 2:
             raise AcousticsError(f"depth: {z.size} level; a medium needs at least 2")
         c = np.array(sound_speed, dtype=float, order="C")
@@ -110,6 +132,7 @@ class Medium:
         for name, array, shape in (
             ("sound_speed", c, (n.size, e.size, z.size)),
             ("bathymetry", bottom, (bed_n.size, bed_e.size)),
+            ("ice_draft", draft, (ice_n.size, ice_e.size)),
         ):
             if array.shape != shape:
                 raise AcousticsError(f"{name}: shape {array.shape}; the axes ask for {shape}")
@@ -125,7 +148,7 @@ class Medium:
             )
         if interpolation not in ("smooth", "linear"):
             raise AcousticsError(f"interpolation: {interpolation!r}; allowed are 'smooth' and 'linear'")
-        from pymantaray.acoustics._kernels.section import LUT_SIZE, depth_lut
+        from pymantaray.acoustics._kernels.field import LUT_SIZE, depth_lut
 
         knots_n = knots_e = np.array([0.0, 1.0])
         if interpolation == "smooth":
@@ -142,9 +165,22 @@ class Medium:
             field = c
         lut = np.zeros(LUT_SIZE, dtype=np.int32)
         scale = float(depth_lut(z, lut))
-        for array in (n, e, z, c, bottom, bed_n, bed_e, field, knots_n, knots_e, lut):
+        _check_ice(draft, ice_n, ice_e, (bed_n, bed_e, bottom))
+        ice = (draft, ice_n, ice_e)
+        for array in (n, e, z, c, bottom, bed_n, bed_e, *ice, field, knots_n, knots_e, lut):
             array.setflags(write=False)
-        return cls(n, e, z, c, bottom, bed_n, bed_e, interpolation, field, knots_n, knots_e, lut, scale)
+        return cls(n, e, z, c, bottom, bed_n, bed_e, interpolation, *ice, field, knots_n, knots_e, lut, scale)
+
+    def __repr__(self) -> str:
+        """Size, extents and kind in one line."""
+        n, e, d = self.north, self.east, self.depth
+        speeds = f"{self.sound_speed.min():.1f} to {self.sound_speed.max():.1f} m/s"
+        bed = f"sea bed {self.bathymetry.min():g} to {self.bathymetry.max():g} m"
+        ice = f", ice to {self.ice_draft.max():g} m" if self.ice_draft.any() else ""
+        return (
+            f"<Medium {n.size} x {e.size} x {d.size}: north {n[0]:g} to {n[-1]:g} m, east {e[0]:g} to {e[-1]:g} m,"
+            f" depth {d[0]:g} to {d[-1]:g} m, {speeds}, {bed}{ice}, {self.interpolation}>"
+        )
 
     @classmethod
     def from_profile(
@@ -242,27 +278,31 @@ class Medium:
         ndarray, shape (n,)
             Bilinear between the grid points, at the edge's depth outside. [m]
         """
-        place = np.atleast_2d(np.asarray(position, dtype=float))
-        return linear_interpolator((self.bed_north, self.bed_east), self.bathymetry)(place[:, :2])
+        return _sheet_depth(self.bed_north, self.bed_east, self.bathymetry, position)
 
-    @property
-    def kind(self) -> int:
-        """Code of the interpolation in the kernels."""
-        from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH
+    def surface_depth(self, position: ArrayLike) -> Array:
+        """
+        Depth of the ice's underside above positions, 0 without ice.
 
-        return SMOOTH if self.interpolation == "smooth" else LINEAR
+        Parameters
+        ----------
+        position : array_like, shape (n, 2) or (n, 3)
+            North, east; a third coordinate is ignored. [m]
 
-    def bed(self) -> "Bed":
-        """Give the sea bed as the kernels take it."""
-        from pymantaray.acoustics._kernels.boundary import Bed
+        Returns
+        -------
+        ndarray, shape (n,)
+            Bilinear between the grid points, at the edge's depth outside. [m]
+        """
+        return _sheet_depth(self.ice_north, self.ice_east, self.ice_draft, position)
 
-        return Bed(self.bed_north, self.bed_east, self.bathymetry)
+    def domain(self) -> "Domain":
+        """Give the medium as the kernels take it; columns of a section at an eighth of a cell."""
+        from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain, Sheet
 
-    def packed(self) -> tuple[object, ...]:
-        """Give the medium as the tuple of arrays that the kernels take; columns of a section at an eighth of a cell."""
         steps = [np.diff(axis).min() for axis in (self.north, self.east) if axis.size > 1]
-        return (
-            self.kind,
+        return Domain(
+            SMOOTH if self.interpolation == "smooth" else LINEAR,
             self.north,
             self.east,
             self.depth,
@@ -274,6 +314,8 @@ class Medium:
             self.lut,
             self.lut_scale,
             float(min([_COLUMN_STEP, *(step / 8.0 for step in steps)])),
+            Sheet(self.bed_north, self.bed_east, self.bathymetry),
+            Sheet(self.ice_north, self.ice_east, self.ice_draft),
         )
 
 
@@ -308,4 +350,24 @@ def _check_cover(*axes: tuple[str, Array, Array]) -> None:
         if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
             raise AcousticsError(
                 f"{name}: {own[0]:g} to {own[-1]:g} m; must reach over the water, {water[0]:g} to {water[-1]:g} m"
+            )
+
+
+def _sheet_depth(north: Array, east: Array, depth: Array, position: ArrayLike) -> Array:
+    place = np.atleast_2d(np.asarray(position, dtype=float))
+    return linear_interpolator((north, east), depth)(place[:, :2])
+
+
+def _check_ice(draft: Array, north: Array, east: Array, bed: tuple[Array, Array, Array]) -> None:
+    """Ice must float: below the surface and, at the grid points of both, above the sea bed."""
+    if draft.min() < 0.0:
+        raise AcousticsError(f"ice_draft: {draft.min():g} m; a draft is a depth, 0 or more")
+    if not draft.any():
+        return
+    for n, e in ((north, east), bed[:2]):
+        places = np.stack(np.meshgrid(n, e, indexing="ij"), axis=-1).reshape(-1, 2)
+        gap = _sheet_depth(*bed, places) - _sheet_depth(north, east, draft, places)
+        if gap.min() <= 0.0:
+            raise AcousticsError(
+                f"ice_draft: the ice reaches {-gap.min():g} m into the sea bed; sound needs water"
             )

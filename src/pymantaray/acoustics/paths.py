@@ -1,22 +1,28 @@
-"""The paths of rays: of the eigenrays that the solver found, and of a fan."""
+"""The paths of rays, of eigenrays and of a fan: their nodes, integrals along them, and a picture of one link."""
 
 import math
 import threading
+from collections.abc import Callable
 from contextlib import closing
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics.blocks import in_blocks
-from pymantaray.acoustics.eigenrays import as_positions, solved_backwards
+from pymantaray.acoustics.eigenrays import as_positions, find_eigenrays, in_blocks, solved_backwards
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals, RayPaths
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 Array = NDArray[np.float64]
-STEEPEST = 1.5  # rad; a ray of a fan may not be launched steeper
-_NODE_COLUMNS = 8  # travel time, position, slowness, boundary
+_STEEPEST = 1.5  # rad; a ray of a fan may not be launched steeper
 _LONGEST = 4  # paths of most nodes for which a thread has room
+_GAUSS_NODES, _GAUSS_WEIGHTS = (
+    0.5 * (v + shift) for v, shift in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True)
+)
 
 
 def trace_paths(
@@ -52,49 +58,36 @@ def trace_paths(
     Raises
     ------
     AcousticsError
-        If the positions do not fit the arrivals.
+        If the positions do not fit the arrivals, or a ray breaks off.
     """
     from pymantaray.acoustics._kernels.paths import trace_arrivals
-    from pymantaray.acoustics._kernels.workspace import workspace
 
     a, b = as_positions("source", source), as_positions("receiver", receiver)
     if not a.shape == b.shape == (arrivals.status.size, 3):
         raise AcousticsError(
             f"source has shape {a.shape}, receiver {b.shape}; the arrivals are of {arrivals.status.size} links"
         )
-    packed, bed = medium.packed(), medium.bed()
-    backwards = solved_backwards(a, b)
-    directions = np.array([_unit(step) for step in np.where(backwards[:, None], a - b, b - a)[:, :2]])
-    ends, units, turned = (
-        np.stack([a, b], axis=1)[arrivals.link],
-        directions[arrivals.link],
-        backwards[arrivals.link],
+    domain = medium.domain()
+    backwards = solved_backwards(a, b)[arrivals.link, None]
+    ends = np.stack([a, b], axis=1)[arrivals.link]
+    slowness = np.where(backwards, -arrivals.receiver_slowness, arrivals.source_slowness)
+    launch = np.concatenate([slowness, backwards], axis=1)
+    manner = np.stack(
+        [arrivals.ray_axis, arrivals.surface_bounces, arrivals.bottom_bounces], axis=-1, dtype=np.int64
     )
-    slowness = np.where(turned[:, None], -arrivals.receiver_slowness, arrivals.source_slowness)
-    bounces = np.stack([arrivals.surface_bounces, arrivals.bottom_bounces], axis=-1, dtype=np.int64)
     counts = np.zeros(arrivals.link.size, dtype=np.int64)
     own = threading.local()
 
     def trace(start: int, stop: int) -> Array:
         if not hasattr(own, "work"):
-            own.work = workspace(medium.depth.size)
-            own.nodes = np.empty((_LONGEST * len(own.work.path), _NODE_COLUMNS))
+            own.work, own.nodes = _room(medium)
         done: list[Array] = [own.nodes[:0]]
         while start < stop:
             part = slice(start, stop)
+            out = own.nodes, counts[part]
+            times = arrivals.travel_time[part]
             traced = trace_arrivals(
-                packed,
-                bed,
-                ends[part],
-                units[part],
-                turned[part],
-                slowness[part],
-                arrivals.travel_time[part],
-                bounces[part],
-                tolerance,
-                own.work,
-                own.nodes,
-                counts[part],
+                domain, ends[part], launch[part], manner[part], times, tolerance, own.work, out
             )
             done.append(own.nodes[: counts[start : start + traced].sum()].copy())
             start += traced
@@ -102,6 +95,12 @@ def trace_paths(
 
     with closing(in_blocks(trace, arrivals.link.size, threads=threads)) as blocks:
         table = np.concatenate(list(blocks))
+    if not counts.all():
+        broken = np.flatnonzero(counts == 0)
+        raise AcousticsError(
+            f"{broken.size} arrivals, first {broken[0]}, have no path: rays launched like them break off;"
+            " find them with canonical=True, in the same medium"
+        )
     return _as_paths(table, counts)
 
 
@@ -147,19 +146,18 @@ def trace_fan(
         positive.
     """
     from pymantaray.acoustics._kernels.paths import trace_launches
-    from pymantaray.acoustics._kernels.workspace import workspace
 
     start = as_positions("source", source)
     angles = np.atleast_1d(np.array(launch_angles, dtype=float))
     if start.shape != (1, 3) or angles.ndim != 1:
         raise AcousticsError(f"source has shape {np.shape(source)}; a fan starts from one position (3,)")
-    if not np.all(np.abs(angles) <= STEEPEST):
+    if not np.all(np.abs(angles) <= _STEEPEST):
         raise AcousticsError(
-            f"launch_angles: up to {np.max(np.abs(angles)):g} rad; a fan goes to {STEEPEST} rad from the horizontal"
+            f"launch_angles: up to {np.max(np.abs(angles)):g} rad; a fan goes to {_STEEPEST} rad from the horizontal"
         )
     if not (distance > 0.0 and math.isfinite(distance)):
         raise AcousticsError(f"distance: {distance}; a positive length in metres is needed")
-    unit = np.array([math.cos(azimuth), math.sin(azimuth)])
+    unit = math.cos(azimuth), math.sin(azimuth)
     end = start[0] + distance * np.array([*unit, 0.0])
     for name, axis, k in (("north", medium.north, 0), ("east", medium.east, 1)):
         for place in (start[0], end):
@@ -167,44 +165,295 @@ def trace_fan(
                 raise AcousticsError(
                     f"fan: {name} {place[k]:g} m is outside the medium, {axis[0]:g} to {axis[-1]:g} m; shorten it"
                 )
-    bed = medium.bottom_depth(start)[0]
-    if not 0.0 <= start[0, 2] <= bed:
-        raise AcousticsError(f"source: depth {start[0, 2]:g} m; the water there reaches from 0 to {bed:g} m")
-    packed, work = medium.packed(), workspace(medium.depth.size)
-    nodes = np.empty((_LONGEST * len(work.path), _NODE_COLUMNS))
+    top, bed = medium.surface_depth(start)[0], medium.bottom_depth(start)[0]
+    if not top <= start[0, 2] <= bed:
+        raise AcousticsError(
+            f"source: depth {start[0, 2]:g} m; the water there reaches from {top:g} to {bed:g} m"
+        )
+    domain, (work, nodes) = medium.domain(), _room(medium)
     counts = np.zeros(angles.size, dtype=np.int64)
+    bounces, fan = (max_surface_bounces, max_bottom_bounces), (start[0], unit, float(distance))
     done, table = 0, [nodes[:0]]
     while done < angles.size:
-        traced = trace_launches(
-            packed,
-            medium.bed(),
-            start[0],
-            (unit[0], unit[1]),
-            float(distance),
-            angles[done:],
-            max_surface_bounces,
-            max_bottom_bounces,
-            tolerance,
-            work,
-            nodes,
-            counts[done:],
-        )
+        traced = trace_launches(domain, fan, angles[done:], bounces, tolerance, work, (nodes, counts[done:]))
         table.append(nodes[: counts[done : done + traced].sum()].copy())
         done += traced
     return _as_paths(np.concatenate(table), counts)
 
 
-def _unit(step: Array) -> tuple[float, float]:
-    """Direction of a horizontal step, north for none."""
-    length = math.hypot(*step)
-    return (step[0] / length, step[1] / length) if length > 0.0 else (1.0, 0.0)
+def _room(medium: Medium) -> tuple[tuple[Array, ...], Array]:
+    """Workspaces of one thread, and nodes of some paths."""
+    from pymantaray.acoustics._kernels.layout import N_NODE, workspace
+
+    work = workspace(medium.depth.size)
+    return work, np.empty((_LONGEST * len(work.path), N_NODE))
 
 
 def _as_paths(table: Array, counts: NDArray[np.int64]) -> RayPaths:
+    from pymantaray.acoustics._kernels.layout import NODE_BOUNDARY, NODE_POSITION, NODE_SLOWNESS, NODE_TIME
+
     return RayPaths(
         arrival=np.repeat(np.arange(counts.size), counts),
-        travel_time=table[:, 0],
-        position=table[:, 1:4],
-        slowness=table[:, 4:7],
-        boundary=table[:, 7],
+        travel_time=table[:, NODE_TIME],
+        position=table[:, NODE_POSITION : NODE_POSITION + 3],
+        slowness=table[:, NODE_SLOWNESS : NODE_SLOWNESS + 3],
+        boundary=table[:, NODE_BOUNDARY],
     )
+
+
+class Quadrature(NamedTuple):
+    """Points along rays with weights that integrate over arc length."""
+
+    arrival: NDArray[np.int64]
+    position: Array
+    slowness: Array
+    weight: Array
+
+
+def quadrature(paths: RayPaths) -> Quadrature:
+    """
+    Gauss-Legendre points on every segment of paths.
+
+    Parameters
+    ----------
+    paths : RayPaths
+
+    Returns
+    -------
+    Quadrature
+        ``arrival`` (n,), ``position`` (n, 3) [m], ``slowness`` (n, 3), along the ray [s m⁻¹], and ``weight`` (n,), the arc
+        length that each point stands for [m].
+
+    Notes
+    -----
+    Between nodes a path is a cubic Hermite polynomial in travel time; four points a segment.
+    """
+    first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
+    a, b = first, first + 1
+    h = (paths.travel_time[b] - paths.travel_time[a])[:, None, None]
+    t = _GAUSS_NODES[None, :, None]
+    x0, x1 = paths.position[a, None], paths.position[b, None]
+    v0, v1 = (
+        p / np.sum(p * p, axis=-1, keepdims=True) for p in (paths.slowness[a, None], paths.slowness[b, None])
+    )
+    position = _hermite(t, h, x0, v0, x1, v1)
+    velocity = (
+        (6.0 * t**2 - 6.0 * t) * (x0 - x1) / h
+        + (1.0 - 4.0 * t + 3.0 * t**2) * v0
+        + (3.0 * t**2 - 2.0 * t) * v1
+    )
+    speed = np.linalg.norm(velocity, axis=-1)
+    weight = speed * h[..., 0] * _GAUSS_WEIGHTS
+    n = t.shape[1]
+    return Quadrature(
+        np.repeat(paths.arrival[a], n),
+        position.reshape(-1, 3),
+        (velocity / speed[..., None] ** 2).reshape(-1, 3),
+        weight.reshape(-1),
+    )
+
+
+def resample(paths: RayPaths, n_points: int) -> Array:
+    """Positions (n_rays, n_points, 3) at equal steps of travel time along every ray. [m]"""
+    starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
+    out = np.empty((starts.size, n_points, 3))
+    for i, nodes in enumerate(np.split(np.arange(paths.arrival.size), starts[1:])):
+        nodes = nodes[np.append(np.diff(paths.travel_time[nodes]) > 0.0, True)]  # of a reflection the second
+        if nodes.size < 2:
+            out[i] = paths.position[nodes[0]]
+            continue
+        times = np.linspace(paths.travel_time[nodes[0]], paths.travel_time[nodes[-1]], n_points)
+        k = np.clip(np.searchsorted(paths.travel_time[nodes], times, side="right") - 1, 0, nodes.size - 2)
+        a, b = nodes[k], nodes[k] + 1  # the next node, before a reflection
+        h = (paths.travel_time[b] - paths.travel_time[a])[:, None]
+        t = (times - paths.travel_time[a])[:, None] / h
+        v0, v1 = (p / np.sum(p * p, axis=-1, keepdims=True) for p in (paths.slowness[a], paths.slowness[b]))
+        out[i] = _hermite(t, h, paths.position[a], v0, paths.position[b], v1)
+    return out
+
+
+def path_integrals(paths: RayPaths, integrand: Callable[[Array], Array]) -> Array:
+    """
+    Integral over arc length of functions of place, along every ray.
+
+    Parameters
+    ----------
+    paths : RayPaths
+    integrand : callable
+        Takes positions (n, 3) [m], gives values (n,) or (n, k).
+
+    Returns
+    -------
+    ndarray, shape (n_rays, k)
+        [unit of the integrand times m]
+
+    Raises
+    ------
+    AcousticsError
+        If the integrand gives another number of values than it got positions.
+    """
+    points = quadrature(paths)
+    return _gather(paths, points, _values(integrand, points.position) * points.weight[:, None])
+
+
+def travel_time_sensitivity(paths: RayPaths, basis: Callable[[Array], Array]) -> Array:
+    r"""
+    Change of travel time by a small change of the sound speed, to first order.
+
+    Parameters
+    ----------
+    paths : RayPaths
+    basis : callable
+        Shapes of the change of sound speed: takes positions (n, 3) [m], gives values (n,) or (n, k).
+
+    Returns
+    -------
+    ndarray, shape (n_rays, k)
+        Derivative of the travel time by the amplitude of each shape. [s per unit of amplitude in m s⁻¹]
+
+    Raises
+    ------
+    AcousticsError
+        As `path_integrals`.
+
+    Notes
+    -----
+    For :math:`c + \epsilon \phi`, :math:`\partial t / \partial \epsilon = -\int \phi / c^2 \, ds` along the
+    unperturbed ray: by Fermat's principle the ray's displacement has no first-order effect.
+    """
+    points = quadrature(paths)
+    squared = np.sum(points.slowness**2, axis=-1)
+    return -_gather(paths, points, _values(basis, points.position) * (points.weight * squared)[:, None])
+
+
+def ray_picture(
+    medium: Medium,
+    source: ArrayLike,
+    receiver: ArrayLike,
+    *,
+    fan_angles: ArrayLike = (),
+    n_range: int = 201,
+    n_depth: int = 201,
+    n_points: int = 401,
+    max_surface_bounces: int = 0,
+    max_bottom_bounces: int = 0,
+    spreading_cutoff_db: float | None = 15.0,
+) -> "xr.Dataset":
+    """
+    Vertical section along one link with its chord, its eigenrays and a fan of other rays.
+
+    Parameters
+    ----------
+    medium : Medium
+        Sound speed and bathymetry.
+    source, receiver : array_like, shape (3,)
+        Positions ``(north, east, down)``, not the same. [m]
+    fan_angles : array_like, shape (n_fan,)
+        Launch angles of the fan, from the horizontal, positive down. Those too steep for `trace_fan` are left
+        out. [rad]
+    n_range, n_depth, n_points : int
+        Points of the section along range and depth, and of each ray.
+    max_surface_bounces, max_bottom_bounces : int
+        Of eigenrays and of the fan's rays.
+    spreading_cutoff_db : float or None
+        As in `find_eigenrays`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Section ``sound_speed (range, depth)``, ``sea_floor_depth`` and ``sea_ice_draft (range)``; rays ``ray_range``,
+        ``ray_depth (ray, point)`` and ``ray_arrives (ray)``; the chord
+        ``chord_range``, ``chord_depth (end)``. All lengths in metres.
+
+    Raises
+    ------
+    AcousticsError
+        If the positions coincide or a position is not finite.
+    """
+    import xarray as xr
+
+    from pymantaray.acoustics._kernels.paths import section_grid
+
+    a, b = as_positions("source", source)[0], as_positions("receiver", receiver)[0]
+    step = b - a
+    horizontal = math.hypot(step[0], step[1])
+    if not np.any(step):
+        raise AcousticsError("source and receiver coincide; a picture needs two places")
+    unit = step[:2] / horizontal if horizontal > 0.0 else np.array([1.0, 0.0])
+    arrivals = find_eigenrays(medium, a, b, max_surface_bounces, max_bottom_bounces, spreading_cutoff_db)
+    rays = [resample(trace_paths(medium, a, b, arrivals), n_points)]
+    fan = np.asarray(fan_angles, dtype=float)
+    fan = fan[np.abs(fan) <= _STEEPEST]
+    if fan.size and horizontal > 0.0:
+        azimuth = math.atan2(unit[1], unit[0])
+        others = trace_fan(
+            medium,
+            a,
+            azimuth,
+            fan,
+            horizontal,
+            max_surface_bounces=max_surface_bounces,
+            max_bottom_bounces=max_bottom_bounces,
+        )
+        rays.append(resample(others, n_points))
+    paths = np.concatenate(rays)
+    arrives = np.arange(len(paths)) < arrivals.link.size
+
+    domain, (work, _) = medium.domain(), _room(medium)
+    line = a, (unit[0], unit[1]), horizontal
+    ranges = np.linspace(0.0, max(horizontal, 1.0), n_range)
+    floor, ice = np.empty(n_range), np.empty(n_range)
+    section_grid(domain, line, ranges, np.zeros(1), work, (np.empty((n_range, 1)), floor, ice))
+    depths, c = np.linspace(0.0, 1.03 * floor.max(), n_depth), np.empty((n_range, n_depth))
+    section_grid(domain, line, ranges, depths, work, (c, floor, ice))
+    metres = {"units": "m"}
+    return xr.Dataset(
+        {
+            "sound_speed": (("range", "depth"), c, {"units": "m s-1", "long_name": "sound speed"}),
+            "sea_floor_depth": ("range", floor, {**metres, "long_name": "depth of the sea bed"}),
+            "sea_ice_draft": ("range", ice, {**metres, "long_name": "depth of the ice's underside"}),
+            "ray_range": (
+                ("ray", "point"),
+                (paths[..., :2] - a[:2]) @ unit,
+                {**metres, "long_name": "range along the ray"},
+            ),
+            "ray_depth": (("ray", "point"), paths[..., 2], {**metres, "long_name": "depth along the ray"}),
+            "ray_arrives": (
+                "ray",
+                arrives.astype(np.int8),
+                {"units": "1"},
+            ),
+            "chord_range": ("end", [0.0, horizontal], metres),
+            "chord_depth": ("end", [a[2], b[2]], metres),
+        },
+        coords={
+            "range": ("range", ranges, {**metres, "long_name": "horizontal range from the source"}),
+            "depth": ("depth", depths, {**metres, "positive": "down"}),
+        },
+    )
+
+
+def _hermite(t: Array, h: Array, x0: Array, v0: Array, x1: Array, v1: Array) -> Array:
+    """Cubic Hermite polynomial at the fraction t of a segment that takes h, from places and velocities at its ends."""
+    return np.asarray(
+        (1.0 - 3.0 * t**2 + 2.0 * t**3) * x0
+        + (t - 2.0 * t**2 + t**3) * h * v0
+        + (3.0 * t**2 - 2.0 * t**3) * x1
+        + (t**3 - t**2) * h * v1
+    )
+
+
+def _values(function: Callable[[Array], Array], position: Array) -> Array:
+    values = np.asarray(function(position), dtype=float)
+    if values.shape[:1] != position.shape[:1] or values.ndim > 2:
+        raise AcousticsError(
+            f"integrand gave shape {values.shape} for positions {position.shape}; needs ({position.shape[0]}, k)"
+        )
+    return values if values.ndim == 2 else values[:, None]
+
+
+def _gather(paths: RayPaths, points: Quadrature, values: Array) -> Array:
+    n_rays = int(paths.arrival[-1]) + 1 if paths.arrival.size else 0
+    total = np.zeros((n_rays, values.shape[1]))
+    np.add.at(total, points.arrival, values)
+    return total

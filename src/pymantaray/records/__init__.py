@@ -5,7 +5,7 @@ from pymantaray.records.estimate import Estimates
 from pymantaray.records.measurements import Measurements
 from pymantaray.records.ranging_truth import RangingTruth
 from pymantaray.records.ray_paths import RayPaths
-from pymantaray.records.status import RayStatus, SolveStatus, VehicleStatus
+from pymantaray.records.status import RayAxis, RayStatus, SolveStatus, VehicleStatus
 from pymantaray.records.trajectory import Trajectories
 from pymantaray.records.writing import NETCDF_LOCK, read_netcdf, whole_file, write_netcdf
 
@@ -16,6 +16,7 @@ __all__ = [
     "FirstArrivals",
     "Measurements",
     "RangingTruth",
+    "RayAxis",
     "RayPaths",
     "RayStatus",
     "SolveStatus",

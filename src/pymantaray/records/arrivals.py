@@ -49,6 +49,7 @@ class Arrivals(Record):
     spreading_db: Column = column("arrival", "dB", "geometric spreading beyond spherical")
     source_slowness: Column = column("arrival axis", "s m-1", "slowness vector at the source")
     receiver_slowness: Column = column("arrival axis", "s m-1", "slowness vector at the receiver")
+    ray_axis: Column = column("arrival", "1", "RayAxis: along what the ray was followed", "i1")
     status: Column = column("n_links", "1", "RayStatus of each link", "i1")
     chord_travel_time: Column = column("n_links", "s", "travel time along the straight chord")
     source_sound_speed: Column = column("n_links", "m s-1", "sound speed at the source")

@@ -16,6 +16,14 @@ class RayStatus(IntEnum):
     UNRESOLVED = 7  # the search was cut short, there being too many rays to look at, before one was found
 
 
+class RayAxis(IntEnum):
+    """Along what an eigenray was followed; its path is traced in the same way."""
+
+    HORIZONTAL = 0
+    CHORD = 1  # the straight line of a steep link
+    VERTICAL = 2  # leg by leg, a reflected ray that is steep or turns back
+
+
 class VehicleStatus(IntEnum):
     """What became of a vehicle; anything but ACTIVE means that it stays where it is, silent."""
 

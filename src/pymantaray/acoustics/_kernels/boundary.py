@@ -1,38 +1,56 @@
-"""Surface and sea bed along a baseline: depth and slope of the bottom, how near a ray comes, reflection."""
+"""Surface and sea bed along a baseline: their depth and slope, how near a ray comes, where it meets them, reflection.
+
+The faces of a LINEAR section's cells, the surface and the sea bed end a step of a ray. The surface is flat or the underside
+of ice, the sea bed bilinear; ice that varies is bilinear too.
+"""
 
 import math
-from collections import namedtuple
 
-from pymantaray.acoustics._kernels.cubic import cubic
-from pymantaray.acoustics._kernels.field import linear_full, smooth_full
-from pymantaray.acoustics._kernels.section import SMOOTH, bilinear_weights, move_level
-from pymantaray.acoustics._kernels.step import N_FULL
-from pymantaray.compile import kernel
+from pymantaray.acoustics._kernels.field import (
+    bilinear_weights,
+    cubic,
+    find_level,
+    linear_full,
+    move_level,
+    smooth_full,
+)
+from pymantaray.acoustics._kernels.layout import (
+    AT_BOTTOM,
+    DEPTH,
+    ETA,
+    HELD,
+    LANDED,
+    N_FULL,
+    P_DEPTH,
+    P_RANGE,
+    P_SIDE,
+    RANGE,
+    SIDE,
+    SMOOTH,
+    TIME,
+    XI,
+    P,
+    Q,
+    W,
+    Walls,
+    Y,
+)
+from pymantaray.acoustics._kernels.step import step
+from pymantaray.compile import inlined, kernel
 
 TOUCH = 1e-6  # m; a ray this far beyond a boundary still touches it only
-IN_WATER, AT_SURFACE, AT_BOTTOM = 0, 1, 2
-
-NO_BED = 1e30  # m
+TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = range(6)  # faces
+ON_SURFACE = (
+    1  # mark of a reflection at a flat surface; that of cell i of the ice is -1 - i, of the sea bed i + 2
+)
+ON_FACE = 1e-9  # m; a ray this near to a face is on it
+_NO_BED = 1e30  # m
 _CONTINUED = 1.5  # widths of a cell, from its middle: as far as its bed is continued
-
-# rows of a floor's cells
-LANDED, HELD, TRIED = 0, 1, 2
-
-# columns of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset [m],
-# slowness along range, depth and cross-track [times the source's sound speed], boundary
-TIME, RANGE, DEPTH, SIDE, P_RANGE, P_DEPTH, P_SIDE, BOUNDARY = 0, 1, 2, 3, 4, 5, 6, 7
-N_PATH = 8
-
-Bed = namedtuple("Bed", "north east depth")
-Bed.__doc__ = """Bathymetry on its own axes, one point where it does not vary; bilinear."""
-
-Floor = namedtuple("Floor", "north east bathymetry n0 e0 un ue breaks n_breaks across cells held")
-Floor.__doc__ = """The sea bed under one baseline; breaks are the ranges at which it crosses grid lines, the ends too.
-
-across, usually 1, is the share of its slope across the plane that counts. Row LANDED of cells takes the cells in which a ray
-is reflected. Where held is not negative the bed is that of the cell cells[HELD, held] alone, continued beyond its
-edges by as much as it is wide; there is none elsewhere and for a cell -1.
-"""
+_NONE = 1e30
+_LANDED = 1e-2  # m; a ray just reflected is so near to the bed, if it is still over its cell
+_BESIDE = 0.1 * _NO_BED
+_SAMPLES = 8  # of a step over a gridded bed
+_NUDGE = 1e-6  # m; by which a point on the edge of a cell is taken to be in the cell of the step
 
 
 @kernel
@@ -41,25 +59,23 @@ def _middle(axis, i):
     return 0.5 * (axis[i] + axis[i + 1]) if axis.size > 1 else axis[0]
 
 
-@kernel
-def floor_at(floor, r, y, r_cell):
-    """Bilinear depth of the sea bed, its derivatives f_r, f_y and f_rr, and its cell, that of range r_cell."""
-    north, east, n0, e0, un, ue = floor.north, floor.east, floor.n0, floor.e0, floor.un, floor.ue
-    y *= floor.across
-    n_cell, e_cell = n0 + r_cell * un - y * ue, e0 + r_cell * ue + y * un
-    if floor.held >= 0.0:
-        cell = int(floor.cells[HELD, int(floor.held)])
-        if cell < 0:
-            return NO_BED, 0.0, 0.0, 0.0, cell
-        n_cell, e_cell = _middle(north, cell // east.size), _middle(east, cell % east.size)
-    i, j, sn, se, dn, de = bilinear_weights(
-        north, east, n0 + r * un - y * ue, e0 + r * ue + y * un, n_cell, e_cell
+@inlined
+def place_at(line, r, y):
+    """North and east of a place at a range and a cross-track offset."""
+    return (
+        line.north + r * line.unit_north - y * line.unit_east,
+        line.east + r * line.unit_east + y * line.unit_north,
     )
-    if floor.held >= 0.0 and max(abs(sn - 0.5), abs(se - 0.5)) > _CONTINUED:
-        return NO_BED, 0.0, 0.0, 0.0, i * east.size + j
-    di = 1 if north.size > 1 else 0
-    dj = 1 if east.size > 1 else 0
-    b = floor.bathymetry
+
+
+@inlined
+def _bilinear(sheet, line, cell, across):
+    """Depth of a sheet, its derivatives f_r, f_y and f_rr, and the number of its cell, from `bilinear_weights`."""
+    i, j, sn, se, dn, de = cell
+    un, ue = line.unit_north, line.unit_east
+    di = 1 if sheet.north.size > 1 else 0
+    dj = 1 if sheet.east.size > 1 else 0
+    b = sheet.depth
     b00 = b[i, j]
     b10 = b[i + di, j] - b00
     b01 = b[i, j + dj] - b00
@@ -69,29 +85,85 @@ def floor_at(floor, r, y, r_cell):
     return (
         b00 + b10 * sn + b01 * se + b11 * sn * se,
         f_n * un + f_e * ue,
-        floor.across * (f_e * un - f_n * ue),
+        across * (f_e * un - f_n * ue),
         2.0 * b11 / (dn * de) * un * ue,
-        i * east.size + j,
+        i * sheet.east.size + j,
     )
 
 
 @kernel
-def landed(floor, r, y, bounce):
+def floor_at(walls, r, y, r_cell):
+    """Depth of the sea bed, its derivatives f_r, f_y and f_rr, and its cell, that of range r_cell."""
+    bed, line = walls.bed, walls.line
+    y *= walls.across
+    n_cell, e_cell = place_at(line, r_cell, y)
+    if walls.held >= 0.0:
+        cell = int(walls.cells[HELD, int(walls.held)])
+        if cell < 0:
+            return _NO_BED, 0.0, 0.0, 0.0, cell
+        n_cell, e_cell = _middle(bed.north, cell // bed.east.size), _middle(bed.east, cell % bed.east.size)
+    n, e = place_at(line, r, y)
+    weights = bilinear_weights(bed, n, e, n_cell, e_cell)
+    i, j, sn, se = weights[0], weights[1], weights[2], weights[3]
+    if walls.held >= 0.0 and max(abs(sn - 0.5), abs(se - 0.5)) > _CONTINUED:
+        return _NO_BED, 0.0, 0.0, 0.0, i * bed.east.size + j
+    return _bilinear(bed, line, weights, walls.across)
+
+
+@inlined
+def surface_at(walls, r, y, r_cell):
+    """Depth of the surface, or of the ice's underside, its derivatives f_r, f_y and f_rr, and its cell, that of range r_cell."""
+    if walls.ice.depth.size == 1:
+        return walls.ice.depth[0, 0], 0.0, 0.0, 0.0, 0
+    return _ice_at(walls.ice, walls.line, walls.across, r, y, r_cell)
+
+
+@kernel
+def _ice_at(ice, line, across, r, y, r_cell):
+    """Give the same of ice that varies."""
+    y *= across
+    n, e = place_at(line, r, y)
+    n_cell, e_cell = place_at(line, r_cell, y)
+    return _bilinear(ice, line, bilinear_weights(ice, n, e, n_cell, e_cell), across)
+
+
+@kernel
+def sheet_at(sheet, n, e):
+    """Depth of a sheet at a place."""
+    i, j, sn, se, _, _ = bilinear_weights(sheet, n, e, n, e)
+    di = 1 if sheet.north.size > 1 else 0
+    dj = 1 if sheet.east.size > 1 else 0
+    b = sheet.depth
+    b00 = b[i, j]
+    b10 = b[i + di, j]
+    b01 = b[i, j + dj]
+    b11 = b[i + di, j + dj]
+    return (b00 * (1.0 - sn) + b10 * sn) * (1.0 - se) + (b01 * (1.0 - sn) + b11 * sn) * se
+
+
+@kernel
+def mark_of(walls, r, y, at_bottom):
+    """Mark of the boundary, with its cell, that is at a place."""
+    if at_bottom:
+        return floor_at(walls, r, y, r)[4] + 2
+    return ON_SURFACE if walls.ice.depth.size == 1 else -1 - surface_at(walls, r, y, r)[4]
+
+
+@kernel
+def landed(walls, r, y, bounce):
     """Cell in which a ray is reflected at the sea bed for the bounce-th time.
 
     cells[LANDED] takes it, and after the last one how far beyond the edges of the held cells the ray has been reflected.
     """
-    cell = floor_at(hold(floor, -1.0), r, y, r)[4]
-    last = floor.cells.shape[1] - 1
-    floor.cells[LANDED, min(bounce, last) - 1] = cell
-    if floor.held >= 0.0:
-        own = int(floor.cells[HELD, int(floor.held)])
-        y *= floor.across
-        n, e = floor.n0 + r * floor.un - y * floor.ue, floor.e0 + r * floor.ue + y * floor.un
-        beyond = max(
-            _beyond(floor.north, own // floor.east.size, n), _beyond(floor.east, own % floor.east.size, e)
-        )
-        floor.cells[LANDED, last] = max(beyond, floor.cells[LANDED, last]) if bounce > 1 else beyond
+    cell = floor_at(hold(walls, -1.0), r, y, r)[4]
+    last = walls.cells.shape[1] - 1
+    walls.cells[LANDED, min(bounce, last) - 1] = cell
+    if walls.held >= 0.0:
+        own = int(walls.cells[HELD, int(walls.held)])
+        n, e = place_at(walls.line, r, y * walls.across)
+        n_e = walls.bed.east.size
+        beyond = max(_beyond(walls.bed.north, own // n_e, n), _beyond(walls.bed.east, own % n_e, e))
+        walls.cells[LANDED, last] = max(beyond, walls.cells[LANDED, last]) if bounce > 1 else beyond
     return cell
 
 
@@ -102,61 +174,33 @@ def _beyond(axis, i, x):
 
 
 @kernel
-def _with(floor, across, held):
-    return Floor(
-        floor.north,
-        floor.east,
-        floor.bathymetry,
-        floor.n0,
-        floor.e0,
-        floor.un,
-        floor.ue,
-        floor.breaks,
-        floor.n_breaks,
-        across,
-        floor.cells,
-        held,
+def across_plane(walls, share):
+    """Give the same boundaries with a share of their slope across the plane."""
+    return Walls(
+        walls.bed, walls.ice, walls.line, walls.breaks, walls.n_breaks, share, walls.cells, walls.held
     )
 
 
 @kernel
-def across_plane(floor, share):
-    """Give the same sea bed with a share of its slope across the plane."""
-    return _with(floor, share, floor.held)
-
-
-@kernel
-def hold(floor, held):
+def hold(walls, held):
     """Give the sea bed of the cell cells[HELD, held] alone, continued beyond its edges; -1: all of it."""
-    return _with(floor, floor.across, held)
+    return Walls(
+        walls.bed, walls.ice, walls.line, walls.breaks, walls.n_breaks, walls.across, walls.cells, held
+    )
 
 
 @kernel
-def bottom_at(bed, n, e):
-    """Bilinear depth of the sea bed."""
-    north, east, bathymetry = bed.north, bed.east, bed.depth
-    i, j, sn, se, _, _ = bilinear_weights(north, east, n, e, n, e)
-    di = 1 if north.size > 1 else 0
-    dj = 1 if east.size > 1 else 0
-    b00 = bathymetry[i, j]
-    b10 = bathymetry[i + di, j]
-    b01 = bathymetry[i, j + dj]
-    b11 = bathymetry[i + di, j + dj]
-    return (b00 * (1.0 - sn) + b10 * sn) * (1.0 - se) + (b01 * (1.0 - sn) + b11 * sn) * se
-
-
-@kernel
-def clearances(path, steps, floor, miss_r, miss_z, miss_y):
+def clearances(path, steps, walls, miss_r, miss_z, miss_y):
     """Least distances of a recorded path from the surface and from the sea bed, negative beyond. [m]
 
     The path is turned onto the receiver: of its miss at the end every place gets its share in time.
 
     Every step's cubic Hermite in time is sampled, at nine points, at its turning point, at each edge of the
-    bathymetry's cells, where its peaks are, and at the vertex of the parabola through the three lowest samples, where a
+    boundaries' cells, where their peaks are, and at the vertex of the parabola through the three lowest samples, where a
     cell's own ridge comes nearest.
     """
     below_surface, above_bottom = math.inf, math.inf
-    breaks = floor.breaks
+    breaks = walls.breaks
     for i in range(steps):
         a, b = path[i], path[i + 1]
         h = b[TIME] - a[TIME]
@@ -168,9 +212,9 @@ def clearances(path, steps, floor, miss_r, miss_z, miss_y):
         z0, z1, dz0, dz1 = a[DEPTH], b[DEPTH], a[P_DEPTH] / n0, b[P_DEPTH] / n1
         extra = 0
         first = 0
-        while first < floor.n_breaks and breaks[first] <= min(r0, r1):
+        while first < walls.n_breaks and breaks[first] <= min(r0, r1):
             first += 1
-        while first + extra < floor.n_breaks and breaks[first + extra] < max(r0, r1):
+        while first + extra < walls.n_breaks and breaks[first + extra] < max(r0, r1):
             extra += 1
         turning = dz0 * dz1 < 0.0
         before, last, vertex = math.inf, math.inf, -1.0
@@ -188,8 +232,10 @@ def clearances(path, steps, floor, miss_r, miss_z, miss_y):
             share = (a[TIME] + t * h) / path[steps, TIME]
             r = cubic(t, h, r0, dr0, r1, dr1) - share * miss_r
             z = cubic(t, h, z0, dz0, z1, dz1) - share * miss_z
-            bed = floor_at(floor, r, a[SIDE] + t * (b[SIDE] - a[SIDE]) - share * miss_y, r)[0]
-            below_surface = min(below_surface, z)
+            y = a[SIDE] + t * (b[SIDE] - a[SIDE]) - share * miss_y
+            below_surface = min(below_surface, z - surface_at(walls, r, y, r)[0])
+            n, e = place_at(walls.line, r, y)
+            bed = _bilinear(walls.bed, walls.line, bilinear_weights(walls.bed, n, e, n, e), 1.0)[0]
             gap = bed - z
             above_bottom = min(above_bottom, gap)
             if j < 9:
@@ -200,27 +246,31 @@ def clearances(path, steps, floor, miss_r, miss_z, miss_y):
 
 
 @kernel
-def reflect(s, floor, b, k, pos, y, n_eq, axis, at_bottom, new_sb):
+def reflect(s, walls, cell, pos, ray, axis, hit, new_sb):
     """Reflect a ray that is on a boundary; the axis may turn to the tilt new_sb = +-sb with cosine cb.
 
     With x the position and P the slowness in the section's plane, both varying with the launch angle, the
     point of incidence moves along the boundary by ``dx + P dt`` with ``N (dx + P dt) = 0``; there
-    ``P -> P - 2 (P N) N``, N varying with the bottom's curvature; the variation is then taken
-    back to fixed distance along the axis. A fan ray (n_eq = N_FAN) stays in the plane and
+    ``P -> P - 2 (P N) N``, N varying with the boundary's curvature; the variation is then taken
+    back to fixed distance along the axis. A fan's ray stays in the plane and
     does not see the slope across it. False where the ray does not leave forward along the axis.
     """
     z_source, cb, sb, c_ref = axis
-    r = pos * cb - y[0] * sb
-    z = z_source + pos * sb + y[0] * cb
-    full = n_eq == N_FULL
+    y = ray.y
+    r = pos * cb - y[W] * sb
+    z = z_source + pos * sb + y[W] * cb
+    full = ray.K.shape[1] == N_FULL
     offset, q = 0.0, 0.0
     if full:
-        offset, q = y[5], y[6]
+        offset, q = y[Y], y[Q]
     f_r, f_y, f_rr = 0.0, 0.0, 0.0
-    if at_bottom:
-        _, f_r, f_y, f_rr, _ = floor_at(floor, r, offset, r)
-        if not full:
-            f_y = 0.0
+    if hit == AT_BOTTOM:
+        _, f_r, f_y, f_rr, _ = floor_at(walls, r, offset, r)
+    else:
+        _, f_r, f_y, f_rr, _ = surface_at(walls, r, offset, r)
+    if not full:
+        f_y = 0.0
+    b, k = cell
     if s.kind == SMOOTH:
         c, cz, cr, _, _, _, cy, cyz, cyy, _ = smooth_full(s, move_level(s.depth, k, z), r, z)
     else:
@@ -228,7 +278,7 @@ def reflect(s, floor, b, k, pos, y, n_eq, axis, at_bottom, new_sb):
     c += offset * (cy + 0.5 * offset * cyy)
     n = c_ref / c
     g_r, g_z = -n * n * cr / c, -n * n * (cz + offset * cyz) / c
-    p = y[1]
+    p = y[P]
     h = math.sqrt(max(n * n - p * p - q * q, 1e-12))
     p_r, p_z = h * cb - p * sb, h * sb + p * cb
     m2 = 1.0 + f_r * f_r + f_y * f_y
@@ -238,9 +288,9 @@ def reflect(s, floor, b, k, pos, y, n_eq, axis, at_bottom, new_sb):
     if not new_h > 1e-3:
         return False
     # variation by the launch angle, in the plane
-    x_r, x_z = -y[2] * sb, y[2] * cb
-    h_var = (x_r * g_r + x_z * g_z - p * y[3]) / h
-    v_r, v_z = h_var * cb - y[3] * sb, h_var * sb + y[3] * cb
+    x_r, x_z = -y[XI] * sb, y[XI] * cb
+    h_var = (x_r * g_r + x_z * g_z - p * y[ETA]) / h
+    v_r, v_z = h_var * cb - y[ETA] * sb, h_var * sb + y[ETA] * cb
     t = -(f_r * x_r - x_z) / (f_r * p_r - p_z)
     x_r, x_z = x_r + p_r * t, x_z + p_z * t
     v_r, v_z = v_r + g_r * t, v_z + g_z * t
@@ -250,10 +300,228 @@ def reflect(s, floor, b, k, pos, y, n_eq, axis, at_bottom, new_sb):
     var_dot = (f_r * v_r - v_z + bend * p_r) * norm - 2.0 * plane_dot * f_r * bend * norm
     v_r, v_z = v_r - 2.0 * (var_dot * f_r + plane_dot * bend), v_z + 2.0 * var_dot
     t = -(x_r * cb + x_z * new_sb) / new_h
-    y[0] = -r * new_sb if cb == 0.0 else y[0]
-    y[1] = new_z * cb - new_r * new_sb
-    y[2] = (x_z + new_z * t) * cb - (x_r + new_r * t) * new_sb
-    y[3] = (v_z + g_z * t) * cb - (v_r + g_r * t) * new_sb
+    y[W] = -r * new_sb if cb == 0.0 else y[W]
+    y[P] = new_z * cb - new_r * new_sb
+    y[XI] = (x_z + new_z * t) * cb - (x_r + new_r * t) * new_sb
+    y[ETA] = (v_z + g_z * t) * cb - (v_r + g_r * t) * new_sb
     if full:
-        y[6] = q - 2.0 * dot * f_y
+        y[Q] = q - 2.0 * dot * f_y
     return True
+
+
+@kernel
+def extremum(h, f0, d0, f1, d1):
+    """Fraction of a step at which its cubic Hermite has zero slope; the slopes at the ends differ in sign."""
+    lo, hi = 0.0, 1.0
+    a = 6.0 * (f0 - f1) / h + 3.0 * (d0 + d1)
+    b = 6.0 * (f1 - f0) / h - 4.0 * d0 - 2.0 * d1
+    t = d0 / (d0 - d1)
+    for _ in range(60):
+        g = d0 + t * (b + t * a)
+        if (g > 0.0) == (d0 > 0.0):
+            lo = t
+        else:
+            hi = t
+        slope = b + 2.0 * a * t
+        new = t - g / slope if slope != 0.0 else 0.5 * (lo + hi)
+        if not lo < new < hi:
+            new = 0.5 * (lo + hi)
+        if abs(new - t) < 1e-14:
+            break
+        t = new
+    return t
+
+
+@inlined
+def face_distance(s, walls, cell, face, point, axis, nudge):
+    """Signed distance into the cell or the water from a face, and its derivative along the axis.
+
+    point is the place along the axis, the offsets in and out of the plane, and after each its derivative; nudge moves it
+    along the ray to where the cell of the boundary is chosen.
+    """
+    z_source, cb, sb, _ = axis
+    pos, w, dw, side, dside = point
+    b, k = cell
+    z = z_source + pos * sb + w * cb
+    dz = sb + dw * cb
+    if face == TOP:
+        return (z - s.depth[k], dz) if k >= 0 else (_NONE, 0.0)
+    if face == UNDERSIDE:
+        return (s.depth[k + 1] - z, -dz) if k < s.depth.size - 1 else (_NONE, 0.0)
+    r = pos * cb - w * sb
+    dr = cb - dw * sb
+    if face == NEAR:
+        return (r - s.breaks[b], dr) if b > 0 else (_NONE, 0.0)
+    if face == FAR:
+        return (s.breaks[b + 1] - r, -dr) if b < s.n_range - 1 else (_NONE, 0.0)
+    if face == SURFACE:
+        top, f_r, f_y, _, _ = surface_at(walls, r, side, r + nudge * dr)
+        return z - top, dz - (f_r * dr + f_y * dside)
+    bed, f_r, f_y, _, _ = floor_at(walls, r, side, r + nudge * dr)
+    return bed - z, f_r * dr + f_y * dside - dz
+
+
+@inlined
+def _gap_within(walls, face, t, pos, h, ray, axis):
+    """Distance from the sea bed or the surface, positive in the water, at the fraction t of a step."""
+    z_source, cb, sb, _ = axis
+    y, K, ynew = ray.y, ray.K, ray.ynew
+    w = cubic(t, h, y[W], K[0, W], ynew[W], K[6, W])
+    side = 0.0
+    if K.shape[1] == N_FULL:
+        side = cubic(t, h, y[Y], K[0, Y], ynew[Y], K[6, Y])
+    s = pos + t * h
+    r = s * cb - w * sb
+    z = z_source + s * sb + w * cb
+    if face == SURFACE:
+        return z - surface_at(walls, r, side, r)[0]
+    return floor_at(walls, r, side, r)[0] - z
+
+
+@kernel
+def _gridded_crossing(walls, face, pos, h, ray, axis):
+    """Fraction of a step at which it meets a gridded boundary, 9 if it does not; off the baseline its edges are anywhere."""
+    lo, hi = 0.0, 9.0
+    above = True
+    held = face == BOTTOM and walls.held >= 0.0
+    if held:  # it may be below the bed of its next cell, which is continued, or beside it
+        above = -_LANDED < _gap_within(walls, face, 0.0, pos, h, ray, axis) < _BESIDE
+    for j in range(_SAMPLES):
+        t = (j + 1.0) / _SAMPLES
+        gap = _gap_within(walls, face, t, pos, h, ray, axis)
+        if gap < -ON_FACE and above:
+            hi = t
+            break
+        above = not held or -ON_FACE < gap < _BESIDE
+        lo = t
+    if hi > 2.0:
+        return hi
+    for _ in range(40):
+        t = 0.5 * (lo + hi)
+        if _gap_within(walls, face, t, pos, h, ray, axis) > 0.0:
+            lo = t
+        else:
+            hi = t
+        if hi - lo < 1e-9:
+            break
+    return hi
+
+
+@kernel
+def _cubic_crossing(h, g0, e0, g1, e1):
+    """Fraction of a step at which a distance, from values and slopes at its ends, falls below zero; 9 if it does not."""
+    lo, hi = 0.0, 1.0
+    if e0 < 0.0 < e1:  # nearest in the middle
+        t = extremum(h, g0, e0, g1, e1)
+        if cubic(t, h, g0, e0, g1, e1) >= -ON_FACE:
+            if g1 >= -ON_FACE:
+                return 9.0
+            lo = t
+        else:
+            hi = t
+    elif g1 >= -ON_FACE:
+        return 9.0
+    elif e1 < 0.0 < e0:  # leaves the face, turns and comes back
+        lo = extremum(h, g0, e0, g1, e1)
+    for _ in range(50):
+        t = 0.5 * (lo + hi)
+        if cubic(t, h, g0, e0, g1, e1) > 0.0:
+            lo = t
+        else:
+            hi = t
+        if hi - lo < 1e-9:
+            break
+    return hi
+
+
+@kernel
+def crossing(s, walls, cell, faces, pos, h, ray, axis):
+    """First of the faces, first and one past the last, crossed within a step whose result is in ynew, K[6].
+
+    Returns the face and the step to it, or -1 and h. Of faces at the same place the boundary of the water goes first.
+    """
+    best = h
+    best_face = -1
+    y, K, ynew = ray.y, ray.K, ray.ynew
+    start = (pos, y[W], K[0, W], 0.0, 0.0)
+    end = (pos + h, ynew[W], K[6, W], 0.0, 0.0)
+    if K.shape[1] == N_FULL:
+        start = (pos, y[W], K[0, W], y[Y], K[0, Y])
+        end = (pos + h, ynew[W], K[6, W], ynew[Y], K[6, Y])
+    first, past = faces
+    for i in range(past - first):
+        face = past - 1 - i
+        size = walls.bed.depth.size if face == BOTTOM else walls.ice.depth.size
+        if face >= SURFACE and size > 1:
+            t = _gridded_crossing(walls, face, pos, h, ray, axis)
+            if t < 2.0 and (face == BOTTOM or best_face < 0 or t * h < best - 1e-6):
+                best, best_face = t * h, face
+            continue
+        g0, e0 = face_distance(s, walls, cell, face, start, axis, _NUDGE)
+        if g0 >= _NONE:
+            continue
+        g1, e1 = face_distance(s, walls, cell, face, end, axis, -_NUDGE)
+        t = _cubic_crossing(h, g0, e0, g1, e1)
+        if t < 2.0 and (best_face < 0 or t * h < best - 1e-6):
+            best, best_face = t * h, face
+    return best_face, best
+
+
+@kernel
+def land(s, walls, cell, face, pos, lengths, ray, axis):
+    """Repeat a step with other lengths until it ends within near of the face; return the length, or -1.
+
+    lengths are a first one, the most, and near.
+    """
+    h, hi, near = lengths
+    lo = 0.0
+    ynew, K = ray.ynew, ray.K
+    for _ in range(40):
+        if not step(s, cell, pos, h, ray, axis):
+            return -1.0
+        side, dside = 0.0, 0.0
+        if K.shape[1] == N_FULL:
+            side, dside = ynew[Y], K[6, Y]
+        point = (pos + h, ynew[W], K[6, W], side, dside)
+        g, slope = face_distance(s, walls, cell, face, point, axis, 0.0)
+        if abs(g) < near:
+            return h
+        if g > 0.0:
+            lo = h
+        else:
+            hi = h
+        new = h - g / slope if slope < 0.0 else 0.5 * (lo + hi)
+        if not lo < new < hi:
+            new = 0.5 * (lo + hi)
+        if abs(new - h) < 1e-13 * (1.0 + pos):
+            return h
+        h = new
+    return h
+
+
+@kernel
+def start_cell(s, axis, dw):
+    """Range cell and layer in which a ray starts, by its direction where it starts on a face."""
+    z_source, cb, sb, _ = axis
+    b = 0
+    rate = cb - dw * sb
+    while b < s.n_range - 1 and (s.breaks[b + 1] < 0.0 or (s.breaks[b + 1] == 0.0 and rate >= 0.0)):
+        b += 1
+    n = s.depth.size
+    if z_source > s.depth[n - 1]:
+        return b, n - 1
+    if z_source < s.depth[0]:
+        return b, -1
+    k = find_level(s, z_source)
+    down = sb + dw * cb
+    if z_source == s.depth[n - 1]:
+        return b, n - 1 if down > 0.0 else n - 2
+    if z_source == s.depth[k] and down <= 0.0:
+        if down < 0.0:
+            return b, k - 1
+        # horizontal on a level: into the layer towards which it bends
+        below = linear_full(s, b, k, 0.0, z_source)[1]
+        above = linear_full(s, b, k - 1, 0.0, z_source)[1]
+        if below > 0.0 and above > 0.0:
+            return b, k - 1
+    return b, k

@@ -8,29 +8,31 @@ cells that are there, and a ray that is found to the neighbours of its cells tha
 
 import math
 
-from pymantaray.acoustics._kernels.boundary import (
+from pymantaray.acoustics._kernels.boundary import floor_at, hold, place_at
+from pymantaray.acoustics._kernels.layout import (
+    ANGLE,
     AT_BOTTOM,
     BOUNDARY,
+    CANDIDATE_ANGLE,
+    CANDIDATE_COUNTS,
+    CANDIDATE_GENERATION,
+    CANDIDATE_Q,
+    CODE,
     HELD,
     LANDED,
+    MISS,
     P_DEPTH,
     RANGE,
     SIDE,
+    SLOPE,
     TIME,
     TRIED,
-    floor_at,
-    hold,
 )
-from pymantaray.acoustics._kernels.refine import cubic_angle
-from pymantaray.acoustics._kernels.refine_bounced import newton
-from pymantaray.acoustics._kernels.search import ANGLE, CODE, MISS, SLOPE, fewer_bounces
-from pymantaray.acoustics._kernels.trace import MOST_BOUNCES, trace
+from pymantaray.acoustics._kernels.refine import Launch, Trial, cubic_angle, newton
+from pymantaray.acoustics._kernels.search import fewer_bounces
+from pymantaray.acoustics._kernels.trace import fan_ray, trace
 from pymantaray.compile import kernel
 
-# columns of a candidate after its cells: launch angle, cross-track slowness, reflections at both boundaries, generation
-_M, _Q, _COUNTS, _GENERATION = MOST_BOUNCES + 1, MOST_BOUNCES + 2, MOST_BOUNCES + 3, MOST_BOUNCES + 4
-N_CANDIDATE = MOST_BOUNCES + 5
-MAX_CANDIDATES = 96
 KNOWN, _FAILED = 99, -1  # generations of a ray that is found and of a candidate that led to none
 _MOST_GENERATIONS = 4  # of candidates that lead to others
 _ALIKE, _ALIKE_FAILED = 0.1, 0.02  # rad; candidates of the same cells launched so near to each other are one
@@ -43,8 +45,8 @@ _STEEPER = 0.01  # rad
 def _find(candidates, n, cells, m, counts):
     """Row of the candidate of so many reflections in a row of cells, launched alike; -1 where there is none."""
     for i in range(n):
-        alike = _ALIKE if candidates[i, _GENERATION] != _FAILED else _ALIKE_FAILED
-        if candidates[i, _COUNTS] == counts and abs(candidates[i, _M] - m) < alike:
+        alike = _ALIKE if candidates[i, CANDIDATE_GENERATION] != _FAILED else _ALIKE_FAILED
+        if candidates[i, CANDIDATE_COUNTS] == counts and abs(candidates[i, CANDIDATE_ANGLE] - m) < alike:
             same = True
             for j in range(counts % 32):
                 same = same and candidates[i, j] == cells[j]
@@ -62,19 +64,19 @@ def add_candidate(candidates, n, cells, m, q, counts, generation):
         return n
     for j in range(counts % 32):
         candidates[n, j] = cells[j]
-    candidates[n, _M], candidates[n, _Q] = m, q
-    candidates[n, _COUNTS], candidates[n, _GENERATION] = counts, generation
+    candidates[n, CANDIDATE_ANGLE], candidates[n, CANDIDATE_Q] = m, q
+    candidates[n, CANDIDATE_COUNTS], candidates[n, CANDIDATE_GENERATION] = counts, generation
     return n + 1
 
 
 @kernel
 def candidate(candidates, i):
     """Reflections of a candidate, and its generation."""
-    return int(candidates[i, _COUNTS]), int(candidates[i, _GENERATION])
+    return int(candidates[i, CANDIDATE_COUNTS]), int(candidates[i, CANDIDATE_GENERATION])
 
 
 @kernel
-def add_of_bracket(s, floor, rule, bracket, candidates, n, aim, work):
+def add_of_bracket(s, walls, course, bracket, n, tol, work):
     """Append the cells of a bracket's ray; one without width is a ray at an edge of its cells."""
     inner = fewer_bounces(bracket)
     code = int(bracket[inner, CODE])
@@ -86,22 +88,9 @@ def add_of_bracket(s, floor, rule, bracket, candidates, n, aim, work):
         start = cubic_angle(bracket[0], bracket[1], 0.0)
         angle, back = start, 0.0
     for _ in range(3):
-        _, _, _, _, _, found = trace(
-            s,
-            floor,
-            rule,
-            angle,
-            0.0,
-            aim.length,
-            aim.axis,
-            aim.tol,
-            work.y,
-            work.K_fan,
-            work.ynew,
-            work.no_path,
-        )
-        if found == code:
-            return add_candidate(candidates, n, floor.cells[LANDED], start, 0.0, code % 1024, 0)
+        _, _, _, code_there = trace(s, walls, course, angle, 0.0, tol, fan_ray(work))
+        if code_there == code:
+            return add_candidate(work.candidates, n, walls.cells[LANDED], start, 0.0, code % 1024, 0)
         if back == 0.0:
             angle = bracket[inner, ANGLE]
         else:
@@ -111,11 +100,11 @@ def add_of_bracket(s, floor, rule, bracket, candidates, n, aim, work):
 
 
 @kernel
-def add_neighbours(floor, candidates, n, m, q, counts, generation, steps, work):
+def add_neighbours(walls, n, launch, counts, generation, work):
     """Append the cells of the ray in work.path, one of them exchanged for a neighbour within reach."""
-    path, cells = work.path, floor.cells
-    n_e = floor.east.size
-    bed = hold(floor, 0.0)
+    path, cells, sheet, candidates, steps = work.path, walls.cells, walls.bed, work.candidates, launch.steps
+    n_e = sheet.east.size
+    bed = hold(walls, 0.0)
     for j in range(counts % 32):
         cells[TRIED, j] = cells[LANDED, j]
     bounce, i = 0, 0
@@ -125,26 +114,26 @@ def add_neighbours(floor, candidates, n, m, q, counts, generation, steps, work):
             continue
         own = int(cells[LANDED, bounce])
         r, y = path[i, RANGE], path[i, SIDE]
-        north, east = floor.n0 + r * floor.un - y * floor.ue, floor.e0 + r * floor.ue + y * floor.un
+        north, east = place_at(walls.line, r, y)
         before, after = path[i, TIME], path[steps, TIME] - path[i, TIME]
         lever = before * after / (before + after) / max(abs(path[i, P_DEPTH]), 0.1)
         cells[HELD, 0] = own
         _, f_r, f_y, _, _ = floor_at(bed, r, y, r)
         for k in range(9):
             i_n, i_e = own // n_e + k // 3 - 1, own % n_e + k % 3 - 1
-            inside = 0 <= i_n < max(floor.north.size - 1, 1) and 0 <= i_e < max(n_e - 1, 1)
+            inside = 0 <= i_n < max(sheet.north.size - 1, 1) and 0 <= i_e < max(n_e - 1, 1)
             if k == 4 or not inside:
                 continue
             gap = 0.0
             if k // 3 != 1:
-                gap = abs(floor.north[i_n + (1 if k // 3 == 0 else 0)] - north)
+                gap = abs(sheet.north[i_n + (1 if k // 3 == 0 else 0)] - north)
             if k % 3 != 1:
-                gap = max(gap, abs(floor.east[i_e + (1 if k % 3 == 0 else 0)] - east))
+                gap = max(gap, abs(sheet.east[i_e + (1 if k % 3 == 0 else 0)] - east))
             cells[HELD, 0] = i_n * n_e + i_e
             _, g_r, g_y, _, _ = floor_at(bed, r, y, r)
             if gap < _REACH * lever * math.hypot(g_r - f_r, g_y - f_y):
                 cells[TRIED, bounce] = cells[HELD, 0]
-                n = add_candidate(candidates, n, cells[TRIED], m, q, counts, generation)
+                n = add_candidate(candidates, n, cells[TRIED], launch.angle, launch.q, counts, generation)
                 cells[TRIED, bounce] = own
         bounce += 1
         i += 1  # a reflection takes two rows
@@ -152,54 +141,53 @@ def add_neighbours(floor, candidates, n, m, q, counts, generation, steps, work):
 
 
 @kernel
-def follow(s, floor, rule, candidates, i, n, bracket, aim, work):
-    """Newton's method over the cells of candidate i, then over the sea bed as it is.
+def follow(s, walls, course, place, bracket, accuracy, work):
+    """Newton's method over the cells of a candidate, then over the sea bed as it is.
 
-    Returns the number of candidates, ok, launch angle, cross-track slowness, steps and turning points.
+    place is the number of the candidate, and of all. Returns the number of candidates then, and the ray.
     """
+    candidates, (i, n) = work.candidates, place
     counts, generation = candidate(candidates, i)
     n_b = counts % 32
-    for j in range(floor.cells.shape[1]):
-        floor.cells[HELD, j] = candidates[i, j] if j < n_b else -1.0
-    m, q = candidates[i, _M], candidates[i, _Q]
-    candidates[i, _GENERATION] = _FAILED
-    ok, jacobian, steps, turns, code = False, (0.0, 0.0, 0.0, 0.0), 0, 0, 0
-    for attempt in range(5):
-        ok, m, q, jacobian, steps, turns, code = newton(
-            s,
-            hold(floor, 0.0),
-            rule,
-            m,
-            q,
-            (0.0, 0.0, 0.0, 0.0),
-            12,
-            counts,
-            False,
-            bracket,
-            False,
-            aim,
-            work,
-        )
+    for j in range(walls.cells.shape[1]):
+        walls.cells[HELD, j] = candidates[i, j] if j < n_b else -1.0
+    m, q = candidates[i, CANDIDATE_ANGLE], candidates[i, CANDIDATE_Q]
+    candidates[i, CANDIDATE_GENERATION] = _FAILED
+    none = (0.0, 0.0, 0.0, 0.0)
+    held = hold(walls, 0.0)
+    launch, jacobian, code = newton(
+        s, held, course, Trial(m, q, none, 12, counts, False), bracket, False, accuracy, work
+    )
+    for attempt in range(4):
         if code % 1024 == counts or code % 32 != n_b:
             break
         # it turns just below the surface, or is reflected there once too often
+        m, q = launch.angle, launch.q
         m += math.copysign(_STEEPER * 2.0**attempt, m if code % 1024 < counts else -m)
+        launch, jacobian, code = newton(
+            s, held, course, Trial(m, q, none, 12, counts, False), bracket, False, accuracy, work
+        )
+    m, q = launch.angle, launch.q
+    lost = Launch(False, m, q, launch.steps, launch.turns)
     if code % 1024 != counts:
-        return n, False, m, q, steps, turns
+        return n, lost
     same = True
     for j in range(n_b):
-        same = same and floor.cells[LANDED, j] == floor.cells[HELD, j]
+        same = same and walls.cells[LANDED, j] == walls.cells[HELD, j]
     if not same:
-        there = _find(candidates, n, floor.cells[LANDED], m, counts)
+        there = _find(candidates, n, walls.cells[LANDED], m, counts)
         if there < 0:
-            n = add_candidate(candidates, n, floor.cells[LANDED], m, q, counts, generation + 1)
-        elif candidates[there, _GENERATION] != KNOWN:  # cells that lead to each other, round a corner
-            n = add_neighbours(floor, candidates, n, m, q, counts, generation + 1, steps, work)
-        return n, False, m, q, steps, turns
-    if ok:
-        ok, m, q, _, steps, turns, _ = newton(
-            s, floor, rule, m, q, jacobian, 6, code, True, bracket, False, aim, work
-        )
-    if ok:
-        candidates[i, _GENERATION] = KNOWN
-    return n, ok, m, q, steps, turns
+            n = add_candidate(candidates, n, walls.cells[LANDED], m, q, counts, generation + 1)
+        elif (
+            candidates[there, CANDIDATE_GENERATION] != KNOWN
+        ):  # cells that lead to each other, round a corner
+            n = add_neighbours(walls, n, launch, counts, generation + 1, work)
+        return n, lost
+    if not launch.ok:
+        return n, lost
+    launch, _, _ = newton(
+        s, walls, course, Trial(m, q, jacobian, 6, code, True), bracket, False, accuracy, work
+    )
+    if launch.ok:
+        candidates[i, CANDIDATE_GENERATION] = KNOWN
+    return n, launch

@@ -1,4 +1,10 @@
-"""Sound speed and its derivatives inside a section, and the continuation beyond the water.
+"""The sound-speed field of one link: a vertical section along the baseline, cut from the 3-D medium.
+
+Two kinds. ``SMOOTH``: columns at equally spaced ranges hold the field, its range derivative and its first
+two cross-track derivatives at the depth levels, with their depth derivatives; in between bicubic Hermite
+interpolation, exact in depth at the columns. ``LINEAR``: the trilinear field itself, which along a
+straight baseline is quadratic in range between the crossings of grid lines and linear in depth
+between levels. Off the baseline both are expanded to second order in the cross-track offset.
 
 Rays that leave the water are traced on through a bounded continuation of the field, so that the miss
 distance stays a smooth function of the launch angle; such rays are rejected afterwards.
@@ -6,11 +12,281 @@ distance stays a smooth function of the launch angle; such rays are rejected aft
 
 import math
 
-from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level
-from pymantaray.compile import inlined, kernel
+from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Section
+from pymantaray.compile import entry, inlined, kernel
 
-ABOVE_SCALE = 20.0  # m; length over which the continuation above the surface bends to a constant
-BELOW_SCALE = 200.0  # m; the same below the deepest level
+LUT_SIZE = 2048
+_LEAST_STEP = 50.0  # m; between columns
+_ABOVE_SCALE = 20.0  # m; length over which the continuation above the surface bends to a constant
+_BELOW_SCALE = 200.0  # m; the same below the deepest level
+
+
+@inlined
+def cubic(t, h, f0, d0, f1, d1):
+    """Value at the fraction t of an interval h, from values and slopes at its ends."""
+    t2 = t * t
+    t3 = t2 * t
+    return (
+        (1.0 - 3.0 * t2 + 2.0 * t3) * f0
+        + (t - 2.0 * t2 + t3) * h * d0
+        + (3.0 * t2 - 2.0 * t3) * f1
+        + (t3 - t2) * h * d1
+    )
+
+
+@kernel
+def cubic_root(h, f0, d0, f1, d1):
+    """Fraction of an interval h at which the cubic is zero; the values at the ends differ in sign."""
+    lo, hi = 0.0, 1.0
+    for _ in range(40):
+        t = 0.5 * (lo + hi)
+        if (cubic(t, h, f0, d0, f1, d1) > 0.0) == (f0 > 0.0):
+            lo = t
+        else:
+            hi = t
+    return 0.5 * (lo + hi)
+
+
+@kernel
+def sort_head(values, count):
+    """Sort the first count values in place (insertion sort: short and nearly sorted input)."""
+    for i in range(1, count):
+        v = values[i]
+        j = i - 1
+        while j >= 0 and values[j] > v:
+            values[j + 1] = values[j]
+            j -= 1
+        values[j + 1] = v
+
+
+@entry
+def depth_lut(depth, lut):
+    """Fill a table from which `find_level` starts its search; return the entries per metre."""
+    n = depth.size
+    scale = LUT_SIZE / (depth[n - 1] - depth[0])
+    k = 0
+    for i in range(LUT_SIZE):
+        z = depth[0] + i / scale
+        while k < n - 2 and depth[k + 1] <= z:
+            k += 1
+        lut[i] = k
+    return scale
+
+
+@inlined
+def find_level(s, z):
+    """Index k with depth[k] <= z < depth[k+1], limited to the first and last layer."""
+    depth = s.depth
+    i = int((z - depth[0]) * s.lut_scale)
+    if i < 0:
+        return 0
+    if i >= LUT_SIZE:
+        return depth.size - 2
+    k = int(s.lut[i])
+    while k < depth.size - 2 and z >= depth[k + 1]:
+        k += 1
+    return k
+
+
+@inlined
+def move_level(depth, k, z):
+    """As `find_level`, from a layer k near by: what the processor can guess it need not wait for."""
+    while k < depth.size - 2 and z >= depth[k + 1]:
+        k += 1
+    while k > 0 and z < depth[k]:
+        k -= 1
+    return k
+
+
+@kernel
+def bspline_basis(knots, degree, x, w, dw, ddw):
+    """Values w and two derivatives of the degree + 1 B-splines that are not zero at x; return the first's index.
+
+    Cox and de Boor's recurrence; x outside the knots extrapolates the end pieces.
+    """
+    n = knots.size - degree - 1
+    lo, hi = degree, n
+    if n <= degree + 1:
+        span = degree
+    else:
+        while hi - lo > 1:
+            mid = (lo + hi) // 2
+            if x < knots[mid]:
+                hi = mid
+            else:
+                lo = mid
+        span = lo
+    w[0], dw[0], ddw[0] = 1.0, 0.0, 0.0
+    for d in range(1, degree + 1):
+        saved, saved_d, saved_dd = 0.0, 0.0, 0.0
+        for i in range(d):
+            right = knots[span + i + 1]
+            left = knots[span + i + 1 - d]
+            scale = 1.0 / (right - left)
+            q, q_d, q_dd = w[i] * scale, dw[i] * scale, ddw[i] * scale
+            w[i] = saved + (right - x) * q
+            dw[i] = saved_d + (right - x) * q_d - q
+            ddw[i] = saved_dd + (right - x) * q_dd - 2.0 * q_d
+            saved = (x - left) * q
+            saved_d = (x - left) * q_d + q
+            saved_dd = (x - left) * q_dd + 2.0 * q_d
+        w[d], dw[d], ddw[d] = saved, saved_d, saved_dd
+    return span - degree
+
+
+@kernel
+def _cut_smooth(domain, line, r_step, n_range, work):
+    """Fill the columns of a SMOOTH section from B-spline coefficients (north, east, 2 * depth)."""
+    coef, depth, small, acc, data = domain.field, domain.depth, work.small, work.acc, work.store
+    un, ue = line.unit_north, line.unit_east
+    n_depth = coef.shape[2] // 2
+    wn, dn, ddn, we, de, dde = small[0], small[1], small[2], small[3], small[4], small[5]
+    for i in range(n_range):
+        r = i * r_step
+        i_n = bspline_basis(domain.knots_north, domain.degree_north, line.north + r * un, wn, dn, ddn)
+        i_e = bspline_basis(domain.knots_east, domain.degree_east, line.east + r * ue, we, de, dde)
+        for q in range(4):
+            for k in range(2 * n_depth):
+                acc[q, k] = 0.0
+        for a in range(domain.degree_north + 1):
+            for b in range(domain.degree_east + 1):
+                f = wn[a] * we[b]
+                f_n = dn[a] * we[b]
+                f_e = wn[a] * de[b]
+                f_r = f_n * un + f_e * ue
+                f_y = f_e * un - f_n * ue
+                f_yy = wn[a] * dde[b] * un * un - 2.0 * dn[a] * de[b] * un * ue + ddn[a] * we[b] * ue * ue
+                for k in range(2 * n_depth):
+                    v = coef[i_n + a, i_e + b, k]
+                    acc[0, k] += f * v
+                    acc[1, k] += f_r * v
+                    acc[2, k] += f_y * v
+                    acc[3, k] += f_yy * v
+        for k in range(n_depth - 1):
+            h = depth[k + 1] - depth[k]
+            for q in range(4):
+                f0, f1 = acc[q, k], acc[q, k + 1]
+                g0, g1 = acc[q, n_depth + k], acc[q, n_depth + k + 1]
+                rise = (f1 - f0) / h
+                data[i, k, 4 * q] = f0
+                data[i, k, 4 * q + 1] = g0
+                data[i, k, 4 * q + 2] = (3.0 * rise - 2.0 * g0 - g1) / h
+                data[i, k, 4 * q + 3] = (g0 + g1 - 2.0 * rise) / (h * h)
+
+
+@kernel
+def _cell(axis, x):
+    """Index of the axis interval that holds x, limited to the axis; 0 on an axis of one point."""
+    lo, hi = 0, axis.size - 1
+    while hi - lo > 1:
+        mid = (lo + hi) // 2
+        if x < axis[mid]:
+            hi = mid
+        else:
+            lo = mid
+    return lo
+
+
+@kernel
+def add_crossings(grid, line, r_hi, breaks, count):
+    """Append the ranges up to r_hi, beyond the first of breaks, at which a line crosses lines of a grid; return their number."""
+    for axis_index in range(2):
+        axis = grid.north if axis_index == 0 else grid.east
+        x0 = line.north if axis_index == 0 else line.east
+        u = line.unit_north if axis_index == 0 else line.unit_east
+        if axis.size < 2 or abs(u) < 1e-12:
+            continue
+        for i in range(1, axis.size - 1):
+            r = (axis[i] - x0) / u
+            if breaks[0] < r < r_hi and count < breaks.size - 1:
+                breaks[count] = r
+                count += 1
+    return count
+
+
+@kernel
+def sort_breaks(r_hi, breaks, count):
+    """Sort ranges and append r_hi; of those at the same place one stays. Return their number."""
+    breaks[count] = r_hi
+    count += 1
+    sort_head(breaks, count)
+    m = 1
+    for i in range(1, count):
+        if breaks[i] - breaks[m - 1] > 1e-9 or i == count - 1:
+            if breaks[i] - breaks[m - 1] <= 1e-9 and m > 1:
+                m -= 1
+            breaks[m] = breaks[i]
+            m += 1
+    return m
+
+
+@kernel
+def bilinear_weights(grid, n, e, n_mid, e_mid):
+    """Cell of the point (n_mid, e_mid) and the local coordinates of (n, e) in it, with their metres."""
+    north, east = grid.north, grid.east
+    i = _cell(north, n_mid)
+    j = _cell(east, e_mid)
+    sn = 0.0
+    se = 0.0
+    dn = 1.0
+    de = 1.0
+    if north.size > 1:
+        dn = north[i + 1] - north[i]
+        sn = (n - north[i]) / dn
+    if east.size > 1:
+        de = east[j + 1] - east[j]
+        se = (e - east[j]) / de
+    return i, j, sn, se, dn, de
+
+
+@kernel
+def _cut_linear(domain, line, breaks, n_cells, data):
+    """Fill the cells of a LINEAR section: per cell and level c = d0 + d1 x + d2 x^2, c_y = d3 + d4 x, c_yy = d5."""
+    field, un, ue = domain.field, line.unit_north, line.unit_east
+    di = 1 if domain.north.size > 1 else 0
+    dj = 1 if domain.east.size > 1 else 0
+    for b in range(n_cells):
+        r = breaks[b]
+        r_mid = 0.5 * (breaks[b] + breaks[b + 1])
+        i, j, sn, se, dn, de = bilinear_weights(
+            domain, line.north + r * un, line.east + r * ue, line.north + r_mid * un, line.east + r_mid * ue
+        )
+        an = un / dn if di else 0.0  # d(sn)/dr
+        ae = ue / de if dj else 0.0
+        bn = -ue / dn if di else 0.0  # d(sn)/dy, y to the right of the baseline
+        be = un / de if dj else 0.0
+        for k in range(field.shape[2]):
+            f00 = field[i, j, k]
+            f10 = field[i + di, j, k] - f00
+            f01 = field[i, j + dj, k] - f00
+            f11 = field[i + di, j + dj, k] - f00 - f10 - f01
+            data[b, k, 0] = f00 + f10 * sn + f01 * se + f11 * sn * se
+            data[b, k, 1] = f10 * an + f01 * ae + f11 * (an * se + sn * ae)
+            data[b, k, 2] = f11 * an * ae
+            data[b, k, 3] = f10 * bn + f01 * be + f11 * (bn * se + sn * be)
+            data[b, k, 4] = f11 * (bn * ae + an * be)
+            data[b, k, 5] = 2.0 * f11 * bn * be
+
+
+@kernel
+def cut_section(domain, line, horizontal, work):
+    """Section of the medium along a baseline, filled into work.store."""
+    store, breaks = work.store, work.breaks
+    if domain.kind == SMOOTH:
+        count = 2
+        if domain.north.size > 1 or domain.east.size > 1:
+            count = min(max(int(math.ceil(horizontal / domain.column_step)) + 1, 2), store.shape[0])
+        # columns at both ends; rays of short and steep links use the first cell's polynomial beyond them
+        step = max(horizontal / (count - 1), _LEAST_STEP)
+        _cut_smooth(domain, line, step, count, work)
+        return Section(SMOOTH, count, 0.0, step, breaks, domain.depth, domain.lut, domain.lut_scale, store)
+    reach = 1000.0  # m beyond the ends; rays of steep links stray behind the source
+    breaks[0] = -reach
+    count = sort_breaks(
+        horizontal + reach, breaks, add_crossings(domain, line, horizontal + reach, breaks, 1)
+    )
+    _cut_linear(domain, line, breaks, count - 1, store)
+    return Section(LINEAR, count - 1, 0.0, 1.0, breaks, domain.depth, domain.lut, domain.lut_scale, store)
 
 
 @inlined
@@ -57,10 +333,10 @@ def _smooth_place(s, k, r, z):
 def _continue(s, z, c, cz, czz):
     """Value and derivatives of the continuation where z is beyond the levels, else as given."""
     if z < s.depth[0]:
-        a, b, e = _beyond(z - s.depth[0], ABOVE_SCALE)
+        a, b, e = _beyond(z - s.depth[0], _ABOVE_SCALE)
         return c + a * cz, b * cz, e * cz
     if z > s.depth[s.depth.size - 1]:
-        a, b, e = _beyond(z - s.depth[s.depth.size - 1], BELOW_SCALE)
+        a, b, e = _beyond(z - s.depth[s.depth.size - 1], _BELOW_SCALE)
         return c + a * cz, b * cz, e * cz
     return c, cz, czz
 
@@ -143,12 +419,12 @@ def linear_full(s, b, k, r, z):
         g = 1.0 / dz
         gg = 0.0
     elif k < 0:
-        a, b1, c2 = _beyond(z - s.depth[0], ABOVE_SCALE)
+        a, b1, c2 = _beyond(z - s.depth[0], _ABOVE_SCALE)
         u = a / dz
         g = b1 / dz
         gg = c2 / dz
     else:
-        a, b1, c2 = _beyond(z - s.depth[n - 1], BELOW_SCALE)
+        a, b1, c2 = _beyond(z - s.depth[n - 1], _BELOW_SCALE)
         u = 1.0 + a / dz
         g = b1 / dz
         gg = c2 / dz
@@ -169,7 +445,7 @@ def linear_full(s, b, k, r, z):
 @kernel
 def field_at(s, r, z):
     """Sound speed at a point of the section."""
-    k = find_level(s.depth, s.lut, s.lut_scale, z)
+    k = find_level(s, z)
     if s.kind == SMOOTH:
         return smooth_full(s, k, r, z)[0]
     b = 0

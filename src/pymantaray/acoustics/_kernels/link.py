@@ -4,197 +4,209 @@ import math
 
 import numpy as np
 
-from pymantaray.acoustics._kernels.bounced import add_bounced
-from pymantaray.acoustics._kernels.boundary import TOUCH, bottom_at, clearances
-from pymantaray.acoustics._kernels.field import field_at
-from pymantaray.acoustics._kernels.limits import (
+from pymantaray.acoustics._kernels.boundary import TOUCH, clearances, sheet_at
+from pymantaray.acoustics._kernels.field import (
+    add_crossings,
+    cut_section,
+    field_at,
+    sort_breaks,
+    sort_head,
+)
+from pymantaray.acoustics._kernels.layout import (
+    ARRIVAL_ANGLE,
+    BOTTOM_BOUNCES,
+    CHORD_TIME,
+    COMPLETE,
+    GOOD,
+    LAUNCH_ANGLE,
+    LINEAR,
+    MARGIN,
+    MISS,
+    N_ARRIVAL,
+    N_INFO,
+    RAY_AXIS,
+    RAYS,
+    RECEIVER_SLOWNESS,
+    RECEIVER_SPEED,
+    SOURCE_SLOWNESS,
+    SOURCE_SPEED,
+    SPREADING_DB,
+    SURFACE_BOUNCES,
+    TRAVEL_TIME,
+    TURNING_POINTS,
+    XI,
+    Accuracy,
+    Baseline,
+    Link,
+    W,
+    Walls,
+    Y,
+)
+from pymantaray.acoustics._kernels.refine import finish, polish, refine, sort_rows, unresolved_db
+from pymantaray.acoustics._kernels.search import (
     BEYOND,
     STEEP,
+    Search,
+    copy_ray,
     fan_nodes,
+    find_brackets,
     is_steep,
+    shoot,
     snell_limit,
     speed_extremes,
     turning_limits,
 )
-from pymantaray.acoustics._kernels.paths import baseline, chord_travel_time
-from pymantaray.acoustics._kernels.refine import polish, refine, unresolved_db
-from pymantaray.acoustics._kernels.rows import N_COLUMNS, finish, sort_rows
-from pymantaray.acoustics._kernels.search import GOOD, MISS, copy_ray, find_brackets, shoot
-from pymantaray.acoustics._kernels.section import LINEAR
-from pymantaray.acoustics._kernels.trace import OPEN, Rule
+from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
+from pymantaray.acoustics._kernels.trace import direct_course
 from pymantaray.compile import entry, kernel
 
-OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7
-SPACING_SMOOTH = 0.016  # rad
-SPACING_LINEAR = 0.008  # rad
-CLOSEST_SMOOTH = 3e-4  # rad; nearer nodes of the first fan are merged
-CLOSEST_LINEAR = 1e-9  # rad
-LONG = 2e4  # m; beyond, the tolerance grows with the length of the link
-N_INFO = 6  # numbers about a link
-RESOLUTION = 1e-6  # rad; narrower intervals of a fan are not divided
+OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
+_SPACING_SMOOTH = 0.016, 3e-4  # rad; of the first fan, and nodes nearer to each other are merged
+_SPACING_LINEAR = 0.008, 1e-9
+_LONG = 2e4  # m; beyond, the tolerance grows with the length of the link
+_RESOLUTION = 1e-6  # rad; narrower intervals of a fan are not divided
+_GAUSS_NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
+_GAUSS_WEIGHTS = (
+    0.23692688505618908,
+    0.47862867049936647,
+    0.5688888888888889,
+    0.47862867049936647,
+    0.23692688505618908,
+)
 
 
 @kernel
-def solve_link(medium, bed, source, receiver, bounces, cutoff_db, tol, work, info):
+def baseline(domain, source, unit, horizontal, work):
+    """Section and boundaries along a baseline."""
+    line = Baseline(source[0], source[1], unit[0], unit[1])
+    s = cut_section(domain, line, horizontal, work)
+    breaks, end = work.wall_breaks, max(horizontal, 1e-6)
+    breaks[0] = 0.0
+    n = add_crossings(domain.bed, line, end, breaks, 1)
+    n = sort_breaks(end, breaks, add_crossings(domain.ice, line, end, breaks, n))
+    return s, Walls(domain.bed, domain.ice, line, breaks, n, 1.0, work.cells, -1.0)
+
+
+@kernel
+def prepare(domain, source, receiver, work):
+    """Section, boundaries and ends of a link."""
+    dn, de, dz = receiver[0] - source[0], receiver[1] - source[1], receiver[2] - source[2]
+    horizontal = math.hypot(dn, de)
+    unit = 1.0, 0.0
+    if horizontal > 0.0:
+        unit = dn / horizontal, de / horizontal
+    s, walls = baseline(domain, source, unit, horizontal, work)
+    c0, c1 = field_at(s, 0.0, source[2]), field_at(s, horizontal, receiver[2])
+    length = math.hypot(horizontal, dz)
+    return s, walls, Link(source[2], receiver[2], c0, c1, horizontal, length, unit[0], unit[1])
+
+
+@kernel
+def _outside(domain, point):
+    """Whether a position is outside the domain or the water."""
+    north, east = domain.north, domain.east
+    if north.size > 1 and not north[0] <= point[0] <= north[north.size - 1]:
+        return True
+    if east.size > 1 and not east[0] <= point[1] <= east[east.size - 1]:
+        return True
+    top = sheet_at(domain.ice, point[0], point[1])
+    if domain.ice.depth.size > 1:
+        top -= TOUCH
+    return not top <= point[2] <= sheet_at(domain.bed, point[0], point[1]) + TOUCH
+
+
+@kernel
+def chord_travel_time(s, link, cuts):
+    """Travel time along the straight chord: Gauss-Legendre between all levels and columns it crosses."""
+    z0, z1, horizontal = link.z0, link.z1, link.horizontal
+    n = 0
+    cuts[n] = 0.0
+    n += 1
+    if z1 != z0:
+        for k in range(s.depth.size):
+            t = (s.depth[k] - z0) / (z1 - z0)
+            if 0.0 < t < 1.0:
+                cuts[n] = t
+                n += 1
+    if horizontal > 0.0:
+        for i in range(s.n_range + 1):
+            r = s.breaks[i] if s.kind == LINEAR else s.r_first + i * s.r_step
+            t = r / horizontal
+            if 0.0 < t < 1.0 and n < cuts.size - 1:
+                cuts[n] = t
+                n += 1
+    cuts[n] = 1.0
+    n += 1
+    sort_head(cuts, n)
+    total = 0.0
+    for i in range(n - 1):
+        h = 0.5 * (cuts[i + 1] - cuts[i])
+        if h <= 0.0:
+            continue
+        mid = 0.5 * (cuts[i + 1] + cuts[i])
+        for q in range(5):
+            t = mid + h * _GAUSS_NODES[q]
+            total += _GAUSS_WEIGHTS[q] * h / field_at(s, t * horizontal, z0 + t * (z1 - z0))
+    return total * link.length
+
+
+@kernel
+def solve_link(domain, bounces, settings, source, receiver, work, info):
     """All eigenrays of one link with at most so many reflections at the surface and the bottom; with None, direct ones.
 
-    work.rows receives the arrivals, see `rows`; info receives chord travel time, c at both ends, margin,
-    the number of rays traced, and 1 if none was left out for want of room. Returns the number of arrivals and the status.
+    work.rows receives the arrivals; returns their number and the status.
     """
-    kind, north, east = medium[0], medium[1], medium[2]
-    rows, brackets = work.rows, work.brackets
-    for i in range(4):
+    for i in range(N_INFO):
         info[i] = np.nan
-    info[4], info[5] = 0.0, 1.0
-    for point in (source, receiver):
-        if north.size > 1 and not north[0] <= point[0] <= north[north.size - 1]:
-            return 0, OUTSIDE
-        if east.size > 1 and not east[0] <= point[1] <= east[east.size - 1]:
-            return 0, OUTSIDE
-        if not 0.0 <= point[2] <= bottom_at(bed, point[0], point[1]) + TOUCH:
-            return 0, OUTSIDE
-    dn = receiver[0] - source[0]
-    de = receiver[1] - source[1]
-    dz = receiver[2] - source[2]
-    horizontal = math.hypot(dn, de)
-    length = math.hypot(horizontal, dz)
-    un, ue = 1.0, 0.0
-    if horizontal > 0.0:
-        un, ue = dn / horizontal, de / horizontal
-    s, floor = baseline(medium, bed, source, (un, ue), horizontal, work)
-    z0, z1 = source[2], receiver[2]
-    c0 = field_at(s, 0.0, z0)
-    c1 = field_at(s, horizontal, z1)
-    info[1], info[2] = c0, c1
-    if length == 0.0:
-        info[0], info[3] = 0.0, 0.0
-        for i in range(N_COLUMNS):
-            rows[0, i] = np.nan
-        for i in (0, 4, 11, 12):
-            rows[0, i] = 0.0
+    info[RAYS], info[COMPLETE] = 0.0, 1.0
+    if _outside(domain, source) or _outside(domain, receiver):
+        return 0, OUTSIDE
+    s, walls, link = prepare(domain, source, receiver, work)
+    info[SOURCE_SPEED], info[RECEIVER_SPEED] = link.c0, link.c1
+    if link.length == 0.0:
+        info[CHORD_TIME], info[MARGIN] = 0.0, 0.0
+        _same_place(work.rows[0])
         return 1, OK
-    info[0] = chord_travel_time(s, length, horizontal, z0, z1, work.cuts)
-    slope = math.atan2(dz, horizontal)
+    info[CHORD_TIME] = chord_travel_time(s, link, work.cuts)
     variation = speed_extremes(s, work.extremes)
-    up, down = turning_limits(s, c0, z0, z1, horizontal, variation, work.extremes)
-    steep = is_steep(slope, max(up, down))
-    cb, sb, span, target = 1.0, 0.0, horizontal, dz
-    if steep:
-        cb, sb, span, target = math.cos(slope), math.sin(slope), length, 0.0
-    axis = (z0, cb, sb, c0)
-    rule = Rule(OPEN, 0, 0, 0, 0, 0.0, 0)
-    miss = min(1e-2, 1e-6 * length)
-    tol *= max(1.0, length / LONG)
-    fine = min(tol, 1e-4 * length)
-    coarse = min(30.0 * tol, 1e-2 * length)
-    spacing, closest = SPACING_SMOOTH, CLOSEST_SMOOTH
-    if kind == LINEAR:  # a ray that dips a centimetre into the next layer comes out metres away
-        fine = min(1e-3 * tol, 1e-8 * length)
+    limits = turning_limits(s, link.c0, link.z0, link.z1, link.horizontal, variation, work.extremes)
+    slope = math.atan2(link.z1 - link.z0, link.horizontal)
+    course = direct_course(link, is_steep(slope, max(limits[0], limits[1])))
+    tol = settings.tolerance * max(1.0, link.length / _LONG)
+    fine, coarse = min(tol, 1e-4 * link.length), min(30.0 * tol, 1e-2 * link.length)
+    spacing = _SPACING_SMOOTH
+    if s.kind == LINEAR:  # a ray that dips a centimetre into the next layer comes out metres away
+        fine = min(1e-3 * tol, 1e-8 * link.length)
         coarse = fine
-        spacing, closest = SPACING_LINEAR, CLOSEST_LINEAR
-    weak_slope = length * 10.0 ** (0.1 * cutoff_db + 2.0)
-    found, margin, rays, complete = 0, 0.0, 0, True
-    if steep:
-        # one ray: the bracket of a regula falsi about the chord
-        half = 0.02
-        a, b = work.stack[0, 0], work.stack[0, 1]
-        while True:
-            shoot(s, floor, rule, -half, target, span, axis, coarse, 0.0, a, work)
-            shoot(s, floor, rule, half, target, span, axis, coarse, 0.0, b, work)
-            rays += 2
-            if a[GOOD] * b[GOOD] > 0.0 and a[MISS] * b[MISS] <= 0.0:
-                found = 1
-                copy_ray(a, brackets[0, 0])
-                copy_ray(b, brackets[0, 1])
-                break
-            half *= 2.0
-            if half > 0.64:
-                margin = min(abs(a[MISS]), abs(b[MISS]))
-                break
+        spacing = _SPACING_LINEAR
+    accuracy = Accuracy(coarse, fine, min(1e-2, 1e-6 * link.length))
+    weak_slope = link.length * 10.0 ** (0.1 * settings.cutoff_db + 2.0)
+    if course.axis[2] != 0.0:
+        n, margin, rays, complete = _chord_bracket(s, walls, course, coarse, work)
     else:
         # a ray that turns does so within the limits; one that does not is at some depth as steep as the chord
-        lo = -math.acos(math.cos(up) * math.cos(min(slope, 0.0))) - BEYOND
-        hi = math.acos(math.cos(down) * math.cos(max(slope, 0.0))) + BEYOND
-        n_nodes = fan_nodes(lo, hi, spacing, closest, s, c0, work.nodes)
-        found, margin, rays, complete = find_brackets(
-            s,
-            floor,
-            rule,
-            n_nodes,
-            target,
-            span,
-            axis,
-            coarse,
-            fine,
-            RESOLUTION,
-            0.0,
-            0.0,
-            weak_slope,
-            0.0,
-            work,
-        )
-    through_surface, blocked, weak = 0, 0, 0
-    count = 0 * floor.n_breaks  # a literal 0 would compile `add_bounced` once more
-    for i in range(found):
-        ok, angle, q, steps, turns = polish(s, floor, rule, brackets[i], target, span, axis, fine, miss, work)
-        if not ok:
-            ok, angle, q, steps, turns = refine(
-                s, floor, rule, brackets[i], target, span, axis, fine, miss, work
-            )
-        if not ok:
-            continue
-        below_surface, above_bottom = clearances(
-            work.path, steps, floor, -sb * (work.y[0] - target), cb * (work.y[0] - target), work.y[5]
-        )
-        if below_surface < -TOUCH:
-            through_surface += 1
-            continue
-        if above_bottom < -TOUCH:
-            blocked += 1
-            continue
-        det = work.y[2] * work.y[7]
-        finish(rows[count], work.y, angle, q, target, turns, c0, c1, length, un, ue, cb, sb, sb, det)
-        rows[count, 11], rows[count, 12] = 0.0, 0.0
-        rows[count, 3] += unresolved_db(
-            brackets[i], RESOLUTION, 30.0 * fine * max(1.0, abs(work.y[2]) / length), work.y[2]
-        )
-        if rows[count, 3] > cutoff_db:
-            weak += 1
-            continue
-        same = count
-        for j in range(count):  # a caustic's two brackets may have found one ray
-            if abs(rows[j, 0] - rows[count, 0]) < 1e-7 and abs(rows[j, 1] - rows[count, 1]) < 5e-6:
-                same = j
-        if same < count and rows[count, 3] < rows[same, 3]:
-            for j in range(N_COLUMNS):
-                rows[same, j] = rows[count, j]
-        count += 1 if same == count else 0
+        lo = -math.acos(math.cos(limits[0]) * math.cos(min(slope, 0.0))) - BEYOND
+        hi = math.acos(math.cos(limits[1]) * math.cos(max(slope, 0.0))) + BEYOND
+        search = Search(coarse, fine, _RESOLUTION, 0.0, 0.0, weak_slope, 0.0)
+        n_nodes = fan_nodes(s, lo, hi, spacing, link.c0, work.nodes)
+        n, margin, rays, complete = find_brackets(s, walls, course, n_nodes, search, work)
+    count, through_surface, blocked, weak = _keep_direct(
+        s, walls, link, (n, course), settings.cutoff_db, accuracy, work
+    )
     if bounces is not None and bounces[0] + bounces[1] > 0:  # for None Numba leaves this out
-        ends = (z0, z1, c0, c1, horizontal, length)
-        numerics = (coarse, fine, miss)
-        count, more_weak, more_rays, more_complete = add_bounced(
-            s,
-            floor,
-            ends,
-            snell_limit(s, c0, 0.0, math.inf, variation, work.extremes)[0] + STEEP,
-            bounces[0],
-            bounces[1],
-            cutoff_db,
-            numerics,
-            weak_slope,
-            spacing,
-            closest,
-            count,
-            work,
+        limit = snell_limit(s, link.c0, 0.0, math.inf, variation, work.extremes)[0] + STEEP
+        hunt = Hunt(
+            link, reach_of(walls, link), accuracy, bounces, settings.cutoff_db, weak_slope, limit, spacing
         )
+        count, more_weak, more_rays, all_there = add_reflected(s, walls, hunt, count, work)
         weak += more_weak
         rays += more_rays
-        complete = complete and more_complete
-    info[3] = 0.0 if count > 0 else margin
-    info[4] = rays
-    info[5] = 1.0 if complete else 0.0
+        complete = complete and all_there
+    info[MARGIN] = 0.0 if count > 0 else margin
+    info[RAYS] = rays
+    info[COMPLETE] = 1.0 if complete else 0.0
     if count > 0:
-        sort_rows(rows, count)
+        sort_rows(work.rows, count)
         return count, OK
     if not complete:
         return 0, UNRESOLVED
@@ -203,56 +215,111 @@ def solve_link(medium, bed, source, receiver, bounces, cutoff_db, tol, work, inf
     if blocked > 0:
         return 0, BLOCKED
     if through_surface > 0:
-        info[3] = math.nan  # rays that would come by way of the surface miss by nothing
+        info[MARGIN] = math.nan  # rays that would come by way of the surface miss by nothing
     return 0, SHADOW
 
 
-@entry
-def solve_links(
-    medium,
-    bed,
-    source,
-    receiver,
-    bounces,
-    cutoff_db,
-    tol,
-    canonical,
-    first,
-    every,
-    work,
-    all_rows,
-    counts,
-    status,
-    info,
-):
-    """Solve the links first, first + every, ...; all_rows (n_links, MAX_KEPT, N_COLUMNS), the first MAX_KEPT arrivals of each link.
+@kernel
+def _same_place(row):
+    """Fill the row of a link whose ends are at one place."""
+    for i in range(N_ARRIVAL):
+        row[i] = np.nan
+    for i in (TRAVEL_TIME, TURNING_POINTS, SURFACE_BOUNCES, BOTTOM_BOUNCES, RAY_AXIS):
+        row[i] = 0.0
 
-    With canonical, each link is solved from its deeper end (ties: north, east) and turned round.
+
+@kernel
+def _chord_bracket(s, walls, course, tol, work):
+    """The one bracket of a steep link, from which a regula falsi about the chord starts; returned as by `find_brackets`."""
+    half, rays = 0.02, 0
+    a, b = work.stack[0, 0], work.stack[0, 1]
+    while half <= 0.64:
+        shoot(s, walls, course, -half, tol, 0.0, a, work)
+        shoot(s, walls, course, half, tol, 0.0, b, work)
+        rays += 2
+        if a[GOOD] * b[GOOD] > 0.0 and a[MISS] * b[MISS] <= 0.0:
+            copy_ray(a, work.brackets[0, 0])
+            copy_ray(b, work.brackets[0, 1])
+            return 1, 0.0, rays, True
+        half *= 2.0
+    return 0, min(abs(a[MISS]), abs(b[MISS])), rays, True
+
+
+@kernel
+def _keep_direct(s, walls, link, found, cutoff_db, accuracy, work):
+    """Refine the direct rays, found is the number of brackets and their course, and keep those that stay in the water.
+
+    Returns the number of rows, and how many rays went through the surface, met the sea bed or are too weak.
     """
+    n, course = found
+    _, cb, sb, _ = course.axis
+    y, rows, brackets = work.y, work.rows, work.brackets
+    count, through_surface, blocked, weak = 0, 0, 0, 0
+    for i in range(n):
+        launch = polish(s, walls, course, brackets[i], accuracy, work)
+        if not launch.ok:
+            launch = refine(s, walls, course, brackets[i], accuracy, work)
+        if not launch.ok:
+            continue
+        miss = y[W] - course.target
+        below_surface, above_bottom = clearances(work.path, launch.steps, walls, -sb * miss, cb * miss, y[Y])
+        if below_surface < -TOUCH:
+            through_surface += 1
+            continue
+        if above_bottom < -TOUCH:
+            blocked += 1
+            continue
+        row = rows[count]
+        finish(row, y, launch, course, link, 0.0)
+        row[SURFACE_BOUNCES], row[BOTTOM_BOUNCES] = 0.0, 0.0
+        noise = 30.0 * accuracy.fine * max(1.0, abs(y[XI]) / link.length)
+        row[SPREADING_DB] += unresolved_db(brackets[i], _RESOLUTION, noise, y[XI])
+        if row[SPREADING_DB] > cutoff_db:
+            weak += 1
+            continue
+        same = count
+        for j in range(count):  # a caustic's two brackets may have found one ray
+            near_in_time = abs(rows[j, TRAVEL_TIME] - row[TRAVEL_TIME]) < 1e-7
+            if near_in_time and abs(rows[j, LAUNCH_ANGLE] - row[LAUNCH_ANGLE]) < 5e-6:
+                same = j
+        if same < count and row[SPREADING_DB] < rows[same, SPREADING_DB]:
+            for j in range(N_ARRIVAL):
+                rows[same, j] = row[j]
+        count += 1 if same == count else 0
+    return count, through_surface, blocked, weak
+
+
+@entry
+def solve_links(domain, bounces, settings, source, receiver, share, work, results):
+    """Solve the links first, first + every, ... of share (first, every); the first arrivals of each, as many as there is room.
+
+    With settings.canonical, each link is solved from its deeper end (ties: north, east) and turned round.
+    """
+    first, every = share
+    rows, info = work.rows, results.info
     for i in range(first, source.shape[0], every):
         a, b = source[i], receiver[i]
         turned = False
-        if canonical:
+        if settings.canonical:
             for k in (2, 0, 1):
                 if a[k] != b[k]:
                     turned = a[k] < b[k]
                     break
         if turned:
             a, b = b, a
-        n, status[i] = solve_link(medium, bed, a, b, bounces, cutoff_db, tol, work, info[i])
-        rows = work.rows
-        if n > all_rows.shape[1]:
-            n = all_rows.shape[1]
-            info[i, 5] = 0.0
-        counts[i] = n
+        n, results.status[i] = solve_link(domain, bounces, settings, a, b, work, info[i])
+        if n > results.rows.shape[1]:
+            n = results.rows.shape[1]
+            info[i, COMPLETE] = 0.0
+        results.counts[i] = n
         for j in range(n):
-            for k in range(N_COLUMNS):
-                all_rows[i, j, k] = rows[j, k]
+            row = results.rows[i, j]
+            for k in range(N_ARRIVAL):
+                row[k] = rows[j, k]
             if turned:
-                all_rows[i, j, 1] = -rows[j, 2]
-                all_rows[i, j, 2] = -rows[j, 1]
+                row[LAUNCH_ANGLE], row[ARRIVAL_ANGLE] = -rows[j, ARRIVAL_ANGLE], -rows[j, LAUNCH_ANGLE]
                 for k in range(3):
-                    all_rows[i, j, 5 + k] = -rows[j, 8 + k]
-                    all_rows[i, j, 8 + k] = -rows[j, 5 + k]
+                    row[SOURCE_SLOWNESS + k] = -rows[j, RECEIVER_SLOWNESS + k]
+                    row[RECEIVER_SLOWNESS + k] = -rows[j, SOURCE_SLOWNESS + k]
         if turned:
-            info[i, 1], info[i, 2] = info[i, 2], info[i, 1]
+            info[i, SOURCE_SPEED], info[i, RECEIVER_SPEED] = info[i, RECEIVER_SPEED], info[i, SOURCE_SPEED]

@@ -1,222 +1,178 @@
-"""Single rays and sections for pictures, and the travel time along the straight chord."""
+"""Paths of eigenrays, of single rays, and sections for pictures."""
 
 import math
 
-from pymantaray.acoustics._kernels.bounced import STEEPEST_FORWARD
-from pymantaray.acoustics._kernels.boundary import (
+from pymantaray.acoustics._kernels.boundary import sheet_at
+from pymantaray.acoustics._kernels.field import cut_section, field_at
+from pymantaray.acoustics._kernels.layout import (
     AT_SURFACE,
     BOUNDARY,
+    CHORD,
     DEPTH,
+    FORWARD,
+    NODE_BOUNDARY,
+    NODE_POSITION,
+    NODE_SLOWNESS,
+    NODE_TIME,
     P_DEPTH,
     P_RANGE,
     P_SIDE,
     RANGE,
     SIDE,
     TIME,
-    Floor,
-    bottom_at,
+    VERTICAL,
+    Baseline,
+    Course,
+    Rule,
 )
-from pymantaray.acoustics._kernels.field import field_at
-from pymantaray.acoustics._kernels.limits import is_steep, speed_extremes, turning_limits
-from pymantaray.acoustics._kernels.section import LINEAR, cut_section, line_breaks, sort_head
-from pymantaray.acoustics._kernels.trace import FORWARD, LEGS, OPEN, Rule, trace
+from pymantaray.acoustics._kernels.link import baseline, prepare
+from pymantaray.acoustics._kernels.trace import (
+    direct_course,
+    forward_course,
+    full_ray,
+    legs_course,
+    trace,
+)
 from pymantaray.compile import entry, kernel
 
-
-@kernel
-def chord_travel_time(s, length, horizontal, z0, z1, cuts):
-    """Travel time along the straight chord: Gauss-Legendre between all levels and columns it crosses."""
-    x = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
-    w = (
-        0.23692688505618908,
-        0.47862867049936647,
-        0.5688888888888889,
-        0.47862867049936647,
-        0.23692688505618908,
-    )
-    n = 0
-    cuts[n] = 0.0
-    n += 1
-    if z1 != z0:
-        for k in range(s.depth.size):
-            t = (s.depth[k] - z0) / (z1 - z0)
-            if 0.0 < t < 1.0:
-                cuts[n] = t
-                n += 1
-    if horizontal > 0.0:
-        for i in range(s.n_range + 1):
-            r = s.breaks[i] if s.kind == LINEAR else s.r_first + i * s.r_step
-            t = r / horizontal
-            if 0.0 < t < 1.0 and n < cuts.size - 1:
-                cuts[n] = t
-                n += 1
-    cuts[n] = 1.0
-    n += 1
-    sort_head(cuts, n)
-    total = 0.0
-    for i in range(n - 1):
-        h = 0.5 * (cuts[i + 1] - cuts[i])
-        if h <= 0.0:
-            continue
-        mid = 0.5 * (cuts[i + 1] + cuts[i])
-        for q in range(5):
-            t = mid + h * x[q]
-            total += w[q] * h / field_at(s, t * horizontal, z0 + t * (z1 - z0))
-    return total * length
+_LEG = 1e3  # m; rough length of a leg
+_FINER = 1e-3  # of the tolerance: a ray that breaks off is traced once more
 
 
 @kernel
-def baseline(medium, bed, source, unit, horizontal, work):
-    """Section and sea bed along a baseline."""
-    s = cut_section(medium, source[0], source[1], unit[0], unit[1], horizontal, work)
-    n = line_breaks(
-        bed.north,
-        bed.east,
-        source[0],
-        source[1],
-        unit[0],
-        unit[1],
-        0.0,
-        max(horizontal, 1e-6),
-        work.floor_breaks,
-    )
-    return s, Floor(
-        bed.north,
-        bed.east,
-        bed.depth,
-        source[0],
-        source[1],
-        unit[0],
-        unit[1],
-        work.floor_breaks,
-        n,
-        1.0,
-        work.cells,
-        -1.0,
-    )
+def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
+    """Trace one eigenray again, launched with a slowness, into work.path.
 
-
-@kernel
-def trace_arrival(medium, bed, source, receiver, slowness, n_surface, n_bottom, tol, work):
-    """Trace one eigenray again, launched with a slowness, into work.path; return the steps and c at the source."""
-    dn, de = receiver[0] - source[0], receiver[1] - source[1]
-    z0, z1 = source[2], receiver[2]
-    horizontal = math.hypot(dn, de)
-    length = math.hypot(horizontal, z1 - z0)
-    unit = (1.0, 0.0)
-    if horizontal > 0.0:
-        unit = (dn / horizontal, de / horizontal)
-    s, floor = baseline(medium, bed, source, unit, horizontal, work)
-    c0 = field_at(s, 0.0, z0)
-    forward = (slowness[0] * unit[0] + slowness[1] * unit[1]) * c0
-    side = (slowness[1] * unit[0] - slowness[0] * unit[1]) * c0
-    down = slowness[2] * c0
-    cb, sb, span = 1.0, 0.0, horizontal
-    rule = Rule(OPEN, 0, 0, 0, 0, 0.0, 0)
-    if n_surface + n_bottom == 0:
-        slope = math.atan2(z1 - z0, horizontal)
-        variation = speed_extremes(s, work.extremes)
-        up, low = turning_limits(s, c0, z0, z1, horizontal, variation, work.extremes)
-        if is_steep(slope, max(up, low)):
-            cb, sb, span = math.cos(slope), math.sin(slope), length
-    elif abs(down) < math.sin(STEEPEST_FORWARD) and forward > 0.0:
-        rule = Rule(FORWARD, n_surface, n_bottom, 0, 0, 0.0, 0)
+    manner is its axis and its reflections at the surface and at the bottom. Returns whether it came, the steps and c at the source.
+    """
+    s, walls, link = prepare(domain, source, receiver, work)
+    axis, bounces = manner[0], (manner[1], manner[2])
+    forward = (slowness[0] * link.unit_north + slowness[1] * link.unit_east) * link.c0
+    side = (slowness[1] * link.unit_north - slowness[0] * link.unit_east) * link.c0
+    down = slowness[2] * link.c0
+    if axis == VERTICAL:
+        course = legs_course(link, bounces, down > 0.0, link.z1, (bounces[0] + bounces[1] + 1) * _LEG)
+    elif bounces[0] + bounces[1] > 0:
+        course = forward_course(link, bounces, 0, 0, link.z1)
     else:
-        legs = n_surface + n_bottom + 1
-        rule = Rule(LEGS, n_surface, n_bottom, 0, legs, z1, 0)
-        cb, sb, span = 0.0, 1.0 if down > 0.0 else -1.0, legs * 1e3
+        course = direct_course(link, axis == CHORD)
+    _, cb, sb, _ = course.axis
     angle = math.asin(min(max(down * cb - forward * sb, -1.0), 1.0))
-    axis = (z0, cb, sb, c0)
-    _, steps, _, _, _, _ = trace(
-        s, floor, rule, angle, side, span, axis, tol, work.y, work.K, work.ynew, work.path
-    )
-    return steps, c0
+    ok, steps, _, _ = trace(s, walls, course, angle, side, tol, full_ray(work))
+    if not ok:
+        ok, steps, _, _ = trace(s, walls, course, angle, side, _FINER * tol, full_ray(work))
+    return ok, steps, link.c0
 
 
 @entry
-def trace_arrivals(medium, bed, ends, units, turned, slowness, times, bounces, tol, work, nodes, counts):
+def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
     """Trace eigenrays into rows of nodes, in the local frame and from the source, as long as there is room for any.
 
-    ends (n, 2, 3) holds source and receiver, units (n, 2) the direction of the baseline from the end of launch, which is the
-    receiver where turned; slowness is that of launch. counts takes the nodes of each ray. Returns the number traced.
+    ends (n, 2, 3) holds source and receiver; launch (n, 4) the slowness where it is launched, and 1 where that is the receiver;
+    manner (n, 3) the rays' axes and reflections at both boundaries. out takes the nodes, and how many each ray has, none where it
+    breaks off. Returns the number traced.
     """
+    nodes, counts = out
     n = 0
     for i in range(ends.shape[0]):
         if n + work.path.shape[0] > nodes.shape[0]:
             return i
-        if not math.isfinite(slowness[i, 0] + slowness[i, 1] + slowness[i, 2]):  # the ends coincide
-            nodes[n, 0], nodes[n, 7] = 0.0, 0.0
+        if not math.isfinite(launch[i, 0] + launch[i, 1] + launch[i, 2]):  # the ends coincide
+            nodes[n, NODE_TIME], nodes[n, NODE_BOUNDARY] = 0.0, 0.0
             for k in range(3):
-                nodes[n, 1 + k], nodes[n, 4 + k] = ends[i, 0, k], math.nan
+                nodes[n, NODE_POSITION + k], nodes[n, NODE_SLOWNESS + k] = ends[i, 0, k], math.nan
             counts[i] = 1
             n += 1
             continue
-        a = 1 if turned[i] else 0
+        turned = launch[i, 3] > 0.0
+        a = 1 if turned else 0
         start, end = ends[i, a], ends[i, 1 - a]
-        steps, c = trace_arrival(
-            medium, bed, start, end, slowness[i], bounces[i, 0], bounces[i, 1], tol, work
-        )
+        ok, steps, c = _trace_arrival(domain, start, end, launch[i, :3], manner[i], tol, work)
+        counts[i] = 0
+        if not ok:
+            continue
         m = min(steps + 1, work.path.shape[0])
+        line = _line(start, end)
         for j in range(m):
-            row = n + m - 1 - j if turned[i] else n + j
-            _local_node(work.path[j], start, units[i, 0], units[i, 1], c, nodes[row])
-        last = n if turned[i] else n + m - 1
-        nodes[last, 0] = times[i]
-        if turned[i]:
+            row = n + m - 1 - j if turned else n + j
+            _local_node(work.path[j], line, c, domain.ice.depth, nodes[row])
+        last = n if turned else n + m - 1
+        nodes[last, NODE_TIME] = times[i]
+        if turned:
             for j in range(n, n + m):
-                nodes[j, 0] = times[i] - nodes[j, 0]
-                for k in range(4, 7):
-                    nodes[j, k] = -nodes[j, k]
+                nodes[j, NODE_TIME] = times[i] - nodes[j, NODE_TIME]
+                for k in range(3):
+                    nodes[j, NODE_SLOWNESS + k] = -nodes[j, NODE_SLOWNESS + k]
         for k in range(3):
-            nodes[n, 1 + k], nodes[n + m - 1, 1 + k] = ends[i, 0, k], ends[i, 1, k]
+            nodes[n, NODE_POSITION + k] = ends[i, 0, k]
+            nodes[n + m - 1, NODE_POSITION + k] = ends[i, 1, k]
         counts[i] = m
         n += m
     return ends.shape[0]
 
 
+@kernel
+def _line(start, end):
+    """Baseline from one place to another; northwards where they are above each other."""
+    dn, de = end[0] - start[0], end[1] - start[1]
+    length = math.hypot(dn, de)
+    if length > 0.0:
+        return Baseline(start[0], start[1], dn / length, de / length)
+    return Baseline(start[0], start[1], 1.0, 0.0)
+
+
 @entry
-def trace_launches(
-    medium, bed, source, unit, distance, angles, max_surface, max_bottom, tol, work, nodes, counts
-):
-    """Trace a fan of rays into rows of nodes, in the local frame, as long as there is room for any; return the number traced."""
-    s, floor = baseline(medium, bed, source, unit, distance, work)
+def trace_launches(domain, fan, angles, bounces, tol, work, out):
+    """Trace a fan of rays into rows of nodes, in the local frame, as long as there is room for any; return the number traced.
+
+    fan is the source, the direction of the plane and the distance.
+    """
+    source, unit, distance = fan
+    nodes, counts = out
+    s, walls = baseline(domain, source, unit, distance, work)
     c = field_at(s, 0.0, source[2])
-    rule = Rule(FORWARD, max_surface, max_bottom, 0, 0, 0.0, 0)
-    axis = (source[2], 1.0, 0.0, c)
+    rule = Rule(FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
+    course = Course(rule, (source[2], 1.0, 0.0, c), distance, 0.0)
     n = 0
     for i in range(angles.size):
         if n + work.path.shape[0] > nodes.shape[0]:
             return i
-        _, steps, _, _, _, _ = trace(
-            s, floor, rule, angles[i], 0.0, distance, axis, tol, work.y, work.K, work.ynew, work.path
-        )
+        _, steps, _, _ = trace(s, walls, course, angles[i], 0.0, tol, full_ray(work))
         counts[i] = min(steps + 1, work.path.shape[0])
         for j in range(counts[i]):
-            _local_node(work.path[j], source, unit[0], unit[1], c, nodes[n + j])
+            _local_node(work.path[j], walls.line, c, domain.ice.depth, nodes[n + j])
         n += counts[i]
     return angles.size
 
 
 @kernel
-def _local_node(row, start, un, ue, c, node):
-    """Bring a row of a path into the local frame: travel time, position, slowness, boundary."""
+def _local_node(row, line, c, ice, node):
+    """Bring a row of a path into the local frame."""
     r, y, p_r, p_y = row[RANGE], row[SIDE], row[P_RANGE], row[P_SIDE]
-    node[0] = row[TIME] / c
-    node[1] = start[0] + r * un - y * ue
-    node[2] = start[1] + r * ue + y * un
-    node[3] = 0.0 if row[BOUNDARY] == AT_SURFACE else row[DEPTH]  # the last nanometres
-    node[4] = (p_r * un - p_y * ue) / c
-    node[5] = (p_r * ue + p_y * un) / c
-    node[6] = row[P_DEPTH] / c
-    node[7] = row[BOUNDARY]
+    un, ue = line.unit_north, line.unit_east
+    node[NODE_TIME] = row[TIME] / c
+    node[NODE_POSITION] = line.north + r * un - y * ue
+    node[NODE_POSITION + 1] = line.east + r * ue + y * un
+    node[NODE_POSITION + 2] = row[DEPTH]
+    if row[BOUNDARY] == AT_SURFACE and ice.size == 1:  # without the last nanometres
+        node[NODE_POSITION + 2] = ice[0, 0]
+    node[NODE_SLOWNESS] = (p_r * un - p_y * ue) / c
+    node[NODE_SLOWNESS + 1] = (p_r * ue + p_y * un) / c
+    node[NODE_SLOWNESS + 2] = row[P_DEPTH] / c
+    node[NODE_BOUNDARY] = row[BOUNDARY]
 
 
 @entry
-def section_grid(medium, bed, source, unit, horizontal, ranges, depths, speed, floor, work):
-    """Sound speed (range, depth) and sea bed along a baseline."""
-    s = cut_section(medium, source[0], source[1], unit[0], unit[1], horizontal, work)
+def section_grid(domain, fan, ranges, depths, work, out):
+    """Sound speed (range, depth), sea bed and ice along a baseline into out; fan as in `trace_launches`."""
+    source, unit, distance = fan
+    speed, floor, ice = out
+    line = Baseline(source[0], source[1], unit[0], unit[1])
+    s = cut_section(domain, line, distance, work)
     for i in range(ranges.size):
         r = ranges[i]
-        floor[i] = bottom_at(bed, source[0] + r * unit[0], source[1] + r * unit[1])
+        n, e = source[0] + r * unit[0], source[1] + r * unit[1]
+        floor[i] = sheet_at(domain.bed, n, e)
+        ice[i] = sheet_at(domain.ice, n, e)
         for k in range(depths.size):
             speed[i, k] = field_at(s, r, depths[k])

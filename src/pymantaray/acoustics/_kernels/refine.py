@@ -1,13 +1,59 @@
-"""The ray of a bracket that meets the receiver, by Newton's method with horizontal refraction."""
+"""The ray of a bracket that meets the receiver, by Newton's method in three dimensions, and its row of numbers."""
 
 import math
+from collections import namedtuple
 
 import numpy as np
 
-from pymantaray.acoustics._kernels.cubic import cubic_root
-from pymantaray.acoustics._kernels.search import ANGLE, MISS, SLOPE
-from pymantaray.acoustics._kernels.trace import trace
+from pymantaray.acoustics._kernels.boundary import across_plane
+from pymantaray.acoustics._kernels.field import cubic_root
+from pymantaray.acoustics._kernels.layout import (
+    ANGLE,
+    ARRIVAL_ANGLE,
+    CODE,
+    DY_DQ,
+    ETA,
+    GOOD,
+    LANDED,
+    LAUNCH_ANGLE,
+    LEGS,
+    MISS,
+    N_ARRIVAL,
+    RAY_AXIS,
+    RECEIVER_SLOWNESS,
+    SLOPE,
+    SOURCE_SLOWNESS,
+    SPREADING_DB,
+    TAU,
+    TRAVEL_TIME,
+    TURNING_POINTS,
+    XI,
+    Accuracy,
+    P,
+    Q,
+    W,
+    Y,
+)
+from pymantaray.acoustics._kernels.search import fewer_bounces, shoot
+from pymantaray.acoustics._kernels.trace import full_ray, full_ray_end, ray_axis, trace
 from pymantaray.compile import kernel
+
+INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the travel time corrected (Fermat)
+_NEAR = 1e-5  # rad; derivatives are differences between rays so near to each other
+# Where Newton's method fails at once, slopes across the plane are brought in by shares of them
+_FIRST_SHARE, _LEAST_SHARE = 0.25, 1.0 / 128.0
+_RETURN = 10.0  # times its miss: farther beyond the edges of the cells held a ray is not brought back
+_ON_THE_WAY = 1e-4  # of the course: how near to the receiver a ray with a share of the slope comes
+
+Launch = namedtuple("Launch", "ok angle q steps turns")
+Launch.__doc__ = """An eigenray: whether it is one, launch angle, slowness out of the plane, steps of its path, turning points."""
+
+Trial = namedtuple("Trial", "angle q jacobian most wanted exact")
+Trial.__doc__ = """Where Newton's method starts, how many rays it may trace, and the code of reflections that is wanted.
+
+A jacobian of zeros is taken from three rays if exact is set or the slopes of the boundaries are brought in by shares, else from the
+variation in the plane. Rays with other numbers of reflections than wanted, or with exact of another code, are taken back half-way.
+"""
 
 
 @kernel
@@ -18,97 +64,105 @@ def cubic_angle(a, b, level):
 
 
 @kernel
-def polish(s, floor, rule, bracket, target, length, axis, tol, miss, work):
-    """Newton from the root of a bracket's cubic, with horizontal refraction; as `refine`.
+def polish(s, walls, course, bracket, accuracy, work):
+    """Newton's method for a direct ray from the root of a bracket's cubic, with horizontal refraction.
 
     Not ok where it does not converge at once, leaves the bracket, or meets a ray on the other side of a caustic.
     """
-    y, K, ynew, path = work.y, work.K, work.ynew, work.path
-    a, b, q = bracket[0], bracket[1], 0.0
+    y, a, b, q = work.y, bracket[0], bracket[1], 0.0
     lo, hi, rise = a[ANGLE], b[ANGLE], b[MISS] - a[MISS]
     m = cubic_angle(a, b, 0.0)
     steps, turns = 0, 0
     for _ in range(6):
-        ok, steps, turns, _, _, _ = trace(s, floor, rule, m, q, length, axis, tol, y, K, ynew, path)
-        if not ok or y[2] * rise <= 0.0 or y[7] <= 0.0:
+        ok, steps, turns, _ = trace(s, walls, course, m, q, accuracy.fine, full_ray(work))
+        if not ok or y[XI] * rise <= 0.0 or y[DY_DQ] <= 0.0:
             break
-        f = y[0] - target
-        if abs(f) < miss and abs(y[5]) < miss:
-            return True, m, q, steps, turns
-        q -= y[5] / y[7]
-        m -= f / y[2]
+        f = y[W] - course.target
+        if abs(f) < accuracy.miss and abs(y[Y]) < accuracy.miss:
+            return Launch(True, m, q, steps, turns)
+        q -= y[Y] / y[DY_DQ]
+        m -= f / y[XI]
         if not 2.0 * lo - hi <= m <= 2.0 * hi - lo:
             break
-    return False, m, q, steps, turns
+    return Launch(False, m, q, steps, turns)
 
 
 @kernel
-def refine(s, floor, rule, bracket, target, length, axis, tol, miss, work):
-    """Launch angle in a bracket whose ray, with horizontal refraction, ends within miss of the receiver.
+def refine(s, walls, course, bracket, accuracy, work):
+    """The direct ray in a bracket, with horizontal refraction, that ends within accuracy.miss of the receiver.
 
-    Newton on both slownesses: the angle by xi, the cross-track slowness by A, safeguarded by bisection.
-    The end state stays in work.y and its path in work.path. Returns ok, angle, cross-track slowness, steps, turning points.
+    Newton on both slownesses: the angle by xi, the cross-track slowness by dy/dq, safeguarded by bisection.
+    The end state stays in work.y and its path in work.path.
     """
-    y, K, ynew, path = work.y, work.K, work.ynew, work.path
-    a, b = bracket[0, ANGLE], bracket[1, ANGLE]
-    q = 0.0
-    fa, fb = 0.0, 0.0
-    bracketed = False
+    y, ray, tol, miss = work.y, full_ray(work), accuracy.fine, accuracy.miss
+    ok, a, b, fa, fb, q = _widened(s, walls, course, bracket, tol, work)
+    if not ok:
+        return Launch(False, a, q, 0, 0)
+    bracketed = fa * fb <= 0.0
+    m = b - fb * (b - a) / (fb - fa) if fb != fa else 0.5 * (a + b)
+    if not a <= m <= b:
+        m = 0.5 * (a + b)
+    lo, hi = a, b
+    previous = np.inf
+    steps, turns = 0, 0
+    for it in range(80 if bracketed else 12):
+        ok, steps, turns, _ = trace(s, walls, course, m, q, tol, ray)
+        if not ok:
+            return Launch(False, m, q, steps, turns)
+        f = y[W] - course.target
+        if abs(f) < miss and abs(y[Y]) < miss:
+            return Launch(True, m, q, steps, turns)
+        if y[DY_DQ] > 0.0:
+            q -= y[Y] / y[DY_DQ]
+        if bracketed:
+            if (f > 0.0) == (fa > 0.0):
+                lo = m
+            else:
+                hi = m
+        new = m - f / y[XI] if y[XI] != 0.0 else 0.5 * (lo + hi)
+        if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):
+            new = 0.5 * (lo + hi)
+        previous = abs(f)
+        if new == m:
+            # the angle has no more digits: the best there is, if near
+            return Launch(abs(f) < 1e3 * miss and abs(y[Y]) < miss, m, q, steps, turns)
+        m = new
+    return Launch(False, m, q, steps, turns)
+
+
+@kernel
+def _widened(s, walls, course, bracket, tol, work):
+    """Widen a bracket until it holds the root, which horizontal refraction moves by a little.
+
+    Returns ok, both launch angles and misses, and the slowness out of the plane; not widened far enough the misses have
+    the same sign.
+    """
+    y, ray = work.y, full_ray(work)
+    a, b, q, fa, fb = bracket[0, ANGLE], bracket[1, ANGLE], 0.0, 0.0, 0.0
     width = b - a
     for attempt in range(16):
-        # horizontal refraction moves the root by a little: widen the bracket until it holds it
-        ok, steps, turns, _, _, _ = trace(s, floor, rule, a, q, length, axis, tol, y, K, ynew, path)
+        ok, _, _, _ = trace(s, walls, course, a, q, tol, ray)
         if not ok:
-            return False, a, q, steps, turns
-        fa = y[0] - target
-        if y[7] > 0.0:
-            q -= y[5] / y[7]
-        ok, steps, turns, _, _, _ = trace(s, floor, rule, b, q, length, axis, tol, y, K, ynew, path)
+            return False, a, b, fa, fb, q
+        fa = y[W] - course.target
+        if y[DY_DQ] > 0.0:
+            q -= y[Y] / y[DY_DQ]
+        ok, _, _, _ = trace(s, walls, course, b, q, tol, ray)
         if not ok:
-            return False, b, q, steps, turns
-        fb = y[0] - target
-        if y[7] > 0.0:
-            q -= y[5] / y[7]
-        if attempt > 0 and fa * fb <= 0.0:
-            bracketed = True
-            break
+            return False, a, b, fa, fb, q
+        fb = y[W] - course.target
+        if y[DY_DQ] > 0.0:
+            q -= y[Y] / y[DY_DQ]
         if attempt == 0:
             continue
-        if width > 1e-3:
+        if fa * fb <= 0.0 or width > 1e-3:
             break
         width = max(4.0 * width, 1e-9)
         if abs(fa) < abs(fb):
             a -= width
         else:
             b += width
-    m = b - fb * (b - a) / (fb - fa) if fb != fa else 0.5 * (a + b)
-    if not a <= m <= b:
-        m = 0.5 * (a + b)
-    lo, hi = a, b
-    previous = np.inf
-    for it in range(80 if bracketed else 12):
-        ok, steps, turns, _, _, _ = trace(s, floor, rule, m, q, length, axis, tol, y, K, ynew, path)
-        if not ok:
-            return False, m, q, steps, turns
-        f = y[0] - target
-        if abs(f) < miss and abs(y[5]) < miss:
-            return True, m, q, steps, turns
-        if y[7] > 0.0:
-            q -= y[5] / y[7]
-        if bracketed:
-            if (f > 0.0) == (fa > 0.0):
-                lo = m
-            else:
-                hi = m
-        new = m - f / y[2] if y[2] != 0.0 else 0.5 * (lo + hi)
-        if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):
-            new = 0.5 * (lo + hi)
-        previous = abs(f)
-        if new == m:
-            # the angle has no more digits: the best there is, if near
-            return abs(f) < 1e3 * miss and abs(y[5]) < miss, m, q, steps, turns
-        m = new
-    return False, m, q, steps, turns
+    return True, a, b, fa, fb, q
 
 
 @kernel
@@ -123,3 +177,224 @@ def unresolved_db(bracket, resolution, noise, slope):
     if h > resolution or jump < noise or mean <= abs(slope):
         return 0.0
     return 10.0 * math.log10(mean / max(abs(slope), 1e-300))
+
+
+@kernel
+def _in_plane(s, walls, course, bracket, accuracy, work):
+    """Launch angle of the root of the miss in a bracket, in the plane of the link; ok False where it slips away."""
+    lo, hi, fa, code = bracket[0, ANGLE], bracket[1, ANGLE], bracket[0, MISS], bracket[0, CODE]
+    m = 0.5 * (lo + hi)
+    node = work.node
+    previous = math.inf
+    for it in range(60):
+        shoot(s, walls, course, m, accuracy.fine, 0.0, node, work)
+        f, d = node[MISS], node[SLOPE]
+        if node[GOOD] == 0.0 or node[CODE] != code:
+            return m, False
+        if abs(f) < max(0.01, 10.0 * accuracy.fine):
+            return m, True
+        if (f > 0.0) == (fa > 0.0):
+            lo = m
+        else:
+            hi = m
+        new = m - f / d if d != 0.0 else 0.5 * (lo + hi)
+        if not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous):
+            new = 0.5 * (lo + hi)
+        previous = abs(f)
+        if new == m:
+            return m, True
+        m = new
+    return m, False
+
+
+@kernel
+def _differences(s, walls, course, angle, q, tol, work):
+    """Whether there are, and the derivatives of both end offsets by both launch parameters, from the ray in work."""
+    y, ray, d = work.y, full_ray_end(work), _NEAR
+    w0, y0 = y[W], y[Y]
+    ok1, _, _, _ = trace(s, walls, course, angle + d, q, tol, ray)
+    w1, y1 = y[W] - w0, y[Y] - y0
+    ok2, _, _, _ = trace(s, walls, course, angle, q + d, tol, ray)
+    w2, y2 = y[W] - w0, y[Y] - y0
+    return ok1 and ok2, (w1 / d, w2 / d, y1 / d, y2 / d)
+
+
+@kernel
+def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
+    """The reflected ray that ends where it is aimed at, by Newton's method, updated by Broyden's formula.
+
+    With bounded it is given up where it leaves the bracket. Returns the launch, the jacobian and the code of the last ray.
+    """
+    rule, y, ray, fine, miss = course.rule, work.y, full_ray(work), accuracy.fine, accuracy.miss
+    inner = fewer_bounces(bracket)
+    m, q, wanted = trial.angle, trial.q, trial.wanted
+    last_m, last_q, last_f, last_y, best = m, q, 0.0, 0.0, math.inf
+    j00, j01, j10, j11 = trial.jacobian
+    steps, turns, code = 0, 0, wanted
+    for it in range(trial.most):
+        ok, steps, turns, code = trace(s, walls, course, m, q, fine, ray)
+        if not ok or code % 1024 != wanted % 1024 or (trial.exact and code != wanted):
+            if math.isinf(best) and rule.fold != 0 and it < 20:
+                m = 0.5 * (m + bracket[inner, ANGLE])
+                continue
+            if math.isinf(best):
+                break
+            m, q = 0.5 * (m + last_m), 0.5 * (q + last_q)
+            continue
+        f, side = y[W] - course.target, y[Y]
+        if walls.held >= 0.0 and walls.cells[LANDED, -1] > _RETURN * (abs(f) + abs(side)):
+            break
+        if abs(f) < miss and abs(side) < miss:
+            return Launch(True, m, q, steps, turns), (j00, j01, j10, j11), code
+        dm, dq = m - last_m, q - last_q
+        d2 = dm * dm + dq * dq
+        if it > 0 and d2 == 0.0:  # no more digits
+            near = max(abs(f), abs(side)) < 1e3 * miss
+            return Launch(near, m, q, steps, turns), (j00, j01, j10, j11), code
+        if not math.isinf(best) and abs(f) + abs(side) <= 4.0 * best:
+            e0 = (f - last_f - j00 * dm - j01 * dq) / d2
+            e1 = (side - last_y - j10 * dm - j11 * dq) / d2
+            j00, j01, j10, j11 = j00 + e0 * dm, j01 + e0 * dq, j10 + e1 * dm, j11 + e1 * dq
+        elif not math.isinf(best) or j00 == 0.0:
+            j00, j01, j10, j11 = y[XI], 0.0, 0.0, y[DY_DQ]
+            if trial.exact or walls.across != 1.0:
+                ok, differences = _differences(s, walls, course, m, q, fine, work)
+                if ok:
+                    j00, j01, j10, j11 = differences
+        best = min(best, abs(f) + abs(side))
+        det = j00 * j11 - j01 * j10
+        if det == 0.0:
+            break
+        last_m, last_q, last_f, last_y = m, q, f, side
+        dm = -(j11 * f - j01 * side) / det
+        dq = -(j00 * side - j10 * f) / det
+        shrink = min(1.0, 0.05 / max(abs(dm), 1e-300), 0.1 / max(abs(dq), 1e-300))
+        m += shrink * dm
+        q += shrink * dq
+        if bounded and not bracket[0, ANGLE] <= m <= bracket[1, ANGLE]:
+            break
+    return Launch(False, m, q, steps, turns), (j00, j01, j10, j11), code
+
+
+@kernel
+def refine_reflected(s, walls, course, bracket, accuracy, work):
+    """The reflected ray of a bracket that ends where it is aimed at, and whether its boundaries' cells are the bracket's.
+
+    Newton's method from the root of the bracket's cubic; where that leaves the bracket's reflections, again from the root
+    in the plane of the link; where that fails too, the slopes of the boundaries across the plane grow from nothing, and the
+    ray is followed. The end state stays in work.y, its path in work.path.
+    """
+    rule = course.rule
+    inner = fewer_bounces(bracket)
+    wanted = int(bracket[inner, CODE])
+    level = bracket[inner, MISS]
+    level = math.copysign(min(INSET, 0.5 * abs(level)), level) if rule.fold != 0 else 0.0
+    start = cubic_angle(bracket[0], bracket[1], level)
+    gridded = walls.bed.depth.size > 1 or walls.ice.depth.size > 1
+    none = (0.0, 0.0, 0.0, 0.0)
+    for attempt in range(2):
+        if attempt == 1:
+            if rule.fold != 0:
+                continue
+            start, ok = _in_plane(s, walls, course, bracket, accuracy, work)
+            if not ok:
+                return Launch(False, start, 0.0, 0, 0), False
+        bounded = attempt == 0 and not gridded
+        trial = Trial(start, 0.0, none, 30, wanted, False)
+        launch, _, code = newton(s, walls, course, trial, bracket, bounded, accuracy, work)
+        if launch.ok:
+            return launch, code == wanted
+    if not gridded:
+        return Launch(False, 0.0, 0.0, 0, 0), True
+    return _follow_slope(s, walls, course, start, bracket, accuracy, work)
+
+
+@kernel
+def _follow_slope(s, walls, course, start, bracket, accuracy, work):
+    """Follow a reflected ray from the plane of the link while the slopes of the boundaries across it grow from nothing."""
+    wanted = int(bracket[fewer_bounces(bracket), CODE])
+    rough = Accuracy(accuracy.coarse, accuracy.fine, max(accuracy.miss, _ON_THE_WAY * course.length))
+    m, q, share, jacobian = start, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
+    ahead = _FIRST_SHARE
+    rate_m, rate_q = 0.0, 0.0  # change of the ray by the share
+    while ahead > _LEAST_SHARE:
+        ahead = min(ahead, 1.0 - share)
+        last = share + ahead == 1.0
+        trial = Trial(m + ahead * rate_m, q + ahead * rate_q, jacobian, 10, wanted, False)
+        sloping = across_plane(walls, share + ahead)
+        launch, new_jacobian, code = newton(
+            s, sloping, course, trial, bracket, False, accuracy if last else rough, work
+        )
+        if not launch.ok:
+            ahead *= 0.5
+            continue
+        if last:
+            return launch, code == wanted
+        rate_m, rate_q = (launch.angle - m) / ahead, (launch.q - q) / ahead
+        m, q, jacobian = launch.angle, launch.q, new_jacobian
+        share += ahead
+        ahead *= 2.0
+    return Launch(False, 0.0, 0.0, 0, 0), False
+
+
+@kernel
+def tube(s, walls, course, launch, tol, work):
+    """Determinant of the end offsets by both launch parameters, by differences from the ray in work; NaN where lost."""
+    ok, (w1, w2, y1, y2) = _differences(s, walls, course, launch.angle, launch.q, tol, work)
+    return w1 * y2 - w2 * y1 if ok else math.nan
+
+
+@kernel
+def finish(row, y, launch, course, link, inset):
+    """Fill a row with the ray that ended in state y, moved by its small miss onto the receiver, inset beyond the target.
+
+    The travel time changes by the slowness at the receiver times the miss (Fermat) and half its rate of
+    change; the slownesses by their derivatives along the variation.
+    """
+    _, cb, sb, _ = course.axis
+    angle, q, c0 = launch.angle, launch.q, link.c0
+    miss = y[W] - (course.target + inset * cb)
+    rate = y[ETA] / y[XI] if y[XI] != 0.0 else 0.0
+    p1, q1 = y[P], y[Q]
+    row[TRAVEL_TIME] = (y[TAU] - p1 * miss - q1 * y[Y] + 0.5 * rate * miss * miss) / c0
+    shift = miss / y[XI] if y[XI] != 0.0 else 0.0
+    if abs(shift) < 1e-4:
+        angle -= shift
+        p1 -= rate * miss
+    if y[DY_DQ] > 0.0:
+        q -= y[Y] / y[DY_DQ]
+        q1 -= y[Y] / y[DY_DQ]
+    n1 = c0 / link.c1
+    h1 = math.sqrt(max(n1 * n1 - p1 * p1 - q1 * q1, 0.0))
+    p0 = math.sin(angle)
+    h0 = math.sqrt(max(1.0 - p0 * p0 - q * q, 0.0))
+    width = abs(y[XI] * y[DY_DQ] / math.cos(angle) * (h1 / n1) * h0)
+    row[SPREADING_DB] = 10.0 * math.log10(max(width, 1e-300) * n1 / (link.length * link.length))
+    row[TURNING_POINTS], row[RAY_AXIS] = launch.turns, ray_axis(course)
+    sb_end = -sb if course.rule.kind == LEGS and course.rule.legs % 2 == 0 else sb
+    _finish_end(row, (p0, q, h0), (cb, sb), link, LAUNCH_ANGLE, SOURCE_SLOWNESS)
+    _finish_end(row, (p1, q1, h1), (cb, sb_end), link, ARRIVAL_ANGLE, RECEIVER_SLOWNESS)
+
+
+@kernel
+def _finish_end(row, slowness, tilt, link, angle_column, slowness_column):
+    """Write angle and slowness vector of one end, from the slownesses across the axis, out of the plane and along the axis."""
+    p, side, h = slowness
+    cb, sb = tilt
+    along = h * cb - p * sb
+    down = h * sb + p * cb
+    row[angle_column] = math.atan2(down, math.hypot(along, side))
+    row[slowness_column] = (along * link.unit_north - side * link.unit_east) / link.c0
+    row[slowness_column + 1] = (along * link.unit_east + side * link.unit_north) / link.c0
+    row[slowness_column + 2] = down / link.c0
+
+
+@kernel
+def sort_rows(rows, count):
+    """Sort the first count rows by travel time."""
+    for i in range(1, count):
+        j = i
+        while j > 0 and rows[j - 1, TRAVEL_TIME] > rows[j, TRAVEL_TIME]:
+            for k in range(N_ARRIVAL):
+                rows[j - 1, k], rows[j, k] = rows[j, k], rows[j - 1, k]
+            j -= 1

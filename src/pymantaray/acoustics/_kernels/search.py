@@ -1,4 +1,4 @@
-"""All launch angles whose rays meet the receiver: an adaptive fan.
+"""All launch angles whose rays meet the receiver: how steep they may be, and an adaptive fan of them.
 
 A fan of rays gives the miss ``F`` and its derivative by the launch angle. Between neighbours F is a cubic
 Hermite polynomial, judged against a ray in the middle wherever a root is possible; intervals are halved
@@ -9,20 +9,40 @@ a ray is traced again, more finely, if it comes near the receiver.
 """
 
 import math
+from collections import namedtuple
 
 import numpy as np
 
-from pymantaray.acoustics._kernels.cubic import cubic
-from pymantaray.acoustics._kernels.trace import GONE, GROWN, ON_SURFACE, OPEN, append_code, trace
-from pymantaray.compile import kernel
+from pymantaray.acoustics._kernels.boundary import ON_SURFACE
+from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
+from pymantaray.acoustics._kernels.layout import (
+    ANGLE,
+    CODE,
+    DEFECT,
+    ETA,
+    GONE,
+    GOOD,
+    GROWN,
+    GROWTH,
+    LEFT,
+    MAX_ROOTS,
+    MISS,
+    OPEN,
+    SLOPE,
+    SLOWNESS,
+    SMOOTH,
+    TOL,
+    TURN,
+    XI,
+    Course,
+    P,
+    W,
+)
+from pymantaray.acoustics._kernels.trace import append_code, fan_ray, trace
+from pymantaray.compile import inlined, kernel
 
-# columns of a ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, which reflections;
-# scratch: error of the cubic about it, where it left the water or had too many reflections (0: nowhere), tolerance, how far it diverged on its way
-ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT, LEFT, TOL, GROWTH = range(11)
-N_NODE = 11
-N_BRACKET = 7  # of these an end of a bracket has the first
-MAX_ROOTS = 256
-MAX_STACK = 128
+STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
+BEYOND = 0.02  # rad; the fan goes beyond the steepest ray that may arrive by this
 MAX_RAYS = 20_000
 MAX_RAYS_INTERVAL = 1000
 _RESOLVED = 0.3  # of the vertical slowness: defect of its cubic up to which its cycles are taken as resolved
@@ -39,32 +59,46 @@ _AMPLIFIED, _MOST = (
 _ERRING = 500.0  # times tolerance and divergence away from the receiver, errors do not matter
 _APART = 0.25  # of the link: rays that left the water so far from each other did so at other cycles,
 _WINDOW = 2e-5  # rad; and between them may be a window of rays that did not, if not narrower than this
+_DROP, _SPLIT, _BRACKET, _EDGE = range(4)  # what becomes of an interval
+
+Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang")
+Search.__doc__ = """How a fan is searched: tolerances of its rays and of those near the receiver [m], narrowest interval.
+
+Across a change of code the slopes of the miss are believed beyond the angle steep and in intervals narrower than trust.
+Slopes above weak are those of rays too weak to be looked for. Rays at a change of code that would meet the receiver less than
+overhang beyond it are brackets without width. [rad]
+"""
 
 
 @kernel
-def shoot(s, floor, rule, angle, target, length, axis, tol, growth, node, work):
+def aimed_at(course, target):
+    """Give a course to another target."""
+    return Course(course.rule, course.axis, course.length, target)
+
+
+@kernel
+def shoot(s, walls, course, angle, tol, growth, node, work):
     """Trace a ray of a fan into a node, so that it ends within tol of where it should; growth is the divergence to expect.
 
     Slopes are derivatives by the launch angle. For a receiver on a boundary a reflection there is unfolded: rays that were
     reflected just before they reach it miss it on the other side, so that the miss changes sign at the receiver.
     """
+    rule, y = course.rule, work.y
     grown = 0.0
     while True:
         allowed = tol / (_AMPLIFIED * min(growth, _MOST)) if _DIVERGING < growth < _HOPELESS else tol
-        ok, _, _, _, _, code = trace(
-            s, floor, rule, angle, 0.0, length, axis, allowed, work.y, work.K_fan, work.ynew, work.no_path
-        )
-        grown = work.y[GROWN] / length
-        gone = rule.kind == OPEN and work.y[GONE] > 0.0
-        far = gone or grown > _HOPELESS or abs(work.y[0] - target) > _ERRING * tol * grown
+        ok, _, _, code = trace(s, walls, course, angle, 0.0, allowed, fan_ray(work))
+        grown = y[GROWN] / course.length
+        gone = rule.kind == OPEN and y[GONE] > 0.0
+        far = gone or grown > _HOPELESS or abs(y[W] - course.target) > _ERRING * tol * grown
         if grown < max(_DIVERGING, 1.5 * growth) or far:
             break
         growth = grown
-    node[ANGLE], node[MISS], node[SLOPE] = angle, work.y[0] - target, work.y[2]
-    node[SLOWNESS], node[TURN] = work.y[1], work.y[3]
+    node[ANGLE], node[MISS], node[SLOPE] = angle, y[W] - course.target, y[XI]
+    node[SLOWNESS], node[TURN] = y[P], y[ETA]
     node[GOOD], node[CODE] = 1.0 if ok else 0.0, code
-    node[LEFT], node[TOL], node[GROWTH] = work.y[GONE], tol, grown
-    if rule.fold != 0 and (code % 1024 // 32 if rule.fold == ON_SURFACE else code % 32) % 2 == 1:
+    node[LEFT], node[TOL], node[GROWTH] = y[GONE], tol, grown
+    if rule.fold != 0 and (code % 1024 // 32 if rule.fold <= ON_SURFACE else code % 32) % 2 == 1:
         for i in (MISS, SLOPE, SLOWNESS, TURN):
             node[i] = -node[i]
 
@@ -135,26 +169,20 @@ def copy_ray(source, target):
 
 
 @kernel
-def find_brackets(
-    s, floor, rule, n_nodes, target, length, axis, tol, fine, min_width, trust, steep, weak, overhang, work
-):
+def find_brackets(s, walls, course, n_nodes, search, work):
     """Brackets of all roots of the miss between the first and the last of work.nodes.
 
     Where rays are reflected, only roots of rays that were: the miss is smooth between rays of
-    one code; across a change of code it may bend or jump, and its slopes are believed beyond the angle steep and in
-    intervals narrower than trust. Where it comes as near to zero as the tolerance is large, or changes sign without
-    getting smooth, rays are traced anew with the tolerance fine. Rays at a change of code that would meet the receiver less
-    than overhang beyond it are brackets without width. Slopes above weak are those of rays too weak to be looked for.
+    one code; across a change of code it may bend or jump. Where it comes as near to zero as the tolerance is large, or
+    changes sign without getting smooth, rays are traced anew with the fine tolerance.
     Between rays that all have too many reflections, but got them far apart, rays with fewer are looked for in
-    intervals wider than trust. work.brackets receives the rays at both ends. Returns their number, the smallest
+    wider intervals. work.brackets receives the rays at both ends. Returns their number, the smallest
     miss met, the rays traced and whether the budget sufficed.
     """
-    fan, st, brackets = work.fan, work.stack, work.brackets
-    walls = rule.kind != OPEN
+    fan = work.fan
     margin = np.inf
-    rays = n_nodes
     for i in range(n_nodes):
-        shoot(s, floor, rule, work.nodes[i], target, length, axis, tol, 0.0, fan[i], work)
+        shoot(s, walls, course, work.nodes[i], search.coarse, 0.0, fan[i], work)
         fan[i, DEFECT] = 0.0
         if fan[i, GOOD] > 0.0:
             margin = min(margin, abs(fan[i, MISS]))
@@ -162,8 +190,7 @@ def find_brackets(
         a, m, b = fan[i - 1], fan[i], fan[i + 1]
         if a[GOOD] * m[GOOD] * b[GOOD] > 0.0 and a[CODE] == m[CODE] == b[CODE]:
             m[DEFECT] = 2.0 * _defect(a, m, b)
-    n_found = 0
-    complete = True
+    so_far = 0, margin, n_nodes, True
     left, right = 0, n_nodes - 2
     while left <= right:  # the steepest interval first: towards the axis rays may be without number
         if abs(work.nodes[left]) >= abs(work.nodes[right + 1]):
@@ -172,115 +199,140 @@ def find_brackets(
         else:
             i = right
             right -= 1
-        top = 0
-        copy_ray(fan[i], st[0, 0])
-        copy_ray(fan[i + 1], st[0, 1])
-        st[0, 0, DEFECT] = max(fan[i, DEFECT], fan[i + 1, DEFECT])
-        budget = rays + MAX_RAYS_INTERVAL
-        room = n_found + MAX_ROOTS // 4
-        outwards = fan[i, ANGLE] + fan[i + 1, ANGLE] > 0.0
-        width = fan[i + 1, ANGLE] - fan[i, ANGLE]
-        while top >= 0:
-            a, b, m = st[top, 0], st[top, 1], work.node
-            fa, fb = a[MISS], b[MISS]
-            e, tol_here = a[DEFECT], max(a[TOL], b[TOL])
-            h = b[ANGLE] - a[ANGLE]
-            alive = a[GOOD] > 0.0 and b[GOOD] > 0.0
-            same = alive and _same_code(a, b, rule.fold)
-            top -= 1
-            if walls and same and a[CODE] * b[CODE] == 0.0:  # direct
-                continue
-            lost = a[GOOD] + b[GOOD] == 0.0 or (walls and _too_many(a, rule) and _too_many(b, rule))
-            if lost:
-                if not walls or h < trust or not _window(a, b, length):
-                    continue
-                same = False
-            elif walls and not same:
-                believed = h < trust or min(abs(a[ANGLE]), abs(b[ANGLE])) > steep
-                if h < min_width or (believed and _far(a, h) and _far(b, h)):
-                    for i_end in range(2):
-                        if overhang > 0.0 and n_found < min(brackets.shape[0], room):
-                            end = st[top + 1, i_end]
-                            if _points_across(end, rule, overhang if i_end == 0 else -overhang):
-                                copy_ray(end, brackets[n_found, 0])
-                                copy_ray(end, brackets[n_found, 1])
-                                n_found += 1
-                    continue
-            elif alive:
-                rise = fb - fa
-                ea = h * a[SLOPE] - rise
-                eb = h * b[SLOPE] - rise
-                monotonic = (
-                    a[SLOPE] * rise > 0.0
-                    and b[SLOPE] * rise > 0.0
-                    and max(abs(ea), abs(eb)) < 1.5 * abs(rise)
-                    and e < 0.05 * abs(rise)
-                    and not _oscillates(a, b, h)
-                )
-                if fa == 0.0 or fa * fb < 0.0:
-                    if monotonic or h < min_width:
-                        if n_found < min(brackets.shape[0], room):
-                            copy_ray(a, brackets[n_found, 0])
-                            copy_ray(b, brackets[n_found, 1])
-                            n_found += 1
-                        else:
-                            complete = False
-                        continue
-                else:
-                    nearest = min(abs(fa), abs(fb))
-                    reach = (_WHOLE if h == width else _HALVED) * _BOUND * (abs(ea) + abs(eb)) + e
-                    window = s.n_range > 1 and h > _WINDOW and _window(a, b, length)
-                    # Next to an end that is nearer to zero than the tolerance all others would be halved without end;
-                    # on which side of zero that end is, only the fine tolerance tells.
-                    sure = tol_here <= fine or nearest > 4.0 * tol_here
-                    even = sure and monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
-                    clear = even or (nearest > reach + tol_here and not _oscillates(a, b, h))
-                    clear = clear and not window
-                    if h < min_width or clear:
-                        continue
-            elif h < min_width:
-                continue
-            doubtful = fa * fb < 0.0 and h < _NARROW  # rays part so fast that the fan's tolerance shows
-            if same and tol_here > fine and (doubtful or min(abs(fa), abs(fb)) < 4.0 * tol_here):
-                for end in (a, b):
-                    if end[TOL] > fine:
-                        shoot(s, floor, rule, end[ANGLE], target, length, axis, fine, end[GROWTH], end, work)
-                        rays += 1
-                a[DEFECT] = e
-                top += 1
-                continue
-            if same and h < _NARROW and min(abs(a[SLOPE]), abs(b[SLOPE])) > weak:
-                continue
-            if rays >= budget or rays >= MAX_RAYS or top + 3 >= st.shape[0]:
-                complete = (
-                    complete and walls and not same and h < _NARROW
-                )  # an edge between reflections is no ray
-                continue
-            growth = min(a[GROWTH], b[GROWTH]) if a[LEFT] * b[LEFT] == 0.0 else 0.0
-            shoot(
-                s, floor, rule, 0.5 * (a[ANGLE] + b[ANGLE]), target, length, axis, tol_here, growth, m, work
-            )
-            rays += 1
-            if m[GOOD] > 0.0:
-                margin = min(margin, abs(m[MISS]))
-            if m[GOOD] > 0.0 and same and _same_code(a, m, rule.fold) and _same_code(m, b, rule.fold):
-                e = 4.0 * _defect(a, m, b)
-            elif walls:
-                e = 1e30  # not known: judge the halves by their own middles
-            # the steeper half goes on top: towards a sound-speed minimum's axis rays may be without number
-            top += 1
-            if outwards:
-                copy_ray(b, st[top + 1, 1])
-                copy_ray(m, st[top + 1, 0])
-                copy_ray(m, b)
+        so_far = _search_interval(s, walls, course, i, search, so_far, work)
+    return so_far
+
+
+@inlined
+def _search_interval(s, walls, course, i, search, so_far, work):
+    """Halve interval i of the fan until each part holds one root or none; so_far is what `find_brackets` returns."""
+    n_brackets, margin, rays, complete = so_far
+    fan, st, m, fine = work.fan, work.stack, work.node, search.fine
+    fold, reflecting = course.rule.fold, course.rule.kind != OPEN
+    copy_ray(fan[i], st[0, 0])
+    copy_ray(fan[i + 1], st[0, 1])
+    st[0, 0, DEFECT] = max(fan[i, DEFECT], fan[i + 1, DEFECT])
+    budget = rays + MAX_RAYS_INTERVAL
+    room = min(work.brackets.shape[0], n_brackets + MAX_ROOTS // 4)
+    outwards = fan[i, ANGLE] + fan[i + 1, ANGLE] > 0.0
+    width = fan[i + 1, ANGLE] - fan[i, ANGLE]
+    top = 0
+    while top >= 0:
+        a, b = st[top, 0], st[top, 1]
+        e, tol_here = a[DEFECT], max(a[TOL], b[TOL])
+        h = b[ANGLE] - a[ANGLE]
+        verdict, same = _judge(a, b, h == width, s.n_range > 1, course, search)
+        top -= 1
+        if verdict == _BRACKET:
+            if n_brackets < room:
+                n_brackets = _add_bracket(a, b, n_brackets, work)
             else:
-                copy_ray(a, st[top + 1, 0])
-                copy_ray(m, st[top + 1, 1])
-                copy_ray(m, a)
-            for half in range(2):
-                st[top + half, 0, DEFECT] = e
+                complete = False
+        elif verdict == _EDGE and search.overhang > 0.0:
+            for end in (0, 1):
+                ray, beyond = st[top + 1, end], search.overhang if end == 0 else -search.overhang
+                if n_brackets < room and _points_across(ray, course.rule, beyond):
+                    n_brackets = _add_bracket(ray, ray, n_brackets, work)
+        if verdict != _SPLIT:
+            continue
+        doubtful = a[MISS] * b[MISS] < 0.0 and h < _NARROW  # rays part so fast that the fan's tolerance shows
+        if same and tol_here > fine and (doubtful or min(abs(a[MISS]), abs(b[MISS])) < 4.0 * tol_here):
+            for end in (a, b):
+                if end[TOL] > fine:
+                    shoot(s, walls, course, end[ANGLE], fine, end[GROWTH], end, work)
+                    rays += 1
+            a[DEFECT] = e
             top += 1
-    return n_found, margin, rays, complete
+            continue
+        if same and h < _NARROW and min(abs(a[SLOPE]), abs(b[SLOPE])) > search.weak:
+            continue
+        if rays >= budget or rays >= MAX_RAYS or top + 3 >= st.shape[0]:
+            # an edge between reflections is no ray
+            complete = complete and reflecting and not same and h < _NARROW
+            continue
+        growth = min(a[GROWTH], b[GROWTH]) if a[LEFT] * b[LEFT] == 0.0 else 0.0
+        shoot(s, walls, course, 0.5 * (a[ANGLE] + b[ANGLE]), tol_here, growth, m, work)
+        rays += 1
+        if m[GOOD] > 0.0:
+            margin = min(margin, abs(m[MISS]))
+        if m[GOOD] > 0.0 and same and _same_code(a, m, fold) and _same_code(m, b, fold):
+            e = 4.0 * _defect(a, m, b)
+        elif reflecting:
+            e = 1e30  # not known: judge the halves by their own middles
+        # the steeper half goes on top: towards a sound-speed minimum's axis rays may be without number
+        top += 1
+        if outwards:
+            copy_ray(b, st[top + 1, 1])
+            copy_ray(m, st[top + 1, 0])
+            copy_ray(m, b)
+        else:
+            copy_ray(a, st[top + 1, 0])
+            copy_ray(m, st[top + 1, 1])
+            copy_ray(m, a)
+        for half in range(2):
+            st[top + half, 0, DEFECT] = e
+        top += 1
+    return n_brackets, margin, rays, complete
+
+
+@kernel
+def _add_bracket(a, b, n, work):
+    """Append a bracket; return their number."""
+    copy_ray(a, work.brackets[n, 0])
+    copy_ray(b, work.brackets[n, 1])
+    return n + 1
+
+
+@inlined
+def _judge(a, b, whole, varies, course, search):
+    """What is to become of the interval between two rays, and whether the miss is smooth there.
+
+    whole is it if it was not halved before, varies the section if it does along its range.
+    """
+    rule, h = course.rule, b[ANGLE] - a[ANGLE]
+    reflecting = rule.kind != OPEN
+    alive = a[GOOD] > 0.0 and b[GOOD] > 0.0
+    same = alive and _same_code(a, b, rule.fold)
+    if reflecting and same and a[CODE] * b[CODE] == 0.0:  # direct
+        return _DROP, same
+    if a[GOOD] + b[GOOD] == 0.0 or (reflecting and _too_many(a, rule) and _too_many(b, rule)):
+        if not reflecting or h < search.trust or not _window(a, b, course.length):
+            return _DROP, False
+        return _SPLIT, False
+    if reflecting and not same:
+        believed = h < search.trust or min(abs(a[ANGLE]), abs(b[ANGLE])) > search.steep
+        return _EDGE if h < search.min_width or (believed and _far(a, h) and _far(b, h)) else _SPLIT, False
+    if not alive:
+        return _DROP if h < search.min_width else _SPLIT, False
+    return _judge_smooth(a, b, whole, varies, course.length, search), same
+
+
+@inlined
+def _judge_smooth(a, b, whole, varies, length, search):
+    """What is to become of an interval between rays with the same reflections."""
+    h, fa, fb, e = b[ANGLE] - a[ANGLE], a[MISS], b[MISS], a[DEFECT]
+    rise = fb - fa
+    ea = h * a[SLOPE] - rise
+    eb = h * b[SLOPE] - rise
+    monotonic = (
+        a[SLOPE] * rise > 0.0
+        and b[SLOPE] * rise > 0.0
+        and max(abs(ea), abs(eb)) < 1.5 * abs(rise)
+        and e < 0.05 * abs(rise)
+        and not _oscillates(a, b, h)
+    )
+    if fa == 0.0 or fa * fb < 0.0:
+        return _BRACKET if monotonic or h < search.min_width else _SPLIT
+    tol = max(a[TOL], b[TOL])
+    nearest = min(abs(fa), abs(fb))
+    reach = (_WHOLE if whole else _HALVED) * _BOUND * (abs(ea) + abs(eb)) + e
+    # Next to an end that is nearer to zero than the tolerance all others would be halved without end;
+    # on which side of zero that end is, only the fine tolerance tells.
+    sure = tol <= search.fine or nearest > 4.0 * tol
+    even = sure and monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
+    clear = even or (nearest > reach + tol and not _oscillates(a, b, h))
+    window = varies and h > _WINDOW and _window(a, b, length)
+    return _DROP if h < search.min_width or (clear and not window) else _SPLIT
 
 
 @kernel
@@ -288,6 +340,110 @@ def _defect(a, m, b):
     """Greatest departure of the cubic over the wider part of [a, b], from that of the ray between: a quartic's."""
     h = b[ANGLE] - a[ANGLE]
     t = (m[ANGLE] - a[ANGLE]) / h
-    found = abs(m[MISS] - cubic(t, h, a[MISS], a[SLOPE], b[MISS], b[SLOPE]))
+    departure = abs(m[MISS] - cubic(t, h, a[MISS], a[SLOPE], b[MISS], b[SLOPE]))
     shape = max((t * (1.0 - t)) ** 2, 1e-4)
-    return found / 16.0 / shape * max(t, 1.0 - t) ** 4
+    return departure / 16.0 / shape * max(t, 1.0 - t) ** 4
+
+
+@kernel
+def fan_nodes(s, lo, hi, spacing, c_source, nodes):
+    """Launch angles of the first fan: equal spacing, and the angles at which rays turn at the levels.
+
+    spacing is the first, and from how far apart nodes are two. [rad]
+
+    What a profile does between two levels a ray feels when it turns there: the miss has structure on
+    the scale of these angles, and in a LINEAR section singularities exactly at them.
+    """
+    spacing, closest = spacing
+    count = max(int(math.ceil((hi - lo) / spacing)), 2) + 1
+    count = min(count, nodes.size // 2)
+    for i in range(count):
+        nodes[i] = lo + (hi - lo) * i / (count - 1)
+    n = count
+    for k in range(s.depth.size):
+        c_first = 0.0
+        for cell in range(s.n_range):
+            c = level_speed(s, cell, k)
+            c_first = c if cell == 0 else c_first
+            if c > c_source and n < nodes.size - 2:
+                angle = math.acos(c_source / c)
+                if angle < hi:
+                    nodes[n] = angle
+                    n += 1
+                if -angle > lo:
+                    nodes[n] = -angle
+                    n += 1
+            if s.kind == SMOOTH or (cell > 0 and abs(c - c_first) < 1e-9):
+                break
+    sort_head(nodes, n)
+    m = 1
+    for i in range(1, n):
+        if nodes[i] - nodes[m - 1] > closest:
+            nodes[m] = nodes[i]
+            m += 1
+    return m
+
+
+@kernel
+def speed_extremes(s, extremes):
+    """Least and largest sound speed of each layer over the section, and by how much a layer's varies at most along it."""
+    variation = 0.0
+    n = s.depth.size
+    for k in range(n - 1):
+        h = s.depth[k + 1] - s.depth[k]
+        extremes[0, k], extremes[1, k] = math.inf, 0.0
+        first = 0.0
+        for i in range(s.n_range):
+            c0, c1 = s.data[i, k, 0], s.data[i, k + 1, 0] if k + 1 < s.data.shape[1] else 0.0
+            if s.kind == SMOOTH:
+                d1, d2, d3 = s.data[i, k, 1], s.data[i, k, 2], s.data[i, k, 3]
+                c1 = c0 + h * (d1 + h * (d2 + h * d3))
+                root = d2 * d2 - 3.0 * d1 * d3
+                if root > 0.0:  # extrema inside the layer
+                    q = -(d2 + math.copysign(math.sqrt(root), d2))
+                    for x in (q / (3.0 * d3) if d3 != 0.0 else -1.0, d1 / q if q != 0.0 else -1.0):
+                        if 0.0 < x < h:
+                            c = c0 + x * (d1 + x * (d2 + x * d3))
+                            extremes[0, k] = min(extremes[0, k], c)
+                            extremes[1, k] = max(extremes[1, k], c)
+            extremes[0, k] = min(extremes[0, k], min(c0, c1))
+            extremes[1, k] = max(extremes[1, k], max(c0, c1))
+            if i == 0:
+                first = c0
+            variation = max(variation, abs(c0 - first))
+    return variation
+
+
+@kernel
+def snell_limit(s, c_source, top, low, variation, extremes):
+    """Steepest angle from the horizontal at which a ray can turn between two depths, and at which it may be there.
+
+    Snell's law: arccos of the sound speed at the source over the fastest within, raised by what the field
+    varies along the section.
+    """
+    slowest, fastest = c_source, c_source
+    for k in range(s.depth.size - 1):
+        if s.depth[k + 1] >= top and s.depth[k] <= low:
+            slowest = min(slowest, extremes[0, k])
+            fastest = max(fastest, extremes[1, k])
+    if fastest > c_source:
+        fastest += variation
+    return math.acos(c_source / fastest), math.acos(slowest / fastest)
+
+
+@kernel
+def turning_limits(s, c_source, z0, z1, horizontal, variation, extremes):
+    """Steepest launch angles upwards and downwards at which a ray can turn within reach of a link."""
+    up, down, steep_up, steep_down = 0.6, 0.6, 0.6, 0.6
+    for _ in range(3):
+        reach = 0.5 * horizontal * math.tan(steep_up) + 1.0
+        up, steep_up = snell_limit(s, c_source, min(z0, z1) - reach, z0, variation, extremes)
+        reach = 0.5 * horizontal * math.tan(steep_down) + 1.0
+        down, steep_down = snell_limit(s, c_source, z0, max(z0, z1) + reach, variation, extremes)
+    return up, down
+
+
+@kernel
+def is_steep(slope, limit):
+    """Whether a link's chord is so steep that one direct ray joins its ends, traced along the chord."""
+    return abs(slope) > max(limit + STEEP, 0.3)

@@ -10,19 +10,17 @@ offset out of the plane (to the right), conjugate slownesses ``p`` and ``q`` and
 Rays therefore end exactly on the plane through the receiver. ``xi`` and ``eta`` are the derivatives of
 ``w`` and ``p`` by the launch angle; ``A`` is the integral of ``1 / h``, the derivative of ``y`` by ``q``.
 
-State vector: w, p, xi, eta, T, y, q, A. A fan needs the first four only.
+The state vector's columns are named in `layout`, A as DY_DQ. A fan needs the first four only.
 """
 
 import math
 
 import numpy as np
 
-from pymantaray.acoustics._kernels.field import linear_full, smooth_full, smooth_planar
-from pymantaray.acoustics._kernels.section import SMOOTH, move_level
+from pymantaray.acoustics._kernels.field import linear_full, move_level, smooth_full, smooth_planar
+from pymantaray.acoustics._kernels.layout import DY_DQ, ETA, N_FAN, N_FULL, SMOOTH, TAU, XI, P, Q, W, Y
 from pymantaray.compile import inlined, kernel
 
-N_FULL = 8
-N_FAN = 4
 TUBE = 1e-3  # accuracy of the ray tube's width: 0.004 dB
 
 # Dormand and Prince (1980), the pair RK5(4)7M; the tests compare it with scipy.integrate.RK45
@@ -48,8 +46,8 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     axis = (z_source, cb, sb, c_ref); c_ref is the sound speed at the source, so that n = 1 there.
     """
     z_source, cb, sb, c_ref = axis
-    r = pos * cb - y[0] * sb
-    z = z_source + pos * sb + y[0] * cb
+    r = pos * cb - y[W] * sb
+    z = z_source + pos * sb + y[W] * cb
     cr, crz, crr, cy, cyz, cyy, cyyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if s.kind == SMOOTH:
         k = move_level(s.depth, k, z)
@@ -63,12 +61,12 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     cww = czz * cb * cb - 2.0 * crz * cb * sb + crr * sb * sb
     q = 0.0
     if n_eq == N_FULL:
-        half = 0.5 * y[5]
-        c += y[5] * (cy + half * cyy)
-        cw += y[5] * cb * (cyz + half * cyyz)
-        cy += y[5] * cyy
-        q = y[6]
-    p = y[1]
+        half = 0.5 * y[Y]
+        c += y[Y] * (cy + half * cyy)
+        cw += y[Y] * cb * (cyz + half * cyyz)
+        cy += y[Y] * cyy
+        q = y[Q]
+    p = y[P]
     ic = 1.0 / c
     n = c_ref * ic
     nw = -n * cw * ic
@@ -79,15 +77,15 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     ih = c / math.sqrt(square)
     ih3 = ih * ih * ih
     nnw = n * nw
-    dy[0] = p * ih
-    dy[1] = nnw * ih
-    dy[2] = (ih + p * p * ih3) * y[3] - p * nnw * ih3 * y[2]
-    dy[3] = ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * y[2] + nnw * p * ih3 * y[3]
+    dy[W] = p * ih
+    dy[P] = nnw * ih
+    dy[XI] = (ih + p * p * ih3) * y[ETA] - p * nnw * ih3 * y[XI]
+    dy[ETA] = ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * y[XI] + nnw * p * ih3 * y[ETA]
     if n_eq == N_FULL:
-        dy[4] = n * n * ih
-        dy[5] = q * ih
-        dy[6] = -n * n * cy * ic * ih
-        dy[7] = ih
+        dy[TAU] = n * n * ih
+        dy[Y] = q * ih
+        dy[Q] = -n * n * cy * ic * ih
+        dy[DY_DQ] = ih
     return True, k
 
 
@@ -98,8 +96,11 @@ def derivative(s, b, k, pos, y, dy, n_eq, axis):
 
 
 @inlined
-def step(s, b, k, pos, h, y, K, ynew, n_eq, axis):
+def step(s, cell, pos, h, ray, axis):
     """One Dormand-Prince step from K[0] = derivative at pos; leaves the derivative at the end in K[6]."""
+    y, K, ynew = ray.y, ray.K, ray.ynew
+    b, k = cell
+    n_eq = K.shape[1]
     for stage in range(1, 7):
         for i in range(n_eq):
             slope = A[stage, 0] * K[0, i]
@@ -119,13 +120,15 @@ def _embedded(K, i):
 
 
 @inlined
-def step_error(h, K, ynew, n_eq, remaining, tol, width):
+def step_error(h, ray, remaining, tol, width):
     """Estimated displacement at the end of the ray that this step's error causes. [m]
 
     Of a full ray, a relative error TUBE of the variation, taken as no less than width, counts as much as the whole
     tolerance.
     """
-    total = _embedded(K, 0) + remaining * _embedded(K, 1)
-    if n_eq == N_FULL:
-        total += _embedded(K, 4) + _embedded(K, 5) + tol / (TUBE * max(abs(ynew[2]), width)) * _embedded(K, 2)
+    K = ray.K
+    total = _embedded(K, W) + remaining * _embedded(K, P)
+    if K.shape[1] == N_FULL:
+        tube = tol / (TUBE * max(abs(ray.ynew[XI]), width))
+        total += _embedded(K, TAU) + _embedded(K, Y) + tube * _embedded(K, XI)
     return abs(h) * total

@@ -1,190 +1,229 @@
-"""One ray through a section, from the source to the receiver's plane, with or without reflections."""
+"""How a link's rays are followed, and one ray through a section, from the source to the receiver's plane.
+
+A direct ray is followed along the horizontal, or along the chord of a steep link, and goes on beyond surface and sea bed.
+A reflected one is followed along the horizontal, or in depth where it is steep or may turn back on a slope. `direct_course`,
+`forward_course` and `legs_course` are the only places that say so; an arrival's row keeps which it was, RAY_AXIS.
+"""
 
 import math
-from collections import namedtuple
 
 from pymantaray.acoustics._kernels.boundary import (
+    BOTTOM,
+    FAR,
+    NEAR,
+    ON_FACE,
+    ON_SURFACE,
+    SURFACE,
+    TOP,
+    UNDERSIDE,
+    crossing,
+    face_distance,
+    hold,
+    land,
+    landed,
+    mark_of,
+    reflect,
+    start_cell,
+    surface_at,
+)
+from pymantaray.acoustics._kernels.field import find_level, move_level
+from pymantaray.acoustics._kernels.layout import (
     AT_BOTTOM,
     AT_SURFACE,
     BOUNDARY,
+    CHORD,
     DEPTH,
+    DY_DQ,
+    ETA,
+    FORWARD,
+    GONE,
+    GROWN,
+    HORIZONTAL,
     IN_WATER,
+    LEGS,
+    LINEAR,
+    N_FAN,
+    N_FULL,
+    N_STATE,
+    OPEN,
     P_DEPTH,
     P_RANGE,
     P_SIDE,
     RANGE,
     SIDE,
+    SMOOTH,
+    TAU,
     TIME,
-    hold,
-    landed,
-    reflect,
+    VERTICAL,
+    XI,
+    Course,
+    P,
+    Q,
+    Ray,
+    Rule,
+    W,
+    Y,
 )
-from pymantaray.acoustics._kernels.faces import (
-    BOTTOM,
-    ON_FACE,
-    SURFACE,
-    crossing,
-    face_distance,
-    land,
-    start_cell,
-)
-from pymantaray.acoustics._kernels.section import LINEAR, SMOOTH, find_level, move_level
-from pymantaray.acoustics._kernels.step import N_FAN, N_FULL, derivative, step, step_error
-from pymantaray.compile import kernel, out_of_line
+from pymantaray.acoustics._kernels.step import derivative, step, step_error
+from pymantaray.compile import inlined, kernel, out_of_line
 
 MAX_STEPS = 100_000
 _MOST_STUCK = 20  # steps too short to be shortened, of a ray so flat that the field's last digits turn it
-# of a fan's end state: where an OPEN ray left the water or a FORWARD one was reflected too often (0: nowhere), and the
-# largest |xi| on its way
-GONE, GROWN = 4, 7
-OPEN, FORWARD, LEGS = 0, 1, 2
 _LONG = 1e7  # m; a leg that a boundary ends
 _HASH = 2**32
-MOST_BOUNCES = 15  # of each kind
-ON_SURFACE = 1  # mark of a reflection at the surface; at the sea bed it is the cell plus 2
 
-Rule = namedtuple("Rule", "kind max_surface max_bottom spare legs end_depth fold")
-Rule.__doc__ = """What a ray does at the surface and at the sea bed.
 
-OPEN: it goes on beyond them. FORWARD: it is reflected, at most so many times, and spare times more of each kind: a search
-needs rays on both sides of those that it may keep. LEGS: on a vertical axis, it is
-reflected ``legs - 1`` times and ends at end_depth. fold is the mark of the boundary on which the receiver is, 0 if none: the
-search then unfolds the miss, see `search.shoot`.
-"""
+@kernel
+def direct_course(link, along_chord):
+    """Follow direct rays along the horizontal, or along the chord."""
+    cb, sb, length, target = 1.0, 0.0, link.horizontal, link.z1 - link.z0
+    if along_chord:
+        slope = math.atan2(target, link.horizontal)
+        cb, sb, length, target = math.cos(slope), math.sin(slope), link.length, 0.0
+    return Course(Rule(OPEN, 0, 0, 0, 0, 0.0, 0), (link.z0, cb, sb, link.c0), length, target)
+
+
+@kernel
+def forward_course(link, bounces, spare, fold, z_end):
+    """Follow rays along the horizontal, reflected at most so many times at the surface and at the sea bed, to a depth."""
+    rule = Rule(FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
+    return Course(rule, (link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0)
+
+
+@kernel
+def legs_course(link, bounces, down, z_end, length):
+    """Follow rays in depth, downwards at first or not, with these numbers of reflections, to a depth."""
+    legs = bounces[0] + bounces[1] + 1
+    sb = 1.0 if down else -1.0
+    sb_end = sb if legs % 2 == 1 else -sb
+    rule = Rule(LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
+    return Course(rule, (link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end)
+
+
+@kernel
+def ray_axis(course):
+    """What an arrival's row says of its course."""
+    if course.rule.kind == LEGS:
+        return VERTICAL
+    return CHORD if course.axis[2] != 0.0 else HORIZONTAL
+
+
+@inlined
+def full_ray(work):
+    """Give what a ray with all its variations is integrated in; its path is kept."""
+    return Ray(work.y, work.K, work.ynew, work.path)
+
+
+@inlined
+def full_ray_end(work):
+    """Give the same without its path."""
+    return Ray(work.y, work.K, work.ynew, work.no_path)
+
+
+@inlined
+def fan_ray(work):
+    """Give what a ray of a fan is integrated in."""
+    return Ray(work.y, work.K_fan, work.ynew, work.no_path)
 
 
 @kernel
 def append_code(code, mark):
     """Code of a ray's reflections after one more; the last 10 bits count both kinds."""
-    counts = code % 1024 + (32 if mark == ON_SURFACE else 1)
+    counts = code % 1024 + (32 if mark <= ON_SURFACE else 1)
     return ((code // 1024 * 8191 + mark) % _HASH) * 1024 + counts
 
 
 @kernel
-def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
-    """Trace one ray to the distance length along the axis, for LEGS to the end of the last leg.
+def trace(s, walls, course, angle, q0, tol, ray):
+    """Trace one ray to the course's length, for LEGS to the end of the last leg.
 
     angle is the launch angle from the axis, q0 the slowness out of the plane, tol the end displacement
-    allowed over length. [rad, 1, m] The end state is left in y (a fan's with GONE and GROWN besides), its derivative in K[0]. K (7, N_FULL) asks for
-    the full state, K (7, N_FAN) for that of a fan; path (n, N_PATH) takes every accepted step of a full ray when it has rows.
+    allowed over the length. [rad, 1, m] The end state is left in y, its derivative in K[0].
 
     Returns
     -------
     ok : bool
     steps : int
         Rows of path in use less one.
-    turns, surface, bottom : int
-        Turning points in depth and reflections.
+    turns : int
+        Turning points in depth.
     code : int
-        Equal for rays with the same reflections, in order, on the same cells of the sea bed; 32 surface + bottom
+        Equal for rays with the same reflections, in order, on the same cells of the boundaries; 32 surface + bottom
         modulo 1024.
     """
     out_of_line()
+    rule, axis, length = course.rule, course.axis, course.length
+    y, K, path = ray.y, ray.K, ray.path
     n_eq = K.shape[1]
-    z_source, cb, sb, c_ref = axis
-    y[0] = 0.0
-    y[1] = math.sin(angle)
-    y[2] = 0.0
-    y[3] = math.cos(angle)
-    y[4] = 0.0
-    y[5] = 0.0
-    y[6] = q0
-    y[7] = 0.0
-    turns, surface, bottom, code, count = 0, 0, 0, 0, 0
-    b, k = 0, find_level(s.depth, s.lut, s.lut_scale, z_source)
-    if s.kind == LINEAR:
-        b, k = start_cell(s, axis, math.tan(angle))
-    if not derivative(s, b, k, 0.0, y, K[0], n_eq, axis):
-        return False, 0, 0, 0, 0, 0
-    down = sb + K[0, 0] * cb
-    walls = rule.kind != OPEN
-    if walls and (
-        (z_source <= 0.0 and down < 0.0)
-        or (
-            floor.held < 0.0
-            and face_distance(s, floor, b, k, BOTTOM, 0.0, 0.0, K[0, 0], 0.0, 0.0, axis, 0.0)[0] <= 0.0 < down
-        )
-    ):
-        return False, 0, 0, 0, 0, 0
+    ok, cell, down = _launch(s, walls, rule, axis, angle, q0, ray)
+    if not ok:
+        return False, 0, 0, 0
     record = n_eq == N_FULL and path.shape[0] > 0
     if record:
         _record(path[0], 0.0, y, K[0], axis, IN_WATER)
-    leg = 1
-    span = length
-    if rule.kind == LEGS:
-        span = _LONG
+    to_levels = s.kind == SMOOTH and n_eq == N_FULL
+    span = _LONG if rule.kind == LEGS else length
+    turns, code, surface, bottom = 0, 0, 0, 0
+    count, leg, next_break, stuck = 0, 1, 0, 0
     pos, gone = 0.0, 0.0
     h = min(length, 60.0)
-    next_break, stuck = 0, 0
-    if s.kind == SMOOTH and n_eq == N_FULL:
-        h = min(h, _to_level(s, k, z_source, down))
+    if to_levels:
+        h = min(h, _to_level(s, cell[1], axis[0], down))
+    lowest = walls.ice.depth[0, 0] if walls.ice.depth.size == 1 else math.inf  # place of the surface
     hit = IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
-    first_face = 0 if s.kind == LINEAR else SURFACE
-    last_face = BOTTOM + 1 if walls else SURFACE
+    faces = 0 if s.kind == LINEAR else SURFACE, SURFACE if rule.kind == OPEN else BOTTOM + 1
     for _ in range(MAX_STEPS):
         if hit != IN_WATER:
             surface += 1 if hit == AT_SURFACE else 0
             bottom += 1 if hit == AT_BOTTOM else 0
-            too_many = surface > rule.max_surface or bottom > rule.max_bottom
-            if too_many and n_eq == N_FAN and rule.kind == FORWARD and y[GONE] == 0.0:
-                y[GONE] = pos
-            if surface > rule.max_surface + rule.spare or bottom > rule.max_bottom + rule.spare:
-                return False, count, turns, surface, bottom, code
-            new_sb = sb
-            z = z_source + pos * sb + y[0] * cb
-            if rule.kind == LEGS:
-                new_sb = -sb
-            r = pos * cb - y[0] * sb
-            mark = landed(floor, r, y[5], bottom) + 2 if hit == AT_BOTTOM else ON_SURFACE
-            code = append_code(code, mark)
-            if not reflect(s, floor, b, k, pos, y, n_eq, axis, hit == AT_BOTTOM, new_sb):
-                return False, count, turns, surface, bottom, code
-            if hit == AT_BOTTOM and floor.held >= 0.0:
-                floor = hold(floor, floor.held + 1.0)
+            so_far = surface, bottom, code
+            ok, code, new_axis = _reflected(s, walls, course.rule, axis, cell, (pos, hit), so_far, ray)
+            if not ok:
+                return False, count, turns, code
+            if hit == AT_BOTTOM and walls.held >= 0.0:
+                walls = hold(walls, walls.held + 1.0)
             if rule.kind == LEGS:
                 gone += pos
                 pos = 0.0
                 leg += 1
-                sb = new_sb
-                z_source = z
-                axis = (z_source, cb, sb, c_ref)
+                axis = new_axis
                 if leg == rule.legs:
-                    span = (rule.end_depth - z_source) * sb
+                    span = (rule.end_depth - axis[0]) * axis[2]
                     if not span >= 0.0:
-                        return False, count, turns, surface, bottom, code
-            if not derivative(s, b, k, pos, y, K[0], n_eq, axis):
-                return False, count, turns, surface, bottom, code
-            down = sb + K[0, 0] * cb
-            if s.kind == SMOOTH and n_eq == N_FULL:
-                k = move_level(s.depth, k, z)
-                h = min(h, _to_level(s, k, z, down))
+                        return False, count, turns, code
+            if not derivative(s, cell[0], cell[1], pos, y, K[0], n_eq, axis):
+                return False, count, turns, code
+            down = axis[2] + K[0, W] * axis[1]
+            if to_levels:
+                z = _depth(axis, pos, y)
+                cell = cell[0], move_level(s.depth, cell[1], z)
+                h = min(h, _to_level(s, cell[1], z, down))
             if record:
                 count += 1
                 if count >= path.shape[0]:
-                    return False, count, turns, surface, bottom, code
+                    return False, count, turns, code
                 _record(path[count], pos, y, K[0], axis, hit)
             hit = IN_WATER
         if pos >= span:
             break
-        if floor.held >= 0.0 and pos > length:  # past the continued cell, where there is no bed
+        if walls.held >= 0.0 and pos > length:  # past the continued cell, where there is no bed
             break
-        last = False
-        if pos + h * (1.0 + 1e-12) >= span:
+        last = pos + h * (1.0 + 1e-12) >= span
+        if last:
             h = span - pos
-            last = True
-        if rule.kind == FORWARD:  # no step across an edge of the sea bed's cells
-            while next_break < floor.n_breaks and floor.breaks[next_break] <= pos + 1e-9:
+        if rule.kind == FORWARD:  # no step across an edge of the boundaries' cells
+            while next_break < walls.n_breaks and walls.breaks[next_break] <= pos + 1e-9:
                 next_break += 1
-            if next_break < floor.n_breaks and pos + h > floor.breaks[next_break]:
-                h = floor.breaks[next_break] - pos
+            if next_break < walls.n_breaks and pos + h > walls.breaks[next_break]:
+                h = walls.breaks[next_break] - pos
                 last = last and pos + h >= span
-        if not step(s, b, k, pos, h, y, K, ynew, n_eq, axis):
+        if not step(s, cell, pos, h, ray, axis):
             h *= 0.25
             if h < 1e-7 * length:
-                return False, count, turns, surface, bottom, code
+                return False, count, turns, code
             continue
-        error = step_error(h, K, ynew, n_eq, max(length - gone - pos, 0.0), tol, 0.05 * length)
+        error = step_error(h, ray, max(length - gone - pos, 0.0), tol, 0.05 * length)
         allowed = tol * h / length
         if error > allowed:
             if h > 1e-9 * length:
@@ -192,66 +231,143 @@ def trace(s, floor, rule, angle, q0, length, axis, tol, y, K, ynew, path):
                 continue
             stuck += 1
             if stuck > _MOST_STUCK:
-                return False, count, turns, surface, bottom, code
-        grow = 5.0
-        if error > 0.0:
-            grow = min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error)))
+                return False, count, turns, code
+        h_next = h * (min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0)
         face = -1
-        h_next = h * grow
-        if last_face > first_face:
-            face, h_hit = crossing(s, floor, b, k, first_face, last_face, pos, h, y, K, ynew, n_eq, axis)
+        if faces[1] > faces[0]:
+            face, h_hit = crossing(s, walls, cell, faces, pos, h, ray, axis)
             if face >= 0:
-                h_hit = land(s, floor, b, k, face, pos, h_hit, h, near, y, K, ynew, n_eq, axis)
+                h_hit = land(s, walls, cell, face, pos, (h_hit, h, near), ray, axis)
                 if h_hit < 0.0:
-                    return False, count, turns, surface, bottom, code
+                    return False, count, turns, code
                 last = last and h_hit == h
                 h = h_hit
         pos = span if last else pos + h
         h = h_next
         for i in range(n_eq):
-            y[i] = ynew[i]
+            y[i] = ray.ynew[i]
             K[0, i] = K[6, i]
         if face >= SURFACE:
             hit = AT_SURFACE if face == SURFACE else AT_BOTTOM
             if pos >= span:  # at the receiver's plane: it is there, not reflected
                 hit = IN_WATER
         elif face >= 0:
-            before = K[0, 1]
-            rate = face_distance(s, floor, b, k, face, pos, y[0], K[0, 0], 0.0, 0.0, axis, 0.0)[1]
-            weight = cb if face == 0 else (-cb if face == 1 else (-sb if face == 2 else sb))
-            if face == 0:
-                k -= 1
-            elif face == 1:
-                k += 1
-            elif face == 2:
-                b -= 1
-            else:
-                b += 1
-            if not derivative(s, b, k, pos, y, K[0], n_eq, axis):
-                return False, count, turns, surface, bottom, code
-            if rate < 0.0:
-                y[3] += (before - K[0, 1]) * (-weight * y[2] / rate)
-                derivative(s, b, k, pos, y, K[0], n_eq, axis)
+            ok, cell = _next_cell(s, walls, cell, face, pos, ray, axis)
+            if not ok:
+                return False, count, turns, code
         count += 1
-        new_down = sb + K[0, 0] * cb
-        z = z_source + pos * sb + y[0] * cb
+        new_down = axis[2] + K[0, W] * axis[1]
+        z = _depth(axis, pos, y)
         if n_eq == N_FAN:
-            y[GROWN] = max(y[GROWN], abs(y[2]))
-            if z < 0.0 and y[GONE] == 0.0 and not walls:
+            y[GROWN] = max(y[GROWN], abs(y[XI]))
+            if z < lowest and y[GONE] == 0.0 and rule.kind == OPEN and _above(walls, axis, pos, z, y):
                 y[GONE] = pos
         if s.kind == SMOOTH:
-            k = move_level(s.depth, k, z)
+            cell = cell[0], move_level(s.depth, cell[1], z)
             if n_eq == N_FULL:
-                h = min(h, _to_level(s, k, z, new_down))
+                h = min(h, _to_level(s, cell[1], z, new_down))
         if new_down * down < 0.0:
             turns += 1
         if new_down != 0.0:
             down = new_down
         if record:
             if count >= path.shape[0]:
-                return False, count, turns, surface, bottom, code
+                return False, count, turns, code
             _record(path[count], pos, y, K[0], axis, hit)
-    return pos >= span, count, turns, surface, bottom, code
+    return pos >= span, count, turns, code
+
+
+@inlined
+def _depth(axis, pos, y):
+    """Depth of a ray."""
+    return axis[0] + pos * axis[2] + y[W] * axis[1]
+
+
+@inlined
+def _launch(s, walls, rule, axis, angle, q0, ray):
+    """Start a ray; return whether it leaves into the water, its cell, and how fast it goes down along the axis."""
+    y, K = ray.y, ray.K
+    z_source, cb, sb, _ = axis
+    for i in range(N_STATE):
+        y[i] = 0.0
+    y[P] = math.sin(angle)
+    y[ETA] = math.cos(angle)
+    y[Q] = q0
+    cell = 0, find_level(s, z_source)
+    if s.kind == LINEAR:
+        cell = start_cell(s, axis, math.tan(angle))
+    if not derivative(s, cell[0], cell[1], 0.0, y, K[0], K.shape[1], axis):
+        return False, cell, 0.0
+    down = sb + K[0, W] * cb
+    if rule.kind != OPEN:
+        point = 0.0, 0.0, K[0, W], 0.0, 0.0
+        gap, rate = face_distance(s, walls, cell, SURFACE, point, axis, 0.0)
+        if gap <= 0.0 and rate < 0.0:
+            return False, cell, down
+        if walls.held < 0.0 and face_distance(s, walls, cell, BOTTOM, point, axis, 0.0)[0] <= 0.0 < down:
+            return False, cell, down
+    return True, cell, down
+
+
+@kernel
+def _reflected(s, walls, rule, axis, cell, place, so_far, ray):
+    """Reflect a ray; return whether it may be and goes on forward, the code of its reflections, and the axis of its next leg.
+
+    place is where it is along the axis, and at which boundary; so_far are its reflections at both, with this one, and their code.
+    """
+    y = ray.y
+    pos, hit = place
+    surface, bottom, code = so_far
+    too_many = surface > rule.max_surface or bottom > rule.max_bottom
+    if too_many and ray.K.shape[1] == N_FAN and rule.kind == FORWARD and y[GONE] == 0.0:
+        y[GONE] = pos
+    if surface > rule.max_surface + rule.spare or bottom > rule.max_bottom + rule.spare:
+        return False, code, axis
+    _, cb, sb, c_ref = axis
+    z = _depth(axis, pos, y)
+    new_sb = -sb if rule.kind == LEGS else sb
+    r = pos * cb - y[W] * sb
+    mark = landed(walls, r, y[Y], bottom) + 2 if hit == AT_BOTTOM else mark_of(walls, r, y[Y], False)
+    ok = reflect(s, walls, cell, pos, ray, axis, hit, new_sb)
+    return ok, append_code(code, mark), (z, cb, new_sb, c_ref)
+
+
+@kernel
+def _next_cell(s, walls, cell, face, pos, ray, axis):
+    """Take a ray through a face of its LINEAR cell; return whether it goes on, and the cell beyond.
+
+    Its variation jumps with the field's gradient: rays beside it are there a little earlier or later.
+    """
+    y, K = ray.y, ray.K
+    _, cb, sb, _ = axis
+    before = K[0, P]
+    rate = face_distance(s, walls, cell, face, (pos, y[W], K[0, W], 0.0, 0.0), axis, 0.0)[1]
+    b, k = cell
+    weight = cb
+    if face == TOP:
+        k -= 1
+    elif face == UNDERSIDE:
+        k += 1
+        weight = -cb
+    elif face == NEAR:
+        b -= 1
+        weight = -sb
+    elif face == FAR:
+        b += 1
+        weight = sb
+    if not derivative(s, b, k, pos, y, K[0], K.shape[1], axis):
+        return False, (b, k)
+    if rate < 0.0:
+        y[ETA] += (before - K[0, P]) * (-weight * y[XI] / rate)
+        derivative(s, b, k, pos, y, K[0], K.shape[1], axis)
+    return True, (b, k)
+
+
+@kernel
+def _above(walls, axis, pos, z, y):
+    """Whether a ray of a fan is above the water."""
+    r = pos * axis[1] - y[W] * axis[2]
+    return z < surface_at(walls, r, 0.0, r)[0]
 
 
 @kernel
@@ -269,13 +385,13 @@ def _to_level(s, k, z, down):
 @kernel
 def _record(row, pos, y, dy, axis, boundary):
     """Write one place of a full ray into a row of a path."""
-    z_source, cb, sb, _ = axis
-    h = 1.0 / dy[7]
-    row[TIME] = y[4]
-    row[RANGE] = pos * cb - y[0] * sb
-    row[DEPTH] = z_source + pos * sb + y[0] * cb
-    row[SIDE] = y[5]
-    row[P_RANGE] = h * cb - y[1] * sb
-    row[P_DEPTH] = h * sb + y[1] * cb
-    row[P_SIDE] = y[6]
+    _, cb, sb, _ = axis
+    h = 1.0 / dy[DY_DQ]
+    row[TIME] = y[TAU]
+    row[RANGE] = pos * cb - y[W] * sb
+    row[DEPTH] = _depth(axis, pos, y)
+    row[SIDE] = y[Y]
+    row[P_RANGE] = h * cb - y[P] * sb
+    row[P_DEPTH] = h * sb + y[P] * cb
+    row[P_SIDE] = y[Q]
     row[BOUNDARY] = boundary

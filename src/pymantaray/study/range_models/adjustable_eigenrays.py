@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
-from pymantaray.acoustics.path_integrals import travel_time_sensitivity
+from pymantaray.acoustics.paths import travel_time_sensitivity
 from pymantaray.estimation.range_models import Prediction, RangeLinks
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
 

@@ -15,7 +15,7 @@ from pymantaray.acoustics import (
     trace_paths,
 )
 from pymantaray.acoustics.eigenrays import solved_backwards
-from pymantaray.acoustics.path_integrals import quadrature
+from pymantaray.acoustics.paths import quadrature
 from pymantaray.estimation.range_models import Prediction, RangeLinks
 from pymantaray.records import Arrivals, RayPaths
 

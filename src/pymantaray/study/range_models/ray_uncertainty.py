@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics.path_integrals import quadrature
+from pymantaray.acoustics.paths import quadrature
 from pymantaray.estimation.range_models import RangeLinks
 from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, Pairs, pairs_of

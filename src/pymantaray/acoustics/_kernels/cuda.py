@@ -13,10 +13,18 @@ from numba import cuda, float64
 from numba.core.errors import NumbaPerformanceWarning
 from numpy.typing import NDArray
 
-from pymantaray.acoustics._kernels.boundary import Bed
+from pymantaray.acoustics._kernels.layout import (
+    N_FAN,
+    N_FULL,
+    N_STATE,
+    Domain,
+    Results,
+    Settings,
+    Work,
+    least_shapes,
+)
 from pymantaray.acoustics._kernels.link import solve_links
-from pymantaray.acoustics._kernels.step import N_FAN, N_FULL
-from pymantaray.acoustics._kernels.workspace import Work, least_shapes
+from pymantaray.compile import kept_on_disk
 
 Array = NDArray[np.float64]
 _BLOCK = 64  # threads
@@ -24,36 +32,20 @@ _THREADS = 32_768  # at 255 registers each, what the largest devices run at once
 _SHARE = 0.7  # of the free memory of the device, for workspaces
 
 
-@cuda.jit(cache=True)
-def solve_wave(
-    medium,
-    bed,
-    source,
-    receiver,
-    max_surface,
-    max_bottom,
-    cutoff_db,
-    tol,
-    canonical,
-    work,
-    rows,
-    counts,
-    status,
-    info,
-):
+def _solve_wave(domain, bounces, settings, source, receiver, work, results):
     """Solve links in as many threads as work, an array (n_threads, ...) for each workspace, has rows."""
     t = cuda.grid(1)
     if t >= work.path.shape[0]:
         return
     own = Work(
-        cuda.local.array(N_FULL, float64),
+        cuda.local.array(N_STATE, float64),
         cuda.local.array((7, N_FULL), float64),
         cuda.local.array((7, N_FAN), float64),
         cuda.local.array(N_FULL, float64),
         work.no_path[t],
         work.path[t],
         work.breaks[t],
-        work.floor_breaks[t],
+        work.wall_breaks[t],
         work.cells[t],
         work.candidates[t],
         work.small[t],
@@ -68,23 +60,10 @@ def solve_wave(
         work.brackets[t],
         work.rows[t],
     )
-    solve_links(
-        medium,
-        bed,
-        source,
-        receiver,
-        (max_surface, max_bottom),
-        cutoff_db,
-        tol,
-        canonical,
-        t,
-        work.path.shape[0],
-        own,
-        rows,
-        counts,
-        status,
-        info,
-    )
+    solve_links(domain, bounces, settings, source, receiver, (t, work.path.shape[0]), own, results)
+
+
+solve_wave = kept_on_disk(cuda.jit, _solve_wave)
 
 
 class CudaSolver:
@@ -92,31 +71,37 @@ class CudaSolver:
 
     def __init__(
         self,
-        packed: tuple[Any, ...],
-        bed: Bed,
+        domain: Domain,
+        bounces: tuple[int, int] | None,
+        settings: Settings,
         source: Array,
         receiver: Array,
-        settings: tuple[tuple[int, int] | None, float, float, bool],
     ) -> None:
         step = receiver[:, :2] - source[:, :2]
-        sizes = least_shapes(packed, float(np.hypot(step[:, 0], step[:, 1]).max(initial=0.0)))
+        sizes = least_shapes(domain, float(np.hypot(step[:, 0], step[:, 1]).max(initial=0.0)))
         self._threads = thread_count(len(source), sizes)
-        self._medium = tuple(cuda.to_device(a) if isinstance(a, np.ndarray) else a for a in packed)
-        self._floor = Bed(*(cuda.to_device(a) for a in bed))
+        self._domain = _on_device(domain)
         self._work = Work(*(cuda.device_array((self._threads, *shape)) for shape in sizes))
-        self._settings = (*(settings[0] or (0, 0)), *settings[1:])
+        self._bounces, self._settings = bounces or (0, 0), settings
 
-    def solve(self, source: Array, receiver: Array, *results: NDArray[Any]) -> None:
+    def solve(self, source: Array, receiver: Array, results: Results) -> None:
         """Solve links in one launch; results are filled as `solve_links` does."""
         ends = [cuda.to_device(np.ascontiguousarray(x)) for x in (source, receiver)]
-        out = [cuda.device_array(x.shape, x.dtype) for x in results]
+        out = Results(*(cuda.device_array(x.shape, x.dtype) for x in results))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NumbaPerformanceWarning)  # few links leave the device idle
             solve_wave[-(-self._threads // _BLOCK), _BLOCK](
-                self._medium, self._floor, *ends, *self._settings, self._work, *out
+                self._domain, self._bounces, self._settings, *ends, self._work, out
             )
         for host, device in zip(results, out, strict=True):
             device.copy_to_host(host)
+
+
+def _on_device(value: Any) -> Any:
+    """Copy arrays to the device, of a tuple each."""
+    if isinstance(value, np.ndarray):
+        return cuda.to_device(value)
+    return type(value)(*map(_on_device, value)) if isinstance(value, tuple) else value
 
 
 def thread_count(n_links: int, sizes: Work) -> int:

@@ -1,0 +1,231 @@
+"""Eigenrays with reflections at the surface and the sea bed.
+
+Two fans share the launch angles. Up to _STEEPEST_FORWARD from the horizontal, rays are followed in range
+and reflected wherever they meet a boundary. Closer to the vertical, where a ray may also turn back
+on a slope, they are followed in depth, leg by leg, for each number of reflections. Both look in the vertical plane
+of the link first; Newton's method on two launch angles then includes slopes and sound-speed gradients
+across it, and over a gridded sea bed goes on cell by cell.
+"""
+
+import math
+from collections import namedtuple
+
+from pymantaray.acoustics._kernels.boundary import floor_at, mark_of, surface_at
+from pymantaray.acoustics._kernels.cells import (
+    KNOWN,
+    add_candidate,
+    add_neighbours,
+    add_of_bracket,
+    candidate,
+    follow,
+)
+from pymantaray.acoustics._kernels.layout import (
+    ANGLE,
+    ARRIVAL_ANGLE,
+    BOTTOM_BOUNCES,
+    CODE,
+    DY_DQ,
+    LANDED,
+    LAUNCH_ANGLE,
+    LEGS,
+    RECEIVER_SLOWNESS,
+    SPREADING_DB,
+    SURFACE_BOUNCES,
+    TRAVEL_TIME,
+    XI,
+)
+from pymantaray.acoustics._kernels.refine import INSET, Launch, finish, refine_reflected, tube
+from pymantaray.acoustics._kernels.search import (
+    Search,
+    aimed_at,
+    fan_nodes,
+    fewer_bounces,
+    find_brackets,
+)
+from pymantaray.acoustics._kernels.trace import forward_course, legs_course
+from pymantaray.compile import kernel
+
+_STEEPEST_FORWARD = 1.08  # rad
+_SHALLOWEST_LEGS = 1.02  # rad; the fans overlap, what both find is kept once
+_SPACING_FORWARD = 0.04  # rad, beyond the angles at which rays can turn
+_SPACING_LEGS = 0.13  # rad
+_OVERHANG = 0.08  # rad; as far beyond an edge of its cells in the plane, a ray may be within them out of it
+_RESOLUTION = 1e-6  # rad; narrower windows between changes of reflection are not looked into
+_TRUST = 2e-4  # rad; rays within the usual cut-off fill wider windows than this
+_SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
+
+Hunt = namedtuple("Hunt", "link reach accuracy bounces cutoff_db weak_slope limit spacing")
+Hunt.__doc__ = """A link and what is looked for there: most reflections at the surface and at the bottom, cut-off [dB] and slope of the miss
+of rays too weak, steepest angle at which rays turn, and spacing of the first fan as `search.fan_nodes` takes it [rad].
+"""
+
+Reach = namedtuple("Reach", "top bed deepest slope across ice_slope ice_across inset on_boundary")
+Reach.__doc__ = """Boundaries of a link: depths at the receiver, and of the sea bed at most; largest slopes of sea bed and ice along and
+across; how far inside a boundary a receiver on it is met, and on which it is: -1 the surface, 1 the sea bed.
+"""
+
+
+@kernel
+def reach_of(walls, link):
+    """Depths and slopes of the boundaries of a link."""
+    deepest, slope, across, ice_slope, ice_across = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(walls.n_breaks):
+        r = walls.breaks[i]
+        here, f_r, f_y, _, _ = floor_at(walls, r, 0.0, r)
+        slope = max(slope, abs(f_r))
+        deepest = max(deepest, here)
+        across = max(across, abs(f_y))
+        _, f_r, f_y, _, _ = surface_at(walls, r, 0.0, r)
+        ice_slope = max(ice_slope, abs(f_r))
+        ice_across = max(ice_across, abs(f_y))
+    bed = floor_at(walls, link.horizontal, 0.0, link.horizontal)[0]
+    top = surface_at(walls, link.horizontal, 0.0, link.horizontal)[0]
+    inset, on_boundary, thickness = 0.0, 0.0, bed - top
+    if link.z1 - top < INSET:
+        inset, on_boundary = link.z1 - (top + min(INSET, 0.5 * thickness)), -1.0
+    elif link.z1 > bed - INSET:
+        inset, on_boundary = link.z1 - max(bed - INSET, 0.5 * (top + bed)), 1.0
+    return Reach(top, bed, deepest, slope, across, ice_slope, ice_across, inset, on_boundary)
+
+
+@kernel
+def add_reflected(s, walls, hunt, count, work):
+    """Append all eigenrays with 1 to so many reflections to work.rows.
+
+    Returns rows in use, weak ones, rays traced, and whether none was left out.
+    """
+    horizontal, reach = hunt.link.horizontal, hunt.reach
+    so_far = count, 0, 0, True
+    steepest = 0.5 * math.pi
+    if horizontal > 1e-9:
+        legs = hunt.bounces[0] + hunt.bounces[1] + 1
+        steepest = math.atan(1.3 * legs * reach.deepest / horizontal) + 0.1
+        so_far = _add_forward(s, walls, hunt, steepest, so_far, work)
+    # on a slope a ray gets steeper by twice its angle at each reflection, and may turn back
+    turned = hunt.bounces[1] * math.atan(reach.slope) + hunt.bounces[0] * math.atan(reach.ice_slope)
+    shallowest = max(_SHALLOWEST_LEGS - 2.0 * turned, hunt.limit + 0.05)
+    if steepest > shallowest:
+        so_far = _add_in_legs(s, walls, hunt, shallowest, so_far, work)
+    return so_far
+
+
+@kernel
+def _add_forward(s, walls, hunt, steepest, so_far, work):
+    """Append the eigenrays that are followed along the horizontal."""
+    link, reach, nodes = hunt.link, hunt.reach, work.nodes
+    hi = min(_STEEPEST_FORWARD, max(hunt.limit, steepest))
+    inner = min(hunt.limit, hi)
+    n = fan_nodes(s, -inner, inner, hunt.spacing, link.c0, nodes)
+    more = max(int(math.ceil((hi - inner) / _SPACING_FORWARD)), 0)
+    more = min(more, (nodes.size - n) // 2)
+    for i in range(n):
+        nodes[n - 1 - i + more] = nodes[n - 1 - i]
+    for i in range(more):
+        step = (hi - inner) * (i + 1) / more
+        nodes[more - 1 - i] = -inner - step
+        nodes[more + n + i] = inner + step
+    fold, fold_depth = 0, link.z1 - reach.inset
+    if reach.on_boundary != 0.0:
+        at_bottom = reach.on_boundary > 0.0
+        fold = mark_of(walls, link.horizontal, 0.0, at_bottom)
+        fold_depth = reach.bed if at_bottom else reach.top
+    course = forward_course(link, hunt.bounces, 1, fold, link.z1 - reach.inset)
+    fan = aimed_at(course, fold_depth - link.z0)
+    return _collect(s, walls, (course, fan), n + 2 * more, hunt.limit, hunt, so_far, work)
+
+
+@kernel
+def _add_in_legs(s, walls, hunt, shallowest, so_far, work):
+    """Append the eigenrays that are followed in depth."""
+    link, deepest, nodes = hunt.link, hunt.reach.deepest, work.nodes
+    half = 0.5 * math.pi - shallowest
+    for first in range(2):
+        for legs in range(2, hunt.bounces[0] + hunt.bounces[1] + 2):
+            n_s = legs // 2 if first == 1 else (legs - 1) // 2
+            n_b = legs - 1 - n_s
+            if n_s > hunt.bounces[0] or n_b > hunt.bounces[1]:
+                continue
+            horizontal = link.horizontal
+            if horizontal > 1e-9 and math.atan(1.3 * legs * deepest / horizontal) + 0.1 < shallowest:
+                continue
+            n = min(int(math.ceil(2.0 * half / _SPACING_LEGS)) + 1, nodes.size)
+            for i in range(n):
+                nodes[i] = half * (2.0 * i / (n - 1) - 1.0)
+            course = legs_course(link, (n_s, n_b), first == 0, link.z1 - hunt.reach.inset, legs * deepest)
+            so_far = _collect(s, walls, (course, course), n, -1.0, hunt, so_far, work)
+    return so_far
+
+
+@kernel
+def _collect(s, walls, courses, n_nodes, steep, hunt, so_far, work):
+    """Find and refine the reflected rays of one fan; courses are that of the rays and, with the target of the search, the fan's."""
+    count, weak, rays, complete = so_far
+    course, fan_course = courses
+    reach, accuracy, cells = hunt.reach, hunt.accuracy, walls.cells
+    width, trust = _RESOLUTION, _TRUST
+    if math.isinf(hunt.cutoff_db):  # every ray there is
+        width, trust = 1e-3 * width, 1e-3 * trust
+    gridded = walls.bed.depth.size > 1 and course.rule.fold == 0
+    overhang = min(_OVERHANG, reach.slope + reach.across) if gridded else 0.0
+    search = Search(accuracy.coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang)
+    n_brackets, _, more_rays, all_there = find_brackets(s, walls, fan_course, n_nodes, search, work)
+    n, done, i = 0, 0, 0
+    while i < n_brackets or done < n:
+        bracket = work.brackets[min(i, n_brackets - 1)]
+        launch, same, generation = Launch(False, 0.0, 0.0, 0, 0), False, 0
+        if i < n_brackets:
+            i += 1
+            counts = int(bracket[fewer_bounces(bracket), CODE]) % 1024
+            if bracket[0, ANGLE] < bracket[1, ANGLE]:
+                launch, same = refine_reflected(s, walls, course, bracket, accuracy, work)
+        else:
+            counts, generation = candidate(work.candidates, done)
+            done += 1
+            if generation == KNOWN:
+                continue
+            same = True
+            n, launch = follow(s, walls, course, (done - 1, n), bracket, accuracy, work)
+        if launch.ok:
+            if gridded:
+                q = launch.q
+                n = add_candidate(work.candidates, n, cells[LANDED], launch.angle, q, counts, KNOWN)
+                n = add_neighbours(walls, n, launch, counts, generation + 1, work)
+            count, too_weak = _keep(s, walls, course, launch, counts, hunt, count, work)
+            weak += too_weak
+        if gridded and not same:
+            n = add_of_bracket(s, walls, course, bracket, n, accuracy.fine, work)
+    return count, weak, rays + more_rays, complete and all_there
+
+
+@kernel
+def _keep(s, walls, course, launch, counts, hunt, count, work):
+    """Write the ray in work.y into the next row unless it is there; return the rows in use, and 1 if it is too weak."""
+    link, reach, rows = hunt.link, hunt.reach, work.rows
+    n_s, n_b = counts // 32, counts % 32
+    if count >= rows.shape[0] or n_s > hunt.bounces[0] or n_b > hunt.bounces[1] or counts == 0:
+        return count, 0
+    row = rows[count]
+    plain = work.y[XI] * work.y[DY_DQ]
+    finish(row, work.y, launch, course, link, reach.inset)
+    if course.rule.kind == LEGS:
+        row[TRAVEL_TIME] += reach.inset * row[RECEIVER_SLOWNESS + 2]
+    row[SURFACE_BOUNCES], row[BOTTOM_BOUNCES] = n_s, n_b
+    # slopes couple both launch parameters
+    if (n_b > 0 and reach.across > 1e-9) or (n_s > 0 and reach.ice_across > 1e-9):
+        det = tube(s, walls, course, launch, hunt.accuracy.fine, work)
+        if not math.isnan(det):
+            row[SPREADING_DB] += 10.0 * math.log10(max(abs(det), 1e-300) / max(abs(plain), 1e-300))
+    if reach.on_boundary * row[ARRIVAL_ANGLE] < 0.0:  # reflected at the receiver itself
+        return count, 0
+    if row[SPREADING_DB] > hunt.cutoff_db:
+        return count, 1
+    for j in range(count):
+        if (
+            rows[j, SURFACE_BOUNCES] == n_s
+            and rows[j, BOTTOM_BOUNCES] == n_b
+            and abs(rows[j, TRAVEL_TIME] - row[TRAVEL_TIME]) < _SAME_TIME
+            and abs(rows[j, LAUNCH_ANGLE] - row[LAUNCH_ANGLE])
+            < _SAME_ANGLE + 10.0 * abs(reach.inset) / link.length
+        ):
+            return count, 0
+    return count + 1, 0
