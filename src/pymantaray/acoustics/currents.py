@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics.path_integrals import Quadrature
+from pymantaray.acoustics.paths import Quadrature
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.grid import linear_interpolator
 
