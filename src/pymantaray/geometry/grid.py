@@ -22,7 +22,7 @@ def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callabl
     Returns
     -------
     callable
-        Takes coordinates (n, d), gives values (n, ...).
+        Takes coordinates (..., d), gives values (..., ...).
     """
     from scipy.interpolate import RegularGridInterpolator
 
@@ -30,8 +30,8 @@ def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callabl
     varying = [k for k, axis in enumerate(points) if axis.size > 1]
     field = field.squeeze(axis=tuple(set(range(len(points))) - set(varying)))
     if not varying:
-        return lambda at: np.tile(field, (len(np.asarray(at)), *[1] * field.ndim))
+        return lambda at: np.broadcast_to(field, (*np.shape(at)[:-1], *field.shape))
     grid = [points[k] for k in varying]
     low, high = ([axis[end] for axis in grid] for end in (0, -1))
     look_up = RegularGridInterpolator(grid, field)
-    return lambda at: np.asarray(look_up(np.clip(np.asarray(at, dtype=float)[:, varying], low, high)))
+    return lambda at: np.asarray(look_up(np.clip(np.asarray(at, dtype=float)[..., varying], low, high)))

@@ -7,9 +7,9 @@ from typing import Self
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.schema import layer_edges, validate_ocean
 from pymantaray.ocean.seawater import Equation, sound_speed
@@ -100,8 +100,7 @@ class SoundSpeedCovariance:
         p, q = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
         apart = np.sum(((p[..., :2] - q[..., :2]) / self.horizontal_scale) ** 2, axis=-1)
         down = np.stack([p[..., 2], q[..., 2]], axis=-1)
-        bilinear = RegularGridInterpolator((self.depth, self.depth), self.matrix)
-        vertical = bilinear(np.clip(down, self.depth[0], self.depth[-1]))
+        vertical = linear_interpolator((self.depth, self.depth), self.matrix)(down)
         return np.asarray(vertical * np.exp(-0.5 * apart))
 
 

@@ -12,6 +12,7 @@ from scipy import ndimage
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.longitude import eastward, whole_turns
 from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
 from pymantaray.ocean.files import file_name, numbers, open_file, text
@@ -149,11 +150,9 @@ def local_floor(sea_floor: xr.DataArray, window: Window, half_extent: tuple[floa
     averaged = 2 * (int(0.5 * wider)) + 1
     if averaged > 1:
         depth = ndimage.uniform_filter(depth, averaged, mode="nearest")
-    bilinear = RegularGridInterpolator((theirs.lat, theirs.lon), depth, bounds_error=False, fill_value=None)
-    at_lat, at_lon = theirs.geographic(north[:, None], east[None, :])
-    at_lat = np.clip(at_lat, theirs.lat[0], theirs.lat[-1])  # a side may lie on the window's edge
-    at_lon = np.clip(at_lon, theirs.lon[0], theirs.lon[-1])
-    nodes = np.clip(bilinear((at_lat, at_lon)), depth.min(), depth.max())
+    bilinear = linear_interpolator((theirs.lat, theirs.lon), depth)
+    nodes = bilinear(np.stack(theirs.geographic(north[:, None], east[None, :]), axis=-1))
+    nodes = np.clip(nodes, depth.min(), depth.max())
     return FinerFloor(north, east, nodes, spacing, wider > 1.0, averaged)
 
 
