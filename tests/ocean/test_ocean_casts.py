@@ -1,75 +1,436 @@
-"""The synthetic regions against real casts at the casts' own positions."""
+"""Casts: columns, units, places and times of tables, what is left out and counted; a uniform ocean from one cast."""
+
+import os
+import re
+from dataclasses import replace
 
 import gsw
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.interpolate import RegularGridInterpolator
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from pymantaray.acoustics import Medium
+from pymantaray.errors import OceanError
+from pymantaray.ocean import Cast, cast_ocean, read_cast, read_casts, to_local
+from pymantaray.ocean.casts import cast_levels
+from pymantaray.ocean.schema import validate_ocean
 from pymantaray.ocean.seawater import sound_speed
 
-AXCTD = {  # July 2014, nine days after the paper's date; positions from the files' first lines
-    "beaufort_axctd_20140724_74N140W": (73.9883, -139.9500),
-    "beaufort_axctd_20140724_75N140W": (74.9517, -140.0750),
-}
-DEEP = {"beaufort_ctd_1997_canada_basin": (75.323, -144.185)}
-FRAM = {
-    "fram_bottle_1982_30": (77.501, -0.036),
-    "fram_bottle_1982_40": (77.996, 1.183),
-    "fram_bottle_1982_41": (78.465, 1.623),
-    "fram_bottle_1982_42": (79.003, 1.368),
-}
+Z = np.array([0.0, 10.0, 55.0, 120.0, 400.0])
+T = np.array([-1.2, -1.3, 0.4, -1.4, 0.6])
+S = np.array([27.0, 27.5, 30.7, 32.5, 34.8])
+HEAD = "# AXCTD drop 9, 2014-07-24/1920 UTC, lat 73.9883, lon -139.9500; bottom 3700 m\n"
 
 
-def cast(folder, name, position):
-    """Depth [m] and sound speed [m/s] of a cast."""
-    table = pd.read_csv(folder / "casts" / f"{name}.csv", comment="#")
-    if "depth_m" in table:
-        depth = table["depth_m"].to_numpy()
-    else:
-        depth = -gsw.z_from_p(table["pressure_dbar"].to_numpy(), position[0])
-    return depth, sound_speed(table["temperature_degC"], table["practical_salinity"], depth, *position)
+def table(**columns):
+    return pd.DataFrame(columns).to_csv(index=False, float_format="%.17g")
 
 
-def model(ocean, depth, position):
-    """Sound speed of an ocean along a vertical line, linear between its points. [m/s]"""
-    axes = tuple(ocean[name].values for name in ("depth", "lat", "lon"))
-    speed = sound_speed(
-        ocean["water_temp"].values,
-        ocean["salinity"].values,
-        axes[0][:, None, None],
-        axes[1][:, None],
-        axes[2],
+def write(folder, text, name="cast.csv"):
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_plain_table_is_read_as_it_stands(tmp_path):
+    cast = read_cast(write(tmp_path, HEAD + table(depth_m=Z, temperature_degC=T, practical_salinity=S)))
+    for found, expected in ((cast.depth, Z), (cast.temperature, T), (cast.salinity, S)):
+        np.testing.assert_array_equal(found, expected)
+    assert (cast.lat, cast.lon, cast.bottom_depth) == (73.9883, -139.95, 3700.0)
+    assert cast.time == np.datetime64("2014-07-24T19:20")
+    assert (cast.name, cast.dropped, cast.notes) == ("cast", 0, ())
+    assert not cast.depth.flags.writeable
+
+
+@pytest.mark.parametrize("header", [
+    "DEPTH,TEMP,SAL", "Depth [m],Temperature (°C),Salinity [psu]", "depth;water_temp;psal",
+    "depth_m\ttemperature_degC\tpractical_salinity", "z temperature salinity",
+    'vertCoord[unit="m"],water_temp[unit="degC"],salinity[unit="psu"]',
+])  # fmt: skip
+def test_names_units_and_separators_of_many_programs(tmp_path, header):
+    separator = next((s for s in ",;\t" if s in header), " ")
+    rows = "\n".join(separator.join(map(repr, map(float, row))) for row in zip(Z, T, S, strict=True))
+    cast = read_cast(write(tmp_path, f"{header}\n{rows}\n"), lat=74.0, lon=-140.0, time="2014-07-24")
+    np.testing.assert_array_equal(cast.temperature, T)
+    np.testing.assert_array_equal(cast.depth, Z)
+
+
+def test_pressure_kelvin_potential_and_absolute_are_converted_by_teos_10(tmp_path):
+    p = gsw.p_from_z(-Z, 74.0)
+    SA = gsw.SA_from_SP(S, p, -140.0, 74.0)
+    place = {"lat": np.full(5, 74.0), "lon": np.full(5, -140.0), "time": ["2014-07-24T12:00:00Z"] * 5}
+    variants = {
+        "dbar": {"pressure_dbar": p, "temperature": T, "salinity": S},
+        "kpa": {"pressure [kPa]": 10.0 * p, "temperature [K]": T + 273.15, "salinity": S},
+        "potential": {"depth": Z, "theta": gsw.pt0_from_t(SA, T, p), "salinity": S},
+        "conservative": {"depth": Z, "conservative_temperature": gsw.CT_from_t(SA, T, p), "psal": S},
+        "absolute": {"pres": p, "temp": T, "absolute_salinity_g/kg": SA},
+    }
+    for name, columns in variants.items():
+        cast = read_cast(write(tmp_path, table(**columns, **place), f"{name}.csv"))
+        np.testing.assert_allclose(cast.depth, Z, rtol=0, atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(cast.temperature, T, rtol=0, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(cast.salinity, S, rtol=0, atol=1e-9, err_msg=name)
+        assert cast.time == np.datetime64("2014-07-24T12:00")
+
+
+def test_rows_that_cannot_be_used_are_dropped_and_counted(tmp_path):
+    rows = [
+        (-0.3, -1.0, 27.0),  # above the surface
+        (1.0, -1.2, 27.0),
+        (2.0, "", 27.1),  # missing
+        (3.0, -1.2, -9999.0),  # fill value
+        (4.0, 99.0, 27.2),  # impossible
+        (5.0, -1.3, 27.3),
+        (4.9, -1.3, 27.3),  # the winch stopped
+        (5.0, -1.3, 27.3),
+        (6.0, -1.3, 27.4),
+    ]
+    text = "depth,temperature,salinity\n" + "\n".join(",".join(map(str, row)) for row in rows)
+    cast = read_cast(write(tmp_path, HEAD + text))
+    np.testing.assert_array_equal(cast.depth, [1.0, 5.0, 6.0])
+    assert cast.dropped == 6
+    assert cast.notes == (
+        "2 of 9 rows with a missing value dropped",
+        "1 of 9 rows with an impossible value dropped",
+        "1 of 9 rows above the surface dropped",
+        "2 of 9 rows no deeper than one before dropped",
     )
-    line = np.column_stack([depth, np.full_like(depth, position[0]), np.full_like(depth, position[1])])
-    return RegularGridInterpolator(axes, speed, bounds_error=False)(line)
 
 
-@pytest.mark.parametrize("name", AXCTD)
-def test_the_beaufort_sea_is_within_2_m_s_rms_of_the_summer_casts(shared_data, beaufort_sea, name):
-    depth, speed = cast(shared_data, name, AXCTD[name])
-    upper = depth <= 1_000.0
-    error = (model(beaufort_sea, depth, AXCTD[name]) - speed)[upper]
-    assert np.sqrt(np.mean(error**2)) < 2.0
+def test_bottles_written_from_the_bottom_up_are_turned_round(tmp_path):
+    cast = read_cast(write(tmp_path, HEAD + table(depth=Z[::-1], temperature=T[::-1], salinity=S[::-1])))
+    np.testing.assert_array_equal(cast.temperature, T)
+    assert cast.notes == ("written from the bottom up: turned round",)
 
 
-@pytest.mark.parametrize("name", DEEP)
-def test_the_beaufort_sea_is_within_2_m_s_rms_of_the_deep_cast(shared_data, beaufort_sea, name):
-    depth, speed = cast(shared_data, name, DEEP[name])
-    found = model(beaufort_sea, depth, DEEP[name])
-    deep = (depth > 1_000.0) & np.isfinite(found)
-    assert depth[deep].max() > 2_900.0
-    assert np.sqrt(np.mean((found - speed)[deep] ** 2)) < 2.0
+def test_a_table_of_stations_holds_a_cast_for_each(tmp_path):
+    frame = {"station": np.repeat([30, 41], 5), "depth": np.tile(Z, 2), "salinity": np.tile(S, 2)}
+    frame |= {"temperature": np.concatenate([T, T + 1.0]), "lat": np.repeat([77.5, 78.5], 5), "lon": 1.0}
+    path = write(tmp_path, table(**frame, time="1982-03-09"))
+    casts = read_casts([path])
+    assert [(c.name, c.lat) for c in casts] == [("30", 77.5), ("41", 78.5)]
+    np.testing.assert_array_equal(casts[1].temperature, T + 1.0)
+    np.testing.assert_array_equal(read_cast(path, name="41").temperature, T + 1.0)
+    with pytest.raises(OceanError, match=r"holds 2 casts \(30, 41\); choose one by its name"):
+        read_cast(path)
 
 
-def test_fram_strait_lies_within_the_casts_envelope_widened_by_2_m_s(shared_data, fram_strait):
-    levels = np.concatenate([np.arange(100.0, 1_000.0, 20.0), np.arange(1_000.0, 2_600.0, 100.0)])
-    casts = {name: cast(shared_data, name, where) for name, where in FRAM.items()}
-    curves = np.array([np.interp(levels, depth, speed, right=np.nan) for depth, speed in casts.values()])
-    low, high = np.nanmin(curves, axis=0) - 2.0, np.nanmax(curves, axis=0) + 2.0
-    for where in FRAM.values():
-        found = model(fram_strait, levels, where)
-        wet = np.isfinite(found)
-        assert wet.sum() > 50
-        assert np.all(found[wet] >= low[wet])
-        assert np.all(found[wet] <= high[wet])
+@pytest.mark.parametrize(("comment", "time"), [
+    ("1997-10-12, lat", "1997-10-12T00:00"), ("2014-07-24/1920 UTC", "2014-07-24T19:20"),
+    ("2014-07-24T19:20:30Z", "2014-07-24T19:20:30"), ("2014-07-24 07:05", "2014-07-24T07:05"),
+    ("2014-07-24 1000 m", "2014-07-24T00:00"), ("March 2020", "2020-03-01T00:00"), ("no date", None),
+])  # fmt: skip
+def test_times_in_comments(tmp_path, comment, time):
+    cast = read_cast(
+        write(tmp_path, f"# {comment} lat 74, lon -140\n" + table(depth=Z, temperature=T, salinity=S))
+    )
+    if time is None:
+        assert np.isnat(cast.time)
+        assert cast.notes == ("time unknown",)
+    else:
+        assert cast.time == np.datetime64(time)
+    given_time = read_cast(tmp_path / "cast.csv", time="2001-02-03T04:05")
+    assert given_time.time == np.datetime64("2001-02-03T04:05")
+
+
+def test_places_in_comments_and_columns(tmp_path):
+    plain = table(depth=Z, temperature=T, salinity=S)
+    cast = read_cast(write(tmp_path, "# latitude: 33.5 S, longitude: 18.25W\n" + plain))
+    assert (cast.lat, cast.lon) == (-33.5, -18.25)
+    rows = table(depth=Z, temperature=T, salinity=S, lat=25.0, lon=-99.0, time="2020-01-01")
+    assert read_cast(write(tmp_path, rows)).lon == -99.0  # no fill value
+
+
+REFUSED = {
+    "depth,temperature\n0,1\n9,1\n": "lacks salinity; found depth, temperature",
+    "temperature,salinity\n1,30\n1,30\n": "lacks depth or pressure; found temperature, salinity",
+    "depth,sound_speed\n0,1500\n9,1500\n": "lacks temperature; .*sound speed alone makes a profile for rays, no cast",
+    "depth,temperature,salinity\n0,1,30\n9,one,30\n": r"cast.csv, line 4: temperature needs a number; it is 'one'",
+    "depth,temperature,salinity\n0,1,30\n9,1,30,7\n": "line 4: 4 cells under a header of 3",
+    "depth,temperature,salinity\n0,1,30\n": "1 usable levels; a cast needs at least 2",
+    "depth,temperature,salinity\n-9,1,30\n-1,1,30\n": "depth is negative in most rows; it must be positive down",
+    "depth_fathom,temperature_degF,salinity\n0,1,30\n": "lacks temperature; found",
+    "depth,temperature [degF],salinity\n0,1,30\n": r"unit of column 'temperature \[degF\]' is unknown; write temperature in degC",
+    "depth,temperature,t,salinity\n0,1,1,30\n": "columns 'temperature' and 't' are both temperature; keep one",
+    "depth,temperature,salinity\n": "needs a header with names of columns, and rows",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "message"), REFUSED.items(), ids=range(len(REFUSED)))
+def test_bad_tables_are_refused_in_one_line(tmp_path, text, message):
+    with pytest.raises(OceanError, match=message) as caught:
+        read_cast(write(tmp_path, "# lat 74, lon -140, 2014-07-24\n" + text))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_cast_without_a_place_or_a_file_is_refused(tmp_path):
+    path = write(tmp_path, table(depth=Z, temperature=T, salinity=S))
+    with pytest.raises(OceanError, match="no place; give lat and lon, columns of these names, or a comment"):
+        read_cast(path)
+    with pytest.raises(OceanError, match="cannot be read: No such file"):
+        read_cast(tmp_path / "none.csv")
+    (tmp_path / "binary.csv").write_bytes(b"\x80\x04\x95\0pickle")
+    with pytest.raises(OceanError, match="not a table of text"):
+        read_cast(tmp_path / "binary.csv")
+    with pytest.raises(OceanError, match="latitude lies in -90 to 90"):
+        read_cast(path, lat=100.0, lon=0.0)
+
+
+def test_the_subset_services_packed_point_table_is_unpacked(shared_data):
+    path = shared_data / "hycom" / "hycom_glby_930_20210308T12_beaufort_point_ncss.csv"
+    cast = read_cast(path)
+    raw = pd.read_csv(path).to_numpy()[:, 3:].astype(float)
+    wet = raw[:, 1] != -30_000.0
+    np.testing.assert_array_equal(cast.depth, raw[wet, 0])
+    np.testing.assert_allclose(cast.salinity, raw[wet, 1] / 1000.0 + 20.0, rtol=0, atol=1e-12)
+    assert cast.temperature[0] == pytest.approx(-1.623)
+    assert (cast.lat, cast.lon, cast.time) == (72.3642, -150.4196, np.datetime64("2021-03-08T12:00"))
+    assert cast.dropped == np.count_nonzero(~wet) == 2
+
+
+def test_an_unpacked_point_table_stays_as_it_is(tmp_path):
+    text = 'time,latitude[unit="degrees_north"],longitude[unit="degrees_east"],vertCoord[unit="m"],'
+    text += 'salinity[unit="psu"],water_temp[unit="degC"]\n'
+    for time in ("2021-03-08T12:00:00Z", "2021-03-08T15:00:00Z"):
+        text += "".join(f"{time},72.36,-150.42,{z},{s},{t}\n" for z, t, s in zip(Z, T, S, strict=True))
+    casts = read_casts(write(tmp_path, text))
+    assert [c.time for c in casts] == [np.datetime64("2021-03-08T12:00"), np.datetime64("2021-03-08T15:00")]
+    np.testing.assert_array_equal(casts[1].salinity, S)
+
+
+def test_every_real_cast_is_read_whole(shared_data):
+    files = sorted((shared_data / "casts").glob("*.csv"))
+    assert len(files) == 9
+    for path in files:
+        cast = read_cast(path)
+        rows = pd.read_csv(path, comment="#")
+        assert cast.depth.size == len(rows)
+        np.testing.assert_array_equal(cast.temperature, rows["temperature_degC"])
+        if "pressure_dbar" in rows:
+            expected = -gsw.z_from_p(rows["pressure_dbar"].to_numpy(), cast.lat)
+            np.testing.assert_allclose(cast.depth, expected, rtol=0, atol=1e-9)
+        assert 70.0 < cast.lat < 80.0
+        assert not np.isnat(cast.time)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.binary(max_size=300)
+    | st.text(alphabet='depth,tmpraus\n;0123456789.-#" \t', max_size=300).map(str.encode)
+)
+def test_any_bytes_give_a_cast_or_one_line(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("fuzz") / "cast.csv"
+    path.write_bytes(b"# lat 74, lon -140\ndepth,temperature,salinity\n" + content)
+    message = ""
+    try:
+        cast = read_cast(path)
+    except OceanError as error:
+        message = str(error)
+    assert "\n" not in message
+    assert message or np.all(np.diff(cast.depth) > 0.0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(st.floats(0.0, 4000.0).map(lambda z: round(z, 2)), min_size=2, max_size=20, unique=True),
+    st.randoms(use_true_random=False),
+)
+def test_means_over_cells_keep_the_water_column(depths, random):
+    """The integral of a profile over depth is that of its cell means times the cells."""
+    z = np.sort(np.array(depths))
+    t = np.array([random.uniform(-1.0, 5.0) for _ in depths])
+    cast = Cast("x", 0.0, 0.0, np.datetime64("2020-01-01"), z, t, np.full(z.size, 35.0))
+    levels = np.linspace(z[0], z[-1] + 1.0, 7)
+    means, salinity = cast.cell_means(levels)
+    edges = np.concatenate([levels[:1], 0.5 * (levels[1:] + levels[:-1]), levels[-1:]])
+    fine = np.union1d(np.union1d(edges, z), levels)
+    exact = np.trapezoid(np.interp(fine, z, t), fine)
+    assert np.sum(means * np.diff(edges)) == pytest.approx(exact, rel=1e-9, abs=1e-6)
+    assert t.min() - 1e-9 <= means.min() <= means.max() <= t.max() + 1e-9
+    np.testing.assert_allclose(salinity, 35.0, rtol=0, atol=1e-9)
+
+
+def test_what_is_no_ordinary_file_is_refused_before_it_is_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in ("/dev/zero", tmp_path / "pipe", tmp_path):
+        with pytest.raises(OceanError, match="not an ordinary file"):
+            read_cast(path)
+    with pytest.raises(OceanError, match="embedded null"):
+        read_cast("a\0b.csv")
+    with pytest.raises(OceanError, match="cannot be read: No such file"):
+        read_cast(os.fsdecode(b"caf\xe9.csv"))
+    with (tmp_path / "huge.csv").open("wb") as file:
+        file.truncate(200_000_001)
+    with pytest.raises(OceanError, match="more than 200,000,000 bytes; no table"):
+        read_cast(tmp_path / "huge.csv")
+
+
+def test_a_cast_is_shown_in_a_line(tmp_path):
+    cast = read_cast(write(tmp_path, HEAD + table(depth_m=Z, temperature_degC=T, practical_salinity=S)))
+    assert repr(cast) == "Cast('cast', 73.9883 N -139.95 E, 2014-07-24T19:20, 5 levels from 0 to 400 m)"
+
+
+SAMPLES = np.arange(5.0, 301.0, 1.0)
+LINEAR = Cast(
+    "linear",
+    74.0,
+    -140.0,
+    np.datetime64("2014-07-24T19:20"),
+    SAMPLES,
+    2.0 - 0.01 * SAMPLES,
+    30.0 + 0.01 * SAMPLES,
+    320.0,
+)
+
+
+def history(ocean):
+    return ocean.attrs["history"].splitlines()
+
+
+def test_the_ocean_is_the_cast_everywhere_and_at_rest():
+    ocean = cast_ocean(LINEAR, bottom_depth=300.0, half_extent=(20e3, 30e3))
+    validate_ocean(ocean)
+    z = ocean["depth"].values
+    assert z[-1] == 300.0
+    inside = (z > 8.0) & (z < 299.0)  # cells wholly within the samples: a linear profile is kept exactly
+    for name, expected in (("water_temp", 2.0 - 0.01 * z), ("salinity", 30.0 + 0.01 * z)):
+        field = ocean[name].values
+        assert np.ptp(field, axis=(1, 2)).max() == 0.0
+        # but where the spacing changes and a cell's middle is not its level
+        even = inside & np.isclose(np.gradient(z), np.append(np.diff(z), 1.0))
+        np.testing.assert_allclose(field[even, 0, 0], expected[even], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(field[inside, 0, 0], expected[inside], rtol=0, atol=0.02)
+    assert not ocean["water_u"].values.any()
+    assert not ocean["water_v"].values.any()
+    assert ocean["time"].values == np.datetime64("2014-07-24T19:20")
+    assert ocean.attrs["synthetic"] == 0
+
+
+@pytest.mark.parametrize("lat", [0.0, -45.0, 78.0, 85.0])
+@pytest.mark.parametrize("lon", [10.0, 179.9])
+def test_the_window_holds_the_asked_rectangle_about_the_cast(lat, lon):
+    ocean = cast_ocean(replace(LINEAR, lat=lat, lon=lon), bottom_depth=300.0, half_extent=(40e3, 90e3))
+    local = to_local(ocean, half_extent=(40e3, 90e3))
+    assert local.attrs["centre_latitude_deg"] == pytest.approx(lat, abs=1e-9)
+    assert (local.attrs["centre_longitude_deg"] - lon + 180.0) % 360.0 == pytest.approx(180.0, abs=1e-9)
+    # "uniform" to some mm/s: pressure at a depth and the composition of sea water depend on the place
+    assert np.ptp(local["sound_speed"].values, axis=(0, 1)).max() < 0.02
+    np.testing.assert_array_equal(local["sea_floor_depth"], 300.0)
+
+
+def test_the_change_by_averaging_is_told_and_right(shared_data):
+    cast = read_cast(shared_data / "casts" / "beaufort_axctd_20140724_74N140W.csv")
+    found = {}
+    for step in (2.0, 5.0, 10.0):
+        ocean = cast_ocean(cast, bottom_depth=1000.0, levels=np.arange(0.0, 1001.0, step))
+        line = next(line for line in history(ocean) if "averaged onto" in line)
+        rms, most = map(float, re.findall(r"by ([\d.]+) m/s rms, ([\d.]+) m/s at most", line)[0])
+        c = sound_speed(
+            np.interp(cast.depth, ocean["depth"], ocean["water_temp"].values[:, 0, 0]),
+            np.interp(cast.depth, ocean["depth"], ocean["salinity"].values[:, 0, 0]),
+            *(cast.depth, cast.lat, cast.lon),
+        )
+        change = (c - cast.sound_speed())[cast.depth <= 1000.0]
+        assert rms == pytest.approx(np.sqrt(np.mean(change**2)), rel=0.06)
+        assert most == pytest.approx(np.abs(change).max(), rel=0.06)
+        found[step] = rms
+    assert found[2.0] < found[5.0] < found[10.0]
+
+
+@pytest.mark.parametrize("name", [
+    "beaufort_axctd_20140724_74N140W", "beaufort_axctd_20140724_75N140W", "beaufort_xctd_icex20_1",
+])  # fmt: skip
+def test_the_default_levels_keep_the_warm_layer_and_the_duct_beneath(shared_data, name):
+    cast = read_cast(shared_data / "casts" / f"{name}.csv")
+    ocean = cast_ocean(cast, bottom_depth=1000.0)
+    z, c = ocean["depth"].values, ocean_speed(ocean)
+    raw = cast.sound_speed()
+    for low, high, pick in ((40.0, 65.0, np.argmax), (95.0, 160.0, np.argmin)):
+        here, there = (z >= low) & (z <= high), (cast.depth >= low) & (cast.depth <= high)
+        i, j = pick(c[here]), pick(raw[there])
+        assert c[here][i] == pytest.approx(raw[there][j], abs=0.3)
+        assert z[here][i] == pytest.approx(cast.depth[there][j], abs=8.0)
+    assert 1444.0 < c[(z >= 40.0) & (z <= 65.0)].max() < 1448.0
+    rms = float(re.findall(r"by ([\d.]+) m/s rms", "\n".join(history(ocean)))[0])
+    assert rms < 0.06
+
+
+def ocean_speed(ocean):
+    return sound_speed(
+        ocean["water_temp"].values[:, 0, 0],
+        ocean["salinity"].values[:, 0, 0],
+        ocean["depth"].values,
+        float(ocean["lat"].values[0]),
+        float(ocean["lon"].values[0]),
+    )
+
+
+def test_the_deep_is_refused_held_constant_or_another_casts():
+    with pytest.raises(
+        OceanError, match="deepest sample is at 300 m, above the bottom at 1000 m; give bottom_depth=300"
+    ):
+        cast_ocean(LINEAR, bottom_depth=1000.0)
+    held = cast_ocean(LINEAR, bottom_depth=1000.0, below="constant")
+    assert "extended from 300 m down to the bottom at 1000 m at constant temperature and salinity" in history(
+        held
+    )
+    deep = held["depth"].values > 320.0
+    np.testing.assert_allclose(held["water_temp"].values[deep], -1.0, rtol=0, atol=1e-12)
+    assert np.all(np.diff(ocean_speed(held)[deep]) > 0.0)  # pressure alone
+    other = Cast("deep", 75.0, -144.0, LINEAR.time, [0.0, 400.0, 900.0], [1.0, 0.5, -0.5], [30.0, 34.0, 34.9])
+    joined = cast_ocean(LINEAR, bottom_depth=1000.0, below=other)
+    at_600 = float(joined["water_temp"].interp(depth=600.0)[0, 0])
+    assert at_600 == pytest.approx(0.5 - 0.4, abs=1e-6)
+    assert any("samples of cast deep" in line for line in history(joined))
+    assert "extended from 900 m down to the bottom at 1000 m at constant temperature and salinity" in history(
+        joined
+    )
+    short = Cast("short", 75.0, -144.0, LINEAR.time, [0.0, 200.0], [1.0, 0.5], [30.0, 34.0])
+    with pytest.raises(OceanError, match="ends at 200 m, not below the 300 m"):
+        cast_ocean(LINEAR, bottom_depth=1000.0, below=short)
+
+
+def test_the_surface_is_extended_at_constant_water_and_that_is_told():
+    ocean = cast_ocean(LINEAR, bottom_depth=300.0, levels=[0.0, 2.0, 4.0, 100.0, 200.0])
+    np.testing.assert_allclose(ocean["water_temp"].values[:2], 1.95, rtol=0, atol=1e-12)
+    assert "extended from 5 m up to the surface at constant temperature and salinity" in history(ocean)
+    assert "level at the bottom, 300 m, added" in history(ocean)
+
+
+def test_the_casts_own_bottom_serves_and_what_is_unknown_is_asked_for():
+    assert cast_ocean(LINEAR, below="constant")["depth"].values[-1] == 320.0
+    nameless = replace(LINEAR, bottom_depth=float("nan"), time=np.datetime64("NaT"))
+    with pytest.raises(OceanError, match="bottom_depth is nan m; give the sea bed's positive depth"):
+        cast_ocean(nameless)
+    with pytest.raises(OceanError, match="its time is unknown; give one"):
+        cast_ocean(nameless, bottom_depth=300.0)
+    assert cast_ocean(nameless, bottom_depth=300.0, time="2001-01-01")["time"].values == np.datetime64(
+        "2001-01-01"
+    )
+    with pytest.raises(OceanError, match="reaches over the pole"):
+        cast_ocean(replace(LINEAR, lat=89.9), bottom_depth=300.0)
+    with pytest.raises(OceanError, match="levels must rise strictly from 0 m"):
+        cast_ocean(LINEAR, bottom_depth=300.0, levels=[5.0, 10.0])
+
+
+@pytest.mark.parametrize("bottom", [1.0, 2.5, 3.0, 99.0, 101.0, 512.3, 3761.0, 11_000.0])
+def test_levels_rise_from_the_surface_to_the_bottom(bottom):
+    z = cast_levels(bottom)
+    assert z[0] == 0.0
+    assert z[-1] == bottom
+    assert np.all(np.diff(z) > 0.0)
+    assert np.diff(z).max() <= max(150.0, bottom if bottom < 5.0 else 0.0)
+
+
+def test_every_real_cast_makes_an_ocean_that_rays_can_be_traced_in(shared_data):
+    files = sorted((shared_data / "casts").glob("*.csv")) + sorted((shared_data / "hycom").glob("*.csv"))
+    assert len(files) == 10
+    for path in files:
+        cast = read_cast(path)
+        ocean = cast_ocean(cast, bottom_depth=float(np.floor(cast.depth[-1])), half_extent=(30e3, 30e3))
+        medium = Medium.from_dataset(to_local(ocean))
+        np.testing.assert_allclose(medium.sound_speed[0, 0], ocean_speed(ocean), rtol=0, atol=0.01)
+        assert medium.bathymetry.min() == ocean["depth"].values[-1]

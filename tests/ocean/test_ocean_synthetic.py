@@ -1,4 +1,4 @@
-"""Laws that the synthetic regions obey: grid, stability, geostrophy, drift, sea bed."""
+"""Laws that the synthetic regions obey: grid, stability, thermal wind, drift, sea bed; real casts at their places."""
 
 import gsw
 import numpy as np
@@ -7,8 +7,9 @@ from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean import open_ocean, synthetic_ocean, to_local
-from pymantaray.ocean.seawater import absolute_and_conservative
+from pymantaray.ocean import open_ocean, read_cast, synthetic_ocean, to_local
+from pymantaray.ocean.corrections import density_inversions
+from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.synthetic import HYCOM_DEPTHS, REGIONS, beaufort
 from pymantaray.ocean.synthetic.geostrophy import (
     GRAVITY,
@@ -19,7 +20,7 @@ from pymantaray.ocean.synthetic.geostrophy import (
 )
 
 DAY = 86_400.0
-NO_MOTION = 2_000.0  # m; shear is compared above it
+OMEGA, RADIUS = 7.292115e-5, 6_371_000.0  # s-1, m
 
 
 @pytest.fixture(params=["beaufort", "fram"])
@@ -30,14 +31,6 @@ def region(request):
 @pytest.fixture
 def ocean(region, request):
     return request.getfixturevalue({"beaufort": "beaufort_sea", "fram": "fram_strait"}[region])
-
-
-def stratification(ocean):
-    """Absolute salinity, conservative temperature and pressure on the ocean's grid."""
-    depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
-    return absolute_and_conservative(
-        ocean["water_temp"].values, ocean["salinity"].values, depth[:, None, None], lat[:, None], lon
-    )
 
 
 def test_the_grid_is_hycom_s(region, ocean):
@@ -54,53 +47,42 @@ def test_the_levels_are_those_of_hycom_s_files(gulf_stream_files):
 
 
 def test_density_rises_with_depth_everywhere(ocean):
-    SA, CT, p = stratification(ocean)
-    between = 0.5 * (p[1:] + p[:-1])
-    rise = gsw.rho(SA[1:], CT[1:], between) - gsw.rho(SA[:-1], CT[:-1], between)
-    wet = np.isfinite(rise)
-    assert wet.sum() > 4e5
-    assert rise[wet].min() > 0.0
+    assert np.isfinite(ocean["water_temp"].values).sum() > 4e5
+    assert not density_inversions(ocean, threshold=0.0).any()
 
 
-@pytest.mark.parametrize("axis", ["zonal", "meridional"])
-def test_shear_is_the_thermal_wind_of_the_finished_fields(ocean, axis):
-    """An independent road: gsw's dynamic height (pchip in the vertical) on isobars, then its slope."""
+@pytest.mark.parametrize("component", ["water_u", "water_v"])
+def test_vertical_shear_is_the_thermal_wind_of_the_density(ocean, component):
+    """
+    d(rho f v)/dz = g d(rho)/dx and d(rho f u)/dz = -g d(rho)/dy between all neighbouring levels.
+
+    Density by gsw, gravity by gsw at the latitude, neighbours on either side; points with water two levels
+    beneath them and beneath their neighbours.
+    """
     depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
-    upper = depth <= NO_MOTION
-    p = gsw.p_from_z(-depth[upper], float(lat.mean()))
-    stride = 12  # every twelfth section is enough
-    if axis == "zonal":
-        sections = ocean.isel(depth=upper, lat=slice(6, -6, stride)).transpose("lat", "depth", "lon")
-        velocity, sign = sections["water_v"].values, 1.0
+    middle = float(lat.mean())
+    p = gsw.p_from_z(-depth, middle)[:, None, None]
+    SA = gsw.SA_from_SP(ocean["salinity"].values, p, float(lon.mean()), middle)
+    rho = gsw.rho(SA, gsw.CT_from_t(SA, ocean["water_temp"].values, p), p)
+    f = 2.0 * OMEGA * np.sin(np.radians(lat))[:, None]
+    gravity = gsw.grav(lat, 0.0)[:, None]
+    inner = (slice(None), slice(1, -1), slice(1, -1))
+    if component == "water_v":
+        metres = RADIUS * np.cos(np.radians(lat[1:-1]))[:, None] * np.radians(lon[2:] - lon[:-2])
+        slope = (rho[:, 1:-1, 2:] - rho[:, 1:-1, :-2]) / metres
     else:
-        sections = ocean.isel(depth=upper, lon=slice(6, -6, stride)).transpose("lon", "depth", "lat")
-        velocity, sign = sections["water_u"].values, -1.0
-    theirs, ours = [], []
-    for section, current in zip(range(len(velocity)), velocity, strict=True):
-        one = sections.isel({"lat" if axis == "zonal" else "lon": section})
-        centre_lat, centre_lon = float(lat.mean()), float(lon.mean())  # one composition, as in the model
-        SA = gsw.SA_from_SP(one["salinity"].values, p[:, None], centre_lon, centre_lat)
-        CT = gsw.CT_from_t(SA, one["water_temp"].values, p[:, None])
-        deep = np.isfinite(SA).all(axis=0)
-        deep &= np.roll(deep, 1) & np.roll(deep, -1)
-        deep[[0, -1]] = False
-        if not deep.any():
-            continue
-        wide = np.flatnonzero(np.isfinite(SA).all(axis=0))
-        height = np.full(SA.shape, np.nan)
-        height[:, wide] = gsw.geo_strf_dyn_height(
-            SA[:, wide], CT[:, wide], np.broadcast_to(p[:, None], (len(p), len(wide))), p_ref=float(p[-1])
-        )
-        along = lon if axis == "zonal" else lat
-        at_lat = float(one["lat"]) if axis == "zonal" else lat
-        metres = 6_371_000.0 * np.radians(along) * (np.cos(np.radians(at_lat)) if axis == "zonal" else 1.0)
-        slope = (height[:, 2:] - height[:, :-2]) / (metres[2:] - metres[:-2])
-        f = coriolis(np.asarray(at_lat)) if axis == "zonal" else coriolis(lat[1:-1])
-        theirs.append((sign * slope / f)[:, deep[1:-1]].ravel())
-        ours.append((current - current[-1])[:, deep].ravel())
-    theirs, ours = np.concatenate(theirs), np.concatenate(ours)
-    relative = np.sqrt(np.mean((ours - theirs) ** 2) / np.mean(theirs**2))
-    assert relative < 0.05, f"{relative:.3f} of {np.sqrt(np.mean(theirs**2)):.4f} m/s"
+        metres = RADIUS * np.radians(lat[2:] - lat[:-2])[:, None]
+        slope = -(rho[:, 2:, 1:-1] - rho[:, :-2, 1:-1]) / metres
+    momentum = (rho * f * ocean[component].values)[inner]
+    shear = np.diff(momentum, axis=0) / np.diff(depth)[:, None, None]
+    wind = gravity[1:-1] * 0.5 * (slope[1:] + slope[:-1])
+    away = np.isfinite(wind[2:]) & np.isfinite(shear[2:])  # two more levels of water beneath
+    ours, theirs = shear[:-2][away], wind[:-2][away]
+    assert ours.size > 3e5
+    # each pair of levels counts by its thickness: shear times thickness is a change of current
+    weight = np.broadcast_to(np.diff(depth)[:-2, None, None], away.shape)[away]
+    rms = np.sqrt(np.average((ours - theirs) ** 2, weights=weight) / np.average(theirs**2, weights=weight))
+    assert rms < 0.05, rms
 
 
 def test_geostrophic_currents_of_a_uniform_slope_have_closed_form():
@@ -235,6 +217,19 @@ def swirl(ocean, frame, where, eddy):
     return float(np.mean(u * np.cos(outward) - v * np.sin(outward)))
 
 
+def test_one_eddy_s_field_at_a_later_time_is_the_field_moved():
+    eddy = next(e for e in beaufort.EDDIES if abs(e.north) < 60e3 and abs(e.east) < 150e3)
+    grid = REGIONS["beaufort"].grid()
+    days = 9.0
+    shift = np.array([eddy.drift_north, eddy.drift_east]) * days * DAY
+    later = eddy_fields([eddy], days * DAY, grid, beaufort.HALF_BOX)
+    moved_grid = type(grid)(grid.depth, grid.lat, grid.lon, grid.north - shift[0], grid.east - shift[1])
+    before = eddy_fields([eddy], 0.0, moved_grid, beaufort.HALF_BOX)
+    for a, b in zip(later, before, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+    assert np.abs(later[0] - eddy_fields([eddy], 0.0, grid, beaufort.HALF_BOX)[0]).max() > 5.0  # m
+
+
 def test_eddies_return_on_the_other_side_of_the_box():
     eddy = beaufort.EDDIES[0]
     north, east = eddy.centre(365.0 * DAY, beaufort.HALF_BOX)
@@ -265,3 +260,44 @@ def test_unknown_regions_and_times_are_refused():
         open_ocean("synthetic:baltic")
     with pytest.raises(OceanError, match="not an instant"):
         synthetic_ocean("fram", "soon")
+
+
+def model(ocean, depth, position):
+    """Sound speed of an ocean along a vertical line, linear between its points. [m/s]"""
+    axes = tuple(ocean[name].values for name in ("depth", "lat", "lon"))
+    speed = sound_speed(
+        ocean["water_temp"].values,
+        ocean["salinity"].values,
+        axes[0][:, None, None],
+        axes[1][:, None],
+        axes[2],
+    )
+    line = np.column_stack([depth, np.full_like(depth, position[0]), np.full_like(depth, position[1])])
+    return RegularGridInterpolator(axes, speed, bounds_error=False)(line)
+
+
+@pytest.mark.parametrize(("name", "span"), [
+    ("beaufort_axctd_20140724_74N140W", (0.0, 1_000.0)),  # nine days after the paper's date
+    ("beaufort_axctd_20140724_75N140W", (0.0, 1_000.0)),
+    ("beaufort_ctd_1997_canada_basin", (1_000.1, 2_900.0)),
+])  # fmt: skip
+def test_the_beaufort_sea_is_within_2_m_s_rms_of_the_casts(shared_data, beaufort_sea, name, span):
+    cast = read_cast(shared_data / "casts" / f"{name}.csv")
+    error = model(beaufort_sea, cast.depth, (cast.lat, cast.lon)) - cast.sound_speed()
+    part = (cast.depth >= span[0]) & (cast.depth <= span[1])
+    assert cast.depth[part & np.isfinite(error)].max() > 0.99 * span[1]
+    assert np.sqrt(np.nanmean(error[part] ** 2)) < 2.0
+
+
+def test_fram_strait_lies_within_the_casts_envelope_widened_by_2_m_s(shared_data, fram_strait):
+    levels = np.concatenate([np.arange(100.0, 1_000.0, 20.0), np.arange(1_000.0, 2_600.0, 100.0)])
+    casts = [read_cast(path) for path in sorted((shared_data / "casts").glob("fram_bottle_1982_*.csv"))]
+    assert len(casts) == 4
+    curves = np.array([np.interp(levels, c.depth, c.sound_speed(), right=np.nan) for c in casts])
+    low, high = np.nanmin(curves, axis=0) - 2.0, np.nanmax(curves, axis=0) + 2.0
+    for c in casts:
+        speed = model(fram_strait, levels, (c.lat, c.lon))
+        wet = np.isfinite(speed)
+        assert wet.sum() > 50
+        assert np.all(speed[wet] >= low[wet])
+        assert np.all(speed[wet] <= high[wet])
