@@ -12,10 +12,7 @@ import time
 import numpy as np
 
 from pymantaray.acoustics import Medium
-from pymantaray.estimation import GraphSolver, solve_conditions
-from pymantaray.estimation.conditions import Estimator
-from pymantaray.estimation.range_models import MeanSlowness
-from pymantaray.estimation.unknowns import ClockPrior
+from pymantaray.estimation import ClockPrior, Estimator, GraphSolver, MeanSlowness, solve_conditions
 from pymantaray.ocean.modes import vertical_modes
 from pymantaray.sensing import perturb
 from pymantaray.study import load_study

@@ -8,7 +8,6 @@ arrival's error of 50 to 500 m. Every estimator starts at dead reckoning and at 
 import argparse
 import os
 import time
-from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -16,16 +15,18 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from pymantaray.estimation import (
+    LOSSES,
     FactorGraph,
     GraphSolver,
     GraphValues,
+    Method,
+    ReplayOptions,
     SolveOptions,
     build_graph,
     dead_reckon,
 )
-from pymantaray.estimation.incremental import ReplayOptions, replay
-from pymantaray.estimation.losses import LOSSES, range_weights
-from pymantaray.estimation.robust import solve_robust
+from pymantaray.estimation.losses import range_weights
+from pymantaray.estimation.replay import replay
 from pymantaray.sensing import perturb
 from pymantaray.study.load import load_study
 from pymantaray.study.manifest import Stopwatch
@@ -43,9 +44,10 @@ def values_of(position: np.ndarray, quaternion: np.ndarray, landmarks: np.ndarra
 
 def with_outliers(graph: FactorGraph, rate: float, seed: int) -> tuple[FactorGraph, np.ndarray]:
     rng = np.random.default_rng(seed)
-    late = rng.random(graph.range_first.size) < rate
+    ranges = graph["range"]
+    late = rng.random(len(ranges)) < rate
     error = np.where(late, rng.uniform(*LATE, late.size), 0.0)
-    return replace(graph, range_distance=graph.range_distance + error), late
+    return graph.with_factors(range=ranges.with_columns(distance=ranges.column("distance") + error)), late
 
 
 def main() -> None:
@@ -79,7 +81,7 @@ def main() -> None:
         return float(np.sqrt(np.mean(np.sum((position - true) ** 2, axis=1))))
 
     print(
-        f"{graph.n_poses} poses, {graph.range_first.size} ranges; dead reckoning {ate(reckoned.position):.2f} m"
+        f"{graph.n_poses} poses, {len(graph['range'])} ranges; dead reckoning {ate(reckoned.position):.2f} m"
     )
     print(
         f"{'late':>5} {'loss':14} {'start':14} {'status':13} {'steps':>5} {'cost':>10} {'ATE [m]':>8} {'[s]':>6} kept out"
@@ -89,15 +91,13 @@ def main() -> None:
         for name in ("least squares", *LOSSES):
             for start, initial in starts.items():
                 begin = time.perf_counter()
-                if name == "least squares":
-                    found = GraphSolver().solve(dirty, initial, model_is_right=False)
-                else:
-                    found = solve_robust(dirty, initial, LOSSES[name])
+                found = GraphSolver().solve(
+                    dirty, initial, method=Method(LOSSES.get(name)), model_is_right=False
+                )
                 seconds = time.perf_counter() - begin
                 note = ""
                 if name != "least squares" and found.usable:
-                    at = values_of(found.position, found.quaternion, found.landmark_position)
-                    low = range_weights(dirty, at, LOSSES[name]) < 0.1
+                    low = range_weights(dirty, found.values, LOSSES[name]) < 0.1
                     note = f"{np.count_nonzero(low & late)} of {np.count_nonzero(late)} late, {np.count_nonzero(low & ~late)} good"
                 print(
                     f"{rate:5.0%} {name:14} {start:14} {found.status.name:13} {found.iterations:5d} {found.final_cost:10.1f}"
@@ -117,11 +117,9 @@ def main() -> None:
     ):
         if every not in arguments.every:
             continue
-        if loss is None:
-            batch = GraphSolver(tight).solve(used, reckoned)
-        else:
-            batch = solve_robust(used, reckoned, loss, options=tight)
-        on_line = replay(used, reckoned, loss=loss, options=ReplayOptions(every=every))
+        batch = GraphSolver(tight).solve(used, reckoned, method=Method(loss))
+        options = SolveOptions(replay=ReplayOptions(every=every))
+        on_line = replay(used, reckoned, loss=loss, options=options)
         off = np.abs(on_line.solution.position - batch.position).max()
         print(
             f"{label:24} {on_line.solution.status.name:8} {1e3 * off:8.2f} {ate(on_line.position):8.2f} {ate(batch.position):8.2f}"

@@ -8,8 +8,7 @@ import pytest
 
 from pymantaray.cli import main as entry
 from pymantaray.cli.graph import app
-from pymantaray.estimation import read_pyfg
-from pymantaray.study.external import ESTIMATORS
+from pymantaray.estimation import GraphSolver, read_pyfg
 
 NOISE = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
 TEXT = f"""\
@@ -103,7 +102,7 @@ def test_ranges_are_not_left_out_of_a_solve_in_silence(mantaray, file):
 def test_a_folder_that_is_taken_is_refused_before_the_solve(mantaray, file, tmp_path, monkeypatch):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").touch()
-    monkeypatch.setitem(ESTIMATORS, "batch", lambda *_: pytest.fail("solved for nothing"))
+    monkeypatch.setattr(GraphSolver, "solve", lambda *_, **__: pytest.fail("solved for nothing"))
     assert mantaray("graph", "solve", file, "--out", tmp_path / "out").code == 2
 
 

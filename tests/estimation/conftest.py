@@ -1,133 +1,24 @@
-"""A small fleet by hand: random smooth motion with turning bodies, and the paper's sensors on it."""
+"""Small fleets to estimate."""
 
-from dataclasses import dataclass, replace
-
-import numpy as np
+import factories
+import gtsam
 import pytest
 
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
-from pymantaray.records import Measurements, RayStatus
 
-PERIOD = 200.0
-
-
-@dataclass(frozen=True)
-class Fleet:
-    """Truth and what is measured of it."""
-
-    position: np.ndarray
-    quaternion: np.ndarray
-    noise_free: Measurements
-    noisy: Measurements
-
-
-def make_fleet(
-    seed=0,
-    *,
-    n_agents=3,
-    n_times=30,
-    turn=0.3,
-    n_landmarks=0,
-    range_error=0.0,
-    dropouts=0.0,
-    gnss_every=0,
-):
-    """Build a fleet; `turn` is the sigma of each body's rotation per step [rad]."""
-    rng = np.random.default_rng(seed)
-    n_edges = n_times - 1
-    start = rng.uniform(-2000, 2000, (n_agents, 1, 3)) + np.array([0, 0, 3000])
-    velocity = rng.normal(0, 0.2, (n_agents, 1, 3)) + np.cumsum(
-        rng.normal(0, 0.02, (n_agents, n_edges, 3)), axis=1
-    )
-    position = np.concatenate([start, start + np.cumsum(velocity * PERIOD, axis=1)], axis=1)
-    rotation = np.empty((n_agents, n_times, 3, 3))
-    rotation[:, 0] = so3_exp(rng.normal(0, 1.0, (n_agents, 3)))
-    for k in range(n_edges):
-        rotation[:, k + 1] = rotation[:, k] @ so3_exp(rng.normal(0, turn, (n_agents, 3)))
-    step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
-    moved = np.einsum("atji,atj->ati", rotation[:, :-1], np.diff(position, axis=1))
-    turned, way = (np.linalg.norm(v, axis=-1, keepdims=True) for v in (so3_log(step), moved))
-    odometry_sigma = np.concatenate(
-        [
-            np.repeat(np.hypot(1e-6 * turned, 5e-7 * PERIOD), 3, axis=2),
-            np.repeat(np.hypot(0.05 * way, 0.0125 * PERIOD), 2, axis=2),
-            np.hypot(0.001 * way, 0.0125 * PERIOD),
-        ],
-        axis=2,
-    )
-    landmark = rng.uniform(-2000, 2000, (n_landmarks, 3)) + np.array([0, 0, 3000])
-    fixes = np.arange(0, n_times, gnss_every) if gnss_every else np.arange(0)
-    gnss_agent, gnss_sample = np.repeat(np.arange(n_agents), fixes.size), np.tile(fixes, n_agents)
-    n = n_agents + n_landmarks
-    pairs = [(i, j) for i in range(n) for j in range(n) if i != j and min(i, j) < n_agents]
-    pairs = np.array(pairs, dtype=int).reshape(-1, 2)
-    epochs = np.arange(5, n_times, 5)
-    transmitter, receiver = np.tile(pairs, (epochs.size, 1)).T
-    sample = np.repeat(epochs, len(pairs))
-    where = np.concatenate([position, np.repeat(landmark[:, None], n_times, axis=1)], axis=0)
-    distance = np.linalg.norm(where[transmitter, sample] - where[receiver, sample], axis=1)
-    status = np.where(rng.random(sample.size) < dropouts, RayStatus.SHADOW, RayStatus.OK)
-    c = 1450.0 + 0.01 * where[transmitter, sample, 2]
-    time = (distance + range_error) / c
-    truth = Measurements(
-        name=np.array(list("ABCDEFGHIJKMNOPQRSTUVWXYZ")[:n_agents]),
-        time=np.arange(n_times) * PERIOD,
-        odometry_rotation=quaternion_from_matrix(step),
-        odometry_translation=moved,
-        odometry_sigma=odometry_sigma,
-        depth=position[..., 2],
-        depth_sigma=np.full(n_agents, 0.01),
-        gnss_agent=gnss_agent,
-        gnss_sample=gnss_sample,
-        gnss_position=position[gnss_agent, gnss_sample],
-        gnss_sigma=np.full(gnss_agent.size, 0.1),
-        landmark_name=np.array([f"L{i}" for i in range(n_landmarks)], dtype=str),
-        landmark_position=landmark,
-        landmark_sigma=np.full(n_landmarks, 0.5),
-        first_position=position[:, 0],
-        first_quaternion=quaternion_from_matrix(rotation[:, 0]),
-        first_sigma=np.tile([1e-3] * 3 + [0.1] * 3, (n_agents, 1)),
-        range_transmitter=transmitter,
-        range_receiver=receiver,
-        range_sample=sample,
-        range_status=status,
-        transmitter_sound_speed=c,
-        straight_range=distance,
-        refracted_range=np.where(status == RayStatus.OK, c * time, np.nan),
-        range_sigma=np.ones(sample.size),
-    )
-    return Fleet(position, quaternion_from_matrix(rotation), truth, add_noise(truth, seed + 1000))
-
-
-def add_noise(o, seed):
-    """Draw every measurement from exactly the distribution that the graph believes in."""
-    rng = np.random.default_rng(seed)
-    jump = se3_exp(o.odometry_sigma * rng.standard_normal(o.odometry_sigma.shape))
-    step = matrix_from_quaternion(o.odometry_rotation)
-    first = se3_exp(o.first_sigma * rng.standard_normal(o.first_sigma.shape))
-    first_rotation = matrix_from_quaternion(o.first_quaternion)
-    range_noise = o.range_sigma * rng.standard_normal(o.range_sigma.shape)
-    return replace(
-        o,
-        odometry_rotation=quaternion_from_matrix(step @ jump[0]),
-        odometry_translation=o.odometry_translation + np.einsum("atij,atj->ati", step, jump[1]),
-        depth=o.depth + o.depth_sigma[:, None] * rng.standard_normal(o.depth.shape),
-        gnss_position=o.gnss_position + o.gnss_sigma[:, None] * rng.standard_normal(o.gnss_position.shape),
-        landmark_position=o.landmark_position
-        + o.landmark_sigma[:, None] * rng.standard_normal(o.landmark_position.shape),
-        first_position=o.first_position + np.einsum("aij,aj->ai", first_rotation, first[1]),
-        first_quaternion=quaternion_from_matrix(first_rotation @ first[0]),
-        straight_range=o.straight_range + range_noise,
-        refracted_range=o.refracted_range + range_noise,
-    )
-
-
-@pytest.fixture(name="make_fleet")
-def _make_fleet():
-    return make_fleet
+@pytest.fixture
+def make_fleet():
+    return factories.make_fleet
 
 
 @pytest.fixture(scope="session")
 def fleet():
     """Three turning vehicles with fixes, depth and ranges, some of them dropped."""
-    return make_fleet(seed=3, gnss_every=10, dropouts=0.2, range_error=20.0)
+    return factories.make_fleet(seed=3, gnss_every=10, dropouts=0.2, range_error=20.0)
+
+
+@pytest.fixture
+def damped(monkeypatch):
+    """Calls of GTSAM's damped optimizer, which the solver falls back on."""
+    calls, real = [], gtsam.LevenbergMarquardtOptimizer
+    monkeypatch.setattr(gtsam, "LevenbergMarquardtOptimizer", lambda *a: calls.append(a) or real(*a))
+    return calls

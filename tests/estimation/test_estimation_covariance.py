@@ -6,19 +6,12 @@ from pathlib import Path
 import gtsam
 import numpy as np
 import pytest
+from factories import without
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon
+from pymantaray.estimation import LOSSES, GraphSolver, Method, build_graph, collect_covariances, fixed_epochs
 from pymantaray.estimation._gtsam.factors import FactorBuilder
-from pymantaray.estimation._gtsam.robust import robust_factors
-from pymantaray.estimation.covariance import (
-    collect_covariances,
-    fixed_epochs,
-    graph_covariances,
-    reckoned_covariances,
-)
-from pymantaray.estimation.losses import LOSSES
-from pymantaray.estimation.solution import Variant
+from pymantaray.estimation.covariance import graph_covariances, reckoned_covariances
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records.covariances import PoseCovariances
 
@@ -29,21 +22,11 @@ def poses_at(o, samples=SAMPLES):
     return np.arange(o.depth.size).reshape(o.depth.shape)[:, samples].T
 
 
-def values_of(position, quaternion, o):
-    return GraphValues(
-        position=np.reshape(position, (-1, 3)),
-        quaternion=np.reshape(quaternion, (-1, 4)),
-        landmark_position=o.landmark_position,
-    )
-
-
 def solved(fleet, o, ranges="straight"):
     graph = build_graph(o, ranges)
-    found = GraphSolver().solve(graph, values_of(fleet.position, fleet.quaternion, o))
+    found = GraphSolver().solve(graph, fleet.truth)
     assert found.usable
-    return graph, GraphValues(
-        position=found.position, quaternion=found.quaternion, landmark_position=found.landmark_position
-    )
+    return graph, found.values
 
 
 def in_world(pose, values, poses):
@@ -58,7 +41,7 @@ def test_blocks_are_those_of_the_dense_inverse_of_the_information_matrix(make_fl
     poses = poses_at(fleet.noisy)
     found = graph_covariances(graph, values, poses)
     builder = FactorBuilder()
-    linear = builder.with_ranges(builder.base(graph), graph).linearize(builder.values(values))
+    linear = builder.factors(graph).linearize(builder.values(values))
     order = gtsam.Ordering()
     for key in range(graph.n_poses + n_landmarks):
         order.push_back(key)
@@ -83,7 +66,7 @@ def test_blocks_are_those_of_gtsams_marginals_and_joint_marginals(make_fleet):
     poses = poses_at(fleet.noisy)
     found = graph_covariances(graph, values, poses)
     builder = FactorBuilder()
-    own = gtsam.Marginals(builder.with_ranges(builder.base(graph), graph), builder.values(values))
+    own = gtsam.Marginals(builder.factors(graph), builder.values(values))
     for e, a in np.ndindex(poses.shape):
         block = own.marginalCovariance(int(poses[e, a]))
         unit = np.sqrt(np.outer(np.diag(block), np.diag(block)))
@@ -98,32 +81,37 @@ def test_covariances_under_a_loss_are_gtsams_with_its_weights(make_fleet):
     late = np.zeros(fleet.noisy.range_status.size)
     late[::7] = 80.0
     o = replace(fleet.noisy, refracted_range=fleet.noisy.straight_range + late)
-    graph, start = build_graph(o, "refracted"), values_of(fleet.position, fleet.quaternion, o)
+    graph, start = build_graph(o, "refracted"), fleet.truth
     poses, loss = poses_at(o), LOSSES["cauchy"]
-    variants = {"robust": Variant(graph, False, loss=loss), "plain": Variant(graph, False)}
-    found = GraphSolver().solve_variants(variants, start, covariance_poses=poses)
-    robust, builder = found["robust"], FactorBuilder()
-    end = GraphValues(robust.position, robust.quaternion, robust.landmark_position)
-    factors = robust_factors(builder, builder.base(graph), graph, loss)
+    solver = GraphSolver()
+    robust, plain = (
+        solver.solve(graph, start, method=Method(under), model_is_right=False, covariance_poses=poses)
+        for under in (loss, None)
+    )
+    builder = FactorBuilder()
+    factors, end = builder.factors(graph, loss), robust.values
     marginals = gtsam.Marginals(factors, builder.values(end))
     for e, a in np.ndindex(poses.shape):
         expected = marginals.marginalCovariance(int(poses[e, a]))
         unit = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
         np.testing.assert_allclose(robust.covariances.pose[e, a] / unit, expected / unit, rtol=0, atol=1e-6)
     # ranges that it does not believe tell it nothing, and its innovations have no chi-square distribution
-    horizontal = [np.trace(found[name].covariances.position[1, 0, :2, 0, :2]) for name in ("robust", "plain")]
+    horizontal = [np.trace(s.covariances.position[1, 0, :2, 0, :2]) for s in (robust, plain)]
     assert horizontal[0] > horizontal[1]
     assert np.isnan(robust.covariances.range_nis).all()
-    assert np.isfinite(found["plain"].covariances.range_nis[:2]).all()
+    assert np.isfinite(plain.covariances.range_nis[:2]).all()
 
 
 def test_replay_has_the_covariances_of_the_batch_at_its_end(make_fleet):
     fleet = make_fleet(seed=14, gnss_every=10)
     graph = build_graph(fleet.noisy, "straight")
-    start = values_of(fleet.position, fleet.quaternion, fleet.noisy)
-    variants = {"batch": Variant(graph, True), "replay": Variant(graph, True, incremental=True)}
-    found = GraphSolver().solve_variants(variants, start, covariance_poses=poses_at(fleet.noisy))
-    batch, replayed = (found[name].covariances for name in ("batch", "replay"))
+    start = fleet.truth
+    batch, replayed = (
+        GraphSolver()
+        .solve(graph, start, method=Method(incremental=i), covariance_poses=poses_at(fleet.noisy))
+        .covariances
+        for i in (False, True)
+    )
     unit = np.sqrt(np.einsum("eaii->eai", batch.pose))
     unit = unit[..., :, None] * unit[..., None, :]
     np.testing.assert_allclose(replayed.pose / unit, batch.pose / unit, rtol=0, atol=1e-3)
@@ -131,11 +119,9 @@ def test_replay_has_the_covariances_of_the_batch_at_its_end(make_fleet):
 
 
 def test_dead_reckoning_has_the_covariance_of_a_graph_of_odometry_alone(make_fleet):
-    o = make_fleet(seed=13, turn=0.3).noisy
-    bare = build_graph(o)
-    bare = replace(bare, depth_pose=np.empty(0), depth=np.empty(0), depth_variance=np.empty(0))
-    start = values_of(*dead_reckon(o), o)
-    graph, own = graph_covariances(bare, start, poses_at(o)), reckoned_covariances(o, SAMPLES)
+    fleet = make_fleet(seed=13, turn=0.3)
+    o, bare = fleet.noisy, without(build_graph(fleet.noisy), "depth")
+    graph, own = graph_covariances(bare, fleet.reckoned, poses_at(o)), reckoned_covariances(o, SAMPLES)
     for a, b in ((own.pose, graph.pose), (own.position.reshape(3, 9, 9), graph.position.reshape(3, 9, 9))):
         diagonal = np.diagonal(b, axis1=-2, axis2=-1)
         unit = np.sqrt(diagonal[..., :, None] * diagonal[..., None, :])
@@ -174,8 +160,7 @@ def test_range_statistic_is_the_innovation_predicted_from_everything_else(make_f
     )  # fmt: skip
     other, before = solved(fleet, without)
     builder = FactorBuilder()
-    linear = builder.base(other)
-    linear = builder.with_ranges(linear, other).linearize(builder.values(before))
+    linear = builder.factors(other).linearize(builder.values(before))
     n = 6 * graph.n_poses + 3
     order = gtsam.Ordering()
     for key in range(graph.n_poses + 1):
@@ -216,12 +201,8 @@ def test_epochs_without_ranges_have_no_innovation(make_fleet):
 def test_singular_graph_has_no_covariance_and_stops_nothing(make_fleet):
     fleet = make_fleet(seed=17)
     o = fleet.noise_free
-    loose = replace(
-        build_graph(o),
-        prior_pose=np.empty(0), prior_position=np.empty((0, 3)), prior_quaternion=np.empty((0, 4)),
-        prior_covariance=np.empty((0, 6, 6)),
-    )  # fmt: skip
-    found = graph_covariances(loose, values_of(fleet.position, fleet.quaternion, o), poses_at(o))
+    loose = without(build_graph(o), "prior")
+    found = graph_covariances(loose, fleet.truth, poses_at(o))
     assert np.isnan(found.pose).all()
     assert np.isnan(found.position).all()
     assert np.isnan(found.range_nis).all()
@@ -231,12 +212,9 @@ def test_one_free_vehicle_is_found_though_its_poses_are_eliminated(make_fleet):
     fleet = make_fleet(seed=18)
     o = fleet.noise_free
     graph = build_graph(o)
-    rest = graph.prior_pose != 0
-    loose = replace(
-        graph, **{k: getattr(graph, k)[rest] for k in
-                  ("prior_pose", "prior_position", "prior_quaternion", "prior_covariance")}
-    )  # fmt: skip
-    found = graph_covariances(loose, values_of(fleet.position, fleet.quaternion, o), poses_at(o)[:, 1:])
+    prior = graph["prior"]
+    loose = graph.with_factors(prior=prior[prior.subject != 0])
+    found = graph_covariances(loose, fleet.truth, poses_at(o)[:, 1:])
     assert np.isnan(found.pose).all()
 
 
@@ -245,10 +223,10 @@ def test_vehicle_that_may_be_anywhere_counts_as_free(make_fleet):
     fleet = make_fleet(seed=18)
     o = fleet.noise_free
     graph = build_graph(o)
-    wide = np.array(graph.prior_covariance)
+    wide = np.array(graph["prior"].covariance)
     wide[0, 3:, 3:] = np.diag([1e14] * 3)
-    graph = replace(graph, prior_covariance=wide)
-    found = graph_covariances(graph, values_of(fleet.position, fleet.quaternion, o), poses_at(o)[:, 1:])
+    graph = graph.with_factors(prior=replace(graph["prior"], covariance=wide))
+    found = graph_covariances(graph, fleet.truth, poses_at(o)[:, 1:])
     assert np.isnan(found.pose).all()
 
 
@@ -264,7 +242,7 @@ def test_wrong_poses_are_refused(make_fleet, poses, message):
     fleet = make_fleet(seed=19)
     o = fleet.noise_free
     with pytest.raises(EstimationError, match=message):
-        graph_covariances(build_graph(o), values_of(fleet.position, fleet.quaternion, o), np.array(poses))
+        graph_covariances(build_graph(o), fleet.truth, np.array(poses))
 
 
 def test_fixed_epochs_are_multiples_and_the_end():

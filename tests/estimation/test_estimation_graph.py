@@ -1,53 +1,67 @@
-"""Which measurements enter the graph, and what is refused."""
+"""Which measurements enter the graph, what is refused by name, and where to start on it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from factories import values_at, without
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import build_graph
-from pymantaray.estimation.graph import check_anchored, check_graph
+from pymantaray.estimation import FactorGraph, GraphSolver, build_graph, dead_reckon
+from pymantaray.estimation.diagnose import diagnose, worst_misfit
+from pymantaray.estimation.graph import check_anchored, check_graph, check_values
+from pymantaray.estimation.starts import anchor_loose_parts, dead_reckon_graph
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp
 from pymantaray.records import RayStatus
 
 
+@pytest.fixture
+def whole(make_fleet):
+    """A healthy graph of three vehicles and a landmark, and the truth."""
+    fleet = make_fleet(seed=3, n_landmarks=1)
+    return fleet, build_graph(fleet.noisy, "straight"), fleet.truth
+
+
+def put(array, index, value):
+    out = np.array(array, dtype=float)
+    out[index] = value
+    return out
+
+
 def test_straight_and_refracted_use_exactly_the_links_that_were_heard(fleet):
-    straight, refracted = (build_graph(fleet.noisy, r) for r in ("straight", "refracted"))
+    straight, refracted = (build_graph(fleet.noisy, r)["range"] for r in ("straight", "refracted"))
     heard = fleet.noisy.range_status == RayStatus.OK
     assert 0 < np.count_nonzero(heard) < heard.size
-    np.testing.assert_array_equal(straight.range_first, refracted.range_first)
-    np.testing.assert_array_equal(straight.range_second, refracted.range_second)
-    np.testing.assert_array_equal(straight.range_distance, fleet.noisy.straight_range[heard])
-    np.testing.assert_array_equal(refracted.range_distance, fleet.noisy.refracted_range[heard])
+    np.testing.assert_array_equal(straight.variables, refracted.variables)
+    np.testing.assert_array_equal(straight.column("distance"), fleet.noisy.straight_range[heard])
+    np.testing.assert_array_equal(refracted.column("distance"), fleet.noisy.refracted_range[heard])
 
 
 def test_all_links_include_dropouts_but_no_silent_vehicle(fleet):
     status = np.array(fleet.noisy.range_status)
     status[:4] = RayStatus.STOPPED
     graph = build_graph(replace(fleet.noisy, range_status=status), "straight", "all")
-    assert graph.range_first.size == status.size - 4
+    assert len(graph["range"]) == status.size - 4
 
 
 def test_variables_are_numbered_vehicle_by_vehicle_and_landmarks_last(make_fleet):
     fleet = make_fleet(n_agents=2, n_times=12, n_landmarks=2)
-    graph = build_graph(fleet.noisy, "straight")
+    o, graph = fleet.noisy, build_graph(fleet.noisy, "straight")
     assert [graph.variable_name(v) for v in (0, 11, 12, 24, 25)] == ["A0", "A11", "B0", "L0", "L1"]
-    o = fleet.noisy
-    distance = {}
-    for first, second, d in zip(graph.range_first, graph.range_second, graph.range_distance, strict=True):
-        assert first < graph.n_poses  # the file format wants a pose first
-        distance.setdefault(frozenset([graph.variable_name(first), graph.variable_name(second)]), []).append(
-            d
-        )
-    at_five = [
-        d
-        for i, j, k, d in zip(
-            o.range_transmitter, o.range_receiver, o.range_sample, o.straight_range, strict=True
-        )
-        if k == 5 and {i, j} == {1, 3}
-    ]
+    ranges, distance = graph["range"], {}
+    assert (ranges.variables[:, 0] < graph.n_poses).all()  # a pose comes first
+    for ends, d in zip(ranges.variables, ranges.column("distance"), strict=True):
+        distance.setdefault(frozenset(map(graph.variable_name, ends)), []).append(d)
+    rows = zip(o.range_transmitter, o.range_receiver, o.range_sample, o.straight_range, strict=True)
+    at_five = [d for i, j, k, d in rows if k == 5 and {i, j} == {1, 3}]
     assert sorted(distance[frozenset(["B5", "L1"])]) == sorted(at_five)
     assert len(at_five) == 2  # there and back
+
+
+def test_names_of_variables_are_told_apart_whatever_the_vehicles_are_called(make_fleet):
+    graph = build_graph(make_fleet(n_agents=3, n_times=12).noisy)
+    named = replace(graph, agent_name=np.array(["A", "float-1", "7"]))
+    assert [named.variable_name(v) for v in (11, 12 + 1, 24 + 2)] == ["A11", "float-1:1", "7:2"]
 
 
 def test_degrees_of_freedom_count_residual_rows_minus_unknowns(make_fleet):
@@ -57,44 +71,39 @@ def test_degrees_of_freedom_count_residual_rows_minus_unknowns(make_fleet):
     assert graph.degrees_of_freedom == 12 * 6 + 5 * 3 + 12 + 6 - (12 * 6 + 3)
 
 
-def nan_at(array, index):
-    out = np.array(array, dtype=float)
-    out[index] = np.nan
-    return out
-
-
-def zero_at(array, index):
-    out = np.array(array, dtype=float)
-    out[index] = 0.0
-    return out
+def test_a_graph_goes_to_disk_and_back(whole, tmp_path):
+    _, graph, _ = whole
+    graph.save(tmp_path / "graph.nc")
+    again = FactorGraph.load(tmp_path / "graph.nc")
+    assert again.agent_name.tolist() == graph.agent_name.tolist()
+    for kind in graph.factors:
+        for part in ("variables", "measured", "covariance"):
+            np.testing.assert_array_equal(getattr(again[kind], part), getattr(graph[kind], part))
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("field", "index", "value", "message"),
     [
-        (
-            lambda o: {"odometry_translation": nan_at(o.odometry_translation, (1, 4, 2))},
-            "^B5: odometry is .*nan",
-        ),
-        (lambda o: {"odometry_sigma": zero_at(o.odometry_sigma, (2, 0, 0))}, "^C1: odometry sigma is .0,"),
-        (
-            lambda o: {"odometry_sigma": -np.array(o.odometry_sigma)},
-            "^A1: odometry sigma is .*positive finite",
-        ),
-        (lambda o: {"depth": nan_at(o.depth, (0, 7))}, "^A7: depth is .nan."),
-        (lambda o: {"depth_sigma": zero_at(o.depth_sigma, 1)}, "^B0: depth sigma is .0."),
-        (lambda o: {"gnss_position": nan_at(o.gnss_position, (1, 0))}, "^A10: GNSS fix is .nan,"),
-        (lambda o: {"range_sigma": zero_at(o.range_sigma, slice(None))}, "^[ABC]5: range sigma is .0."),
-        (lambda o: {"refracted_range": nan_at(o.refracted_range, slice(None))}, "^[ABC]5: range is .nan."),
-        (lambda o: {"first_quaternion": nan_at(o.first_quaternion, 1)}, "^B0: first-pose prior is .nan"),
-        (lambda o: {"range_sample": o.range_sample + 10000}, "^range: refers to variable"),
-        (lambda o: {"range_receiver": o.range_transmitter}, "^A5: range is .5..*two different variables"),
+        ("odometry_translation", (1, 4, 2), np.nan, "^B5: odometry is .*nan"),
+        ("odometry_sigma", (2, 0, 0), 0.0, "^C1: odometry sigma is .0,"),
+        ("odometry_sigma", slice(None), -1.0, "^A1: odometry sigma is .*positive finite"),
+        ("depth", (0, 7), np.nan, "^A7: depth is .nan."),
+        ("depth_sigma", 1, 0.0, "^B0: depth sigma is .0."),
+        ("gnss_position", (1, 0), np.nan, "^A10: GNSS fix is .nan,"),
+        ("range_sigma", slice(None), 0.0, "^[ABC]5: range sigma is .0."),
+        ("refracted_range", slice(None), np.nan, "^[ABC]5: range is .nan."),
+        ("first_quaternion", 1, np.nan, "^B0: first-pose prior is .*nan"),
+        ("range_sample", slice(None), 10005, "^range: refers to variable"),
     ],
 )
-def test_unusable_measurements_are_refused_by_name(fleet, change, message):
+def test_unusable_measurements_are_refused_by_name(fleet, field, index, value, message):
+    broken = replace(fleet.noisy, **{field: put(getattr(fleet.noisy, field), index, value)})
     with pytest.raises(EstimationError, match=message) as caught:
-        build_graph(replace(fleet.noisy, **change(fleet.noisy)), "refracted")
+        build_graph(broken, "refracted")
     assert "\n" not in str(caught.value)
+    itself = replace(fleet.noisy, range_receiver=fleet.noisy.range_transmitter)
+    with pytest.raises(EstimationError, match=r"^A5: range is .5..*two different variables"):
+        build_graph(itself, "refracted")
 
 
 @pytest.mark.parametrize(
@@ -111,32 +120,224 @@ def test_contradictory_conditions_are_refused(fleet, ranges, links, message):
 
 
 def without_first_pose(o, agent):
-    return {
-        name: nan_at(getattr(o, name), agent)
-        for name in ("first_position", "first_quaternion", "first_sigma")
-    }
+    names = ("first_position", "first_quaternion", "first_sigma")
+    return replace(o, **{name: put(getattr(o, name), agent, np.nan) for name in names})
 
 
 def test_vehicle_that_nothing_ties_to_the_world_is_refused_by_name(make_fleet):
-    o = make_fleet(n_agents=2).noisy
-    floating = replace(o, **without_first_pose(o, 1))
+    floating = without_first_pose(make_fleet(n_agents=2).noisy, 1)
     with pytest.raises(EstimationError, match=r"^B0: no first-pose prior, GNSS fix or landmark prior"):
         build_graph(floating)
-    assert build_graph(floating, "straight").prior_pose.tolist() == [0]  # ranges tie it to vehicle A
+    # ranges tie it to vehicle A
+    assert build_graph(floating, "straight")["prior"].subject.tolist() == [0]
 
 
 def test_fix_or_landmark_is_anchor_enough(make_fleet):
     fixed = make_fleet(n_agents=1, gnss_every=10).noisy
-    assert build_graph(replace(fixed, **without_first_pose(fixed, 0))).prior_pose.size == 0
+    assert len(build_graph(without_first_pose(fixed, 0))["prior"]) == 0
     ranged = make_fleet(n_agents=1, n_landmarks=3).noisy
-    graph = build_graph(replace(ranged, **without_first_pose(ranged, 0)), "straight")
+    graph = build_graph(without_first_pose(ranged, 0), "straight")
     check_anchored(graph)
-    assert graph.fix_pose.size == 0
+    assert len(graph["fix"]) == 0
 
 
-def test_covariances_that_are_not_positive_definite_are_refused(fleet):
-    graph = build_graph(fleet.noisy)
-    covariance = np.array(graph.edge_covariance)
-    covariance[7, 0, 1] = covariance[7, 1, 0] = 2 * covariance[7, 0, 0]
-    with pytest.raises(EstimationError, match=r"^A8: odometry covariance's eigenvalues"):
-        check_graph(replace(graph, edge_covariance=covariance))
+def edges(change):
+    """A change of the table of edges."""
+    return lambda g: g.with_factors(edge=change(g["edge"]))
+
+
+def edge_covariance(index, value):
+    return edges(lambda e: replace(e, covariance=put(e.covariance, index, value)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (edge_covariance((7, 0, 1), 1e-9), r"^A8: odometry covariance's asymmetry is \[0"),
+        (edge_covariance((7, [0, 1], [1, 0]), 1.0), "^A8: odometry covariance's eigenvalues"),
+        (edge_covariance(7, np.ones((6, 6))), "^A8: .*eigenvalues"),
+        (edge_covariance((7, 2, 2), 0.0), "^A8: odometry variance is .*, 0,"),
+        (edge_covariance((7, 2, 2), -1.0), "^A8: odometry variance is .*-1"),
+        (edge_covariance((7, 2, 2), 1e-300), "^A8: odometry variance .*1e-300"),
+        (edge_covariance((7, 2, 2), np.inf), "^A8: odometry variance .*inf"),
+        (edge_covariance((7, 2, 3), np.nan), "^A8: odometry covariance"),
+        (edges(lambda e: e.with_columns(quaternion=2.0 * e.column("quaternion"))), r"^A1: .*quaternion .*length 1"),
+        (edges(lambda e: e.with_columns(quaternion=0.0 * e.column("quaternion"))), r"^A1: .*quaternion is .-?0, "),
+        (
+            lambda g: g.with_factors(prior=g["prior"].with_columns(quaternion=1.1 * g["prior"].column("quaternion"))),
+            "^A0: first-pose prior quaternion",
+        ),
+        (edges(lambda e: replace(e, variables=e.variables[:, [0, 0]])), "^A0: odometry is .0.*two different poses"),
+        (edges(lambda e: e.with_columns(position=put(e.column("position"), (0, 0), 1e200))), "^A1: odometry is .*1e.09"),
+        (lambda g: replace(g, pose_number=np.zeros(g.n_poses)), "^A0: two variables of this name"),
+        (lambda g: replace(g, pose_agent=g.pose_agent + 3), "^pose: refers to vehicle 3"),
+        (edges(lambda e: replace(e, variables=e.variables + np.int32([0, 10**6]))), "^odometry: refers to variable"),
+        (edges(lambda e: replace(e, variables=e.variables - np.int32([10**6, 0]))), "^odometry: refers to variable -"),
+    ],
+)  # fmt: skip
+def test_numbers_that_gtsam_would_choke_on_or_misread_are_refused_first(whole, change, message):
+    _, graph, values = whole
+    bad = change(graph)
+    for check in (check_graph, lambda g: GraphSolver().solve(g, values)):
+        with pytest.raises(EstimationError, match=message) as caught:
+            check(bad)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"position": np.full((90, 3), np.nan)}, "^A0: position is .nan"),
+        ({"position": np.full((90, 3), 1e300)}, "^A0: position is .1e.300"),
+        ({"quaternion": np.zeros((90, 4))}, "^A0: quaternion is .0, 0, 0, 0.*length 1"),
+        ({"landmark_position": np.full((1, 3), np.inf)}, "^L0: position is .inf"),
+        ({"landmark_position": np.zeros((2, 3))}, "^values for 90 poses and 2 landmarks; the graph has 90 and 1"),
+    ],
+)  # fmt: skip
+def test_values_that_cannot_be_a_start_are_refused(whole, change, message):
+    _, graph, values = whole
+    for check in (check_values, GraphSolver().solve):
+        with pytest.raises(EstimationError, match=message):
+            check(graph, replace(values, **change))
+
+
+def test_healthy_graph_has_no_diagnosis(whole):
+    _, graph, values = whole
+    assert diagnose(graph, values) is None
+    assert diagnose(without(graph, "range"), values) is None
+
+
+@pytest.mark.parametrize(
+    "gone",
+    [
+        ("prior",),  # a landmark and depths hold the fleet, which may still turn about the landmark
+        ("prior", "survey"),
+        ("range", "prior"),  # depths hold nothing across
+    ],
+)
+def test_singular_graphs_are_diagnosed_by_name_exactly_where_the_solver_fails(whole, gone):
+    _, graph, values = whole
+    graph = without(graph, *gone)
+    assert GraphSolver().solve(graph, values, model_is_right=False).status.name == "FAILED"
+    line = diagnose(graph, values)
+    assert line is not None
+    assert "\n" not in line
+    assert line.split(":")[0][0] in "ABCL"
+    assert "singular" in line
+
+
+def test_vehicle_held_by_one_range_is_named(make_fleet):
+    fleet = make_fleet(seed=1, n_agents=2, n_times=8)
+    graph = build_graph(fleet.noisy, "straight")
+    assert graph.variable_name(int(graph["prior"].subject[1])) == "B0"
+    graph = graph.with_factors(prior=graph["prior"][:1])
+    check_anchored(graph)  # ranges tie B to A: structure alone does not see it
+    assert diagnose(graph, fleet.truth).startswith("B")
+    assert not GraphSolver().solve(graph, fleet.truth).usable
+
+
+def test_vehicle_never_ranged_is_solved_with_a_prior_and_named_without(make_fleet):
+    fleet = make_fleet(seed=1, n_agents=3, n_times=8)
+    graph = build_graph(fleet.noisy, "straight")
+    of_c = (graph["range"].variables >= graph["prior"].subject[2]).any(axis=1)
+    alone = graph.with_factors(range=graph["range"][~of_c])
+    assert GraphSolver().solve(alone, fleet.truth).status.name == "OK"
+    assert diagnose(alone, fleet.truth) is None
+    alone = alone.with_factors(prior=graph["prior"][:2])
+    assert not GraphSolver().solve(alone, fleet.truth).usable
+    line = diagnose(alone, fleet.truth)
+    assert line.startswith("C")
+    assert "singular" in line
+
+
+@pytest.mark.parametrize("variance", [1e-16, 1e-20, 1e-28])
+def test_edge_of_almost_no_variance_is_named(whole, variance):
+    _, graph, values = whole
+    tight = edge_covariance(40, np.eye(6) * variance)(graph)
+    name = graph.variable_name(int(graph["edge"].subject[40]))
+    line = diagnose(tight, values)
+    assert line.startswith(f"{name}: odometry variance {variance:g}")
+    assert "badly conditioned" in line
+
+
+def test_worst_misfit_is_where_the_start_is_wrong(whole):
+    _, graph, values = whole
+    away = replace(values, landmark_position=values.landmark_position + np.array([0, 1e5, 0]))
+    assert "L0" in worst_misfit(graph, away)
+
+
+def test_noise_free_odometry_leads_back_to_the_truth(fleet):
+    position, quaternion = dead_reckon(fleet.noise_free)
+    np.testing.assert_allclose(position, fleet.position, rtol=0, atol=1e-6)
+    turns = (matrix_from_quaternion(q) for q in (quaternion, fleet.quaternion))
+    np.testing.assert_allclose(*turns, rtol=0, atol=1e-12)
+
+
+def test_constant_twist_composes_to_its_exponential(make_fleet):
+    o = make_fleet(n_agents=1, n_times=41).noise_free
+    twist = np.array([0.01, -0.02, 0.05, 30.0, 1.0, -2.0])
+    step, way = se3_exp(twist)
+    odometry = replace(
+        o,
+        odometry_rotation=np.tile(quaternion_from_matrix(step), (1, 40, 1)),
+        odometry_translation=np.tile(way, (1, 40, 1)),
+        first_position=np.zeros((1, 3)),
+        first_quaternion=np.array([[1.0, 0, 0, 0]]),
+    )
+    position, quaternion = dead_reckon(odometry)
+    whole, end = se3_exp(40 * twist)
+    np.testing.assert_allclose(position[0, -1], end, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(matrix_from_quaternion(quaternion[0, -1]), whole, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("field", "what"), [("first_position", "first-pose prior"), ("odometry_translation", "odometry")]
+)
+def test_dead_reckoning_refuses_what_is_missing_by_vehicle(fleet, field, what):
+    broken = put(getattr(fleet.noisy, field), 1, np.nan)
+    with pytest.raises(EstimationError, match=f"^vehicle B: {what} is not finite"):
+        dead_reckon(replace(fleet.noisy, **{field: broken}))
+
+
+def test_dead_reckoning_over_a_graph_is_dead_reckoning_of_its_measurements(whole):
+    fleet, graph, values = whole
+    nowhere = replace(
+        values, position=values.position + 1e4, landmark_position=values.landmark_position + 1e4
+    )
+    reckoned, from_file = dead_reckon_graph(graph, nowhere)
+    expected = values_at(fleet.noisy, *dead_reckon(fleet.noisy))
+    np.testing.assert_allclose(reckoned.position, expected.position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(reckoned.quaternion, expected.quaternion, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(reckoned.landmark_position, fleet.noisy.landmark_position)
+    assert from_file == 0
+
+
+def test_dead_reckoning_goes_backwards_and_starts_where_the_file_says_for_want_of_a_prior(make_fleet):
+    fleet = make_fleet(seed=4, n_agents=2, n_times=6)
+    graph, last = build_graph(fleet.noise_free), 5  # of A; its prior moves there, and B has none
+    at_end = graph["prior"].kind.table(
+        [last], [fleet.position[:1, last], fleet.quaternion[:1, last]], graph["prior"].covariance[:1]
+    )
+    shifted = replace(fleet.truth, position=fleet.truth.position + np.array([7.0, 0.0, 0.0]))
+    reckoned, from_file = dead_reckon_graph(graph.with_factors(prior=at_end), shifted)
+    assert from_file == 1
+    np.testing.assert_allclose(reckoned.position[:6], fleet.truth.position[:6], atol=1e-8)
+    np.testing.assert_allclose(reckoned.position[6:], shifted.position[6:], atol=1e-8)
+
+
+def test_anchors_go_to_the_first_pose_of_each_loose_part_and_make_it_solvable(whole):
+    _, graph, values = whole
+    loose = without(graph, "prior", "survey")
+    with pytest.raises(EstimationError, match=r"^A0: no first-pose prior"):
+        check_anchored(loose)
+    anchored, poses = anchor_loose_parts(loose, values)
+    assert poses.tolist() == [0]
+    check_anchored(anchored)
+    assert GraphSolver().solve(anchored, values, model_is_right=False).status.name == "OK"
+    apart, poses = anchor_loose_parts(without(loose, "range"), values)
+    assert [graph.variable_name(int(p)) for p in poses] == ["A0", "B0", "C0"]
+    with pytest.raises(EstimationError, match=r"^L0: no first-pose prior"):
+        check_anchored(apart)  # a landmark that nothing measures
+    again, none = anchor_loose_parts(graph, values)
+    assert none.size == 0
+    np.testing.assert_array_equal(again["prior"].variables, graph["prior"].variables)

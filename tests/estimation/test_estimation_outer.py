@@ -4,22 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from factories import far_from
+from oracles import nonlinear_vector_factors
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
+    ConstantSpeed,
+    Estimator,
     GraphSolver,
-    GraphValues,
+    MeanSlowness,
+    RangeLinks,
     build_graph,
     collect_estimates,
     dead_reckon,
     solve_conditions,
 )
-from pymantaray.estimation._gtsam import optimize
-from pymantaray.estimation.assemble import timed_ranges
-from pymantaray.estimation.conditions import Estimator
-from pymantaray.estimation.range_models import ConstantSpeed, MeanSlowness, RangeLinks
-from pymantaray.estimation.range_weights import BelievedRanges
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
+from pymantaray.estimation.build import timed_ranges
+from pymantaray.estimation.range_models import BelievedRanges
 from pymantaray.records import RayStatus, SolveStatus
 
 WATER = MeanSlowness([0.0, 2000.0, 3000.0, 6000.0], [1450.0, 1470.0, 1455.0, 1500.0])
@@ -89,13 +90,12 @@ def test_right_model_leads_from_dead_reckoning_to_the_truth(make_fleet):
 def test_outer_iterations_and_vector_factors_reach_the_same_optimum(make_fleet, start):
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     o = ranged_in(WATER, fleet.noisy, fleet.position)
-    position, quaternion = (fleet.position, fleet.quaternion) if start == "truth" else dead_reckon(o)
-    initial = GraphValues(position.reshape(-1, 3), quaternion.reshape(-1, 4), o.landmark_position)
+    initial = fleet.truth if start == "truth" else fleet.reckoned
     graph = build_graph(o, "refracted")
     believed = BelievedRanges(WATER, timed_ranges(o, "refracted", "refracted"))
-    solver = GraphSolver()
-    outer, vector = (solver.solve(graph, initial, believed=believed, vector_factors=v) for v in (False, True))
-    assert outer.status == vector.status == SolveStatus.OK
+    outer = GraphSolver().solve(graph, initial, believed=believed)
+    vector = nonlinear_vector_factors(graph, believed, initial)
+    assert outer.status == SolveStatus.OK
     assert off(outer.position, vector.position) < 1e-3
     assert off(outer.landmark_position, vector.landmark_position) < 1e-3
     assert outer.final_cost == pytest.approx(vector.final_cost, rel=1e-6)
@@ -116,11 +116,9 @@ def test_constant_speed_as_a_distance_and_as_a_model_agree(make_fleet):
     fleet = make_fleet(seed=6, gnss_every=10)
     o = ranged_in(WATER, fleet.noisy, fleet.position)
     model = ConstantSpeed(1460.0)
-    graph, start = build_graph(o, "refracted"), dead_reckon(o)
-    initial = GraphValues(start[0].reshape(-1, 3), start[1].reshape(-1, 4), o.landmark_position)
     asked = GraphSolver().solve(
-        graph,
-        initial,
+        build_graph(o, "refracted"),
+        fleet.reckoned,
         believed=BelievedRanges(model, timed_ranges(o, "refracted", "refracted")),
         model_is_right=False,
     )
@@ -139,11 +137,11 @@ def test_gated_links_are_counted_and_do_as_if_never_measured(make_fleet):
     ordered = np.sort(distance)
     k = int(np.argmax(np.diff(ordered)[ordered.size // 4 : -5])) + ordered.size // 4
     reach = 0.5 * (ordered[k] + ordered[k + 1])  # in the widest gap, which no estimate crosses
-    found = estimate(o, Reach(reach), (fleet.position, fleet.quaternion))
+    found = estimate(o, Reach(reach), fleet.start)
     assert found.gated_links == np.count_nonzero(distance > reach) > 0
     assert collect_estimates(o, [{"e": found}]).gated_links.tolist() == [[found.gated_links]]
     without = replace(o, range_status=np.where(distance > reach, RayStatus.SHADOW, o.range_status))
-    plain = estimate(without, WATER, (fleet.position, fleet.quaternion))
+    plain = estimate(without, WATER, fleet.start)
     assert plain.gated_links == 0
     assert off(found.position, plain.position) < 1e-4
     assert found.expected_cost == plain.expected_cost
@@ -172,19 +170,13 @@ def test_link_becomes_possible_again_where_the_estimate_has_moved(make_fleet):
     assert found.initial_cost == pytest.approx(of_near, rel=1e-6)
 
 
-def test_start_far_away_falls_back_on_damping_and_finds_the_same_optimum(make_fleet, monkeypatch):
-    calls = []
-    damped = optimize._levenberg_marquardt
-    monkeypatch.setattr(optimize, "_levenberg_marquardt", lambda *a: calls.append(1) or damped(*a))
+def test_start_far_away_falls_back_on_damping_and_finds_the_same_optimum(make_fleet, damped):
     fleet = make_fleet(seed=3, gnss_every=10)
     o = ranged_in(WATER, fleet.noisy, fleet.position)
-    near = estimate(o, WATER, (fleet.position, fleet.quaternion))
-    assert not calls
-    rng = np.random.default_rng(0)
-    turn = so3_exp(rng.normal(0, 1.0, (*fleet.quaternion.shape[:2], 3)))
-    turned = quaternion_from_matrix(matrix_from_quaternion(fleet.quaternion) @ turn)
-    far = estimate(o, WATER, (fleet.position + rng.normal(0, 500.0, fleet.position.shape), turned))
-    assert calls
+    near = estimate(o, WATER, fleet.start)
+    assert not damped
+    far = estimate(o, WATER, far_from(fleet))
+    assert damped
     assert near.status == far.status == SolveStatus.OK
     assert off(far.position, near.position) < 1e-3
 
@@ -246,8 +238,7 @@ def test_bad_requests_are_refused(make_fleet):
     graph = build_graph(o, "refracted")
     ranges = timed_ranges(o, "refracted", "refracted")
     less = ranges._replace(**{name: getattr(ranges, name)[1:] for name in ranges._fields})
-    initial = GraphValues(fleet.position.reshape(-1, 3), fleet.quaternion.reshape(-1, 4), np.zeros((0, 3)))
     with pytest.raises(EstimationError, match="do not join the variables of the graph's"):
-        GraphSolver().solve(graph, initial, believed=BelievedRanges(WATER, less))
+        GraphSolver().solve(graph, fleet.truth, believed=BelievedRanges(WATER, less))
     with pytest.raises(EstimationError, match="sound speed at the transmitter of range 0 is 0 m/s"):
         estimate(replace(o, transmitter_sound_speed=0.0 * o.transmitter_sound_speed), WATER)

@@ -1,12 +1,14 @@
 """Factor graphs as text: a round trip without loss, a file written by hand, and one line for each fault."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from factories import without
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, build_graph, read_pyfg, write_pyfg
+from pymantaray.estimation import GraphSolver, GraphValues, build_graph, read_pyfg, write_pyfg
+from pymantaray.estimation.graph import KINDS
 from pymantaray.estimation.pyfg import load_pyfg
 from pymantaray.records import SolveStatus
 
@@ -24,8 +26,13 @@ EDGE_RANGE 200 A1 L0 8.5 4
 
 
 def assert_same(a, b):
-    for f in fields(FactorGraph):
-        np.testing.assert_array_equal(getattr(a, f.name), getattr(b, f.name), err_msg=f.name)
+    for name in ("agent_name", "landmark_name", "pose_agent", "pose_number", "pose_time"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+    for kind in KINDS:
+        for part in ("variables", "measured", "covariance"):
+            np.testing.assert_array_equal(
+                getattr(a[kind], part), getattr(b[kind], part), err_msg=f"{kind} {part}"
+            )
 
 
 def read_text(tmp_path, text):
@@ -38,11 +45,7 @@ def read_text(tmp_path, text):
 def test_round_trip_keeps_every_bit(tmp_path, make_fleet, n_landmarks):
     fleet = make_fleet(seed=2, n_landmarks=n_landmarks, gnss_every=7, dropouts=0.3)
     graph = build_graph(fleet.noisy, "refracted")
-    initial = GraphValues(
-        position=fleet.position.reshape(-1, 3),
-        quaternion=fleet.quaternion.reshape(-1, 4),
-        landmark_position=fleet.noisy.landmark_position,
-    )
+    initial = fleet.truth
     write_pyfg(graph, tmp_path / "graph.pyfg", initial=initial)
     again, values = read_pyfg(tmp_path / "graph.pyfg")
     assert_same(graph, again)
@@ -60,21 +63,22 @@ def test_hand_written_file_means_what_it_says(tmp_path):
     np.testing.assert_array_equal(values.quaternion[1], [0.8, 0, 0, 0.6])  # ours has w first
     # rotation comes first in the tangent, last in the file
     np.testing.assert_array_equal(
-        np.diagonal(graph.prior_covariance[0]), [1e-4, 2e-4, 3e-4, 0.01, 0.02, 0.03]
+        np.diagonal(graph["prior"].covariance[0]), [1e-4, 2e-4, 3e-4, 0.01, 0.02, 0.03]
     )
-    assert graph.prior_covariance[0, 3, 4] == graph.prior_covariance[0, 4, 3] == 0.001
-    assert graph.prior_covariance[0, 0, 1] == 2e-5
+    assert graph["prior"].covariance[0, 3, 4] == graph["prior"].covariance[0, 4, 3] == 0.001
+    assert graph["prior"].covariance[0, 0, 1] == 2e-5
     # a translation-rotation entry changes sides
-    assert graph.edge_covariance[0, 2, 3] == graph.edge_covariance[0, 3, 2] == 0.001
-    np.testing.assert_array_equal(np.diagonal(graph.fix_covariance[0]), [0.25, 0.36, 0.49])
-    assert (graph.depth_pose.tolist(), graph.depth.tolist(), graph.depth_variance.tolist()) == (
+    assert graph["edge"].covariance[0, 2, 3] == graph["edge"].covariance[0, 3, 2] == 0.001
+    np.testing.assert_array_equal(graph["fix"].variance[0], [0.25, 0.36, 0.49])
+    depth, ranges = graph["depth"], graph["range"]
+    assert [depth.subject.tolist(), depth.column("depth").tolist(), depth.variance.tolist()] == [
         [1],
         [3.5],
         [1e-4],
-    )
-    assert graph.survey_covariance[0, 0, 1] == 0.1
-    assert (graph.range_first.tolist(), graph.range_second.tolist()) == ([1], [2])
-    assert (graph.range_distance.tolist(), graph.range_variance.tolist()) == ([8.5], [4.0])
+    ]
+    assert graph["survey"].covariance[0, 0, 1] == 0.1
+    assert ranges.variables.tolist() == [[1, 2]]
+    assert (ranges.column("distance").tolist(), ranges.variance.tolist()) == ([8.5], [4.0])
     assert GraphSolver().solve(graph, values).status == SolveStatus.OK
 
 
@@ -94,7 +98,7 @@ def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
     # a quarter turn about down: the file's x axis is the world's east
     turned = HAND.replace("11 2 3 0 0 0 1 0.25", "11 2 3 0 0 0.70710678118654752 0.70710678118654752 0.25")
     graph, _ = read_text(tmp_path, turned)
-    np.testing.assert_allclose(np.diagonal(graph.fix_covariance[0]), [0.36, 0.25, 0.49], rtol=1e-12)
+    np.testing.assert_allclose(graph["fix"].variance[0], [0.36, 0.25, 0.49], rtol=1e-12)
 
 
 def broken(line, old, new):
@@ -170,20 +174,70 @@ def test_missing_file_is_an_error_of_ours(tmp_path):
         read_pyfg(tmp_path / "none.pyfg")
 
 
-def test_vehicles_get_letters_and_the_twenty_sixth_has_none(tmp_path, make_fleet):
-    fleet = make_fleet(n_agents=3, n_times=6)
-    named = replace(build_graph(fleet.noisy), agent_name=np.array(["beacon", "float-1", "L"]))
-    initial = GraphValues(
-        position=fleet.position.reshape(-1, 3),
-        quaternion=fleet.quaternion.reshape(-1, 4),
-        landmark_position=np.empty((0, 3)),
+def named(graph, *names):
+    return replace(graph, agent_name=np.array(names))
+
+
+def test_names_that_are_no_letters_are_kept_in_a_table_beside_the_file(tmp_path, make_fleet):
+    fleet = make_fleet(n_agents=3, n_times=6, n_landmarks=1)
+    graph = replace(
+        named(build_graph(fleet.noisy), "beacon", "float-1", "L"), landmark_name=np.array(["buoy_7"])
     )
-    write_pyfg(named, tmp_path / "g.pyfg", initial=initial)
-    assert read_pyfg(tmp_path / "g.pyfg")[0].agent_name.tolist() == ["A", "B", "C"]
-    crowd = replace(named, agent_name=np.array([f"v{i}" for i in range(26)]))
-    with pytest.raises(EstimationError, match=r"26 vehicles; .*keeps L for landmarks: 25 at most"):
-        write_pyfg(crowd, tmp_path / "crowd.pyfg", initial=initial)
-    assert [p.name for p in tmp_path.iterdir()] == ["g.pyfg"]
+    path = tmp_path / "g.pyfg"
+    write_pyfg(graph, path, initial=fleet.truth)
+    assert path.read_text().splitlines()[0].split()[2] == "A0"
+    table = tmp_path / "g.names.csv"
+    assert table.read_text().splitlines() == ["symbol,name", "A,beacon", "B,float-1", "C,L", "L0,buoy_7"]
+    again, _ = read_pyfg(path)
+    assert_same(again, graph)
+    table.rename(tmp_path / "elsewhere.csv")
+    assert read_pyfg(path)[0].agent_name.tolist() == ["A", "B", "C"]
+    # a table belongs to its file: one without names of its own has none
+    table.write_text("symbol,name\nA,stale\n")
+    write_pyfg(read_pyfg(tmp_path / "g.pyfg")[0], path, initial=fleet.truth)
+    write_pyfg(build_graph(fleet.noisy), path, initial=fleet.truth)
+    assert not table.exists()
+    for odd, message in (
+        ("a b", "the name 'a b'"),
+        ("../up", "the name '../up'"),
+        ("buoy_7", "a name twice"),
+    ):
+        with pytest.raises(EstimationError, match=message):
+            write_pyfg(named(graph, "beacon", odd, "x"), path, initial=fleet.truth)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "symbol,name\nA\n", "symbol,name\nA,x,y\n", "name,symbol\nA,x\n", "symbol,name\nA,x\nB,x\n", "symbol,name\nA,../x\n"],
+)  # fmt: skip
+def test_a_table_of_names_that_is_none_is_refused_by_its_name(tmp_path, text):
+    (tmp_path / "graph.names.csv").write_text(text)
+    with pytest.raises(EstimationError, match=r"graph\.names\.csv: (needs a line|not a readable)") as caught:
+        read_text(tmp_path, HAND)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("n_agents", [26, 30])
+def test_more_vehicles_than_letters_have_names_of_several(tmp_path, make_fleet, n_agents):
+    fleet = make_fleet(n_agents=2, n_times=n_agents)  # as many vehicles of two poses
+    graph = without(build_graph(fleet.noisy), "edge")
+    names = [f"glider-{i:03d}" for i in range(n_agents)]
+    many = replace(
+        graph,
+        agent_name=np.array(names),
+        pose_agent=np.repeat(np.arange(n_agents), 2),
+        pose_number=np.tile([0, 1], n_agents),
+    )
+    path = tmp_path / "many.pyfg"
+    write_pyfg(many, path, initial=fleet.truth)
+    assert path.read_text().splitlines()[2].split()[2] == "AB0"
+    assert_same(read_pyfg(path)[0], many)
+    (tmp_path / "many.names.csv").unlink()
+    bare, values = read_pyfg(path)
+    assert bare.agent_name.tolist()[-1] == {26: "BA", 30: "BE"}[n_agents]
+    write_pyfg(bare, path, initial=values)  # names that are symbols need no table
+    assert [p.name for p in tmp_path.iterdir()] == ["many.pyfg"]
+    assert_same(read_pyfg(path)[0], bare)
 
 
 def test_values_that_do_not_fit_are_refused(tmp_path):
@@ -232,10 +286,7 @@ def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tm
     assert left_out == {"EDGE_SE3_XYZ": 1}
     assert graph.pose_time.tolist() == [0.5, 1.5, 2.5, 0.5, 1.5]
     assert graph.landmark_name.tolist() == ["L0", "L7"]
-    edges = [
-        (graph.variable_name(a), graph.variable_name(b))
-        for a, b in zip(graph.edge_from, graph.edge_to, strict=True)
-    ]
+    edges = [tuple(map(graph.variable_name, ends)) for ends in graph["edge"].variables]
     assert edges == [("A0", "A1"), ("A1", "A2"), ("B0", "B1"), ("A2", "A0"), ("A0", "B0")]
     solution = GraphSolver().solve(graph, values, model_is_right=False)
     assert solution.status == SolveStatus.OK
@@ -255,11 +306,7 @@ def test_landmarks_keep_their_numbers_and_trailing_blanks_do_not_matter(tmp_path
 def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_path, make_fleet):
     fleet = make_fleet(n_agents=1, n_times=4)
     graph = build_graph(fleet.noisy)
-    initial = GraphValues(
-        position=fleet.position.reshape(-1, 3),
-        quaternion=fleet.quaternion.reshape(-1, 4),
-        landmark_position=np.empty((0, 3)),
-    )
+    initial = fleet.truth
     write_pyfg(graph, tmp_path / "g.pyfg", initial=initial)
     lines = [x.split() for x in (tmp_path / "g.pyfg").read_text().splitlines() if ":PRIOR" in x]
     corner = np.cumsum([0, 6, 5, 4, 3, 2])  # where the diagonal stands in an upper triangle by rows
@@ -267,17 +314,11 @@ def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_
         diagonal = [float(line[10 + i]) for i in corner]
         assert diagonal == [1e12, 1e12, fleet.noisy.depth_sigma[0] ** 2, 1e12, 1e12, 1e12]
     again, _ = read_pyfg(tmp_path / "g.pyfg")
-    assert again.prior_pose.size == 1
-    assert again.fix_pose.size == 0
-    np.testing.assert_array_equal(again.depth_variance, graph.depth_variance)
+    assert len(again["prior"]) == 1
+    assert len(again["fix"]) == 0
+    np.testing.assert_array_equal(again["depth"].variance, graph["depth"].variance)
     # zero precision, not 1e-12: with that, depths would hold a fleet that nothing else holds across
-    loose = replace(
-        again,
-        prior_pose=[],
-        prior_position=np.empty((0, 3)),
-        prior_quaternion=np.empty((0, 4)),
-        prior_covariance=np.empty((0, 6, 6)),
-    )
+    loose = without(again, "prior")
     near, far = (
         GraphSolver().solve(loose, replace(initial, position=initial.position + np.array([shift, 0.0, 0.0])))
         for shift in (0.0, 2.0**26)  # a power of two: sums stay exact
@@ -298,18 +339,14 @@ def test_pyfactorgraph_itself_reads_what_we_write_and_we_what_it_writes(tmp_path
     )
     (tmp_path / "foreign.pyfg").write_text(FOREIGN)
     graph, values, _ = load_pyfg(tmp_path / "foreign.pyfg", leave_out=["EDGE_SE3_XYZ"])
-    between_landmarks = graph.range_first >= graph.n_poses  # theirs has none
-    graph = replace(
-        graph,
-        range_first=graph.range_first[~between_landmarks],
-        range_second=graph.range_second[~between_landmarks],
-        range_distance=graph.range_distance[~between_landmarks],
-        range_variance=graph.range_variance[~between_landmarks],
-    )
+    ranges = graph["range"]
+    graph = graph.with_factors(
+        range=ranges[ranges.variables[:, 0] < graph.n_poses]
+    )  # theirs has none between landmarks
     write_pyfg(graph, tmp_path / "ours.pyfg", initial=values)
     read = theirs.read_from_pyfg_text(str(tmp_path / "ours.pyfg"))
-    assert [r.dist for r in read.range_measurements] == graph.range_distance.tolist()
+    assert [r.dist for r in read.range_measurements] == graph["range"].column("distance").tolist()
     theirs.save_to_pyfg_text(read, str(tmp_path / "theirs.pyfg"))
     again, _ = read_pyfg(tmp_path / "theirs.pyfg")
-    np.testing.assert_allclose(again.edge_translation, graph.edge_translation, atol=1e-6)
-    np.testing.assert_allclose(again.range_distance, graph.range_distance, atol=1e-6)
+    for kind in ("edge", "range"):
+        np.testing.assert_allclose(again[kind].measured, graph[kind].measured, atol=1e-6)

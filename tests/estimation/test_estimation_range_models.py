@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 from pymantaray.acoustics import direct_travel_time_linear_gradient
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.range_models import ConstantSpeed, MeanSlowness, RangeLinks, TransmitterSpeed
+from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeLinks, TransmitterSpeed
 
 DUCT = MeanSlowness(
     [0.0, 50.0, 100.0, 400.0, 1000.0, 3000.0], [1440.0, 1447.0, 1436.0, 1461.0, 1463.0, 1492.0]
@@ -37,10 +37,10 @@ def test_one_speed_gives_distance_over_it():
 @settings(max_examples=40, deadline=None)
 def test_mean_slowness_is_the_chord_integral(a, b):
     a, b = np.array(a), np.array(b)
-    knots = [(z - a[2]) / (b[2] - a[2]) for z in DUCT._depth] if abs(b[2] - a[2]) > 1.0 else []
+    knots = [(z - a[2]) / (b[2] - a[2]) for z in DUCT.depth] if abs(b[2] - a[2]) > 1.0 else []
 
     def slowness(t):
-        return 1.0 / np.interp(a[2] + t * (b[2] - a[2]), DUCT._depth, DUCT._speed)
+        return 1.0 / np.interp(a[2] + t * (b[2] - a[2]), DUCT.depth, DUCT.sound_speed)
 
     inside = sorted(t for t in knots if 0.0 < t < 1.0)
     edges = [0.0, *inside, 1.0]

@@ -5,20 +5,25 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from factories import values_at, without
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import GraphSolver, GraphValues, SolveOptions, build_graph, dead_reckon
-from pymantaray.estimation._gtsam.factors import FactorBuilder
-from pymantaray.estimation._gtsam.robust import RobustExpandedRanges, m_estimator, robust_factors
-from pymantaray.estimation._gtsam.vector_factor import epoch_terms
-from pymantaray.estimation.assemble import timed_ranges
-from pymantaray.estimation.expansion import Expansion
-from pymantaray.estimation.losses import LOSSES, Loss, range_weights, whitened_ranges
-from pymantaray.estimation.range_models import RangeLinks, TransmitterSpeed
-from pymantaray.estimation.robust import solve_robust
+from pymantaray.estimation import (
+    LOSSES,
+    Estimator,
+    GraphSolver,
+    Loss,
+    MeanSlowness,
+    Method,
+    SolveOptions,
+    build_graph,
+    dead_reckon,
+    solve_conditions,
+)
+from pymantaray.estimation.losses import range_weights, whitened_ranges
 from pymantaray.records import SolveStatus
 from pymantaray.sensing import perturb
 from pymantaray.study.load import load_study
@@ -29,20 +34,24 @@ KINDS = ["huber", "cauchy", "geman-mcclure"]
 RESIDUALS = st.floats(-1e4, 1e4)
 
 
-def values_of(position, quaternion, landmarks):
-    return GraphValues(
-        position=np.asarray(position).reshape(-1, 3),
-        quaternion=np.asarray(quaternion).reshape(-1, 4),
-        landmark_position=landmarks,
-    )
+M_ESTIMATORS = {
+    "huber": gtsam.noiseModel.mEstimator.Huber,
+    "cauchy": gtsam.noiseModel.mEstimator.Cauchy,
+    "geman-mcclure": gtsam.noiseModel.mEstimator.GemanMcClure,
+}
+
+
+def solve_robust(graph, initial, loss, options=None):
+    return GraphSolver(options).solve(graph, initial, method=Method(loss))
 
 
 def with_late_arrivals(graph, rate, seed):
     """A share of the ranges is too long by 50 to 500 m."""
     rng = np.random.default_rng(seed)
-    late = rng.random(graph.range_first.size) < rate
+    ranges = graph["range"]
+    late = rng.random(len(ranges)) < rate
     error = np.where(late, rng.uniform(50.0, 500.0, late.size), 0.0)
-    return replace(graph, range_distance=graph.range_distance + error), late
+    return graph.with_factors(range=ranges.with_columns(distance=ranges.column("distance") + error)), late
 
 
 class Study:
@@ -53,8 +62,8 @@ class Study:
         mission = simulate_mission(config, Stopwatch(), lambda *_: None)
         o = perturb(mission.measurements, root_seed=config.study.seed, realization=0)
         self.graph = build_graph(o, "straight")
-        self.truth = values_of(mission.truth.position, mission.truth.quaternion, o.landmark_position)
-        self.reckoned = values_of(*dead_reckon(o), o.landmark_position)
+        self.truth = values_at(o, mission.truth.position, mission.truth.quaternion)
+        self.reckoned = values_at(o, *dead_reckon(o))
         self.clean = self.ate(GraphSolver().solve(self.graph, self.reckoned))
         self.dirty, self.late = with_late_arrivals(self.graph, 0.1, 1)
         self._solved = {}
@@ -79,14 +88,14 @@ def study():
 def small(make_fleet):
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     graph = build_graph(fleet.noisy, "straight")
-    return fleet, graph, values_of(*dead_reckon(fleet.noisy), fleet.noisy.landmark_position)
+    return fleet, graph, fleet.reckoned
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(u=RESIDUALS, scale=st.floats(0.1, 100.0))
 def test_cost_and_weight_are_gtsams(kind, u, scale):
     loss = Loss(kind, scale)
-    theirs = m_estimator(loss)
+    theirs = M_ESTIMATORS[kind].Create(scale)
     assert loss.cost(u) == pytest.approx(theirs.loss(u), rel=1e-9, abs=1e-12)
     assert loss.weight(u) == pytest.approx(theirs.weight(u), rel=1e-9, abs=1e-300)
 
@@ -141,29 +150,17 @@ def test_optimum_is_where_least_squares_with_its_own_weights_is(small):
     tight = SolveOptions(step_tolerance=1e-7)
     for name, loss in LOSSES.items():
         found = solve_robust(dirty, start, loss, options=tight)
-        at = values_of(found.position, found.quaternion, found.landmark_position)
-        weighted = replace(dirty, range_variance=dirty.range_variance / range_weights(dirty, at, loss))
-        plain = GraphSolver(tight).solve(weighted, at, model_is_right=False)
+        weight = range_weights(dirty, found.values, loss)[:, None, None]
+        weighted = replace(dirty["range"], covariance=dirty["range"].covariance / weight)
+        plain = GraphSolver(tight).solve(
+            dirty.with_factors(range=weighted), found.values, model_is_right=False
+        )
         np.testing.assert_allclose(found.position, plain.position, rtol=0, atol=1e-5, err_msg=name)
 
 
 def test_one_vehicle_that_ranges_hold_alone_is_singular_once_they_are_gone(small):
     _, graph, start = small
-    none = np.empty(0)
-    loose = replace(
-        graph,
-        prior_pose=graph.prior_pose[1:],
-        prior_position=graph.prior_position[1:],
-        prior_quaternion=graph.prior_quaternion[1:],
-        prior_covariance=graph.prior_covariance[1:],
-        fix_pose=none,
-        fix_position=np.empty((0, 3)),
-        fix_covariance=np.empty((0, 3, 3)),
-        range_first=none,
-        range_second=none,
-        range_distance=none,
-        range_variance=none,
-    )
+    loose = without(graph, "fix", "range").with_factors(prior=graph["prior"][1:])
     for loss in LOSSES.values():
         found = solve_robust(loose, start, loss)
         assert found.status == SolveStatus.FAILED
@@ -178,8 +175,7 @@ def test_ten_percent_of_late_arrivals_ruin_least_squares_and_not_robust_losses(s
         found = study.solve(name)
         assert found.status == SolveStatus.OK, name
         assert abs(study.ate(found) - study.clean) < 0.5, name
-        at = values_of(found.position, found.quaternion, np.empty((0, 3)))
-        weight = range_weights(dirty, at, LOSSES[name])
+        weight = range_weights(dirty, found.values, LOSSES[name])
         assert (weight[late] < 0.1).all(), name  # kept out, every one
         assert (weight[~late] > 0.1).all(), name  # and nothing else
 
@@ -210,43 +206,29 @@ def test_convex_loss_ends_in_one_place(study):
     np.testing.assert_allclose(ends[0].position, ends[1].position, rtol=0, atol=1e-2)
 
 
-def test_expanded_travel_times_under_a_loss_cost_and_pull_as_stock_factors_do(small):
-    """The speed at the transmitter makes a distance of a travel time: both roads are one."""
-    fleet, graph, start = small
-    graph, late = with_late_arrivals(graph, 0.2, 0)
-    timed = timed_ranges(fleet.noisy, "straight", "refracted")
-    timed = timed._replace(travel_time=graph.range_distance / timed.sound_speed)
-    assert late.any()
-    builder = FactorBuilder()
-    common, at, n = builder.base(graph), builder.values(start), graph.n_poses
-    place = np.concatenate([start.position, start.landmark_position])
-    links = RangeLinks(timed.time, place[timed.transmitter], place[timed.receiver], timed.sound_speed)
-    none = np.empty(0)
-    expansion = Expansion(
-        TransmitterSpeed().predict(links), links, timed.travel_time, none, np.empty((timed.time.size, 0))
-    )
-    rows = [np.flatnonzero(timed.epoch == e) for e in range(timed.epoch.max() + 1)]
-    terms = epoch_terms(timed, [(r, np.diag(graph.range_variance[r])) for r in rows])
-    for loss in LOSSES.values():
-        mine = RobustExpandedRanges(
-            loss, common, lambda: None, terms, n, expansion, (timed.transmitter, timed.receiver)
-        )
-        stock = robust_factors(builder, common, graph, loss)
-        assert mine.error(at) == pytest.approx(stock.error(at), rel=1e-9)
-        ordering = gtsam.Ordering.ColamdNonlinearFactorGraph(stock)
-        pulls = [g.linearize(at).gradientAtZero().vector() for g in (mine, stock)]
-        np.testing.assert_allclose(pulls[0], pulls[1], rtol=1e-6, atol=1e-6 * np.abs(pulls[1]).max())
-        steps = [g.linearize(at).optimize(ordering).vector() for g in (mine, stock)]
-        np.testing.assert_allclose(steps[0], steps[1], rtol=0, atol=1e-6 * np.abs(steps[1]).max())
+def test_travel_times_and_distances_in_uniform_water_have_one_optimum_under_a_loss(make_fleet):
+    """Expanded about the estimate or as stock factors: where all water has one speed both roads are one."""
+    fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
+    late = np.zeros(fleet.noisy.range_status.size)
+    late[::9] = 200.0
+    o = replace(fleet.noisy, transmitter_sound_speed=np.full(late.size, 1480.0))
+    o = replace(o, refracted_range=o.straight_range + late)
+    water = MeanSlowness([0.0, 9000.0], [1480.0, 1480.0])
+    for name in ("huber", "cauchy"):
+        model = Estimator("refracted", model=water, method=Method(LOSSES[name]))
+        stock = Estimator("refracted", method=Method(LOSSES[name]))
+        solved = solve_conditions(o, [], estimators={"model": model, "stock": stock})
+        assert solved["model"].status == solved["stock"].status == SolveStatus.OK
+        assert solved["model"].final_cost == pytest.approx(solved["stock"].final_cost, rel=1e-6)
+        np.testing.assert_allclose(solved["model"].position, solved["stock"].position, rtol=0, atol=1e-3)
 
 
 def test_whitened_ranges_count_landmarks_and_sigmas(small):
     fleet, graph, _ = small
-    truth = values_of(fleet.position, fleet.quaternion, fleet.noise_free.landmark_position)
+    truth = values_at(fleet.noise_free, *fleet.start)
     exact = build_graph(fleet.noise_free, "straight")
     np.testing.assert_allclose(whitened_ranges(exact, truth), 0.0, atol=1e-9)
-    longer = replace(
-        exact, range_distance=exact.range_distance + 6.0, range_variance=0 * exact.range_variance + 4.0
-    )
+    ranges = exact["range"].with_columns(distance=exact["range"].column("distance") + 6.0)
+    longer = exact.with_factors(range=replace(ranges, covariance=np.full_like(ranges.covariance, 4.0)))
     np.testing.assert_allclose(whitened_ranges(longer, truth), -3.0, atol=1e-9)
-    assert (graph.range_second >= graph.n_poses).any()
+    assert (graph["range"].variables >= graph.n_poses).any()

@@ -1,53 +1,37 @@
 """Batch solutions: closed forms, equal answers by two roads, statistics, and the health gate."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
+from factories import far_from, values_at, without
 from scipy import stats
 
+from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
+    CONDITIONS,
     GraphSolver,
     GraphValues,
     SolveOptions,
     build_graph,
+    collect_estimates,
     dead_reckon,
     solve_conditions,
 )
-from pymantaray.estimation._gtsam import optimize
+from pymantaray.estimation.solution import Progress, gate
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 from pymantaray.records import SolveStatus
 
-EMPTY = np.empty
-NO_LANDMARKS = EMPTY((0, 3))
-NO_PRIORS = {
-    "prior_pose": EMPTY(0),
-    "prior_position": EMPTY((0, 3)),
-    "prior_quaternion": EMPTY((0, 4)),
-    "prior_covariance": EMPTY((0, 6, 6)),
-}
-NO_FIXES = {"fix_pose": EMPTY(0), "fix_position": EMPTY((0, 3)), "fix_covariance": EMPTY((0, 3, 3))}
-NO_DEPTHS = {"depth_pose": EMPTY(0), "depth": EMPTY(0), "depth_variance": EMPTY(0)}
-NO_EDGES = {
-    "edge_from": EMPTY(0),
-    "edge_to": EMPTY(0),
-    "edge_quaternion": EMPTY((0, 4)),
-    "edge_translation": EMPTY((0, 3)),
-    "edge_covariance": EMPTY((0, 6, 6)),
-}
 TIGHT = SolveOptions(step_tolerance=1e-9)
 
 
-def values_of(position, quaternion, landmarks=NO_LANDMARKS):
-    return GraphValues(
-        position=position.reshape(-1, 3), quaternion=quaternion.reshape(-1, 4), landmark_position=landmarks
-    )
-
-
 def test_odometry_and_first_pose_alone_give_dead_reckoning(fleet):
-    graph = replace(build_graph(fleet.noisy), **NO_FIXES, **NO_DEPTHS)
+    graph = without(build_graph(fleet.noisy), "fix", "depth")
     assert graph.degrees_of_freedom == 0
-    solution = GraphSolver(TIGHT).solve(graph, values_of(fleet.position, fleet.quaternion))
+    solution = GraphSolver(TIGHT).solve(graph, fleet.truth)
     position, quaternion = dead_reckon(fleet.noisy)
     assert solution.status == SolveStatus.OK
     np.testing.assert_allclose(solution.position, position.reshape(-1, 3), rtol=0, atol=1e-6)
@@ -81,63 +65,29 @@ def test_default_tolerance_leaves_less_than_a_hundredth_of_a_millimetre(fleet):
     np.testing.assert_allclose(default.position, tight.position, rtol=0, atol=1e-5)
 
 
-def test_steps_with_a_kept_factorization_end_where_newly_factorized_ones_do(fleet, monkeypatch):
-    eliminated, calls = optimize._eliminated, []
-    monkeypatch.setattr(optimize, "_eliminated", lambda *a: calls.append(1) or eliminated(*a))
-    graph, start = build_graph(fleet.noisy, "refracted"), values_of(fleet.position, fleet.quaternion)
-    kept = GraphSolver(TIGHT).solve(graph, start, model_is_right=False)
-    assert len(calls) < kept.iterations
-    calls.clear()
-    monkeypatch.setattr(optimize, "_NEAR", 0.0)
-    anew = GraphSolver(TIGHT).solve(graph, start, model_is_right=False)
-    assert len(calls) == anew.iterations
-    assert kept.status == anew.status == SolveStatus.OK
-    assert kept.iterations <= anew.iterations + 1
-    np.testing.assert_allclose(kept.position, anew.position, rtol=0, atol=1e-8)
-    assert kept.final_cost == pytest.approx(anew.final_cost, rel=1e-12)
-
-
-@pytest.mark.parametrize("variance", [1e-8, 1e-10, 1e-12])
-def test_depths_so_good_that_cholesky_takes_them_for_singular_are_solved(fleet, variance):
+def test_start_far_away_falls_back_on_damping_and_finds_the_same_optimum(fleet, damped):
     graph = build_graph(fleet.noisy, "straight")
-    graph = replace(graph, depth_variance=np.full(graph.depth.size, variance))
-    near = GraphSolver().solve(graph, values_of(fleet.position, fleet.quaternion), model_is_right=False)
-    assert near.status == SolveStatus.OK
-    assert near.iterations < 10
-    np.testing.assert_allclose(near.position[:, 2], graph.depth, rtol=0, atol=1e-3)
-    looser = replace(graph, depth_variance=np.full(graph.depth.size, 1e-6))  # Cholesky does that
-    less = GraphSolver().solve(looser, values_of(fleet.position, fleet.quaternion), model_is_right=False)
-    np.testing.assert_allclose(near.position, less.position, rtol=0, atol=0.01)
-    if variance == 1e-10:  # damped steps, too
-        far = GraphSolver().solve(graph, far_start(fleet), model_is_right=False)
-        assert far.status == SolveStatus.OK
-        np.testing.assert_allclose(far.position, near.position, rtol=0, atol=1e-4)
-
-
-def far_start(fleet):
-    rng = np.random.default_rng(0)
-    turn = so3_exp(rng.normal(0, 1.0, (*fleet.quaternion.shape[:2], 3)))
-    turned = matrix_from_quaternion(fleet.quaternion) @ turn
-    position = fleet.position + rng.normal(0, 500.0, fleet.position.shape)
-    return values_of(position, quaternion_from_matrix(turned))
-
-
-def test_start_far_away_falls_back_on_damping_and_finds_the_same_optimum(fleet, monkeypatch):
-    calls = []
-    damped = optimize._levenberg_marquardt
-    monkeypatch.setattr(optimize, "_levenberg_marquardt", lambda *a: calls.append(1) or damped(*a))
-    graph = build_graph(fleet.noisy, "straight")
-    near = GraphSolver(TIGHT).solve(graph, values_of(fleet.position, fleet.quaternion))
-    assert not calls
-    far = GraphSolver(TIGHT).solve(graph, far_start(fleet))
-    assert calls
+    near = GraphSolver(TIGHT).solve(graph, fleet.truth)
+    assert not damped
+    far = GraphSolver(TIGHT).solve(graph, values_at(fleet.noisy, *far_from(fleet)))
+    assert damped
     assert far.status == SolveStatus.OK
     np.testing.assert_allclose(far.position, near.position, rtol=0, atol=1e-5)
 
 
+class GivesUp:
+    def __init__(self, *_):
+        pass
+
+    def optimize(self):
+        raise RuntimeError
+
+
 def test_optimizer_that_gives_up_at_once_is_caught(fleet, monkeypatch):
-    monkeypatch.setattr(optimize, "_levenberg_marquardt", lambda _graph, initial, *_: (initial, 0))
-    solution = GraphSolver().solve(build_graph(fleet.noisy, "straight"), far_start(fleet))
+    monkeypatch.setattr(gtsam, "LevenbergMarquardtOptimizer", GivesUp)
+    solution = GraphSolver().solve(
+        build_graph(fleet.noisy, "straight"), values_at(fleet.noisy, *far_from(fleet))
+    )
     assert solution.status == SolveStatus.NO_ITERATION
     assert solution.iterations == 0
     assert np.isnan(solution.position).all()
@@ -193,17 +143,11 @@ def test_depth_moves_a_turned_body_down_and_nowhere_else(make_fleet, rotation_ve
         odometry_rotation=[[[1.0, 0, 0, 0]]],
         odometry_translation=np.zeros((1, 1, 3)),
     )
-    graph = replace(build_graph(sunk), **NO_EDGES)
-    graph = replace(
-        graph,
-        pose_agent=[0],
-        pose_number=[0],
-        pose_time=[0.0],
-        depth_pose=[0],
-        depth=[depth],
-        depth_variance=[depth_sigma**2],
-    )
-    solution = GraphSolver(TIGHT).solve(graph, values_of(prior, rotation), model_is_right=False)
+    graph = without(build_graph(sunk), "edge")
+    graph = replace(graph, pose_agent=[0], pose_number=[0], pose_time=[0.0])
+    graph = graph.with_factors(depth=graph["depth"][:1])
+    start = GraphValues(prior[None], rotation[None], np.empty((0, 3)))
+    solution = GraphSolver(TIGHT).solve(graph, start, model_is_right=False)
     weight = depth_sigma**-2 / (depth_sigma**-2 + sigma**-2)
     assert solution.status == SolveStatus.OK
     # the prior's noise lives on the manifold, where turning and shifting mix at second order in its 1e-3 rad
@@ -259,15 +203,15 @@ def test_a_used_solver_gives_the_same_digits_as_a_new_one(make_fleet):
 @pytest.mark.parametrize(
     "removed",
     [
-        {**NO_PRIORS, **NO_FIXES},  # the fleet may turn about and be carried sideways as one
-        {**NO_PRIORS, **NO_FIXES, **NO_DEPTHS},  # and anywhere
-        {**NO_EDGES},  # poses that only depth and some ranges know
+        ("prior", "fix"),  # the fleet may turn about and be carried sideways as one
+        ("prior", "fix", "depth"),  # and anywhere
+        ("edge",),  # poses that only depth and some ranges know
     ],
     ids=["no prior", "nothing to hold on to", "no odometry"],
 )
 def test_unsolvable_graph_started_at_the_truth_is_caught(fleet, noise, removed):
-    graph = replace(build_graph(getattr(fleet, noise), "straight"), **removed)
-    solution = GraphSolver().solve(graph, values_of(fleet.position, fleet.quaternion))
+    graph = without(build_graph(getattr(fleet, noise), "straight"), *removed)
+    solution = GraphSolver().solve(graph, fleet.truth)
     assert solution.status == SolveStatus.FAILED
     assert not solution.usable
     assert np.isnan(solution.position).all()
@@ -275,7 +219,90 @@ def test_unsolvable_graph_started_at_the_truth_is_caught(fleet, noise, removed):
 
 
 def test_iteration_limit_is_reported(fleet):
-    start = values_of(*dead_reckon(fleet.noisy))
+    start = fleet.reckoned
     solution = GraphSolver(SolveOptions(max_iterations=2)).solve(build_graph(fleet.noisy, "refracted"), start)
     assert solution.status == SolveStatus.NOT_CONVERGED
     assert np.isnan(solution.position).all()
+
+
+@pytest.mark.parametrize("sigma", [1e-4, 1e-6])
+def test_depths_too_good_for_the_solver_are_refused_with_the_bound(fleet, sigma):
+    graph = build_graph(fleet.noisy, "straight")
+    near = GraphSolver().solve(graph, fleet.truth, model_is_right=False)
+    best = replace(graph["depth"], covariance=np.full((90, 1, 1), 1e-6))
+    assert GraphSolver().solve(graph.with_factors(depth=best), fleet.truth, model_is_right=False).usable
+    sharp = replace(best, covariance=np.full((90, 1, 1), sigma**2))
+    with pytest.raises(
+        EstimationError, match=rf"^A0: depth sigma is {sigma:g} m where odometry .*needs 0\.00\d+ m or more$"
+    ):
+        GraphSolver().solve(graph.with_factors(depth=sharp), fleet.truth)
+    assert near.usable
+
+
+GOOD = Progress(
+    iterations=4, initial_cost=900.0, final_cost=100.0, gradient_norm=1e-3, newton_decrement=1e-9, last_step=1e-6
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        ({}, SolveStatus.OK),
+        ({"iterations": 0}, SolveStatus.NO_ITERATION),
+        ({"final_cost": 901.0}, SolveStatus.COST_ROSE),
+        ({"last_step": 1.0}, SolveStatus.NOT_CONVERGED),
+        ({"last_step": np.nan}, SolveStatus.NOT_CONVERGED),
+        ({"newton_decrement": 0.1}, SolveStatus.NOT_CONVERGED),
+        ({"newton_decrement": np.nan}, SolveStatus.NOT_CONVERGED),
+        ({"singular": True}, SolveStatus.FAILED),
+        ({"final_cost": np.nan}, SolveStatus.FAILED),
+        ({"final_cost": 151.0}, SolveStatus.OVER_CHI_SQUARE),  # expected 100, standard deviation 10
+        ({"final_cost": 49.0}, SolveStatus.OVER_CHI_SQUARE),
+        ({"final_cost": 149.0}, SolveStatus.OK),
+    ],
+)
+def test_gate_has_a_verdict_for_each_way_to_end(change, status):
+    assert gate(replace(GOOD, **change), SolveOptions(), expected_cost=100.0) == status
+
+
+def test_refracted_ranges_far_from_the_model_are_a_finding_not_a_failure(make_fleet):
+    fleet = make_fleet(seed=1, range_error=30.0, gnss_every=10)
+    solved = solve_conditions(fleet.noisy, ["straight", "refracted"], fleet.start)
+    assert solved["straight"].status == solved["refracted"].status == SolveStatus.OK
+    assert solved["refracted"].final_cost > 5 * solved["refracted"].expected_cost
+
+
+def test_wrong_noise_level_shows_in_the_gate_and_keeps_its_estimate(make_fleet):
+    fleet = make_fleet(seed=1, gnss_every=10, n_agents=4)
+    sure = replace(fleet.noisy, range_sigma=np.full(fleet.noisy.range_sigma.size, 0.1))
+    solution = solve_conditions(sure, ["straight"])["straight"]
+    assert solution.status == SolveStatus.OVER_CHI_SQUARE
+    assert np.isfinite(solution.position).all()
+
+
+def test_estimates_hold_every_condition_and_realization(make_fleet):
+    runs = [make_fleet(seed=s, n_agents=2, n_times=12, n_landmarks=1, gnss_every=5) for s in (0, 1)]
+    solved = [solve_conditions(r.noisy, list(CONDITIONS)) for r in runs]
+    estimates = collect_estimates(runs[0].noisy, solved)
+    assert estimates.condition.tolist() == list(CONDITIONS)
+    assert estimates.position.shape == (len(CONDITIONS), 2, 2, 12, 3)
+    assert estimates.landmark_position.shape == (len(CONDITIONS), 2, 1, 3)
+    np.testing.assert_array_equal(estimates.position[0, 1], dead_reckon(runs[1].noisy)[0])
+    assert np.isnan(estimates.final_cost[0]).all()
+    assert np.isfinite(estimates.final_cost[1:]).all()
+    with pytest.raises(EstimationError, match="realization 1 has conditions"):
+        collect_estimates(runs[0].noisy, [solved[0], {"odometry": solved[1]["odometry"]}])
+    with pytest.raises(EstimationError, match="at least one"):
+        collect_estimates(runs[0].noisy, [])
+
+
+def test_bad_requests_are_refused(fleet):
+    with pytest.raises(EstimationError, match="unknown condition 'bent'; allowed are odometry"):
+        solve_conditions(fleet.noisy, ["bent"])
+    with pytest.raises(EstimationError, match="values for 30 poses and 0 landmarks; the graph has 90 and 0"):
+        solve_conditions(fleet.noisy, ["straight"], (fleet.position[:1], fleet.quaternion[:1]))
+
+
+def test_importing_the_package_does_not_load_the_solver():
+    code = "import sys, pymantaray.estimation; sys.exit('gtsam' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

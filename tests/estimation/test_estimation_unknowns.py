@@ -4,18 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from factories import far_from
+from oracles import nonlinear_vector_factors
 from scipy import stats
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon, solve_conditions
-from pymantaray.estimation._gtsam import optimize
-from pymantaray.estimation.assemble import timed_ranges
-from pymantaray.estimation.conditions import Estimator
-from pymantaray.estimation.losses import LOSSES
-from pymantaray.estimation.range_models import MeanSlowness, RangeLinks, TransmitterSpeed
-from pymantaray.estimation.range_weights import BelievedRanges
-from pymantaray.estimation.unknowns import AdjustableModel, ClockPrior, Unknowns
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
+from pymantaray.estimation import (
+    LOSSES,
+    AdjustableModel,
+    ClockPrior,
+    Estimator,
+    GraphSolver,
+    MeanSlowness,
+    Method,
+    RangeLinks,
+    TransmitterSpeed,
+    build_graph,
+    solve_conditions,
+)
+from pymantaray.estimation.build import timed_ranges
+from pymantaray.estimation.range_models import BelievedRanges, Unknowns
 from pymantaray.records import RangingTruth, SolveStatus
 from pymantaray.sensing import Clocks, OneWay, TwoWay
 from pymantaray.sensing.timing import clock_error
@@ -104,25 +112,18 @@ def test_outer_iterations_and_vector_factors_reach_the_same_optimum(make_fleet, 
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     clocks = Clocks(offset=[4e-3, -7e-3, 2e-3], skew=[1e-6, -5e-7, 0.0])
     o = measured(fleet.noisy, fleet.position, Adjustable(amplitudes=(2.5, -1.5)), clocks)
-    position, quaternion = (fleet.position, fleet.quaternion) if start == "truth" else dead_reckon(o)
-    initial = GraphValues(position.reshape(-1, 3), quaternion.reshape(-1, 4), o.landmark_position)
+    initial = fleet.truth if start == "truth" else fleet.reckoned
     graph, timed = build_graph(o, "refracted"), timed_ranges(o, "refracted", "refracted")
     unknowns = Unknowns(Adjustable(), timed, graph.pose_agent, list("ABC"), clocks=CLOCKS)
     believed = BelievedRanges(Adjustable(), timed, unknowns=unknowns)
-    solver = GraphSolver()
-    outer, vector = (solver.solve(graph, initial, believed=believed, vector_factors=v) for v in (False, True))
-    assert outer.status == vector.status == SolveStatus.OK
+    outer = GraphSolver().solve(graph, initial, believed=believed)
+    vector = nonlinear_vector_factors(graph, believed, initial)
+    assert outer.status == SolveStatus.OK
     assert off(outer.position, vector.position) < 1e-3
     assert outer.final_cost == pytest.approx(vector.final_cost, rel=1e-6)
     sigma = outer.unknowns.prior_sigma
-    assert off(outer.unknowns.value / sigma, vector.unknowns.value / sigma) < 1e-3
-    assert (
-        off(
-            outer.unknowns.covariance / sigma[:, None] / sigma,
-            vector.unknowns.covariance / sigma[:, None] / sigma,
-        )
-        < 1e-3
-    )
+    assert off(outer.unknowns.value / sigma, vector.unknowns) < 1e-3
+    assert off(outer.unknowns.covariance / sigma[:, None] / sigma, vector.unknowns_covariance) < 1e-3
 
 
 def test_errors_of_unknowns_and_positions_have_the_covariances_that_are_given(make_fleet):
@@ -210,20 +211,13 @@ def test_clocks_act_on_predictions_as_they_do_on_measurements(make_fleet, timing
     np.testing.assert_array_equal(unknowns.predict(few, some, u)[0].travel_time, found.travel_time[some])
 
 
-def test_start_far_away_falls_back_on_damping_and_finds_the_same_optimum(make_fleet, monkeypatch):
-    calls = []
-    damped = optimize._levenberg_marquardt
-    monkeypatch.setattr(optimize, "_levenberg_marquardt", lambda *a: calls.append(1) or damped(*a))
+def test_start_far_away_falls_back_on_damping_and_finds_the_same_optimum(make_fleet, damped):
     fleet = make_fleet(seed=3, gnss_every=10, n_landmarks=1)
     o = measured(fleet.noisy, fleet.position, Adjustable(amplitudes=(2.5, -1.5)))
-    near = estimate(o, Adjustable(), (fleet.position, fleet.quaternion), clocks=CLOCKS)
-    assert not calls
-    rng = np.random.default_rng(0)
-    turn = so3_exp(rng.normal(0, 1.0, (*fleet.quaternion.shape[:2], 3)))
-    turned = quaternion_from_matrix(matrix_from_quaternion(fleet.quaternion) @ turn)
-    start = fleet.position + rng.normal(0, 500.0, fleet.position.shape), turned
-    far = estimate(o, Adjustable(), start, clocks=CLOCKS)
-    assert calls
+    near = estimate(o, Adjustable(), fleet.start, clocks=CLOCKS)
+    assert not damped
+    far = estimate(o, Adjustable(), far_from(fleet), clocks=CLOCKS)
+    assert damped
     assert near.status == far.status == SolveStatus.OK
     assert off(far.position, near.position) < 1e-3
     assert (
@@ -239,8 +233,7 @@ def test_robust_loss_finds_the_water_in_spite_of_outliers(make_fleet):
     wrong[::9] = 200.0
     o = replace(o, refracted_range=o.refracted_range + wrong)
     plain, robust = (
-        estimate(o, Adjustable(), (fleet.position, fleet.quaternion), loss=loss)
-        for loss in (None, LOSSES["cauchy"])
+        estimate(o, Adjustable(), fleet.start, method=Method(loss)) for loss in (None, LOSSES["cauchy"])
     )
     assert robust.usable
     sigma = np.sqrt(np.diagonal(robust.unknowns.covariance))
@@ -310,7 +303,7 @@ def test_links_whose_arrival_comes_and_goes_with_the_water_are_gated(make_fleet)
     def with_limit(limit):
         model = TwoFamilies()
         model.limit = limit
-        return estimate(o, model, (fleet.position, fleet.quaternion))
+        return estimate(o, model, fleet.start)
 
     always, never = with_limit(-np.inf), with_limit(np.inf)
     ends = always.unknowns.value[0], never.unknowns.value[0]

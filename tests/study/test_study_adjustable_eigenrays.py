@@ -8,8 +8,8 @@ import xarray as xr
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import OceanError
+from pymantaray.estimation import AdjustableModel
 from pymantaray.estimation.range_models import RangeLinks
-from pymantaray.estimation.unknowns import AdjustableModel
 from pymantaray.records import Trajectories
 from pymantaray.study import parse_study, preset_text, run_study
 from pymantaray.study.beliefs import Beliefs

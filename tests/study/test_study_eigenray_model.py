@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, quadrature, travel_time_sensitivity
-from pymantaray.estimation.range_models import RangeLinks
+from pymantaray.estimation import RangeLinks
 from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.study.range_models import eigenray_model
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of

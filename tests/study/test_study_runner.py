@@ -92,7 +92,9 @@ def test_pyfg_of_the_first_realization_starts_at_the_truth(tiny_run):
     graph, values = read_pyfg(tiny_run.path / "pyfg" / "realization-0-refracted.pyfg")
     np.testing.assert_allclose(values.position, tiny_run.truth.position.reshape(-1, 3), atol=1e-9)
     heard = tiny_run.measurements.range_status == RayStatus.OK
-    np.testing.assert_array_equal(graph.range_distance, tiny_run.noisy_measurements(0).refracted_range[heard])
+    np.testing.assert_array_equal(
+        graph["range"].column("distance"), tiny_run.noisy_measurements(0).refracted_range[heard]
+    )
 
 
 def test_dead_reckoned_start_reaches_the_same_optimum(tiny_tree, tiny_run, tmp_path):

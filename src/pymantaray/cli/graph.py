@@ -1,21 +1,16 @@
 """Commands of `mantaray graph`: other people's factor graphs, shown, solved and converted."""
 
-import glob
 from contextlib import ExitStack
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+if TYPE_CHECKING:
+    from pymantaray.estimation import GraphResult
+    from pymantaray.estimation.pyfg import GraphFile
+
 app = typer.Typer(help="Other people's factor graphs: show, solve, convert.", no_args_is_help=True)
-
-
-class Start(StrEnum):
-    """Where a solve begins."""
-
-    FILE = "file"
-    DEAD_RECKONING = "dead-reckoning"
 
 
 In = Annotated[Path, typer.Argument(metavar="FILE", help="PyFactorGraph text, or g2o if it ends in .g2o.")]
@@ -49,13 +44,12 @@ HalfAngles = Annotated[
 @app.command()
 def show(file: In, leave_out: LeaveOut = None, half_angles: HalfAngles = False) -> None:
     """Print what is in a graph, and whether it can be solved."""
-    from pymantaray.cli.graph_tables import describe
+    from pymantaray.estimation import open_graph
     from pymantaray.estimation.diagnose import diagnose
     from pymantaray.estimation.graph import check_anchored, check_values
-    from pymantaray.study.external import open_graph
 
     content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
-    for name, text in describe(content):
+    for name, text in _contents(content):
         typer.echo(f"{name:<18} {text}")
     check_values(content.graph, content.values)
     check_anchored(content.graph)
@@ -70,8 +64,9 @@ def solve(
         Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")
     ] = None,
     start: Annotated[
-        Start, typer.Option("--start", help="Start from the file's vertices, or from composed edges.")
-    ] = Start.FILE,
+        Literal["file", "dead-reckoning"],
+        typer.Option("--start", help="Start from the file's vertices, or from composed edges."),
+    ] = "file",
     estimator: Annotated[
         str,
         typer.Option(
@@ -94,34 +89,34 @@ def solve(
     quiet: Annotated[bool, typer.Option("--quiet", help="No summary.")] = False,
 ) -> None:
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
-    from pymantaray.cli.graph_tables import print_result
     from pymantaray.errors import EstimationError
+    from pymantaray.estimation import open_graph, solve_graph
+    from pymantaray.estimation.external import G2O
+    from pymantaray.evaluation import graph_errors
     from pymantaray.export import write_graph_tum
-    from pymantaray.study.external import G2O, open_graph, solve_graph
     from pymantaray.study.store import staged_folder
 
     content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
     with ExitStack() as stack:
-        folder = (
-            None if out is None else stack.enter_context(staged_folder(out))[0]
-        )  # refused before the solve
+        # refused before the solve
+        folder = None if out is None else stack.enter_context(staged_folder(out))[0]
         result = solve_graph(
             content,
             estimator=estimator,
-            start=start.value,
+            start=start,
             anchor=anchor,
             truth=file.suffix != G2O if truth is None else truth,
         )
         if folder is not None:
-            result.save(folder)
-            tables = {"start": result.initial, "truth": result.truth}
-            if result.solution.usable:
-                tables["estimate"] = result.values
-            for name, values in tables.items():
-                if values is not None:
-                    write_graph_tum(folder / f"{name}.tum", result.graph, values)
+            errors = {
+                f"trajectory_error{what}": graph_errors(result.graph, values, result.truth)
+                for what, values in (("", result.values), ("_of_start", result.initial))
+            }
+            result.save(folder, more=errors)
+            for name, values in result.trajectories.items():
+                write_graph_tum(folder / f"{name}.tum", result.graph, values)
     if not quiet:
-        print_result(result)
+        _print_result(result)
     if out is not None:
         typer.echo(str(out))
     if result.diagnosis is not None:
@@ -135,7 +130,7 @@ def convert(
         Path,
         typer.Argument(
             metavar="OUT",
-            help="OUT.pyfg, OUT.g2o, or OUT.tum for the vertices (OUT-A.tum, ... if there are several vehicles).",
+            help="OUT.pyfg, OUT.g2o, or OUT.tum for the vertices (OUT-NAME.tum for each of several vehicles).",
         ),
     ],
     leave_out: LeaveOutToo = None,
@@ -148,28 +143,32 @@ def convert(
 ) -> None:
     """Convert between PyFactorGraph text, g2o and TUM; what the target cannot hold is refused unless left out."""
     from pymantaray.cli.output import check_output
-    from pymantaray.estimation import write_pyfg
+    from pymantaray.estimation import open_graph, write_pyfg
+    from pymantaray.estimation.external import G2O
     from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
-    from pymantaray.export import write_graph_tum
-    from pymantaray.study.external import G2O, open_graph
+    from pymantaray.estimation.pyfg import names_file
+    from pymantaray.export import graph_tum_files, write_graph_tum
 
-    check_output(out, (".pyfg", G2O, ".tum"), inputs=[file], beside=_of_vehicles(out), force=force)
-    given = leave_out or []
-    words = _of_input(file, [what for what in given if what not in LEFT_OUT])
+    endings = (".pyfg", G2O, ".tum")
+    beside = [names_file(out)] if out.suffix == ".pyfg" else []
+    check_output(out, endings, inputs=[file], beside=beside, force=force)
+    wanted = leave_out or []
+    words = _of_input(file, [what for what in wanted if what not in LEFT_OUT])
     content = open_graph(file, leave_out=words, half_angles=half_angles)
     lost, files = dict(content.left_out), [out]
     if out.suffix == G2O:
-        agreed = LEFT_OUT if "all" in given else [what for what in given if what in LEFT_OUT]
         lost |= write_g2o(
             content.graph,
             out,
             initial=content.values,
-            leave_out=agreed,
+            leave_out=LEFT_OUT if "all" in wanted else [what for what in wanted if what in LEFT_OUT],
             symbols=symbols,
             half_angles=half_angles,
         )
     elif out.suffix == ".tum":
-        files = write_graph_tum(out, content.graph, content.values)
+        files = graph_tum_files(out, content.graph)
+        check_output(out, endings, inputs=[file], beside=files, force=force)
+        write_graph_tum(out, content.graph, content.values)
     else:
         write_pyfg(content.graph, out, initial=content.values)
     for what, count in lost.items():
@@ -178,15 +177,84 @@ def convert(
         typer.echo(str(path))
 
 
-def _of_vehicles(out: Path) -> list[Path]:
-    """Files of single vehicles that are there already where trajectories are to be written."""
-    return sorted(out.parent.glob(f"{glob.escape(out.stem)}-[A-Z].tum")) if out.suffix == ".tum" else []
-
-
 def _of_input(file: Path, leave_out: list[str] | None) -> list[str]:
     """Words that begin lines of the input file, without ``all``, which stands for those of PyFactorGraph text."""
-    from pymantaray.study.external import G2O
+    from pymantaray.estimation.external import G2O
 
-    given = leave_out or []
-    words = [what for what in given if what != "all"]
-    return ["EDGE_SE3_XYZ", *words] if "all" in given and file.suffix != G2O else words
+    wanted = leave_out or []
+    words = [what for what in wanted if what != "all"]
+    return ["EDGE_SE3_XYZ", *words] if "all" in wanted and file.suffix != G2O else words
+
+
+def _contents(file: "GraphFile") -> list[tuple[str, str]]:
+    """How many of each kind a graph has: name and text of each line."""
+    import numpy as np
+
+    g = file.graph
+    agent, number = g.pose_agent, g.pose_number.astype(int)
+    a, b = g["edge"].variables.T
+    same = agent[a] == agent[b]
+    odometry = same & (number[b] - number[a] == 1)
+    landmarks = (g["range"].variables >= g.n_poses).sum(axis=1)
+    time = g.pose_time
+    vehicles = (f"{name} ({np.count_nonzero(agent == k)} poses)" for k, name in enumerate(g.agent_name))
+    priors = ("prior", "of poses"), ("fix", "fixes"), ("depth", "depths"), ("survey", "of landmarks")
+    lines = [
+        ("vehicles", ", ".join(vehicles)),
+        ("landmarks", ", ".join(g.landmark_name.tolist()) or "none"),
+        ("times", f"{time.min():g} to {time.max():g} s"),
+        ("odometry", f"{np.count_nonzero(odometry)}"),
+        (
+            "loop closures",
+            f"{np.count_nonzero(same & ~odometry)} of one vehicle, {np.count_nonzero(~same)} between two",
+        ),
+        (
+            "ranges",
+            "{} between poses, {} to landmarks, {} between landmarks".format(
+                *(np.count_nonzero(landmarks == k) for k in range(3))
+            ),
+        ),
+        ("priors", ", ".join(f"{len(g[kind])} {what}" for kind, what in priors)),
+        ("degrees of freedom", f"{g.degrees_of_freedom}"),
+    ]
+    return lines + [("left out", f"{count} {what}") for what, count in file.left_out.items()]
+
+
+def _print_result(result: "GraphResult") -> None:
+    """Print status and costs of a solve, and trajectory errors where there is a truth."""
+    import numpy as np
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from pymantaray.evaluation import graph_errors
+
+    console = Console(soft_wrap=True)
+    s = result.solution
+    expected = f", expected {s.expected_cost:g}" if np.isfinite(s.expected_cost) else ""
+    console.print(
+        f"{escape(result.estimator)}, start {result.start}: [bold]{s.status.name}[/bold], {s.iterations} iterations,"
+        f" cost {s.initial_cost:.6g} to {s.final_cost:.6g}{expected}"
+    )
+    for what, count in result.left_out.items():
+        console.print(f"left out: {count} {escape(what)}")
+    if result.anchored.size:
+        names = ", ".join(result.graph.variable_name(int(pose)) for pose in result.anchored)
+        console.print(f"given a prior at the file's value: {escape(names)}")
+    if result.as_in_file:
+        console.print(f"started at the file's value for want of a prior: {result.as_in_file} variables")
+    errors = graph_errors(result.graph, result.values, result.truth)
+    if not errors or not s.usable:
+        return
+    table = Table(
+        title="Trajectory error, no alignment", title_justify="left", box=box.SIMPLE, pad_edge=False
+    )
+    table.add_column("vehicle", no_wrap=True)
+    for name in ("poses", "start RMSE [m]", "mean [m]", "RMSE [m]", "95 % [m]", "max [m]"):
+        table.add_column(name.replace("[", r"\["), justify="right")
+    before = graph_errors(result.graph, result.initial, result.truth)
+    for vehicle, row in errors.items():
+        numbers = (before[vehicle]["rmse_m"], row["mean_m"], row["rmse_m"], row["p95_m"], row["max_m"])
+        table.add_row(escape(vehicle), f"{row['n']}", *(f"{v:.3f}" for v in numbers))
+    console.print(table)

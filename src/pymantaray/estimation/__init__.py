@@ -1,25 +1,58 @@
-"""Factor graph, its file format and its batch solution; knows measurements, never the ocean or the truth."""
+"""Factor graphs, their file formats and their solution; knows measurements, never the ocean or the truth."""
 
-from pymantaray.estimation.assemble import CONDITIONS, build_graph
-from pymantaray.estimation.conditions import collect_estimates, solve_conditions
-from pymantaray.estimation.dead_reckoning import dead_reckon
-from pymantaray.estimation.gate import SolveOptions
+from pymantaray.estimation.build import build_graph
+from pymantaray.estimation.conditions import CONDITIONS, Estimator, collect_estimates, solve_conditions
+from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
+from pymantaray.estimation.external import GraphResult, open_graph, solve_graph
 from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.losses import LOSSES, Loss
 from pymantaray.estimation.pyfg import read_pyfg, write_pyfg
-from pymantaray.estimation.solution import Solution
-from pymantaray.estimation.solve import GraphSolver
+from pymantaray.estimation.range_models import (
+    AdjustableModel,
+    ClockPrior,
+    ConstantSpeed,
+    MeanSlowness,
+    Prediction,
+    RangeLinks,
+    RangeModel,
+    TransmitterSpeed,
+    UnknownsEstimate,
+)
+from pymantaray.estimation.solution import Method, ReplayOptions, Solution, SolveOptions
+from pymantaray.estimation.solve import METHODS, GraphSolver
+from pymantaray.estimation.starts import dead_reckon
 
 __all__ = [
     "CONDITIONS",
+    "LOSSES",
+    "METHODS",
+    "AdjustableModel",
+    "ClockPrior",
+    "ConstantSpeed",
+    "Estimator",
     "FactorGraph",
+    "GraphResult",
     "GraphSolver",
     "GraphValues",
+    "Loss",
+    "MeanSlowness",
+    "Method",
+    "Prediction",
+    "RangeLinks",
+    "RangeModel",
+    "ReplayOptions",
     "Solution",
     "SolveOptions",
+    "TransmitterSpeed",
+    "UnknownsEstimate",
     "build_graph",
+    "collect_covariances",
     "collect_estimates",
     "dead_reckon",
+    "fixed_epochs",
+    "open_graph",
     "read_pyfg",
     "solve_conditions",
+    "solve_graph",
     "write_pyfg",
 ]

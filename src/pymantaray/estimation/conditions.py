@@ -1,36 +1,31 @@
-"""One realization under several ranging conditions, and all realizations as one record."""
+"""One realization under several ranging conditions and by several estimators, and all realizations as one record."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.assemble import (
-    CONDITIONS,
-    Condition,
-    Links,
-    Ranges,
-    build_graph,
-    timed_ranges,
-    with_ranges,
-)
+from pymantaray.estimation.build import Links, Ranges, build_graph, timed_ranges, with_ranges
 from pymantaray.estimation.covariance import reckoned_covariances
-from pymantaray.estimation.dead_reckoning import dead_reckon
-from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
-from pymantaray.estimation.losses import Loss
+from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.range_models import (
+    AdjustableModel,
+    BelievedRanges,
+    ClockPrior,
     ConstantSpeed,
     RangeModel,
     TransmitterSpeed,
     TravelTimeUncertainty,
+    Unknowns,
 )
-from pymantaray.estimation.range_weights import BelievedRanges
-from pymantaray.estimation.solution import Solution, Variant
+from pymantaray.estimation.solution import Method, Solution
 from pymantaray.estimation.solve import GraphSolver
-from pymantaray.estimation.unknowns import AdjustableModel, ClockPrior, Unknowns
+from pymantaray.estimation.starts import dead_reckon
 from pymantaray.records import Estimates, Measurements, SolveStatus
 
 Array = NDArray[np.float64]
@@ -39,14 +34,15 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class Estimator:
     """
-    One more way to estimate from the same measurements, beside the conditions.
+    One way to estimate from the measurements of a fleet.
 
     Parameters
     ----------
     ranges, links : str
         As in `build_graph`.
-    model : RangeModel
-        What is believed of a range. One speed for a link makes a distance of it; other models take outer iterations.
+    model : RangeModel, optional
+        What is believed of a range. One speed for a link makes a distance of it; other models take outer iterations. By default ranges
+        are the distances that they are measured as.
     uncertainty : TravelTimeUncertainty, optional
         Adds to the variance of the ranges.
     correlated : bool
@@ -55,25 +51,37 @@ class Estimator:
         Where the solver starts, as in `solve_conditions`; the default is dead reckoning.
     model_is_right : bool
         Whether the final cost has to lie within its chi-square bounds.
-    loss : Loss, optional
-        Of the ranges, in place of least squares.
-    incremental : bool
-        Whether the factors are replayed in the order of time.
+    method : Method
+        How the graph is solved.
     clocks : ClockPrior, optional
         Offset and skew of all clocks are then estimated with the poses, as amplitudes are if the model is an
         `AdjustableModel`.
+    dead_reckoned : bool
+        Whether no graph is solved at all.
     """
 
     ranges: Ranges
-    links: Links
-    model: RangeModel
+    links: Links = "refracted"
+    model: RangeModel | None = None
     uncertainty: TravelTimeUncertainty | None = None
     correlated: bool = False
     initial: tuple[Array, Array] | None = None
     model_is_right: bool = False
-    loss: Loss | None = None
-    incremental: bool = False
+    method: Method = field(default_factory=Method)
     clocks: ClockPrior | None = None
+    dead_reckoned: bool = False
+
+
+CONDITIONS: Mapping[str, Estimator] = MappingProxyType(
+    {
+        "odometry": Estimator(None, dead_reckoned=True),
+        "no-ranges": Estimator(None, model_is_right=True),
+        "straight": Estimator("straight", model_is_right=True),
+        "refracted": Estimator("refracted"),
+        "straight-all": Estimator("straight", links="all", model_is_right=True),
+    }
+)
+"""Ranging conditions of a study, by name: which ranges enter the graph, over which links, and whether the model fits them."""
 
 
 def solve_conditions(
@@ -95,7 +103,7 @@ def solve_conditions(
     conditions : sequence of str
         Keys of `CONDITIONS`. ``odometry`` is dead reckoning, the others are batch solves.
     initial : tuple of ndarray, optional
-        Where the solver starts: positions of shape (n_agents, n_times, 3) [m] and quaternions (w, x, y, z)
+        Where the solver starts under the conditions: positions of shape (n_agents, n_times, 3) [m] and quaternions (w, x, y, z)
         of shape (n_agents, n_times, 4). The paper starts at the truth; the default is dead reckoning.
         Landmarks start at their surveyed positions.
     estimators : mapping of str to Estimator, optional
@@ -120,36 +128,70 @@ def solve_conditions(
     if unknown:
         raise EstimationError(f"unknown condition {unknown[0]!r}; allowed are {', '.join(CONDITIONS)}")
     more = dict(estimators or {})
-    taken = [name for name in more if name in CONDITIONS]
-    if taken:
-        raise EstimationError(f"estimator {taken[0]!r} has the name of a condition; give it another")
-    o = measurements
+    clash = [name for name in more if name in CONDITIONS]
+    if clash:
+        raise EstimationError(f"estimator {clash[0]!r} has the name of a condition; give it another")
+    fleet = _Fleet(measurements, covariance_samples)
     solved: dict[str, Solution] = {}
-    variants = _variants(o, conditions, more)
-    if variants:
-        reckoned = (
-            dead_reckon(o) if initial is None or any(e.initial is None for e in more.values()) else None
-        )
-        for name, e in more.items():
-            start = reckoned if e.initial is None else e.initial
-            variants[name] = variants[name]._replace(initial=_values(o, start or dead_reckon(o)))
-        first = _values(o, initial or reckoned or dead_reckon(o))
-        poses = None
-        if covariance_samples is not None:
-            poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, covariance_samples].T
-        solved = (solver or GraphSolver()).solve_variants(variants, first, covariance_poses=poses)
-    out = {}
-    for name in [*conditions, *more]:
-        if name in solved:
-            flat = solved[name]
-            out[name] = replace(
-                flat,
-                position=flat.position.reshape(*o.depth.shape, 3),
-                quaternion=flat.quaternion.reshape(*o.depth.shape, 4),
-            )
+    for name, e in [*((c, replace(CONDITIONS[c], initial=initial)) for c in conditions), *more.items()]:
+        if e.dead_reckoned:
+            solved[name] = fleet.reckoned_solution()
         else:
-            out[name] = _reckoned(o, covariance_samples)
-    return out
+            solver = solver or GraphSolver()
+            solved[name] = fleet.solve(e, solver)
+    return solved
+
+
+class _Fleet:
+    """Measurements of one realization, and what its estimators share."""
+
+    def __init__(self, measurements: Measurements, samples: NDArray[np.intp] | None) -> None:
+        self._o, self._samples = measurements, samples
+        self._graph: FactorGraph | None = None
+
+    @cached_property
+    def _reckoned(self) -> tuple[Array, Array]:
+        return dead_reckon(self._o)
+
+    def solve(self, e: Estimator, solver: GraphSolver) -> Solution:
+        o, poses = self._o, None
+        if self._graph is None:
+            self._graph = build_graph(o, e.ranges, e.links)
+        graph, believed = _believed(with_ranges(self._graph, o, e.ranges, e.links), o, e)
+        if self._samples is not None:
+            poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, self._samples].T
+        position, quaternion = e.initial or self._reckoned
+        flat = solver.solve(
+            graph,
+            GraphValues(
+                position=np.asarray(position).reshape(-1, 3),
+                quaternion=np.asarray(quaternion).reshape(-1, 4),
+                landmark_position=o.landmark_position,
+            ),
+            method=e.method,
+            model_is_right=e.model_is_right,
+            believed=believed,
+            covariance_poses=poses,
+        )
+        return replace(
+            flat,
+            position=flat.position.reshape(*o.depth.shape, 3),
+            quaternion=flat.quaternion.reshape(*o.depth.shape, 4),
+        )
+
+    def reckoned_solution(self) -> Solution:
+        o, samples = self._o, self._samples
+        return Solution(
+            *self._reckoned,
+            landmark_position=o.landmark_position,
+            status=SolveStatus.OK,
+            iterations=0,
+            initial_cost=np.nan,
+            final_cost=np.nan,
+            expected_cost=np.nan,
+            gradient_norm=np.nan,
+            covariances=None if samples is None else reckoned_covariances(o, samples),
+        )
 
 
 def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[str, Solution]]) -> Estimates:
@@ -184,85 +226,34 @@ def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[st
     def table(attribute: str) -> NDArray[Any]:
         return np.array([[getattr(s[c], attribute) for s in solutions] for c in conditions])
 
+    same = (
+        "position", "quaternion", "landmark_position", "iterations", "initial_cost", "final_cost", "expected_cost",
+        "gradient_norm", "gated_links",
+    )  # fmt: skip
     return Estimates(
         condition=np.array(conditions),
         realization=np.arange(len(solutions)),
         name=measurements.name,
         time=measurements.time,
         landmark_name=measurements.landmark_name,
-        position=table("position"),
-        quaternion=table("quaternion"),
-        landmark_position=table("landmark_position"),
         solve_status=table("status"),
-        iterations=table("iterations"),
-        initial_cost=table("initial_cost"),
-        final_cost=table("final_cost"),
-        expected_cost=table("expected_cost"),
-        gradient_norm=table("gradient_norm"),
-        gated_links=table("gated_links"),
+        **{name: table(name) for name in same},
     )
-
-
-def _variants(
-    o: Measurements, conditions: Sequence[str], estimators: Mapping[str, Estimator]
-) -> dict[str, Variant]:
-    wanted: list[tuple[str, Condition | Estimator]] = [
-        (name, CONDITIONS[name]) for name in conditions if not CONDITIONS[name].dead_reckoned
-    ]
-    variants: dict[str, Variant] = {}
-    base = None
-    for name, c in [*wanted, *estimators.items()]:
-        if base is None:
-            base = graph = build_graph(o, c.ranges, c.links)
-        else:
-            graph = with_ranges(base, o, c.ranges, c.links)
-            check_graph(graph)
-        believed = None
-        if isinstance(c, Estimator):
-            graph, believed = _believed(graph, o, c)
-        variants[name] = Variant(graph, c.model_is_right, believed)
-        if isinstance(c, Estimator):
-            variants[name] = variants[name]._replace(loss=c.loss, incremental=c.incremental)
-    return variants
 
 
 def _believed(graph: FactorGraph, o: Measurements, e: Estimator) -> tuple[FactorGraph, BelievedRanges | None]:
     """Graph of an estimator; one speed for each link makes its ranges distances, and nothing is left to believe."""
+    if e.model is None:
+        return graph, None
     timed = timed_ranges(o, e.ranges, e.links)
     plain = e.uncertainty is None and e.clocks is None
     if isinstance(e.model, ConstantSpeed | TransmitterSpeed) and plain:
         ratio = e.model.speed(timed.sound_speed) / timed.sound_speed
-        scaled = replace(
-            graph,
-            range_distance=ratio * graph.range_distance,
-            range_variance=ratio**2 * graph.range_variance,
-        )
-        return scaled, None
+        ranges = graph["range"]
+        longer = ranges.with_columns(distance=ratio * ranges.column("distance"))
+        scaled = replace(longer, covariance=ratio[:, None, None] ** 2 * ranges.covariance)
+        return graph.with_factors(range=scaled), None
     unknowns = None
     if e.clocks is not None or isinstance(e.model, AdjustableModel):
         unknowns = Unknowns(e.model, timed, graph.pose_agent, graph.agent_name.tolist(), clocks=e.clocks)
     return graph, BelievedRanges(e.model, timed, e.uncertainty, e.correlated, unknowns)
-
-
-def _values(o: Measurements, start: tuple[Array, Array]) -> GraphValues:
-    return GraphValues(
-        position=np.asarray(start[0]).reshape(-1, 3),
-        quaternion=np.asarray(start[1]).reshape(-1, 4),
-        landmark_position=o.landmark_position,
-    )
-
-
-def _reckoned(o: Measurements, samples: NDArray[np.intp] | None) -> Solution:
-    position, quaternion = dead_reckon(o)
-    return Solution(
-        position=position,
-        quaternion=quaternion,
-        landmark_position=o.landmark_position,
-        status=SolveStatus.OK,
-        iterations=0,
-        initial_cost=np.nan,
-        final_cost=np.nan,
-        expected_cost=np.nan,
-        gradient_norm=np.nan,
-        covariances=None if samples is None else reckoned_covariances(o, samples),
-    )

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.dead_reckoning import dead_reckon
-from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
+from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues, check_graph, check_values
+from pymantaray.estimation.starts import dead_reckon
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion
 from pymantaray.records import Measurements
 from pymantaray.records.covariances import PoseCovariances
@@ -93,10 +93,8 @@ def graph_covariances(graph: FactorGraph, values: GraphValues, poses: Indices) -
     check_graph(graph)
     check_values(graph, values)
     builder = FactorBuilder()
-    common = builder.base(graph)
-    return factor_covariances(
-        builder.with_ranges(common, graph), builder.values(values), graph, poses, common.size()
-    )
+    first_range = builder.common(graph).size()
+    return factor_covariances(builder.factors(graph), builder.values(values), graph, poses, first_range)
 
 
 def factor_covariances(
@@ -134,7 +132,7 @@ def factor_covariances(
 
     chosen = np.asarray(poses)
     used = np.concatenate(
-        [graph.prior_pose, graph.fix_pose, graph.depth_pose, graph.edge_from, graph.edge_to]
+        [graph[name].variables.ravel() for name, kind in KINDS.items() if set(kind.ends) == {"pose"}]
     )
     wrong = chosen[(chosen < 0) | (chosen >= graph.n_poses)]
     if wrong.size or np.unique(chosen).size != chosen.size:

@@ -3,12 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 
 Array = NDArray[np.float64]
 
 _FREE = 1e6  # m or rad; what may stray so far counts as undetermined, here as in the solver
 _SINGULAR = 1e-15  # eigenvalue of the scaled information; rounding leaves some 1e-17 of zero
+_PIVOTS = 4096.0  # ratio of standard deviations that GTSAM's Cholesky takes for singular
 _SPREAD = 1e-12  # variances this far below the median leave no digits for the others
 
 
@@ -35,7 +37,7 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     deviation of some variable along it exceeds 1,000 km or as many radians. Conditioning is judged
     by the variances: one 1e-12 times the median of its kind, metres or radians, drowns the rest in rounding.
     """
-    from pymantaray.estimation._gtsam.weakest import weakest_direction
+    from pymantaray.estimation._gtsam.marginals import weakest_direction
 
     found = _tightest(graph)
     if found is not None:
@@ -59,6 +61,27 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     )
 
 
+def refuse_sharp_depths(graph: FactorGraph, values: GraphValues) -> None:
+    """
+    Refuse depths that are too good for the solver, in a graph that it takes for singular and that is not.
+
+    GTSAM's Cholesky gives up where the last two pivots of a pose differ by 4,096, as those of a rolled vehicle do whose depth
+    is so much better known than where its odometry leads to.
+    """
+    depth, edge = graph["depth"], graph["edge"]
+    largest = np.zeros(graph.n_poses)
+    for end in edge.variables.T:
+        np.maximum.at(largest, end, np.sqrt(edge.variance[:, 3:].max(axis=1)))
+    sigma, odometry = np.sqrt(depth.variance), largest[depth.subject]
+    sharp = sigma < odometry / _PIVOTS
+    if sharp.any() and diagnose(graph, values) is None:
+        row = int(np.argmax(sharp))
+        raise EstimationError(
+            f"{graph.variable_name(int(depth.subject[row]))}: depth sigma is {sigma[row]:g} m where odometry has"
+            f" {odometry[row]:.3g} m; the solver cannot tell them apart from nothing: needs {odometry[row] / _PIVOTS:.2g} m or more"
+        )
+
+
 def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
     """
     Say which measurement fits the values worst.
@@ -74,36 +97,25 @@ def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
     str
         Names of the variables it is about and its share of the cost, such as ``A17 and L0 (cost 3e+04)``.
     """
-    from pymantaray.estimation._gtsam.weakest import worst_factor
+    from pymantaray.estimation._gtsam.marginals import worst_factor
 
     variables, cost = worst_factor(graph, values)
     return f"{' and '.join(graph.variable_name(v) for v in variables)} (cost {cost:.3g})"
 
 
 def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
-    """Kind, variable and size of the smallest variance, and the median, if the two are too far apart."""
-    n = graph.n_poses
-    edge, prior = (np.diagonal(c, axis1=1, axis2=2) for c in (graph.edge_covariance, graph.prior_covariance))
-    fix, survey = (np.diagonal(c, axis1=1, axis2=2) for c in (graph.fix_covariance, graph.survey_covariance))
-    lengths: list[tuple[str, NDArray[np.int32], Array]] = [
-        ("odometry", graph.edge_to, edge[:, 3:].min(axis=1, initial=np.inf)),
-        ("first-pose prior", graph.prior_pose, prior[:, 3:].min(axis=1, initial=np.inf)),
-        ("GNSS fix", graph.fix_pose, fix.min(axis=1, initial=np.inf)),
-        ("depth", graph.depth_pose, graph.depth_variance),
-        ("landmark prior", graph.survey_landmark + n, survey.min(axis=1, initial=np.inf)),
-        ("range", graph.range_first, graph.range_variance),
-    ]
-    angles = [
-        ("odometry", graph.edge_to, edge[:, :3].min(axis=1, initial=np.inf)),
-        ("first-pose prior", graph.prior_pose, prior[:, :3].min(axis=1, initial=np.inf)),
-    ]
-    for tables in (lengths, angles):
-        everything = np.concatenate([variance for _, _, variance in tables])
-        if everything.size == 0:
+    """Kind, variable and size of the smallest variance, and the median, if the two are too far apart; lengths first, then angles."""
+    for unit in ("m", "rad"):
+        tables = [
+            (factors, np.diagonal(factors.covariance, axis1=1, axis2=2)[:, factors.kind.rows_in(unit)])
+            for factors in (graph[name] for name in KINDS)
+        ]
+        tables = [(factors, variance.min(axis=1)) for factors, variance in tables if variance.size]
+        if not tables:
             continue
-        median = float(np.median(everything))
-        for what, variables, variance in tables:
-            if variance.size and variance.min() < _SPREAD * median:
+        median = float(np.median(np.concatenate([variance for _, variance in tables])))
+        for factors, variance in tables:
+            if variance.min() < _SPREAD * median:
                 row = int(np.argmin(variance))
-                return what, int(variables[row]), float(variance[row]), median
+                return factors.kind.what, int(factors.subject[row]), float(variance[row]), median
     return None

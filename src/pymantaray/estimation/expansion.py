@@ -1,76 +1,55 @@
-"""Residuals of ranges near the place where a range model was asked."""
+"""Ranges near the place where a model was asked: their residuals, what these change with, and how they are weighted."""
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
-from pymantaray.estimation.range_models import Prediction, RangeLinks
+from pymantaray.estimation.range_models import BelievedRanges, Prediction, RangeLinks, Rows, chord
 
 Array = NDArray[np.float64]
+Block = tuple[Rows, Array]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
+
 _STEADY, _BEND = 0.1, 1e-5  # m; no new prediction after a smaller move that bends the chords by less
 _SAME = (
     0.01  # standard deviations of an unknown; its second order is then a ten-thousandth of what it is for one
 )
+_REWEIGH = 100.0  # m; a larger move of any end asks for new variances
 
 
 class Expansion:
     """
-    Residuals of ranges near the place where a model was asked.
+    Residuals of ranges near the links where a model was asked, with unknowns in their standard deviations.
 
-    Parameters
-    ----------
-    found : Prediction
-    links : RangeLinks
-        Where it was asked.
-    travel_time : ndarray, shape (n,)
-        Measured. [s]
-    unknowns : ndarray, shape (n_unknowns,)
-        What else the model was asked with. [-]
-    by_unknowns : ndarray, shape (n, n_unknowns)
-        Change of the travel times by them. [s]
-
-    Notes
-    -----
     The predicted travel time and its gradient, and the curvature of the distance between the ends over the mean
-    speed; what is left out is the change of refraction alone.
+    speed; what is left out is the change of refraction alone. ``by_unknowns`` is given as change of the travel times [s], and kept
+    as change of the residuals [m], shape (n, n_unknowns).
     """
 
     def __init__(
-        self, found: Prediction, links: RangeLinks, travel_time: Array, unknowns: Array, by_unknowns: Array
+        self,
+        prediction: Prediction,
+        links: RangeLinks,
+        travel_time: Array,
+        unknowns: Array,
+        by_unknowns: Array,
     ) -> None:
-        fine = found.possible
-        self._unknowns = unknowns
+        fine = prediction.possible
+        self._unknowns, self._measured = unknowns, travel_time
         self.by_unknowns = links.sound_speed[:, None] * np.where(fine[:, None], by_unknowns, 0.0)
-        """Change of the residuals by the unknowns, shape (n, n_unknowns). [m]"""
-        self._a, self._b, self._speed, self._measured = (
-            links.transmitter,
-            links.receiver,
-            links.sound_speed,
-            travel_time,
-        )
-        self._time = np.where(fine, found.travel_time, 0.0)
+        self._a, self._b, self._speed = links.transmitter, links.receiver, links.sound_speed
+        self._time = np.where(fine, prediction.travel_time, 0.0)
         self._by_a, self._by_b = (
-            np.where(fine[:, None], g, 0.0) for g in (found.transmitter_gradient, found.receiver_gradient)
+            np.where(fine[:, None], g, 0.0)
+            for g in (prediction.transmitter_gradient, prediction.receiver_gradient)
         )
         self._distance, self._unit = chord(self._a, self._b)
         self._slowness = self._time / np.where(self._distance > 0.0, self._distance, 1.0)
 
     def __call__(self, transmitter: Array, receiver: Array, unknowns: Array) -> tuple[Array, Array, Array]:
         """
-        Residuals and their gradients.
+        Residuals with the ends somewhere, shape (n,), and their gradients by either end, (n, 3).
 
-        Parameters
-        ----------
-        transmitter, receiver : ndarray, shape (n, 3)
-            [m]
-        unknowns : ndarray, shape (n_unknowns,)
-            [-]
-
-        Returns
-        -------
-        residual : ndarray, shape (n,)
-            Sound speed at the transmitter times predicted less measured travel time. [m]
-        by_transmitter, by_receiver : ndarray, shape (n, 3)
-            [-]
+        A residual is the sound speed at the transmitter times predicted less measured travel time. [m]
         """
         da, db = transmitter - self._a, receiver - self._b
         distance, unit = chord(transmitter, receiver)
@@ -88,20 +67,7 @@ class Expansion:
         )
 
     def is_good_at(self, transmitter: Array, receiver: Array, unknowns: Array) -> bool:
-        """
-        Whether ends and unknowns moved so little that a new prediction could not differ.
-
-        Parameters
-        ----------
-        transmitter, receiver : ndarray, shape (n, 3)
-            [m]
-        unknowns : ndarray, shape (n_unknowns,)
-            [-]
-
-        Returns
-        -------
-        bool
-        """
+        """Whether ends and unknowns moved so little that a new prediction could not differ."""
         da, db = transmitter - self._a, receiver - self._b
         distance, _ = chord(transmitter, receiver)
         far = max(float(np.abs(d).max(initial=0.0)) for d in (da, db))
@@ -113,22 +79,46 @@ class Expansion:
         return np.asarray(distance - self._distance - np.sum(self._unit * (db - da), axis=1))
 
 
-def chord(a: Array, b: Array) -> tuple[Array, Array]:
-    """
-    Distances and directions between places.
+class RangeWeights:
+    """Covariances of the residuals of each epoch, computed anew when the ends have moved far; variance, (n,), apart from the ocean's [m2]."""
 
-    Parameters
-    ----------
-    a, b : ndarray, shape (n, 3)
-        [m]
+    def __init__(self, believed: BelievedRanges, variance: Array) -> None:
+        self._believed, self._variance = believed, variance
+        epoch = believed.ranges.epoch
+        self._rows = [np.flatnonzero(epoch == e) for e in range(int(epoch.max(initial=-1)) + 1)]
+        self._place: Array | None = None
+        self._full = [np.diag(variance[rows]) for rows in self._rows]
 
-    Returns
-    -------
-    distance : ndarray, shape (n,)
-        [m]
-    unit : ndarray, shape (n, 3)
-        From ``a`` to ``b``; zero where both are one.
+    def at(self, links: RangeLinks) -> None:
+        """Bring the covariances up to date with ends that are where the links have them."""
+        uncertainty = self._believed.uncertainty
+        place = np.concatenate([links.transmitter, links.receiver])
+        stale = self._place is None or float(np.abs(place - self._place).max(initial=0.0)) > _REWEIGH
+        if uncertainty is None or not stale:
+            return
+        self._place, c = place, links.sound_speed
+        for e, extra in enumerate(uncertainty.covariances(links, self._believed.ranges.epoch)):
+            rows = self._rows[e]
+            added = c[rows][:, None] * extra * c[rows]
+            if not self._believed.correlated:
+                added = np.diag(np.diagonal(added))
+            self._full[e] = np.diag(self._variance[rows]) + added
+
+    def blocks(self, used: NDArray[np.bool_]) -> list[Block]:
+        """Rows and covariance of the used ranges of each epoch."""
+        out = []
+        for rows, full in zip(self._rows, self._full, strict=True):
+            mine = used[rows]
+            out.append((rows[mine], full[np.ix_(mine, mine)]))
+        return out
+
+
+def whiten(root: Array, values: Array) -> Array:
     """
-    step = b - a
-    distance = np.linalg.norm(step, axis=1)
-    return distance, step / np.where(distance > 0.0, distance, 1.0)[:, None]
+    Divide by the lower triangular root of a covariance, (m, m): values (m,) or (m, k), ordered by columns for GTSAM.
+
+    Most roots are diagonal, of links that share no error.
+    """
+    if np.count_nonzero(root) == root.shape[0]:
+        return np.asfortranarray((values.T / np.diagonal(root)).T)
+    return np.asfortranarray(solve_triangular(root, values, lower=True))

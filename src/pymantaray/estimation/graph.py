@@ -1,23 +1,190 @@
-"""Solver-free factor graph: tables of variables, priors, odometry edges and ranges, with their noise."""
+"""
+Solver-free factor graph: its variables, and for each kind of factor one table.
 
-from dataclasses import dataclass
-from typing import ClassVar
+A kind is added by one entry of `KINDS` here and one constructor in `_gtsam/factors.py`: checks, the NetCDF and
+PyFactorGraph files, degrees of freedom, starts, solves, covariances and diagnoses follow from the entry. What measures it is put into
+a graph by `build.build_graph`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from types import MappingProxyType
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation._refusals import LARGEST, QUATERNION_TOLERANCE, VARIANCES, check_full, refuse
 from pymantaray.records.base import Column, Record, column
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+LARGEST = 1e9  # m; the square of more than this, times an ordinary precision, has no digits left to compare
+VARIANCES = (1e-30, 1e30)  # m2 or rad2; what is beyond overflows in a solve
+QUATERNION_TOLERANCE = 1e-3  # on its length
+SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix; its inverse has no digits left below
+
+POSITION = ("position", 3, "m")
+QUATERNION = ("quaternion", 4, "1")  # body to world, or end to start; (w, x, y, z)
+
+
+@dataclass(frozen=True)
+class FactorKind:
+    """
+    What there is to know of one kind of factor.
+
+    Parameters
+    ----------
+    what : str
+        Its name in messages.
+    ends : tuple of {"pose", "landmark", "any"}
+        What each of its variables is. A landmark comes second where one end is a pose.
+    columns : tuple of (name, width, unit)
+        What is measured.
+    rows : int
+        Of the residual and of its covariance; rotation [rad] before translation [m], rotation in the tangent of the body. Other rows
+        are in the axes of what is measured.
+    word : str
+        That begins its lines in PyFactorGraph text.
+    axes : tuple of int
+        Where the line is a pose prior: which axes of the tangent are measured. The others are written as free.
+    anchors : bool
+        Whether it ties its variable to the world, so that nothing else has to.
+    named_after : int
+        Which of its variables messages name.
+    """
+
+    what: str
+    ends: tuple[str, ...]
+    columns: tuple[tuple[str, int, str], ...]
+    rows: int
+    word: str
+    axes: tuple[int, ...] = ()
+    anchors: bool = False
+    named_after: int = 0
+
+    @property
+    def columns_at(self) -> dict[str, slice]:
+        """Where each column is in what is measured."""
+        edges = np.cumsum([0, *(width for _, width, _ in self.columns)]).tolist()
+        names = (name for name, _, _ in self.columns)
+        return {name: slice(*ends) for name, ends in zip(names, pairwise(edges), strict=True)}
+
+    def rows_in(self, unit: str) -> slice:
+        """Rows of the residual in "rad" or in "m"."""
+        angles = 3 if "quaternion" in self.columns_at else 0
+        return slice(0, angles) if unit == "rad" else slice(angles, self.rows)
+
+    def table(self, variables: ArrayLike, measured: Sequence[ArrayLike], covariance: ArrayLike) -> "Factors":
+        """Factors of this kind, of variables (n, ends), columns (n, width) and covariances (n, rows, rows)."""
+        ends = np.array(variables, dtype=np.int32).reshape(-1, len(self.ends))
+        blocks = [
+            np.asarray(values, dtype=float).reshape(-1, width)
+            for values, (_, width, _) in zip(measured, self.columns, strict=True)
+        ]
+        matrices = np.array(covariance, dtype=float).reshape(-1, self.rows, self.rows)
+        return Factors(self, ends, np.concatenate(blocks, axis=1), matrices)
+
+
+POSE_PRIOR, LANDMARK_PRIOR = "VERTEX_SE3:QUAT:PRIOR", "VERTEX_XYZ:PRIOR"
+EDGE, RANGE = "EDGE_SE3:QUAT", "EDGE_RANGE"
+
+KINDS: Mapping[str, FactorKind] = MappingProxyType(
+    {
+        "prior": FactorKind(
+            "first-pose prior",
+            ("pose",),
+            (POSITION, QUATERNION),
+            6,
+            POSE_PRIOR,
+            (0, 1, 2, 3, 4, 5),
+            anchors=True,
+        ),
+        "fix": FactorKind("GNSS fix", ("pose",), (POSITION,), 3, POSE_PRIOR, (3, 4, 5), anchors=True),
+        "depth": FactorKind("depth", ("pose",), (("depth", 1, "m"),), 1, POSE_PRIOR, (5,)),
+        "survey": FactorKind("landmark prior", ("landmark",), (POSITION,), 3, LANDMARK_PRIOR, anchors=True),
+        "edge": FactorKind("odometry", ("pose", "pose"), (POSITION, QUATERNION), 6, EDGE, named_after=1),
+        "range": FactorKind("range", ("any", "any"), (("distance", 1, "m"),), 1, RANGE),
+    }
+)
+"""All kinds of factors, in the order in which a solver gets them; ranges are last, for they alone differ between conditions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """All factors of one kind, row by row; ``factors[rows]`` has some of them."""
+
+    kind: FactorKind
+    variables: Indices
+    """Shape (n, ends)."""
+    measured: Array
+    """Shape (n, columns); by name with `column`."""
+    covariance: Array
+    """Shape (n, rows, rows). [rad², m²]"""
+
+    def __post_init__(self) -> None:
+        """Check shapes and freeze."""
+        tables = self.variables, self.measured, self.covariance
+        if len({len(table) for table in tables}) != 1:
+            raise EstimationError(
+                f"{self.kind.what}: {' and '.join(str(len(t)) for t in tables)} rows of variables, measurements and"
+                " covariances; needs as many of each"
+            )
+        for table in tables:
+            table.setflags(write=False)
+
+    def __len__(self) -> int:
+        """Count of factors."""
+        return len(self.variables)
+
+    def __getitem__(self, rows: ArrayLike | slice) -> "Factors":
+        """Some of the factors, in the order of the rows."""
+        some = rows if isinstance(rows, slice) else np.asarray(rows)
+        return Factors(self.kind, self.variables[some], self.measured[some], self.covariance[some])
+
+    def column(self, name: str) -> Array:
+        """One of the columns that are measured; shape (n,) where it is a number, else (n, width)."""
+        values = self.measured[:, self.kind.columns_at[name]]
+        return values[:, 0] if values.shape[1] == 1 else values
+
+    def with_columns(self, **columns: Array) -> "Factors":
+        """The same factors, with some of what is measured exchanged."""
+        measured = self.measured.copy()
+        for name, values in columns.items():
+            measured[:, self.kind.columns_at[name]] = values.reshape(len(self), -1)
+        return Factors(self.kind, self.variables, measured, self.covariance)
+
+    @property
+    def variance(self) -> Array:
+        """Diagonals of the covariances; shape (n,) of a single row, else (n, rows)."""
+        diagonal = np.diagonal(self.covariance, axis1=1, axis2=2)
+        return np.asarray(diagonal[:, 0] if self.kind.rows == 1 else diagonal)
+
+    @property
+    def subject(self) -> Indices:
+        """The variables that messages name, shape (n,)."""
+        return self.variables[:, self.kind.named_after]
+
+    def joined(self, more: "Factors") -> "Factors":
+        """These factors, then more."""
+        return Factors(
+            self.kind,
+            np.concatenate([self.variables, more.variables]),
+            np.concatenate([self.measured, more.measured]),
+            np.concatenate([self.covariance, more.covariance]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class GraphValues(Record):
-    """A value for every variable of a `FactorGraph`: where to start, or what was found."""
+    """A value for every variable of a `FactorGraph`: where to start, or what a solve ended with."""
 
     kind: ClassVar[str] = "graph_values"
 
@@ -32,8 +199,9 @@ class FactorGraph(Record):
     Variables and factors of one estimation problem; no solver is involved.
 
     A variable is a number: a row of the pose tables, or the number of poses plus a row of
-    ``landmark_name``. Covariances of poses are in the tangent of the body, rotation before
-    translation, perturbed from the right; those of positions are in the world's axes.
+    ``landmark_name``. ``graph["range"]`` is the table of one kind of `KINDS`, empty if there is none. Covariances of poses are in
+    the tangent of the body, rotation before translation, perturbed from the right; those of positions
+    are in the world's axes.
     """
 
     kind: ClassVar[str] = "factor_graph"
@@ -43,34 +211,27 @@ class FactorGraph(Record):
     pose_agent: Column = column("pose", "1", "index of the vehicle", "i4")
     pose_number: Column = column("pose", "1", "number of the pose in its vehicle's chain", "i4")
     pose_time: Column = column("pose", "s", "time since the start of the mission")
+    factors: Mapping[str, Factors] = field(default_factory=dict)
 
-    prior_pose: Column = column("prior", "1", "pose with a prior on all six axes", "i4")
-    prior_position: Column = column("prior axis", "m", "position of the pose prior")
-    prior_quaternion: Column = column("prior quat", "1", "orientation of the pose prior, (w, x, y, z)")
-    prior_covariance: Column = column("prior tangent tangent_column", "1", "covariance [rad, m]")
+    def __getitem__(self, name: str) -> Factors:
+        """Factors of one kind."""
+        kind = KINDS[name]
+        return self.factors.get(name) or kind.table([], [[]] * len(kind.columns), [])
 
-    fix_pose: Column = column("fix", "1", "pose with a position fix", "i4")
-    fix_position: Column = column("fix axis", "m", "position of the fix")
-    fix_covariance: Column = column("fix axis axis_column", "m2", "covariance of the fix")
+    def with_factors(self, **tables: Factors) -> "FactorGraph":
+        """
+        Graph with some tables exchanged.
 
-    depth_pose: Column = column("depth_prior", "1", "pose with a depth prior", "i4")
-    depth: Column = column("depth_prior", "m", "depth, positive down")
-    depth_variance: Column = column("depth_prior", "m2", "variance of the depth")
+        Parameters
+        ----------
+        **tables : Factors
+            By the names of `KINDS`.
 
-    survey_landmark: Column = column("survey", "1", "index of the landmark with a prior", "i4")
-    survey_position: Column = column("survey axis", "m", "surveyed position")
-    survey_covariance: Column = column("survey axis axis_column", "m2", "covariance of the survey")
-
-    edge_from: Column = column("edge", "1", "pose that the motion starts from", "i4")
-    edge_to: Column = column("edge", "1", "pose that the motion ends at", "i4")
-    edge_quaternion: Column = column("edge quat", "1", "relative rotation, (w, x, y, z)")
-    edge_translation: Column = column("edge axis", "m", "translation in the body frame of the first pose")
-    edge_covariance: Column = column("edge tangent tangent_column", "1", "covariance [rad, m]")
-
-    range_first: Column = column("range", "1", "variable at one end", "i4")
-    range_second: Column = column("range", "1", "variable at the other end", "i4")
-    range_distance: Column = column("range", "m", "measured distance")
-    range_variance: Column = column("range", "m2", "variance of the distance")
+        Returns
+        -------
+        FactorGraph
+        """
+        return replace(self, factors={**self.factors, **tables})
 
     @property
     def n_poses(self) -> int:
@@ -78,19 +239,19 @@ class FactorGraph(Record):
         return int(self.pose_agent.size)
 
     @property
+    def n_variables(self) -> int:
+        """Number of poses and landmarks."""
+        return self.n_poses + int(self.landmark_name.size)
+
+    @property
     def degrees_of_freedom(self) -> int:
         """Rows of all residuals minus the dimension of all variables; the cost's expectation is half of it."""
-        rows = (
-            6 * (self.prior_pose.size + self.edge_from.size)
-            + 3 * (self.fix_pose.size + self.survey_landmark.size)
-            + self.depth_pose.size
-            + self.range_first.size
-        )
+        rows = sum(kind.rows * len(self[name]) for name, kind in KINDS.items())
         return int(rows - 6 * self.n_poses - 3 * self.landmark_name.size)
 
     def variable_name(self, variable: int) -> str:
         """
-        Name of a variable for people and files, such as ``A17``.
+        Name of a variable for people: ``A17``, ``float-1:17`` where the vehicle's name is longer, ``L0``.
 
         Parameters
         ----------
@@ -102,7 +263,68 @@ class FactorGraph(Record):
         """
         if variable >= self.n_poses:
             return str(self.landmark_name[variable - self.n_poses])
-        return f"{self.agent_name[self.pose_agent[variable]]}{self.pose_number[variable]}"
+        name, number = str(self.agent_name[self.pose_agent[variable]]), int(self.pose_number[variable])
+        return f"{name}{number}" if len(name) == 1 and not name.isdigit() else f"{name}:{number}"
+
+    def to_dataset(self) -> "xr.Dataset":
+        """
+        Give the graph as an xarray data set with units and long names.
+
+        Returns
+        -------
+        xarray.Dataset
+            Without the kinds of factors that it has none of.
+        """
+        dataset = super().to_dataset()
+        for name, factors in self.factors.items():
+            if not len(factors):
+                continue
+            what = factors.kind.what
+            dataset[f"{name}_variables"] = (
+                (name, f"{name}_end"),
+                factors.variables,
+                {"long_name": f"variables of {what}"},
+            )
+            for part, _, unit in factors.kind.columns:
+                values = factors.measured[:, factors.kind.columns_at[part]]
+                about = {"long_name": f"{part} of {what}", "units": unit}
+                dataset[f"{name}_{part}"] = ((name, f"{name}_{part}_axis"), values, about)
+            about = {"long_name": f"covariance of {what}, rotation before translation", "units": "rad2, m2"}
+            dataset[f"{name}_covariance"] = (
+                (name, f"{name}_row", f"{name}_column"),
+                factors.covariance,
+                about,
+            )
+        return dataset
+
+    @classmethod
+    def from_dataset(cls, dataset: "xr.Dataset") -> Self:
+        """
+        Build the graph from a data set that `to_dataset` made.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+
+        Returns
+        -------
+        FactorGraph
+
+        Raises
+        ------
+        RecordError
+            If the data set holds another kind of record or lacks a field.
+        """
+        factors = {
+            name: kind.table(
+                dataset[f"{name}_variables"].values,
+                [dataset[f"{name}_{part}"].values for part, _, _ in kind.columns],
+                dataset[f"{name}_covariance"].values,
+            )
+            for name, kind in KINDS.items()
+            if f"{name}_variables" in dataset
+        }
+        return replace(super().from_dataset(dataset), factors=factors)
 
 
 def check_graph(graph: FactorGraph) -> None:
@@ -127,47 +349,13 @@ def check_graph(graph: FactorGraph) -> None:
     of an asymmetric matrix is ignored, a scaled rotation is taken as it is, and a singular or overflowing
     covariance surfaces as an exception in the middle of a solve.
     """
-    landmarks = np.asarray(graph.survey_landmark) + graph.n_poses
-    _check_variables(graph)
-    measured = [
-        ("first-pose prior", graph.prior_pose, graph.prior_position),
-        ("first-pose prior", graph.prior_pose, graph.prior_quaternion),
-        ("GNSS fix", graph.fix_pose, graph.fix_position),
-        ("depth", graph.depth_pose, graph.depth[:, None]),
-        ("landmark prior", landmarks, graph.survey_position),
-        ("odometry", graph.edge_to, graph.edge_quaternion),
-        ("odometry", graph.edge_to, graph.edge_translation),
-        ("range", graph.range_first, graph.range_distance[:, None]),
-    ]
-    for what, variables, values in measured:
-        refuse(graph, what, variables, values, np.isfinite(values).all(axis=1), "finite values")
-        fine = np.asarray((np.abs(values) <= LARGEST).all(axis=1))
-        refuse(graph, what, variables, values, fine, f"values of at most {LARGEST:g}")
-        if values.shape[1] == 4:
-            fine = np.asarray(np.abs(np.linalg.norm(values, axis=1) - 1.0) <= QUATERNION_TOLERANCE)
-            refuse(graph, f"{what} quaternion", variables, values, fine, "length 1")
-    noises = [
-        ("first-pose prior", graph.prior_pose, graph.prior_covariance),
-        ("GNSS fix", graph.fix_pose, graph.fix_covariance),
-        ("depth", graph.depth_pose, graph.depth_variance[:, None, None]),
-        ("landmark prior", landmarks, graph.survey_covariance),
-        ("odometry", graph.edge_to, graph.edge_covariance),
-        ("range", graph.range_first, graph.range_variance[:, None, None]),
-    ]
-    for what, variables, covariance in noises:
-        diagonal = np.diagonal(covariance, axis1=1, axis2=2)
-        fine = np.asarray(
-            ((diagonal >= VARIANCES[0]) & (diagonal <= VARIANCES[1])).all(axis=1)
-        )  # NaN does not pass
-        allowed = f"positive finite variances, {VARIANCES[0]:g} to {VARIANCES[1]:g}"
-        refuse(graph, f"{what} variance", variables, diagonal, fine, allowed)
-        check_full(graph, what, variables, covariance)
-    still = graph.edge_from != graph.edge_to
-    refuse(graph, "odometry", graph.edge_from, graph.edge_to[:, None], still, "two different poses")
-    same = graph.range_first != graph.range_second
-    refuse(graph, "range", graph.range_first, graph.range_second[:, None], same, "two different variables")
-    turned = (graph.range_first >= graph.n_poses) & (graph.range_second < graph.n_poses)
-    refuse(graph, "range", graph.range_first, graph.range_second[:, None], ~turned, "the pose named first")
+    _check_names(graph)
+    for name in KINDS:
+        factors = graph[name]
+        if len(factors):
+            _check_ends(graph, factors)
+            _check_measured(graph, factors)
+            _check_covariance(graph, factors)
 
 
 def check_values(graph: FactorGraph, values: GraphValues) -> None:
@@ -185,44 +373,19 @@ def check_values(graph: FactorGraph, values: GraphValues) -> None:
         If there are too few or too many, one is not finite or beyond `LARGEST`, or a quaternion is not of
         length 1; the message names the first variable concerned.
     """
-    found = values.position.shape[0], values.landmark_position.shape[0]
+    sizes = values.position.shape[0], values.landmark_position.shape[0]
     needed = graph.n_poses, int(graph.landmark_name.size)
-    if found != needed:
+    if sizes != needed:
         raise EstimationError(
-            f"values for {found[0]} poses and {found[1]} landmarks; the graph has {needed[0]} and {needed[1]}"
+            f"values for {sizes[0]} poses and {sizes[1]} landmarks; the graph has {needed[0]} and {needed[1]}"
         )
     variables = np.arange(sum(needed), dtype=np.int32)
     place = np.concatenate([values.position, values.landmark_position])
     fine = np.asarray((np.abs(place) <= LARGEST).all(axis=1))  # NaN does not pass
-    refuse(graph, "position", variables, place, fine, f"finite values of at most {LARGEST:g}")
-    fine = np.asarray(np.abs(np.linalg.norm(values.quaternion, axis=1) - 1.0) <= QUATERNION_TOLERANCE)
-    refuse(graph, "quaternion", variables[: needed[0]], values.quaternion, fine, "length 1")
-
-
-def _check_variables(graph: FactorGraph) -> None:
-    n_poses, n_landmarks = graph.n_poses, int(graph.landmark_name.size)
-    for what, variables, size in (
-        ("pose", graph.pose_agent, int(graph.agent_name.size)),
-        ("first-pose prior", graph.prior_pose, n_poses),
-        ("GNSS fix", graph.fix_pose, n_poses),
-        ("depth", graph.depth_pose, n_poses),
-        ("odometry", np.concatenate([graph.edge_from, graph.edge_to]), n_poses),
-        ("landmark prior", graph.survey_landmark, n_landmarks),
-        ("range", np.concatenate([graph.range_first, graph.range_second]), n_poses + n_landmarks),
-    ):
-        wrong = (variables < 0) | (variables >= size)
-        if wrong.any():
-            raise EstimationError(
-                f"{what}: refers to {'vehicle' if what == 'pose' else 'variable'} {variables[wrong][0]};"
-                f" allowed are 0 to {size - 1}"
-            )
-    # one integer for each name: the chain's number is 32 bits wide
-    pose = graph.pose_agent.astype(np.int64) << 32 | graph.pose_number.astype(np.int64) & 0xFFFFFFFF
-    for names, first in ((pose, 0), (graph.landmark_name, n_poses)):
-        kept = np.unique(names, return_index=True)[1]
-        if kept.size != names.size:
-            twice = first + int(np.setdiff1d(np.arange(names.size), kept)[0])
-            raise EstimationError(f"{graph.variable_name(twice)}: two variables of this name; allowed is one")
+    _refuse(graph, "position", variables, place, fine, f"finite values of at most {LARGEST:g}")
+    length = np.linalg.norm(values.quaternion, axis=1)
+    fine = np.asarray(np.abs(length - 1.0) <= QUATERNION_TOLERANCE)
+    _refuse(graph, "quaternion", variables[: needed[0]], values.quaternion, fine, "length 1")
 
 
 def check_anchored(graph: FactorGraph) -> None:
@@ -241,7 +404,7 @@ def check_anchored(graph: FactorGraph) -> None:
     EstimationError
         If a set of connected variables has no such prior; the message names its first variable.
     """
-    _, loose = parts(graph)
+    loose = connected_parts(graph).loose
     if loose.any():
         raise EstimationError(
             f"{graph.variable_name(int(np.argmax(loose)))}: no first-pose prior, GNSS fix or landmark prior anchors it,"
@@ -249,27 +412,107 @@ def check_anchored(graph: FactorGraph) -> None:
         )
 
 
-def parts(graph: FactorGraph) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """
-    Sets of variables that odometry and ranges connect, and those that nothing ties to the world.
+class Parts(NamedTuple):
+    """Sets of variables that factors connect: the number of each variable's, and whether nothing ties that to the world."""
 
-    Parameters
-    ----------
-    graph : FactorGraph
+    part: Indices
+    loose: NDArray[np.bool_]
 
-    Returns
-    -------
-    part : ndarray, shape (n_variables,)
-        Number of the set that each variable is in.
-    loose : ndarray of bool, shape (n_variables,)
-        Whether its set has no first-pose prior, GNSS fix or landmark prior.
-    """
-    n = graph.n_poses + graph.landmark_name.size
-    ends = (
-        np.concatenate([graph.edge_from, graph.range_first]),
-        np.concatenate([graph.edge_to, graph.range_second]),
-    )
-    links = coo_array((np.ones(ends[0].size), ends), shape=(n, n))
+
+def connected_parts(graph: FactorGraph) -> Parts:
+    """Sets of variables that odometry and ranges connect."""
+    pairs = np.concatenate([graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2])
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(graph.n_variables,) * 2)
     _, part = connected_components(links, directed=False)
-    anchors = np.concatenate([graph.prior_pose, graph.fix_pose, graph.survey_landmark + graph.n_poses])
-    return part, ~np.isin(part, part[anchors.astype(int)])
+    anchored = np.concatenate([graph[name].subject for name, kind in KINDS.items() if kind.anchors])
+    return Parts(part, ~np.isin(part, part[anchored]))
+
+
+def _check_names(graph: FactorGraph) -> None:
+    wrong = (graph.pose_agent < 0) | (graph.pose_agent >= graph.agent_name.size)
+    if wrong.any():
+        raise EstimationError(
+            f"pose: refers to vehicle {graph.pose_agent[wrong][0]}; allowed are 0 to {graph.agent_name.size - 1}"
+        )
+    # one integer for each name: the chain's number is 32 bits wide
+    pose = graph.pose_agent.astype(np.int64) << 32 | graph.pose_number.astype(np.int64) & 0xFFFFFFFF
+    for names, first in ((pose, 0), (graph.landmark_name, graph.n_poses)):
+        distinct = np.unique(names, return_index=True)[1]
+        if distinct.size != names.size:
+            twice = first + int(np.setdiff1d(np.arange(names.size), distinct)[0])
+            raise EstimationError(f"{graph.variable_name(twice)}: two variables of this name; allowed is one")
+
+
+def _check_ends(graph: FactorGraph, factors: Factors) -> None:
+    kind, n = factors.kind, graph.n_poses
+    allowed = {"pose": (0, n), "landmark": (n, graph.n_variables), "any": (0, graph.n_variables)}
+    for end, variables in zip(kind.ends, factors.variables.T, strict=True):
+        low, high = allowed[end]
+        wrong = (variables < low) | (variables >= high)
+        if wrong.any():
+            raise EstimationError(
+                f"{kind.what}: refers to variable {variables[wrong][0]}; allowed are {low} to {high - 1}"
+            )
+    if len(kind.ends) == 2:
+        first, second = factors.variables.T
+        two = f"two different {'poses' if kind.ends == ('pose', 'pose') else 'variables'}"
+        _refuse(graph, kind.what, first, second[:, None], np.asarray(first != second), two)
+        turned = (first >= n) & (second < n)
+        _refuse(graph, kind.what, first, second[:, None], ~turned, "the pose named first")
+
+
+def _check_measured(graph: FactorGraph, factors: Factors) -> None:
+    what, values = factors.kind.what, factors.measured
+    finite = np.asarray(np.isfinite(values).all(axis=1))
+    _refuse(graph, what, factors.subject, values, finite, "finite values")
+    small = np.asarray((np.abs(values) <= LARGEST).all(axis=1))
+    _refuse(graph, what, factors.subject, values, small, f"values of at most {LARGEST:g}")
+    if "quaternion" in factors.kind.columns_at:
+        quaternion = factors.column("quaternion")
+        fine = np.asarray(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) <= QUATERNION_TOLERANCE)
+        _refuse(graph, f"{what} quaternion", factors.subject, quaternion, fine, "length 1")
+
+
+def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
+    what, variables, covariance = factors.kind.what, factors.subject, factors.covariance
+    diagonal = np.diagonal(covariance, axis1=1, axis2=2)
+    fine = np.asarray(
+        ((diagonal >= VARIANCES[0]) & (diagonal <= VARIANCES[1])).all(axis=1)
+    )  # NaN does not pass
+    allowed = f"positive finite variances, {VARIANCES[0]:g} to {VARIANCES[1]:g}"
+    _refuse(graph, f"{what} variance", variables, diagonal, fine, allowed)
+    full = np.count_nonzero(covariance, axis=(1, 2)) > covariance.shape[1]
+    if not full.any():
+        return
+    variables, covariance = variables[full], covariance[full]
+    sigma = np.sqrt(diagonal[full])
+    # free of units, so that metres and radians do not pass for bad conditioning
+    with np.errstate(over="ignore"):
+        correlation = covariance / sigma[:, :, None] / sigma[:, None, :]
+    fine = np.asarray(np.isfinite(correlation).all(axis=(1, 2)))
+    _refuse(graph, f"{what} covariance", variables, np.asarray(sigma**2), fine, "finite entries")
+    skew = np.abs(correlation - np.swapaxes(correlation, 1, 2)).max(axis=(1, 2))
+    _refuse(graph, f"{what} covariance's asymmetry", variables, skew[:, None], np.asarray(skew <= 1e-9), "0")
+    smallest = np.asarray(np.linalg.eigvalsh(correlation)[:, 0])
+    _refuse(
+        graph,
+        f"{what} covariance's eigenvalues, scaled to unit variances,",
+        variables,
+        smallest[:, None],
+        np.asarray(smallest >= SMALLEST_EIGENVALUE),
+        f"a positive definite matrix, {SMALLEST_EIGENVALUE:g} at least",
+    )
+
+
+def _refuse(
+    graph: FactorGraph, what: str, variables: Indices, values: Array, fine: NDArray[np.bool_], allowed: str
+) -> None:
+    """Refuse values, shape (n, k), if one is not fine, in a line that names the first variable concerned."""
+    if fine.all():
+        return
+    first = int(np.argmin(fine))
+    numbers = ", ".join(f"{v:g}" for v in np.atleast_1d(values[first]))
+    raise EstimationError(
+        f"{graph.variable_name(int(variables[first]))}: {what} is [{numbers}] ({np.count_nonzero(~fine)} such in all);"
+        f" needs {allowed}"
+    )

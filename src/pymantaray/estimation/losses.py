@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.expansion import chord
 from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.range_models import chord
 
 Array = NDArray[np.float64]
 Kind = Literal["huber", "cauchy", "geman-mcclure"]
@@ -124,38 +124,13 @@ LOSSES: Mapping[str, Loss] = MappingProxyType(
 
 
 def whitened_ranges(graph: FactorGraph, values: GraphValues) -> Array:
-    """
-    Residuals of a graph's ranges as distances, in their standard deviations.
-
-    Parameters
-    ----------
-    graph : FactorGraph
-    values : GraphValues
-
-    Returns
-    -------
-    ndarray, shape (n_ranges,)
-        Distance between the values less the measured one, over its standard deviation. [-]
-    """
+    """Distances between the values less those that a graph's ranges measure, in their standard deviations, shape (n_ranges,)."""
     place = np.concatenate([values.position, values.landmark_position])
-    distance, _ = chord(place[graph.range_first], place[graph.range_second])
-    return np.asarray((distance - graph.range_distance) / np.sqrt(graph.range_variance))
+    ranges = graph["range"]
+    distance, _ = chord(*place[ranges.variables.T])
+    return np.asarray((distance - ranges.column("distance")) / np.sqrt(ranges.variance))
 
 
 def range_weights(graph: FactorGraph, values: GraphValues, loss: Loss) -> Array:
-    """
-    Weight that a loss leaves each range of a graph: which ones an estimate does not believe.
-
-    Parameters
-    ----------
-    graph : FactorGraph
-    values : GraphValues
-        For example a solution.
-    loss : Loss
-
-    Returns
-    -------
-    ndarray, shape (n_ranges,)
-        From 0 to 1. [-]
-    """
+    """Weight from 0 to 1 that a loss leaves each range of a graph: which ones an estimate does not believe, shape (n_ranges,)."""
     return loss.weight(whitened_ranges(graph, values))

@@ -1,6 +1,5 @@
 """Outer iterations: travel times of a range model, expanded about the estimate and expanded again where it moved."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,13 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.assemble import TimedRanges
-from pymantaray.estimation.expansion import Expansion, chord
-from pymantaray.estimation.gate import Progress, SolveOptions
+from pymantaray.estimation.expansion import Block, Expansion, RangeWeights, whiten
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.range_models import Prediction, RangeLinks
-from pymantaray.estimation.range_weights import BelievedRanges, RangeWeights, cost_of_ranges
+from pymantaray.estimation.range_models import BelievedRanges, Prediction, chord
+from pymantaray.estimation.solution import Progress, SolveOptions
 
 Array = NDArray[np.float64]
 _CORRECTION = 1e-3  # m; a range that a new prediction moves by less has settled
@@ -22,245 +19,170 @@ _FIRST_TOLERANCE = 0.1  # m; the first expansion is left early, for the next one
 _MOST = 25  # expansions
 _RETURNS = 2  # a link gated so many times stays gated
 _PATIENT = 8  # expansions after which links that are still corrected are gated
-_RESTLESS, _FEW = (
-    0.3,
-    0.05,
-)  # of the largest correction, for smaller ones follow from it; and of the links at a time
+_RESTLESS = 0.3  # of the largest correction, for smaller ones follow from it
+_FEW = 0.05  # of the links, gated at a time
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """End of the outer iterations."""
+    """End of a batch solve, with ranges as distances or of a model."""
 
     values: Any
     progress: Progress
-    possible: NDArray[np.bool_]
-    """Whether each range was used; the others were gated."""
-    expansions: int
-    factors: Any
+    problem: Any
     """What has its optimum at the values, the ranges last; for covariances."""
+    possible: NDArray[np.bool_] | None = None
+    """Whether each range was used; the others were gated."""
+    expansions: int = 0
     shared: int | None = None
     """Key of the unknowns that ranges share."""
 
 
-def iterate(
-    builder: Any,
-    common: Any,
-    graph: FactorGraph,
-    believed: BelievedRanges,
-    initial: GraphValues,
-    options: SolveOptions,
-    *,
-    loss: Loss | None = None,
-) -> Outcome:
+class OuterIterations:
     """
     Minimize the cost of a graph whose ranges are a model's.
 
-    Parameters
-    ----------
-    builder : FactorBuilder
-    common : gtsam.NonlinearFactorGraph
-        All factors of the graph but its ranges.
-    graph : FactorGraph
-    believed : BelievedRanges
-    initial : GraphValues
-    options : SolveOptions
-
-    Returns
-    -------
-    Outcome
-        If the expansions do not settle the last step of its progress is NaN, which no gate passes.
-
-    Raises
-    ------
-    EstimationError
-        If the measured ranges are not those of the graph.
-
-    Notes
-    -----
     The model is asked at the estimate, the travel times are expanded there (`Expansion`), the graph is solved, and
     so on until a new prediction moves no range by more than 1 mm. A link that is not possible at an estimate is
     gated until the next one; one that was gated twice stays gated, so that the set of links settles. So are, after 8 expansions,
     those that are corrected most: their first arrival is now of one family of rays, now of another.
     Variances that depend on the rays are computed again where an end has moved by more than 100 m.
     """
-    from pymantaray.estimation._gtsam.graduated import minimize_expanded
-    from pymantaray.estimation._gtsam.robust import RobustExpandedRanges
-    from pymantaray.estimation._gtsam.vector_factor import ExpandedRanges, epoch_terms, positions
 
-    r, n = believed.ranges, graph.n_poses
-    _check_rows(graph, r)
-    if loss is not None and believed.correlated:
-        raise EstimationError(
-            "a robust loss on correlated ranges: each has a loss of its own; leave one of them out"
-        )
-    values, ordering, shared = _start(builder, common, graph, believed, initial)
-    start, every = values, np.arange(r.time.size)
-    keys, at = np.unique(np.concatenate([r.transmitter, r.receiver]), return_inverse=True)
-    weights = RangeWeights(believed, graph.range_variance)
-    used, gated = np.ones(r.time.size, dtype=bool), np.zeros(r.time.size, dtype=int)
-    expansion: Expansion | None = None
-    first: tuple[Prediction, Array] | None = None
-    progress = Progress(iterations=0, initial_cost=np.nan, final_cost=np.nan)
-    iterations, settled, tight, count = 0, False, False, 0
-    while True:
-        place = positions(values, keys, n)
-        a, b, u = place[at[: r.time.size]], place[at[r.time.size :]], unknowns_at(values, shared)
-        if expansion is not None and tight and expansion.is_good_at(a, b, u):
-            settled = True
-            break
-        if count == _MOST:
-            break
-        links = RangeLinks(r.time, a, b, r.sound_speed)
-        found, by_unknowns = believed.predict(links, every, u)
-        gated += used & ~found.possible
-        before, used = used, found.possible & (gated < _RETURNS)
-        residual = r.sound_speed * (np.where(found.possible, found.travel_time, 0.0) - r.travel_time)
-        if first is None:
-            first = found, residual
-        if expansion is not None:
-            off = np.where(used & before, np.abs(residual - expansion(a, b, u)[0]), 0.0)
-            largest = float(off.max(initial=0.0))
-            if tight and np.array_equal(used, before) and largest <= _CORRECTION:
+    def __init__(self, builder: Any, graph: FactorGraph, believed: BelievedRanges, loss: Loss | None) -> None:
+        from pymantaray.estimation._gtsam.problems import Ends
+
+        _check_rows(graph, believed)
+        if loss is not None and believed.correlated:
+            raise EstimationError(
+                "a robust loss on correlated ranges: each has a loss of its own; leave one of them out"
+            )
+        self._builder, self._graph, self._believed, self._loss = builder, graph, believed, loss
+        self._common = builder.common(graph)
+        shared = None if believed.unknowns is None else graph.n_variables
+        self._ends = Ends(believed.ranges, graph.n_poses, shared)
+        self._weights = RangeWeights(believed, graph["range"].variance)
+        n = believed.ranges.time.size
+        self._rows = np.arange(n)
+        self._used, self._gated = np.ones(n, dtype=bool), np.zeros(n, dtype=int)
+        self._expansion: Expansion | None = None
+        self._first: tuple[Prediction, Array] | None = None
+
+    def solve(self, initial: GraphValues, options: SolveOptions) -> Outcome:
+        """Outcome from a start; if the expansions do not settle the last step of its progress is NaN, which no gate passes."""
+        from pymantaray.estimation._gtsam.robust import optimize_robust
+
+        start, ordering = self._start(initial)
+        values, problem = start, None
+        iterations, count, settled = 0, 0, False
+        progress = Progress(iterations=0, initial_cost=np.nan, final_cost=np.nan)
+        while True:
+            place = self._ends.at(values)
+            tight = count > 1
+            if self._expansion is not None and tight and self._expansion.is_good_at(*place):
                 settled = True
                 break
+            if count == _MOST:
+                break
+            asked = self._ask(place, count)
+            if asked is None:
+                settled = True
+                break
+            self._expansion, distance = asked
+            problem = self._problem(self._expansion, distance, graduated=count == 0)
+            tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
+            values, progress = optimize_robust(
+                problem, values, ordering, replace(options, step_tolerance=tolerance)
+            )
+            iterations, count = iterations + progress.iterations, count + 1
+            if progress.singular or not np.isfinite(progress.final_cost):
+                break
+        progress = replace(progress, iterations=iterations, initial_cost=self._initial_cost(start, place))
+        if not settled:
+            progress = replace(progress, last_step=np.nan)
+        return Outcome(values, progress, problem, self._used, count, self._ends.shared)
+
+    def _start(self, initial: GraphValues) -> tuple[Any, Any]:
+        """Starting values and ordering; the unknowns start at zero and are eliminated last."""
+        from pymantaray.estimation._gtsam.factors import with_shared
+
+        values, ordering = self._builder.values(initial), self._builder.ordering(self._graph)
+        if self._ends.shared is None:
+            return values, ordering
+        return with_shared(values, ordering, self._ends.shared, self._believed.n_unknowns)
+
+    def _ask(self, place: tuple[Array, Array, Array], count: int) -> tuple[Expansion, Array] | None:
+        """Ask the model, and gate; an expansion with the distances that correct for it, or None if nothing that counts has changed."""
+        r = self._believed.ranges
+        a, b, u = place
+        links = r.links(a, b)
+        prediction, by_unknowns = self._believed.predict(links, self._rows, u)
+        self._gated += self._used & ~prediction.possible
+        before, self._used = self._used, prediction.possible & (self._gated < _RETURNS)
+        residual = r.sound_speed * (
+            np.where(prediction.possible, prediction.travel_time, 0.0) - r.travel_time
+        )
+        if self._first is None:
+            self._first = prediction, residual
+        if self._expansion is not None:
+            both = self._used & before
+            off = np.where(both, np.abs(residual - self._expansion(a, b, u)[0]), 0.0)
+            largest = float(off.max(initial=0.0))
+            if count > 1 and np.array_equal(self._used, before) and largest <= _CORRECTION:
+                return None
             if count >= _PATIENT and largest > _CORRECTION:
                 restless = off >= _RESTLESS * largest
-                if np.count_nonzero(restless) <= _FEW * np.count_nonzero(used):
-                    gated[restless], used = _RETURNS, used & ~restless
-        expansion = Expansion(found, links, r.travel_time, u, by_unknowns)
-        terms = epoch_terms(r, weights.blocks(links, used))
-        stock = _stock(builder, common, graph, used, chord(a, b)[0] - residual, loss)
-        parts = (common, stock, terms, n, expansion, (r.transmitter, r.receiver), shared)
-        tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
-        rough = replace(options, step_tolerance=tolerance)
-        values, progress = minimize_expanded(parts, loss, values, ordering, rough, first=count == 0)
-        iterations, count, tight = (
-            iterations + progress.iterations,
-            count + 1,
-            count > 0,
+                if np.count_nonzero(restless) <= _FEW * np.count_nonzero(self._used):
+                    self._gated[restless], self._used = _RETURNS, self._used & ~restless
+        self._weights.at(links)
+        expansion = Expansion(prediction, links, r.travel_time, u, by_unknowns)
+        return expansion, chord(a, b)[0] - residual
+
+    def _problem(self, expansion: Expansion, distance: Array, *, graduated: bool) -> Any:
+        """What is to be minimized about an expansion; a loss is graduated in the first one only."""
+        from pymantaray.estimation._gtsam.problems import ExpandedRanges, epoch_terms
+
+        terms = epoch_terms(self._believed.ranges, self._weights.blocks(self._used))
+        corrected = self._graph["range"].with_columns(distance=distance)[self._used]
+        graph = self._graph.with_factors(range=corrected)
+        loss = self._loss
+        if loss is not None and not graduated:
+            loss = replace(loss, graduated=False)
+        return ExpandedRanges(
+            self._common,
+            self._ends,
+            terms,
+            expansion,
+            lambda under: self._builder.factors(graph, under),
+            loss,
         )
-        if progress.singular or not np.isfinite(progress.final_cost):
-            break
-    assert first is not None  # the loop ran once at least
-    assert expansion is not None
-    # the starting cost of the links used in the end; those not possible at the start count as they end
-    end, _, _ = expansion(a, b, u)
-    comparable = np.where(first[0].possible, first[1], end)
-    initial_cost = float(common.error(start)) + cost_of_ranges(weights.kept(used), comparable, loss)
-    progress = replace(progress, iterations=iterations, initial_cost=initial_cost)
-    if not settled:
-        progress = replace(progress, last_step=np.nan)
-    factors = ExpandedRanges(*parts) if loss is None else RobustExpandedRanges(loss, *parts)
-    return Outcome(values, progress, used, count, factors, shared)
+
+    def _initial_cost(self, start: Any, place: tuple[Array, Array, Array]) -> float:
+        """Cost at the start of the links used in the end; those not possible at the start count as they end."""
+        assert self._first is not None  # the model was asked once at least
+        assert self._expansion is not None
+        prediction, residual = self._first
+        comparable = np.where(prediction.possible, residual, self._expansion(*place)[0])
+        ranges = _cost(self._weights.blocks(self._used), comparable, self._loss)
+        return float(self._common.error(start)) + ranges
 
 
-def solve_vector_factors(
-    builder: Any,
-    common: Any,
-    graph: FactorGraph,
-    believed: BelievedRanges,
-    initial: GraphValues,
-    options: SolveOptions,
-) -> Outcome:
-    """
-    Minimize the same cost with nonlinear factors that ask the model at every evaluation.
-
-    Slower than `iterate` many times over, and independent of its expansions: its check.
-
-    Parameters
-    ----------
-    builder, common, graph, believed, initial, options
-        As in `iterate`. Variances that depend on the rays are those of the start.
-
-    Returns
-    -------
-    Outcome
-    """
-    from pymantaray.estimation._gtsam.optimize import optimize
-    from pymantaray.estimation._gtsam.vector_factor import (
-        epoch_terms,
-        positions,
-        vector_factors,
+def _cost(blocks: list[Block], residual: Array, loss: Loss | None) -> float:
+    """Half the sum of squares, or the sum of losses, of the whitened residuals."""
+    if loss is not None:
+        return sum(
+            float(loss.cost(residual[rows] / np.sqrt(np.diagonal(full))).sum()) for rows, full in blocks
+        )
+    white = (
+        whiten(np.asarray(np.linalg.cholesky(full), dtype=float), residual[rows]) for rows, full in blocks
     )
-
-    r, n = believed.ranges, graph.n_poses
-    _check_rows(graph, r)
-    values, ordering, shared = _start(builder, common, graph, believed, initial)
-
-    def links_at(values: Any) -> RangeLinks:
-        a, b = (positions(values, ends, n) for ends in (r.transmitter, r.receiver))
-        return RangeLinks(r.time, a, b, r.sound_speed)
-
-    every = np.ones(r.time.size, dtype=bool)
-    terms = epoch_terms(r, RangeWeights(believed, graph.range_variance).blocks(links_at(values), every))
-    factors = vector_factors(believed, terms, n, shared)
-    factors.push_back(common)
-    values, progress = optimize(factors, values, ordering, options)
-    found, _ = believed.predict(links_at(values), np.arange(r.time.size), unknowns_at(values, shared))
-    return Outcome(values, progress, found.possible, 1, factors, shared)
+    return 0.5 * sum(float(w @ w) for w in white)
 
 
-def unknowns_at(values: Any, shared: int | None) -> Array:
-    """
-    Value of the unknowns that ranges share.
-
-    Parameters
-    ----------
-    values : gtsam.Values
-    shared : int or None
-        Their key; None if there are none.
-
-    Returns
-    -------
-    ndarray, shape (n_unknowns,)
-        In their standard deviations. [-]
-    """
-    return np.empty(0) if shared is None else np.array(values.atVector(shared), dtype=float)
-
-
-def _start(
-    builder: Any, common: Any, graph: FactorGraph, believed: BelievedRanges, initial: GraphValues
-) -> tuple[Any, Any, int | None]:
-    """Starting values, ordering, and the key of the unknowns, which start at zero and are eliminated last."""
-    values = builder.values(initial)
-    ordering = builder.ordering(graph, builder.with_ranges(common, graph))
-    if believed.unknowns is None:
-        return values, ordering, None
-    from pymantaray.estimation._gtsam.factors import with_shared
-
-    shared = graph.n_poses + int(graph.landmark_name.size)
-    return *with_shared(values, ordering, shared, believed.n_unknowns), shared
-
-
-def _stock(
-    builder: Any,
-    common: Any,
-    graph: FactorGraph,
-    used: NDArray[np.bool_],
-    distance: Array,
-    loss: Loss | None,
-) -> Callable[[], Any]:
-    """Graph of stock factors, made only if damped steps are needed."""
-    from pymantaray.estimation._gtsam.robust import robust_factors
-
-    return lambda: robust_factors(builder, common, _with_distances(graph, used, distance), loss)
-
-
-def _with_distances(graph: FactorGraph, used: NDArray[np.bool_], distance: Array) -> FactorGraph:
-    return replace(
-        graph,
-        range_first=graph.range_first[used],
-        range_second=graph.range_second[used],
-        range_distance=distance[used],
-        range_variance=graph.range_variance[used],
-    )
-
-
-def _check_rows(graph: FactorGraph, r: TimedRanges) -> None:
-    ends = np.sort(np.stack([r.transmitter, r.receiver], axis=1), axis=1)
-    rows = np.sort(np.stack([graph.range_first, graph.range_second], axis=1), axis=1)
-    if not np.array_equal(ends, rows):
+def _check_rows(graph: FactorGraph, believed: BelievedRanges) -> None:
+    ends = np.stack([believed.ranges.transmitter, believed.ranges.receiver], axis=1)
+    rows = graph["range"].variables
+    if not np.array_equal(np.sort(ends, axis=1), np.sort(rows, axis=1)):
         raise EstimationError(
             f"{len(ends)} timed ranges do not join the variables of the graph's {len(rows)} ranges; take"
             " both from the same measurements, ranges and links"

@@ -1,30 +1,74 @@
-"""Factor graphs as PyFactorGraph text in three dimensions: grammar, writer and public reader."""
+"""Factor graphs as PyFactorGraph text in three dimensions: grammar, writer and reader."""
 
+import csv
+import itertools
+import math
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation._pyfg_reader import Reader
-from pymantaray.estimation._pyfg_words import (
-    AGENT_LETTERS,
+from pymantaray.estimation.graph import (
     EDGE,
-    FREE_VARIANCE,
-    LANDMARK,
+    KINDS,
     LANDMARK_PRIOR,
-    POSE,
+    LARGEST,
     POSE_PRIOR,
+    QUATERNION_TOLERANCE,
     RANGE,
-    SIGHTING,
-    TO_FILE,
+    VARIANCES,
+    FactorGraph,
+    FactorKind,
+    Factors,
+    GraphValues,
+    check_graph,
 )
-from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
+from pymantaray.geometry.se3 import matrix_from_quaternion
+from pymantaray.records import whole_file
 
 Array = NDArray[np.float64]
+
+POSE, LANDMARK = "VERTEX_SE3:QUAT", "VERTEX_XYZ"
+SIGHTING = "EDGE_SE3_XYZ"  # a landmark's place in the body frame of a pose
+_FLAT = ("VERTEX_SE2", "VERTEX_XY", "VERTEX_SE2:PRIOR", "VERTEX_XY:PRIOR", "EDGE_SE2", "EDGE_SE2_XY")
+_LETTERS = "ABCDEFGHIJKMNOPQRSTUVWXYZ"  # of vehicles; L is for landmarks
+_NAME = re.compile(rf"([{_LETTERS}]+|L)([0-9]+)")
+_OUTER_NAME = re.compile("[A-Za-z0-9_-]+")
+_LARGEST_NUMBER = 2**31 - 1  # of a pose; records keep it in 32 bits
+_FREE = 1e12  # an axis with this variance or more is not constrained
+_AXES = np.array(["rx", "ry", "rz", "x", "y", "z"])  # of a tangent, rotation before translation
+TO_FILE = [3, 4, 5, 0, 1, 2]  # rotation before translation, and back: the exchange is its own inverse
+TO_XYZW = [1, 2, 3, 0]
+TO_WXYZ = [3, 0, 1, 2]
+
+
+class _Word(NamedTuple):
+    """Fields behind a word: a time or none, names, numbers that are measured, size of the matrix of which the upper triangle follows."""
+
+    timed: bool
+    names: int
+    measured: int
+    matrix: int
+
+    @property
+    def numbers(self) -> int:
+        return self.measured + self.matrix * (self.matrix + 1) // 2
+
+
+_GRAMMAR = {
+    POSE: _Word(timed=True, names=1, measured=7, matrix=0),
+    LANDMARK: _Word(timed=False, names=1, measured=3, matrix=0),
+    POSE_PRIOR: _Word(timed=True, names=1, measured=7, matrix=6),
+    LANDMARK_PRIOR: _Word(timed=True, names=1, measured=3, matrix=3),
+    EDGE: _Word(timed=True, names=2, measured=7, matrix=6),
+    RANGE: _Word(timed=True, names=2, measured=1, matrix=1),
+    SIGHTING: _Word(timed=True, names=2, measured=3, matrix=3),
+}
 
 
 class GraphFile(NamedTuple):
@@ -43,7 +87,8 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     ----------
     graph : FactorGraph
         Vehicles keep their names if all are single capital letters other than L, and landmarks theirs if
-        all are an L and a number; else they get such names in order.
+        all are an L and a number; else they get such names in order, and a table beside the file, ``name.names.csv`` for
+        ``name.pyfg``, says whose they are.
     path : pathlib.Path or str
         File to make or replace; its folder must exist.
     initial : GraphValues
@@ -52,7 +97,9 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     Raises
     ------
     EstimationError
-        If there are more than 25 vehicles, no pose, or the values do not fit the graph.
+        If there is no pose, or the values do not fit the graph.
+    WriteError
+        If the file cannot be written.
 
     Notes
     -----
@@ -61,7 +108,8 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     and no depth prior: both are written as pose priors with identity rotation and a variance of 1e12 on
     each free axis, and read back as what they were. PyFactorGraph's own reader [1]_ replaces each
     covariance by a multiple of the identity and so loses the depth priors; it also refuses a range
-    between two landmarks, which is written here.
+    between two landmarks, which is written here. It knows a vehicle by one letter: more than 25 vehicles get names of several
+    letters, AA, AB and so on, which `read_pyfg` reads and it does not. A comment would stop it, hence the table beside.
 
     References
     ----------
@@ -69,22 +117,34 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
        https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
     path = Path(path)
-    found = initial.position.shape[0], initial.landmark_position.shape[0]
+    sizes = initial.position.shape[0], initial.landmark_position.shape[0]
     needed = graph.n_poses, graph.landmark_name.size
-    if found != needed:
+    if sizes != needed:
         raise EstimationError(
-            f"{path}: values for {found[0]} poses and {found[1]} landmarks; the graph has {needed[0]} and {needed[1]}"
+            f"{path}: values for {sizes[0]} poses and {sizes[1]} landmarks; the graph has {needed[0]} and {needed[1]}"
         )
     if graph.n_poses == 0:
         raise EstimationError(f"{path}: the graph has no pose; a file has to begin with a vertex")
-    names = _file_names(graph, path)
-    temporary = path.with_name(path.name + ".part")
-    try:
-        with temporary.open("w", encoding="ascii", newline="\n") as file:
-            file.writelines(_lines(graph, initial, names))
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    agents, landmarks = _symbols(graph)
+    full = graph.agent_name.tolist() + graph.landmark_name.tolist()
+    table = names_file(path)
+    if agents + landmarks != full:
+        odd = next((name for name in full if not _OUTER_NAME.fullmatch(name)), None)
+        if odd is not None or len(set(full)) != len(full):
+            what = "a name twice" if odd is None else f"the name {odd!r}"
+            raise EstimationError(f"{path}: {what}; needs different names of letters, digits, _ and -")
+    with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
+        file.writelines(_lines(graph, initial, agents, landmarks))
+        if agents + landmarks == full:
+            table.unlink(missing_ok=True)  # of a file that is being replaced
+        else:
+            with whole_file(table) as beside, beside.open("w", encoding="utf-8", newline="") as names:
+                csv.writer(names).writerows([("symbol", "name"), *zip(agents + landmarks, full, strict=True)])
+
+
+def names_file(path: Path) -> Path:
+    """Table of the names that vehicles and landmarks have outside a PyFactorGraph file, beside it."""
+    return path.with_name(f"{path.stem}.names.csv")
 
 
 def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
@@ -94,6 +154,7 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     Parameters
     ----------
     path : pathlib.Path or str
+        If there is a table of names beside it, as `write_pyfg` makes one, vehicles and landmarks have the names in that.
 
     Returns
     -------
@@ -108,10 +169,6 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
         If the file cannot be read or a line is not in the grammar; the message names the line, what was
         found and what is allowed.
 
-    See Also
-    --------
-    load_pyfg : the same, with a choice of what to leave out.
-
     Notes
     -----
     A pose prior whose rotation is free (variance 1e12 or more) becomes a position fix, and a depth prior
@@ -125,42 +182,19 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
 
 def load_pyfg(path: Path | str, *, leave_out: Collection[str] = ()) -> GraphFile:
     """
-    Read a factor graph from PyFactorGraph text, leaving out what is named.
+    Read as `read_pyfg` does, leaving out what is named.
 
-    Parameters
-    ----------
-    path : pathlib.Path or str
-    leave_out : collection of str
-        Words whose lines are checked but left out: ``EDGE_SE3_XYZ``, a landmark's place in the body frame
-        of a pose, has no factor here and is refused otherwise. PyFactorGraph's own reader [1]_ skips these
-        lines without a word.
-
-    Returns
-    -------
-    GraphFile
-        Graph, values of the vertices, and how many lines were left out.
-
-    Raises
-    ------
-    EstimationError
-        As `read_pyfg` does; or if a word of ``leave_out`` is one that the graph holds.
-
-    References
-    ----------
-    .. [1] PyFactorGraph, ``read_from_pyfg_text`` in ``py_factor_graph/io/pyfg_text.py``,
-       https://github.com/MarineRoboticsGroup/PyFactorGraph
+    ``EDGE_SE3_XYZ``, a landmark's place in the body frame of a pose, has no factor here and is refused unless its lines are
+    left out; they are checked and counted. PyFactorGraph's own reader skips them without a word.
     """
     path = Path(path)
     if not set(leave_out) <= {SIGHTING}:
         raise EstimationError(f"{path}: leave out {sorted(leave_out)}; allowed: {SIGHTING}")
-    reader = Reader(str(path), leave_out)
-    try:
-        with path.open(encoding="ascii") as file:
-            for number, line in enumerate(file, start=1):
-                reader.take(number, line.rstrip("\r\n"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise EstimationError(f"{path}: not a readable text file: {error}") from None
-    graph, values = reader.finish()
+    lines = TextLines(path)
+    reader = _Reader(lines, leave_out)
+    for line in lines:
+        reader.take(line)
+    graph, values = reader.graph(_read_names(names_file(path)))
     try:
         check_graph(graph)
     except EstimationError as error:
@@ -168,81 +202,287 @@ def load_pyfg(path: Path | str, *, leave_out: Collection[str] = ()) -> GraphFile
     return GraphFile(graph, values, dict(reader.left_out))
 
 
-def _file_names(graph: FactorGraph, path: Path) -> list[str]:
-    n_agents = int(graph.agent_name.size)
-    if n_agents > len(AGENT_LETTERS):
-        raise EstimationError(
-            f"{path}: {n_agents} vehicles; the format names them by one letter and keeps L for landmarks:"
-            f" {len(AGENT_LETTERS)} at most"
+class TextLines:
+    """Lines of a text file in ASCII, without their ends, and refusals that name the line."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self.number = path, 0
+
+    def __iter__(self) -> Iterator[str]:
+        """Each line; ``number`` is its number, from 1."""
+        try:
+            with self._path.open(encoding="ascii") as file:
+                for self.number, line in enumerate(file, start=1):
+                    yield line.rstrip("\r\n")
+        except (OSError, UnicodeDecodeError) as error:
+            raise EstimationError(f"{self._path}: not a readable text file: {error}") from None
+
+    def refuse(self, what: str, allowed: str, number: int | None = None) -> NoReturn:
+        """Raise an error about the current line, or that of a number; 0 for none."""
+        line = self.number if number is None else number
+        place = f"{self._path}, line {line}" if line else f"{self._path}"
+        raise EstimationError(f"{place}: {what}; allowed: {allowed}")
+
+    def numbers(
+        self, word: str, fields: list[str], *, position: bool = True, quaternion: bool = False
+    ) -> list[float]:
+        """Numbers of a line, finite and not too large; the first three may be a position, the next four a quaternion."""
+        try:
+            values = [float(field) for field in fields]
+        except ValueError as error:
+            self.refuse(f"{word}: {str(error)[:80]}", "numbers")
+        if not all(map(math.isfinite, values)):
+            self.refuse(f"{word} with a value that is not finite", "finite numbers")
+        if any("_" in field or field != field.strip() for field in fields):
+            self.refuse(f"{word} with an underscore or a tab among its numbers", "digits and spaces")
+        far = max(map(abs, values[:3])) if position else 0.0
+        if far > LARGEST:
+            self.refuse(f"{word} with {far:g}", f"positions of at most {LARGEST:g} m")
+        if max(map(abs, values)) > VARIANCES[1]:
+            self.refuse(f"{word} with {max(map(abs, values)):g}", f"at most {VARIANCES[1]:g}")
+        if quaternion and abs(math.hypot(*values[3:7]) - 1.0) > QUATERNION_TOLERANCE:
+            self.refuse(f"{word}: quaternion {values[3:7]}", "x y z w of length 1")
+        return values
+
+
+class _Row(NamedTuple):
+    """Number of a line, its time, the names in it, and its numbers."""
+
+    line: int
+    time: float
+    names: list[str]
+    values: list[float]
+
+
+class _Reader:
+    """Collects the lines of one file and makes a graph of them."""
+
+    def __init__(self, lines: TextLines, leave_out: Collection[str]) -> None:
+        self._lines, self._leave_out = lines, frozenset(leave_out)
+        self.left_out: Counter[str] = Counter()
+        self._rows: dict[str, list[_Row]] = {word: [] for word in _GRAMMAR}  # SIGHTING's stays empty
+        self._variable: dict[str, int] = {}
+
+    def take(self, line: str) -> None:
+        """Take one line."""
+        refuse = self._lines.refuse
+        fields = line.strip(" ").split(" ")
+        word = fields[0]
+        if word in _FLAT:
+            refuse(f"{word}, a graph in two dimensions", "graphs in three dimensions")
+        if word not in _GRAMMAR:
+            refuse(f"begins with {word[:40]!r}", f"{', '.join(_GRAMMAR)}, with one space between fields")
+        if self._lines.number == 1 and word not in {POSE, LANDMARK}:
+            refuse(f"begins with {word!r}", f"{POSE} or {LANDMARK} in the first line")
+        grammar = _GRAMMAR[word]
+        n_heads = 1 + grammar.timed + grammar.names
+        if len(fields) != n_heads + grammar.numbers:
+            refuse(
+                f"{word} with {len(fields)} fields",
+                f"{n_heads + grammar.numbers}, with one space between fields",
+            )
+        time = self._lines.numbers(word, fields[1:2], position=False)[0] if grammar.timed else 0.0
+        values = self._lines.numbers(
+            word, fields[n_heads:], position=word != RANGE, quaternion=grammar.measured == 7
         )
-    agents = graph.agent_name.tolist()
-    if not set(agents) <= set(AGENT_LETTERS):
-        agents = list(AGENT_LETTERS[:n_agents])
+        names = [self._name(word, field) for field in fields[1 + grammar.timed : n_heads]]
+        self._check_names(word, names)
+        if word in self._leave_out:
+            self.left_out[word] += 1
+        elif word == SIGHTING:
+            refuse(
+                f"{word}, a landmark's place in a pose's body frame, which the graph has no factor for",
+                "the other words; or leave these lines out by choice",
+            )
+        else:
+            self._rows[word].append(_Row(self._lines.number, time, names, values))
+
+    def graph(self, names: dict[str, str]) -> tuple[FactorGraph, GraphValues]:
+        """Graph of all lines, and values of its vertices; with names by the symbols of vehicles and landmarks."""
+        poses, landmarks = self._rows[POSE], self._rows[LANDMARK]
+        if not poses:
+            self._lines.refuse(f"no {POSE} in the file", "one pose at least", 0)
+        for row in [*poses, *landmarks]:
+            if row.names[0] in self._variable:
+                self._lines.refuse(
+                    f"second vertex named {row.names[0]}", "one vertex for each name", row.line
+                )
+            self._variable[row.names[0]] = len(self._variable)
+        symbols = [_NAME.fullmatch(row.names[0]) for row in poses]
+        of_pose = [match[1] if match else "" for match in symbols]
+        agents = list(dict.fromkeys(of_pose))
+        place = {agent: i for i, agent in enumerate(agents)}
+        graph = FactorGraph(
+            agent_name=np.array([names.get(agent, agent) for agent in agents]),
+            landmark_name=np.array([names.get(row.names[0], row.names[0]) for row in landmarks], dtype=str),
+            pose_agent=np.array([place[agent] for agent in of_pose]),
+            pose_number=np.array([int(match[2]) if match else 0 for match in symbols]),
+            pose_time=np.array([row.time for row in poses]),
+        )
+        tables = {name: self._table(kind) for name, kind in KINDS.items() if kind.word != POSE_PRIOR}
+        vertex, _ = self._numbers(POSE)
+        values = GraphValues(
+            position=vertex[:, :3],
+            quaternion=vertex[:, 3:],
+            landmark_position=self._numbers(LANDMARK)[0],
+        )
+        return graph.with_factors(**self._pose_priors(), **tables), values
+
+    def _numbers(self, word: str) -> tuple[Array, Array]:
+        """What is measured in the lines of a word, and its covariances; w first in quaternions, rotation first in tangents."""
+        grammar = _GRAMMAR[word]
+        table = np.array([row.values for row in self._rows[word]], dtype=float).reshape(-1, grammar.numbers)
+        measured = table[:, : grammar.measured]
+        if grammar.measured == 7:
+            measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_WXYZ]], axis=1)
+        covariance = from_triangle(table[:, grammar.measured :], grammar.matrix)
+        return measured, covariance[:, TO_FILE][:, :, TO_FILE] if grammar.matrix == 6 else covariance
+
+    def _table(self, kind: FactorKind) -> Factors:
+        """Factors of a kind that has a word of its own."""
+        measured, covariance = self._numbers(kind.word)
+        columns = [measured[:, place] for place in kind.columns_at.values()]
+        return kind.table(self._variables(kind.word), columns, covariance)
+
+    def _pose_priors(self) -> dict[str, Factors]:
+        """Factors of the kinds that are written as pose priors, told apart by their free axes."""
+        measured, covariance = self._numbers(POSE_PRIOR)
+        variables, quaternion = self._variables(POSE_PRIOR), measured[:, 3:]
+        free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE
+        # down may be told from across only where the prior's own axes are the world's, up to a turn about down
+        level = np.abs(quaternion[:, 1:3]).max(axis=1, initial=0.0) < 1e-9
+        left, allowed, tables = np.ones(len(free), dtype=bool), [], {}
+        for name, kind in KINDS.items():
+            if kind.word != POSE_PRIOR:
+                continue
+            axes = list(kind.axes)
+            fixed = np.isin(np.arange(6), axes)
+            mine = (free == ~fixed).all(axis=1)
+            matrix, position = covariance[:, axes][:, :, axes], measured[:, :3][:, fixed[3:]]
+            allowed.append(_axes(~fixed) or "none")
+            columns = [position] if fixed[3:].any() else []
+            if "quaternion" in kind.columns_at:
+                columns.append(quaternion)
+            elif fixed[3:].all():
+                matrix = _turn(matrix, quaternion)
+            else:
+                mine &= level
+                allowed[-1] += " on level axes"
+            left &= ~mine
+            tables[name] = kind.table(variables[mine], [c[mine] for c in columns], matrix[mine])
+        if left.any():
+            row = int(np.argmax(left))
+            self._lines.refuse(
+                f"pose prior with free axes {_axes(free[row])}",
+                f"{', or '.join(allowed)} (free: variance {_FREE:g} or more)",
+                self._rows[POSE_PRIOR][row].line,
+            )
+        return tables
+
+    def _variables(self, word: str) -> NDArray[np.int32]:
+        rows, n = self._rows[word], _GRAMMAR[word].names
+        out = np.empty((len(rows), n), dtype=np.int32)
+        for i, row in enumerate(rows):
+            for end, name in enumerate(row.names):
+                if name not in self._variable:
+                    self._lines.refuse(f"name {name}", "names of the file's vertices", row.line)
+                out[i, end] = self._variable[name]
+        return out
+
+    def _name(self, word: str, field: str) -> str:
+        """Name without leading zeros, so that A01 and A1 are the same."""
+        match = _NAME.fullmatch(field)
+        if match is None:
+            self._lines.refuse(
+                f"name {field[:40]!r}", "a capital letter and a number, as A0, or L0 for a landmark"
+            )
+        digits = match[2].lstrip("0") or "0"
+        if len(digits) > 10 or int(digits) > _LARGEST_NUMBER:
+            self._lines.refuse(f"{word}: number of {field[:40]}", f"numbers up to {_LARGEST_NUMBER}")
+        return match[1] + digits
+
+    def _check_names(self, word: str, names: list[str]) -> None:
+        refuse = self._lines.refuse
+        landmark = [name.startswith("L") for name in names]
+        if word in {POSE, POSE_PRIOR, EDGE} and any(landmark):
+            refuse(f"{word} with landmark {names[landmark.index(True)]}", "poses")
+        if word in {LANDMARK, LANDMARK_PRIOR} and not all(landmark):
+            refuse(f"{word} with pose {names[0]}", "a landmark, as L0")
+        if len(names) == 2 and names[0] == names[1]:
+            refuse(f"{word} from {names[0]} to itself", "two different names")
+        if word == SIGHTING and landmark != [False, True]:
+            refuse(f"{word} from {names[0]} to {names[1]}", "a pose, then a landmark")
+        if landmark == [True, False]:
+            refuse(f"{word} from {names[0]} to {names[1]}", "the pose first")
+
+
+def _read_names(path: Path) -> dict[str, str]:
+    """Names by the symbols of vehicles and landmarks; none without a table."""
+    if not path.is_file():
+        return {}
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            head, *rows = csv.reader(file)
+    except (OSError, ValueError, csv.Error) as error:
+        raise EstimationError(f"{path}: not a readable table of names: {error}") from None
+    names = {row[0]: row[1] for row in rows if len(row) == 2 and _OUTER_NAME.fullmatch(row[1])}
+    if head != ["symbol", "name"] or len(names) != len(rows) or len(set(names.values())) != len(rows):
+        raise EstimationError(
+            f"{path}: needs a line symbol,name, then a symbol of the graph file and a name of letters, digits, _ and -"
+            " in each line, none of them twice"
+        )
+    return names
+
+
+def _symbols(graph: FactorGraph) -> tuple[list[str], list[str]]:
+    """What vehicles and landmarks are called in the file."""
+    agents: list[str] = graph.agent_name.tolist()
+    width = 1
+    while len(_LETTERS) ** width < len(agents):
+        width += 1
+    if not all(re.fullmatch(f"[{_LETTERS}]{{{width}}}", name) for name in agents):
+        letters = itertools.product(_LETTERS, repeat=width)
+        agents = ["".join(next(letters)) for _ in agents]
     landmarks: list[str] = graph.landmark_name.tolist()
     if not all(re.fullmatch("L(0|[1-9][0-9]{0,8})", name) for name in landmarks):
         landmarks = [f"L{i}" for i in range(len(landmarks))]
-    poses = zip(graph.pose_agent.tolist(), graph.pose_number.tolist(), strict=True)
-    return [f"{agents[a]}{k}" for a, k in poses] + landmarks
+    return agents, landmarks
 
 
-def _lines(graph: FactorGraph, initial: GraphValues, names: list[str]) -> Iterator[str]:
-    n = graph.n_poses
-    time = [f"{t:.17g}" for t in graph.pose_time.tolist()]
-    poses = [f"{t} {name}" for t, name in zip(time, names[:n], strict=True)]
-
-    def at(rows: NDArray[np.int32]) -> list[str]:
-        return [poses[i] for i in rows.tolist()]
-
-    yield from _rows(POSE, poses, initial.position, initial.quaternion[:, [1, 2, 3, 0]])
-    yield from _rows(LANDMARK, names[n:], initial.landmark_position)
-    yield from _rows(
-        POSE_PRIOR,
-        at(graph.prior_pose),
-        graph.prior_position,
-        graph.prior_quaternion[:, [1, 2, 3, 0]],
-        _triangle(graph.prior_covariance[:, TO_FILE][:, :, TO_FILE]),
-    )
-    yield from _position_priors(at(graph.fix_pose), graph.fix_position, graph.fix_covariance)
-    level = np.zeros((graph.depth.size, 3))
-    level[:, 2] = graph.depth
-    vertical = np.zeros((graph.depth.size, 3, 3))
-    vertical[:, [0, 1], [0, 1]] = FREE_VARIANCE
-    vertical[:, 2, 2] = graph.depth_variance
-    yield from _position_priors(at(graph.depth_pose), level, vertical)
-    yield from _rows(
-        LANDMARK_PRIOR,
-        [f"0 {names[n + i]}" for i in graph.survey_landmark.tolist()],
-        graph.survey_position,
-        _triangle(graph.survey_covariance),
-    )
-    edges = zip(graph.edge_from.tolist(), graph.edge_to.tolist(), strict=True)
-    yield from _rows(
-        EDGE,
-        [f"{time[j]} {names[i]} {names[j]}" for i, j in edges],
-        graph.edge_translation,
-        graph.edge_quaternion[:, [1, 2, 3, 0]],
-        _triangle(graph.edge_covariance[:, TO_FILE][:, :, TO_FILE]),
-    )
-    ranges = zip(graph.range_first.tolist(), graph.range_second.tolist(), strict=True)
-    yield from _rows(
-        RANGE,
-        [f"{time[i] if i < n else 0} {names[i]} {names[j]}" for i, j in ranges],
-        graph.range_distance[:, None],
-        graph.range_variance[:, None],
-    )
+def _lines(
+    graph: FactorGraph, initial: GraphValues, agents: list[str], landmarks: list[str]
+) -> Iterator[str]:
+    numbers = zip(graph.pose_agent.tolist(), graph.pose_number.tolist(), strict=True)
+    names = [f"{agents[a]}{k}" for a, k in numbers] + landmarks
+    time = [f"{t:.17g}" for t in graph.pose_time.tolist()] + ["0"] * len(landmarks)
+    poses = [f"{t} {name}" for t, name in zip(time, names[: graph.n_poses], strict=False)]
+    yield from _rows(POSE, poses, initial.position, initial.quaternion[:, TO_XYZW])
+    yield from _rows(LANDMARK, landmarks, initial.landmark_position)
+    for table, kind in KINDS.items():
+        factors = graph[table]
+        # a factor is at the time of the variable that messages name; landmarks have none
+        heads = [
+            f"{time[after]} {' '.join(names[v] for v in ends)}"
+            for after, ends in zip(factors.subject.tolist(), factors.variables.tolist(), strict=True)
+        ]
+        yield from _rows(kind.word, heads, *_in_file(factors))
 
 
-def _position_priors(heads: list[str], position: Array, covariance: Array) -> Iterator[str]:
-    full = np.zeros((len(heads), 6, 6))
-    full[:, :3, :3] = covariance
-    full[:, [3, 4, 5], [3, 4, 5]] = FREE_VARIANCE
-    identity = np.tile([0.0, 0.0, 0.0, 1.0], (len(heads), 1))
-    yield from _rows(POSE_PRIOR, heads, position, identity, _triangle(full))
-
-
-def _triangle(covariance: Array) -> Array:
-    rows, columns = np.triu_indices(covariance.shape[-1])
-    return np.asarray(covariance[:, rows, columns])
+def _in_file(factors: Factors) -> tuple[Array, Array]:
+    """What is measured and the upper triangle of its covariance, as the kind's word has them."""
+    kind, covariance, measured = factors.kind, factors.covariance, factors.measured
+    if kind.axes:
+        axes = np.array(kind.axes)
+        measured = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(factors), 1))
+        for column, place in kind.columns_at.items():
+            where = slice(3, 7) if column == "quaternion" else axes[axes >= 3] - 3
+            measured[:, where] = factors.measured[:, place]
+        covariance = np.tile(_FREE * np.eye(6), (len(factors), 1, 1))
+        covariance[:, axes[:, None], axes] = factors.covariance
+    if _GRAMMAR[kind.word].matrix == 6:
+        measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_XYZW]], axis=1)
+        covariance = covariance[:, TO_FILE][:, :, TO_FILE]
+    return measured, triangle(covariance)
 
 
 def _rows(word: str, heads: Iterable[str], *blocks: Array) -> Iterator[str]:
@@ -250,3 +490,30 @@ def _rows(word: str, heads: Iterable[str], *blocks: Array) -> Iterator[str]:
     form = f"{word} %s " + " ".join(["%.17g"] * table.shape[1]) + "\n"
     for head, row in zip(heads, table.tolist(), strict=True):
         yield form % (head, *row)
+
+
+def triangle(matrices: Array) -> Array:
+    """Upper triangles by rows of matrices (n, k, k)."""
+    rows, columns = np.triu_indices(matrices.shape[-1])
+    return np.asarray(matrices[:, rows, columns])
+
+
+def from_triangle(triangles: Array, size: int) -> Array:
+    """Symmetric matrices of their upper triangles by rows."""
+    out = np.zeros((triangles.shape[0], size, size))
+    rows, columns = np.triu_indices(size)
+    out[:, rows, columns] = out[:, columns, rows] = triangles
+    return out
+
+
+def _axes(which: ArrayLike) -> str:
+    """Names of axes of a tangent, translation first."""
+    return " ".join(_AXES[TO_FILE][np.asarray(which)[TO_FILE]].tolist())
+
+
+def _turn(covariance: Array, quaternion: Array) -> Array:
+    """Covariances in the world's axes; untouched, to the last digit, where the axes agree."""
+    turned = np.any(quaternion != np.array([1.0, 0.0, 0.0, 0.0]), axis=1)
+    rotation = matrix_from_quaternion(quaternion)
+    world = rotation @ covariance @ np.swapaxes(rotation, 1, 2)
+    return np.where(turned[:, None, None], world, covariance)

@@ -1,6 +1,13 @@
-"""What an estimator believes of a range: the travel time that a model of the water predicts for each link."""
+"""
+What an estimator believes of its ranges: travel times that a model of the water predicts, and unknowns that ranges share.
 
-from typing import NamedTuple, Protocol
+A range model is anything with `RangeModel.predict`. The unknowns are amplitudes of sound-speed modes, and offset and skew of
+clocks; they are estimated with the poses.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,7 +15,29 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import EstimationError
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
 _LEVEL = 0.01  # m; ends nearer in depth than this have the slowness between them by Simpson's rule
+
+
+class TimedRanges(NamedTuple):
+    """What was measured of each range of a graph, row by row; the transmitter may be either of its variables."""
+
+    transmitter: Rows
+    """Variable, shape (n,)."""
+    receiver: Rows
+    """Variable, shape (n,)."""
+    epoch: Rows
+    """Number of the ping, from 0, shape (n,)."""
+    time: Array
+    """Of the ping since the start of the mission, shape (n,). [s]"""
+    sound_speed: Array
+    """Measured at the transmitter, shape (n,). [m s⁻¹]"""
+    travel_time: Array
+    """Measured, with its noise, shape (n,). [s]"""
+
+    def links(self, transmitter: Array, receiver: Array) -> "RangeLinks":
+        """Links of these ranges between places, shape (n, 3)."""
+        return RangeLinks(self.time, transmitter, receiver, self.sound_speed)
 
 
 class RangeLinks(NamedTuple):
@@ -45,10 +74,30 @@ class RangeModel(Protocol):
         ...
 
 
+@runtime_checkable
+class AdjustableModel(Protocol):
+    """A range model whose ocean has shapes of unknown amplitude."""
+
+    amplitude_sigma: Array
+    """Prior standard deviation of each amplitude about zero, shape (n_modes,). [m s⁻¹]"""
+
+    def predict(self, links: RangeLinks) -> Prediction:
+        """Travel times of all links."""
+        ...
+
+    def adjusted(self, amplitudes: Array) -> "AdjustableModel":
+        """Give the model with these amplitudes, shape (n_modes,), counted from the ocean that was believed first. [m s⁻¹]."""
+        ...
+
+    def sensitivity(self, links: RangeLinks) -> Array:
+        """Change of the travel times by the amplitudes, shape (n, n_modes); zero where not possible. [s² m⁻¹]."""
+        ...
+
+
 class TravelTimeUncertainty(Protocol):
     """Knows how uncertain the predicted travel times are because the ocean is not known exactly."""
 
-    def covariances(self, links: RangeLinks, epoch: NDArray[np.intp]) -> list[Array]:
+    def covariances(self, links: RangeLinks, epoch: Rows) -> list[Array]:
         """Give one covariance matrix for each epoch, of its links in the order of the rows. [s²]."""
         ...
 
@@ -76,33 +125,11 @@ class ConstantSpeed:
         self.sound_speed = float(sound_speed)
 
     def speed(self, measured: Array) -> Array:
-        """
-        Sound speed along each link.
-
-        Parameters
-        ----------
-        measured : ndarray, shape (n,)
-            At the transmitters; only its length is used. [m s⁻¹]
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            [m s⁻¹]
-        """
+        """Sound speed along each link; of what was measured at the transmitters only the shape counts. [m s⁻¹]."""
         return np.full(np.shape(measured), self.sound_speed)
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """
-        Distance over the sound speed.
-
-        Parameters
-        ----------
-        links : RangeLinks
-
-        Returns
-        -------
-        Prediction
-        """
+        """Distance over the sound speed."""
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
 
@@ -110,33 +137,11 @@ class TransmitterSpeed:
     """The sound speed measured at the transmitter, along the whole link: the paper's c_i."""
 
     def speed(self, measured: Array) -> Array:
-        """
-        Sound speed along each link.
-
-        Parameters
-        ----------
-        measured : ndarray, shape (n,)
-            At the transmitters. [m s⁻¹]
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            The same. [m s⁻¹]
-        """
+        """Sound speed along each link: the measured one. [m s⁻¹]."""
         return np.asarray(measured, dtype=float)
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """
-        Distance over the transmitter's sound speed.
-
-        Parameters
-        ----------
-        links : RangeLinks
-
-        Returns
-        -------
-        Prediction
-        """
+        """Distance over the transmitter's sound speed."""
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
 
@@ -174,22 +179,11 @@ class MeanSlowness:
             )
         if not np.all((c > 0.0) & np.isfinite(c)):
             raise EstimationError(f"mean slowness: sound speed {c.min():g} m/s; needs positive finite values")
-        self._depth, self._speed = z, c
+        self.depth, self.sound_speed = z, c
         self._sum = np.concatenate([[0.0], np.cumsum(np.diff(z) * _mean_inverse(c[:-1], c[1:]))])
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """
-        Distance times the mean slowness between the ends' depths.
-
-        Parameters
-        ----------
-        links : RangeLinks
-
-        Returns
-        -------
-        Prediction
-            The gradients include the change of the mean slowness with the ends' depths.
-        """
+        """Distance times the mean slowness between the ends' depths, which the gradients have, too."""
         a, b = links.transmitter[:, 2], links.receiver[:, 2]
         slow_a, slow_b = self._slowness(a), self._slowness(b)
         level = np.abs(b - a) < _LEVEL
@@ -213,17 +207,173 @@ class MeanSlowness:
         )
 
     def _slowness(self, z: Array) -> Array:
-        return np.asarray(1.0 / np.interp(z, self._depth, self._speed))
+        return np.asarray(1.0 / np.interp(z, self.depth, self.sound_speed))
 
     def _integral(self, z: Array) -> Array:
         """Integral of slowness from the first level down to a depth. [s]."""
-        i = np.clip(np.searchsorted(self._depth, z, side="right") - 1, 0, self._depth.size - 2)
-        inside = np.clip(z, self._depth[0], self._depth[-1])
+        i = np.clip(np.searchsorted(self.depth, z, side="right") - 1, 0, self.depth.size - 2)
+        inside = np.clip(z, self.depth[0], self.depth[-1])
         beyond = (z - inside) * self._slowness(z)
-        here = np.interp(inside, self._depth, self._speed)
-        return np.asarray(
-            self._sum[i] + (inside - self._depth[i]) * _mean_inverse(self._speed[i], here) + beyond
+        here = np.interp(inside, self.depth, self.sound_speed)
+        top = self.sound_speed[i]
+        return np.asarray(self._sum[i] + (inside - self.depth[i]) * _mean_inverse(top, here) + beyond)
+
+
+class ClockPrior(NamedTuple):
+    """What is known of the vehicles' clocks beforehand; landmarks keep true time."""
+
+    offset_sigma: float
+    """Standard deviation of each clock's offset at the start of the mission; 0 where it is known to be none. [s]"""
+    skew_sigma: float
+    """Of its growth with time, likewise. [-]"""
+    turn_around: float | None = None
+    """From ping to answer of a two-way exchange; None where ranging is one way. [s]"""
+
+
+class Unknowns:
+    r"""
+    Parameters that the ranges of one graph share, each with a Gaussian prior about zero.
+
+    The amplitudes of an `AdjustableModel` are unknowns; so are, with a prior of theirs, the clocks of the vehicles that
+    ``pose_agent`` gives for each pose. ``name``, ``unit`` and ``sigma``, the prior standard deviations, have one entry for each.
+
+    Notes
+    -----
+    The solver has them in units of their standard deviations: one variable :math:`u \sim N(0, I)`. One way, a
+    ping sent at true time T and received at T + t is measured as
+
+    .. math:: t + o_r + k_r (T + t) - o_t - k_t T
+
+    with the offsets o and skews k of receiver and transmitter; two ways, after the turn-around time
+    :math:`\tau`, half the round trip less that as :math:`t + \frac12 [k_i (2 t + \tau) - k_r \tau]`.
+    """
+
+    def __init__(
+        self,
+        model: RangeModel,
+        ranges: TimedRanges,
+        pose_agent: NDArray[np.int32],
+        agent_name: Sequence[str],
+        *,
+        clocks: ClockPrior | None = None,
+    ) -> None:
+        self._model, self._clocks, n = model, clocks, len(agent_name)
+        modes = np.asarray(model.amplitude_sigma) if isinstance(model, AdjustableModel) else np.empty(0)
+        names = [f"mode {k + 1}" for k in range(modes.size)]
+        units, sigma = ["m/s"] * modes.size, [*modes]
+        self._known = [
+            clocks is None or clocks.offset_sigma == 0.0,
+            clocks is None or clocks.skew_sigma == 0.0,
+        ]
+        if clocks is not None:
+            kinds = ("clock offset", "s", clocks.offset_sigma), ("clock skew", "1", clocks.skew_sigma)
+            for known, (what, unit, prior) in zip(self._known, kinds, strict=True):
+                names += [] if known else [f"{what} {name}" for name in agent_name]
+                units += [] if known else [unit] * n
+                sigma += [] if known else [prior] * n
+        self.name, self.unit, self.sigma = tuple(names), tuple(units), np.array(sigma, dtype=float)
+        if not self.name:
+            raise EstimationError(
+                "unknowns: neither modes nor clocks; give one of them or leave unknowns out"
+            )
+        wrong = ~((self.sigma > 0.0) & np.isfinite(self.sigma))
+        if wrong.any():
+            first = int(np.argmax(wrong))
+            raise EstimationError(
+                f"unknowns: prior sigma of {names[first]} is {self.sigma[first]:g} {units[first]}; needs a positive"
+                " finite value"
+            )
+        self._n_modes, self._n_agents = modes.size, n
+        # all landmarks as one agent, left out in the end
+        agent = np.append(np.asarray(pose_agent, dtype=np.intp), n)
+        last = agent.size - 1
+        self._transmitter, self._receiver = (
+            agent[np.minimum(v, last)] for v in (ranges.transmitter, ranges.receiver)
         )
+
+    def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
+        """Measured travel times to be expected of the ranges in some rows, and how they change with the unknowns, (n, n_unknowns)."""
+        value, k = self.sigma * u, self._n_modes
+        columns = []
+        if isinstance(self._model, AdjustableModel):
+            model = self._model.adjusted(value[:k])
+            prediction = model.predict(links)
+            columns.append(model.sensitivity(links))
+        else:
+            prediction = self._model.predict(links)
+        if not all(self._known):
+            time = np.where(prediction.possible, prediction.travel_time, 0.0)
+            by_clocks = self._by_clocks(links.time, time, rows)
+            prediction = prediction._replace(travel_time=prediction.travel_time + by_clocks @ value[k:])
+            columns.append(by_clocks)
+        return prediction, np.hstack(columns) * self.sigma
+
+    def _by_clocks(self, sent: Array, time: Array, rows: Rows) -> Array:
+        """Change of measured travel times by the offsets of all clocks, then by their skews; without the known ones."""
+        assert self._clocks is not None  # asked only then
+        n = self._n_agents
+        offset, skew = np.zeros((rows.size, n + 1)), np.zeros((rows.size, n + 1))
+        row, t, r = np.arange(rows.size), self._transmitter[rows], self._receiver[rows]
+        if self._clocks.turn_around is None:
+            offset[row, r] += 1.0
+            offset[row, t] -= 1.0
+            skew[row, r] += sent + time
+            skew[row, t] -= sent
+        else:
+            skew[row, t] += time + 0.5 * self._clocks.turn_around
+            skew[row, r] -= 0.5 * self._clocks.turn_around
+        return np.hstack(
+            [by[:, :n] for by, known in zip((offset, skew), self._known, strict=True) if not known]
+        )
+
+
+class UnknownsEstimate(NamedTuple):
+    """What a solve says of the unknowns that its ranges share."""
+
+    name: tuple[str, ...]
+    unit: tuple[str, ...]
+    prior_sigma: Array
+    """Shape (n_unknowns,)."""
+    value: Array
+    """Shape (n_unknowns,)."""
+    covariance: Array
+    """Shape (n_unknowns, n_unknowns), in the units of the values."""
+
+
+@dataclass(frozen=True, eq=False)
+class BelievedRanges:
+    """
+    What an estimator makes of the ranges of a graph.
+
+    Parameters
+    ----------
+    model : RangeModel
+    ranges : TimedRanges
+        What was measured, row by row the ranges of the graph.
+    uncertainty : TravelTimeUncertainty, optional
+        Adds to the ranges' own variance. By default that stands alone.
+    correlated : bool
+        Whether the covariances between the links of an epoch count, beside the variances.
+    unknowns : Unknowns, optional
+        What is to be estimated with the poses. By default nothing is.
+    """
+
+    model: RangeModel
+    ranges: TimedRanges
+    uncertainty: TravelTimeUncertainty | None = None
+    correlated: bool = False
+    unknowns: Unknowns | None = None
+
+    @property
+    def n_unknowns(self) -> int:
+        """Dimension of the variable that all ranges share."""
+        return 0 if self.unknowns is None else self.unknowns.sigma.size
+
+    def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
+        """As `Unknowns.predict`, with no columns where nothing is unknown."""
+        if self.unknowns is None:
+            return self.model.predict(links), np.empty((links.time.size, 0))
+        return self.unknowns.predict(links, rows, u)
 
 
 def _mean_inverse(c1: Array, c2: Array) -> Array:
@@ -236,8 +386,13 @@ def _mean_inverse(c1: Array, c2: Array) -> Array:
 
 def _along_chords(links: RangeLinks, slowness: Array) -> Prediction:
     """Travel times along straight lines at a given slowness each."""
-    step = links.receiver - links.transmitter
-    distance = np.linalg.norm(step, axis=1)
-    unit = step / np.where(distance > 0.0, distance, 1.0)[:, None]
+    distance, unit = chord(links.transmitter, links.receiver)
     gradient = slowness[:, None] * unit
     return Prediction(distance * slowness, -gradient, gradient, np.ones(distance.size, dtype=bool))
+
+
+def chord(a: Array, b: Array) -> tuple[Array, Array]:
+    """Distances between places, shape (n,), and directions from the first to the second, (n, 3); zero where both are one."""
+    step = b - a
+    distance = np.linalg.norm(step, axis=1)
+    return distance, step / np.where(distance > 0.0, distance, 1.0)[:, None]

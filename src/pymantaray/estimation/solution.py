@@ -1,21 +1,126 @@
-"""What a solve ends with, and what one of several solves of nearly the same graph is asked for."""
+"""What a solve is asked for and what it ends with: method, options, progress, health gate and solution."""
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.estimation.covariance import EpochCovariances
-from pymantaray.estimation.gate import Progress
-from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.graph import GraphValues
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.range_weights import BelievedRanges
-from pymantaray.estimation.unknowns import UnknownsEstimate
+from pymantaray.estimation.range_models import UnknownsEstimate
 from pymantaray.records import SolveStatus
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Method:
+    """
+    How a graph is solved.
+
+    Parameters
+    ----------
+    loss : Loss, optional
+        Of its ranges, in place of least squares.
+    incremental : bool
+        Whether the factors are replayed in the order of time, in place of a batch.
+    """
+
+    loss: Loss | None = None
+    incremental: bool = False
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """
+    Limits of a replay in the order of time.
+
+    Parameters
+    ----------
+    every : {"ping", "sample"}
+        When to update: at each time with a range and at the end, or at each time with a pose.
+    relinearize : float
+        Variables that moved by more than this are linearized again. [m, rad]
+    wildfire : float
+        A change smaller than this is not passed on to the next variables. [m, rad]
+    final_updates : int
+        Updates without new factors after the last one, at most; they end when nothing is linearized again.
+    end_tolerance : float
+        Largest component of the step that a batch solver would take from the end. [m, rad]
+    """
+
+    every: Literal["ping", "sample"] = "ping"
+    relinearize: float = 1e-3
+    wildfire: float = 1e-5
+    final_updates: int = 10
+    end_tolerance: float = 1e-2
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """
+    Limits of the solver and of the health gate.
+
+    Parameters
+    ----------
+    step_tolerance : float
+        The solver stops when no variable moves by more than this in a step. Convergence is linear, by a
+        factor of about six a step: the default leaves less than 1e-5 m at the paper's size, 1e-3 leaves 0.2 mm for
+        an eighth less time. [m, rad]
+    end_tolerance : float
+        Largest step that the undamped system may still ask for at the end of damped steps, where the optimum
+        repels undamped ones. [m, rad]
+    max_iterations : int
+        Steps after which it gives up.
+    decrement_tolerance : float
+        Largest cost that one more step may promise to take away at the optimum. [-]
+    chi_square_sigmas : float
+        Half width of the interval about its expectation in which the final cost has to lie where the
+        model is right, in standard deviations of the chi-square distribution. [-]
+    replay : ReplayOptions
+        Of a replay in the order of time.
+    """
+
+    step_tolerance: float = 4e-5
+    end_tolerance: float = 1e-3
+    max_iterations: int = 50
+    decrement_tolerance: float = 1e-3
+    chi_square_sigmas: float = 5.0
+    replay: ReplayOptions = field(default_factory=ReplayOptions)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """
+    How an optimization went.
+
+    Parameters
+    ----------
+    iterations : int
+        Steps taken.
+    initial_cost, final_cost : float
+        Half the sum of squared whitened residuals. [-]
+    singular : bool
+        The linear system could not be solved, or left a variable undetermined.
+    gradient_norm : float
+        Largest component of the cost's gradient at the last linearization; NaN if none was solved.
+    newton_decrement : float
+        Cost that the step from the last linearization promised to take away: half the gradient's square
+        in the metric of the inverse Hessian, hence free of units. [-]
+    last_step : float
+        Largest component of that step. [m, rad]
+    """
+
+    iterations: int
+    initial_cost: float
+    final_cost: float
+    singular: bool = False
+    gradient_norm: float = math.nan
+    newton_decrement: float = math.nan
+    last_step: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,57 +149,54 @@ class Solution:
     """At the epochs asked for; None if none were, or the values are not usable."""
     unknowns: UnknownsEstimate | None = None
     """What the ranges share, if anything was to be estimated of it and the values are usable."""
-    diagnosis: str | None = None
-    """From `GraphSolver.solve`, of values that are not usable: what is singular or badly conditioned, if anything is."""
 
     @property
     def usable(self) -> bool:
         """Whether the values are a converged optimum."""
         return self.status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE}
 
+    @property
+    def values(self) -> GraphValues:
+        """The values of the graph's variables."""
+        return GraphValues(
+            position=self.position.reshape(-1, 3),
+            quaternion=self.quaternion.reshape(-1, 4),
+            landmark_position=self.landmark_position,
+        )
 
-class Variant(NamedTuple):
-    """One of several graphs that differ in their ranges only, and how it is to be solved."""
 
-    graph: FactorGraph
-    model_is_right: bool
-    believed: BelievedRanges | None = None
-    """What is believed of its ranges; None takes them as the distances that the graph has."""
-    initial: GraphValues | None = None
-    """Where to start if not where all do."""
-    loss: Loss | None = None
-    """Of the ranges; None is least squares."""
-    incremental: bool = False
-    """Whether the factors are replayed in the order of time; only for ranges as distances."""
-    vector_factors: bool = False
-    """Whether what is believed is solved by nonlinear factors that ask the model, in place of outer iterations."""
+def gate(progress: Progress, options: SolveOptions, *, expected_cost: float = math.nan) -> SolveStatus:
+    """
+    Verdict on one solve; the cost has to lie within its chi-square bounds where one is expected.
+
+    A solver that gives up at once returns its starting point, which looks perfect when it was started at
+    the truth; hence nothing is taken on trust.
+    """
+    if progress.singular or not math.isfinite(progress.final_cost):
+        return SolveStatus.FAILED
+    if progress.iterations < 1:
+        return SolveStatus.NO_ITERATION
+    if progress.final_cost > progress.initial_cost + 1e-9 * (1.0 + progress.initial_cost):
+        return SolveStatus.COST_ROSE
+    stopped = progress.last_step <= max(options.step_tolerance, options.end_tolerance)
+    flat = abs(progress.newton_decrement) <= options.decrement_tolerance
+    if not (stopped and flat):  # NaN does not pass
+        return SolveStatus.NOT_CONVERGED
+    half_width = options.chi_square_sigmas * math.sqrt(max(expected_cost, 0.0)) + options.decrement_tolerance
+    if abs(progress.final_cost - expected_cost) > half_width:  # nor does NaN here
+        return SolveStatus.OVER_CHI_SQUARE
+    return SolveStatus.OK
 
 
 def judged(
-    found: GraphValues, progress: Progress, status: SolveStatus, expected_cost: float = math.nan
+    values: GraphValues, progress: Progress, status: SolveStatus, expected_cost: float = math.nan
 ) -> Solution:
-    """
-    Solution with a verdict: its values are NaN unless that makes them usable.
-
-    Parameters
-    ----------
-    found : GraphValues
-        Where the solve ended.
-    progress : Progress
-    status : SolveStatus
-        From `gate`.
-    expected_cost : float
-        Half the degrees of freedom. By default the cost has no chi-square distribution. [-]
-
-    Returns
-    -------
-    Solution
-    """
+    """Solution with a verdict from `gate`: its values are NaN unless that makes them usable."""
     mask = 1.0 if status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE} else np.nan
     return Solution(
-        position=found.position * mask,
-        quaternion=found.quaternion * mask,
-        landmark_position=found.landmark_position * mask,
+        position=values.position * mask,
+        quaternion=values.quaternion * mask,
+        landmark_position=values.landmark_position * mask,
         status=status,
         iterations=progress.iterations,
         initial_cost=progress.initial_cost,

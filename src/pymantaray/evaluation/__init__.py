@@ -11,7 +11,13 @@ from pymantaray.evaluation.ranging_error import (
     range_errors,
     range_split_table,
 )
-from pymantaray.evaluation.trajectory_error import ape, ate_statistics, error_table, trajectory_errors
+from pymantaray.evaluation.trajectory_error import (
+    ape,
+    ate_statistics,
+    error_table,
+    graph_errors,
+    trajectory_errors,
+)
 from pymantaray.evaluation.unknowns import directions_table, unknowns_table
 
 __all__ = [
@@ -26,6 +32,7 @@ __all__ = [
     "directions_table",
     "dropout_table",
     "error_table",
+    "graph_errors",
     "link_categories",
     "nees",
     "paired_interval",

@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import EvaluationError
+from pymantaray.estimation import FactorGraph, GraphValues
 from pymantaray.records import Estimates, SolveStatus, Trajectories
 
 Array = NDArray[np.float64]
@@ -75,6 +76,30 @@ def ate_statistics(errors: ArrayLike) -> dict[str, float]:
         **{f"p{p}_m": float(v) for p, v in zip(_PERCENTILES, percentiles, strict=True)},
         "max_m": float(e.max()),
     }
+
+
+def graph_errors(
+    graph: FactorGraph, values: GraphValues, truth: GraphValues | None
+) -> dict[str, dict[str, float]]:
+    """
+    Absolute trajectory errors of a graph's values by vehicle and pooled, nothing aligned.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    values : GraphValues
+    truth : GraphValues or None
+
+    Returns
+    -------
+    dict of str to dict
+        From each vehicle's name, and ``"all vehicles"``, to what `ate_statistics` gives; empty without a truth.
+    """
+    if truth is None:
+        return {}
+    errors = ape(values.position, truth.position)
+    table = {str(n): ate_statistics(errors[graph.pose_agent == a]) for a, n in enumerate(graph.agent_name)}
+    return {**table, "all vehicles": ate_statistics(errors)}
 
 
 def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:

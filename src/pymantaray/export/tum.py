@@ -70,13 +70,28 @@ def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -
     MantaRayError
         If a pose is not finite.
     """
-    path = Path(path)
-    several = graph.agent_name.size > 1
-    files = []
-    for agent, name in enumerate(graph.agent_name.tolist()):
+    files = graph_tum_files(path, graph)
+    for agent, file in enumerate(files):
         rows = np.flatnonzero(graph.pose_agent == agent)
         rows = rows[np.argsort(graph.pose_number[rows], kind="stable")]
-        file = path.with_name(f"{path.stem}-{name}{path.suffix}") if several else path
         write_tum(file, graph.pose_time[rows], values.position[rows], values.quaternion[rows])
-        files.append(file)
     return files
+
+
+def graph_tum_files(path: Path | str, graph: FactorGraph) -> list[Path]:
+    """
+    Files that `write_graph_tum` makes of a graph.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+    graph : FactorGraph
+
+    Returns
+    -------
+    list of pathlib.Path
+    """
+    path = Path(path)
+    if graph.agent_name.size == 1:
+        return [path]
+    return [path.with_name(f"{path.stem}-{name}{path.suffix}") for name in graph.agent_name.tolist()]

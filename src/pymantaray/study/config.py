@@ -106,10 +106,9 @@ class DetectionSection(Section):
         return self
 
 
-VehicleName = Annotated[
-    str, Field(pattern=r"^[A-KM-Z]$", description="one capital letter, L is for landmarks")
+ParticipantName = Annotated[
+    str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$", description="letters, digits, _ and -, 64 at most")
 ]
-LandmarkName = Annotated[str, Field(pattern=r"^L[0-9]+$", description="L and a number")]
 
 
 class FloatSection(Section):
@@ -126,7 +125,7 @@ class FloatSection(Section):
 class _Placed(Section):
     """A vehicle's name and starting place in the local frame."""
 
-    name: VehicleName
+    name: ParticipantName
     north: float
     east: float
     heading_deg: float = 0.0
@@ -195,7 +194,7 @@ class FleetSection(Section):
 class LandmarkSection(Section):
     """Fixed point whose surveyed place is known; takes part in ranging."""
 
-    name: LandmarkName
+    name: ParticipantName
     north: float
     east: float
     depth: Depth

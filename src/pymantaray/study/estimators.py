@@ -1,8 +1,6 @@
 """From the sections of a configuration to estimators with their range models and uncertainties."""
 
-from pymantaray.estimation.conditions import Estimator
-from pymantaray.estimation.losses import LOSSES
-from pymantaray.estimation.unknowns import ClockPrior
+from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import ExactBelief, RangeEstimatorSection
 from pymantaray.study.range_models import build_range_model
@@ -37,8 +35,7 @@ class EstimatorFactory:
             model=model,
             uncertainty=uncertainty,
             correlated=section.variance == "correlated",
-            loss=LOSSES.get(section.loss),
-            incremental=section.solver == "incremental",
+            method=Method(LOSSES.get(section.loss), incremental=section.solver == "incremental"),
             initial=(truth.position, truth.quaternion) if section.start == "truth" else None,
             model_is_right=section.variance == "fixed" and (section.ranges == "straight" or exact),
             clocks=self._clocks(section),

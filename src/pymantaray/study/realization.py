@@ -5,8 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from pymantaray.estimation import GraphSolver, Solution, solve_conditions
-from pymantaray.estimation.covariance import fixed_epochs
+from pymantaray.estimation import GraphSolver, Solution, fixed_epochs, solve_conditions
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.store import Run
 from pymantaray.study.workers import in_processes

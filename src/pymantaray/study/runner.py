@@ -4,8 +4,15 @@ import os
 from pathlib import Path
 
 from pymantaray.errors import StudyError
-from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, collect_estimates, write_pyfg
-from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
+from pymantaray.estimation import (
+    CONDITIONS,
+    GraphValues,
+    build_graph,
+    collect_covariances,
+    collect_estimates,
+    fixed_epochs,
+    write_pyfg,
+)
 from pymantaray.records import Estimates, whole_file, write_netcdf
 from pymantaray.study import store
 from pymantaray.study.config import StudyConfig

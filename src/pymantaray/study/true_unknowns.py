@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.estimation import Solution
-from pymantaray.estimation.unknowns import UnknownsEstimate
+from pymantaray.estimation import Solution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
 from pymantaray.records import Trajectories
 from pymantaray.records.unknowns import SharedUnknowns

@@ -1,12 +1,19 @@
-"""From a solver-free graph to GTSAM factors, values and orderings."""
+"""
+From a solver-free graph to GTSAM factors, values and orderings.
 
+A kind of factor of `graph.KINDS` has its constructor in `_MAKERS`, which gives the factors of a table one by one; and, where its noise
+is not that of its covariance as it stands, its noise model in `_NOISE`.
+"""
+
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, GraphValues
+from pymantaray.estimation.losses import Loss
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
 Array = NDArray[np.float64]
@@ -25,167 +32,152 @@ class FactorBuilder:
         self._noise: dict[str, tuple[Array, list[Any]]] = {}
         self._ordering: dict[tuple[Any, ...], Any] = {}
         self._values: tuple[GraphValues, Any] | None = None
+        self._common: tuple[list[Factors], Any] | None = None
 
-    def base(self, graph: FactorGraph) -> Any:
-        """
-        All factors but the ranges.
+    def common(self, graph: FactorGraph) -> Any:
+        """All factors but the ranges; the same object, not to be changed, while those are the same tables."""
+        tables = [graph[name] for name in KINDS if name != "range"]
+        if self._common is None or any(
+            a is not b and len(a) + len(b) for a, b in zip(self._common[0], tables, strict=True)
+        ):
+            out = gtsam.NonlinearFactorGraph()
+            for name, factors in zip(KINDS, tables, strict=False):
+                self._add(out, name, factors, graph.n_poses)
+            self._common = tables, out
+        return self._common[1]
 
-        Parameters
-        ----------
-        graph : FactorGraph
-
-        Returns
-        -------
-        gtsam.NonlinearFactorGraph
-        """
+    def factors(self, graph: FactorGraph, loss: Loss | None = None) -> Any:
+        """All factors, the ranges last and under a loss."""
         out = gtsam.NonlinearFactorGraph()
-        add, between, gps = out.add, gtsam.BetweenFactorPose3, gtsam.GPSFactor
-        for key, pose, noise in zip(
-            graph.prior_pose.tolist(),
-            _poses(graph.prior_quaternion, graph.prior_position),
-            self._models("prior", graph.prior_covariance),
-            strict=True,
-        ):
-            add(gtsam.PriorFactorPose3(key, pose, noise))
-        for key, fix, noise in zip(
-            graph.fix_pose.tolist(),
-            graph.fix_position,
-            self._models("fix", graph.fix_covariance),
-            strict=True,
-        ):
-            add(gps(key, fix, noise))
-        # GPSFactor with zero precision across: a pose prior would live in the body's tangent and, on a
-        # turned body, let depth pull sideways
-        level = np.zeros((graph.depth.size, 3))
-        level[:, 2] = graph.depth
-        for key, fix, noise in zip(
-            graph.depth_pose.tolist(), level, self._vertical_models(graph.depth_variance), strict=True
-        ):
-            add(gps(key, fix, noise))
-        for key, survey, noise in zip(
-            (graph.survey_landmark + graph.n_poses).tolist(),
-            graph.survey_position,
-            self._models("survey", graph.survey_covariance),
-            strict=True,
-        ):
-            add(gtsam.PriorFactorPoint3(key, survey, noise))
-        for first, second, pose, noise in zip(
-            graph.edge_from.tolist(),
-            graph.edge_to.tolist(),
-            _poses(graph.edge_quaternion, graph.edge_translation),
-            self._models("edge", graph.edge_covariance),
-            strict=True,
-        ):
-            add(between(first, second, pose, noise))
+        out.push_back(self.common(graph))
+        self._add(out, "range", graph["range"], graph.n_poses, loss)
         return out
 
-    def with_ranges(self, base: Any, graph: FactorGraph) -> Any:
-        """
-        A graph that shares the factors of ``base`` and has the ranges of ``graph`` besides.
-
-        Parameters
-        ----------
-        base : gtsam.NonlinearFactorGraph
-            Stays as it is.
-        graph : FactorGraph
-
-        Returns
-        -------
-        gtsam.NonlinearFactorGraph
-        """
-        out = gtsam.NonlinearFactorGraph()
-        out.push_back(base)
-        n = graph.n_poses
-        # pose-pose, pose-landmark and landmark-landmark
-        kinds = (gtsam.RangeFactorPose3, gtsam.RangeFactor3D, gtsam.RangeFactor3)
-        kind = (graph.range_first >= n).astype(int) + (graph.range_second >= n)
-        noise = self._models("range", graph.range_variance[:, None, None])
-        for k, first, second, distance, model in zip(
-            kind.tolist(),
-            graph.range_first.tolist(),
-            graph.range_second.tolist(),
-            graph.range_distance.tolist(),
-            noise,
-            strict=True,
-        ):
-            out.add(kinds[k](first, second, distance, model))
-        return out
-
-    def ordering(self, graph: FactorGraph, factors: Any) -> Any:
-        """
-        COLAMD elimination ordering, computed once for each structure.
-
-        Parameters
-        ----------
-        graph : FactorGraph
-            What ``factors`` was made from.
-        factors : gtsam.NonlinearFactorGraph
-
-        Returns
-        -------
-        gtsam.Ordering
-        """
-        tables = (graph.edge_from, graph.edge_to, graph.range_first, graph.range_second)
-        key = (factors.size(), graph.n_poses, graph.landmark_name.size, *(t.tobytes() for t in tables))
+    def ordering(self, graph: FactorGraph) -> Any:
+        """COLAMD elimination ordering, computed once for each structure."""
+        pairs = [graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2]
+        size = sum(len(graph[name]) for name in KINDS)
+        key = (size, graph.n_poses, graph.n_variables, *(p.tobytes() for p in pairs))
         if key not in self._ordering:
-            self._ordering[key] = gtsam.Ordering.ColamdNonlinearFactorGraph(factors)
+            self._ordering[key] = gtsam.Ordering.ColamdNonlinearFactorGraph(self.factors(graph))
         return self._ordering[key]
 
     def values(self, initial: GraphValues) -> Any:
-        """
-        GTSAM values of a starting point.
-
-        Parameters
-        ----------
-        initial : GraphValues
-
-        Returns
-        -------
-        gtsam.Values
-            Shared between calls; not to be changed.
-        """
+        """GTSAM values of a starting point; shared between calls, not to be changed."""
         if self._values is not None and _same(self._values[0], initial):
             return self._values[1]
         out = gtsam.Values()
-        for key, pose in enumerate(_poses(initial.quaternion, initial.position)):
+        for key, pose in enumerate(poses_of(initial.quaternion, initial.position)):
             out.insert(key, pose)
         for key, point in enumerate(initial.landmark_position, start=initial.position.shape[0]):
             out.insertPoint3(key, point)
         self._values = (initial, out)
         return out
 
-    def _models(self, name: str, covariance: Array) -> list[Any]:
-        kept = self._noise.get(name)
-        if kept is None or not np.array_equal(kept[0], covariance):
-            self._noise[name] = kept = (covariance, _noise_models(covariance))
-        return kept[1]
+    def _add(self, out: Any, name: str, factors: Factors, n_poses: int, loss: Loss | None = None) -> None:
+        if not len(factors):
+            return
+        noise = self._models(name, factors.covariance)
+        if loss is not None:
+            robust = _m_estimator(loss)
+            under = {id(model): gtsam.noiseModel.Robust.Create(robust, model) for model in noise}
+            noise = [under[id(model)] for model in noise]
+        for factor in _MAKERS[name](factors, noise, n_poses):
+            out.add(factor)
 
-    def _vertical_models(self, variance: Array) -> list[Any]:
-        kept = self._noise.get("depth")
-        if kept is None or not np.array_equal(kept[0], variance):
-            distinct, which = np.unique(variance, return_inverse=True)
-            models = [gtsam.noiseModel.Diagonal.Precisions(np.array([0.0, 0.0, 1.0 / v])) for v in distinct]
-            self._noise["depth"] = kept = (variance, [models[i] for i in which.tolist()])
-        return kept[1]
+    def _models(self, name: str, covariance: Array) -> list[Any]:
+        """One model for each matrix; equal ones share theirs."""
+        last = self._noise.get(name)
+        if last is None or not np.array_equal(last[0], covariance):
+            make = _NOISE.get(name, _gaussian)
+            models: dict[bytes, Any] = {}
+            out = []
+            for matrix in covariance:
+                key = matrix.tobytes()
+                if key not in models:
+                    models[key] = make(matrix)
+                out.append(models[key])
+            self._noise[name] = last = (covariance, out)
+        return last[1]
+
+
+def _priors(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+    poses = poses_of(factors.column("quaternion"), factors.column("position"))
+    for key, pose, model in zip(factors.subject.tolist(), poses, noise, strict=True):
+        yield gtsam.PriorFactorPose3(key, pose, model)
+
+
+def _fixes(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+    for key, place, model in zip(factors.subject.tolist(), factors.column("position"), noise, strict=True):
+        yield gtsam.GPSFactor(key, place, model)
+
+
+def _depths(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+    """
+    Fixes with zero precision across.
+
+    A pose prior would live in the body's tangent and, on a turned body, let depth pull sideways.
+    """
+    level = np.zeros((len(factors), 3))
+    level[:, 2] = factors.column("depth")
+    for key, place, model in zip(factors.subject.tolist(), level, noise, strict=True):
+        yield gtsam.GPSFactor(key, place, model)
+
+
+def _surveys(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+    for key, place, model in zip(factors.subject.tolist(), factors.column("position"), noise, strict=True):
+        yield gtsam.PriorFactorPoint3(key, place, model)
+
+
+def _edges(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+    steps = poses_of(factors.column("quaternion"), factors.column("position"))
+    for (first, second), step, model in zip(factors.variables.tolist(), steps, noise, strict=True):
+        yield gtsam.BetweenFactorPose3(first, second, step, model)
+
+
+def _ranges(factors: Factors, noise: list[Any], n_poses: int) -> Iterator[Any]:
+    # pose-pose, pose-landmark and landmark-landmark
+    kinds = (gtsam.RangeFactorPose3, gtsam.RangeFactor3D, gtsam.RangeFactor3)
+    kind = (factors.variables >= n_poses).sum(axis=1)
+    for k, (first, second), distance, model in zip(
+        kind.tolist(), factors.variables.tolist(), factors.column("distance").tolist(), noise, strict=True
+    ):
+        yield kinds[k](first, second, distance, model)
+
+
+def _gaussian(covariance: Array) -> Any:
+    if np.count_nonzero(covariance) <= len(covariance):
+        return gtsam.noiseModel.Diagonal.Sigmas(np.sqrt(np.diagonal(covariance)))
+    return gtsam.noiseModel.Gaussian.Covariance(covariance)
+
+
+def _vertical(covariance: Array) -> Any:
+    return gtsam.noiseModel.Diagonal.Precisions(np.array([0.0, 0.0, 1.0 / covariance[0, 0]]))
+
+
+_MAKERS: dict[str, Callable[[Factors, list[Any], int], Iterator[Any]]] = {
+    "prior": _priors,
+    "fix": _fixes,
+    "depth": _depths,
+    "survey": _surveys,
+    "edge": _edges,
+    "range": _ranges,
+}
+_NOISE: dict[str, Callable[[Array], Any]] = {"depth": _vertical}
+
+
+def _m_estimator(loss: Loss) -> Any:
+    kinds = gtsam.noiseModel.mEstimator
+    create: dict[str, Any] = {
+        "huber": kinds.Huber.Create,
+        "cauchy": kinds.Cauchy.Create,
+        "geman-mcclure": kinds.GemanMcClure.Create,
+    }
+    return create[loss.kind](loss.scale)
 
 
 def with_shared(values: Any, ordering: Any, key: int, dimension: int) -> tuple[Any, Any]:
-    """
-    Put a vector that all ranges share into values and ordering.
-
-    Parameters
-    ----------
-    values : gtsam.Values
-    ordering : gtsam.Ordering
-    key, dimension : int
-
-    Returns
-    -------
-    values : gtsam.Values
-        A copy in which the vector is zero.
-    ordering : gtsam.Ordering
-        A copy in which it comes last: everything else is eliminated before.
-    """
+    """Copies of values and ordering with a vector that all ranges share: it is zero, and everything else is eliminated before."""
     more = gtsam.Values(values)
     more.insert(key, np.zeros(dimension))
     longer = gtsam.Ordering()
@@ -195,23 +187,10 @@ def with_shared(values: Any, ordering: Any, key: int, dimension: int) -> tuple[A
     return more, longer
 
 
-def to_graph_values(values: Any, initial: GraphValues) -> GraphValues:
-    """
-    Numbers of GTSAM values, in the order of the graph's variables.
-
-    Parameters
-    ----------
-    values : gtsam.Values
-    initial : GraphValues
-        Gives the numbers of poses and landmarks.
-
-    Returns
-    -------
-    GraphValues
-    """
+def to_graph_values(values: Any, graph: FactorGraph) -> GraphValues:
+    """Numbers of GTSAM values, in the order of the graph's variables."""
     table = gtsam.utilities.extractPose3(values)
-    n_poses, n_landmarks = initial.position.shape[0], initial.landmark_position.shape[0]
-    landmarks = [values.atPoint3(n_poses + i) for i in range(n_landmarks)]
+    landmarks = [values.atPoint3(key) for key in range(graph.n_poses, graph.n_variables)]
     return GraphValues(
         position=table[:, 9:],
         quaternion=quaternion_from_matrix(table[:, :9].reshape(-1, 3, 3)),
@@ -219,32 +198,13 @@ def to_graph_values(values: Any, initial: GraphValues) -> GraphValues:
     )
 
 
-def _poses(quaternion: Array, translation: Array) -> list[Any]:
+def poses_of(quaternion: Array, translation: Array) -> list[Any]:
+    """GTSAM's poses, one for each row."""
     matrix = np.zeros((translation.shape[0], 4, 4))
     matrix[:, :3, :3] = matrix_from_quaternion(quaternion)
     matrix[:, :3, 3] = translation
     matrix[:, 3, 3] = 1.0
     return [gtsam.Pose3(m) for m in matrix]
-
-
-def _noise_models(covariance: Array) -> list[Any]:
-    """One model for each matrix; equal neighbours in the table share theirs."""
-    size = covariance.shape[1]
-    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    diagonal = (np.count_nonzero(covariance, axis=(1, 2)) <= size).tolist()
-    models: dict[bytes, Any] = {}
-    out = []
-    for i, is_diagonal in enumerate(diagonal):
-        key = covariance[i].tobytes()
-        model = models.get(key)
-        if model is None:
-            if is_diagonal:
-                model = gtsam.noiseModel.Diagonal.Sigmas(sigma[i])
-            else:
-                model = gtsam.noiseModel.Gaussian.Covariance(covariance[i])
-            models[key] = model
-        out.append(model)
-    return out
 
 
 def _same(a: GraphValues, b: GraphValues) -> bool:

@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.estimation._gtsam.factors import poses_of
 from pymantaray.estimation.graph import FactorGraph
 
 Array = NDArray[np.float64]
@@ -148,10 +149,12 @@ class Entering:
     def __init__(self, graph: FactorGraph, start: Any) -> None:
         self._start, self._n_poses = start, graph.n_poses
         self._time = graph.pose_time
-        self._prior = {int(p): row for row, p in reversed(list(enumerate(graph.prior_pose.tolist())))}
-        self._graph = graph
+        prior, edge = graph["prior"], graph["edge"]
+        priors = poses_of(prior.column("quaternion"), prior.column("position"))
+        self._prior = dict(reversed(list(zip(prior.subject.tolist(), priors, strict=True))))
+        self._steps = poses_of(edge.column("quaternion"), edge.column("position"))
         self._edges: dict[int, list[tuple[int, int, bool]]] = {}
-        for row, (a, b) in enumerate(zip(graph.edge_from.tolist(), graph.edge_to.tolist(), strict=True)):
+        for row, (a, b) in enumerate(edge.variables.tolist()):
             self._edges.setdefault(b, []).append((a, row, True))
             self._edges.setdefault(a, []).append((b, row, False))
         self._there: set[int] = set()
@@ -180,16 +183,11 @@ class Entering:
         return out
 
     def _pose(self, key: int, new: Any, smoother: Any) -> Any:
-        g = self._graph
         if key in self._prior:
-            row = self._prior[key]
-            return self._made(g.prior_quaternion[row], g.prior_position[row])
+            return self._prior[key]
         for other, row, forward in self._edges.get(key, ()):
             if other in self._there:
-                step = self._made(g.edge_quaternion[row], g.edge_translation[row])
+                step = self._steps[row]
                 at = new.atPose3(other) if new.exists(other) else smoother.pose(other)
                 return at.compose(step if forward else step.inverse())
         return self._start.atPose3(key)
-
-    def _made(self, quaternion: Array, translation: Array) -> Any:
-        return gtsam.Pose3(gtsam.Rot3.Quaternion(*quaternion.tolist()), translation)

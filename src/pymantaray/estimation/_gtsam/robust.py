@@ -1,178 +1,67 @@
-"""Ranges under a robust loss, and descent by re-weighted steps with a line search."""
+"""Descent under a robust loss: re-weighted steps with a line search, from nearly a square to the loss where that is graduated."""
 
 from dataclasses import replace
 from typing import Any
 
-import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.estimation._gtsam.optimize import optimize
-from pymantaray.estimation._gtsam.vector_factor import ExpandedRanges
-from pymantaray.estimation.gate import Progress, SolveOptions
-from pymantaray.estimation.graph import FactorGraph
-from pymantaray.estimation.losses import Loss
+from pymantaray.estimation._gtsam.optimize import Problem, largest_of, optimize, step
+from pymantaray.estimation.solution import Progress, SolveOptions
 
-Array = NDArray[np.float64]
+ROBUST_STEPS = 300  # allowed at least: re-weighting takes more of them than least squares
 _LONGEST = 64.0  # times the step that the re-weighted system asks for
 _SHORTEST = 1e-4
 _POLISH = 50  # full steps at most
-_MIN_WEIGHT = 1e-12  # of an expanded range; less would leave its rows without digits
+_NARROW = 1.4  # by which the control parameter falls from one surrogate to the next, GTSAM's default
+_ROUGH = SolveOptions(step_tolerance=1.0, max_iterations=1)  # of one surrogate
+_FIRST = SolveOptions(step_tolerance=1.0)
 
 
-def m_estimator(loss: Loss) -> Any:
+def optimize_robust(
+    problem: Problem, initial: Any, ordering: Any, options: SolveOptions
+) -> tuple[Any, Progress]:
     """
-    GTSAM's object of a loss.
+    Values that minimize the cost of a problem under its loss, by graduated non-convexity if that says so, and how it went.
 
-    Parameters
-    ----------
-    loss : Loss
-
-    Returns
-    -------
-    gtsam.noiseModel.mEstimator.Base
-    """
-    kinds = gtsam.noiseModel.mEstimator
-    create: dict[str, Any] = {
-        "huber": kinds.Huber.Create,
-        "cauchy": kinds.Cauchy.Create,
-        "geman-mcclure": kinds.GemanMcClure.Create,
-    }
-    return create[loss.kind](loss.scale)
-
-
-def robust_factors(builder: Any, base: Any, graph: FactorGraph, loss: Loss | None) -> Any:
-    """
-    A graph that shares the factors of ``base`` and has the ranges of ``graph`` under a loss.
-
-    Parameters
-    ----------
-    builder : FactorBuilder
-    base : gtsam.NonlinearFactorGraph
-    graph : FactorGraph
-    loss : Loss or None
-        None for least squares.
-
-    Returns
-    -------
-    gtsam.NonlinearFactorGraph
-        Factors in the order in which ``builder`` puts them.
-    """
-    plain = builder.with_ranges(base, graph)
-    if loss is None:
-        return plain
-    out, robust = gtsam.NonlinearFactorGraph(), m_estimator(loss)
-    out.push_back(base)
-    models: dict[float, Any] = {}
-    for i, variance in enumerate(graph.range_variance.tolist(), start=base.size()):
-        model = models.get(variance)
-        if model is None:
-            gaussian = gtsam.noiseModel.Diagonal.Sigmas(np.array([np.sqrt(variance)]))
-            models[variance] = model = gtsam.noiseModel.Robust.Create(robust, gaussian)
-        out.add(plain.at(i).cloneWithNewNoiseModel(model))
-    return out
-
-
-class RobustExpandedRanges(ExpandedRanges):
-    """
-    Travel times expanded about one place, each under a loss; for `descend` as a graph of factors is.
-
-    Parameters
-    ----------
-    loss : Loss
-        Of the whitened residual of each range; the covariances of the epochs have to be diagonal.
-    *arguments
-        As `ExpandedRanges` takes them; ``stock`` gives factors under the same loss.
-    """
-
-    def __init__(self, loss: Loss, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self._loss = loss
-
-    def error(self, values: Any) -> float:
-        """
-        Cost at values.
-
-        Parameters
-        ----------
-        values : gtsam.Values
-
-        Returns
-        -------
-        float
-        """
-        cost = sum(float(self._loss.cost(u).sum()) for u in self.whitened(values))
-        return self._error_without_ranges(values) + cost
-
-    def linearize(self, values: Any) -> Any:
-        """
-        Linear system at values, ranges weighted as the loss has it there.
-
-        Parameters
-        ----------
-        values : gtsam.Values
-
-        Returns
-        -------
-        gtsam.GaussianFactorGraph
-        """
-        weighted = []
-        for t, u in zip(self._terms, self.whitened(values), strict=True):
-            weight = np.maximum(self._loss.weight(u), _MIN_WEIGHT)
-            weighted.append(t._replace(root=t.root / np.sqrt(weight)))
-        same = ExpandedRanges.__new__(ExpandedRanges)
-        same.__dict__.update(self.__dict__, _terms=weighted)
-        return same.linearize(values)
-
-    def whitened(self, values: Any) -> list[Array]:
-        """
-        Residuals in their standard deviations, epoch by epoch.
-
-        Parameters
-        ----------
-        values : gtsam.Values
-
-        Returns
-        -------
-        list of ndarray
-            [-]
-        """
-        residual, _, _ = self._at(values)
-        return [residual[t.rows] / np.diagonal(t.root) for t in self._terms]
-
-
-def descend(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> tuple[Any, Progress]:
-    """
-    Minimize the cost of a graph with robust losses.
-
-    Parameters
-    ----------
-    graph : gtsam.NonlinearFactorGraph or RobustExpandedRanges
-    initial : gtsam.Values
-    ordering : gtsam.Ordering
-    options : SolveOptions
-        ``max_iterations`` as they are.
-
-    Returns
-    -------
-    values : gtsam.Values
-        Where it ended.
-    progress : Progress
-        Its last step, gradient and decrement are those of the system that is re-weighted at the end, of which
-        the gradient is the robust cost's own.
-
-    Notes
-    -----
     The step is the solution of the linear system with each range weighted as its loss has it at the estimate
     (iteratively re-weighted least squares). It always points downhill, but is too short wherever the losses are
     flatter than their weights say, so that full steps creep; and too long where rotations turn far. A line search
-    doubles or halves it, and the cost falls in every step.
+    doubles or halves it, and the cost falls in every step. Last step, gradient and decrement are those of the system that is re-weighted
+    at the end, of which the gradient is the robust cost's own.
+
+    Graduated, the least-squares optimum comes first; its largest residual r gives the first control parameter
+    2 r²/k², for which the surrogate is convex over all residuals. It falls by a factor of 1.4 from one surrogate
+    to the next, each descended by one step, until it is 1 and the surrogate the loss, which is then minimized to
+    the full tolerance. Costs are of the loss itself, and steps those of all stages.
     """
-    progress, values = descend_steps(graph, initial, ordering, options)
+    loss = problem.loss
+    if loss is None:
+        return optimize(problem, initial, ordering, options)
+    options = replace(options, max_iterations=max(options.max_iterations, ROBUST_STEPS))
+    if not loss.graduated:
+        return _descend(problem, initial, ordering, options)
+    progress, values = _descend_steps(problem.under(None), initial, ordering, _FIRST)
+    steps = progress.iterations
+    largest = float(np.abs(problem.whitened(values)).max(initial=0.0))
+    control = 2.0 * (largest / loss.scale) ** 2
+    while control > 1.0 and not progress.singular:
+        surrogate = problem.under(replace(loss, scale=loss.scale * np.sqrt(control)))
+        progress, values = _descend_steps(surrogate, values, ordering, _ROUGH)
+        steps += progress.iterations
+        control /= _NARROW
+    values, progress = _descend(problem, values, ordering, options)
+    return values, replace(
+        progress, iterations=steps + progress.iterations, initial_cost=float(problem.error(initial))
+    )
+
+
+def _descend(problem: Problem, initial: Any, ordering: Any, options: SolveOptions) -> tuple[Any, Progress]:
+    """Steps along the line search, then a proof of convergence or of the want of it."""
+    progress, values = _descend_steps(problem, initial, ordering, options)
     if progress.singular or not np.isfinite(progress.final_cost):
         return values, progress
-    # one full step more proves convergence or the want of it; some more where costs no longer differ, but steps do
-    end, proof = optimize(graph, values, ordering, replace(options, max_iterations=_POLISH))
+    # one full step more is the proof; some more where costs no longer differ, but steps do
+    end, proof = optimize(problem, values, ordering, replace(options, max_iterations=_POLISH))
     if not proof.final_cost <= proof.initial_cost + 1e-9 * (1.0 + proof.initial_cost):
         end, proof = values, replace(proof, final_cost=proof.initial_cost, last_step=np.nan)
     return end, replace(
@@ -180,57 +69,44 @@ def descend(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> t
     )
 
 
-def descend_steps(graph: Any, initial: Any, ordering: Any, options: SolveOptions) -> tuple[Progress, Any]:
-    """
-    Take steps as `descend` does, without its proof at the end.
-
-    Parameters
-    ----------
-    graph, initial, ordering, options
-        As in `descend`.
-
-    Returns
-    -------
-    progress : Progress
-        Without gradient and decrement.
-    values : gtsam.Values
-    """
-    values, cost = initial, float(graph.error(initial))
+def _descend_steps(
+    problem: Problem, initial: Any, ordering: Any, options: SolveOptions
+) -> tuple[Progress, Any]:
+    """Steps along the line search; their progress is without gradient and decrement."""
+    values, cost = initial, float(problem.error(initial))
     progress = Progress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
-        linear = graph.linearize(values)
-        try:
-            step = linear.eliminateSequential(ordering).optimize()
-        except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
+        solved = step(problem.linearize(values), ordering)
+        if solved is None:
             return replace(progress, singular=True), values
-        found, lower = _along(graph, values, step, cost)
-        if found is None:
+        lower, lower_cost = _along(problem, values, solved[0], cost)
+        if lower is None:
             break
-        values, cost = found, lower
-        largest = float(np.abs(step.vector()).max())
+        values, cost = lower, lower_cost
+        largest = largest_of(solved[0])
         progress = replace(progress, iterations=iteration, final_cost=cost, last_step=largest)
         if largest <= options.step_tolerance:
             break
     return progress, values
 
 
-def _along(graph: Any, values: Any, step: Any, cost: float) -> tuple[Any, float]:
+def _along(problem: Problem, values: Any, delta: Any, cost: float) -> tuple[Any, float]:
     """Values of lowest cost among multiples of a step that are powers of two; None if none lowers it."""
-    factor, best = 1.0, values.retract(step)
-    lowest = float(graph.error(best))
+    factor, best = 1.0, values.retract(delta)
+    lowest = float(problem.error(best))
     if lowest < cost:
         while factor < _LONGEST:
             factor *= 2.0
-            trial = values.retract(step.scale(factor))
-            trial_cost = float(graph.error(trial))
+            trial = values.retract(delta.scale(factor))
+            trial_cost = float(problem.error(trial))
             if not trial_cost < lowest:
                 break
             best, lowest = trial, trial_cost
         return best, lowest
     while factor > _SHORTEST:
         factor *= 0.5
-        trial = values.retract(step.scale(factor))
-        trial_cost = float(graph.error(trial))
+        trial = values.retract(delta.scale(factor))
+        trial_cost = float(problem.error(trial))
         if trial_cost < cost:
             return trial, trial_cost
     return None, cost

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pymantaray.estimation.range_models import RangeModel
+    from pymantaray.estimation import RangeModel
     from pymantaray.study.beliefs import Beliefs
     from pymantaray.study.config_estimators import RangeEstimatorSection
 

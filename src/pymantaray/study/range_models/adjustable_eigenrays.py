@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.paths import travel_time_sensitivity
-from pymantaray.estimation.range_models import Prediction, RangeLinks
+from pymantaray.estimation import Prediction, RangeLinks
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
 
 Array = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """One sound speed for all ranges."""
 
-from pymantaray.estimation.range_models import ConstantSpeed
+from pymantaray.estimation import ConstantSpeed
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import RangeEstimatorSection
 

@@ -1,6 +1,6 @@
 """Eigenrays through a believed ocean: as it is believed, as it varies, or with modes of unknown amplitude."""
 
-from pymantaray.estimation.range_models import RangeModel
+from pymantaray.estimation import RangeModel
 from pymantaray.study.assemble import build_currents, build_medium
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import ExactBelief, OtherDayBelief, RangeEstimatorSection

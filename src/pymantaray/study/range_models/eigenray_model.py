@@ -16,7 +16,7 @@ from pymantaray.acoustics import (
 )
 from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.paths import quadrature
-from pymantaray.estimation.range_models import Prediction, RangeLinks
+from pymantaray.estimation import Prediction, RangeLinks
 from pymantaray.records import Arrivals, RayPaths
 
 Array = NDArray[np.float64]

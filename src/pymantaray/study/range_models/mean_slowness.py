@@ -1,6 +1,6 @@
 """Straight rays through the horizontal mean of a believed ocean."""
 
-from pymantaray.estimation.range_models import MeanSlowness
+from pymantaray.estimation import MeanSlowness
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import RangeEstimatorSection
 

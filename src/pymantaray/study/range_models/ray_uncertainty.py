@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.paths import quadrature
-from pymantaray.estimation.range_models import RangeLinks
+from pymantaray.estimation import RangeLinks
 from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, Pairs, pairs_of
 

@@ -1,6 +1,6 @@
 """The sound speed at the transmitter for each range, as a straight world would have it."""
 
-from pymantaray.estimation.range_models import TransmitterSpeed
+from pymantaray.estimation import TransmitterSpeed
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import RangeEstimatorSection
 

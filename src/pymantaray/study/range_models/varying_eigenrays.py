@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pymantaray.acoustics import Currents, Medium
-from pymantaray.estimation.range_models import Prediction, RangeLinks
+from pymantaray.estimation import Prediction, RangeLinks
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 
 

@@ -1,49 +1,18 @@
 """On-line operation replayed: the factors of a graph in the order of time, one update for each ping."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.gate import Progress, SolveOptions
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.robust import robust_solution
-from pymantaray.estimation.solution import Solution
+from pymantaray.estimation.solution import Progress, Solution, SolveOptions, gate, judged
 from pymantaray.geometry.se3 import quaternion_from_matrix
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class ReplayOptions:
-    """
-    Limits of a replay.
-
-    Parameters
-    ----------
-    every : {"ping", "sample"}
-        When to update: at each time with a range and at the end, or at each time with a pose.
-    relinearize : float
-        Variables that moved by more than this are linearized again. [m, rad]
-    wildfire : float
-        A change smaller than this is not passed on to the next variables. [m, rad]
-    final_updates : int
-        Updates without new factors after the last one, at most; they end when nothing is linearized again.
-    step_tolerance : float
-        Largest component of the step that a batch solver would take from the end. [m, rad]
-    decrement_tolerance : float
-        Cost that this step may promise to take away. [-]
-    """
-
-    every: Literal["ping", "sample"] = "ping"
-    relinearize: float = 1e-3
-    wildfire: float = 1e-5
-    final_updates: int = 10
-    step_tolerance: float = 1e-2
-    decrement_tolerance: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +54,8 @@ def replay(
     initial: GraphValues,
     *,
     loss: Loss | None = None,
-    options: ReplayOptions | None = None,
+    options: SolveOptions | None = None,
+    builder: Any = None,
 ) -> Replay:
     """
     Feed the factors of a graph to iSAM2 in the order of their time.
@@ -98,13 +68,16 @@ def replay(
         Where variables start that have no prior and no edge from a pose that is there already.
     loss : Loss, optional
         Of the ranges; must not be graduated, which needs all ranges at once.
-    options : ReplayOptions, optional
+    options : SolveOptions, optional
+        Of the replay, and the tolerances of the gate.
+    builder : FactorBuilder, optional
+        Of a `GraphSolver`, with what that keeps.
 
     Returns
     -------
     Replay
-        Its solution has passed the health gate of the batch solves, with the tolerances of ``options`` and without
-        bounds on the cost; an update whose linear system cannot be solved makes it FAILED.
+        Its solution has passed the health gate of the batch solves, without bounds on the cost; an update whose
+        linear system cannot be solved makes it FAILED.
 
     Raises
     ------
@@ -120,54 +93,51 @@ def replay(
     from pymantaray.estimation._gtsam.factors import FactorBuilder, to_graph_values
     from pymantaray.estimation._gtsam.incremental import Entering, IncrementalSmoother, timeline
     from pymantaray.estimation._gtsam.optimize import optimize
-    from pymantaray.estimation._gtsam.robust import robust_factors
+    from pymantaray.estimation._gtsam.problems import Distances
 
-    o = options or ReplayOptions()
-    _check(graph, initial, loss, o)
-    builder = FactorBuilder()
-    factors, start = robust_factors(builder, builder.base(graph), graph, loss), builder.values(initial)
-    always = np.full(graph.landmark_name.size, -np.inf)
-    moment = np.concatenate([graph.pose_time, always])
-    update_time = _update_times(graph, moment, o.every)
-    line = timeline(factors, moment, update_time)
+    options = options or SolveOptions()
+    _check(graph, initial, loss, options)
+    builder = builder or FactorBuilder()
+    problem, start = Distances(builder, graph, loss), builder.values(initial)
+    moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
+    update_time = _update_times(graph, moment, options.replay.every)
+    line = timeline(problem.stock, moment, update_time)
     if (line.variable_update < 0).any():
         name = graph.variable_name(int(np.argmin(line.variable_update)))
         raise EstimationError(f"{name}: no factor mentions it; a replay needs a prior or an edge for it")
-    smoother = IncrementalSmoother(o.relinearize, o.wildfire)
-    kept = _Kept(graph, update_time)
+    smoother = IncrementalSmoother(options.replay.relinearize, options.replay.wildfire)
+    log = _Log(graph, update_time)
     entering = Entering(graph, start)
     steps, failed, none = 0, False, np.empty(0, dtype=int)
     for k in range(update_time.size):
         variables = np.flatnonzero(line.variable_update == k)
         new = entering.values(variables, smoother)
-        done = smoother.update(factors, np.flatnonzero(line.factor_update == k), new)
+        done = smoother.update(problem.stock, np.flatnonzero(line.factor_update == k), new)
         steps += 1
         if done is None:
             failed = True
             break
-        kept.note(k, variables[variables < graph.n_poses], new, smoother, done)
-    for _ in range(0 if failed else o.final_updates):
-        done = smoother.update(factors, none, entering.values(none, smoother))
+        log.note(k, variables[variables < graph.n_poses], new, smoother, done)
+    for _ in range(0 if failed else options.replay.final_updates):
+        done = smoother.update(problem.stock, none, entering.values(none, smoother))
         steps += 1
         if done is None or done[1] == 0:
             failed = done is None
             break
-    cost = float(factors.error(start))
+    cost = float(problem.error(start))
     if failed:
         progress = Progress(steps, cost, np.nan, singular=True)
-        return kept.replay(robust_solution(initial, progress, SolveOptions()))
+        return log.replay(judged(initial, progress, gate(progress, options)))
     values = smoother.values()
     # one step of a batch solver, not taken: it says how far the end is from the optimum
-    _, proof = optimize(factors, values, builder.ordering(graph, factors), SolveOptions(max_iterations=1))
+    _, proof = optimize(problem, values, builder.ordering(graph), replace(options, max_iterations=1))
     end = replace(proof, iterations=steps, initial_cost=cost, final_cost=proof.initial_cost)
-    limits = SolveOptions(step_tolerance=o.step_tolerance, decrement_tolerance=o.decrement_tolerance)
-    solution = robust_solution(to_graph_values(values, initial), end, limits)
-    if loss is None:
-        solution = replace(solution, expected_cost=graph.degrees_of_freedom / 2.0)
-    return kept.replay(solution)
+    limits = replace(options, end_tolerance=options.replay.end_tolerance)
+    expected = np.nan if loss is not None else graph.degrees_of_freedom / 2.0
+    return log.replay(judged(to_graph_values(values, graph), end, gate(end, limits), expected))
 
 
-class _Kept:
+class _Log:
     """Estimates as they were, update by update."""
 
     def __init__(self, graph: FactorGraph, update_time: Array) -> None:
@@ -199,18 +169,18 @@ class _Kept:
 
 
 def _update_times(graph: FactorGraph, moment: Array, every: str) -> Array:
-    latest = float(graph.pose_time.max())
     if every == "sample":
         return np.unique(graph.pose_time)
-    pinged = np.maximum(moment[graph.range_first], moment[graph.range_second])
-    return np.unique(np.append(pinged[np.isfinite(pinged)], latest))
+    pinged = moment[graph["range"].variables].max(axis=1)
+    return np.unique(np.append(pinged[np.isfinite(pinged)], graph.pose_time.max()))
 
 
-def _check(graph: FactorGraph, initial: GraphValues, loss: Loss | None, o: ReplayOptions) -> None:
+def _check(graph: FactorGraph, initial: GraphValues, loss: Loss | None, options: SolveOptions) -> None:
     check_graph(graph)
     check_values(graph, initial)
-    if o.every not in {"ping", "sample"}:
-        raise EstimationError(f"replay with an update every {o.every!r}; allowed are 'ping' and 'sample'")
+    every = options.replay.every
+    if every not in {"ping", "sample"}:
+        raise EstimationError(f"replay with an update every {every!r}; allowed are 'ping' and 'sample'")
     if graph.n_poses == 0:
         raise EstimationError("a graph without poses has no time to replay")
     fine = np.isfinite(graph.pose_time)

@@ -4,60 +4,46 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from factories import without
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import GraphSolver, GraphValues, SolveOptions, build_graph, dead_reckon
-from pymantaray.estimation.incremental import ReplayOptions, replay
-from pymantaray.estimation.losses import LOSSES
-from pymantaray.estimation.robust import solve_robust
+from pymantaray.estimation import (
+    LOSSES,
+    Estimator,
+    GraphSolver,
+    Method,
+    ReplayOptions,
+    SolveOptions,
+    build_graph,
+    solve_conditions,
+)
+from pymantaray.estimation.replay import replay
 from pymantaray.records import SolveStatus
 
 ATOL = 1e-2  # m; what the default threshold of relinearization may leave
 TIGHT = SolveOptions(step_tolerance=1e-7)
 
 
-def values_of(position, quaternion, landmarks):
-    return GraphValues(
-        position=np.asarray(position).reshape(-1, 3),
-        quaternion=np.asarray(quaternion).reshape(-1, 4),
-        landmark_position=landmarks,
-    )
-
-
 @pytest.fixture
 def mission(make_fleet):
     """Three turning vehicles, a landmark, fixes and ranges at 5, 10, ... samples."""
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
-    o = fleet.noisy
-    return fleet, build_graph(o, "straight"), values_of(*dead_reckon(o), o.landmark_position)
+    return fleet, build_graph(fleet.noisy, "straight"), fleet.reckoned
 
 
 def cut(graph, until):
     """What of a graph is known at a time, all variables kept; later ones are left to odometry."""
     time = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
-    r = np.maximum(time[graph.range_first], time[graph.range_second]) <= until
-    f = graph.pose_time[graph.fix_pose] <= until
-    d = graph.pose_time[graph.depth_pose] <= until
-    return replace(
-        graph,
-        range_first=graph.range_first[r],
-        range_second=graph.range_second[r],
-        range_distance=graph.range_distance[r],
-        range_variance=graph.range_variance[r],
-        fix_pose=graph.fix_pose[f],
-        fix_position=graph.fix_position[f],
-        fix_covariance=graph.fix_covariance[f],
-        depth_pose=graph.depth_pose[d],
-        depth=graph.depth[d],
-        depth_variance=graph.depth_variance[d],
-    )
+    tables = (graph[kind] for kind in ("range", "fix", "depth"))
+    known = [table[time[table.variables].max(axis=1) <= until] for table in tables]
+    return graph.with_factors(range=known[0], fix=known[1], depth=known[2])
 
 
 @pytest.mark.parametrize("every", ["ping", "sample"])
 def test_last_update_ends_at_the_batch_optimum(mission, every):
     _, graph, start = mission
     batch = GraphSolver(TIGHT).solve(graph, start)
-    end = replay(graph, start, options=ReplayOptions(every=every)).solution
+    end = replay(graph, start, options=SolveOptions(replay=ReplayOptions(every=every))).solution
     assert end.status == SolveStatus.OK
     np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=ATOL)
     np.testing.assert_allclose(end.landmark_position, batch.landmark_position, rtol=0, atol=ATOL)
@@ -70,8 +56,8 @@ def test_distance_from_the_batch_optimum_falls_with_the_threshold(mission):
     batch = GraphSolver(TIGHT).solve(graph, start)
     off = []
     for relinearize in (1e-1, 1e-3, 1e-5):
-        options = ReplayOptions(relinearize=relinearize, wildfire=1e-3 * relinearize, step_tolerance=1.0)
-        end = replay(graph, start, options=options).solution
+        options = ReplayOptions(relinearize=relinearize, wildfire=1e-3 * relinearize, end_tolerance=1.0)
+        end = replay(graph, start, options=SolveOptions(replay=options)).solution
         off.append(np.abs(end.position - batch.position).max())
     assert off[2] <= off[1] <= off[0], off
     assert off[2] < 1e-3, off
@@ -79,7 +65,7 @@ def test_distance_from_the_batch_optimum_falls_with_the_threshold(mission):
 
 def test_estimate_at_each_epoch_is_the_batch_optimum_of_what_was_known_then(mission):
     _, graph, start = mission
-    on_line = replay(graph, start, options=ReplayOptions(every="sample"))
+    on_line = replay(graph, start, options=SolveOptions(replay=ReplayOptions(every="sample")))
     for when in (1000.0, 3000.0, 5000.0):
         known = GraphSolver(TIGHT).solve(cut(graph, when), start, model_is_right=False)
         now = graph.pose_time == when
@@ -111,9 +97,10 @@ def test_the_future_does_not_reach_back(mission):
     _, graph, start = mission
     whole = replay(graph, start)
     when = 3000.0
-    later = graph.pose_time[graph.range_first] > when
-    other = replace(graph, range_distance=graph.range_distance + np.where(later, 77.0, 0.0))
-    changed = replay(other, start)
+    ranges = graph["range"]
+    later = graph.pose_time[ranges.variables[:, 0]] > when
+    longer = ranges.with_columns(distance=ranges.column("distance") + np.where(later, 77.0, 0.0))
+    changed = replay(graph.with_factors(range=longer), start)
     before = graph.pose_time <= when
     np.testing.assert_array_equal(whole.position[before], changed.position[before])
     assert np.abs(whole.position - changed.position).max() > 1.0
@@ -123,13 +110,12 @@ def test_the_future_does_not_reach_back(mission):
 def test_replay_with_a_robust_loss_ends_at_its_batch_optimum(mission, kind):
     _, graph, start = mission
     rng = np.random.default_rng(0)
-    late = rng.random(graph.range_first.size) < 0.1
-    dirty = replace(
-        graph, range_distance=graph.range_distance + np.where(late, rng.uniform(50, 500, late.size), 0)
-    )
+    ranges = graph["range"]
+    late = np.where(rng.random(len(ranges)) < 0.1, rng.uniform(50, 500, len(ranges)), 0)
+    dirty = graph.with_factors(range=ranges.with_columns(distance=ranges.column("distance") + late))
     end = replay(dirty, start, loss=LOSSES[kind]).solution
     assert end.status == SolveStatus.OK
-    batch = solve_robust(dirty, values_of(end.position, end.quaternion, end.landmark_position), LOSSES[kind])
+    batch = GraphSolver().solve(dirty, end.values, method=Method(LOSSES[kind]))
     np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=ATOL)
     assert np.isnan(end.expected_cost)
 
@@ -151,18 +137,11 @@ def test_every_update_is_timed(mission):
 
 def test_undetermined_variables_fail_at_their_update_and_the_interpreter_lives(mission):
     _, graph, start = mission
-    unknown = replace(
-        graph, survey_landmark=[], survey_position=np.empty((0, 3)), survey_covariance=np.empty((0, 3, 3))
-    )
-    one = graph.range_second < graph.n_poses
-    one[np.flatnonzero(~one)[:1]] = True  # a landmark without a prior, ranged once
-    unknown = replace(
-        unknown,
-        range_first=graph.range_first[one],
-        range_second=graph.range_second[one],
-        range_distance=graph.range_distance[one],
-        range_variance=graph.range_variance[one],
-    )
+    of_landmark = np.flatnonzero((graph["range"].variables >= graph.n_poses).any(axis=1))
+    one = np.delete(
+        np.arange(len(graph["range"])), of_landmark[1:]
+    )  # a landmark without a prior, ranged once
+    unknown = without(graph, "survey").with_factors(range=graph["range"][one])
     failed = replay(unknown, start)
     assert failed.solution.status == SolveStatus.FAILED
     assert np.isnan(failed.solution.position).all()
@@ -178,19 +157,21 @@ def test_what_cannot_be_replayed_is_refused_in_one_line(mission):
     with pytest.raises(EstimationError, match="graduate"):
         replay(graph, start, loss=LOSSES["gnc"])
     with pytest.raises(EstimationError, match="every 'hour'"):
-        replay(graph, start, options=ReplayOptions(every="hour"))
-    last = graph.n_poses - 1
-    cut_off = graph.edge_to != last
-    lonely = replace(
-        graph,
-        edge_from=graph.edge_from[cut_off],
-        edge_to=graph.edge_to[cut_off],
-        edge_quaternion=graph.edge_quaternion[cut_off],
-        edge_translation=graph.edge_translation[cut_off],
-        edge_covariance=graph.edge_covariance[cut_off],
-        depth_pose=graph.depth_pose[:-1],
-        depth=graph.depth[:-1],
-        depth_variance=graph.depth_variance[:-1],
-    )
+        replay(graph, start, options=SolveOptions(replay=ReplayOptions(every="hour")))
+    edge = graph["edge"]
+    lonely = graph.with_factors(edge=edge[edge.subject != graph.n_poses - 1], depth=graph["depth"][:-1])
     with pytest.raises(EstimationError, match=r"^C29: no factor mentions it"):
         replay(lonely, start)
+
+
+def test_options_of_the_solver_reach_the_replay(mission):
+    fleet, graph, start = mission
+    strict = SolveOptions(decrement_tolerance=1e-30)
+    method = Method(incremental=True)
+    assert GraphSolver().solve(graph, start, method=method).status == SolveStatus.OK
+    assert GraphSolver(strict).solve(graph, start, method=method).status == SolveStatus.NOT_CONVERGED
+    often = GraphSolver(SolveOptions(replay=ReplayOptions(every="sample")))
+    updates = [solver.solve(graph, start, method=method).iterations for solver in (GraphSolver(), often)]
+    assert updates[1] >= fleet.position.shape[1] > updates[0]
+    one = {"e": Estimator("straight", method=method)}
+    assert solve_conditions(fleet.noisy, [], estimators=one, solver=often)["e"].iterations == updates[1]

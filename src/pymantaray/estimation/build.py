@@ -1,0 +1,169 @@
+"""From measurements to factor graph: which measurements enter under which ranging condition."""
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, check_anchored, check_graph
+from pymantaray.estimation.range_models import TimedRanges
+from pymantaray.records import Measurements, RayStatus
+
+Ranges = Literal["straight", "refracted"] | None
+Links = Literal["refracted", "all"]
+
+
+def build_graph(measurements: Measurements, ranges: Ranges = None, links: Links = "refracted") -> FactorGraph:
+    """
+    Factor graph of a fleet's measurements.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        A vehicle whose first-pose prior is NaN in every entry has no such prior.
+    ranges : {"straight", "refracted"} or None
+        Which range of each link is measured; None leaves ranges out.
+    links : {"refracted", "all"}
+        "refracted" takes exactly the links with a refracted range (status OK), whichever range is used;
+        "all" takes also the acoustic dropouts, but no silent vehicle, and needs ``ranges="straight"``.
+
+    Returns
+    -------
+    FactorGraph
+        Poses vehicle by vehicle: the pose of vehicle ``a`` at sample ``k`` is variable ``a * n_time + k``.
+
+    Raises
+    ------
+    EstimationError
+        If a measurement is not finite, a noise level is not positive, or a vehicle has no prior and
+        nothing that anchors it; the message names the variable.
+
+    See Also
+    --------
+    CONDITIONS : the studies' names for these choices.
+    """
+    graph = with_ranges(_without_ranges(measurements), measurements, ranges, links)
+    check_graph(graph)
+    check_anchored(graph)
+    return graph
+
+
+def with_ranges(graph: FactorGraph, measurements: Measurements, ranges: Ranges, links: Links) -> FactorGraph:
+    """Graph of the same measurements with the ranges of one condition in place of those it has."""
+    o = measurements
+    use = _used(o, ranges, links)
+    ends = [_variables(o, end[use], o.range_sample[use]) for end in (o.range_transmitter, o.range_receiver)]
+    # a pose comes first; a distance does not mind
+    swap = (ends[0] >= graph.n_poses) & (ends[1] < graph.n_poses)
+    variables = np.stack([np.where(swap, ends[1], ends[0]), np.where(swap, ends[0], ends[1])], axis=1)
+    distance = o.refracted_range if ranges == "refracted" else o.straight_range
+    return graph.with_factors(
+        range=_table(graph, "range", variables, [distance[use]], o.range_sigma[use, None])
+    )
+
+
+def timed_ranges(measurements: Measurements, ranges: Ranges, links: Links) -> TimedRanges:
+    """
+    Travel times behind the ranges of a graph, row by row.
+
+    A range is the sound speed at its transmitter times what is measured: the travel time is the quotient of both,
+    noise included.
+    """
+    o = measurements
+    use = _used(o, ranges, links)
+    speed = o.transmitter_sound_speed[use]
+    if not np.all(speed > 0.0):
+        first = int(np.argmin(speed > 0.0))
+        raise EstimationError(
+            f"sound speed at the transmitter of range {np.flatnonzero(use)[first]} is {speed[first]:g} m/s; needs"
+            " positive values"
+        )
+    distance = o.refracted_range if ranges == "refracted" else o.straight_range
+    sample = o.range_sample[use]
+    return TimedRanges(
+        transmitter=_variables(o, o.range_transmitter[use], sample),
+        receiver=_variables(o, o.range_receiver[use], sample),
+        epoch=np.unique(sample, return_inverse=True)[1],
+        time=o.time[sample],
+        sound_speed=speed,
+        travel_time=distance[use] / speed,
+    )
+
+
+def _used(o: Measurements, ranges: Ranges, links: Links) -> NDArray[np.bool_]:
+    """Attempts whose ranges enter the graph."""
+    if ranges not in {"straight", "refracted", None} or links not in {"refracted", "all"}:
+        raise EstimationError(
+            f"ranges {ranges!r} over links {links!r}; allowed are 'straight', 'refracted' or None over 'refracted' or"
+            " 'all'"
+        )
+    if ranges == "refracted" and links == "all":
+        raise EstimationError("refracted ranges over all links: a dropout has none; use links='refracted'")
+    if ranges is None:
+        return np.zeros(o.range_status.size, dtype=bool)
+    if links == "refracted":
+        return np.asarray(o.range_status == RayStatus.OK)
+    return np.asarray(o.range_status != RayStatus.STOPPED)
+
+
+def _without_ranges(o: Measurements) -> FactorGraph:
+    n_agents, n_times = o.depth.shape
+    poses = np.arange(n_agents * n_times)
+    chain = poses.reshape(n_agents, n_times)
+    bare = FactorGraph(
+        agent_name=o.name,
+        landmark_name=o.landmark_name,
+        pose_agent=np.repeat(np.arange(n_agents), n_times),
+        pose_number=np.tile(np.arange(n_times), n_agents),
+        pose_time=np.tile(o.time, n_agents),
+    )
+    known = ~np.isnan(np.hstack([o.first_position, o.first_quaternion, o.first_sigma])).all(axis=1)
+    first = [o.first_position[known], o.first_quaternion[known]]
+    landmarks = poses.size + np.arange(o.landmark_name.size)
+    edges = np.stack([chain[:, :-1].ravel(), chain[:, 1:].ravel()], axis=1)
+    return bare.with_factors(
+        prior=_table(bare, "prior", chain[known, 0], first, o.first_sigma[known]),
+        fix=_table(
+            bare,
+            "fix",
+            chain[o.gnss_agent, o.gnss_sample],
+            [o.gnss_position],
+            np.repeat(o.gnss_sigma[:, None], 3, axis=1),
+        ),
+        depth=_table(bare, "depth", poses, [o.depth], np.repeat(o.depth_sigma, n_times)[:, None]),
+        survey=_table(
+            bare, "survey", landmarks, [o.landmark_position], np.repeat(o.landmark_sigma[:, None], 3, axis=1)
+        ),
+        edge=_table(
+            bare,
+            "edge",
+            edges,
+            [o.odometry_translation, o.odometry_rotation],
+            o.odometry_sigma.reshape(-1, 6),
+        ),
+    )
+
+
+def _variables(o: Measurements, participant: NDArray[Any], sample: NDArray[Any]) -> NDArray[Any]:
+    n_agents, n_times = o.depth.shape
+    landmark = participant >= n_agents
+    pose = participant * n_times + sample
+    return np.asarray(np.where(landmark, n_agents * n_times + participant - n_agents, pose))
+
+
+def _table(
+    graph: FactorGraph, name: str, variables: NDArray[Any], measured: list[NDArray[Any]], sigma: NDArray[Any]
+) -> Factors:
+    """Factors with diagonal covariances; a standard deviation's sign, shape (n, rows), would be lost after this."""
+    kind = KINDS[name]
+    factors = kind.table(variables, measured, sigma[:, :, None] ** 2 * np.eye(kind.rows))
+    fine = (np.isfinite(sigma) & (sigma > 0.0)).all(axis=1)
+    if not fine.all():
+        first = int(np.argmin(fine))
+        numbers = ", ".join(f"{v:g}" for v in sigma[first])
+        raise EstimationError(
+            f"{graph.variable_name(int(factors.subject[first]))}: {kind.what} sigma is [{numbers}]; needs positive finite"
+            " values"
+        )
+    return factors

@@ -1,0 +1,245 @@
+"""Somebody else's factor graph: read it, run an estimator on it, and keep what came out."""
+
+import json
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.diagnose import diagnose, worst_misfit
+from pymantaray.estimation.g2o import load_g2o
+from pymantaray.estimation.graph import FactorGraph, GraphValues, check_anchored, check_graph, check_values
+from pymantaray.estimation.pyfg import GraphFile, load_pyfg
+from pymantaray.estimation.solution import Solution
+from pymantaray.estimation.solve import METHODS, GraphSolver
+from pymantaray.estimation.starts import anchor_loose_parts, dead_reckon_graph
+from pymantaray.records import whole_file, write_netcdf
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Start = Literal["file", "dead-reckoning"]
+
+G2O = ".g2o"
+
+
+@dataclass(frozen=True, eq=False)
+class GraphResult:
+    """
+    What an estimator made of a graph.
+
+    ``graph`` has the priors that were added; ``as_in_file`` counts the variables whose start is the file's though
+    dead reckoning was asked for; ``truth`` is None where the file has none; ``diagnosis`` says in one line why
+    the solution is not usable, and is None if it is.
+    """
+
+    graph: FactorGraph
+    estimator: str
+    start: Start
+    initial: GraphValues
+    as_in_file: int
+    anchored: NDArray[np.int32]
+    truth: GraphValues | None
+    solution: Solution
+    diagnosis: str | None
+    left_out: dict[str, int]
+
+    @property
+    def values(self) -> GraphValues:
+        """Estimated values; NaN unless the solution is usable."""
+        return self.solution.values
+
+    @property
+    def trajectories(self) -> dict[str, GraphValues]:
+        """Values by name: ``start``, ``estimate`` if the solution is usable, ``truth`` if there is one."""
+        tables = {
+            "start": self.initial,
+            "estimate": self.values if self.solution.usable else None,
+            "truth": self.truth,
+        }
+        return {name: values for name, values in tables.items() if values is not None}
+
+    def summary(self) -> dict[str, Any]:
+        """
+        Costs, status and counts.
+
+        Returns
+        -------
+        dict
+            Numbers and text only.
+        """
+        s, g = self.solution, self.graph
+        return {
+            "estimator": self.estimator,
+            "start": self.start,
+            "status": s.status.name,
+            "usable": s.usable,
+            "diagnosis": self.diagnosis,
+            "iterations": s.iterations,
+            "initial_cost": s.initial_cost,
+            "final_cost": s.final_cost,
+            "expected_cost": s.expected_cost,
+            "gradient_norm": s.gradient_norm,
+            "poses": g.n_poses,
+            "landmarks": int(g.landmark_name.size),
+            "edges": len(g["edge"]),
+            "ranges": len(g["range"]),
+            "left_out": self.left_out,
+            "anchored": [g.variable_name(int(pose)) for pose in self.anchored],
+            "started_as_in_the_file": self.as_in_file,
+        }
+
+    def save(self, folder: Path, *, more: Mapping[str, Any] | None = None) -> None:
+        """
+        Write the graph, and the start, the estimate and the truth, as NetCDF, and the summary as JSON.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Must exist.
+        more : mapping, optional
+            Further entries of the summary. What is not finite is written as null.
+
+        Notes
+        -----
+        ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc`` and ``truth.nc`` are `GraphValues` with
+        the poses' vehicles, numbers and times besides. Without a usable solution there is no estimate.
+        """
+        self.graph.save(folder / "graph.nc")
+        for name, values in self.trajectories.items():
+            write_netcdf(named_dataset(self.graph, values), folder / f"{name}.nc")
+        with whole_file(folder / "summary.json") as path:
+            path.write_text(
+                json.dumps(_finite({**self.summary(), **(more or {})}), indent=2) + "\n", encoding="utf-8"
+            )
+
+
+def open_graph(path: Path | str, *, leave_out: Collection[str] = (), half_angles: bool = False) -> GraphFile:
+    """
+    Read a graph file: g2o if its name ends in ``.g2o``, else PyFactorGraph text.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+    leave_out : collection of str
+        Words of lines to leave out: ``EDGE_SE3_XYZ`` of PyFactorGraph text, any of g2o.
+    half_angles : bool
+        Whether the rotation part of a g2o file's information is for half the angle, as g2o has it.
+
+    Returns
+    -------
+    GraphFile
+        ``graph``, ``values`` of its vertices, and what was left out.
+
+    Raises
+    ------
+    EstimationError
+        If the file cannot be read or a line is not in the grammar; the message names the line.
+    """
+    if Path(path).suffix == G2O:
+        return load_g2o(path, leave_out=leave_out, half_angles=half_angles)
+    return load_pyfg(path, leave_out=leave_out)
+
+
+def solve_graph(
+    file: GraphFile,
+    *,
+    estimator: str | Callable[[FactorGraph, GraphValues], Solution] = "batch",
+    start: Start = "file",
+    anchor: bool = False,
+    truth: bool = True,
+) -> GraphResult:
+    """
+    Run an estimator on a graph that was read from a file.
+
+    Parameters
+    ----------
+    file : GraphFile
+        From `open_graph`.
+    estimator : str or callable
+        A name in `METHODS`, or a function of a graph and its starting values.
+    start : {"file", "dead-reckoning"}
+        Start from the values of the file's vertices, or from edges composed from the priors. A start at the
+        truth hides local minima.
+    anchor : bool
+        Give a prior of 1 mm and 1 mrad to the first pose of each part that nothing ties to the world, at the
+        file's value, instead of refusing the graph.
+    truth : bool
+        Whether the file's vertices are the ground truth, as they are in PyFactorGraph files.
+
+    Returns
+    -------
+    GraphResult
+        Of any status; ``diagnosis`` says what is wrong.
+
+    Raises
+    ------
+    EstimationError
+        If there is no such estimator or start, a part of the graph floats, or it has fewer measurements than unknowns; the message
+        names a variable.
+    """
+    if isinstance(estimator, str) and estimator not in METHODS:
+        raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
+    if start not in {"file", "dead-reckoning"}:
+        raise EstimationError(f"start {start!r}; allowed: file, dead-reckoning")
+    graph, values, left_out = file
+    check_graph(graph)
+    check_values(graph, values)
+    anchored = np.empty(0, dtype=np.int32)
+    if anchor:
+        graph, anchored = anchor_loose_parts(graph, values)
+    check_anchored(graph)
+    initial, as_in_file = (values, 0) if start == "file" else dead_reckon_graph(graph, values)
+    if graph.degrees_of_freedom < 0:
+        fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns by {-graph.degrees_of_freedom}; singular"
+        raise EstimationError(diagnose(graph, initial) or fallback)
+    try:
+        if isinstance(estimator, str):
+            name, solution = estimator, GraphSolver().solve(graph, initial, method=METHODS[estimator])
+        else:
+            name, solution = getattr(estimator, "__name__", "estimator"), estimator(graph, initial)
+    except (RuntimeError, ValueError) as error:  # what GTSAM throws where it does not abort
+        reason = diagnose(graph, initial) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
+        raise EstimationError(reason) from None
+    diagnosis = (
+        None if solution.usable else diagnose(graph, initial) or _misfit(graph, initial, name, solution)
+    )
+    return GraphResult(
+        graph=graph,
+        estimator=name,
+        start=start,
+        initial=initial,
+        as_in_file=as_in_file,
+        anchored=anchored,
+        truth=values if truth else None,
+        solution=solution,
+        diagnosis=diagnosis,
+        left_out=left_out,
+    )
+
+
+def named_dataset(graph: FactorGraph, values: GraphValues) -> "xr.Dataset":
+    """Values of a graph with the names, numbers and times of its poses; reads back as `GraphValues`."""
+    names = ("agent_name", "landmark_name", "pose_agent", "pose_number", "pose_time")
+    return values.to_dataset().merge(graph.to_dataset()[list(names)], combine_attrs="override")
+
+
+def _misfit(graph: FactorGraph, initial: GraphValues, estimator: str, solution: Solution) -> str:
+    """What there is to say of a solve that failed without a reason in the graph's structure."""
+    state = solution.status.name.lower().replace("_", " ")
+    expected = f", expected {solution.expected_cost:.3g}" if np.isfinite(solution.expected_cost) else ""
+    return (
+        f"{state} after {solution.iterations} iterations of {estimator}, cost {solution.initial_cost:.3g} to"
+        f" {solution.final_cost:.3g}{expected}; the worst misfit at the start is at"
+        f" {worst_misfit(graph, initial)}: try another start"
+    )
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(v) for name, v in value.items()}
+    return None if isinstance(value, float) and not np.isfinite(value) else value
