@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymantaray.ocean import assemble_ocean, synthetic_ocean
+from pymantaray.errors import OceanError
+from pymantaray.ocean import assemble_ocean, open_ocean, synthetic_ocean
 from pymantaray.ocean.synthetic import HYCOM_DEPTHS
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -66,3 +67,18 @@ def closed_form_ocean():
         )
 
     return make
+
+
+@pytest.fixture(scope="session")
+def message_of():
+    """The one line with which an ocean does not open."""
+
+    def call(*args, **kwargs) -> str:
+        with pytest.raises(OceanError) as caught:
+            open_ocean(*args, **kwargs)
+        message = str(caught.value)
+        assert len(message.splitlines()) == 1
+        assert message.isprintable()
+        return message
+
+    return call

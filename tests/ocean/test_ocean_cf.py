@@ -7,7 +7,6 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pymantaray.errors import OceanError
 from pymantaray.ocean import open_ocean
 from pymantaray.ocean.seawater import sound_speed
 
@@ -174,7 +173,7 @@ def test_levels_of_pressure_become_depths(tmp_path):
         assert "levels of pressure moved by up to" in ocean.attrs["history"]
 
 
-def test_a_first_level_below_the_surface_is_carried_up_and_recorded(tmp_path):
+def test_a_first_level_below_the_surface_is_carried_up_and_recorded(tmp_path, message_of):
     data = flavour(temperature="sea_water_potential_temperature", salinity="sea_water_salinity")
     glorys = data.assign_coords(deptht=("deptht", DEPTH + 0.494, data["deptht"].attrs))
     ocean = open_ocean(write(tmp_path / "glorys.nc", glorys))
@@ -185,7 +184,7 @@ def test_a_first_level_below_the_surface_is_carried_up_and_recorded(tmp_path):
     assert "the first level is at 50 m" in message_of(write(tmp_path / "deep.nc", deep))
 
 
-def test_water_at_rest_is_asked_for_by_name(tmp_path):
+def test_water_at_rest_is_asked_for_by_name(tmp_path, message_of):
     still = flavour()[["thetao", "so"]]
     path = write(tmp_path / "still.nc", still)
     assert 'or open it with currents="rest"' in message_of(path)
@@ -196,14 +195,6 @@ def test_water_at_rest_is_asked_for_by_name(tmp_path):
     half = write(tmp_path / "half.nc", flavour()[["thetao", "so", "uo"]])
     assert "no water_v" in message_of(half, currents="rest")
     assert "allowed are 'required' and 'rest'" in message_of(path, currents="none")
-
-
-def message_of(*args, **kwargs) -> str:
-    with pytest.raises(OceanError) as caught:
-        open_ocean(*args, **kwargs)
-    message = str(caught.value)
-    assert len(message.splitlines()) == 1
-    return message
 
 
 def _renamed(data, **attrs_of):
@@ -308,7 +299,7 @@ def undecoded(data):
 
 
 @pytest.mark.parametrize("case", REFUSED, ids=str)
-def test_what_cannot_be_converted_is_refused_with_reason_and_remedy(tmp_path, case):
+def test_what_cannot_be_converted_is_refused_with_reason_and_remedy(tmp_path, case, message_of):
     change, says = REFUSED[case]
     path = tmp_path / "model.nc"
     write(path, change(undecoded(flavour())))
@@ -330,7 +321,7 @@ def test_masks_that_differ_a_little_are_made_one_and_recorded(tmp_path):
     ]
 
 
-def test_the_bathymetry_file_of_glorys_is_refused_sensibly(shared_data):
+def test_the_bathymetry_file_of_glorys_is_refused_sensibly(shared_data, message_of):
     message = message_of(shared_data / "glorys12_fram_strait_bathymetry.nc")
     assert "none of water_temp" in message
     assert "standard_name" in message

@@ -1,10 +1,10 @@
 """HYCOM's files as they come: packed or not, apart or together, whole or broken."""
 
 import resource
-import struct
 import time
 
 import gsw
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -81,14 +81,6 @@ def test_the_local_frame_s_origin_on_a_grid_point_has_that_point_s_values(gulf_s
     np.testing.assert_allclose(local["current_north"].values[wet], point["water_v"].values[wet], atol=1e-9)
 
 
-def test_packed_and_unpacked_files_tell_the_same(tmp_path, small):
-    packed = open_ocean(as_file(tmp_path / "packed.nc", small))
-    unpacked = open_ocean(as_file(tmp_path / "unpacked.nc", small, packed=False))
-    for name in small.data_vars:
-        np.testing.assert_array_equal(np.isnan(packed[name]), np.isnan(unpacked[name]))
-        np.testing.assert_allclose(packed[name], unpacked[name], atol=0.0006)  # half the packing step
-
-
 def test_tracers_and_currents_come_from_two_files_in_any_order(tmp_path, small):
     ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
     uv = as_file(tmp_path / "uv.nc", small, keep=["water_u", "water_v"])
@@ -124,16 +116,8 @@ def test_a_fill_value_that_a_server_scaled_is_masked(tmp_path, small):
     np.testing.assert_array_equal(np.isnan(opened["water_temp"]), np.isnan(small["water_temp"]))
 
 
-def message_of(*args, **kwargs) -> str:
-    with pytest.raises(OceanError) as caught:
-        open_ocean(*args, **kwargs)
-    message = str(caught.value)
-    assert "\n" not in message
-    return message
-
-
-@pytest.mark.parametrize("share", [0.01, 0.1, 0.5, 0.9, 0.9999])
-def test_a_truncated_netcdf3_file_is_refused(tmp_path, gulf_stream_files, share):
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.998])
+def test_a_truncated_netcdf3_file_is_refused(tmp_path, gulf_stream_files, share, message_of):
     ts, uv = gulf_stream_files
     whole = ts.read_bytes()
     cut = tmp_path / "cut.nc"
@@ -141,14 +125,7 @@ def test_a_truncated_netcdf3_file_is_refused(tmp_path, gulf_stream_files, share)
     assert "cut.nc: cannot be read" in message_of([cut, uv])
 
 
-def test_a_truncated_netcdf4_file_is_refused(tmp_path, small):
-    whole = as_file(tmp_path / "whole.nc", small, packed=False).read_bytes()
-    cut = tmp_path / "cut.nc"
-    cut.write_bytes(whole[: len(whole) // 2])
-    assert "cut.nc: cannot be read" in message_of(cut)
-
-
-def test_what_is_missing_is_named(tmp_path, small, gulf_stream_files):
+def test_what_is_missing_is_named(tmp_path, small, gulf_stream_files, message_of):
     without = as_file(tmp_path / "no_salt.nc", small, keep=["water_temp", "water_u", "water_v"])
     assert "no_salt.nc: no salinity;" in message_of(without)
     assert "no water_u and no water_v" in message_of(gulf_stream_files[0])
@@ -157,7 +134,7 @@ def test_what_is_missing_is_named(tmp_path, small, gulf_stream_files):
     assert "no file given" in message_of([])
 
 
-def test_currents_of_another_day_are_missed_at_the_time_that_is_asked_for(tmp_path, small):
+def test_currents_of_another_day_are_missed_at_the_time_that_is_asked_for(tmp_path, small, message_of):
     ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
     uv = as_file(tmp_path / "uv.nc", small, times=("2020-01-02",), keep=["water_u", "water_v"])
     message = message_of([ts, uv], time="2020-01-01")
@@ -166,7 +143,7 @@ def test_currents_of_another_day_are_missed_at_the_time_that_is_asked_for(tmp_pa
     assert "no water_u and no water_v; an ocean needs" in message_of([ts, ts], time="2020-01-09")
 
 
-def test_files_that_do_not_belong_together_are_refused(tmp_path, small):
+def test_files_that_do_not_belong_together_are_refused(tmp_path, small, message_of):
     ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
     moved = small.assign_coords(lat=small["lat"] + 0.04)
     uv = as_file(tmp_path / "uv.nc", moved, keep=["water_u", "water_v"])
@@ -174,7 +151,7 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path, small):
     assert "cannot be combined" in message_of(["synthetic:fram", ts])
 
 
-def test_a_file_of_something_else_is_refused(tmp_path, small):
+def test_a_file_of_something_else_is_refused(tmp_path, small, message_of):
     page = tmp_path / "error.nc"
     page.write_text("<html>503 Service Unavailable</html>")
     assert "neither NetCDF-3 nor NetCDF-4" in message_of(page)
@@ -203,7 +180,9 @@ def test_the_other_spellings_of_standard_names_and_units_mean_the_same(tmp_path,
         np.testing.assert_array_equal(plain[name], spelled[name])
 
 
-def test_the_makassar_currents_open_with_the_time_asked_for_and_lack_the_rest(shared_data, tmp_path):
+def test_the_makassar_currents_open_with_the_time_asked_for_and_lack_the_rest(
+    shared_data, tmp_path, message_of
+):
     path = shared_data / "hycom" / "hycom_glby_930_202212_uv_ncss_netcdf4.nc"
     assert "no water_temp and no salinity" in message_of(path)
     # with tracers on the same grid the file is half of an ocean
@@ -220,7 +199,7 @@ def test_the_makassar_currents_open_with_the_time_asked_for_and_lack_the_rest(sh
     assert ocean.attrs["source"] == "HYCOM"
 
 
-def test_a_window_reads_what_cropping_the_whole_gives(gulf_stream_files):
+def test_a_window_reads_what_cropping_the_whole_gives(gulf_stream_files, message_of):
     whole = open_ocean(gulf_stream_files)
     part = open_ocean(gulf_stream_files, window=(34.7, 35.1, -75.3, -74.6))
     expected = whole.sel(lat=slice(34.699, 35.101), lon=slice(-75.301, -74.599))
@@ -253,18 +232,31 @@ def test_a_window_across_the_seam_of_a_global_file(tmp_path, closed_form_ocean, 
 
 
 def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path):
-    """A sparse NetCDF-3 file with HYCOM's header: 4.9 GB declared and there, a few pages of it written."""
-    n = {"time": 1, "depth": 40, "lat": 4251, "lon": 4500}
+    """HYCOM's grid in NetCDF-3: 6 GB declared and there, but for the axes a hole in the file."""
     axes = {
-        "time": (np.array([0.0]), "hours since 2014-07-15 12:00", "time"),
-        "depth": (np.arange(40.0), "m", "depth"),
-        "lat": (np.linspace(-80.0, 90.0, n["lat"]), "degrees_north", "latitude"),
-        "lon": (np.arange(n["lon"]) * 0.08, "degrees_east", "longitude"),
+        "time": (np.zeros(1), "hours since 2014-07-15 12:00"),
+        "depth": (np.arange(40.0), "m"),
+        "lat": (np.linspace(-80.0, 90.0, 4251), "degrees_north"),
+        "lon": (np.arange(4500) * 0.08, "degrees_east"),
     }
-    names = ("water_temp", "salinity", "water_u", "water_v")
     path = tmp_path / "global.nc"
-    netcdf3_header(path, n, axes, names)
-    assert path.stat().st_size > 4.8e9
+    with netCDF4.Dataset(path, "w", format="NETCDF3_64BIT_OFFSET") as file:
+        file.set_fill_off()
+        for name, (values, unit) in axes.items():
+            file.createDimension(name, None if name == "time" else values.size)
+            file.createVariable(name, "f8", name).units = unit
+        for name, unit in (
+            ("water_temp", "degC"),
+            ("salinity", "psu"),
+            ("water_u", "m/s"),
+            ("water_v", "m/s"),
+        ):
+            file.createVariable(name, "i2", tuple(axes)).setncatts({"units": unit, "scale_factor": 0.001})
+        for name in ("water_temp", "salinity"):
+            file[name].add_offset = 20.0
+        for name, (values, _) in axes.items():
+            file[name][:] = values
+    assert path.stat().st_size > 6e9
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     begin = time.perf_counter()
     ocean = open_ocean(path, window=(70.0, 71.0, -150.0, -148.0))
@@ -274,49 +266,3 @@ def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path):
     assert (ocean["water_temp"] == 20.0).all()  # zero bytes are the offset
     assert seconds < 2.0
     assert grown < 100e6
-
-
-def netcdf3_header(path, sizes, axes, names):
-    """Write a 64-bit-offset NetCDF-3 file whose fields are a hole in the file."""
-
-    def text(value):
-        raw = value.encode()
-        return struct.pack(">I", len(raw)) + raw + b"\0" * (-len(raw) % 4)
-
-    def attributes(**attrs):
-        out = struct.pack(">II", 12, len(attrs))
-        for name, value in attrs.items():
-            body = text(value) if isinstance(value, str) else struct.pack(">Id", 1, value)
-            out += text(name) + struct.pack(">I", 2 if isinstance(value, str) else 6) + body
-        return out
-
-    dims = list(sizes)
-    count = {name: 8 * n for name, n in sizes.items()} | dict.fromkeys(
-        names, 2 * int(np.prod([*sizes.values()]))
-    )
-
-    def header(begins):
-        out = b"CDF\x02" + struct.pack(">III", 0, 10, len(dims))
-        out += b"".join(text(d) + struct.pack(">I", sizes[d]) for d in dims)
-        out += struct.pack(">IIII", 0, 0, 11, len(count))
-        for name in count:
-            ids = [dims.index(name)] if name in dims else range(4)
-            out += text(name) + struct.pack(f">I{len(ids)}I", len(ids), *ids)
-            if name in dims:
-                out += attributes(units=axes[name][1], standard_name=axes[name][2]) + struct.pack(">I", 6)
-            else:
-                offset = 20.0 if name in ("water_temp", "salinity") else 0.0
-                unit = {"water_temp": "degC", "salinity": "psu"}.get(name, "m/s")
-                out += attributes(units=unit, scale_factor=0.001, add_offset=offset) + struct.pack(">I", 3)
-            out += struct.pack(">IQ", count[name] % 2**32, begins.get(name, 0))
-        return out
-
-    begins, end = {}, len(header({}))
-    for name, n in count.items():
-        begins[name] = end
-        end += n
-    with path.open("wb") as stream:
-        stream.write(header(begins))
-        for name in dims:
-            stream.write(axes[name][0].astype(">f8").tobytes())
-        stream.truncate(end)

@@ -3,7 +3,6 @@
 import math
 import os
 import re
-import traceback
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -52,12 +51,6 @@ def open_file(path: str | Path) -> xr.Dataset:
                 raw.close()
                 raise
         except Exception as error:  # noqa: BLE001  the engines raise whatever they stumble over
-            cause: BaseException | None = error
-            while (
-                cause is not None
-            ):  # scipy's file that is half open ends here, where its warnings are not heard
-                traceback.clear_frames(cause.__traceback__)
-                cause = cause.__context__
             raise unreadable(path, error) from None
     data.set_close(raw.close)
     data.encoding = {"source": str(path)}
@@ -127,9 +120,7 @@ def _engine(path: Path) -> str:
         raise OceanError(f"{path}: no such file; name an existing NetCDF file")
     with path.open("rb") as stream:
         start = stream.read(4)
-    if start in (b"CDF\x01", b"CDF\x02"):
-        return "scipy"  # refuses what is cut short, where netCDF4 gives zeros
-    if start in (b"CDF\x05", b"\x89HDF"):
+    if start in (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF"):
         return "netcdf4"
     raise OceanError(f"{path.name}: neither NetCDF-3 nor NetCDF-4; was an error page saved instead?")
 
@@ -151,14 +142,24 @@ def _zarr_engine(path: Path) -> str:
 
 
 def _check_length(raw: xr.Dataset, path: Path) -> None:
-    """Refuse a NetCDF-3 file of 64-bit data that is cut short: the library gives zeros for what is not there."""
+    """Refuse a NetCDF-3 file that is cut short: the library gives zeros for what is not there."""
     with path.open("rb") as stream:
-        classic = stream.read(3) == b"CDF"
-    declared = sum(variable.nbytes for variable in raw.variables.values())
-    if classic and declared > path.stat().st_size:
+        if stream.read(3) != b"CDF":
+            return
+
+    def padded(value: object) -> int:
+        return -(-(len(value) if isinstance(value, str) else np.asarray(value).nbytes) // 4) * 4
+
+    tables = [raw.attrs, *(variable.attrs for variable in raw.variables.values())]
+    least = (  # of the header and of the values, as the format lays them out
+        sum(8 + padded(str(dim)) for dim in raw.sizes)
+        + sum(12 + padded(str(key)) + padded(value) for table in tables for key, value in table.items())
+        + sum(28 + padded(str(name)) + 4 * v.ndim + v.nbytes for name, v in raw.variables.items())
+    )
+    if least > path.stat().st_size:
         raise OceanError(
-            f"{path.name}: cannot be read, it declares {declared} bytes and has {path.stat().st_size};"
-            " it is cut short, fetch it again"
+            f"{path.name}: cannot be read, it declares {least} bytes and has {path.stat().st_size}; it is cut"
+            " short, fetch it again"
         )
 
 
