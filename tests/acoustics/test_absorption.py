@@ -1,4 +1,4 @@
-"""Absorption formulas against published values, against each other and in their limits."""
+"""Absorption formulas against published values, against each other and in their limits; coefficients of an ocean."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,8 @@ from pymantaray.acoustics.absorption import (
 )
 from pymantaray.errors import AcousticsError
 
-FORMULAS = [francois_garrison_db_per_km, ainslie_mccolm_db_per_km]
+FORMULAS = {"francois-garrison": francois_garrison_db_per_km, "ainslie-mccolm": ainslie_mccolm_db_per_km}
+both = pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +41,7 @@ def test_francois_garrison_gives_the_values_others_published(
     assert alpha == pytest.approx(expected, abs=tolerance)
 
 
-@pytest.mark.parametrize("formula", FORMULAS)
+@both
 def test_pressure_effect_is_that_of_fisher_and_simmons(formula):
     # Fisher and Simmons (1977), table IV, as the manual of swSoundAbsorption (R) quotes it:
     # 10 kHz, 5 degC, 35, 500 atm: 0.52 dB/km. Their data differ from the later ones by up to 10 %.
@@ -48,111 +49,95 @@ def test_pressure_effect_is_that_of_fisher_and_simmons(formula):
     assert alpha == pytest.approx(0.52, rel=0.10)
 
 
-def test_the_two_formulas_agree_within_their_stated_tenth():
-    khz = np.array([0.2, 0.5, 1, 2, 5, 10, 12, 25, 30, 70, 100, 200, 500, 1000])
-    cases = {  # one quantity at a time, the others at 10 degC, 35, 0 m, 8
-        "temperature": np.array([-1.8, 0.0, 5.0, 15.0, 20.0, 25.0]),
-        "salinity": np.array([25.0, 30.0, 38.0]),
-        "depth": np.array([0.0, 1000.0, 4000.0]),
-        "pH": np.array([7.7, 8.3]),
-    }
-    for name, values in cases.items():
-        water = {"temperature": 10.0, "salinity": 35.0, "depth": 0.0, "pH": 8.0, name: values[:, None]}
-        a, b = (formula(khz * 1e3, **water) for formula in FORMULAS)
-        np.testing.assert_allclose(b, a, rtol=0.115, err_msg=name)
+@pytest.mark.parametrize(
+    ("name", "values"),  # one quantity at a time, the others at 10 degC, 35, 0 m, 8
+    [
+        ("temperature", [-1.8, 0.0, 5.0, 15.0, 20.0, 25.0]),
+        ("salinity", [25.0, 30.0, 38.0]),
+        ("depth", [0.0, 1000.0, 4000.0]),
+        ("pH", [7.7, 8.3]),
+    ],
+)
+def test_the_two_formulas_agree_within_their_stated_tenth(name, values):
+    hz = 1e3 * np.array([0.2, 0.5, 1, 2, 5, 10, 12, 25, 30, 70, 100, 200, 500, 1000])
+    water = {"temperature": 10.0, "salinity": 35.0, "depth": 0.0, "pH": 8.0, name: np.array(values)[:, None]}
+    a, b = (formula(hz, **water) for formula in FORMULAS.values())
+    np.testing.assert_allclose(b, a, rtol=0.115)
 
 
 def test_thorp_agrees_with_the_others_in_water_of_4_degrees():
     khz = np.array([0.5, 1.0, 3.0, 10.0, 20.0, 30.0])
     thorp = thorp_db_per_km(khz * 1e3)
-    for formula in FORMULAS:
-        at_surface, at_1_km = (
-            formula(khz * 1e3, temperature=4.0, salinity=35.0, depth=z) for z in (0.0, 1000.0)
-        )
-        np.testing.assert_allclose(thorp, at_surface, rtol=0.12)
-        np.testing.assert_allclose(thorp, at_1_km, rtol=0.26)
+    for formula in FORMULAS.values():
+        for depth, rtol in ((0.0, 0.12), (1000.0, 0.26)):
+            other = formula(khz * 1e3, temperature=4.0, salinity=35.0, depth=depth)
+            np.testing.assert_allclose(thorp, other, rtol=rtol)
     # Thorp (1967) as Etter prints it: the two relaxations alone, per kiloyard
     f2 = khz**2
     printed = 1.0936 * (0.1 * f2 / (1.0 + f2) + 40.0 * f2 / (4100.0 + f2))
     np.testing.assert_allclose(thorp - 0.0033 - 3e-4 * f2, printed, rtol=0.006)
 
 
-@pytest.mark.parametrize("formula", FORMULAS)
+@both
 def test_limits(formula):
     water = {"temperature": 5.0, "depth": 0.0}
     fresh = formula(np.array([100e3, 200e3]), salinity=0.0, **water)
     assert fresh[1] / fresh[0] == pytest.approx(4.0)  # water itself: the square of frequency
     far = formula(np.array([1e9, 2e9]), salinity=35.0, **water)
     assert far[1] / far[0] == pytest.approx(4.0, rel=1e-4)  # far above both relaxations
-    khz = np.geomspace(0.1, 1000.0, 60)
-    assert np.all(np.diff(formula(khz * 1e3, salinity=35.0, **water)) > 0.0)
+    assert np.all(np.diff(formula(np.geomspace(0.1, 1000.0, 60) * 1e3, salinity=35.0, **water)) > 0.0)
     acid, alkaline = (formula(np.array([1e3, 100e3]), salinity=35.0, pH=p, **water) for p in (7.7, 8.2))
     assert alkaline[0] / acid[0] > 1.5  # boric acid rules below 5 kHz
     assert alkaline[1] / acid[1] == pytest.approx(1.0, abs=0.01)
+    assert np.isnan(formula(1e3, temperature=np.nan, salinity=35.0, depth=0.0))
 
 
 def test_francois_garrison_takes_a_sound_speed_and_is_continuous_at_20_degrees():
-    water = {"salinity": 35.0, "depth": 0.0}
-    own = francois_garrison_db_per_km(25e3, temperature=8.0, **water)
-    given = francois_garrison_db_per_km(
-        25e3, temperature=8.0, sound_speed=1412.0 + 3.21 * 8.0 + 1.19 * 35.0, **water
-    )
-    slower = francois_garrison_db_per_km(25e3, temperature=8.0, sound_speed=1440.0, **water)
-    assert given == own
-    assert slower > own
-    sides = francois_garrison_db_per_km(1e6, temperature=np.array([20.0, 20.0 + 1e-9]), **water)
+    def alpha(hz, temperature, **speed):
+        return francois_garrison_db_per_km(hz, temperature=temperature, salinity=35.0, depth=0.0, **speed)
+
+    assert alpha(25e3, 8.0, sound_speed=1412.0 + 3.21 * 8.0 + 1.19 * 35.0) == alpha(25e3, 8.0)
+    assert alpha(25e3, 8.0, sound_speed=1440.0) > alpha(25e3, 8.0)
+    sides = alpha(1e6, np.array([20.0, 20.0 + 1e-9]))
     assert sides[1] == pytest.approx(sides[0], rel=2e-3)
-
-
-def test_bad_values_are_refused_and_nan_stays():
-    with pytest.raises(AcousticsError, match="frequency_hz: -1; must be positive"):
-        thorp_db_per_km(-1.0)
-    for formula in FORMULAS:
-        with pytest.raises(AcousticsError, match="salinity: -2; must not be negative"):
-            formula(1e3, temperature=5.0, salinity=-2.0, depth=0.0)
-        assert np.isnan(formula(1e3, temperature=np.nan, salinity=35.0, depth=0.0))
 
 
 PLACES = np.array([[0.0, 0.0, 0.0], [300.0, -200.0, 50.0], [-400.0, 900.0, 250.0], [0.0, 0.0, 400.0]])
 
 
-@pytest.mark.parametrize("formula", ["francois-garrison", "ainslie-mccolm"])
+@pytest.mark.parametrize("formula", FORMULAS)
 def test_profile_is_looked_up_by_depth(formula):
-    field = Absorption.from_profile(
-        [0.0, 100.0, 300.0], [10.0, 4.0, 0.0], [30.0, 34.0, 35.0], pH=8.1, formula=formula
-    )
-    expected = dict(zip(["francois-garrison", "ainslie-mccolm"], FORMULAS, strict=True))[formula](
-        12e3,
-        temperature=[10.0, 7.0, 1.0, 0.0],
-        salinity=[30.0, 32.0, 34.75, 35.0],
-        depth=PLACES[:, 2],
-        pH=8.1,
-    )
-    np.testing.assert_allclose(field.db_per_km(PLACES, 12e3), expected, rtol=1e-14)
+    profile = [0.0, 100.0, 300.0], [10.0, 4.0, 0.0], [30.0, 34.0, 35.0]
+    found = Absorption.from_profile(*profile, pH=8.1, formula=formula).db_per_km(PLACES, 12e3)
+    temperature, salinity = [10.0, 7.0, 1.0, 0.0], [30.0, 32.0, 34.75, 35.0]
+    expected = FORMULAS[formula](12e3, temperature=temperature, salinity=salinity, depth=PLACES[:, 2], pH=8.1)
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
 
 
-def test_constant_and_thorp_are_the_same_everywhere():
+def test_one_coefficient_is_the_same_everywhere():
     np.testing.assert_array_equal(Absorption.constant(1.5).db_per_km(PLACES, 12e3), [1.5] * 4)
-    np.testing.assert_array_equal(
-        Absorption.thorp().db_per_km(PLACES, 12e3), [float(thorp_db_per_km(12e3))] * 4
-    )
+    thorp = float(thorp_db_per_km(12e3))
+    np.testing.assert_array_equal(Absorption.thorp().db_per_km(PLACES, 12e3), [thorp] * 4)
+    uniform = Absorption.from_profile([0.0], [5.0], [35.0]).db_per_km(PLACES[:1], 12e3)
+    assert uniform == francois_garrison_db_per_km(12e3, temperature=5.0, salinity=35.0, depth=0.0)
 
 
 def test_local_ocean_is_linear_between_its_points():
+    grid = ("north", "east", "depth")
     n, e, z = np.array([-500.0, 500.0]), np.array([0.0]), np.array([0.0, 100.0, 300.0])
     temperature = 2.0 + 1e-3 * n[:, None, None] + 0.0 * e[:, None] + 0.01 * z
     ocean = xr.Dataset(
-        {
-            "water_temp": (("north", "east", "depth"), temperature),
-            "salinity": (("north", "east", "depth"), np.full((2, 1, 3), 34.0)),
-        },
+        {"water_temp": (grid, temperature), "salinity": (grid, np.full((2, 1, 3), 34.0))},
         coords={"north": n, "east": e, "depth": z},
     )
-    inside = PLACES[:3]
+    north, _, depth = PLACES[:3].T
     expected = francois_garrison_db_per_km(
-        20e3, temperature=2.0 + 1e-3 * inside[:, 0] + 0.01 * inside[:, 2], salinity=34.0, depth=inside[:, 2]
+        20e3, temperature=2.0 + 1e-3 * north + 0.01 * depth, salinity=34.0, depth=depth
     )
-    np.testing.assert_allclose(Absorption.from_dataset(ocean).db_per_km(inside, 20e3), expected, rtol=1e-12)
+    found = Absorption.from_dataset(ocean).db_per_km(PLACES[:3], 20e3)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    with pytest.raises(AcousticsError, match="not finite; fill it below the sea bed"):
+        Absorption.from_dataset(ocean.where(ocean.depth < 200.0))
 
 
 def test_geographic_ocean_is_looked_up_where_the_local_frame_puts_it():
@@ -161,24 +146,28 @@ def test_geographic_ocean_is_looked_up_where_the_local_frame_puts_it():
 
     ocean = open_ocean("synthetic:beaufort")
     lat, lon = (0.5 * float(ocean[v][0] + ocean[v][-1]) for v in ("lat", "lon"))
-    i, j = 30, 100  # a grid point of its own
+    i, j, depths = 30, 100, [0.0, 50.0, 400.0]  # a grid point of its own
     north, east = LocalFrame(lat, lon).to_local(float(ocean["lat"][i]), float(ocean["lon"][j]))
-    at = np.array([[float(north), float(east), z] for z in (0.0, 50.0, 400.0)])
-    column = ocean.sel(depth=[0.0, 50.0, 400.0]).isel(lat=i, lon=j)
+    at = np.array([[float(north), float(east), z] for z in depths])
+    column = ocean.sel(depth=depths).isel(lat=i, lon=j)
     expected = francois_garrison_db_per_km(
-        12e3, temperature=column["water_temp"].values, salinity=column["salinity"].values, depth=at[:, 2]
+        12e3, temperature=column["water_temp"].values, salinity=column["salinity"].values, depth=depths
     )
     np.testing.assert_allclose(Absorption.from_dataset(ocean).db_per_km(at, 12e3), expected, rtol=1e-6)
 
 
-def test_fields_refuse_what_they_cannot_use():
-    with pytest.raises(AcousticsError, match="lacks water_temp, salinity; give the one that open_ocean"):
-        Absorption.from_dataset(xr.Dataset(coords={"north": [0.0]}))
-    with pytest.raises(AcousticsError, match="'urick'; allowed are francois-garrison, ainslie-mccolm"):
-        Absorption.from_profile([0.0], [5.0], [35.0], formula="urick")
-    with pytest.raises(AcousticsError, match=r"shapes \(2,\), \(1,\), \(2,\)"):
-        Absorption.from_profile([0.0, 1.0], [5.0], [35.0, 35.0])
-    with pytest.raises(AcousticsError, match="depth strictly increasing"):
-        Absorption.from_profile([0.0, 0.0], [5.0, 5.0], [35.0, 35.0])
-    with pytest.raises(AcousticsError, match=r"-1\.0 dB/km; must be finite and not negative"):
-        Absorption.constant(-1.0)
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: thorp_db_per_km(-1.0), "frequency_hz: -1; must be positive"),
+        (lambda: francois_garrison_db_per_km(1e3, temperature=5.0, salinity=-2.0, depth=0.0), "salinity: -2; must"),
+        (lambda: Absorption.from_dataset(xr.Dataset(coords={"north": [0.0]})), "lacks water_temp, salinity; give the"),
+        (lambda: Absorption.from_profile([0.0], [5.0], [35.0], formula="urick"), "'urick'; allowed are francois-"),
+        (lambda: Absorption.from_profile([0.0, 1.0], [5.0], [35.0, 35.0]), r"shapes \(2,\), \(1,\), \(2,\)"),
+        (lambda: Absorption.from_profile([0.0, 0.0], [5.0, 5.0], [35.0, 35.0]), "depth strictly increasing"),
+        (lambda: Absorption.constant(-1.0), r"-1\.0 dB/km; must be finite and not negative"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused(call, message):
+    with pytest.raises(AcousticsError, match=message):
+        call()

@@ -22,20 +22,19 @@ TABLE = [
     (3, 4.25, 2, 1, 0.5),
 ]
 STATUS = [RayStatus.OK, RayStatus.OK, RayStatus.WEAK, RayStatus.OK]
-DIRECT, FIRST, STRONGEST = [1.01, 2.0, np.nan, np.nan], [1.0, 2.0, np.nan, 4.0], [1.5, 2.0, np.nan, 4.25]
 
 
 def arrivals_of(table, status):
     link, time, surface, bottom, spreading = np.array(table, dtype=float).reshape(-1, 5).T
-    n = len(status)
+    n, zero = len(status), np.zeros(link.size)
     return Arrivals(
         link=link,
         travel_time=time,
         surface_bounces=surface,
         bottom_bounces=bottom,
-        turning_points=np.zeros(link.size),
-        launch_angle=np.zeros(link.size),
-        arrival_angle=np.zeros(link.size),
+        turning_points=zero,
+        launch_angle=zero,
+        arrival_angle=zero,
         spreading_db=spreading,
         source_slowness=np.multiply.outer(time, [1.0, 2.0, 3.0]),
         receiver_slowness=np.multiply.outer(time, [-1.0, 5.0, 7.0]),
@@ -48,54 +47,46 @@ def arrivals_of(table, status):
     )
 
 
-@pytest.fixture
-def arrivals():
-    return arrivals_of(TABLE, STATUS)
+ARRIVALS = arrivals_of(TABLE, STATUS)
 
 
-@pytest.mark.parametrize(("rule", "times"), [("direct", DIRECT), ("first", FIRST), ("strongest", STRONGEST)])
-def test_each_rule_picks_its_arrival_with_time_and_slowness(arrivals, rule, times):
-    found = select(arrivals, rule)
+@pytest.mark.parametrize(
+    ("rule", "times", "last", "margin"),
+    [
+        ("direct", [1.01, 2.0, np.nan, np.nan], RayStatus.SHADOW, np.nan),  # bounced arrivals only
+        ("first", [1.0, 2.0, np.nan, 4.0], RayStatus.OK, 0.0),
+        ("strongest", [1.5, 2.0, np.nan, 4.25], RayStatus.OK, 0.0),
+    ],
+)
+def test_each_rule_picks_its_arrival_with_time_slowness_and_status(rule, times, last, margin):
+    found = select(ARRIVALS, rule)
     np.testing.assert_array_equal(found.travel_time, times)
     np.testing.assert_array_equal(found.source_slowness, np.multiply.outer(times, [1.0, 2.0, 3.0]))
     np.testing.assert_array_equal(found.receiver_slowness, np.multiply.outer(times, [-1.0, 5.0, 7.0]))
+    np.testing.assert_array_equal(found.status, [*STATUS[:3], last])
+    np.testing.assert_array_equal(found.shadow_margin, [0.0, 0.0, 12.0, margin])
     for name in ("chord_travel_time", "source_sound_speed", "receiver_sound_speed"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(arrivals, name))
+        np.testing.assert_array_equal(getattr(found, name), getattr(ARRIVALS, name))
 
 
-def test_first_is_what_the_record_says(arrivals):
-    one, other = select(arrivals, "first"), arrivals.first()
+def test_first_is_what_the_record_says():
+    one, other = select(ARRIVALS, "first"), ARRIVALS.first()
     for f in fields(one):
         np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name), err_msg=f.name)
 
 
-def test_a_link_of_bounced_arrivals_is_in_shadow_by_direct_only(arrivals):
-    direct = select(arrivals, "direct")
-    np.testing.assert_array_equal(direct.status, [*STATUS[:3], RayStatus.SHADOW])
-    np.testing.assert_array_equal(direct.shadow_margin, [0.0, 0.0, 12.0, np.nan])
-    for rule in ("first", "strongest"):
-        np.testing.assert_array_equal(select(arrivals, rule).status, STATUS)
-
-
-def test_strongest_goes_by_the_loss_that_is_given(arrivals):
-    loss = np.array([90.0, 70.0, 80.0, 70.0, np.inf, np.nan, 100.0])
-    found = select(arrivals, "strongest", loss_db=loss)
-    np.testing.assert_array_equal(
-        found.travel_time, [1.01, 2.0, np.nan, 4.25]
-    )  # equals: the earliest; NaN: last
-
-
-def test_a_delay_counts_before_the_choice_and_in_the_time(arrivals):
-    """The current slows the first arrival of link 0 behind the second."""
-    delay = np.array([0.015, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0])
-    found = select(arrivals, "first", delay=delay)
-    np.testing.assert_array_equal(found.travel_time, [1.01, 1.75, np.nan, 4.0])
-    np.testing.assert_array_equal(choose_arrivals(arrivals, "first", delay=delay).row, [1, 4, 5])
+def test_losses_and_delays_count_before_the_choice():
+    loss = np.array([90.0, 70.0, 80.0, 70.0, np.inf, np.nan, 100.0])  # of equals the earliest; NaN is last
+    strongest = select(ARRIVALS, "strongest", loss_db=loss)
+    np.testing.assert_array_equal(strongest.travel_time, [1.01, 2.0, np.nan, 4.25])
+    delay = np.array([0.015, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0])  # the first of link 0 falls behind the second
+    first = select(ARRIVALS, "first", delay=delay)
+    np.testing.assert_array_equal(first.travel_time, [1.01, 1.75, np.nan, 4.0])
+    np.testing.assert_array_equal(choose_arrivals(ARRIVALS, "first", delay=delay).row, [1, 4, 5])
 
 
 def test_no_arrivals_at_all():
-    nothing = arrivals_of([], [RayStatus.SHADOW, RayStatus.BLOCKED])
-    found = select(nothing, "direct")
+    found = select(arrivals_of([], [RayStatus.SHADOW, RayStatus.BLOCKED]), "direct")
     np.testing.assert_array_equal(found.status, [RayStatus.SHADOW, RayStatus.BLOCKED])
     assert np.isnan(found.travel_time).all()
     assert select(arrivals_of([], []), "first").status.size == 0
@@ -109,24 +100,18 @@ def test_no_arrivals_at_all():
         ({"rule": "first", "delay": np.zeros((7, 1))}, r"delay: shape \(7, 1\); 7 arrivals"),
     ],
 )
-def test_what_does_not_fit_is_refused(arrivals, options, message):
+def test_what_does_not_fit_is_refused(options, message):
     with pytest.raises(AcousticsError, match=message):
-        select(arrivals, **options)
+        select(ARRIVALS, **options)
 
 
-rows = st.lists(
-    st.tuples(
-        st.integers(0, 4),
-        st.sampled_from([1.0, 1.5, 2.0]),
-        st.integers(0, 1),
-        st.integers(0, 1),
-        st.sampled_from([-1.0, 0.0, 4.0]),
-    ),
-    max_size=12,
+bounces = st.integers(0, 1)
+rows = st.tuples(
+    st.integers(0, 4), st.sampled_from([1.0, 1.5, 2.0]), bounces, bounces, st.sampled_from([-1.0, 0.0, 4.0])
 )
 
 
-@given(rows=rows)
+@given(rows=st.lists(rows, max_size=12))
 @settings(max_examples=60)
 def test_rules_are_the_minima_they_say(rows):
     """Against a search row by row: earliest unbounced, earliest, and least (spreading, time) of each link."""
@@ -136,9 +121,8 @@ def test_rules_are_the_minima_they_say(rows):
     arrivals = arrivals_of(rows, status)
     for link in range(5):
         own = [r for r in rows if r[0] == link]
-        direct = [r for r in own if r[2] == r[3] == 0]
         expected = {
-            "direct": min((r[1] for r in direct), default=np.nan),
+            "direct": min((r[1] for r in own if r[2] == r[3] == 0), default=np.nan),
             "first": min((r[1] for r in own), default=np.nan),
             "strongest": min(own, key=lambda r: (r[4], r[1]), default=(0, np.nan))[1],
         }
