@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from pymantaray.acoustics import Currents, Medium, current_delays, find_eigenrays, quadrature, trace_paths
-from pymantaray.acoustics.path_integrals import Quadrature
+from pymantaray.acoustics.paths import Quadrature
 from pymantaray.errors import AcousticsError
 
 C = 1480.0

@@ -82,7 +82,7 @@ def images():
         spreading_db=20.0 * np.log10(lengths / DISTANCE),
         source_slowness=first,
         receiver_slowness=last,
-        ray_axis=np.zeros(n, int),
+        ray_axis=zero,
         status=[0],
         chord_travel_time=[DISTANCE / C],
         source_sound_speed=[C],

@@ -38,7 +38,7 @@ def arrivals_of(table, status):
         spreading_db=spreading,
         source_slowness=np.multiply.outer(time, [1.0, 2.0, 3.0]),
         receiver_slowness=np.multiply.outer(time, [-1.0, 5.0, 7.0]),
-        ray_axis=np.zeros(link.size),
+        ray_axis=zero,
         status=status,
         chord_travel_time=np.arange(n) + 0.5,
         source_sound_speed=np.arange(n) + 1500.0,
