@@ -5,7 +5,7 @@ import pytest
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean.casts import Cast, read_casts
+from pymantaray.ocean import Cast, read_casts
 from pymantaray.ocean.modes import SoundSpeedCovariance, layer_weights, vertical_modes
 from pymantaray.ocean.perturb import random_fields
 from pymantaray.ocean.seawater import sound_speed
@@ -27,7 +27,7 @@ def test_modes_are_orthonormal_and_carry_the_oceans_variance(beaufort_sea):
     )
     speed = columns(beaufort_sea, found.depth.size)
     np.testing.assert_allclose(found.mean, speed.mean(axis=0), rtol=0, atol=1e-9)
-    amplitudes = found.amplitudes(speed)
+    amplitudes = ((speed - found.mean) * weights) @ found.modes.T
     np.testing.assert_allclose(np.cov(amplitudes.T, bias=True), np.diag(found.variance), rtol=0, atol=1e-9)
     pooled = np.mean(((speed - found.mean) ** 2) @ weights)
     assert found.total_variance == pytest.approx(pooled, rel=1e-9)
@@ -91,17 +91,13 @@ def test_covariance_of_modes_is_their_sum_and_falls_with_distance(beaufort_sea):
     assert np.linalg.eigvalsh(covariance(points[:, None], points[None])).min() > -1e-9
 
 
-def test_gaussian_covariance():
-    z = np.arange(0.0, 1001.0, 20.0)
-    covariance = SoundSpeedCovariance.gaussian(
-        z, rms=np.where(z < 500.0, 1.0, 0.2), vertical_scale=100.0, horizontal_scale=1e4
-    )
-    assert covariance([0, 0, 100.0], [0, 0, 200.0]) == pytest.approx(np.exp(-0.5))
-    assert covariance([0, 0, 100.0], [0, 0, 600.0]) == pytest.approx(0.2 * np.exp(-12.5))
+def test_a_covariance_that_is_none_is_refused():
+    z = np.arange(0.0, 101.0, 20.0)
+    matrix = np.exp(-0.5 * ((z[:, None] - z) / 50.0) ** 2)
     with pytest.raises(OceanError, match="symmetric"):
-        SoundSpeedCovariance(z, np.triu(covariance.matrix), 1e4)
+        SoundSpeedCovariance(z, np.triu(matrix), 1e4)
     with pytest.raises(OceanError, match="horizontal_scale is 0 m"):
-        SoundSpeedCovariance(z, covariance.matrix, 0.0)
+        SoundSpeedCovariance(z, matrix, 0.0)
 
 
 def test_random_fields_have_the_stated_covariance():

@@ -113,11 +113,15 @@ def brute_force(model, covariance, links):
     return out[np.ix_(pairs.pair, pairs.pair)]
 
 
+def gaussian(rms, vertical_scale, horizontal_scale):
+    """Covariance of a Gaussian process with a Gaussian correlation in depth too."""
+    correlation = np.exp(-0.5 * ((DEPTH[:, None] - DEPTH) / vertical_scale) ** 2)
+    return SoundSpeedCovariance(DEPTH, rms[:, None] * correlation * rms, horizontal_scale)
+
+
 @pytest.mark.parametrize("scale", [2500.0, 20e3, np.inf], ids=["short", "long", "everywhere"])
 def test_covariance_is_the_double_integral_along_the_rays(medium, ends, scale):
-    covariance = SoundSpeedCovariance.gaussian(
-        DEPTH, rms=2.0 * np.exp(-DEPTH / 300.0), vertical_scale=150.0, horizontal_scale=scale
-    )
+    covariance = gaussian(2.0 * np.exp(-DEPTH / 300.0), 150.0, scale)
     model = EigenrayModel(medium)
     links = links_between(medium, *ends)
     (found,) = RayUncertainty(model, covariance).covariances(links, np.zeros(8, dtype=int))
@@ -143,7 +147,7 @@ def test_one_amplitude_everywhere_is_the_sensitivity_squared(medium, ends):
 def test_epochs_are_apart_and_both_ways_of_a_link_are_one(medium, ends):
     a, b = ends
     model = EigenrayModel(medium)
-    covariance = SoundSpeedCovariance.gaussian(DEPTH, rms=1.0, vertical_scale=100.0, horizontal_scale=5e3)
+    covariance = gaussian(np.ones(DEPTH.size), 100.0, 5e3)
     links = links_between(
         medium, np.concatenate([a[:4], b[:4], a[4:]]), np.concatenate([b[:4], a[:4], b[4:]])
     )
@@ -155,7 +159,7 @@ def test_epochs_are_apart_and_both_ways_of_a_link_are_one(medium, ends):
 
 
 def test_link_without_a_ray_has_no_variance(medium):
-    covariance = SoundSpeedCovariance.gaussian(DEPTH, rms=1.0, vertical_scale=100.0, horizontal_scale=5e3)
+    covariance = gaussian(np.ones(DEPTH.size), 100.0, 5e3)
     links = links_between(medium, [[0, 0, 100.0], [0, 0, 100.0]], [[0, 9e3, 100.0], [0, 3e3, 100.0]])
     (found,) = RayUncertainty(EigenrayModel(medium), covariance).covariances(links, np.zeros(2, dtype=int))
     assert found[0].tolist() == [0.0, 0.0]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 import xarray as xr
@@ -54,49 +53,8 @@ class SoundSpeedCovariance:
                 f"covariance: horizontal_scale is {self.horizontal_scale:g} m; it must be positive"
             )
 
-    @classmethod
-    def gaussian(
-        cls, depth: ArrayLike, *, rms: ArrayLike, vertical_scale: float, horizontal_scale: float
-    ) -> Self:
-        """
-        Covariance of a Gaussian process with a Gaussian correlation in depth too.
-
-        Parameters
-        ----------
-        depth : array_like, shape (n_levels,)
-            [m]
-        rms : array_like, shape () or (n_levels,)
-            Standard deviation of sound speed, the same everywhere or by level. [m/s]
-        vertical_scale, horizontal_scale : float
-            [m]
-
-        Returns
-        -------
-        SoundSpeedCovariance
-        """
-        z = np.asarray(depth, dtype=float)
-        sigma = np.broadcast_to(np.asarray(rms, dtype=float), z.shape)
-        if not vertical_scale > 0.0 or np.any(sigma < 0.0):
-            raise OceanError(
-                f"covariance: vertical_scale {vertical_scale:g} m must be positive and rms not negative"
-            )
-        correlation = np.exp(-0.5 * ((z[:, None] - z) / vertical_scale) ** 2)
-        return cls(z, sigma[:, None] * correlation * sigma, float(horizontal_scale))
-
     def __call__(self, a: ArrayLike, b: ArrayLike) -> Array:
-        """
-        Covariance between places.
-
-        Parameters
-        ----------
-        a, b : array_like, shape (..., 3)
-            North, east, down in one local frame; they broadcast. [m]
-
-        Returns
-        -------
-        ndarray, shape (...)
-            [m²/s²]
-        """
+        """Covariance (...) between places (..., 3), north, east and down in one local frame [m]; they broadcast. [m²/s²]"""
         p, q = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
         apart = np.sum(((p[..., :2] - q[..., :2]) / self.horizontal_scale) ** 2, axis=-1)
         down = np.stack([p[..., 2], q[..., 2]], axis=-1)
@@ -116,7 +74,7 @@ def layer_weights(depth: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (n_levels,)
-        From half-way to the level above to half-way to the one below, over the whole; their sum is 1.
+        Of the layers half-way to their neighbours; their sum is 1.
     """
     z = np.asarray(depth, dtype=float)
     return np.asarray(np.diff(layer_edges(z)) / (z[-1] - z[0]))
@@ -162,51 +120,12 @@ class VerticalModes:
     total_variance: float
 
     def at(self, depth: ArrayLike) -> Array:
-        """
-        Modes at other depths, linear between the levels and constant beyond them.
-
-        Parameters
-        ----------
-        depth : array_like, shape (...)
-            [m]
-
-        Returns
-        -------
-        ndarray, shape (n_modes, ...)
-        """
+        """Modes (n_modes, ...) at other depths [m], linear between the levels and constant beyond them."""
         z = np.asarray(depth, dtype=float)
         return np.stack([np.interp(z, self.depth, mode) for mode in self.modes])
 
-    def amplitudes(self, sound_speed: ArrayLike) -> Array:
-        """
-        Amplitudes of the modes in profiles on the same levels.
-
-        Parameters
-        ----------
-        sound_speed : array_like, shape (..., n_levels)
-            [m/s]
-
-        Returns
-        -------
-        ndarray, shape (..., n_modes)
-            [m/s]
-        """
-        anomaly = np.asarray(sound_speed, dtype=float) - self.mean
-        return np.asarray((anomaly * layer_weights(self.depth)) @ self.modes.T)
-
     def covariance(self, horizontal_scale: float) -> SoundSpeedCovariance:
-        """
-        Covariance of sound speed whose vertical part is that of these modes.
-
-        Parameters
-        ----------
-        horizontal_scale : float
-            Of the Gaussian correlation; infinite for amplitudes that are the same everywhere. [m]
-
-        Returns
-        -------
-        SoundSpeedCovariance
-        """
+        """Covariance of these modes, with Gaussian amplitudes of this scale; infinite for the same everywhere. [m]"""
         matrix = np.einsum("k,ki,kj->ij", self.variance, self.modes, self.modes)
         return SoundSpeedCovariance(self.depth, matrix, horizontal_scale)
 
