@@ -1,7 +1,6 @@
 """A gridded ocean corrected by casts: optimal interpolation of their differences from it, level by level."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import gsw
 import numpy as np
@@ -19,31 +18,6 @@ Array = NDArray[np.float64]
 _TRACERS = ("water_temp", "salinity")
 INVERSION = 5e-3
 """Excess of potential density over the level below that counts as an inversion. [kg/m3]"""
-
-
-@dataclass(frozen=True)
-class _Scales:
-    """Gaussian scales of the background's error and what the casts add to it."""
-
-    north: float
-    east: float
-    vertical: float
-    time: float
-    noise_ratio: float
-
-    def correlation(self, a: Array, b: Array) -> Array:
-        """Between points (..., 2) that broadcast, apart from time."""
-        d = (a - b) / np.array([self.north, self.east])
-        return np.asarray(np.exp(-0.5 * np.sum(d * d, axis=-1)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Differences:
-    """Casts minus background: place, time and value at every level; NaN where the background is dry."""
-
-    position: Array  # (cast, 2), local north and east
-    age: Array  # (cast,), cast's time minus the ocean's in seconds
-    value: Array  # (cast, depth, tracer)
 
 
 def correct_with_casts(
@@ -105,49 +79,57 @@ def correct_with_casts(
        knowledge of the method.
     """
     validate_ocean(ocean)
-    scales = _scales(horizontal_scale, noise_ratio, time_scale, vertical_scale)
-    frame, grid = _local_grid(ocean)
-    differences = _differences(ocean, casts, frame, scales)
-    increment = _analysis(differences, grid, scales)
+    scale = np.broadcast_to(np.asarray(horizontal_scale, dtype=float), 2)
+    _check(
+        casts,
+        horizontal_scale=scale.min(),
+        noise_ratio=noise_ratio,
+        vertical_scale=vertical_scale,
+        time_scale=np.inf if time_scale is None else time_scale,
+    )
+    lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
+    frame = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
+    grid = np.stack(frame.to_local(lat[:, None], lon), axis=-1) / scale
+    x = np.stack(frame.to_local([c.lat for c in casts], [c.lon for c in casts]), axis=-1) / scale
+    t = np.zeros(len(casts)) if time_scale is None else _ages(ocean, casts) / time_scale
+    between = np.exp(-0.5 * (np.sum((x[:, None] - x) ** 2, axis=-1) + (t[:, None] - t) ** 2))
+    to_grid = np.exp(-0.5 * (np.sum((grid[:, :, None] - x) ** 2, axis=-1) + t**2))
+    differences = np.stack([_difference(ocean, cast, vertical_scale) for cast in casts])
+    increment = _increment(differences, between + noise_ratio * np.eye(len(casts)), to_grid)
     corrected = ocean.copy()
     for k, name in enumerate(_TRACERS):
-        field = ocean[name]
-        corrected[name] = field.copy(data=np.asarray(field.values, dtype=float) + increment[..., k])
-        corrected[name].attrs = dict(field.attrs)
+        corrected[name] = ocean[name].copy(data=ocean[name].values.astype(float) + increment[..., k])
     try:
         validate_ocean(corrected)
     except OceanError as error:
         raise OceanError(
             f"casts: the corrected ocean is not valid: {error}; check units and noise_ratio"
         ) from None
-    for line in _told(ocean, corrected, casts, differences, scales):
-        corrected = with_history(corrected, line)
-    return corrected
-
-
-def _told(
-    ocean: xr.Dataset,
-    corrected: xr.Dataset,
-    casts: Sequence[Cast],
-    differences: _Differences,
-    scales: _Scales,
-) -> tuple[str, str]:
-    """What was done and what it did to the stratification, for the history."""
-    before, after = density_inversions(ocean), density_inversions(corrected)
-    rms = np.sqrt(np.nanmean(differences.value**2, axis=(0, 1)))
-    span = f"{scales.north / 1e3:g} km"
-    if scales.north != scales.east:
-        span += f" north by {scales.east / 1e3:g} km east"
+    rms = np.sqrt(np.nanmean(differences**2, axis=(0, 1)))
+    span = f"{scale[0] / 1e3:g} km" + (
+        f" north by {scale[1] / 1e3:g} km east" if scale[0] != scale[1] else ""
+    )
     names = ", ".join(cast.name for cast in casts[:4]) + (", ..." if len(casts) > 4 else "")
-    correction = (
+    corrected = with_history(
+        corrected,
         f"corrected by {len(casts)} cast{'s' * (len(casts) > 1)} ({names}) differing by {rms[0]:.2g} degC,"
-        f" {rms[1]:.2g} in salinity rms: Gaussian scale {span}, noise ratio {scales.noise_ratio:g}, vertical decay"
-        f" {scales.vertical:g} m" + (f", time scale {scales.time:g} s" if np.isfinite(scales.time) else "")
+        f" {rms[1]:.2g} in salinity rms: Gaussian scale {span}, noise ratio {noise_ratio:g}, vertical decay"
+        f" {vertical_scale:g} m" + (f", time scale {time_scale:g} s" if time_scale else ""),
     )
-    return correction, (
+    before, after = density_inversions(ocean), density_inversions(corrected)
+    return with_history(
+        corrected,
         f"{np.count_nonzero(after & ~before)} density inversions above {INVERSION:g} kg/m3 introduced by the casts"
-        f" ({before.sum()} before); currents unchanged"
+        f" ({before.sum()} before); currents unchanged",
     )
+
+
+def _check(casts: Sequence[Cast], **positive: float) -> None:
+    if not casts:
+        raise OceanError("casts: none given; name at least one")
+    for name, value in positive.items():
+        if not value > 0.0:
+            raise OceanError(f"casts: {name} is {value:g}; it must be positive")
 
 
 def density_inversions(ocean: xr.Dataset, threshold: float = INVERSION) -> NDArray[np.bool_]:
@@ -165,59 +147,30 @@ def density_inversions(ocean: xr.Dataset, threshold: float = INVERSION) -> NDArr
     return np.asarray(np.nan_to_num(excess, nan=-1.0) > threshold)
 
 
-def _scales(
-    horizontal: float | tuple[float, float], noise_ratio: float, time: float | None, vertical: float
-) -> _Scales:
-    north, east = np.broadcast_to(np.asarray(horizontal, dtype=float), 2).tolist()
-    scales = _Scales(
-        north, east, float(vertical), np.inf if time is None else float(time), float(noise_ratio)
-    )
-    for name, value in (
-        ("horizontal_scale", min(north, east)),
-        ("vertical_scale", scales.vertical),
-        ("time_scale", scales.time),
-        ("noise_ratio", scales.noise_ratio),
-    ):
-        if not value > 0.0:
-            raise OceanError(f"casts: {name} is {value:g}; it must be positive")
-    return scales
+def _ages(ocean: xr.Dataset, casts: Sequence[Cast]) -> Array:
+    """Times of casts minus that of the ocean. [s]"""
+    for cast in casts:
+        if np.isnat(cast.time):
+            raise OceanError(f"cast {cast.name}: its time is unknown, which time_scale needs")
+    times = np.array([cast.time for cast in casts])
+    return np.asarray((times - ocean["time"].values) / np.timedelta64(1, "s"), dtype=float)
 
 
-def _local_grid(ocean: xr.Dataset) -> tuple[LocalFrame, Array]:
-    """Frame about the window's middle, and the grid's places in it, (lat, lon, 2)."""
-    lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
-    frame = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
-    return frame, np.stack(frame.to_local(lat[:, None], lon[None, :]), axis=-1)
+def _difference(ocean: xr.Dataset, cast: Cast, vertical_scale: float) -> Array:
+    """
+    Temperature and salinity (depth, 2) of a cast minus the ocean's; NaN where that is dry.
 
-
-def _differences(
-    ocean: xr.Dataset, casts: Sequence[Cast], frame: LocalFrame, scales: _Scales
-) -> _Differences:
-    if not casts:
-        raise OceanError("casts: none given; name at least one")
+    Beyond the cast's samples it is that of the nearest level within them, decaying.
+    """
     depth = np.asarray(ocean["depth"].values, dtype=float)
-    value = np.empty((len(casts), depth.size, len(_TRACERS)))
-    age = np.zeros(len(casts))
-    for i, cast in enumerate(casts):
-        if np.isfinite(scales.time):
-            if np.isnat(cast.time):
-                raise OceanError(f"cast {cast.name}: its time is unknown, which time_scale needs")
-            age[i] = float((cast.time - ocean["time"].values).astype("timedelta64[ms]").astype(float)) / 1e3
-        value[i] = np.stack(cast.cell_means(depth), axis=-1) - column_at(ocean, cast.lat, cast.lon, cast.name)
-        beyond = np.maximum(depth - cast.depth[-1], cast.depth[0] - depth).clip(min=0.0)
-        edge = np.clip(depth, cast.depth[0], cast.depth[-1])
-        covered = np.flatnonzero(beyond == 0.0)
-        if not covered.size:
-            raise OceanError(f"cast {cast.name}: none of the ocean's levels lies within its samples")
-        nearest = np.clip(np.searchsorted(depth, edge), covered[0], covered[-1])
-        decay = np.exp(-0.5 * (beyond / scales.vertical) ** 2)[:, None]
-        value[i] = np.where(
-            (beyond > 0.0)[:, None] & np.isfinite(value[i]), value[i][nearest] * decay, value[i]
-        )
-    places = np.stack(
-        frame.to_local(np.array([c.lat for c in casts]), np.array([c.lon for c in casts])), axis=-1
-    )
-    return _Differences(places, age, value)
+    value = np.stack(cast.cell_means(depth), axis=-1) - column_at(ocean, cast.lat, cast.lon, cast.name)
+    beyond = np.maximum(depth - cast.depth[-1], cast.depth[0] - depth).clip(min=0.0)
+    covered = np.flatnonzero(beyond == 0.0)
+    if not covered.size:
+        raise OceanError(f"cast {cast.name}: none of the ocean's levels lies within its samples")
+    nearest = np.clip(np.arange(depth.size), covered[0], covered[-1])
+    decayed = value[nearest] * np.exp(-0.5 * (beyond / vertical_scale) ** 2)[:, None]
+    return np.where((beyond > 0.0)[:, None] & np.isfinite(value), decayed, value)
 
 
 def column_at(ocean: xr.Dataset, lat: float, lon: float, name: str) -> Array:
@@ -244,21 +197,15 @@ def column_at(ocean: xr.Dataset, lat: float, lon: float, name: str) -> Array:
     return column
 
 
-def _analysis(differences: _Differences, grid: Array, scales: _Scales) -> Array:
-    """Increment at every grid point, (depth, lat, lon, tracer)."""
-    x, t = differences.position, differences.age / scales.time
-    between = scales.correlation(x[:, None], x[None]) * np.exp(-0.5 * (t[:, None] - t) ** 2)
-    to_grid = scales.correlation(grid[:, :, None], x) * np.exp(-0.5 * t**2)
-    counts = np.isfinite(differences.value[..., 0])
-    increment = np.zeros((counts.shape[1], *grid.shape[:2], len(_TRACERS)))
+def _increment(differences: Array, matrix: Array, to_grid: Array) -> Array:
+    """Increment (depth, lat, lon, tracer), from the casts that count at each level."""
+    counts = np.isfinite(differences[..., 0])
+    increment = np.zeros((counts.shape[1], *to_grid.shape[:2], differences.shape[-1]))
     patterns, which = np.unique(counts, axis=1, return_inverse=True)
-    for j in range(patterns.shape[1]):
-        used = np.flatnonzero(patterns[:, j])
-        levels = np.flatnonzero(which.ravel() == j)
-        if not used.size:
-            continue
-        matrix = between[np.ix_(used, used)] + scales.noise_ratio * np.eye(used.size)
-        d = differences.value[np.ix_(used, levels)].reshape(used.size, -1)
-        weighted = np.linalg.solve(matrix, d).reshape(used.size, levels.size, -1)
-        increment[levels] = np.einsum("yxc,ckv->kyxv", to_grid[..., used], weighted)
+    for j, pattern in enumerate(patterns.T):
+        used, levels = np.flatnonzero(pattern), np.flatnonzero(which.ravel() == j)
+        if used.size:
+            d = differences[np.ix_(used, levels)].reshape(used.size, -1)
+            weighted = np.linalg.solve(matrix[np.ix_(used, used)], d).reshape(used.size, levels.size, -1)
+            increment[levels] = np.einsum("yxc,ckv->kyxv", to_grid[..., used], weighted)
     return increment
