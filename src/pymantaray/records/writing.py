@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 NETCDF_LOCK = threading.RLock()  # the C libraries behind netCDF4 hold one state for all threads of a process
 
 _PROBE_BYTES = 1 << 20
+_OVERHEAD_BYTES = 4000  # of a NetCDF file and of each of its variables
 
 
 @contextmanager
@@ -104,10 +105,19 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
         If the file cannot be written.
     """
     with whole_file(path, replace=replace) as temporary, NETCDF_LOCK:
+        _check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
         except RuntimeError as error:  # netCDF4's word for a full disk
             raise OSError(str(error)) from None
+
+
+def _check_room(temporary: Path, size: int) -> None:
+    """Have the system say that a disk is full before HDF5 does, which keeps a file open that it could not write."""
+    if hasattr(os, "posix_fallocate"):
+        with temporary.open("rb+") as file:
+            os.posix_fallocate(file.fileno(), 0, size)
+            file.truncate(0)
 
 
 def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
