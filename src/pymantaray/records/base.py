@@ -13,10 +13,11 @@ from pymantaray.records.writing import read_netcdf, write_netcdf
 if TYPE_CHECKING:
     import xarray as xr
 
+_WIDTHS = {"axis": 3, "quat": 4, "tangent": 6}
 Column = NDArray[Any]  # the declared type of a field made by `column`
 
 
-def column(dims: str, units: str, long_name: str, dtype: str = "f8") -> Any:
+def column(dims: str, units: str, long_name: str, dtype: str = "f8", *, may_lack: bool = False) -> Any:
     """
     Array field of a record.
 
@@ -30,14 +31,18 @@ def column(dims: str, units: str, long_name: str, dtype: str = "f8") -> Any:
         One line for people.
     dtype : str
         numpy type of the array; "U" for text.
+    may_lack : bool
+        Whether a record made without it has it, of no rows.
 
     Returns
     -------
     dataclasses.Field
     """
-    return field(
-        metadata={"dims": tuple(dims.split()), "units": units, "long_name": long_name, "dtype": dtype}
-    )
+    metadata = {"dims": tuple(dims.split()), "units": units, "long_name": long_name, "dtype": dtype}
+    if not may_lack:
+        return field(metadata=metadata)
+    widths = [_WIDTHS[name] for name in metadata["dims"][1:]]
+    return field(default_factory=lambda: np.empty((0, *widths)), metadata=metadata)
 
 
 @dataclass(frozen=True, eq=False)

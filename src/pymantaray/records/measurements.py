@@ -60,3 +60,13 @@ class Measurements(Record):
         "range", "m", "sound speed at the transmitter times travel time as measured, NaN for a dropout"
     )
     range_sigma: Column = column("range", "m", "standard deviation of the range")
+
+    attitude_agent: Column = column("attitude", "1", "index of the vehicle", "i4", may_lack=True)
+    attitude_sample: Column = column("attitude", "1", "index into time", "i4", may_lack=True)
+    attitude_quaternion: Column = column(
+        "attitude quat", "1", "rotation body to world, (w, x, y, z)", may_lack=True
+    )
+    attitude_sigma: Column = column(
+        "attitude axis", "rad", "sigma of turns about north, east and down", may_lack=True
+    )
+    attitude_bias_sigma: Column = column("attitude", "rad", "sigma of the heading's bias", may_lack=True)

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from pymantaray.sensing import depth, first_pose, gnss, landmarks, odometry
+from pymantaray.sensing import attitude, depth, first_pose, gnss, landmarks, odometry
 from pymantaray.sensing.sensor import Sensor, level, refuse_negative
 
-SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose)
+SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose, attitude)
 """All but the ranges, which `pymantaray.sensing.ranging` measures."""
 
 
@@ -18,6 +18,7 @@ class RangeNoise:
 
 @dataclass(frozen=True)
 class NoiseModel(
+    attitude.AttitudeNoise,
     landmarks.SurveyNoise,
     first_pose.FirstPoseNoise,
     odometry.OdometryNoise,

@@ -1,0 +1,57 @@
+"""Attitude and heading reference (AHRS): the rotation of every vehicle at every sample; absent unless it has levels."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pymantaray.errors import SensingError
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
+from pymantaray.records import Measurements
+from pymantaray.sensing.sensor import Columns, Normal, Scene, level
+
+
+@dataclass(frozen=True)
+class AttitudeNoise:
+    """
+    Standard deviations of an attitude [rad]; without tilt and heading there is no such sensor.
+
+    Gravity gives roll and pitch, which err by a tilt about each horizontal axis. Heading errs about the vertical, at
+    each sample anew, and by a bias that a vehicle keeps through a realization and no estimator is told of.
+    """
+
+    attitude_tilt_sigma: float = level(0.0, may_be_zero=True)
+    attitude_heading_sigma: float = level(0.0, may_be_zero=True)
+    attitude_heading_bias_sigma: float = level(0.0, may_be_zero=True)
+
+
+def measure(scene: Scene, noise: AttitudeNoise) -> Columns:
+    """Rotations of the truth."""
+    tilt, heading = noise.attitude_tilt_sigma, noise.attitude_heading_sigma
+    if not (tilt and heading) and (tilt or heading or noise.attitude_heading_bias_sigma):
+        raise SensingError(
+            f"attitude: tilt sigma is {tilt:g}, heading sigma {heading:g} and heading bias sigma"
+            f" {noise.attitude_heading_bias_sigma:g} rad; a sensor needs tilt and heading above zero"
+        )
+    truth = scene.truth
+    agent, sample = np.nonzero(np.full(truth.status.shape, tilt > 0.0))
+    return {
+        "attitude_agent": agent,
+        "attitude_sample": sample,
+        "attitude_quaternion": truth.quaternion[agent, sample],
+        "attitude_sigma": np.tile([tilt, tilt, heading], (agent.size, 1)),
+        "attitude_bias_sigma": np.full(agent.size, noise.attitude_heading_bias_sigma),
+    }
+
+
+def perturb(measurements: Measurements, normal: Normal) -> Columns:
+    """Turns about the world's axes from the left, ``Exp(xi) R``."""
+    m = measurements
+    if not m.attitude_agent.size:
+        return {}
+    who, when = m.attitude_agent, m.attitude_sample
+    turn = np.stack([normal((m.time.size, 3), name, "attitude") for name in m.name])[who, when]
+    bias = np.concatenate([normal((1,), name, "attitude bias") for name in m.name])[who]
+    turn = turn * m.attitude_sigma
+    turn[:, 2] += bias * m.attitude_bias_sigma
+    rotation = so3_exp(turn) @ matrix_from_quaternion(m.attitude_quaternion)
+    return {"attitude_quaternion": quaternion_from_matrix(rotation)}
