@@ -1,6 +1,6 @@
 """The range model that traces rays: travel times and slowness vectors of the direct arrival in a believed medium."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -91,19 +91,9 @@ class EigenrayModel:
         arrivals = self._solved(pairs)
         pair, row = choose_arrivals(arrivals, "direct")
         of_arrivals = {
-            name: getattr(arrivals, name)[row]
-            for name in (
-                "link",
-                "travel_time",
-                "surface_bounces",
-                "bottom_bounces",
-                "turning_points",
-                "launch_angle",
-                "arrival_angle",
-                "spreading_db",
-                "source_slowness",
-                "receiver_slowness",
-            )
+            f.name: getattr(arrivals, f.name)[row]
+            for f in fields(Arrivals)
+            if "arrival" in f.metadata.get("dims", ())
         }
         direct = replace(arrivals, **of_arrivals)
         return trace_paths(self.medium, pairs.source, pairs.receiver, direct, threads=self._threads), pair
