@@ -1,4 +1,4 @@
-"""Each defect put into a healthy ocean is found, named and placed; a healthy one gives no finding."""
+"""Each defect put into a healthy ocean is findings, named and placed; a healthy one gives no finding."""
 
 import dataclasses
 
@@ -18,22 +18,22 @@ def healthy(fram_strait):
     return part
 
 
-def kinds(found, severity):
-    return [f.what for f in found if f.severity == severity]
+def kinds(findings, severity):
+    return [f.what for f in findings if f.severity == severity]
 
 
 def test_a_healthy_ocean_gives_no_finding(healthy):
-    found = check_ocean(healthy)
-    assert [str(f) for f in found] == []
-    assert found.ok
+    findings = check_ocean(healthy)
+    assert [str(f) for f in findings] == []
+    assert findings.ok
 
 
 def test_real_files_have_nothing_wrong(gulf_stream_files):
-    found = check_ocean(gulf_stream_files)
-    assert found.ok
-    inversions = found.named("density inversions")
-    assert "1345 of 16345 pairs" in inversions.found
-    assert "8 and 10 m" in inversions.found
+    findings = check_ocean(gulf_stream_files)
+    assert findings.ok
+    inversions = findings.named("density inversions")
+    assert "1345 of 16345 pairs" in inversions.value
+    assert "8 and 10 m" in inversions.value
 
 
 def spoil(ocean, name, value, where):
@@ -81,11 +81,11 @@ WRONG = {
 def test_what_is_wrong_is_found_and_agrees_with_the_schema(healthy, name):
     change, expected = WRONG[name]
     ocean = change(healthy)
-    found = check_ocean(ocean)
-    here = {(f.what, f.where) for f in found.wrong}
-    assert expected <= here, [str(f) for f in found]
-    assert not found.ok
-    for finding in found:
+    findings = check_ocean(ocean)
+    here = {(f.what, f.where) for f in findings.wrong}
+    assert expected <= here, [str(f) for f in findings]
+    assert not findings.ok
+    for finding in findings:
         assert "\n" not in str(finding)
     if not name.startswith(("units", "depth in")):  # the schema does not read units
         with pytest.raises(OceanError):
@@ -96,8 +96,8 @@ def test_everything_is_listed_not_only_the_first(healthy):
     ocean = healthy.isel(lat=slice(None, None, -1)).drop_vars("water_v")
     ocean["salinity"].values[3, 4, 5] = 400.0
     del ocean.attrs["title"]
-    found = check_ocean(ocean)
-    assert {f.what for f in found} == {
+    findings = check_ocean(ocean)
+    assert {f.what for f in findings} == {
         "axis not monotone",
         "variable missing",
         "values",
@@ -119,16 +119,16 @@ def test_files_that_do_not_open_are_told_in_full_and_in_the_reader_s_units(healt
     steps.to_netcdf(tmp_path / "bad.nc")
     findings = check_ocean(tmp_path / "bad.nc")
     assert [(f.what, f.where) for f in findings] == [("values", "salinity"), ("values", "water_u")]
-    assert findings.wrong[1].found.endswith("to 99")
+    assert findings.wrong[1].value.endswith("to 99")
     assert kinds(check_ocean(tmp_path / "missing.nc"), "wrong") == ["cannot be opened"]
 
 
 def test_sound_speed_outside_the_sea_s_is_wrong(healthy):
     ocean = spoil(healthy, "water_temp", 45.0, (36, 11, 23))
     ocean = spoil(ocean, "salinity", 50.0, (36, 11, 23))
-    found = check_ocean(ocean)
-    speed = next(f for f in found.wrong if f.what == "sound speed")
-    assert speed.found.startswith("1 of ")
+    findings = check_ocean(ocean)
+    speed = next(f for f in findings.wrong if f.what == "sound speed")
+    assert speed.value.startswith("1 of ")
     assert "2500 m" in speed.where
     assert "1400 to 1600 m/s" in speed.allowed
 
@@ -172,9 +172,9 @@ DOUBTFUL = {
 
 @pytest.mark.parametrize("what", DOUBTFUL)
 def test_what_is_doubtful_is_found(healthy, what):
-    found = check_ocean(DOUBTFUL[what](healthy))
-    assert what in kinds(found, "doubtful"), [str(f) for f in found]
-    assert found.ok, [str(f) for f in found.wrong]
+    findings = check_ocean(DOUBTFUL[what](healthy))
+    assert what in kinds(findings, "doubtful"), [str(f) for f in findings]
+    assert findings.ok, [str(f) for f in findings.wrong]
 
 
 def test_inversions_are_counted_placed_and_measured(healthy):
@@ -183,9 +183,9 @@ def test_inversions_are_counted_placed_and_measured(healthy):
     below = float(healthy["salinity"].values[20, 4, 4])
     ocean = spoil(healthy, "salinity", 30.0, (20, 4, 4))
     finding = check_ocean(ocean).named("density inversions")
-    assert finding.found.startswith("1 of ")
-    assert "between 100 and 125 m" in finding.found or "between 90 and 100 m" in finding.found
-    size = float(finding.found.split("the largest ")[1].split(" kg")[0])
+    assert finding.value.startswith("1 of ")
+    assert "between 100 and 125 m" in finding.value or "between 90 and 100 m" in finding.value
+    size = float(finding.value.split("the largest ")[1].split(" kg")[0])
     assert size == pytest.approx(0.79 * (above - 30.0), rel=0.1), below
 
 
@@ -202,12 +202,12 @@ def test_the_domain_and_the_fleet_must_fit(healthy):
         "C": np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 4_500.0]]),
         "D": np.array([[0.0, 0.0, 4_500.0]]),
     }
-    found = check_ocean(healthy, half_extent=(40e3, 30e3), fleet=fleet)
-    assert {(f.what, f.where) for f in found.wrong} == {
+    findings = check_ocean(healthy, half_extent=(40e3, 30e3), fleet=fleet)
+    assert {(f.what, f.where) for f in findings.wrong} == {
         ("coverage", "vehicle B"),
         ("sea bed above the vehicle", "vehicle D"),
     }
-    assert {(f.what, f.where) for f in found.doubtful} == {("sea bed above the vehicle", "vehicle C")}
+    assert {(f.what, f.where) for f in findings.doubtful} == {("sea bed above the vehicle", "vehicle C")}
 
 
 def test_a_finer_sea_floor_decides_for_the_fleet(healthy):
@@ -216,8 +216,8 @@ def test_a_finer_sea_floor_decides_for_the_fleet(healthy):
         np.full((lat.size, lon.size), 300.0), coords={"lat": lat, "lon": lon}, dims=("lat", "lon")
     )
     plan = {"A": np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 500.0]])}
-    found = check_ocean(healthy, half_extent=(40e3, 30e3), fleet=plan, sea_floor=shoal)
-    assert kinds(found, "doubtful") == ["sea bed above the vehicle"]
+    findings = check_ocean(healthy, half_extent=(40e3, 30e3), fleet=plan, sea_floor=shoal)
+    assert kinds(findings, "doubtful") == ["sea bed above the vehicle"]
     small = shoal.isel(lat=slice(100, 110))
     assert kinds(check_ocean(healthy, half_extent=(40e3, 30e3), sea_floor=small), "wrong") == ["sea floor"]
 
@@ -227,7 +227,7 @@ def test_the_projection_s_error_is_that_of_the_domain_s_corner():
     assert check_ocean(whole).named("projection error") is None, "0.0007 at the corners of the paper's region"
     wide = whole.assign_coords(lon=-140.0 + 2.0 * (whole["lon"] + 140.0))
     finding = check_ocean(wide).named("projection error")
-    share = float(finding.found.split("up to ")[1].split(" m")[0])
+    share = float(finding.value.split("up to ")[1].split(" m")[0])
     assert 1.0 < share < 4.0  # m in 1 km: (half-width 560 km / 2 R) squared is 1.9e-3
 
 

@@ -221,8 +221,8 @@ def test_addresses_are_not_files_and_their_passwords_are_not_told(message_of):
     assert "mantaray ocean fetch" in message
     for address in ("http://user:secret@[::1/x", Path("/here/https:/user:secret@host/x")):
         (finding,) = check_ocean(address)
-        assert "an address" in finding.found
-        assert "secret" not in finding.found
+        assert "an address" in finding.value
+        assert "secret" not in finding.value
 
 
 @pytest.mark.parametrize("kind", ["netcdf4", "scipy"])

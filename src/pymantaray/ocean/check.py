@@ -131,8 +131,8 @@ def check_ocean(
     return Findings(tuple(sorted(findings, key=lambda f: f.severity != "wrong")))
 
 
-def _doubtful(what: str, found: str, allowed: str, remedy: str, where: str = "") -> Finding:
-    return Finding("doubtful", what, found, allowed, remedy, where)
+def _doubtful(what: str, value: str, allowed: str, remedy: str, where: str = "") -> Finding:
+    return Finding("doubtful", what, value, allowed, remedy, where)
 
 
 def _provenance(ocean: xr.Dataset) -> Iterator[Finding]:

@@ -54,7 +54,7 @@ class Finding:
     severity: Literal["wrong", "doubtful"]
     what: str
     """The property, in a few words."""
-    found: str
+    value: str
     """Value with unit."""
     allowed: str = ""
     """Limit with unit."""
@@ -67,7 +67,7 @@ class Finding:
         place = f" ({self.where})" if self.where else ""
         limit = f"; allowed {self.allowed}" if self.allowed else ""
         remedy = f"; {self.remedy}" if self.remedy else ""
-        return f"{self.severity}: {self.what}{place}: {self.found}{limit}{remedy}"
+        return f"{self.severity}: {self.what}{place}: {self.value}{limit}{remedy}"
 
 
 def ocean_dataset(
@@ -214,8 +214,8 @@ def violations(ocean: xr.Dataset) -> Iterator[Finding]:
 
 
 def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
-    def wrong(what: str, found: str, allowed: str, remedy: str) -> Finding:
-        return Finding("wrong", what, found, allowed, remedy, name)
+    def wrong(what: str, value: str, allowed: str, remedy: str) -> Finding:
+        return Finding("wrong", what, value, allowed, remedy, name)
 
     if name not in ocean.coords:
         yield wrong("axis missing", "no such coordinate", ", ".join(DIMS), "name it so")
@@ -253,8 +253,8 @@ def _unit(array: xr.DataArray, quantity: str, remedy: str) -> Iterator[Finding]:
 
 
 def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
-    def wrong(what: str, found: str, allowed: str, remedy: str) -> Finding:
-        return Finding("wrong", what, found, allowed, remedy, v.name)
+    def wrong(what: str, value: str, allowed: str, remedy: str) -> Finding:
+        return Finding("wrong", what, value, allowed, remedy, v.name)
 
     if v.name not in ocean.data_vars:
         yield wrong("variable missing", "none", v.standard_name, "add it")

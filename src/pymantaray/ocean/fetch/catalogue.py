@@ -159,10 +159,10 @@ def load_catalogue(servers: str | Path | None = None) -> Catalogue:
         raise OceanError(f"{where}: {key}: {first['msg']}") from None
     split_address(catalogue.addresses.opendap)
     for experiment in catalogue.experiments:
-        held = sorted(name for d in experiment.datasets for name in d.variables)
-        if held != sorted(HYCOM_NAMES):
+        variables = sorted(name for d in experiment.datasets for name in d.variables)
+        if variables != sorted(HYCOM_NAMES):
             raise OceanError(
-                f"{where}: experiment {experiment.name} holds {', '.join(held)}; needs each of"
+                f"{where}: experiment {experiment.name} holds {', '.join(variables)}; needs each of"
                 f" {', '.join(HYCOM_NAMES)} once"
             )
     return catalogue

@@ -47,7 +47,7 @@ class Fetched:
 
 
 @dataclass(frozen=True)
-class _Held:
+class _Remote:
     """A data set on a server: pydap's, its axes and its times."""
 
     url: str
@@ -109,10 +109,10 @@ def fetch_hycom(
         With one line: what cannot be had, why, and what to do.
     """
     region = Region.of(lat, lon)
-    wanted = parse_instant(time).astype("datetime64[s]")
+    asked = parse_instant(time).astype("datetime64[s]")
     path = check_out(out, overwrite=overwrite)
     catalogue = load_catalogue(servers)
-    candidates = covering(catalogue.experiments, wanted, experiment, "experiment")
+    candidates = covering(catalogue.experiments, asked, experiment, "experiment")
     remarks: tuple[str, ...] = ()
     try:
         from pymantaray.ocean.fetch.transport import Connection
@@ -120,16 +120,16 @@ def fetch_hycom(
         raise OceanError('fetch: needs the packages of the extra: pip install "pymantaray[fetch]"') from None
     with Connection(catalogue.addresses.opendap, limits or Limits()) as connection:
         for chosen in candidates:
-            step = _find_step(connection, chosen, wanted, nearest=nearest)
+            step = _find_step(connection, chosen, asked, nearest=nearest)
             if step is not None:
                 break
-            remarks += (f"{chosen.title} does not reach {minute(wanted)} on the server",)
+            remarks += (f"{chosen.title} does not reach {minute(asked)} on the server",)
         else:
             raise OceanError(f"fetch: {'; '.join(remarks)}; choose another time")
         instant, datasets = step
         coordinates, fields = _read_window(connection, datasets, instant, region, progress)
-    if abs(instant - wanted) >= _MINUTE:
-        remarks += (f"{minute(wanted)} does not exist: {minute(instant)} was taken",)
+    if abs(instant - asked) >= _MINUTE:
+        remarks += (f"{minute(asked)} does not exist: {minute(instant)} was taken",)
     title = f"{chosen.title}, {minute(instant)}Z"
     try:
         ocean = assemble_ocean(
@@ -154,49 +154,49 @@ def check_out(out: str | Path, *, overwrite: bool) -> Path:
 
 
 def _find_step(
-    connection: "Connection", experiment: Experiment, wanted: np.datetime64, *, nearest: bool
-) -> tuple[np.datetime64, dict[str, _Held]] | None:
+    connection: "Connection", experiment: Experiment, asked: np.datetime64, *, nearest: bool
+) -> tuple[np.datetime64, dict[str, _Remote]] | None:
     """Step on the time axes that the server reports, with the data set of each variable; None if they do not reach."""
-    year = experiment.year_of(wanted)
+    year = experiment.year_of(asked)
     opened = [_open_all(connection, experiment, year)]
     times = _common(opened[0])
     if not times.size:
         raise ServerError(f"{experiment.title}: its data sets have no step in common")
-    if experiment.by_year and not times[0] <= wanted <= times[-1]:
-        beside = year + (-1 if wanted < times[0] else 1)
+    if experiment.by_year and not times[0] <= asked <= times[-1]:
+        beside = year + (-1 if asked < times[0] else 1)
         if experiment.first.year <= beside <= (experiment.last.year if experiment.last else beside):
             try:
                 opened.append(_open_all(connection, experiment, beside))
                 times = np.union1d(times, _common(opened[1]))
             except ServerError:
                 pass  # there may be none, and the answer to the question is the same: no such step
-    closest = times[np.argmin(np.abs(times - wanted))]
-    if abs(closest - wanted) >= _MINUTE:
-        if not times[0] < wanted < times[-1]:
+    closest = times[np.argmin(np.abs(times - asked))]
+    if abs(closest - asked) >= _MINUTE:
+        if not times[0] < asked < times[-1]:
             return None
         if not nearest:
-            sides = (times[times < wanted][-1], times[times > wanted][0])
+            sides = (times[times < asked][-1], times[times > asked][0])
             raise OceanError(
-                f"{experiment.title} has no step {minute(wanted)}; nearest: {' and '.join(map(minute, sides))};"
+                f"{experiment.title} has no step {minute(asked)}; nearest: {' and '.join(map(minute, sides))};"
                 " choose one, or let the nearest be taken (--nearest)"
             )
-        if abs(closest - wanted) > _FARTHEST:
+        if abs(closest - asked) > _FARTHEST:
             raise OceanError(
-                f"{experiment.title}: no step within 72 h of {minute(wanted)}; choose another time"
+                f"{experiment.title}: no step within 72 h of {minute(asked)}; choose another time"
             )
     return closest, next(datasets for datasets in opened if closest in _common(datasets))
 
 
-def _open_all(connection: "Connection", experiment: Experiment, year: int) -> dict[str, _Held]:
-    held: dict[str, _Held] = {}
+def _open_all(connection: "Connection", experiment: Experiment, year: int) -> dict[str, _Remote]:
+    remote: dict[str, _Remote] = {}
     for part in experiment.datasets:
         url = f"{connection.root}/{part.path.format(year=year)}"
         data = connection.ask(url, partial(_open, connection, url))
-        held |= dict.fromkeys(part.variables, data)
-    return held
+        remote |= dict.fromkeys(part.variables, data)
+    return remote
 
 
-def _open(connection: "Connection", url: str) -> _Held:
+def _open(connection: "Connection", url: str) -> _Remote:
     data = connection.open(url)
     axes = {}
     for name in AXES:
@@ -207,10 +207,10 @@ def _open(connection: "Connection", url: str) -> _Held:
             raise PassingError(f"coordinate {name} is not an axis of numbers")
     unit = str(data["time"].attributes.get("units", ""))
     times = decoded_times(axes["time"], unit, where="time")
-    return _Held(url, data, axes, (times + np.timedelta64(500, "ms")).astype("datetime64[s]"))
+    return _Remote(url, data, axes, (times + np.timedelta64(500, "ms")).astype("datetime64[s]"))
 
 
-def _common(datasets: dict[str, _Held]) -> Instants:
+def _common(datasets: dict[str, _Remote]) -> Instants:
     """Steps that all variables have, rising: axes that step back and repeat have been reported."""
     first, *others = {d.url: d.times for d in datasets.values()}.values()
     common = np.unique(first)
@@ -221,18 +221,18 @@ def _common(datasets: dict[str, _Held]) -> Instants:
 
 def _read_window(
     connection: "Connection",
-    datasets: dict[str, _Held],
+    datasets: dict[str, _Remote],
     instant: np.datetime64,
     region: Region,
     progress: Report | None,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Coordinates and fields (depth, lat, lon) of one step; NaN below the sea bed."""
     first = next(iter(datasets.values()))
-    for held in datasets.values():
+    for remote in datasets.values():
         for name in DIMS:
-            a, b = held.axes[name], first.axes[name]
+            a, b = remote.axes[name], first.axes[name]
             if a.shape != b.shape or np.any(np.abs(a - b) > _SAME):
-                raise ServerError(f"{held.url}: {name} differs from that of {first.url}")
+                raise ServerError(f"{remote.url}: {name} differs from that of {first.url}")
     rows = region.latitudes(first.axes["lat"])
     columns, lon = region.longitudes(first.axes["lon"])
     depth = first.axes["depth"]
@@ -256,21 +256,23 @@ def _read_window(
     for done, (name, levels, stored, place) in enumerate(blocks):
         if progress is not None:
             progress("fetch", done, len(blocks))
-        held = datasets[name]
-        index = int(np.flatnonzero(held.times == instant)[0])  # the first, where the axis repeats itself
+        remote = datasets[name]
+        index = int(np.flatnonzero(remote.times == instant)[0])  # the first, where the axis repeats itself
         key = (slice(index, index + 1), levels, slice(int(rows[0]), int(rows[-1]) + 1), stored)
-        fields[name][levels, :, place] = connection.ask(held.url, partial(_read_block, held.data, name, key))
+        fields[name][levels, :, place] = connection.ask(
+            remote.url, partial(_read_block, remote.data, name, key)
+        )
     if progress is not None:
         progress("fetch", len(blocks), len(blocks))
-    for held in {d.url: d for d in datasets.values()}.values():
-        connection.ask(held.url, partial(_check_unmoved, held, instant))
+    for remote in {d.url: d for d in datasets.values()}.values():
+        connection.ask(remote.url, partial(_check_unmoved, remote, instant))
     return {"depth": depth, "lat": first.axes["lat"][rows], "lon": lon}, fields
 
 
-def _check_unmoved(held: _Held, instant: np.datetime64) -> None:
+def _check_unmoved(remote: _Remote, instant: np.datetime64) -> None:
     """Refuse what was read if the index of the step means another one now: steps of running analyses come and go."""
-    index = int(np.flatnonzero(held.times == instant)[0])
-    if held.data["time"].data[index : index + 1][0] != held.axes["time"][index]:
+    index = int(np.flatnonzero(remote.times == instant)[0])
+    if remote.data["time"].data[index : index + 1][0] != remote.axes["time"][index]:
         raise ServerError("its time axis has moved during the fetch; run the same command again")
 
 

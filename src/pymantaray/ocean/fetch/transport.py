@@ -159,9 +159,9 @@ class _Adapter(HTTPAdapter):
         return pool
 
     def hang_up(self) -> None:
-        for held in list(self._sockets):
+        for busy in list(self._sockets):
             with suppress(OSError):
-                held.shutdown(socket.SHUT_RDWR)
+                busy.shutdown(socket.SHUT_RDWR)
 
 
 def _remembering(connection: Any, sockets: weakref.WeakSet[socket.socket]) -> Any:
