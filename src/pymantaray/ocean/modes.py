@@ -183,10 +183,10 @@ def vertical_modes(
         raise OceanError("modes: the columns do not differ; take an ocean that varies, or several casts")
     share = 1 + int(np.searchsorted(np.cumsum(variance), 0.9999 * total))
     rank = int(np.count_nonzero(variance > 1e-12 * total))
-    kept = min(share if n_modes is None else n_modes, rank)
-    if kept < 1:
+    count = min(share if n_modes is None else n_modes, rank)
+    if count < 1:
         raise OceanError(f"modes: n_modes is {n_modes}; at least 1 is needed")
-    return VerticalModes(depth, mean, modes[:kept], variance[:kept], total)
+    return VerticalModes(depth, mean, modes[:count], variance[:count], total)
 
 
 def _ocean_columns(ocean: xr.Dataset, equation: Equation) -> tuple[Array, Array]:
