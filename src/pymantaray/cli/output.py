@@ -37,6 +37,10 @@ class _Stream(io.TextIOBase):
     def encoding(self) -> str:  # type: ignore[override]
         return self._stream.encoding or "utf-8"
 
+    @property
+    def closed(self) -> bool:
+        return self._stream.closed
+
     def isatty(self) -> bool:
         return self._stream.isatty()
 
