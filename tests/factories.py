@@ -7,7 +7,7 @@ import numpy as np
 
 from pymantaray.estimation import GraphValues, dead_reckon
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
-from pymantaray.records import Measurements, RayStatus
+from pymantaray.records import Estimates, Measurements, RangingTruth, RayStatus, Trajectories
 
 TINY = tomllib.loads("""
 [study]
@@ -219,4 +219,87 @@ def add_noise(o, seed):
         first_quaternion=quaternion_from_matrix(first_rotation @ first[0]),
         straight_range=o.straight_range + range_noise,
         refracted_range=o.refracted_range + range_noise,
+
+
+def trajectories(position, *, names=None, roles=None, time=None, quaternion=None):
+    """Truth of shape (vehicles, times, 3): a station and floats called A, B, ..., level and awake unless said otherwise."""
+    n, n_times, _ = position.shape
+    return Trajectories(
+        name=np.array(list("ABCDEFGHIJK"[:n]) if names is None else names),
+        role=np.array(["station", *["float"] * (n - 1)] if roles is None else roles),
+        time=200.0 * np.arange(n_times) if time is None else time,
+        position=position,
+        quaternion=np.broadcast_to([1.0, 0, 0, 0], (n, n_times, 4)) if quaternion is None else quaternion,
+        status=np.zeros((n, n_times)),
+    )
+
+
+def estimates(truth, position, conditions=("straight", "refracted"), *, quaternion=None):
+    """Healthy estimates of shape (conditions, realizations, vehicles, times, 3)."""
+    shape = position.shape[:2]
+    return Estimates(
+        condition=np.array(conditions),
+        realization=np.arange(shape[1]),
+        name=truth.name,
+        time=truth.time,
+        landmark_name=np.array([], dtype=str),
+        position=position,
+        quaternion=np.broadcast_to(truth.quaternion, (*position.shape[:-1], 4))
+        if quaternion is None
+        else quaternion,
+        landmark_position=np.zeros((*shape, 0, 3)),
+        solve_status=np.zeros(shape),
+        iterations=np.full(shape, 4),
+        initial_cost=np.full(shape, 2.0),
+        final_cost=np.ones(shape),
+        expected_cost=np.ones(shape),
+        gradient_norm=np.zeros(shape),
+    )
+
+
+def ranges(truth, rng, attempts, *, status=None, landmarks=()):
+    """
+    Measurements without noise and their truth for attempts (transmitter, receiver, sample), a row each.
+
+    Chords and rays have travel times of their own, rays being faster; landmarks L0, L1, ... are where they are given.
+    """
+    n, n_times = truth.position.shape[:2]
+    marks = np.array(landmarks, dtype=float).reshape(-1, 3)
+    who, to, sample = np.array(attempts, dtype=int).reshape(-1, 3).T
+    place = np.concatenate([truth.position, np.repeat(marks[:, None], n_times, axis=1)])
+    distance = np.linalg.norm(place[who, sample] - place[to, sample], axis=-1)
+    status = np.full(who.size, RayStatus.OK) if status is None else np.array(status)
+    speed = 1440.0 + 0.017 * place[who, sample, 2]
+    chord = distance / rng.uniform(1440.0, 1460.0, who.size)
+    time = np.where(status == RayStatus.OK, chord - rng.exponential(1e-3, who.size), np.nan)
+    surface = np.argwhere(truth.position[..., 2] < 1.0)
+    measurements = Measurements(
+        name=truth.name,
+        time=truth.time,
+        odometry_rotation=np.zeros((n, n_times - 1, 4)),
+        odometry_translation=np.zeros((n, n_times - 1, 3)),
+        odometry_sigma=np.ones((n, n_times - 1, 6)),
+        depth=truth.position[..., 2],
+        depth_sigma=np.full(n, 0.01),
+        gnss_agent=surface[:, 0],
+        gnss_sample=surface[:, 1],
+        gnss_position=truth.position[tuple(surface.T)],
+        gnss_sigma=np.full(len(surface), 0.1),
+        landmark_name=np.array([f"L{i}" for i in range(len(marks))], dtype=str),
+        landmark_position=marks,
+        landmark_sigma=np.full(len(marks), 0.1),
+        first_position=truth.position[:, 0],
+        first_quaternion=truth.quaternion[:, 0],
+        first_sigma=np.ones((n, 6)),
+        range_transmitter=who,
+        range_receiver=to,
+        range_sample=sample,
+        range_status=status,
+        transmitter_sound_speed=speed,
+        straight_range=distance,
+        refracted_range=speed * time,
+        range_sigma=np.ones(who.size),
+    )
+    return measurements, RangingTruth(
+        distance=distance, sound_speed=speed, travel_time=time, chord_travel_time=chord
     )

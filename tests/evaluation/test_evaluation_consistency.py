@@ -2,18 +2,12 @@
 
 from dataclasses import replace
 
+import factories
 import numpy as np
 import pytest
 from scipy import stats
 
 from pymantaray.errors import EvaluationError
-from pymantaray.estimation import GraphValues, build_graph
-from pymantaray.estimation.covariance import (
-    collect_covariances,
-    fixed_epochs,
-    graph_covariances,
-    reckoned_covariances,
-)
 from pymantaray.evaluation import coverage_table
 from pymantaray.evaluation.consistency import (
     consistency_summary,
@@ -23,7 +17,7 @@ from pymantaray.evaluation.consistency import (
     nees,
 )
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
-from pymantaray.records import Estimates, SolveStatus, Trajectories
+from pymantaray.records import SolveStatus
 from pymantaray.records.covariances import PoseCovariances
 from pymantaray.study import load_study, parse_study, run_study
 
@@ -40,14 +34,7 @@ def make_case(seed=0, *, n_realizations=40, believed=(1.0, 1.0), common=3.0, shi
     rng = np.random.default_rng(seed)
     position = rng.normal(0, 500.0, (N_AGENTS, N_TIMES, 3))
     quaternion = quaternion_from_matrix(so3_exp(rng.normal(0, 1.0, (N_AGENTS, N_TIMES, 3))))
-    truth = Trajectories(
-        name=np.array(list("ABCD")),
-        role=np.array(["station", "float", "float", "float"]),
-        time=3600.0 * np.arange(N_TIMES),
-        position=position,
-        quaternion=quaternion,
-        status=np.zeros((N_AGENTS, N_TIMES)),
-    )
+    truth = factories.trajectories(position, time=3600.0 * np.arange(N_TIMES), quaternion=quaternion)
     shape = (2, n_realizations)
     own = np.array([2.0, 1.0, 0.01])
     # a measurement of standard deviation 1 of something with prior 2: closed form, the same in each axis
@@ -60,14 +47,7 @@ def make_case(seed=0, *, n_realizations=40, believed=(1.0, 1.0), common=3.0, shi
     error[1, ..., 0] += shift
     turn = 0.01 * rng.standard_normal((*shape, N_AGENTS, N_TIMES, 3))
     estimate = matrix_from_quaternion(quaternion) @ so3_exp(turn)
-    ones = np.ones(shape)
-    estimates = Estimates(
-        condition=np.array(["straight", "refracted"]), realization=np.arange(n_realizations), name=truth.name,
-        time=truth.time, landmark_name=np.array([], dtype=str), position=position + error,
-        quaternion=quaternion_from_matrix(estimate), landmark_position=np.zeros((*shape, 0, 3)),
-        solve_status=np.zeros(shape), iterations=4 * ones, initial_cost=ones, final_cost=ones, expected_cost=ones,
-        gradient_norm=ones,
-    )  # fmt: skip
+    estimates = factories.estimates(truth, position + error, quaternion=quaternion_from_matrix(estimate))
     scale = np.array(believed)[:, None, None, None, None, None, None] ** 2
     size = (*shape, SAMPLES.size)
     believed_joint = scale * np.broadcast_to(joint, (*size, *joint.shape))
@@ -236,24 +216,9 @@ def small_study(tmp_path_factory):
     tree["fleet"]["vehicles"] = tree["fleet"]["vehicles"][:5]
     tree["mission"] |= {"duration_h": 8.0, "physics_step_s": 1.0}
     tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
+    tree["estimator"]["covariance_interval_h"] = 4.0
     run = run_study(parse_study(tree), tmp_path_factory.mktemp("consistency") / "run", workers=1)
-    samples = fixed_epochs(run.truth.time, 4 * 3600.0)
-    poses = np.arange(run.truth.time.size * 5).reshape(5, -1)[:, samples].T
-    e, kept = run.estimates, []
-    for r in range(24):
-        o = run.noisy_measurements(r)
-        one = {"odometry": reckoned_covariances(o, samples)}
-        for i, condition in enumerate(e.condition.tolist()):
-            if condition != "odometry":
-                q = e.quaternion[i, r].reshape(-1, 4).astype(float)
-                values = GraphValues(
-                    position=e.position[i, r].reshape(-1, 3),
-                    quaternion=q / np.linalg.norm(q, axis=1, keepdims=True),
-                    landmark_position=np.zeros((0, 3)),
-                )
-                one[condition] = graph_covariances(build_graph(o, condition), values, poses)
-        kept.append(one)
-    return run.truth, e, collect_covariances(o, samples, kept)
+    return run.truth, run.estimates, run.covariances
 
 
 def test_straight_ranges_and_odometry_are_consistent_and_refracted_ranges_far_from_it(small_study):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from factories import ranges, trajectories
 from scipy import stats
 
 from pymantaray.errors import EvaluationError
@@ -15,58 +16,17 @@ from pymantaray.evaluation import (
     range_errors,
     range_split_table,
 )
-from pymantaray.records import Measurements, RangingTruth, RayStatus, Trajectories
+from pymantaray.records import RangingTruth, RayStatus
 
 ROLES = ["station", "float", "float", "waypoints"]
 
 
-def make_ranges(transmitter, receiver, status=None, seed=0, n_landmarks=1):
-    """Ranges with chord and ray travel times of their own; nothing else matters here."""
+def make_ranges(transmitter, receiver, status=None, seed=0):
+    """A fleet of four at random places, and ranges among it and to one landmark."""
     rng = np.random.default_rng(seed)
-    n, a = len(transmitter), len(ROLES)
-    status = np.full(n, RayStatus.OK) if status is None else np.array(status)
-    heard = status == RayStatus.OK
-    distance = rng.uniform(500, 12000, n)
-    c = rng.uniform(1430, 1500, n)
-    chord = distance / rng.uniform(1430, 1500, n)
-    time = np.where(heard, chord - rng.exponential(1e-3, n), np.nan)
-    o = Measurements(
-        name=np.array(list("ABCD")),
-        time=np.array([0.0, 200.0]),
-        odometry_rotation=np.tile([1.0, 0, 0, 0], (a, 1, 1)),
-        odometry_translation=np.zeros((a, 1, 3)),
-        odometry_sigma=np.ones((a, 1, 6)),
-        depth=np.zeros((a, 2)),
-        depth_sigma=np.ones(a),
-        gnss_agent=np.empty(0),
-        gnss_sample=np.empty(0),
-        gnss_position=np.empty((0, 3)),
-        gnss_sigma=np.empty(0),
-        landmark_name=np.array([f"L{i}" for i in range(n_landmarks)], dtype=str),
-        landmark_position=np.zeros((n_landmarks, 3)),
-        landmark_sigma=np.ones(n_landmarks),
-        first_position=np.zeros((a, 3)),
-        first_quaternion=np.tile([1.0, 0, 0, 0], (a, 1)),
-        first_sigma=np.ones((a, 6)),
-        range_transmitter=np.array(transmitter),
-        range_receiver=np.array(receiver),
-        range_sample=np.ones(n),
-        range_status=status,
-        transmitter_sound_speed=c,
-        straight_range=distance,
-        refracted_range=c * time,
-        range_sigma=np.ones(n),
-    )
-    truth = Trajectories(
-        name=o.name,
-        role=np.array(ROLES),
-        time=o.time,
-        position=np.zeros((a, 2, 3)),
-        quaternion=np.tile([1.0, 0, 0, 0], (a, 2, 1)),
-        status=np.zeros((a, 2)),
-    )
-    true = RangingTruth(distance=distance, sound_speed=c, travel_time=time, chord_travel_time=chord)
-    return o, true, truth
+    truth = trajectories(rng.uniform(-6e3, 6e3, (4, 2, 3)), roles=ROLES)
+    attempts = [(i, j, 1) for i, j in zip(transmitter, receiver, strict=True)]
+    return *ranges(truth, rng, attempts, status=status, landmarks=[(0, 0, 900)]), truth
 
 
 def all_pairs(repeat=1):
@@ -85,29 +45,19 @@ def test_split_adds_up_exactly_and_means_what_it_says():
     time, speed = true.distance / 1480.0, np.full(true.distance.size, 1480.0)
     plain = RangingTruth(distance=true.distance, sound_speed=speed, travel_time=time, chord_travel_time=time)
     flat = range_errors(plain)
-    assert (
-        max(np.abs(flat.total).max(), np.abs(flat.bending).max(), np.abs(flat.reference_speed).max()) < 1e-9
-    )
+    assert np.abs([flat.total, flat.bending, flat.reference_speed]).max() < 1e-9
 
 
 def test_category_comes_from_both_ends_in_either_direction():
-    o, _true, truth = make_ranges([0, 1, 1, 2, 1, 3, 0, 4, 1], [1, 0, 2, 1, 3, 1, 3, 1, 4])
-    assert link_categories(o, truth).tolist() == [
-        "station-keeping to float",
-        "station-keeping to float",
-        "float to float",
-        "float to float",
-        "float to vehicle",
-        "float to vehicle",
-        "station-keeping to vehicle",
-        "landmark to float",
-        "landmark to float",
-    ]
+    o, _, truth = make_ranges([0, 1, 1, 2, 1, 3, 0, 4, 1], [1, 0, 2, 1, 3, 1, 3, 1, 4])
+    kinds = ["station-keeping to float", "float to float", "float to vehicle", "station-keeping to vehicle"]
+    expected = [*np.repeat(kinds, [2, 2, 2, 1]), "landmark to float", "landmark to float"]
+    assert link_categories(o, truth).tolist() == expected
 
 
 def test_dropouts_are_counted_by_kind_and_cause():
     s = RayStatus
-    o, _true, truth = make_ranges(
+    o, _, truth = make_ranges(
         [0, 1, 0, 2, 1, 2, 1, 2, 1, 2],
         [1, 0, 2, 0, 2, 1, 2, 1, 2, 1],
         [s.SHADOW, s.SHADOW, s.OK, s.BLOCKED, s.OK, s.OK, s.OK, s.WEAK, s.OK, s.OK],

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import factories
 import numpy as np
 import pytest
 from scipy import stats
@@ -16,7 +17,7 @@ from pymantaray.evaluation import (
     trajectory_errors,
 )
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
-from pymantaray.records import Estimates, SolveStatus, Trajectories
+from pymantaray.records import SolveStatus
 
 
 def make_run(
@@ -26,35 +27,11 @@ def make_run(
     rng = np.random.default_rng(seed)
     position = np.cumsum(rng.normal(0, 50.0, (n_agents, n_times, 3)), axis=1)
     quaternion = quaternion_from_matrix(so3_exp(rng.normal(0, 1.0, (n_agents, n_times, 3))))
-    truth = Trajectories(
-        name=np.array(list("ABCDEFG")[:n_agents]),
-        role=np.array(["station"] + ["float"] * (n_agents - 1)),
-        time=np.arange(n_times) * 200.0,
-        position=position,
-        quaternion=quaternion,
-        status=np.zeros((n_agents, n_times)),
-    )
-    shape = (len(conditions), n_realizations)
+    truth = factories.trajectories(position, quaternion=quaternion)
     common = rng.normal(0, 3.0, (n_realizations, n_agents, n_times, 3))
-    error = common + rng.normal(0, 1.0, (*shape, n_agents, n_times, 3))
+    error = common + rng.normal(0, 1.0, (len(conditions), n_realizations, n_agents, n_times, 3))
     error[-1, ..., 0] += shift
-    estimates = Estimates(
-        condition=np.array(conditions),
-        realization=np.arange(n_realizations),
-        name=truth.name,
-        time=truth.time,
-        landmark_name=np.array([], dtype=str),
-        position=position + error,
-        quaternion=np.broadcast_to(quaternion, (*shape, *quaternion.shape)),
-        landmark_position=np.zeros((*shape, 0, 3)),
-        solve_status=np.zeros(shape),
-        iterations=np.full(shape, 4),
-        initial_cost=np.full(shape, 2.0),
-        final_cost=np.ones(shape),
-        expected_cost=np.ones(shape),
-        gradient_norm=np.zeros(shape),
-    )
-    return truth, estimates
+    return truth, factories.estimates(truth, position + error, conditions)
 
 
 def with_failure(estimates, condition, realization):
@@ -89,47 +66,38 @@ def test_equals_evo_on_a_whole_run():
     truth, estimates = make_run(seed=4)
 
     def as_evo(position, quaternion):
-        return trajectory.PoseTrajectory3D(
-            positions_xyz=position, orientations_quat_wxyz=quaternion, timestamps=np.array(truth.time)
-        )
+        return trajectory.PoseTrajectory3D(position, quaternion.astype(float), np.array(truth.time))
 
     ours = trajectory_errors(truth, estimates)
-    table = error_table(truth, estimates, by=["realization", "agent"]).set_index(
-        ["condition", "realization", "agent"]
-    )
-    pooled = {c: [] for c in estimates.condition.tolist()}
+    keys = ["condition", "realization", "agent"]
+    table = error_table(truth, estimates, by=keys[1:]).set_index(keys)
     for c, r, a in np.ndindex(*ours.shape[:3]):
         metric = metrics.APE(metrics.PoseRelation.translation_part)
-        metric.process_data(
-            (
-                as_evo(truth.position[a], truth.quaternion[a]),
-                as_evo(estimates.position[c, r, a], estimates.quaternion[c, r, a].astype(float)),
-            )
-        )
+        ends = [(truth.position[a], truth.quaternion[a])]
+        ends.append((estimates.position[c, r, a], estimates.quaternion[c, r, a]))
+        metric.process_data(tuple(as_evo(*end) for end in ends))
         np.testing.assert_allclose(ours[c, r, a], metric.error, rtol=1e-12)
         theirs, row = metric.get_all_statistics(), table.loc[(estimates.condition[c], r, truth.name[a])]
         for name in ("mean", "median", "rmse", "max"):
             assert row[f"{name}_m"] == pytest.approx(theirs[name], rel=1e-12), name
-        pooled[str(estimates.condition[c])].append(metric.error)
-    for _, row in error_table(truth, estimates).iterrows():
-        joined = np.concatenate(pooled[row["condition"]])
-        assert row["n"] == joined.size
-        assert row["rmse_m"] == pytest.approx(np.sqrt(np.mean(joined**2)), rel=1e-12)
-        assert row["p95_m"] == pytest.approx(np.percentile(joined, 95), rel=1e-12)
+    pooled = error_table(truth, estimates).set_index("condition")
+    for condition, errors in zip(estimates.condition, ours, strict=True):
+        assert pooled.loc[condition, "n"] == errors.size
+        assert pooled.loc[condition, "rmse_m"] == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-12)
+        assert pooled.loc[condition, "p95_m"] == pytest.approx(np.percentile(errors, 95), rel=1e-12)
 
 
-def test_tables_split_the_same_errors_in_different_ways():
+@pytest.mark.parametrize(("by", "rows"), [(("agent",), 3), (("realization",), 4)])
+def test_tables_split_the_same_errors_in_different_ways(by, rows):
     truth, estimates = make_run()
-    pooled = error_table(truth, estimates)
-    for by, rows in (("agent",), 3), (("realization",), 4), (("realization", "agent"), 12):
-        table = error_table(truth, estimates, by=by)
-        for _, whole in pooled.iterrows():
-            parts = table[table["condition"] == whole["condition"]]
-            assert len(parts) == rows
-            assert parts["n"].sum() == whole["n"] == 4 * 3 * 40
-            assert np.average(parts["mean_m"], weights=parts["n"]) == pytest.approx(whole["mean_m"])
-            assert np.average(parts["rmse_m"] ** 2, weights=parts["n"]) == pytest.approx(whole["rmse_m"] ** 2)
-            assert parts["max_m"].max() == whole["max_m"]
+    table = error_table(truth, estimates, by=by)
+    for _, whole in error_table(truth, estimates).iterrows():
+        parts = table[table["condition"] == whole["condition"]]
+        assert len(parts) == rows
+        assert parts["n"].sum() == whole["n"] == 4 * 3 * 40
+        assert np.average(parts["mean_m"], weights=parts["n"]) == pytest.approx(whole["mean_m"])
+        assert np.average(parts["rmse_m"] ** 2, weights=parts["n"]) == pytest.approx(whole["rmse_m"] ** 2)
+        assert parts["max_m"].max() == whole["max_m"]
 
 
 def test_failed_solve_is_left_out_and_counted():
@@ -139,8 +107,7 @@ def test_failed_solve_is_left_out_and_counted():
     assert table["solves"].to_dict() == {"straight": 4, "refracted": 3}
     assert table["failed_solves"].to_dict() == {"straight": 0, "refracted": 1}
     assert table.loc["refracted", "n"] == 3 * 3 * 40
-    rest = [0, 1, 3]
-    expected = ate_statistics(trajectory_errors(truth, whole)[1, rest])["rmse_m"]
+    expected = ate_statistics(trajectory_errors(truth, whole)[1, [0, 1, 3]])["rmse_m"]
     assert table.loc["refracted", "rmse_m"] == expected
     one = error_table(truth, estimates, by=["realization"]).set_index(["condition", "realization"])
     assert one.loc[("refracted", 2), ["n", "solves", "failed_solves"]].tolist() == [0, 0, 1]
@@ -158,19 +125,19 @@ def test_cost_outside_its_bounds_is_no_failed_solve():
 
 def test_records_that_do_not_belong_together_are_refused():
     truth, estimates = make_run()
-    with pytest.raises(EvaluationError, match="estimates are of vehicles"):
-        error_table(replace(truth, name=np.array(["X", "Y", "Z"])), estimates)
-    with pytest.raises(EvaluationError, match="different sample times"):
-        error_table(replace(truth, time=truth.time + 1.0), estimates)
-    with pytest.raises(EvaluationError, match="allowed are 'realization' and 'agent'"):
-        error_table(truth, estimates, by=["hour"])
     lying = replace(with_failure(estimates, 1, 2), solve_status=estimates.solve_status)
-    with pytest.raises(
-        EvaluationError, match="condition refracted, realization 2: status is good but poses are NaN"
+    for refused, said in (
+        (lambda: error_table(replace(truth, name=np.array(["X", "Y", "Z"])), estimates), "are of vehicles"),
+        (lambda: error_table(replace(truth, time=truth.time + 1.0), estimates), "different sample times"),
+        (lambda: error_table(truth, estimates, by=["hour"]), "allowed are 'realization' and 'agent'"),
+        (lambda: error_table(truth, lying), "refracted, realization 2: status is good but poses are NaN"),
+        (
+            lambda: comparison_table(truth, estimates, [("bent", "straight")]),
+            "'bent' was not run; there are straight, refracted",
+        ),
     ):
-        error_table(truth, lying)
-    with pytest.raises(EvaluationError, match="condition 'bent' was not run; there are straight, refracted"):
-        comparison_table(truth, estimates, [("bent", "straight")])
+        with pytest.raises(EvaluationError, match=said):
+            refused()
 
 
 def test_difference_is_that_of_the_pooled_statistics():
