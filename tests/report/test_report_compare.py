@@ -12,12 +12,12 @@ from pymantaray.study import open_run
 
 
 @pytest.fixture(scope="module")
-def other_folder(fakes, tmp_path_factory):
-    made = fakes.Made(
-        names=("A", "B", "C"), landmarks=("L0",), lost=0.3, title="Other Sea", synthetic=0,
+def other_folder(made_run, tmp_path_factory):
+    made = made_run(
+        names=("A", "B", "C"), landmarks=1, lost=0.3, title="Other Sea", synthetic=0,
         conditions=("straight", "refracted", "no-ranges"),
     )  # fmt: skip
-    return fakes.run(tmp_path_factory.mktemp("other") / "run", made)
+    return made.write(tmp_path_factory.mktemp("other") / "run")
 
 
 def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path):
@@ -55,8 +55,8 @@ def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):
     assert figure.get_suptitle() == "one and other; synthetic ocean: one"
 
 
-def test_runs_of_one_region_are_told_apart_by_their_folders(run, fakes, tmp_path):
-    again = open_run(fakes.run(tmp_path / "again"))
+def test_runs_of_one_region_are_told_apart_by_their_folders(run, made_run, tmp_path):
+    again = open_run(made_run().write(tmp_path / "again"))
     assert list(by_name([Results(run), Results(again)])) == ["run", "again"]
     assert list(by_name([Results(run), Results(run)])) == ["quick (1)", "quick (2)"]
 

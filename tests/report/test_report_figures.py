@@ -5,8 +5,8 @@ import pytest
 from matplotlib.collections import LineCollection
 
 from pymantaray.records import RayStatus
-from pymantaray.report import style
-from pymantaray.report.figures import range_ends
+from pymantaray.report import figures, style
+from pymantaray.report.figures import Results, range_ends, register, run_plates
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_ocean import ray_picture, sound_speed_profiles
 from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
@@ -16,74 +16,67 @@ from pymantaray.report.style import ocean_header
 HEADER = "Test Sea, synthetic ocean"
 
 
-def test_every_figure_has_units_on_its_axes_and_says_synthetic(look, fakes, made, truth, measurements):
-    error = measurements.refracted_range - measurements.straight_range
-    ape = {"straight": np.random.default_rng(0).random((3, 4, truth.time.size))}
+def test_every_figure_has_units_its_header_and_all_its_text_within_its_frame(look, water, records):
+    header = ocean_header({"title": "A name " * 9, "synthetic": 1, "time": "2014-07-15T12:00:00"})
+    region = "Another name " * 9
+    truth, measurements, true = records.truth, records.measurements, records.ranging_truth
+    error, rng = true.refracted_range - true.distance, np.random.default_rng(0)
+    ape = {name: rng.gamma(3.0, 9.0, (3, 4, truth.time.size)) for name in style.CONDITION_COLOURS}
     fixes = np.zeros((4, truth.time.size), dtype=bool)
-    figures = [
-        sound_speed_profiles([("Test Sea", fakes.profile())], HEADER),
-        ray_picture(fakes.rays(), HEADER),
-        fleet_layout(truth, measurements, HEADER),
-        factor_graph(truth, measurements, HEADER),
-        range_error_histogram([("Test Sea", error)], HEADER),
-        range_error_split(measurements.straight_range, error, -np.abs(error), HEADER),
-        dropout_map(*range_ends(truth, measurements), measurements.range_status, HEADER),
-        pooled_ape([ApePanel("log", ape, log=True), ApePanel("linear", ape, log=False)], HEADER),
-        error_over_time(truth.time, list("ABCD"), ape, fixes, HEADER),
-    ]
-    for figure in figures:
-        look.draw(figure)
-        assert HEADER in look.texts(figure)
+    for figure in (
+        sound_speed_profiles([(region, water.profile), ("b", water.profile)], "header"),
+        ray_picture(water.rays(), header),
+        fleet_layout(truth, measurements, header),
+        factor_graph(truth, measurements, "header"),
+        range_error_histogram([(region, error)], header),
+        range_error_split(true.distance, error, -np.abs(error), header),
+        dropout_map(*range_ends(truth, measurements), measurements.range_status, header),
+        pooled_ape([ApePanel(region, ape, log=True), ApePanel("linear", ape, log=False)], header),
+        error_over_time(truth.time, list("ABCD"), ape, fixes, header),
+    ):
+        renderer, frame = look.draw(figure).canvas.get_renderer(), figure.bbox.padded(1.0)
+        assert figure.get_figwidth() in (style.COLUMN, style.DOUBLE)
+        assert figure.get_suptitle() in (header, "header")
         labels = [figure.get_supxlabel(), figure.get_supylabel()]
+        plane = [axes for axes in figure.axes if axes.name != "3d"]
+        drawn = [*figure.texts, figure._suptitle, *figure.legends]
+        for axes in plane:
+            drawn += [axes.xaxis.label, axes.yaxis.label, axes._left_title, *axes.texts]
+            low, high = sorted(axes.get_xlim())
+            drawn += [t for t in axes.get_xticklabels() if low <= t.get_position()[0] <= high]
         for axes in figure.axes:
             labels += [axes.get_xlabel(), axes.get_ylabel()]
         labels = [label for label in labels if label]
         assert len(labels) >= 2
         assert all("[" in label or label == "Ranges in a bin" for label in labels), labels
-        assert figure.get_figwidth() in (style.COLUMN, style.DOUBLE)
-
-
-def test_no_text_is_cut_off_and_no_legend_covers_the_header(look, fakes, truth, measurements):
-    header = ocean_header({"title": "A name " * 9, "synthetic": 1, "time": "2014-07-15T12:00:00"})
-    error = measurements.refracted_range - measurements.straight_range
-    rng = np.random.default_rng(0)
-    ape = {name: rng.gamma(3.0, 9.0, (3, 4, truth.time.size)) for name in style.CONDITION_COLOURS}
-    fixes = np.zeros((4, truth.time.size), dtype=bool)
-    region = "Another name " * 9
-    figures = [
-        sound_speed_profiles([(region, fakes.profile()), ("b", fakes.profile())], "header"),
-        ray_picture(fakes.rays(), header),
-        fleet_layout(truth, measurements, header),
-        range_error_histogram([(region, error)], header),
-        range_error_split(measurements.straight_range, error, -np.abs(error), header),
-        dropout_map(*range_ends(truth, measurements), measurements.range_status, header),
-        pooled_ape([ApePanel(region, ape, log=True), ApePanel("linear", ape, log=False)], header),
-        error_over_time(truth.time, list("ABCD"), ape, fixes, header),
-    ]
-    for figure in figures:
-        renderer = look.draw(figure).canvas.get_renderer()
-        frame = figure.bbox.padded(1.0)
-        plane = [axes for axes in figure.axes if axes.name != "3d"]
-        shown = [*figure.texts, figure._suptitle, *figure.legends]
-        for axes in plane:
-            shown += [axes.xaxis.label, axes.yaxis.label, axes._left_title, *axes.texts]
-            low, high = sorted(axes.get_xlim())
-            shown += [t for t in axes.get_xticklabels() if low <= t.get_position()[0] <= high]
-        for artist in shown:
-            if artist.get_window_extent(renderer).width > 0.0:
-                box = artist.get_window_extent(renderer)
+        boxes = [(a, a.get_window_extent(renderer)) for a in drawn]
+        for artist, box in boxes:
+            if box.width > 0.0:
                 assert frame.containsx(box.x0), artist
                 assert frame.containsx(box.x1), artist
                 assert frame.containsy(box.y0), artist
                 assert frame.containsy(box.y1), artist
-        header_box = figure._suptitle.get_window_extent(renderer)
+        top = figure._suptitle.get_window_extent(renderer)
         for artist in [*figure.legends, *(axes._left_title for axes in plane)]:
-            if artist.get_window_extent(renderer).width > 0.0:
-                assert not header_box.overlaps(artist.get_window_extent(renderer)), artist
+            box = artist.get_window_extent(renderer)
+            assert not (box.width > 0.0 and top.overlaps(box)), artist
 
 
-def test_profiles_are_drawn_where_there_is_water_and_depth_grows_downward(look, fakes):
-    profile = fakes.profile()
+def test_a_figure_that_registers_itself_is_in_the_report_where_it_says(run, monkeypatch):
+    monkeypatch.setattr(figures, "_REGISTER", dict(figures._REGISTER))
+    before = [plate.name for plate in run_plates(Results(run))]
+    draw = {"draw": lambda r: style.new_figure(style.COLUMN, 2.0, r.header)}
+    register("mine", place=25, caption="Of {r.attempts:,} attempts.", **draw)
+    register("not_here", place=1, caption="", needs=lambda r: "unknowns" in r.tables, **draw)
+    plates = run_plates(Results(run))
+    assert [plate.name for plate in plates] == [*before[:2], "mine", *before[2:]]
+    assert before[1] == "fleet_layout"
+    assert plates[2].caption == "Of 72 attempts. Synthetic ocean."
+    assert plates[2].draw().get_suptitle() == "Test Sea, synthetic ocean, 2014-07-15 12:00 UTC"
+
+
+def test_profiles_are_drawn_where_there_is_water_and_depth_grows_downward(look, water):
+    profile = water.profile
     figure = look.draw(sound_speed_profiles([("One", profile), ("Other", profile)], HEADER))
     whole, upper = figure.axes
     wet = profile["count"].values > 0
@@ -99,36 +92,34 @@ def test_profiles_are_drawn_where_there_is_water_and_depth_grows_downward(look, 
     assert 1450.0 < high < 1470.0, "the upper panel must not stretch to speeds of the deep"
 
 
-def test_ray_picture_states_the_exaggeration_that_it_has(look, fakes):
-    figure = look.draw(ray_picture(fakes.rays(n_arriving=2), HEADER))
+@pytest.mark.parametrize(
+    ("arriving", "legend"), [(0, None), (1, "direct eigenray"), (2, "2 direct eigenrays")]
+)
+def test_ray_picture_draws_eigenrays_over_fan_and_states_its_exaggeration(look, water, arriving, legend):
+    rays = water.rays(arriving)
+    figure = look.draw(ray_picture(rays, HEADER))
     axes = figure.axes[0]
     (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1000.0)])  # 1 km each way
-    expected = abs(y1 - y0) / abs(x1 - x0)
     stated = float(axes.get_title(loc="left").rpartition(" ")[2])
-    assert stated == pytest.approx(expected, rel=0.05)  # two digits are shown
+    assert stated == pytest.approx(abs(y1 - y0) / abs(x1 - x0), rel=0.05)  # two digits are shown
     assert "A to B, 8 h" in axes.get_title(loc="left")
-    assert "2 direct eigenrays" in look.texts(figure)
-
-
-def test_ray_picture_draws_eigenrays_over_fan_and_chord_between_ends(look, fakes):
-    rays = fakes.rays()
-    axes = ray_picture(rays, HEADER).axes[0]
-    (direct,) = look.markers(axes, style.ORANGE)
-    np.testing.assert_array_equal(direct.get_ydata(), rays["ray_depth"].values[0])
-    np.testing.assert_allclose(direct.get_xdata(), rays["ray_range"].values[0] / 1e3)
+    assert legend is None or legend in look.texts(figure)
+    direct = look.markers(axes, style.ORANGE)
     fan = [line for line in axes.lines if line.get_linewidth() < 0.5]
-    assert len(fan) == 3
-    assert max(line.get_zorder() for line in fan) < direct.get_zorder()
+    assert (len(direct), len(fan)) == (arriving, 3)
+    for line, x, z in zip(direct, rays["ray_range"].values, rays["ray_depth"].values, strict=False):
+        np.testing.assert_array_equal(line.get_ydata(), z)
+        np.testing.assert_allclose(line.get_xdata(), x / 1e3)
+        assert line.get_zorder() > max(other.get_zorder() for other in fan)
     chord = next(line for line in look.markers(axes, style.INK) if line.get_linestyle() == "--")
     np.testing.assert_allclose(chord.get_xydata(), [[0.0, 100.0], [6.0, 800.0]])
-    assert axes.get_ylim()[0] > axes.get_ylim()[1]
 
 
-def test_ray_picture_ends_above_a_sea_bed_that_is_far_below(look, fakes):
-    rays = fakes.rays()
+def test_ray_picture_ends_above_a_sea_bed_that_is_far_below(look, water):
+    rays = water.rays()
     deepest = max(rays["ray_depth"].values[0].max(), rays["chord_depth"].values.max())
-    whole = ray_picture(rays, HEADER).axes[0].get_ylim()[0]
-    assert whole == min(3.0 * deepest, rays["depth"].values[-1])
+    whole = ray_picture(rays, HEADER).axes[0].get_ylim()
+    assert whole == (min(3.0 * deepest, rays["depth"].values[-1]), 0.0)
     shallow = rays.assign(ray_depth=rays["ray_depth"] / 10.0, chord_depth=rays["chord_depth"] / 10.0)
     axes = look.draw(ray_picture(shallow, HEADER)).axes[0]
     assert axes.get_ylim()[0] == pytest.approx(0.3 * deepest)
@@ -138,41 +129,32 @@ def test_ray_picture_ends_above_a_sea_bed_that_is_far_below(look, fakes):
     assert speed.min() == pytest.approx(float(seen.min()), abs=0.5)
 
 
-def test_ray_picture_of_a_shadow_has_no_eigenray(look, fakes):
-    figure = look.draw(ray_picture(fakes.rays(n_arriving=0), HEADER))
-    assert "direct eigenray" not in look.texts(figure)
-
-
-def test_fleet_is_drawn_east_to_the_right(truth, measurements):
-    plan = fleet_layout(truth, measurements, HEADER).axes[0]
+def test_fleet_is_drawn_east_to_the_right(records):
+    truth = records.truth
+    plan = fleet_layout(truth, records.measurements, HEADER).axes[0]
     for line, path in zip(plan.lines, truth.position, strict=False):
-        np.testing.assert_allclose(line.get_xdata(), path[:, 1] / 1e3)
-        np.testing.assert_allclose(line.get_ydata(), path[:, 0] / 1e3)
-    starts = plan.collections[0].get_offsets()
-    np.testing.assert_allclose(starts, truth.position[:, 0, [1, 0]] / 1e3)
+        np.testing.assert_allclose(line.get_xydata(), path[:, [1, 0]] / 1e3)
+    np.testing.assert_allclose(plan.collections[0].get_offsets(), truth.position[:, 0, [1, 0]] / 1e3)
 
 
-def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, truth, measurements):
+def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, records):
+    truth, measurements = records.truth, records.measurements
     figure = factor_graph(truth, measurements, HEADER)
-    axes = figure.axes[0]
-    edges = next(c for c in axes.collections if isinstance(c, LineCollection))._segments3d * 1e3
+    edges = next(c for c in figure.axes[0].collections if isinstance(c, LineCollection))._segments3d * 1e3
     heard = np.flatnonzero(measurements.range_status == RayStatus.OK)
     assert len(edges) == heard.size
     length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=-1)
-    np.testing.assert_allclose(length, measurements.straight_range[heard])
-    agent = np.flatnonzero(measurements.range_receiver[heard] < 4)[0]
-    row = heard[agent]
-    where = truth.position[measurements.range_transmitter[row], measurements.range_sample[row]]
-    np.testing.assert_allclose(edges[agent, 0], where[[1, 0, 2]])
+    np.testing.assert_allclose(length, records.ranging_truth.distance[heard])
+    who, sample = measurements.range_transmitter[heard], measurements.range_sample[heard]
+    np.testing.assert_allclose(edges[:, 0], truth.position[who, sample][:, [1, 0, 2]])
     assert f"{heard.size:,} range edges" in look.texts(figure)
 
 
-def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, fakes):
-    lone = fakes.Made(names=("A",), landmarks=(), pings=0)
-    truth = fakes.truth(lone, np.random.default_rng(0))
-    measurements = fakes.measurements(lone, truth, np.random.default_rng(0))[0]
-    nothing = np.full(7, np.nan)
-    every = [
+def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, made_run):
+    truth, measurements, _, _ = made_run(names=("A",), pings=0).records()
+    nothing, time = np.full(7, np.nan), truth.time
+    lost, never = {"straight": np.full((2, 1, time.size), np.nan)}, np.zeros((1, time.size), bool)
+    for figure, word in (
         (range_error_histogram([("x", nothing)], ""), "no range was heard"),
         (range_error_histogram([("x", np.empty(0))], ""), "no range was heard"),
         (range_error_histogram([("x", np.array([3.0]))], ""), "N = 1"),
@@ -184,17 +166,7 @@ def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, fakes):
         (pooled_ape([ApePanel("p", {}, log=False)], ""), "p"),
         (fleet_layout(truth, measurements, ""), "A"),
         (factor_graph(truth, measurements, ""), "0 range edges"),
-        (
-            error_over_time(
-                truth.time,
-                ["A"],
-                {"straight": np.full((2, 1, truth.time.size), np.nan)},
-                np.zeros((1, truth.time.size), bool),
-                "",
-            ),
-            "Straight",
-        ),
-    ]
-    for figure, word in every:
+        (error_over_time(time, ["A"], lost, never, ""), "Straight"),
+    ):
         look.draw(figure)
         assert word in look.texts(figure)

@@ -1,12 +1,17 @@
 """A whole report in a run folder: tables equal independent computations, the page refers to what is there."""
 
 import re
+import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table
@@ -15,14 +20,15 @@ from pymantaray.report import write, write_report
 from pymantaray.report.figures import Results
 from pymantaray.report.page import heading, run_page, show
 from pymantaray.study import open_run
+from pymantaray.study.store import staged_parts
 
 FIGURES = {
-    "ape_pooled", "dropouts", "error_over_time", "factor_graph", "fleet_layout", "range_error",
+    "ape_pooled", "consistency", "dropouts", "error_over_time", "factor_graph", "fleet_layout", "range_error",
     "range_error_split", "ray_picture", "sound_speed",
 }  # fmt: skip
 TABLES = {
-    "ate_difference", "ate_per_agent", "ate_per_realization", "ate_pooled", "dropouts", "range_error",
-    "range_error_split", "region", "solves",
+    "ate_difference", "ate_per_agent", "ate_per_realization", "ate_pooled", "consistency", "consistency_per_agent",
+    "consistency_per_epoch", "coverage", "dropouts", "range_error", "range_error_split", "region", "solves",
 }  # fmt: skip
 VOID = {"meta", "img", "br"}
 
@@ -51,76 +57,91 @@ class Page(HTMLParser):
 def without_drawing(monkeypatch):
     """Let a report be written without its figures, which other tests look at."""
     monkeypatch.setattr(write, "save_figure", lambda *_: None)
+    plates = write.run_plates
+    monkeypatch.setattr(write, "run_plates", lambda r: [replace(p, draw=Figure) for p in plates(r)])
 
 
 @pytest.fixture(scope="module")
-def reported(run_folder):
-    calls = []
-    page = write_report(run_folder, progress=lambda *call: calls.append(call))
-    return page, calls
+def reported(tiny_run_folder, tmp_path_factory):
+    """Folder of a run with its report, the page's text, and what was told of the progress."""
+    folder, calls = tmp_path_factory.mktemp("report") / "run", []
+    shutil.copytree(tiny_run_folder, folder)
+    page = write_report(folder, progress=lambda *call: calls.append(call))
+    assert page == folder / "index.html"
+    return SimpleNamespace(folder=folder, text=page.read_text(encoding="utf-8"), calls=calls)
 
 
-def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, run_folder):
-    page, calls = reported
-    assert page == run_folder / "index.html"
-    for folder, names, kinds in (("figures", FIGURES, ("png", "pdf")), ("tables", TABLES, ("csv",))):
+def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run_folder):
+    folder = reported.folder
+    for parts, names, kinds in (("figures", FIGURES, ("png", "pdf")), ("tables", TABLES, ("csv",))):
         expected = {f"{name}.{kind}" for name in names for kind in kinds}
-        assert {p.name for p in (run_folder / folder).iterdir()} == expected
-        assert all(p.stat().st_size > 0 for p in (run_folder / folder).iterdir())
-    parsed = Page(page.read_text(encoding="utf-8"))
-    assert all((run_folder / link).is_file() for link in parsed.links)
-    for name in FIGURES:
-        assert f"figures/{name}.png" in parsed.links
-        assert (run_folder / f"figures/{name}.png").read_bytes().startswith(b"\x89PNG")
-    assert {f"tables/{name}.csv" for name in TABLES} <= set(parsed.links)
-    assert [done for _, done, _ in calls] == list(range(10))
-    assert not [p for p in run_folder.iterdir() if ".part" in p.name]
+        assert {p.name for p in (folder / parts).iterdir()} == expected
+        assert all(p.stat().st_size > 0 for p in (folder / parts).iterdir())
+    links = Page(reported.text).links
+    assert all((folder / link).is_file() for link in links)
+    assert {f"figures/{name}.png" for name in FIGURES} | {f"tables/{name}.csv" for name in TABLES} <= set(
+        links
+    )
+    assert [done for _, done, _ in reported.calls] == list(range(len(FIGURES) + 1))
+    report = {"figures", "tables", "index.html"}
+    assert {p.name for p in folder.iterdir()} == {p.name for p in tiny_run_folder.iterdir()} | report
+
+
+def test_figures_keep_their_shape_on_the_page(reported):
+    for name, width, height in re.findall(
+        r'src="figures/(\w+).png" width="(\d+)" height="(\d+)"', reported.text
+    ):
+        rows, columns = mpl.image.imread(reported.folder / "figures" / f"{name}.png").shape[:2]
+        assert int(width) / int(height) == pytest.approx(columns / rows, rel=0.01)
+        assert 400 < int(width) < 1000
 
 
 def test_page_needs_no_network_and_says_that_the_ocean_is_synthetic(reported):
-    text = reported[0].read_text(encoding="utf-8")
+    text = reported.text
     assert not re.search(r"https?://|<script|@import|url\(", text)
     assert "The ocean of this study is synthetic" in text
     assert len(re.findall(r"<figcaption>[^<]*Synthetic ocean\.", text)) == len(FIGURES)
 
 
-def test_tables_equal_an_independent_computation(reported, run_folder, run):
-    def table(name):
-        return pd.read_csv(run_folder / "tables" / f"{name}.csv")
+def test_tables_equal_an_independent_computation(reported):
+    def table(name, *index):
+        return pd.read_csv(reported.folder / "tables" / f"{name}.csv").set_index(list(index))
 
-    truth, o, estimates = run.truth, run.measurements, run.estimates
-    errors = np.sqrt(((estimates.position - truth.position) ** 2).sum(-1))
-    pooled = table("ate_pooled").set_index("condition")
-    for name, e in zip(estimates.condition, errors, strict=True):
+    run = open_run(reported.folder)
+    truth, measurements, true, estimates = run.truth, run.measurements, run.ranging_truth, run.estimates
+    assert set(table("solves", "condition")["status"]) <= {"OK", "OVER_CHI_SQUARE"}
+    assert len(table("solves", "condition")) == estimates.solve_status.size
+    errors = dict(
+        zip(estimates.condition, np.sqrt(((estimates.position - truth.position) ** 2).sum(-1)), strict=True)
+    )
+    pooled = table("ate_pooled", "condition")
+    for name, e in errors.items():
         assert pooled.loc[name, "mean_m"] == pytest.approx(e.mean(), rel=1e-12)
         assert pooled.loc[name, "p75_m"] == pytest.approx(np.quantile(e, 0.75), rel=1e-12)
-    agents = table("ate_per_agent").set_index(["condition", "agent"])
-    assert agents.loc[("straight", "B"), "rmse_m"] == pytest.approx(np.sqrt((errors[1, :, 1] ** 2).mean()))
-    own = errors.mean(axis=(2, 3))
-    difference = table("ate_difference").set_index(["condition", "baseline", "statistic"])
-    assert difference.loc[("refracted", "straight", "mean"), "mean_difference_m"] == pytest.approx(
-        (own[2] - own[1]).mean()
+    agents = table("ate_per_agent", "condition", "agent")
+    assert agents.loc[("straight", "B"), "rmse_m"] == pytest.approx(
+        np.sqrt((errors["straight"][:, 1] ** 2).mean())
     )
-    lost = o.range_status != RayStatus.OK
-    drop = table("dropouts").set_index("category")
-    assert drop.loc["all links", "attempts"] == o.range_status.size
+    own = {name: e.mean(axis=(1, 2)) for name, e in errors.items()}
+    difference = table("ate_difference", "condition", "baseline", "statistic")["mean_difference_m"]
+    expected = (own["refracted"] - own["straight"]).mean()
+    assert difference[("refracted", "straight", "mean")] == pytest.approx(expected)
+    lost, drop = measurements.range_status != RayStatus.OK, table("dropouts", "category")
+    assert drop.loc["all links", "attempts"] == lost.size
     assert drop.loc["all links", "percent"] == pytest.approx(100.0 * lost.mean())
-    station = (o.range_transmitter == 0) | (o.range_receiver == 0)
-    assert drop.loc["station-keeping to float", "dropouts"] == (lost & station).sum()
-    mean = (o.refracted_range - o.straight_range)[~lost].mean()
-    assert table("range_error").set_index("category").loc["all links", "mean_m"] == pytest.approx(mean)
-    split = table("range_error_split").query("category == 'all links'").set_index("part")["mean_m"]
+    landmark = np.maximum(measurements.range_transmitter, measurements.range_receiver) >= len(truth.name)
+    assert drop["dropouts"].filter(like="landmark").sum() == (lost & landmark).sum()
+    mean = (true.refracted_range - true.distance)[~lost].mean()
+    assert table("range_error", "category").loc["all links", "mean_m"] == pytest.approx(mean)
+    split = table("range_error_split", "category", "part")["mean_m"]["all links"]
     assert split["reference speed"] + split["bending"] == pytest.approx(split["total"])
-    solves = table("solves")
-    assert len(solves) == estimates.solve_status.size
-    assert set(solves["status"]) == {"OK"}
-    assert f"{pooled.loc['refracted', 'mean_m']:.2f} m" in reported[0].read_text(encoding="utf-8")
+    assert f"{pooled.loc['refracted', 'mean_m']:.2f} m" in reported.text
 
 
-def test_names_are_escaped_everywhere(fakes, tmp_path, monkeypatch):
+def test_names_are_escaped_everywhere(made_run, tmp_path, monkeypatch):
     evil = "<b>&\"'"
-    made = fakes.Made(names=("A", f"B{evil}"), title=f"Sea {evil}", description=f"about {evil}", synthetic=0)
-    folder = fakes.run(tmp_path / "run", made)
+    made = made_run(names=("A", f"B{evil}"), title=f"Sea {evil}", description=f"about {evil}", synthetic=0)
+    folder = made.write(tmp_path / "run")
     without_drawing(monkeypatch)
     text = write_report(folder).read_text(encoding="utf-8")
     parsed = Page(text)  # an unescaped <b> would be left open
@@ -131,25 +152,25 @@ def test_names_are_escaped_everywhere(fakes, tmp_path, monkeypatch):
 
 
 def test_zero_ranges_all_dropouts_one_vehicle_and_failed_solves_still_report(
-    run, fakes, tmp_path, monkeypatch
+    run, made_run, tmp_path, monkeypatch
 ):
-    lone = fakes.Made(names=("A",), pings=0, realizations=1, conditions=("odometry",), rays=False)
-    deaf = fakes.Made(lost=1.0, failed=((1, 0), (1, 1), (1, 2)), rays=False)
+    lone = made_run(names=("A",), pings=0, realizations=1, conditions=("odometry",), rays=False)
+    deaf = made_run(lost=1.0, failed=((1, 0), (1, 1), (1, 2)), rays=False)
     without_drawing(monkeypatch)
-    text = write_report(fakes.run(tmp_path / "lone", lone)).read_text(encoding="utf-8")
+    text = write_report(lone.write(tmp_path / "lone")).read_text(encoding="utf-8")
     assert "0 of 0" in text
     assert "ray_picture" not in text
     difference = pd.read_csv(tmp_path / "lone" / "tables" / "ate_difference.csv")
     assert len(difference) == 0
     full = comparison_table(run.truth, run.estimates)
     assert list(difference.columns) == list(full.columns)
-    text = write_report(fakes.run(tmp_path / "deaf", deaf)).read_text(encoding="utf-8")
+    text = write_report(deaf.write(tmp_path / "deaf")).read_text(encoding="utf-8")
     assert "100.0 % dropouts" in text
     assert "Condition straight: 3 of 3 solves have status FAILED." in text
 
 
-def test_a_report_that_fails_leaves_the_folder_as_it_was(fakes, tmp_path, monkeypatch):
-    folder = fakes.run(tmp_path / "run", fakes.Made(realizations=1))
+def test_a_report_that_fails_leaves_the_folder_as_it_was(made_run, tmp_path, monkeypatch):
+    folder = made_run(realizations=1).write(tmp_path / "run")
     (folder / "index.html").write_text("the old page")
     before = sorted(p.relative_to(folder) for p in folder.rglob("*"))
 
@@ -165,15 +186,23 @@ def test_a_report_that_fails_leaves_the_folder_as_it_was(fakes, tmp_path, monkey
 
 
 @pytest.mark.parametrize("before", [False, True])
-def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(fakes, tmp_path, monkeypatch, before):
-    folder = fakes.run(tmp_path / "run", fakes.Made(realizations=1))
-    without_drawing(monkeypatch)
-    if before:
-        for name in ("tables", "figures"):
+def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(tmp_path, monkeypatch, before):
+    parts = ("tables", "figures", "index.html")
+    (tmp_path / "manifest.json").touch()
+
+    def write(folder, word):
+        for name in parts[:2]:
             (folder / name).mkdir()
-            (folder / name / "old").touch()
-        (folder / "index.html").write_text("old")
-    data = {p.name for p in folder.iterdir()}
+            (folder / name / word).touch()
+        (folder / parts[2]).write_text(word)
+
+    def exchange():
+        with staged_parts(tmp_path, parts) as stage:
+            write(stage, "new")
+
+    if before:
+        write(tmp_path, "old")
+    folder = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*"))
     rename, left = Path.rename, 0
 
     def interrupted(self, target):
@@ -187,21 +216,15 @@ def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(fakes, tm
     for step in range(1, 7 if before else 4):
         left = step
         with pytest.raises(KeyboardInterrupt):
-            write_report(folder)
-        assert {p.name for p in folder.iterdir()} == data
-        if before:
-            assert (folder / "index.html").read_text() == "old"
-            assert [p.name for name in ("tables", "figures") for p in (folder / name).iterdir()] == [
-                "old"
-            ] * 2
-    left = 0
-    write_report(folder)
-    assert not (folder / "tables" / "old").exists()
-    assert {p.name for p in folder.iterdir()} == data | {"tables", "figures", "index.html"}
+            exchange()
+        assert sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*")) == folder
+        assert not before or (tmp_path / "index.html").read_text() == "old"
+    exchange()
+    assert {p.name for p in tmp_path.rglob("*")} == {"manifest.json", "new", *parts}
 
 
-def test_a_new_report_replaces_the_old_one(fakes, tmp_path, monkeypatch):
-    folder = fakes.run(tmp_path / "run", fakes.Made(realizations=1))
+def test_a_new_report_replaces_the_old_one(made_run, tmp_path, monkeypatch):
+    folder = made_run(realizations=1).write(tmp_path / "run")
     without_drawing(monkeypatch)
     write_report(folder)
     (folder / "tables" / "stale.csv").write_text("old")
@@ -216,8 +239,8 @@ def test_a_folder_that_is_no_run_is_one_clear_line(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_page_tells_of_a_vehicle_that_stopped(fakes, tmp_path):
-    folder = fakes.run(tmp_path / "run", fakes.Made(realizations=1))
+def test_page_tells_of_a_vehicle_that_stopped(made_run, tmp_path):
+    folder = made_run(realizations=1).write(tmp_path / "run")
     run = open_run(folder)
     status = run.truth.status.copy()
     status[1, 60:] = 1
