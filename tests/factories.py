@@ -219,6 +219,7 @@ def add_noise(o, seed):
         first_quaternion=quaternion_from_matrix(first_rotation @ first[0]),
         straight_range=o.straight_range + range_noise,
         refracted_range=o.refracted_range + range_noise,
+    )
 
 
 def trajectories(position, *, names=None, roles=None, time=None, quaternion=None):
