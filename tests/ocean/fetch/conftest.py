@@ -1,8 +1,6 @@
 """A server on loopback with the data sets of the catalogue, and a fetch that asks it."""
 
-import importlib.util
 import warnings
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,12 +15,9 @@ from pymantaray.ocean.fetch.catalogue import load_catalogue
 pytest.importorskip("pydap.parsers", reason="the extra 'fetch' is not installed")
 pytest.importorskip("waitress", reason="waitress, which serves pydap's application here, is not installed")
 
-SERVER = Path(__file__).with_name("ocean_server.py")
-SPEC = importlib.util.spec_from_file_location("ocean_server", SERVER)
-server = importlib.util.module_from_spec(SPEC)
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # pydap's server imports webob, and that cgi
-    SPEC.loader.exec_module(server)
+    import opendap_stand_in as server
 
 
 def steps(start, stop):
@@ -49,12 +44,6 @@ def catalogue_models():
     for short, name in zip(("t3z", "s3z", "u3z", "v3z"), server.PACKING, strict=True):
         models[f"ESPC-D-V02/{short}/2025"] = server.Model(espc, glby_lat, glby_lon, (name,))
     return models
-
-
-@pytest.fixture(scope="session")
-def ocean_server():
-    """The module of the stand-in server."""
-    return server
 
 
 @pytest.fixture(scope="session")

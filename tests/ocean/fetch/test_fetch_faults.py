@@ -7,6 +7,7 @@ import threading
 import time
 
 import pytest
+from opendap_stand_in import Endless
 
 from pymantaray.errors import OceanError
 
@@ -93,9 +94,9 @@ def test_the_total_time_limit_holds_where_each_attempt_keeps_its_own(refusal, th
 
 
 @pytest.mark.parametrize("what", ["headers", "continue", "text"])
-def test_the_total_time_limit_holds_for_answers_without_an_end(refusal, ocean_server, what):
+def test_the_total_time_limit_holds_for_answers_without_an_end(refusal, what):
     """Bytes come all the time, so that no limit of a read from the socket is met."""
-    endless = ocean_server.Endless(what)
+    endless = Endless(what)
     before = threading.active_count()
     start = time.monotonic()
     try:

@@ -134,4 +134,4 @@ def _subset(request: dict[str, Any]) -> None:
         remedy = f"; {_ACCOUNT}" if login else ""
         raise OceanError(f"copernicus: {dataset}: {one_line(error) or kind} ({kind}){remedy}") from None
     if not (request["output_directory"] / request["output_filename"]).is_file():
-        raise OceanError(f"copernicus: {dataset}: the service returned no file")
+        raise OceanError(f"copernicus: {dataset}: the service returned no file; {_ACCOUNT}")

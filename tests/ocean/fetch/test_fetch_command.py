@@ -1,6 +1,5 @@
 """`ocean fetch` as a user calls it, against a server on loopback."""
 
-import importlib.util
 from pathlib import Path
 
 import pytest
@@ -11,31 +10,13 @@ from pymantaray.cli.ocean_fetch import app, parse_pair
 from pymantaray.errors import OceanError
 from pymantaray.ocean import validate_ocean
 
-HERE = Path(__file__).resolve().parent.parent / "ocean" / "fetch"
-SPEC = importlib.util.spec_from_file_location("fetch_conftest", HERE / "conftest.py")
 WINDOW = ["--lat", "73,73.4", "--lon", "-150,-149.5"]
-
-
-@pytest.fixture(scope="module")
-def thredds():
-    pytest.importorskip("pydap.parsers", reason="the extra 'fetch' is not installed")
-    pytest.importorskip(
-        "waitress", reason="waitress, which serves pydap's application here, is not installed"
-    )
-    servers = importlib.util.module_from_spec(SPEC)
-    SPEC.loader.exec_module(servers)
-    module = servers.server
-    running = module.Running(module.Thredds({"GLBv0.08/expt_53.X/data/2014": module.reanalysis()}))
-    yield running
-    running.stop()
 
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
     """Call `fetch` with words in an empty folder; gives the result."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-    monkeypatch.delenv("MANTARAY_OCEAN_SERVERS", raising=False)
     return lambda *words: CliRunner().invoke(app, [str(w) for w in words])
 
 
