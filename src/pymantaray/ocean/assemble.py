@@ -21,7 +21,7 @@ from pymantaray.ocean.convert import (
     up_to_surface,
 )
 from pymantaray.ocean.files import file_name, text
-from pymantaray.ocean.schema import DIMS, VARIABLES, ocean_dataset, with_history
+from pymantaray.ocean.schema import DIMS, VARIABLES, assemble_ocean, with_history
 
 if TYPE_CHECKING:
     from pymantaray.ocean.open import Collection, Part
@@ -65,7 +65,7 @@ def ocean_of(
         steps.append(f"level at 0 m added with the values at {first:.4g} m")
     attrs = collection.parts[0].data.attrs
     hycom = all(_is_hycom(p) for p in collection.parts)
-    ocean = ocean_dataset(
+    ocean = assemble_ocean(
         {"depth": depth, "lat": lat, "lon": lon},
         instant,
         values,
@@ -74,6 +74,7 @@ def ocean_of(
         or _line(attrs.get("institution"))
         or ("HYCOM" if hycom else collection.names),
         synthetic=any(p.data.attrs.get("synthetic") == 1 for p in collection.parts),
+        validate=False,
     )
     if own:
         return _with_own_attributes(ocean, part)

@@ -70,29 +70,6 @@ class Finding:
         return f"{self.severity}: {self.what}{place}: {self.value}{limit}{remedy}"
 
 
-def ocean_dataset(
-    coordinates: dict[str, Array],
-    time: np.datetime64,
-    fields: dict[str, Array],
-    *,
-    title: str,
-    source: str,
-    synthetic: bool,
-) -> xr.Dataset:
-    """Arrays as a data set of the schema, with CF attributes, not validated; see `assemble_ocean`."""
-    return xr.Dataset(
-        {
-            v.name: (DIMS, fields[v.name], {"standard_name": v.standard_name, "units": v.units})
-            for v in VARIABLES
-        },
-        coords={
-            **{k: ((k,), coordinates[k], attrs) for k, attrs in _COORDINATES.items()},
-            "time": ((), time.astype("datetime64[ns]"), {"standard_name": "time", "axis": "T"}),
-        },
-        attrs={"Conventions": "CF-1.8", "title": title, "source": source, "synthetic": int(synthetic)},
-    )
-
-
 def assemble_ocean(
     coordinates: dict[str, Array],
     time: np.datetime64,
@@ -101,9 +78,10 @@ def assemble_ocean(
     title: str,
     source: str,
     synthetic: bool,
+    validate: bool = True,
 ) -> xr.Dataset:
     """
-    Put arrays into a data set of the schema, with CF attributes, and validate it.
+    Put arrays into a data set of the schema, with CF attributes.
 
     Parameters
     ----------
@@ -118,6 +96,8 @@ def assemble_ocean(
         What the ocean is called, and where it comes from.
     synthetic : bool
         Whether the fields are made up rather than a model's or a measurement's.
+    validate : bool
+        Whether `validate_ocean` has to be satisfied.
 
     Returns
     -------
@@ -128,8 +108,19 @@ def assemble_ocean(
     OceanError
         If the result does not satisfy `validate_ocean`.
     """
-    ocean = ocean_dataset(coordinates, time, fields, title=title, source=source, synthetic=synthetic)
-    validate_ocean(ocean)
+    ocean = xr.Dataset(
+        {
+            v.name: (DIMS, fields[v.name], {"standard_name": v.standard_name, "units": v.units})
+            for v in VARIABLES
+        },
+        coords={
+            **{k: ((k,), coordinates[k], attrs) for k, attrs in _COORDINATES.items()},
+            "time": ((), time.astype("datetime64[ns]"), {"standard_name": "time", "axis": "T"}),
+        },
+        attrs={"Conventions": "CF-1.8", "title": title, "source": source, "synthetic": int(synthetic)},
+    )
+    if validate:
+        validate_ocean(ocean)
     return ocean
 
 
