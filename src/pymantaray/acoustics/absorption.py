@@ -1,4 +1,8 @@
-"""Absorption of sound by sea water: three published formulas, and the coefficient at any place of an ocean."""
+"""
+Absorption of sound by sea water: three published formulas, and the coefficient at any place of an ocean.
+
+The theory page on loss has the formulas, the data behind them, how well they agree, and what was opened of the sources.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -176,24 +180,11 @@ def francois_garrison_db_per_km(
     pH: ArrayLike = 8.0,
     sound_speed: ArrayLike | None = None,
 ) -> Array:
-    r"""
+    """
     Absorption by boric acid, magnesium sulphate and water itself, after Francois and Garrison (1982). [dB/km]
 
     Frequency [Hz], in-situ temperature [degC], practical salinity, depth [m] and pH on the NBS scale broadcast; the
     sound speed [m/s] is the paper's own :math:`1412 + 3.21 T + 1.19 S + 0.0167 z` by default.
-
-    Notes
-    -----
-    With f in kHz,
-    :math:`\alpha = A_1 f_1 f^2 / (f_1^2 + f^2) + A_2 P_2 f_2 f^2 / (f_2^2 + f^2) + A_3 P_3 f^2`.
-    Meant for 0.2 to 1000 kHz. The data behind it, from 10 to 500 kHz: -2 to 22 degC, salinity 30 to 35, 0 to
-    3.5 km.
-
-    References
-    ----------
-    .. [1] Francois, R. E. and Garrison, G. R. (1982), Sound absorption based on ocean measurements, parts I
-       and II, J. Acoust. Soc. Am. 72, 896-907 and 1879-1890; coefficients from the manual page of
-       mbabsorption (MB-System) and code that agree, the papers themselves were not at hand.
     """
     f, T, S, z = _checked(frequency_hz, temperature, salinity, depth)
     ph = np.asarray(pH, dtype=float)
@@ -221,18 +212,10 @@ def ainslie_mccolm_db_per_km(
     depth: ArrayLike,
     pH: ArrayLike = 8.0,
 ) -> Array:
-    r"""
+    """
     Absorption by the simplified formula of Ainslie and McColm (1998), arguments as above. [dB/km]
 
-    Notes
-    -----
-    A fit to Francois and Garrison, within 10 % of it from 0.1 to 1000 kHz for -6 to 35 degC at salinity 35,
-    pH 8 and the surface, 7.7 to 8.3, 5 to 50 and 0 to 7 km one at a time.
-
-    References
-    ----------
-    .. [1] Ainslie, M. A. and McColm, J. G. (1998), A simplified formula for viscous and chemical absorption
-       in sea water, J. Acoust. Soc. Am. 103, 1671-1672; coefficients from independent codes that agree.
+    A fit to Francois and Garrison, within 10 % of it.
     """
     f, T, S, z = _checked(frequency_hz, temperature, salinity, depth)
     km = z / 1000.0
@@ -245,20 +228,10 @@ def ainslie_mccolm_db_per_km(
 
 
 def thorp_db_per_km(frequency_hz: ArrayLike) -> Array:
-    r"""
+    """
     Absorption by Thorp's formula as Jensen et al. and Bellhop use it, of a frequency [Hz]. [dB/km]
 
-    Notes
-    -----
-    With f in kHz, :math:`0.0033 + 0.11 f^2/(1+f^2) + 44 f^2/(4100+f^2) + 0.0003 f^2`. Quoted for about
-    4 degC and 1000 m; against the other two formulas at 4 degC it is within 12 % at the surface from 0.5 to
-    30 kHz and up to 25 % too high at 1000 m. Thorp (1967) printed the two relaxations only, 0.1 and 40 dB per
-    kiloyard.
-
-    References
-    ----------
-    .. [1] Thorp, W. H. (1967), J. Acoust. Soc. Am. 42, 270; extended as in Jensen et al., Computational
-       Ocean Acoustics, 1994, eq. 1.34; coefficients from the documentation of USML.
+    For about 4 degC and 1000 m. Thorp (1967) printed the two relaxations only, 0.1 and 40 dB per kiloyard.
     """
     f = _checked(frequency_hz)[0] ** 2
     return np.asarray(0.0033 + f * (0.11 / (1.0 + f) + 44.0 / (4100.0 + f) + 3.0e-4))

@@ -1,4 +1,8 @@
-"""Transmission loss of every arrival: spreading, absorption along its path, and its bounces at sea bed and surface."""
+"""
+Transmission loss of every arrival: spreading, absorption along its path, and its bounces at sea bed and surface.
+
+The theory page on loss has the limits of each model and what was opened of its sources.
+"""
 
 import math
 from dataclasses import dataclass, fields
@@ -79,17 +83,10 @@ class FluidBottom:
     @classmethod
     def standard(cls, name: str) -> Self:
         """
-        One of five sediments of the standard table: clay, silt, sand, gravel or moraine.
+        One of five sediments of the standard table (Jensen et al., 1.3): clay, silt, sand, gravel or moraine.
 
-        Notes
-        -----
         The table's shear is left out. It is slow in these (50 to 600 m/s); rock, where it is not, is not a
         fluid and is left out too.
-
-        References
-        ----------
-        .. [1] Jensen, F. B., Kuperman, W. A., Porter, M. B. and Schmidt, H., Computational Ocean Acoustics,
-           table 1.3, for water of 1500 m/s and 1000 kg/m3; after Hamilton. Taken from code that cites it.
         """
         if name not in _SEDIMENTS:
             raise AcousticsError(f"sediment {name!r} is unknown; there are {', '.join(_SEDIMENTS)}")
@@ -232,8 +229,6 @@ def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals
     r"""
     Spreading of each arrival relative to 1 m from the source, minus infinity between equal positions. [dB]
 
-    Notes
-    -----
     `Arrivals` has :math:`10 \lg (c_s A / c_r \Omega d^2)` with the ray tube's cross-section A at the
     receiver, its solid angle :math:`\Omega` at the source, the speeds at both ends and the straight distance d. Adding
     :math:`20 \lg d` leaves the loss of pressure of ray theory at constant density, which is reciprocal.
@@ -302,17 +297,10 @@ def reflection_coefficient(
     By grazing angle [rad], and sound speed [m/s] and density [kg/m3] of the water at the sea bed. For time dependence
     :math:`e^{-i\omega t}`; its argument is the phase that the bounce adds.
 
-    Notes
-    -----
     With :math:`m = \rho_b/\rho`, :math:`n = (c/c_b)(1 + i\delta)`, attenuation
     :math:`\delta = \ln 10\, \alpha_\lambda / 40\pi`,
     :math:`R = (m \sin\gamma - q)/(m \sin\gamma + q)`, :math:`q = \sqrt{n^2 - \cos^2\gamma}`, Im q >= 0.
     It does not depend on frequency, because attenuation per wavelength does not.
-
-    References
-    ----------
-    .. [1] Brekhovskikh, L. M. and Lysanov, Yu. P., Fundamentals of Ocean Acoustics, eq. 3.1.12, as quoted in
-       the documentation of other codes.
     """
     angle = np.asarray(grazing_angle, dtype=float)
     loss_tangent = math.log(10.0) * bottom.attenuation_db_per_wavelength / (40.0 * math.pi)
@@ -326,16 +314,9 @@ def wave_height_rms(wind_speed: ArrayLike) -> Array:
     r"""
     Standard deviation of the surface elevation of a fully developed sea, by the wind at 10 m [m/s]. [m]
 
-    Notes
-    -----
-    The integral of the Pierson-Moskowitz spectrum
+    The integral of the spectrum of Pierson and Moskowitz (1964)
     :math:`\alpha g^2 \omega^{-5} \exp[-\beta (g/U\omega)^4]` with :math:`\alpha = 0.0081, \beta = 0.74` is
     :math:`\sigma^2 = \alpha U^4 / 4 \beta g^2`; its U is at 19.5 m, 1.026 times that at 10 m.
-
-    References
-    ----------
-    .. [1] Pierson, W. J. and Moskowitz, L. (1964), J. Geophys. Res. 69, 5181-5190 (not at hand; the
-       spectrum is in every textbook of ocean waves).
     """
     return np.asarray((1.026 * _wind(wind_speed)) ** 2 / (2.0 * _GRAVITY) * math.sqrt(0.0081 / 0.74))
 
@@ -346,8 +327,6 @@ def coherent_surface_loss_db(
     r"""
     Loss of the specular, in-phase part of the field at a rough surface. [dB]
 
-    Notes
-    -----
     Kirchhoff's :math:`|R| = \exp(-2 k^2 \sigma^2 \sin^2\gamma)` for Gaussian elevations. What is lost here is
     scattered, not gone: at modem frequencies the scattered part is what arrives.
     """
@@ -369,15 +348,9 @@ def bubble_loss_db(
     The ceiling is the largest loss: past it, scattering from beneath the bubbles carries on. Secondary sources give
     15 and 30 for it.
 
-    Notes
-    -----
+    After the APL-UW handbook of 1994:
     :math:`1.26 \cdot 10^{-3} U^{1.57} f^{0.85} / \sin\gamma` with f in kHz from 6 m/s on, below that the
     value at 6 m/s times :math:`e^{1.2 (U - 6)}`. A fit to data of 20 to 40 kHz within 3 dB.
-
-    References
-    ----------
-    .. [1] APL-UW High-Frequency Ocean Environmental Acoustic Models Handbook, TR 9407, 1994, section II,
-       eqs. 28a, 28b; the report was not at hand, two independent codes agree on the formula.
     """
     wind = _wind(wind_speed)
     breaking = 1.26e-3 * np.maximum(wind, 6.0) ** 1.57 * np.exp(1.2 * np.minimum(wind - 6.0, 0.0))

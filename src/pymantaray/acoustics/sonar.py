@@ -1,4 +1,8 @@
-"""Sonar equation: from transmission loss and the noise of the sea to the probability that a ping is heard."""
+"""
+Sonar equation: from transmission loss and the noise of the sea to the probability that a ping is heard.
+
+The theory page on loss has what was opened of the sources.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -18,7 +22,7 @@ _NODES = 32  # Gauss-Legendre points of a band, in the logarithm of frequency
 @dataclass(frozen=True)
 class WenzNoise:
     r"""
-    Noise of turbulence, distant ships, wind and thermal agitation.
+    Noise of turbulence, distant ships, wind and thermal agitation, by Wenz (1962) in the form of Coates (1990).
 
     Parameters
     ----------
@@ -38,11 +42,6 @@ class WenzNoise:
     :math:`40 + 20 (s - 0.5) + 26 \lg f - 60 \lg(f + 0.03)`;
     :math:`50 + 7.5 \sqrt w + 20 \lg f - 40 \lg(f + 0.4)`; :math:`-15 + 20 \lg f`. The powers add. Deep open
     water from about 1 Hz to 100 kHz; rain, ice, animals and the vehicle's own noise are not in it.
-
-    References
-    ----------
-    .. [1] Coates, R. (1990), Underwater Acoustic Systems, as quoted by Stojanovic and in papers after her,
-       which were read instead; after Wenz, G. M. (1962), J. Acoust. Soc. Am. 34, 1936-1956.
 
     Examples
     --------
@@ -123,11 +122,6 @@ class Sonar:
     is normal with standard deviation :math:`\sigma`, so :math:`P = \Phi(E / \sigma)`. Draw a dropout with
     ``heard = uniform < probability``. The default spread of 6 dB lies near the 5.6 dB of the intensity, in
     decibels, of a fully saturated (Rayleigh) signal.
-
-    References
-    ----------
-    .. [1] Urick, R. J., Principles of Underwater Sound, 3rd ed., chapter 12 (transition curves), not at
-       hand; the normal distribution of signal excess is the common one in sonar performance models.
 
     Examples
     --------
