@@ -117,7 +117,8 @@ def _engine(path: Path) -> str:
     if path.is_dir():
         return _zarr_engine(path)
     if not path.is_file():
-        raise OceanError(f"{path}: no such file; name an existing NetCDF file")
+        what = "not an ordinary file" if path.exists() else "no such file"
+        raise OceanError(f"{path}: {what}; name an existing NetCDF file")
     with path.open("rb") as stream:
         start = stream.read(4)
     if start in (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF"):
