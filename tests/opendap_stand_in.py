@@ -153,7 +153,6 @@ class Thredds:
 
     def __init__(self, models):
         self.models = models
-        self.handlers = {}
         self.faults = []  # (text in the address, what happens); each is used once
         self.asked = []
         self.release = threading.Event()
@@ -177,11 +176,10 @@ class Thredds:
             start_response("404 Not Found", [("Content-Type", "text/html")])
             return [b"<html><body>No such <b>data set</b>\n</body></html>"]
         model = self.models[dataset]
-        if dataset not in self.handlers:
-            self.handlers[dataset] = file_dap(model) if isinstance(model, os.PathLike) else model.dap()
+        handler = file_dap(model) if isinstance(model, os.PathLike) else model.dap()
         environ["SCRIPT_NAME"] = ""
         environ["PATH_INFO"] = f"/data.{suffix}"
-        return self.handlers[dataset](environ, start_response)
+        return handler(environ, start_response)
 
     def misbehave(self, what, environ, start_response):
         plain = {  # status, body, header

@@ -108,8 +108,8 @@ def service(glorys, monkeypatch):
     [((-150.0, -149.0), -150.0), ((210.0, 211.0), -150.0), ((179.5, -179.5), -180.5), ((0.5, 1.2), 0.5)],
 )
 def test_a_window_of_a_day_becomes_a_valid_ocean(service, tmp_path, lon, first):
-    got = fetch_copernicus((73.0, 74.0), lon, "2014-07-15T18", tmp_path / "glorys.nc")
-    with xr.open_dataset(got.path) as written:
+    fetched = fetch_copernicus((73.0, 74.0), lon, "2014-07-15T18", tmp_path / "glorys.nc")
+    with xr.open_dataset(fetched.path) as written:
         ocean = written.load()
     validate_ocean(ocean)
     (asked,) = service
@@ -129,7 +129,7 @@ def test_a_window_of_a_day_becomes_a_valid_ocean(service, tmp_path, lon, first):
     SA = gsw.SA_from_SP(SP, p, east, lat)
     expected = gsw.t_from_CT(SA, gsw.CT_from_pt(SA, potential(z, lat, east) + 0.01), p)
     assert float(point["water_temp"]) == pytest.approx(float(expected), abs=1e-4)
-    assert list(tmp_path.iterdir()) == [got.path]
+    assert list(tmp_path.iterdir()) == [fetched.path]
 
 
 def test_several_data_sets_of_a_product_are_one_ocean(service, tmp_path):
@@ -142,12 +142,12 @@ first = 2010-01-01T00:00:00
 datasets = [{ id = "t", variables = ["thetao"] }, { id = "s", variables = ["so"] }, { id = "c", variables = ["uo", "vo"] }]
 """
     )
-    got = fetch_copernicus(
+    fetched = fetch_copernicus(
         (73.0, 74.0), (-150.0, -149.0), "2014-07-15", tmp_path / "glorys.nc", servers=servers
     )
-    assert got.requests == 3
+    assert fetched.requests == 3
     assert [a.dataset_id for a in service] == ["t", "s", "c"]
-    with xr.open_dataset(got.path) as ocean:
+    with xr.open_dataset(fetched.path) as ocean:
         validate_ocean(ocean)
 
 
