@@ -1,29 +1,53 @@
-"""The range model that traces rays, and the covariance of its travel times, in a front over a sloping sea bed."""
+"""Range models that trace rays, and the covariance of their travel times, in a front over a flat sea bed."""
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, quadrature, travel_time_sensitivity
-from pymantaray.estimation import RangeLinks
+from pymantaray.estimation import AdjustableModel, RangeLinks
 from pymantaray.ocean import SoundSpeedCovariance
+from pymantaray.records import Trajectories
 from pymantaray.study.range_models import eigenray_model
+from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
+from pymantaray.study.true_unknowns import true_amplitudes
 
-NORTH, EAST, DEPTH = np.linspace(-8e3, 8e3, 9), np.linspace(-8e3, 8e3, 9), np.linspace(0.0, 1200.0, 13)
+NORTH, EAST, DEPTH = np.linspace(-8e3, 8e3, 9), np.linspace(-8e3, 8e3, 9), np.linspace(0.0, 1200.0, 25)
+FRONT = (
+    1450.0
+    + 0.016 * DEPTH
+    + 8.0 * np.tanh(NORTH / 3e3)[:, None, None] * np.exp(-DEPTH / 200.0)
+    + np.zeros((9, 9, 25))
+)
+SHAPES = np.stack([np.exp(-DEPTH / 250.0), np.cos(DEPTH / 200.0)])
+
+
+def water(speed=FRONT, bed=1200.0, interpolation="smooth"):
+    return Medium.from_grid(
+        NORTH, EAST, DEPTH, speed, bathymetry=np.broadcast_to(bed, (9, 9)), interpolation=interpolation
+    )
+
+
+def adjustable(interpolation="smooth"):
+    return AdjustableEigenrays(
+        EigenrayModel(water(interpolation=interpolation)), DEPTH, SHAPES, np.array([2.0, 1.0])
+    )
+
+
+def between(a, b):
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    return RangeLinks(np.zeros(len(a)), a, b, np.full(len(a), 1450.0))
+
+
+def both_ways(a, b):
+    return between(np.concatenate([a, b]), np.concatenate([b, a]))
 
 
 @pytest.fixture(scope="module")
 def medium():
-    warm = 8.0 * np.tanh(NORTH / 3e3)[:, None, None] * np.exp(-DEPTH / 200.0)
-    speed = 1450.0 + 0.016 * DEPTH + warm + np.zeros((9, 9, 13))
-    return Medium.from_grid(NORTH, EAST, DEPTH, speed, bathymetry=np.full((9, 9), 1200.0))
-
-
-def links_between(medium, a, b, epochs=1):
-    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    n = len(a)
-    return RangeLinks(np.repeat(np.arange(epochs), n // epochs) * 3600.0, a, b, np.full(n, 1450.0))
+    return water()
 
 
 @pytest.fixture(scope="module")
@@ -33,10 +57,15 @@ def ends():
     return rng.uniform(low, high, (8, 3)), rng.uniform(low, high, (8, 3))
 
 
+@pytest.fixture(scope="module")
+def links(ends):
+    return between(*ends)
+
+
 def test_travel_times_are_the_solvers_and_their_gradients_finite_differences(medium, ends):
     model = EigenrayModel(medium)
     a, b = ends
-    found = model.predict(links_between(medium, a, b))
+    found = model.predict(between(a, b))
     first = find_eigenrays(medium, a, b).first()
     np.testing.assert_array_equal(found.travel_time, first.travel_time)
     assert found.possible.all()
@@ -45,8 +74,7 @@ def test_travel_times_are_the_solvers_and_their_gradients_finite_differences(med
         e = np.eye(3)[k] * step
         for end, gradient in ((0, found.transmitter_gradient), (1, found.receiver_gradient)):
             ahead, behind = (
-                model.predict(links_between(medium, a + s * e * (end == 0), b + s * e * end)).travel_time
-                for s in (1, -1)
+                model.predict(between(a + s * e * (end == 0), b + s * e * end)).travel_time for s in (1, -1)
             )
             np.testing.assert_allclose(gradient[:, k], (ahead - behind) / (2 * step), rtol=0, atol=3e-9)
 
@@ -61,7 +89,7 @@ def test_there_and_back_are_one_ray_solved_once(medium, ends, monkeypatch):
     monkeypatch.setattr(eigenray_model, "find_eigenrays", counted)
     a, b = ends
     model = EigenrayModel(medium)
-    both = links_between(medium, np.concatenate([a, b]), np.concatenate([b, a]))
+    both = both_ways(a, b)
     found = model.predict(both)
     assert solved == [8]
     np.testing.assert_array_equal(found.travel_time[:8], found.travel_time[8:])
@@ -69,14 +97,14 @@ def test_there_and_back_are_one_ray_solved_once(medium, ends, monkeypatch):
     np.testing.assert_array_equal(found.receiver_gradient[:8], found.transmitter_gradient[8:])
     model.predict(both)
     assert solved == [8]  # the start of the next realization
-    model.predict(links_between(medium, a + 1.0, b))
+    model.predict(between(a + 1.0, b))
     model.predict(both)
     assert solved == [8, 8]
 
 
 def test_current_makes_one_way_earlier_and_the_other_later_by_as_much(medium, ends):
     a, b = ends
-    both = links_between(medium, np.concatenate([a, b]), np.concatenate([b, a]))
+    both = both_ways(a, b)
     still = EigenrayModel(medium).predict(both).travel_time
     moved = EigenrayModel(medium, currents=Currents.uniform(0.3, -0.1)).predict(both).travel_time
     np.testing.assert_allclose(moved[:8] - still[:8], still[8:] - moved[8:], rtol=0, atol=1e-15)
@@ -85,13 +113,11 @@ def test_current_makes_one_way_earlier_and_the_other_later_by_as_much(medium, en
 
 
 def test_what_the_ocean_does_not_allow_is_not_possible():
-    ridge = np.full((9, 9), 1200.0)
-    ridge[4] = 300.0
-    speed = np.broadcast_to(1450.0 + 0.016 * DEPTH, (9, 9, 13))
-    model = EigenrayModel(Medium.from_grid(NORTH, EAST, DEPTH, speed, bathymetry=ridge))
-    a = np.array([[-4e3, 0.0, 800.0], [-4e3, 0.0, 800.0], [-4e3, 0.0, 800.0], [-4e3, 0.0, 800.0]])
+    ridge = np.where(NORTH == 0.0, 300.0, 1200.0)[:, None]
+    model = EigenrayModel(water(np.broadcast_to(1450.0 + 0.016 * DEPTH, (9, 9, 25)), bed=ridge))
+    a = np.tile([-4e3, 0.0, 800.0], (4, 1))
     b = np.array([[4e3, 0.0, 800.0], [-4e3, 3e3, 800.0], [9e3, 0.0, 50.0], [-4e3, 0.0, 1300.0]])
-    found = model.predict(links_between(None, a, b))
+    found = model.predict(between(a, b))
     # behind the ridge, beside it, outside the domain, and below the sea bed
     assert found.possible.tolist() == [False, True, False, False]
     assert np.isnan(found.travel_time[[0, 2, 3]]).all()
@@ -120,10 +146,9 @@ def gaussian(rms, vertical_scale, horizontal_scale):
 
 
 @pytest.mark.parametrize("scale", [2500.0, 20e3, np.inf], ids=["short", "long", "everywhere"])
-def test_covariance_is_the_double_integral_along_the_rays(medium, ends, scale):
+def test_covariance_is_the_double_integral_along_the_rays(medium, links, scale):
     covariance = gaussian(2.0 * np.exp(-DEPTH / 300.0), 150.0, scale)
     model = EigenrayModel(medium)
-    links = links_between(medium, *ends)
     (found,) = RayUncertainty(model, covariance).covariances(links, np.zeros(8, dtype=int))
     expected = brute_force(model, covariance, links)
     typical = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
@@ -132,11 +157,10 @@ def test_covariance_is_the_double_integral_along_the_rays(medium, ends, scale):
     assert np.linalg.eigvalsh(found).min() > -1e-12 * found.max()
 
 
-def test_one_amplitude_everywhere_is_the_sensitivity_squared(medium, ends):
+def test_one_amplitude_everywhere_is_the_sensitivity_squared(medium, links):
     shape = np.exp(-DEPTH / 150.0)
     covariance = SoundSpeedCovariance(DEPTH, 4.0 * np.outer(shape, shape), np.inf)
     model = EigenrayModel(medium)
-    links = links_between(medium, *ends)
     (found,) = RayUncertainty(model, covariance).covariances(links, np.zeros(8, dtype=int))
     pairs = pairs_of(links)
     paths, _ = model.paths(pairs)
@@ -148,9 +172,7 @@ def test_epochs_are_apart_and_both_ways_of_a_link_are_one(medium, ends):
     a, b = ends
     model = EigenrayModel(medium)
     covariance = gaussian(np.ones(DEPTH.size), 100.0, 5e3)
-    links = links_between(
-        medium, np.concatenate([a[:4], b[:4], a[4:]]), np.concatenate([b[:4], a[:4], b[4:]])
-    )
+    links = between(np.concatenate([a[:4], b[:4], a[4:]]), np.concatenate([b[:4], a[:4], b[4:]]))
     first, second = RayUncertainty(model, covariance).covariances(links, np.repeat([0, 1], [8, 4]))
     assert first.shape == (8, 8)
     assert second.shape == (4, 4)
@@ -160,7 +182,64 @@ def test_epochs_are_apart_and_both_ways_of_a_link_are_one(medium, ends):
 
 def test_link_without_a_ray_has_no_variance(medium):
     covariance = gaussian(np.ones(DEPTH.size), 100.0, 5e3)
-    links = links_between(medium, [[0, 0, 100.0], [0, 0, 100.0]], [[0, 9e3, 100.0], [0, 3e3, 100.0]])
+    links = between([[0, 0, 100.0], [0, 0, 100.0]], [[0, 9e3, 100.0], [0, 3e3, 100.0]])
     (found,) = RayUncertainty(EigenrayModel(medium), covariance).covariances(links, np.zeros(2, dtype=int))
     assert found[0].tolist() == [0.0, 0.0]
     assert found[1, 1] > 0.0
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+def test_sensitivities_are_finite_differences_of_travel_times_in_adjusted_water(links, interpolation):
+    model = adjustable(interpolation)
+    assert isinstance(model, AdjustableModel)
+    about = np.array([0.7, -0.4])
+    here, step = model.adjusted(about), 0.01
+    found = here.sensitivity(links)
+    for k, e in enumerate(np.eye(2)):
+        ahead, behind = (model.adjusted(about + s * step * e).predict(links).travel_time for s in (1, -1))
+        # some 1e-3 s² m⁻¹ each; the second difference of a ray that bends leaves 1e-4 of that
+        np.testing.assert_allclose(found[:, k], (ahead - behind) / (2 * step), rtol=3e-4, atol=1e-9)
+    assert np.abs(found).max() > 1e-4
+
+
+def test_adjusted_water_is_the_sum_and_amplitudes_count_from_the_belief(links):
+    model = adjustable()
+    there = model.adjusted(np.array([1.0, 2.0]))
+    by_hand = water(FRONT + SHAPES[0] + 2.0 * SHAPES[1])
+    expected = EigenrayModel(by_hand).predict(links).travel_time
+    np.testing.assert_allclose(there.predict(links).travel_time, expected, rtol=1e-14)
+    again = there.adjusted(np.array([1.0, 2.0]))
+    assert again is there
+    back = there.adjusted(np.zeros(2))
+    np.testing.assert_array_equal(back.predict(links).travel_time, model.predict(links).travel_time)
+
+
+def test_link_without_a_ray_has_no_sensitivity(links):
+    beyond = links._replace(receiver=links.receiver + np.array([0.0, 0.0, 5000.0]))
+    model = adjustable()
+    assert not model.predict(beyond).possible.any()
+    np.testing.assert_array_equal(model.sensitivity(beyond), 0.0)
+
+
+def test_true_amplitudes_are_those_of_the_difference_where_the_fleet_is():
+    def local(amplitudes):
+        speed = 1450.0 + np.zeros((9, 9, 25)) + amplitudes @ SHAPES
+        speed[5:] += 3.0  # elsewhere
+        return xr.Dataset(
+            {"sound_speed": (("north", "east", "depth"), speed)},
+            coords={"north": NORTH, "east": EAST, "depth": DEPTH},
+        )
+
+    n = 4
+    place = np.tile([[[-7e3, 0.0, 100.0]]], (2, n, 1))
+    fleet = Trajectories(
+        name=np.array(["A", "B"]),
+        role=np.array(["station", "station"]),
+        time=np.arange(n) * 60.0,
+        position=place,
+        quaternion=np.tile([1.0, 0, 0, 0], (2, n, 1)),
+        status=np.zeros((2, n), dtype=int),
+    )
+    true, believed = local(np.array([1.5, -0.5])), local(np.array([0.5, 0.25]))
+    found = true_amplitudes(adjustable(), true, believed, fleet)
+    assert found == pytest.approx({"mode 1": 1.0, "mode 2": -0.75}, abs=1e-9)
