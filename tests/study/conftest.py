@@ -1,11 +1,21 @@
-"""The study `factories.TINY` and its run: four vehicles of all kinds, two landmarks, four hours."""
+"""The study `factories.TINY`, its run, and runs of it with other sections."""
 
 import copy
 
 import pytest
 from factories import TINY
 
-from pymantaray.study import open_run, parse_study
+from pymantaray.study import open_run, parse_study, run_study
+
+
+def changed(tree, sections):
+    """Tree with the keys of these sections; what is no table replaces what is there."""
+    for name, value in sections.items():
+        if isinstance(value, dict):
+            changed(tree.setdefault(name, {}), value)
+        else:
+            tree[name] = value
+    return tree
 
 
 @pytest.fixture
@@ -14,15 +24,26 @@ def tiny_tree():
 
 
 @pytest.fixture(scope="session")
-def make_tiny_tree():
-    return lambda: copy.deepcopy(TINY)
+def tiny():
+    """Configuration of TINY with other sections."""
+    return lambda **sections: parse_study(changed(copy.deepcopy(TINY), sections), "tiny")
 
 
 @pytest.fixture(scope="session")
-def tiny_config():
-    return parse_study(copy.deepcopy(TINY), "tiny")
+def tiny_config(tiny):
+    return tiny()
 
 
 @pytest.fixture(scope="session")
 def tiny_run(tiny_run_folder):
     return open_run(tiny_run_folder)
+
+
+@pytest.fixture(scope="session")
+def run_tiny(tiny, tmp_path_factory):
+    """Run TINY with other sections, in a folder of its own."""
+
+    def run(workers=1, **sections):
+        return run_study(tiny(**sections), tmp_path_factory.mktemp("run") / "tiny", workers=workers)
+
+    return run

@@ -1,13 +1,9 @@
 """Water and clocks estimated with the poses, from the configuration to the run folder."""
 
-import copy
-
 import numpy as np
 import pytest
-from factories import TINY
 
 from pymantaray.errors import OceanError
-from pymantaray.study import parse_study, run_study
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import ModesSection
 
@@ -16,18 +12,18 @@ OFFSET = 1e-3
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    tree = copy.deepcopy(TINY)
-    del tree["landmarks"]  # nobody keeps the time
-    tree["study"]["conditions"] = ["straight"]
-    tree["ranging"] = {"clock_offset_sigma": OFFSET, "clock_skew_sigma": 1e-8}
+def run(run_tiny):
     mean = {"range_model": "eigenray", "belief": {"kind": "mean"}}
-    tree["estimators"] = [
-        {"name": "e0", "modes": {"count": 3, "rms": 1.0, "down_to": 300.0}} | mean,
-        {"name": "e1", "range_model": "eigenray", "belief": EXACT, "clocks": {}},
-        {"name": "e2"} | mean,
-    ]
-    return run_study(parse_study(tree), tmp_path_factory.mktemp("runs") / "joint", workers=1)
+    return run_tiny(
+        landmarks=[],  # nobody keeps the time
+        study={"conditions": ["straight"]},
+        ranging={"clock_offset_sigma": OFFSET, "clock_skew_sigma": 1e-8},
+        estimators=[
+            {"name": "e0", "modes": {"count": 3, "rms": 1.0, "down_to": 300.0}} | mean,
+            {"name": "e1", "range_model": "eigenray", "belief": EXACT, "clocks": {}},
+            {"name": "e2"} | mean,
+        ],
+    )
 
 
 def test_study_finds_water_and_clocks_and_keeps_the_truth_beside_them(run):

@@ -20,9 +20,15 @@ def casts(pattern):
     return [pytest.param(None, marks=pytest.mark.skip(reason=f"real casts are not at {CASTS}"))]
 
 
+def dead_reckoned(config, **ocean):
+    """Water, fleet and rays are what is tested."""
+    study = config.study.model_copy(update={"conditions": ("odometry",), "realizations": 1})
+    return config.model_copy(update={"study": study, "ocean": config.ocean.model_copy(update=ocean)})
+
+
 def run_on(file, folder):
     """The quick preset, one realization, in the water of a file."""
-    return run_study(load_study("quick", realizations=1, ocean=[file]), folder / "run", workers=1)
+    return run_study(dead_reckoned(load_study("quick", ocean=[file])), folder / "run", workers=1)
 
 
 def check_mission_from_cast(path, folder):
@@ -68,14 +74,10 @@ def test_a_hill_that_the_waters_grid_does_not_show_grounds_floats_and_blocks_lin
         },
     )
     gebco.to_netcdf(tmp_path / "gebco.nc")
-    base = load_study("quick", realizations=1)
+    base = load_study("quick")
     extent = {"bathymetry": str(tmp_path / "gebco.nc"), "half_extent_north": 15e3, "half_extent_east": 15e3}
     flat, ridged = (
-        run_study(
-            base.model_copy(update={"ocean": base.ocean.model_copy(update=ocean)}),
-            tmp_path / name,
-            workers=1,
-        )
+        run_study(dead_reckoned(base, **ocean), tmp_path / name, workers=1)
         for name, ocean in (("flat", extent | {"bathymetry": None}), ("ridged", extent))
     )
     assert (flat.truth.status == VehicleStatus.ACTIVE).all()

@@ -1,30 +1,42 @@
-"""Timing, currents and detection as a study configures them, from the file to the noisy measurements."""
+"""Timing, currents, detection and mistaken arrivals as a study configures them, from the file to noisy measurements."""
 
 import numpy as np
 import pytest
 
 from pymantaray.acoustics import WenzNoise
+from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.records import RayStatus
-from pymantaray.sensing import ClockModel, TwoWay
-from pymantaray.study import open_run, parse_study, run_study
-from pymantaray.study.assemble import build_clocks, build_currents, build_detector, build_ocean, build_timing
+from pymantaray.sensing import ClockModel, Picker, TwoWay
+from pymantaray.study import open_run
+from pymantaray.study.assemble import (
+    build_clocks,
+    build_currents,
+    build_detector,
+    build_ocean,
+    build_picker,
+    build_timing,
+)
+from pymantaray.study.config import RangingSection
 
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 
 
-def run_of(tree, folder, **sections):
-    tree["study"].update(conditions=["odometry", "refracted"], realizations=1)
-    return run_study(parse_study(tree | sections, "tiny"), folder / "run", workers=1)
+STUDY = {"conditions": ["odometry", "refracted"], "realizations": 1}
+ERRING = {
+    "study": {"conditions": ["odometry", "straight", "refracted"], "realizations": 4},
+    "acoustics": {"max_surface_bounces": 1, "max_bottom_bounces": 1},
+    "ranging": {"mistaken": "first-detected"},
+    "detection": DETECTION | {"source_level_db": 165.0},
+}
 
 
-def test_sections_become_what_ranging_takes(tiny_tree):
-    tree = tiny_tree | {
-        "ranging": {"timing": "two-way", "turn_around_s": 0.5, "clock_skew_sigma": 1e-6},
-        "acoustics": {"currents": True, "max_surface_bounces": 1, "max_bottom_bounces": 1},
-        "detection": DETECTION | {"wind_speed": 12.0, "surface_loss": "coherent", "sediment": "silt"},
-    }
-    config = parse_study(tree)
+def test_sections_become_what_ranging_takes(tiny):
+    config = tiny(
+        ranging={"timing": "two-way", "turn_around_s": 0.5, "clock_skew_sigma": 1e-6},
+        acoustics={"currents": True, "max_surface_bounces": 1, "max_bottom_bounces": 1},
+        detection=DETECTION | {"wind_speed": 12.0, "surface_loss": "coherent", "sediment": "silt"},
+    )
     ocean = build_ocean(config.ocean, config.mission.duration_h * 3600.0)
     assert build_timing(config.ranging) == TwoWay(turn_around=0.5)
     assert build_clocks(config.ranging) == ClockModel(skew_sigma=1e-6)
@@ -40,26 +52,17 @@ def test_sections_become_what_ranging_takes(tiny_tree):
 
 
 @pytest.fixture(scope="module")
-def two_way_run(make_tiny_tree, tmp_path_factory):
+def two_way_run(run_tiny):
     """Two-way with bad clocks and a sonar that misses some pings."""
-    ranging = {
-        "timing": "two-way",
-        "turn_around_s": 2.0,
-        "clock_offset_sigma": 10.0,
-        "clock_skew_sigma": 1e-4,
-    }
-    return run_of(make_tiny_tree(), tmp_path_factory.mktemp("two_way"), ranging=ranging, detection=DETECTION)
+    clocks = {"clock_offset_sigma": 10.0, "clock_skew_sigma": 1e-4}
+    timing = {"timing": "two-way", "turn_around_s": 2.0}
+    return run_tiny(study=STUDY, ranging=timing | clocks, detection=DETECTION)
 
 
 @pytest.fixture(scope="module")
-def one_way_run(make_tiny_tree, tmp_path_factory):
+def one_way_run(run_tiny):
     """One-way in moving water with clocks that are a millisecond apart."""
-    return run_of(
-        make_tiny_tree(),
-        tmp_path_factory.mktemp("one_way"),
-        ranging={"clock_offset_sigma": 1e-3},
-        acoustics={"currents": True},
-    )
+    return run_tiny(study=STUDY, ranging={"clock_offset_sigma": 1e-3}, acoustics={"currents": True})
 
 
 def test_two_way_ranges_move_with_the_vehicles_and_their_clocks_skew(two_way_run, tiny_run):
@@ -115,3 +118,54 @@ def test_currents_change_the_two_directions_by_opposite_amounts(one_way_run, tin
     heard = o.range_status[forth] == RayStatus.OK
     np.testing.assert_allclose(change[forth][heard], -change[back][heard], rtol=0, atol=2e-15)
     assert np.nanmax(np.abs(change)) * 1450.0 > 0.01  # m
+
+
+def test_sections_become_a_picker(tiny):
+    ranging = tiny(ranging={"mistaken": "first-detected", "below_strongest_db": 9.0}).ranging
+    assert build_picker(ranging, None) == Picker("first-detected", below_strongest_db=9.0)
+    assert build_picker(RangingSection(mistaken="strongest-detected"), None) == Picker("strongest-detected")
+    assert build_picker(RangingSection(), None) is None
+
+
+@pytest.fixture(scope="module")
+def erring_run(run_tiny):
+    return run_tiny(**ERRING)
+
+
+def test_mistakes_are_counted_and_become_ranges(erring_run, tiny_run):
+    run, o = erring_run, erring_run.measurements
+    outcome = run.manifest["outcome"]
+    drawn = [run.mistaken(r) for r in range(4)]
+    expected = outcome["expected_mistaken"]
+    assert 3.0 < expected < o.range_status.size
+    spread = np.sqrt(expected)  # no more than independent attempts have
+    assert abs(np.mean([m.sum() for m in drawn]) - expected) < 4.0 * spread / 2.0
+    time = run.ranging_truth.travel_time
+    np.testing.assert_array_equal(time, tiny_run.ranging_truth.travel_time)
+    for realization, mistaken in enumerate(drawn):
+        noisy = run.noisy_measurements(realization)
+        assert (noisy.range_status[mistaken] == RayStatus.OK).all()
+        right = (noisy.range_status == RayStatus.OK) & ~mistaken
+        late = noisy.refracted_range - run.ranging_truth.refracted_range
+        assert np.abs(late[right]).max() < 5.0  # the noise has a sigma of 1 m
+        assert (late[mistaken & np.isfinite(late)] > -5.0).all()
+        assert np.isfinite(noisy.refracted_range[mistaken]).all()
+    lost = [np.count_nonzero(run.noisy_measurements(r).range_status == RayStatus.UNHEARD) for r in range(4)]
+    assert np.mean(lost) == pytest.approx(outcome["expected_unheard"], rel=0.4)
+
+
+def test_results_do_not_depend_on_the_number_of_workers(erring_run, run_tiny):
+    two = run_tiny(workers=2, **ERRING)
+    np.testing.assert_array_equal(two.estimates.position, erring_run.estimates.position)
+    np.testing.assert_array_equal(two.candidates.probability, erring_run.candidates.probability)
+    np.testing.assert_array_equal(open_run(two.path).mistaken(3), erring_run.mistaken(3))
+    assert np.unique([erring_run.mistaken(r).sum() for r in range(4)]).size > 1
+
+
+def test_without_mistakes_there_is_no_file_and_none_is_mistaken(tiny_run):
+    assert tiny_run.candidates is None
+    assert not (tiny_run.path / "candidates.nc").exists()
+    assert not tiny_run.mistaken(0).any()
+    assert "expected_mistaken" not in tiny_run.manifest["outcome"]
+    with pytest.raises(StudyError, match="realization 2: the run has 0 to 1"):
+        tiny_run.mistaken(2)

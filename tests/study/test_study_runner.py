@@ -1,7 +1,6 @@
 """A whole small study: what is on disk is what was computed, the same whoever computes it, or nothing."""
 
 import hashlib
-import tomllib
 from typing import get_args
 
 import numpy as np
@@ -14,6 +13,8 @@ from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.study import open_run, parse_study, run_study, runner
 from pymantaray.study.config import Condition
 from pymantaray.study.manifest import describe_run, sha256
+
+DEAD_RECKONING = {"conditions": ["odometry"], "realizations": 1}
 
 
 def names_in(folder):
@@ -41,6 +42,7 @@ def test_run_folder_holds_every_file_and_nothing_else(tiny_run):
 def test_opened_again_a_run_gives_the_same(tiny_run, tiny_config):
     again = open_run(tiny_run.path)
     assert again.config == tiny_config
+    assert "range_sigma = 1.0" in (tiny_run.path / "config.toml").read_text()  # defaults are written out
     assert same(again.estimates, tiny_run.estimates)
     assert again.region.loc["synthetic"].item() == "yes"
     assert again.synthetic
@@ -97,25 +99,26 @@ def test_pyfg_of_the_first_realization_starts_at_the_truth(tiny_run):
     )
 
 
-def test_dead_reckoned_start_reaches_the_same_optimum(tiny_tree, tiny_run, tmp_path):
-    tiny_tree["estimator"] = {"initialise": "dead-reckoning"}
-    tiny_tree["study"]["realizations"] = 1
-    other = run_study(parse_study(tiny_tree), tmp_path / "run", workers=1).estimates
+def test_dead_reckoned_start_reaches_the_same_optimum(run_tiny, tiny_run):
+    other = run_tiny(estimator={"initialise": "dead-reckoning"}, study={"realizations": 1}).estimates
     np.testing.assert_allclose(other.position[:, 0], tiny_run.estimates.position[:, 0], rtol=0, atol=1e-3)
 
 
-def test_progress_counts_up_to_the_end_of_each_stage(tiny_tree, tmp_path):
-    tiny_tree["study"]["conditions"] = ["odometry"]
+def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage(tiny, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     seen = []
-    run_study(parse_study(tiny_tree), tmp_path / "run", workers=1, progress=lambda *step: seen.append(step))
-    assert [s for s in seen if s[0] == "realizations"] == [("realizations", i, 2) for i in range(3)]
+    run = run_study(tiny(study=DEAD_RECKONING), workers=1, progress=lambda *step: seen.append(step))
+    assert run.path.parent == tmp_path / "runs"
+    assert run.path.name.startswith("tiny-2")
+    assert open_run("runs/latest").path == run.path
+    assert [s for s in seen if s[0] == "realizations"] == [("realizations", i, 1) for i in range(2)]
     last = {stage: (done, total) for stage, done, total in seen}
     assert list(last) == ["ocean", "fleet", "rays", "realizations", "files"]
     assert all(done == total for done, total in last.values())
 
 
 def test_vehicle_that_leaves_stops_and_the_study_goes_on(tiny_tree, tmp_path):
-    tiny_tree["study"]["conditions"] = ["odometry", "straight"]
+    tiny_tree["study"].update(conditions=["odometry", "straight"], realizations=1)
     tiny_tree["fleet"]["vehicles"][3].update(twist=[0, 0, 0, 3.0, 0, 0], heading_deg=90.0)
     run = run_study(parse_study(tiny_tree), tmp_path / "run", workers=1)
     outcome = run.manifest["outcome"]
@@ -127,14 +130,13 @@ def test_vehicle_that_leaves_stops_and_the_study_goes_on(tiny_tree, tmp_path):
 
 
 @pytest.mark.parametrize("where", ["simulate_mission", "solve_realizations", "describe_run"])
-def test_failure_at_any_stage_leaves_nothing_behind(tiny_tree, tmp_path, monkeypatch, where):
+def test_failure_at_any_stage_leaves_nothing_behind(tiny, tmp_path, monkeypatch, where):
     def fail(*_arguments, **_options):
         raise KeyboardInterrupt
 
-    tiny_tree["study"].update(conditions=["odometry"], realizations=1)
     monkeypatch.setattr(runner, where, fail)
     with pytest.raises(KeyboardInterrupt):
-        run_study(parse_study(tiny_tree), tmp_path / "deep" / "run", workers=1)
+        run_study(tiny(study=DEAD_RECKONING), tmp_path / "deep" / "run", workers=1)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -156,15 +158,6 @@ def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypat
     with pytest.raises(StudyError, match="folder is not empty"):
         run_study(tiny_config, tmp_path)
     assert names_in(tmp_path) == ["mine"]
-
-
-def test_default_folder_is_dated_and_latest_points_at_it(tiny_tree, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    tiny_tree["study"].update(conditions=["odometry"], realizations=1)
-    run = run_study(parse_study(tiny_tree), workers=1)
-    assert run.path.parent == tmp_path / "runs"
-    assert run.path.name.startswith("tiny-2")
-    assert open_run("runs/latest").path == run.path
 
 
 @pytest.mark.parametrize(
@@ -227,22 +220,6 @@ def test_manifest_has_seeds_versions_and_checksums(tiny_tree, tiny_run, tmp_path
     assert described["ocean"]["sha256"] == {str(content): hashlib.sha256(b"ocean").hexdigest()}
     assert sha256(content) == hashlib.sha256(b"ocean").hexdigest()
     assert described["ocean"]["synthetic"] is False
-
-
-@pytest.mark.slow
-def test_results_do_not_depend_on_the_number_of_workers(tiny_tree, tiny_run, tmp_path):
-    tiny_tree["study"]["realizations"] = 3
-    one = run_study(parse_study(tiny_tree), tmp_path / "one", workers=1)
-    two = run_study(parse_study(tiny_tree), tmp_path / "two", workers=2)
-    assert same(one.estimates, two.estimates)
-    assert same(one.measurements, two.measurements)
-    np.testing.assert_array_equal(one.estimates.position[:, :2], tiny_run.estimates.position)
-
-
-def test_resolved_configuration_is_written_whole(tiny_run):
-    tree = tomllib.loads((tiny_run.path / "config.toml").read_text())
-    assert tree["noise"]["range_sigma"] == 1.0
-    assert tree["fleet"]["floats"]["vertical_speed"] == 0.5
 
 
 def test_position_errors_of_the_run_equal_those_of_evo(tiny_run):

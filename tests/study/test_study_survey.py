@@ -1,4 +1,4 @@
-"""The preset `survey`, and receivers that mistake arrivals, from the file to the estimates."""
+"""The preset `survey`: a driven fleet, every condition and every estimator on it."""
 
 import tomllib
 from typing import get_args
@@ -6,17 +6,10 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from pymantaray.errors import StudyError
-from pymantaray.records import RayStatus, SolveStatus
-from pymantaray.sensing import Picker
-from pymantaray.study import load_study, open_run, parse_study, preset_text, run_study, study_toml
-from pymantaray.study.assemble import build_picker
-from pymantaray.study.config import Condition, RangingSection
+from pymantaray.records import SolveStatus
+from pymantaray.study import load_study, parse_study, preset_text, run_study
+from pymantaray.study.config import Condition
 from pymantaray.study.config_estimators import RangeEstimatorSection
-
-DETECTION = {"source_level_db": 165.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
-BOUNCES = {"max_surface_bounces": 1, "max_bottom_bounces": 1}
-FIRST = {"mistaken": "first-detected"}
 
 
 def short_survey(*, estimators=(), **study):
@@ -135,82 +128,8 @@ def test_every_estimator_solves_the_survey(tmp_path):
     ):
         assert np.abs(at[one] - at[other]).max() < 0.02, (one, other)
     # who knows the ocean, or nearly so, does as well as in a straight world; who does not pays for it
-    for name in (
-        "belief-exact",
-        "belief-cast",
-        "belief-other-day",
-        "belief-perturbed",
-        "variance-per-link",
-        "variance-correlated",
-        "mean-modes",
-        "clocks",
-        "loss-huber",
-        "loss-cauchy",
-        "loss-geman-mcclure",
-        "loss-gnc",
-        "incremental-huber",
-        "incremental-cauchy",
-        "incremental-geman-mcclure",
-    ):
-        assert rms[name] == pytest.approx(rms["straight"], rel=0.1), name
+    does_not = {"odometry", "no-ranges", "refracted", "constant", "mean-slowness", "belief-mean"}
+    for name in rms.keys() - does_not:
+        if not name.startswith("transmitter"):
+            assert rms[name] == pytest.approx(rms["straight"], rel=0.1), name
     assert 1.2 * rms["straight"] < rms["mean-slowness"] < rms["refracted"] < rms["constant"]
-
-
-def test_sections_become_a_picker(tiny_tree, tmp_path):
-    ranging = FIRST | {"below_strongest_db": 9.0}
-    config = parse_study(tiny_tree | {"ranging": ranging})
-    assert build_picker(config.ranging, None) == Picker("first-detected", below_strongest_db=9.0)
-    (tmp_path / "config.toml").write_text(study_toml(config))
-    assert load_study(tmp_path / "config.toml") == config
-    assert build_picker(RangingSection(mistaken="strongest-detected"), None) == Picker("strongest-detected")
-
-
-def erring(tree, **ranging):
-    tree["study"].update(conditions=["odometry", "straight", "refracted"], realizations=4)
-    return parse_study(
-        tree | {"acoustics": BOUNCES, "ranging": FIRST | ranging, "detection": DETECTION}, "tiny"
-    )
-
-
-@pytest.fixture(scope="module")
-def erring_run(make_tiny_tree, tmp_path_factory):
-    return run_study(erring(make_tiny_tree()), tmp_path_factory.mktemp("erring") / "run", workers=1)
-
-
-def test_mistakes_are_counted_and_become_ranges(erring_run, tiny_run):
-    run, o = erring_run, erring_run.measurements
-    outcome = run.manifest["outcome"]
-    drawn = [run.mistaken(r) for r in range(4)]
-    expected = outcome["expected_mistaken"]
-    assert 3.0 < expected < o.range_status.size
-    spread = np.sqrt(expected)  # no more than independent attempts have
-    assert abs(np.mean([m.sum() for m in drawn]) - expected) < 4.0 * spread / 2.0
-    time = run.ranging_truth.travel_time
-    np.testing.assert_array_equal(time, tiny_run.ranging_truth.travel_time)
-    for realization, mistaken in enumerate(drawn):
-        noisy = run.noisy_measurements(realization)
-        assert (noisy.range_status[mistaken] == RayStatus.OK).all()
-        right = (noisy.range_status == RayStatus.OK) & ~mistaken
-        late = noisy.refracted_range - run.ranging_truth.refracted_range
-        assert np.abs(late[right]).max() < 5.0  # the noise has a sigma of 1 m
-        assert (late[mistaken & np.isfinite(late)] > -5.0).all()
-        assert np.isfinite(noisy.refracted_range[mistaken]).all()
-    lost = [np.count_nonzero(run.noisy_measurements(r).range_status == RayStatus.UNHEARD) for r in range(4)]
-    assert np.mean(lost) == pytest.approx(outcome["expected_unheard"], rel=0.4)
-
-
-def test_results_do_not_depend_on_the_number_of_workers(erring_run, make_tiny_tree, tmp_path):
-    two = run_study(erring(make_tiny_tree()), tmp_path / "run", workers=2)
-    np.testing.assert_array_equal(two.estimates.position, erring_run.estimates.position)
-    np.testing.assert_array_equal(two.candidates.probability, erring_run.candidates.probability)
-    np.testing.assert_array_equal(open_run(two.path).mistaken(3), erring_run.mistaken(3))
-    assert np.unique([erring_run.mistaken(r).sum() for r in range(4)]).size > 1
-
-
-def test_without_mistakes_there_is_no_file_and_none_is_mistaken(tiny_run):
-    assert tiny_run.candidates is None
-    assert not (tiny_run.path / "candidates.nc").exists()
-    assert not tiny_run.mistaken(0).any()
-    assert "expected_mistaken" not in tiny_run.manifest["outcome"]
-    with pytest.raises(StudyError, match="realization 2: the run has 0 to 1"):
-        tiny_run.mistaken(2)
