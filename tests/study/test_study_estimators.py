@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import xarray as xr
 from oracles import nonlinear_vector_factors
-from pydantic import Field
 
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon, solve_conditions
 from pymantaray.estimation.build import timed_ranges
@@ -37,12 +36,6 @@ EXACT = {"kind": "exact"}
 PERTURBED = {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 20e3, "down_to": 300.0}
 
 
-class WithEstimators(StudyConfig):
-    """A study with the table under test."""
-
-    estimators: tuple[RangeEstimatorSection, ...] | None = Field(default=None, strict=False)
-
-
 def section(**values):
     return RangeEstimatorSection.model_validate({"name": "e", **values})
 
@@ -67,7 +60,7 @@ def with_estimators(run, *entries):
     """The same run as if its study had these estimators."""
     tree = run.config.model_dump() | {"estimators": [{"name": f"e{i}", **e} for i, e in enumerate(entries)]}
     again = Run(run.path)
-    again.__dict__["config"] = WithEstimators.model_validate(tree)
+    again.__dict__["config"] = StudyConfig.model_validate(tree)
     return again
 
 

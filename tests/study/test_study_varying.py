@@ -29,10 +29,7 @@ def same(a, b):
     return a.to_dataset().identical(b.to_dataset())
 
 
-def run_of(tree, folder, **ocean):
-    tree["study"].update(conditions=["odometry", "refracted"], realizations=1)
-    tree["ocean"].update(ocean)
-    return run_study(parse_study(tree, "tiny"), folder / "run", workers=1)
+STUDY = {"conditions": ["odometry", "refracted"], "realizations": 1}
 
 
 def local(speed, current=0.0, depth=(0.0, 50.0, 400.0)):
@@ -116,15 +113,13 @@ def hours(*after):
     return [np.datetime64(EPOCH, "ns") + np.timedelta64(h, "h") for h in after]
 
 
-def test_equal_snapshots_are_the_study_in_still_water(tiny_tree, make_tiny_tree, tmp_path):
+def test_equal_snapshots_are_the_study_in_still_water(run_tiny, tmp_path):
     """Files of the same water at 12, 15 and 18 h: truth, rays and measurements to the last digit."""
-    tiny_tree["acoustics"] = {"currents": True}
     files = written(tmp_path, hours(0, 3, 6))
-    for name in ("still", "varying"):
-        (tmp_path / name).mkdir()
-    still = run_of(tiny_tree, tmp_path / "still", source=files[:1])
-    tree = make_tiny_tree() | {"acoustics": {"currents": True}}
-    varying = run_of(tree, tmp_path / "varying", source=files, time_varying=True)
+    still, varying = (
+        run_tiny(study=STUDY, acoustics={"currents": True}, ocean=ocean)
+        for ocean in ({"source": files[:1]}, {"source": files, "time_varying": True})
+    )
     for name in ("truth", "links", "arrivals", "measurements", "estimates"):
         assert same(getattr(varying, name), getattr(still, name)), name
     assert varying.ocean.identical(still.ocean)
@@ -139,24 +134,26 @@ def test_equal_snapshots_are_the_study_in_still_water(tiny_tree, make_tiny_tree,
     assert same(again.noisy_measurements(0), still.noisy_measurements(0))
 
 
-def test_files_that_end_before_the_mission_are_refused(tiny_tree, tmp_path):
-    files = written(tmp_path, hours(0, 3))
+def test_files_that_end_before_the_mission_are_refused(tiny, tmp_path):
+    config = tiny(ocean={"source": written(tmp_path, hours(0, 3)), "time_varying": True})
     with pytest.raises(OceanError, match=r"does not cover 2014-07-15T12:00 to 2014-07-15T16:00"):
-        run_of(tiny_tree, tmp_path, source=files, time_varying=True)
+        run_study(config, tmp_path / "run", workers=1)
     assert not (tmp_path / "run").exists()
 
 
-EDDY = {"centre_latitude_deg": 74.8, "centre_longitude_deg": -136.95}
-"""Near the centre of a Pacific Winter Water eddy that moves 4 km a day to the south."""
+MOVING = {
+    "time_varying": True,
+    "time": dt.datetime(2014, 7, 15, 13, 30),  # noqa: DTZ001  TOML's local time, taken as UTC
+    "centre_latitude_deg": 74.8,
+    "centre_longitude_deg": -136.95,
+}
+"""Near the centre of a Pacific Winter Water eddy that moves 4 km a day to the south, from between two snapshots on."""
 
 
 @pytest.fixture(scope="module")
-def moving_config(make_tiny_tree):
-    """Four hours in an eddy from 13:30 on, so that it begins between snapshots and passes one."""
-    tree = make_tiny_tree() | {"acoustics": {"currents": True}}
-    start = dt.datetime(2014, 7, 15, 13, 30)  # noqa: DTZ001  TOML's local time, taken as UTC
-    tree["ocean"].update(time_varying=True, time=start, **EDDY)
-    return parse_study(tree)
+def moving_config(tiny):
+    """Four hours, which pass a snapshot."""
+    return tiny(ocean=MOVING, acoustics={"currents": True})
 
 
 @pytest.fixture(scope="module")
@@ -273,17 +270,15 @@ def test_a_day_in_the_beaufort_sea_runs_and_its_eddies_move(make_tiny_tree, tmp_
 
 
 @pytest.mark.slow
-def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(make_tiny_tree, tmp_path):
+def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(run_tiny):
     """Without noise it leads to the truth; frozen at the start it does not; the same day taken again is the same."""
-    tree = make_tiny_tree() | {"acoustics": {"currents": True}}
-    start = dt.datetime(2014, 7, 15, 13, 30)  # noqa: DTZ001  TOML's local time, taken as UTC
     beliefs = {
         "varying": {"kind": "exact", "time_varying": True},
         "frozen": {"kind": "exact"},
         "same-day": {"kind": "other-day", "days_earlier": 0.0, "time_varying": True},
     }
-    tree["estimators"] = [{"name": n, "range_model": "eigenray", "belief": b} for n, b in beliefs.items()]
-    run = run_of(tree, tmp_path, time_varying=True, time=start, **EDDY)
+    estimators = [{"name": n, "range_model": "eigenray", "belief": b} for n, b in beliefs.items()]
+    run = run_tiny(study=STUDY, ocean=MOVING, acoustics={"currents": True}, estimators=estimators)
     factory = EstimatorFactory(run)
     o, off = run.measurements, {}
     for section in run.config.estimators:

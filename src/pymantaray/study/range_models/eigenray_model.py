@@ -90,12 +90,8 @@ class EigenrayModel:
         """Paths of the direct arrivals, and the pair of each; a pair without an arrival has none."""
         arrivals = self._solved(pairs)
         pair, row = choose_arrivals(arrivals, "direct")
-        of_arrivals = {
-            f.name: getattr(arrivals, f.name)[row]
-            for f in fields(Arrivals)
-            if "arrival" in f.metadata.get("dims", ())
-        }
-        direct = replace(arrivals, **of_arrivals)
+        of_arrivals = [f.name for f in fields(arrivals) if f.metadata["dims"][0] == "arrival"]
+        direct = replace(arrivals, **{name: getattr(arrivals, name)[row] for name in of_arrivals})
         return trace_paths(self.medium, pairs.source, pairs.receiver, direct, threads=self._threads), pair
 
     def _solved(self, pairs: Pairs) -> Arrivals:
