@@ -223,38 +223,38 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
 def _print_result(result: "GraphResult") -> None:
     """Print status and costs of a solve, and trajectory errors where there is a truth."""
     import numpy as np
-    from rich import box
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
+    import pandas as pd
 
+    from pymantaray.cli.output import print_table
     from pymantaray.evaluation import graph_errors
 
-    console = Console(soft_wrap=True)
     s = result.solution
     expected = f", expected {s.expected_cost:g}" if np.isfinite(s.expected_cost) else ""
-    console.print(
-        f"{escape(result.estimator)}, start {result.start}: [bold]{s.status.name}[/bold], {s.iterations} iterations,"
+    typer.echo(
+        f"{result.estimator}, start {result.start}: {s.status.name}, {s.iterations} iterations,"
         f" cost {s.initial_cost:.6g} to {s.final_cost:.6g}{expected}"
     )
     for what, count in result.left_out.items():
-        console.print(f"left out: {count} {escape(what)}")
+        typer.echo(f"left out: {count} {what}")
     if result.anchored.size:
         names = ", ".join(result.graph.variable_name(int(pose)) for pose in result.anchored)
-        console.print(f"given a prior at the file's value: {escape(names)}")
+        typer.echo(f"given a prior at the file's value: {names}")
     if result.as_in_file:
-        console.print(f"started at the file's value for want of a prior: {result.as_in_file} variables")
-    errors = graph_errors(result.graph, result.values, result.truth)
-    if not errors or not s.usable:
+        typer.echo(f"started at the file's value for want of a prior: {result.as_in_file} variables")
+    if result.truth is None or not s.usable:
         return
-    table = Table(
-        title="Trajectory error, no alignment", title_justify="left", box=box.SIMPLE, pad_edge=False
-    )
-    table.add_column("vehicle", no_wrap=True)
-    for name in ("poses", "start RMSE [m]", "mean [m]", "RMSE [m]", "95 % [m]", "max [m]"):
-        table.add_column(name.replace("[", r"\["), justify="right")
+    errors = graph_errors(result.graph, result.values, result.truth)
     before = graph_errors(result.graph, result.initial, result.truth)
-    for vehicle, row in errors.items():
-        numbers = (before[vehicle]["rmse_m"], row["mean_m"], row["rmse_m"], row["p95_m"], row["max_m"])
-        table.add_row(escape(vehicle), f"{row['n']}", *(f"{v:.3f}" for v in numbers))
-    console.print(table)
+    table = pd.DataFrame(
+        {"vehicle": name, "start_rmse_m": before[name]["rmse_m"], **row} for name, row in errors.items()
+    )
+    columns = {
+        "vehicle": ("vehicle", ""),
+        "poses": ("n", "d"),
+        "start RMSE [m]": ("start_rmse_m", ".3f"),
+        "mean [m]": ("mean_m", ".3f"),
+        "RMSE [m]": ("rmse_m", ".3f"),
+        "95 % [m]": ("p95_m", ".3f"),
+        "max [m]": ("max_m", ".3f"),
+    }
+    print_table("Trajectory error, no alignment", table, columns)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Literal, TextIO
 
 from pymantaray.errors import WriteError
 
@@ -144,7 +144,8 @@ def print_table(title: str, table: "pd.DataFrame", columns: Mapping[str, tuple[s
 
     shown = Table(title=title, title_justify="left", box=box.SIMPLE, pad_edge=False)
     for heading, (_, form) in columns.items():
-        shown.add_column(escape(heading), no_wrap=not form, justify="right" if form else "left")
+        justify: Literal["left", "right"] = "right" if form else "left"
+        shown.add_column(escape(heading), no_wrap=bool(form), overflow="fold", justify=justify)
     for row in table.to_dict("records"):
         cells = [(row[name], form) for name, form in columns.values()]
         shown.add_row(*(escape("-" if form and isnan(x) else format(x, form)) for x, form in cells))

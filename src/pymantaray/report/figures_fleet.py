@@ -1,6 +1,7 @@
 """Where the vehicles are: layout in plan and in depth, and the factor graph that joins them."""
 
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,6 +29,7 @@ from pymantaray.report.style import (
 
 _ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down
 _SHALLOWEST = 0.05  # km; depth of the axes where nobody dives
+_LONG = 6  # letters; longer names cover each other
 _MAX_VERTICES = 600  # of a chain in three dimensions, where every vertex costs
 
 
@@ -77,7 +79,9 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
         )
     for path, colour in zip(truth.position / 1e3, shades.colours, strict=True):
         _line(axes, path, color=colour, linewidth=1.3)
-    for name, start, colour in zip(truth.name, truth.position[:, 0] / 1e3, shades.colours, strict=True):
+    for name, start, colour in zip(
+        _marks(truth.name), truth.position[:, 0] / 1e3, shades.colours, strict=True
+    ):
         axes.plot(*start[_ENU, None], "o", color=colour, markersize=3.4, markeredgecolor="white", zorder=8)
         _mark(axes, start, str(name))
     _finish(axes, truth, measurements)
@@ -101,7 +105,7 @@ def _draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, shad
     for path, colour in zip(truth.position[:, :, :2] / 1e3, shades.colours, strict=True):
         axes.plot(path[:, 1], path[:, 0], color=colour, linewidth=0.9)
     axes.scatter(starts[:, 1], starts[:, 0], c=shades.colours, s=16, edgecolors=INK, linewidths=0.5, zorder=3)
-    for name, (north, east) in zip(truth.name, starts, strict=True):
+    for name, (north, east) in zip(_marks(truth.name), starts, strict=True):
         axes.annotate(
             plain(str(name)),
             (east, north),
@@ -113,7 +117,7 @@ def _draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, shad
         )
     places = measurements.landmark_position / 1e3
     axes.plot(places[:, 1], places[:, 0], "^", color=INK, markersize=4)
-    for name, (north, east, _) in zip(measurements.landmark_name, places, strict=True):
+    for name, (north, east, _) in zip(_marks(measurements.landmark_name, "L"), places, strict=True):
         axes.annotate(plain(str(name)), (east, north), (4, 4), textcoords="offset points")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
@@ -123,13 +127,14 @@ def _draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, shad
 
 def _draw_solid(axes: Axes3D, truth: Trajectories, measurements: Measurements, shades: _Shades) -> None:
     deepest = truth.position[:, :, 2].max(axis=1) / 1e3
+    names = _marks(truth.name)
     for i, colour in enumerate(shades.colours):
         start = truth.position[i, 0] / 1e3
         foot = np.array([start[0], start[1], deepest[i]])
         _line(axes, np.stack([start, foot]), color=colour, linewidth=0.6, linestyle=":")
         _line(axes, truth.position[i] / 1e3, color=colour, linewidth=0.7)
         axes.plot(*foot[_ENU, None], "o", color=colour, markersize=3.2)
-        _mark(axes, foot if deepest[i] > 1e-3 else start, str(truth.name[i]))
+        _mark(axes, foot if deepest[i] > 1e-3 else start, names[i])
     _finish(axes, truth, measurements)
 
 
@@ -150,6 +155,17 @@ def _line(axes: Axes3D, path: Array, **style: object) -> None:
     axes.plot(*vertices[:, _ENU].T, **style)
 
 
+def _marks(names: Array, letter: str = "") -> list[str]:
+    """What stands beside the marks: names, less what all begin with if they are long; numbers in their order if they still are."""
+    marks: list[str] = names.tolist()
+    if max(map(len, marks), default=0) > _LONG and len(marks) > 1:
+        common = len(list(takewhile(lambda letters: len(set(letters)) == 1, zip(*marks, strict=False))))
+        marks = [name[common:] or name for name in marks]
+    if max(map(len, marks), default=0) > _LONG:
+        marks = [f"{letter}{i}" for i in range(1, len(marks) + 1)]
+    return marks
+
+
 def _mark(axes: Axes3D, place: Array, name: str) -> None:
     east, north, depth = place[_ENU]
     look = {"fontsize": 6.5, "fontweight": "bold", "color": INK, "zorder": 9, "path_effects": halo()}
@@ -159,7 +175,7 @@ def _mark(axes: Axes3D, place: Array, name: str) -> None:
 def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements) -> None:
     """Landmarks, and axes around everything, depth downward, north and east at one scale."""
     places = measurements.landmark_position / 1e3
-    for name, place in zip(measurements.landmark_name, places, strict=True):
+    for name, place in zip(_marks(measurements.landmark_name, "L"), places, strict=True):
         axes.plot(*place[_ENU, None], "^", color=INK, markersize=4)
         _mark(axes, place, str(name))
     points = np.concatenate([truth.position.reshape(-1, 3) / 1e3, places])

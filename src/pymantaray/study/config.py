@@ -348,7 +348,8 @@ class StudyConfig(Section):
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
-        require_unique("landmark names", [m.name for m in self.landmarks])
+        participants = [p.name for p in (*self.fleet.vehicles, *self.landmarks)]
+        require_unique("names of vehicles and landmarks", participants)
         names = [e.name for e in self.estimators or ()]
         require_unique("names of conditions and estimators", [*get_args(Condition), *names])
         return self

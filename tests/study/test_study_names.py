@@ -1,0 +1,75 @@
+"""Fleets of any size whose vehicles have names of any length, through the whole program."""
+
+import json
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from factories import TINY
+
+from pymantaray.cli.main import main
+from pymantaray.errors import StudyError
+from pymantaray.estimation import read_pyfg
+from pymantaray.report import write_report
+from pymantaray.study import parse_study, run_study
+
+NAMES = [f"glider-of_the-northern_fleet-{i:02d}" for i in range(30)]
+
+
+def study_of(names):
+    content = deepcopy(TINY)
+    content["study"] |= {"name": "names", "realizations": 1, "conditions": ["odometry", "straight"]}
+    content["mission"] |= {"duration_h": 1.0}
+    content["landmarks"] = [content["landmarks"][0] | {"name": "buoy_of-the_north"}]
+    content["fleet"]["vehicles"] = [
+        {"name": n, "kind": "station", "north": 700.0 * (i // 6), "east": 900.0 * (i % 6), "depth": 20.0 + 10 * i}
+        for i, n in enumerate(names)
+    ]  # fmt: skip
+    return content
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return run_study(
+        parse_study(study_of(NAMES), "names"), tmp_path_factory.mktemp("names") / "run", workers=1
+    )
+
+
+def test_thirty_vehicles_with_long_names_run_and_go_to_a_graph_file(run, tmp_path, capsys):
+    assert run.truth.name.tolist() == run.estimates.name.tolist() == NAMES
+    file = run.path / "pyfg/realization-0-straight.pyfg"
+    assert file.read_text().split()[2] == "AA0"
+    graph, values = read_pyfg(file)
+    assert (graph.agent_name.tolist(), graph.landmark_name.tolist()) == (NAMES, ["buoy_of-the_north"])
+    np.testing.assert_array_equal(values.position, run.truth.position.reshape(-1, 3))
+    with pytest.raises(SystemExit) as end:
+        main(["graph", "solve", str(file), "--out", str(tmp_path / "solved")])
+    assert end.value.code == 0
+    printed = capsys.readouterr().out
+    assert "…" not in printed
+    assert (tmp_path / f"solved/estimate-{NAMES[29]}.tum").is_file()
+    summary = json.loads((tmp_path / "solved/summary.json").read_text())
+    assert summary["trajectory_error"][NAMES[0]]["n"] == 19
+
+
+@pytest.mark.slow
+def test_thirty_vehicles_with_long_names_are_reported(run):
+    write_report(run.path)
+    tables = run.path / "index.html", run.path / "tables/ate_per_agent.csv"
+    assert all(NAMES[29] in path.read_text() for path in tables)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["", "B"], r"vehicles\[0\].name: found ''"),
+        (["a b", "B"], r"found 'a b'; allowed: .*A-Za-z0-9_-"),
+        (["../up", "B"], r"A-Za-z0-9_-"),
+        (["x" * 65, "B"], "1,64"),
+        (["B", "B"], "names must differ; found B"),
+        (["A", "buoy_of-the_north"], "names of vehicles and landmarks must differ; found buoy_of-the_north"),
+    ],
+)
+def test_names_that_cannot_be_used_are_refused(names, message):
+    with pytest.raises(StudyError, match=message):
+        parse_study(study_of(names), "names")
