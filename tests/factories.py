@@ -1,13 +1,13 @@
 """Small oceans, media, fleets and studies that tests of several folders are made of."""
 
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from pymantaray.estimation import GraphValues, dead_reckon
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
-from pymantaray.records import Estimates, Measurements, RangingTruth, RayStatus, Trajectories
+from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, RayStatus, Trajectories
 
 TINY = tomllib.loads("""
 [study]
@@ -304,3 +304,14 @@ def ranges(truth, rng, attempts, *, status=None, landmarks=()):
     return measurements, RangingTruth(
         distance=distance, sound_speed=speed, travel_time=time, chord_travel_time=chord
     )
+
+
+def make_arrivals(link, status=(RayStatus.OK,), **columns):
+    """Arrivals of the links given by row; columns that are not given are zero, travel times too."""
+    sizes = {"arrival": len(link), "n_links": len(status), "axis": 3}
+    zeros = {
+        f.name: np.zeros([sizes[name] for name in f.metadata["dims"]])
+        for f in fields(Arrivals)
+        if "dims" in f.metadata
+    }
+    return Arrivals(**zeros | {"link": link, "status": status} | columns)

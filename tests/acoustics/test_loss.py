@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from factories import make_arrivals
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -26,7 +27,7 @@ from pymantaray.acoustics.loss import (
     wave_height_rms,
 )
 from pymantaray.errors import AcousticsError
-from pymantaray.records import Arrivals, RayPaths
+from pymantaray.records import RayPaths
 
 C, DEPTH, FREQUENCY = 1500.0, 200.0, 12e3
 SOURCE, RECEIVER = np.array([100.0, -50.0, 60.0]), np.array([-500.0, 750.0, 140.0])  # 1000 m apart
@@ -69,25 +70,14 @@ def images():
     lengths = np.array([length for _, length in made])
     nodes = {name: np.concatenate([path[name] for path, _ in made]) for name in made[0][0]}
     counts = [len(path["boundary"]) for path, _ in made]
-    first, last = (np.array([path["slowness"][i] for path, _ in made]) for i in (0, -1))
-    zero = np.zeros(len(made), int)
-    arrivals = Arrivals(
-        link=zero,
+    start = np.array([path["slowness"][0] for path, _ in made])
+    arrivals = make_arrivals(
+        np.zeros(len(made)),
         travel_time=lengths / C,
         surface_bounces=NS,
         bottom_bounces=NB,
-        turning_points=zero,
-        launch_angle=np.arcsin(first[:, 2] * C),
-        arrival_angle=np.arcsin(last[:, 2] * C),
+        launch_angle=np.arcsin(start[:, 2] * C),
         spreading_db=20.0 * np.log10(lengths / DISTANCE),
-        source_slowness=first,
-        receiver_slowness=last,
-        ray_axis=zero,
-        status=[0],
-        chord_travel_time=[DISTANCE / C],
-        source_sound_speed=[C],
-        receiver_sound_speed=[C],
-        shadow_margin=[0.0],
     )
     return arrivals, RayPaths(arrival=np.repeat(np.arange(len(made)), counts), **nodes)
 

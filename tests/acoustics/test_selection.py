@@ -4,12 +4,13 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from factories import make_arrivals
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pymantaray.acoustics import choose_arrivals, select
 from pymantaray.errors import AcousticsError
-from pymantaray.records import Arrivals, RayStatus
+from pymantaray.records import RayStatus
 
 # link, travel time [s], surface and bottom bounces, spreading [dB]; link 2 has no arrival, link 3 only bounced ones
 TABLE = [
@@ -26,20 +27,16 @@ STATUS = [RayStatus.OK, RayStatus.OK, RayStatus.WEAK, RayStatus.OK]
 
 def arrivals_of(table, status):
     link, time, surface, bottom, spreading = np.array(table, dtype=float).reshape(-1, 5).T
-    n, zero = len(status), np.zeros(link.size)
-    return Arrivals(
-        link=link,
+    n = len(status)
+    return make_arrivals(
+        link,
+        status,
         travel_time=time,
         surface_bounces=surface,
         bottom_bounces=bottom,
-        turning_points=zero,
-        launch_angle=zero,
-        arrival_angle=zero,
         spreading_db=spreading,
         source_slowness=np.multiply.outer(time, [1.0, 2.0, 3.0]),
         receiver_slowness=np.multiply.outer(time, [-1.0, 5.0, 7.0]),
-        ray_axis=zero,
-        status=status,
         chord_travel_time=np.arange(n) + 0.5,
         source_sound_speed=np.arange(n) + 1500.0,
         receiver_sound_speed=np.arange(n) + 1400.0,
