@@ -190,6 +190,8 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
     """How many of each kind a graph has: name and text of each line."""
     import numpy as np
 
+    from pymantaray.estimation.graph import KINDS
+
     g = file.graph
     agent, number = g.pose_agent, g.pose_number.astype(int)
     a, b = g["edge"].variables.T
@@ -198,7 +200,11 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
     landmarks = (g["range"].variables >= g.n_poses).sum(axis=1)
     time = g.pose_time
     vehicles = (f"{name} ({np.count_nonzero(agent == k)} poses)" for k, name in enumerate(g.agent_name))
-    priors = ("prior", "of poses"), ("fix", "fixes"), ("depth", "depths"), ("survey", "of landmarks")
+    priors = [
+        f"{kind.plural} {len(g[name])}"
+        for name, kind in KINDS.items()
+        if len(kind.ends) == 1 and len(g[name])
+    ]
     lines = [
         ("vehicles", ", ".join(vehicles)),
         ("landmarks", ", ".join(g.landmark_name.tolist()) or "none"),
@@ -214,7 +220,7 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
                 *(np.count_nonzero(landmarks == k) for k in range(3))
             ),
         ),
-        ("priors", ", ".join(f"{len(g[kind])} {what}" for kind, what in priors)),
+        ("priors", ", ".join(priors) or "none"),
         ("degrees of freedom", f"{g.degrees_of_freedom}"),
     ]
     return lines + [("left out", f"{count} {what}") for what, count in file.left_out.items()]

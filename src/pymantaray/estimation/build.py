@@ -1,5 +1,6 @@
 """From measurements to factor graph: which measurements enter under which ranging condition."""
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, check_anchored, check_graph
 from pymantaray.estimation.range_models import TimedRanges
+from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import Measurements, RayStatus
 
 Ranges = Literal["straight", "refracted"] | None
@@ -131,6 +133,7 @@ def _without_ranges(o: Measurements) -> FactorGraph:
             [o.gnss_position],
             np.repeat(o.gnss_sigma[:, None], 3, axis=1),
         ),
+        attitude=_attitudes(bare, chain[o.attitude_agent, o.attitude_sample], o),
         depth=_table(bare, "depth", poses, [o.depth], np.repeat(o.depth_sigma, n_times)[:, None]),
         survey=_table(
             bare, "survey", landmarks, [o.landmark_position], np.repeat(o.landmark_sigma[:, None], 3, axis=1)
@@ -143,6 +146,14 @@ def _without_ranges(o: Measurements) -> FactorGraph:
             o.odometry_sigma.reshape(-1, 6),
         ),
     )
+
+
+def _attitudes(graph: FactorGraph, poses: NDArray[Any], o: Measurements) -> Factors:
+    """Attitudes that err about the world's axes, in the tangent of the body."""
+    factors = _table(graph, "attitude", poses, [o.attitude_quaternion], o.attitude_sigma)
+    rotation = matrix_from_quaternion(o.attitude_quaternion)
+    covariance = np.swapaxes(rotation, 1, 2) @ factors.covariance @ rotation
+    return replace(factors, covariance=0.5 * (covariance + np.swapaxes(covariance, 1, 2)))
 
 
 def _variables(o: Measurements, participant: NDArray[Any], sample: NDArray[Any]) -> NDArray[Any]:

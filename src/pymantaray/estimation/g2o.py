@@ -32,14 +32,8 @@ from pymantaray.records import whole_file
 
 Array = NDArray[np.float64]
 
-LEFT_OUT = ("ranges", "landmarks", "landmark priors", "pose priors", "fixes", "depth priors")
-_KIND_OF = {
-    "ranges": "range",
-    "landmark priors": "survey",
-    "pose priors": "prior",
-    "fixes": "fix",
-    "depth priors": "depth",
-}
+_KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name != "edge"}
+LEFT_OUT = ("landmarks", *_KIND_OF)
 
 _SYMBOL_SHIFT = 56  # GTSAM's symbols: a letter in the uppermost byte, a number below
 _LARGEST_ID = 2**31 - 1  # g2o's ids are C ints

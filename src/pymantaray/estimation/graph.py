@@ -42,8 +42,8 @@ class FactorKind:
 
     Parameters
     ----------
-    what : str
-        Its name in messages.
+    what, plural : str
+        Its name in messages, and what several are called.
     ends : tuple of {"pose", "landmark", "any"}
         What each of its variables is. A landmark comes second where one end is a pose.
     columns : tuple of (name, width, unit)
@@ -62,6 +62,7 @@ class FactorKind:
     """
 
     what: str
+    plural: str
     ends: tuple[str, ...]
     columns: tuple[tuple[str, int, str], ...]
     rows: int
@@ -100,6 +101,7 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
     {
         "prior": FactorKind(
             "first-pose prior",
+            "pose priors",
             ("pose",),
             (POSITION, QUATERNION),
             6,
@@ -107,11 +109,18 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             (0, 1, 2, 3, 4, 5),
             anchors=True,
         ),
-        "fix": FactorKind("GNSS fix", ("pose",), (POSITION,), 3, POSE_PRIOR, (3, 4, 5), anchors=True),
-        "depth": FactorKind("depth", ("pose",), (("depth", 1, "m"),), 1, POSE_PRIOR, (5,)),
-        "survey": FactorKind("landmark prior", ("landmark",), (POSITION,), 3, LANDMARK_PRIOR, anchors=True),
-        "edge": FactorKind("odometry", ("pose", "pose"), (POSITION, QUATERNION), 6, EDGE, named_after=1),
-        "range": FactorKind("range", ("any", "any"), (("distance", 1, "m"),), 1, RANGE),
+        "fix": FactorKind(
+            "GNSS fix", "fixes", ("pose",), (POSITION,), 3, POSE_PRIOR, (3, 4, 5), anchors=True
+        ),
+        "depth": FactorKind("depth", "depth priors", ("pose",), (("depth", 1, "m"),), 1, POSE_PRIOR, (5,)),
+        "survey": FactorKind(
+            "landmark prior", "landmark priors", ("landmark",), (POSITION,), 3, LANDMARK_PRIOR, anchors=True
+        ),
+        "edge": FactorKind(
+            "odometry", "odometry", ("pose", "pose"), (POSITION, QUATERNION), 6, EDGE, named_after=1
+        ),
+        "attitude": FactorKind("attitude", "attitudes", ("pose",), (QUATERNION,), 3, POSE_PRIOR, (0, 1, 2)),
+        "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), 1, RANGE),
     }
 )
 """All kinds of factors, in the order in which a solver gets them; ranges are last, for they alone differ between conditions."""

@@ -14,6 +14,7 @@ from pymantaray.evaluation.ranging_error import (
 from pymantaray.evaluation.trajectory_error import (
     ape,
     ate_statistics,
+    attitude_table,
     error_table,
     graph_errors,
     trajectory_errors,
@@ -25,6 +26,7 @@ __all__ = [
     "RangeErrors",
     "ape",
     "ate_statistics",
+    "attitude_table",
     "comparison_table",
     "consistency_summary",
     "consistency_table",

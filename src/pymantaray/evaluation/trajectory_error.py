@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import FactorGraph, GraphValues
+from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
 from pymantaray.records import Estimates, SolveStatus, Trajectories
 
 Array = NDArray[np.float64]
@@ -184,4 +185,30 @@ def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = (
             | {"solves": int(good.sum()), "failed_solves": int((~good).sum())}
             | ate_statistics(errors[tuple(place)])
         )
+    return pd.DataFrame(rows)
+
+
+def attitude_table(truth: Trajectories, estimates: Estimates) -> pd.DataFrame:
+    """
+    Errors of the estimated attitudes for each condition, pooled over vehicles, times and realizations.
+
+    Parameters
+    ----------
+    truth : Trajectories
+    estimates : Estimates
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``condition``, ``tilt_rmse_deg`` (about each horizontal axis) and ``heading_rmse_deg``, NaN where every
+        solve failed.
+    """
+    usable = np.isin(estimates.solve_status, USABLE)
+    rotation = matrix_from_quaternion(truth.quaternion)
+    rows = []
+    for c, condition in enumerate(estimates.condition.tolist()):
+        body = matrix_from_quaternion(estimates.quaternion[c, usable[c]])
+        turn = np.degrees(so3_log(rotation @ np.swapaxes(body, -1, -2)))
+        tilt, heading = (np.sqrt(np.mean(t**2)) if t.size else np.nan for t in (turn[..., :2], turn[..., 2]))
+        rows.append({"condition": condition, "tilt_rmse_deg": tilt, "heading_rmse_deg": heading})
     return pd.DataFrame(rows)

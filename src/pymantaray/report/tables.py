@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.evaluation import (
+    attitude_table,
     comparison_table,
     consistency_summary,
     consistency_table,
@@ -92,6 +93,12 @@ TABLES: dict[str, Table] = {
         "Sound-speed modes and clocks: standard deviation before and after, the share of the prior variance that"
         " the measurements took away, and the errors",
         lambda run: None if run.unknowns is None else unknowns_table(run.unknowns),
+    ),
+    "attitude": Table(
+        "Errors of attitudes about the horizontal axes and about the vertical",
+        lambda run: (
+            attitude_table(run.truth, run.estimates) if run.measurements.attitude_agent.size else None
+        ),
     ),
     "dropouts": Table(
         "Range attempts and dropouts by kind of link, and their causes",

@@ -124,6 +124,12 @@ def _depths(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
         yield gtsam.GPSFactor(key, place, model)
 
 
+def _attitudes(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+    rotations = matrix_from_quaternion(factors.column("quaternion"))
+    for key, rotation, model in zip(factors.subject.tolist(), rotations, noise, strict=True):
+        yield gtsam.PoseRotationPrior3D(key, gtsam.Rot3(rotation), model)
+
+
 def _surveys(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
     for key, place, model in zip(factors.subject.tolist(), factors.column("position"), noise, strict=True):
         yield gtsam.PriorFactorPoint3(key, place, model)
@@ -161,6 +167,7 @@ _MAKERS: dict[str, Callable[[Factors, list[Any], int], Iterator[Any]]] = {
     "depth": _depths,
     "survey": _surveys,
     "edge": _edges,
+    "attitude": _attitudes,
     "range": _ranges,
 }
 _NOISE: dict[str, Callable[[Array], Any]] = {"depth": _vertical}
