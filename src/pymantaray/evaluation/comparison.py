@@ -23,6 +23,15 @@ PAIRS = (
     ("straight-all", "straight"),
 )
 _RESAMPLES = 2000
+_COLUMNS = ["condition", "baseline", "statistic", "realizations", "excluded"]
+_COLUMNS += [
+    "pooled_difference_m",
+    "bootstrap_low_m",
+    "bootstrap_high_m",
+    "mean_difference_m",
+    "t_low_m",
+    "t_high_m",
+]
 
 
 def paired_interval(differences: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
@@ -48,21 +57,6 @@ def paired_interval(differences: ArrayLike, confidence: float = 0.95) -> tuple[f
     return float(d.mean()) - half, float(d.mean()) + half
 
 
-_COLUMNS = (
-    "condition",
-    "baseline",
-    "statistic",
-    "realizations",
-    "excluded",
-    "pooled_difference_m",
-    "bootstrap_low_m",
-    "bootstrap_high_m",
-    "mean_difference_m",
-    "t_low_m",
-    "t_high_m",
-)
-
-
 def comparison_table(
     truth: Trajectories,
     estimates: Estimates,
@@ -76,8 +70,6 @@ def comparison_table(
 
     Parameters
     ----------
-    truth : Trajectories
-    estimates : Estimates
     pairs : sequence of (str, str), optional
         Condition and the baseline that is subtracted. By default those of `PAIRS` that were run.
     confidence : float
@@ -120,22 +112,10 @@ def comparison_table(
             low, high = paired_interval(own, confidence)
             tails = (50.0 * (1.0 - confidence), 50.0 * (1.0 + confidence))
             ends = np.percentile(again, tails) if n > 1 else np.full(2, np.nan)
-            rows.append(
-                {
-                    "condition": condition,
-                    "baseline": baseline,
-                    "statistic": statistic,
-                    "realizations": n,
-                    "excluded": int(good.size - n),
-                    "pooled_difference_m": pooled,
-                    "bootstrap_low_m": float(ends[0]),
-                    "bootstrap_high_m": float(ends[1]),
-                    "mean_difference_m": float(own.mean()) if n else np.nan,
-                    "t_low_m": low,
-                    "t_high_m": high,
-                }
-            )
-    return pd.DataFrame(rows, columns=list(_COLUMNS))
+            mean = float(own.mean()) if n else np.nan
+            keys = (condition, baseline, statistic, n, good.size - n)
+            rows.append((*keys, pooled, *map(float, ends), mean, low, high))
+    return pd.DataFrame(rows, columns=_COLUMNS)
 
 
 def _differences(

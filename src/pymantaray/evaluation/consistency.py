@@ -32,11 +32,6 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
     """
     Normalized estimation error squared.
 
-    Parameters
-    ----------
-    error : array_like, shape (..., n)
-    covariance : array_like, shape (..., n, n)
-
     Returns
     -------
     ndarray, shape (...)
@@ -127,9 +122,6 @@ def consistency_table(
 
     Parameters
     ----------
-    truth : Trajectories
-    estimates : Estimates
-    covariances : PoseCovariances
     by_agent : bool
         One row for each vehicle instead of one for the fleet.
     confidence : float
@@ -229,9 +221,6 @@ def coverage_table(
 
     Parameters
     ----------
-    truth : Trajectories
-    estimates : Estimates
-    covariances : PoseCovariances
     confidence : float
         Of the bounds. [-]
 
@@ -273,21 +262,8 @@ def coverage_table(
                 stats.binom.ppf(q, n, p) / n for q in (0.5 - confidence / 2.0, 0.5 + confidence / 2.0)
             )
             share = float(np.mean(z <= k))
-            rows.append(
-                {
-                    "condition": str(c.condition[i]),
-                    "time_h": float(c.time[e] / 3600.0),
-                    "axis": _AXES[axis],
-                    "sigmas": k,
-                    "n": z.size,
-                    "effective_n": n,
-                    "share": share,
-                    "expected": p,
-                    "low": float(low),
-                    "high": float(high),
-                    "inside": bool(low <= share <= high),
-                }
-            )
+            keys = (str(c.condition[i]), float(c.time[e] / 3600.0), _AXES[axis], k, z.size, n)
+            rows.append((*keys, share, p, float(low), float(high), bool(low <= share <= high)))
     columns = ["condition", "time_h", "axis", "sigmas", "n", "effective_n"]
     columns += ["share", "expected", "low", "high", "inside"]
     return pd.DataFrame(rows, columns=columns)

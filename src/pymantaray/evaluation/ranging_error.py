@@ -46,10 +46,6 @@ def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
     """
     Signed errors of the refracted ranges.
 
-    Parameters
-    ----------
-    ranging_truth : RangingTruth
-
     Returns
     -------
     RangeErrors
@@ -70,7 +66,6 @@ def link_categories(measurements: Measurements, truth: Trajectories) -> NDArray[
 
     Parameters
     ----------
-    measurements : Measurements
     truth : Trajectories
         Its ``role`` is used.
 
@@ -107,7 +102,6 @@ def range_error_table(
         Its ``range_sigma`` is the level that the estimator believes in.
     ranging_truth : RangingTruth
         Of the same attempts.
-    truth : Trajectories
 
     Returns
     -------
@@ -152,10 +146,8 @@ def range_split_table(
 
     Parameters
     ----------
-    measurements : Measurements
     ranging_truth : RangingTruth
         Of the same attempts.
-    truth : Trajectories
 
     Returns
     -------
@@ -183,11 +175,6 @@ def range_split_table(
 def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFrame:
     """
     Dropouts by kind of link and by cause.
-
-    Parameters
-    ----------
-    measurements : Measurements
-    truth : Trajectories
 
     Returns
     -------

@@ -85,12 +85,6 @@ def graph_errors(
     """
     Absolute trajectory errors of a graph's values by vehicle and pooled, nothing aligned.
 
-    Parameters
-    ----------
-    graph : FactorGraph
-    values : GraphValues
-    truth : GraphValues or None
-
     Returns
     -------
     dict of str to dict
@@ -106,11 +100,6 @@ def graph_errors(
 def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
     """
     Absolute pose errors of all solves.
-
-    Parameters
-    ----------
-    truth : Trajectories
-    estimates : Estimates
 
     Returns
     -------
@@ -148,8 +137,6 @@ def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = (
 
     Parameters
     ----------
-    truth : Trajectories
-    estimates : Estimates
     by : sequence of {"realization", "agent"}
         What not to pool over besides the condition; pooling joins the errors of all poses into one set.
 

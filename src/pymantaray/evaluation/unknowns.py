@@ -17,10 +17,6 @@ def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     r"""
     Every unknown of every condition: how well it was known beforehand, and how well and how rightly after.
 
-    Parameters
-    ----------
-    unknowns : SharedUnknowns
-
     Returns
     -------
     pandas.DataFrame
@@ -58,10 +54,6 @@ def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
 def directions_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     r"""
     Independent combinations of the unknowns of each condition, from the one that is seen best to the one seen least.
-
-    Parameters
-    ----------
-    unknowns : SharedUnknowns
 
     Returns
     -------
