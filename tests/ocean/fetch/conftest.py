@@ -88,7 +88,7 @@ def fetch(thredds, tmp_path):
     from pymantaray.ocean.fetch import Limits, fetch_hycom
 
     def call(lat=(73.0, 73.6), lon=(-150.0, -149.0), time="2014-07-15T12", out="ocean.nc", **options):
-        limits = {"attempts": 3, "backoff_s": 0.01, "idle_s": 0.25, "request_s": 0.8, "total_s": 20.0}
+        limits = {"attempts": 3, "backoff_s": 0.01, "idle_s": 0.5, "request_s": 2.0, "total_s": 30.0}
         limits |= options.pop("limits", {})
         options = {"servers": thredds.root, "limits": Limits(**limits)} | options
         fetched = fetch_hycom(lat, lon, time, tmp_path / out, **options)

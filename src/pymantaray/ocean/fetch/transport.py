@@ -127,13 +127,14 @@ class Connection:
         try:
             thread.join(seconds)
         finally:
-            if thread.is_alive():
+            late = thread.is_alive()
+            if late:
                 self._adapter.hang_up()
-        if answers:
-            return answers[0]
-        if not errors:
+        if late:
             self._remaining()
             raise PassingError(f"answer not complete within {seconds:.3g} s")
+        if answers:
+            return answers[0]
         raise _told(errors[0]) from None
 
 
