@@ -129,7 +129,7 @@ def _engine(path: Path) -> str:
 def _zarr_engine(path: Path) -> str:
     metadata = [file for name in ("zarr.json", ".zgroup", ".zarray") for file in path.rglob(name)]
     if not metadata:
-        raise OceanError(f"{path.name}: a folder, but no zarr group; name NetCDF files or a zarr folder")
+        raise OceanError(f"{path}: a folder, but no zarr group; name NetCDF files or a zarr folder")
     for file in metadata:
         if '"pickle"' in file.read_text(encoding="utf-8", errors="replace"):
             raise OceanError(f"{path.name}: {file.parent.name} is coded by pickle, which runs what it holds")
