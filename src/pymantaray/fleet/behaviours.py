@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet._kernel import LEFT_DOMAIN, Water, floor_depth, place
+from pymantaray.fleet.kernel import LEFT_DOMAIN, Water, floor_depth, place
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet import _kernel, _kernel_float
+from pymantaray.fleet import kernel
 from pymantaray.fleet.behaviours import (
     ConstantTwist,
     FloatCycle,
@@ -138,7 +138,7 @@ def _start_quaternion(heading: float) -> tuple[float, float, float, float]:
 
 def _run(
     vehicle: Vehicle,
-    water: _kernel.Water,
+    water: kernel.Water,
     step: float,
     steps: int,
     position: Array,
@@ -148,7 +148,7 @@ def _run(
     """Fill one vehicle's rows, which hold its start pose everywhere."""
     behaviour = vehicle.behaviour
     if isinstance(behaviour, FloatCycle):
-        cycle = _kernel_float.Cycle(
+        cycle = kernel.Cycle(
             target=float(behaviour.target_depth),
             surface=float(behaviour.surface_depth),
             speed=float(behaviour.vertical_speed),
@@ -158,11 +158,11 @@ def _run(
             hold_depth=round(behaviour.hold_depth_time / step),
             hold_surface=round(behaviour.hold_surface_time / step),
         )
-        _kernel_float.run_float(water, cycle, step, steps, position, status)
+        kernel.run_float(water, cycle, step, steps, position, status)
     elif isinstance(behaviour, ConstantTwist):
-        _kernel.run_twist(water, behaviour.twist, step, steps, position, quaternion, status)
+        kernel.run_twist(water, behaviour.twist, step, steps, position, quaternion, status)
     elif isinstance(behaviour, Waypoints):
-        _kernel.run_waypoints(
+        kernel.run_waypoints(
             water,
             behaviour.points,
             float(behaviour.speed),
@@ -177,7 +177,7 @@ def _run(
         )
 
 
-def _water(ocean: xr.Dataset) -> _kernel.Water:
+def _water(ocean: xr.Dataset) -> kernel.Water:
     """Arrays of a local ocean data set for the integrators, checked."""
     needed = [*_DIMS, "current_north", "current_east", "sea_floor_depth"]
     absent = [name for name in needed if name not in ocean.variables]
@@ -194,7 +194,7 @@ def _water(ocean: xr.Dataset) -> _kernel.Water:
         _variable(ocean, name, dims).reshape(time.size, north.size, east.size, depth.size)
         for name in ("current_north", "current_east")
     )
-    return _kernel.Water(
+    return kernel.Water(
         north=float(north[0]),
         east=float(east[0]),
         per_north=_per_metre(north),
