@@ -69,7 +69,7 @@ class Made:
         }
         (folder / store.CONFIG).write_text(study_toml(config.model_copy(update=changes)), encoding="utf-8")
         manifest = {"format": 2, "study": "quick", "versions": {"numpy": "<2>"}, "seconds": {"rays": 1.5}}
-        store.write_json(manifest, folder / store.MANIFEST)
+        store.write_json(manifest, folder / "manifest.json")
         files = (store.TRUTH, store.MEASUREMENTS, store.RANGING_TRUTH, store.ESTIMATES)
         for name, record in zip(files, self.records(), strict=True):
             record.save(folder / name)

@@ -20,7 +20,7 @@ from pymantaray.report import write, write_report
 from pymantaray.report.figures import Results
 from pymantaray.report.page import heading, run_page, show
 from pymantaray.study import open_run
-from pymantaray.study.store import staged_parts
+from pymantaray.study.folder import staged_parts
 
 FIGURES = {
     "ape_pooled", "consistency", "dropouts", "error_over_time", "factor_graph", "fleet_layout", "range_error",

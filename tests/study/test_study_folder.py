@@ -9,11 +9,11 @@ import sys
 import pytest
 
 from pymantaray.errors import StudyError
-from pymantaray.study.store import staged_folder
+from pymantaray.study.folder import staged_folder
 
 HOLD = """
 import sys, time
-from pymantaray.study.store import staged_folder
+from pymantaray.study.folder import staged_folder
 with staged_folder(sys.argv[1] if len(sys.argv) > 1 else None, "quick") as (stage, folder):
     (stage / "data").write_text("x")
     print(folder, flush=True)

@@ -94,7 +94,7 @@ def solve(
     from pymantaray.estimation.external import G2O
     from pymantaray.evaluation import graph_errors
     from pymantaray.export import write_graph_tum
-    from pymantaray.study.store import staged_folder
+    from pymantaray.study.folder import staged_folder
 
     content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
     with ExitStack() as stack:

@@ -14,7 +14,8 @@ from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
 from pymantaray.report.page import SYNTHETIC_NOTE, Picture, heading, numbers_from_text, render, show_table
 from pymantaray.report.write import PAGE, Progress, write_parts
-from pymantaray.study.store import open_run, staged_folder
+from pymantaray.study.folder import staged_folder
+from pymantaray.study.store import open_run
 
 _CAPTIONS = {
     "range_drop_category_compare": "Ranging failure rate by link category [%]",

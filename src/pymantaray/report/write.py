@@ -11,7 +11,8 @@ from pymantaray.report.figures import Plate, Results, run_plates
 from pymantaray.report.page import Picture, run_page
 from pymantaray.report.style import save_figure
 from pymantaray.report.tables import write_table
-from pymantaray.study.store import FIGURES, TABLES, open_run, staged_parts
+from pymantaray.study.folder import staged_parts
+from pymantaray.study.store import FIGURES, TABLES, open_run
 
 Progress = Callable[[str, int, int], None]
 """Told the name of a stage, how many of its parts are done, and how many there are."""

@@ -89,13 +89,13 @@ class Beliefs:
         return self._over_time[section]
 
     def covariance(self, rms: float, horizontal_scale: float, down_to: float | None) -> SoundSpeedCovariance:
-        """Covariance of an error with some rms [m/s], pooled down to a depth [m], in the vertical modes of the region."""
+        """Covariance of an error of some rms [m/s] down to a depth [m], in the vertical modes of the region."""
         depth, shapes, sigma = self._scaled_modes((), rms, down_to)
         matrix = np.einsum("k,ki,kj->ij", sigma**2, shapes, shapes)
         return SoundSpeedCovariance(depth, 0.5 * (matrix + matrix.T), horizontal_scale)
 
     def modes(self, section: ModesSection) -> tuple[Array, Array, Array]:
-        """Levels [m], shapes (n_modes, n_levels) and prior sigma [m/s] of modes whose amplitudes are to be estimated."""
+        """Levels [m], shapes (n_modes, n_levels) and prior sigma [m/s] of the modes to be estimated."""
         depth, shapes, sigma = self._scaled_modes(section.casts, section.rms, section.down_to)
         if section.count > sigma.size:
             raise OceanError(

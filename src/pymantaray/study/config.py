@@ -42,7 +42,8 @@ class RangingSection(Section):
     How travel times are measured; the paper has synchronous clocks, one way, and a fleet at rest.
 
     With ``mistaken`` the receiver does not know the direct arrival from the others: it takes the first or the
-    strongest that it detects, by ``[detection]`` or, without, by a threshold below the link's strongest arrival.
+    strongest that it detects, by ``[detection]`` or, without, by a threshold below the link's strongest
+    arrival.
     """
 
     timing: Literal["one-way", "two-way"] = "one-way"

@@ -1,4 +1,4 @@
-"""Sections of a configuration about estimators: what each believes of ranges and of the ocean; and what all sections have in common."""
+"""Sections of a configuration about estimators, and what all sections have in common."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ Depth = Annotated[float, Field(ge=0.0, description="positive down [m]")]
 
 
 def input_file(name: str, folder: Path) -> str:
-    """Give the absolute name of a file named relative to a folder; that of a synthetic ocean is what it is."""
+    """Absolute name of a file named relative to a folder; that of a synthetic ocean is what it is."""
     if "\0" in name:
         raise ValueError(f"found {name!r}, which no file can be named")
     return name if name.startswith("synthetic:") else str((folder / name).resolve())
@@ -40,7 +40,7 @@ def require_unique(what: str, values: Sequence[str]) -> None:
 
 
 class ExactBelief(Section):
-    """The true ocean; where that varies, its first snapshot, or with ``time_varying`` the water of each ping."""
+    """The true ocean; where it varies, its first snapshot, or with ``time_varying`` that of each ping."""
 
     kind: Literal["exact"]
     time_varying: bool = False
@@ -68,7 +68,7 @@ class MeanBelief(Section):
 
 
 class CastBelief(Section):
-    """One cast at the start, everywhere; by default where the first vehicle on station is, else in the centre."""
+    """One cast at the start, everywhere; by default where the first vehicle on station is, or the centre."""
 
     kind: Literal["cast"]
     north: float | None = None
@@ -82,7 +82,11 @@ class CastBelief(Section):
 
 
 class OtherDayBelief(Section):
-    """The ocean of the same source some days earlier: as it was then, or with ``time_varying`` as it changed from then on."""
+    """
+    The ocean of the same source some days earlier.
+
+    As it was then, or with ``time_varying`` as it changed from then on.
+    """
 
     kind: Literal["other-day"]
     days_earlier: float
@@ -99,8 +103,9 @@ class ModesSection(Section):
     """
     Amplitudes of vertical sound-speed modes, the same everywhere, that are estimated with the poses.
 
-    The first ``count`` modes of the study's ocean or of casts, counted from what is believed. Their prior is what
-    they vary by, or in proportion such that all modes have ``rms`` over the water column or its upper ``down_to`` metres.
+    The first ``count`` modes of the study's ocean or of casts, counted from what is believed. Their prior is
+    what they vary by, or in proportion such that all modes have ``rms`` over the water column or its upper
+    ``down_to`` metres.
     """
 
     count: int = Field(ge=1)
@@ -116,7 +121,7 @@ class ModesSection(Section):
 
 
 class ClocksSection(Section):
-    """Offset and skew of every vehicle's clock, estimated with the poses; priors are the study's unless given."""
+    """Offset and skew of all clocks, estimated with the poses; priors are the study's unless given."""
 
     offset_sigma: NonNegativeFloat | None = None
     skew_sigma: NonNegativeFloat | None = None
@@ -144,9 +149,10 @@ class RangeEstimatorSection(Section):
     One estimator: one more condition of the study, on the same noise.
 
     ``sound_speed`` belongs to ``constant``; ``belief`` to the models that need an ocean. The variance is the
-    fixed one of the ranges, or has that of the travel time by the ocean's uncertainty added, alone or
-    with the covariances between the links of a ping: of sound speed ``uncertainty_rms`` in the study's vertical
-    modes, by default what a perturbed belief has. With ``modes`` or ``clocks`` water or clocks are estimated too.
+    fixed one of the ranges, or has that of the travel time by the ocean's uncertainty added, alone or with
+    the covariances between the links of a ping: of sound speed ``uncertainty_rms`` in the study's vertical
+    modes, by default what a perturbed belief has. With ``modes`` or ``clocks`` water or clocks are estimated
+    too.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
@@ -231,9 +237,9 @@ class RangeEstimatorSection(Section):
 
     @model_validator(mode="after")
     def _variance_has_what_it_needs(self) -> Self:
-        given = (self.uncertainty_rms, self.uncertainty_horizontal_scale)
+        scales = (self.uncertainty_rms, self.uncertainty_horizontal_scale)
         if self.variance == "fixed":
-            if any(v is not None for v in (*given, self.uncertainty_down_to)):
+            if any(v is not None for v in (*scales, self.uncertainty_down_to)):
                 raise ValueError(
                     'uncertainty_* is given, but variance is "fixed"; leave it out or set another'
                 )
@@ -242,8 +248,8 @@ class RangeEstimatorSection(Section):
             raise ValueError(
                 f'variance "{self.variance}" is computed along eigenrays; range_model is {self.range_model}'
             )
-        if None in given and not (
-            given == (None, None)
+        if None in scales and not (
+            scales == (None, None)
             and self.uncertainty_down_to is None
             and isinstance(self.belief, PerturbedBelief)
         ):
@@ -255,7 +261,11 @@ class RangeEstimatorSection(Section):
 
     @property
     def uncertainty(self) -> tuple[float, float, float | None] | None:
-        """Uncertainty of sound speed: rms, horizontal scale and depth it is pooled down to; None if fixed. [m/s, m, m]."""
+        """
+        Uncertainty of sound speed.
+
+        Rms, horizontal scale and depth it is pooled down to; None if fixed. [m/s, m, m].
+        """
         if self.variance == "fixed":
             return None
         if self.uncertainty_rms is not None and self.uncertainty_horizontal_scale is not None:

@@ -21,8 +21,8 @@ class EstimatorFactory:
         """
         Estimator of one section, for one realization.
 
-        Its cost has to lie within its chi-square bounds where what is believed is how things are: straight ranges, or
-        eigenrays through the exact ocean.
+        Its cost has to lie within its chi-square bounds where what is believed is how things are: straight
+        ranges, or eigenrays through the exact ocean.
         """
         model, truth = build_range_model(section, self._beliefs, realization), self._run.truth
         uncertainty = None

@@ -80,8 +80,8 @@ def load_study(
     realizations : int, optional
         Number of realizations in place of the configured one.
     ocean : sequence of path or str, optional
-        Ocean files, or the name of a synthetic ocean, in place of the whole configured ocean. Files are relative to
-        the working folder; the time is the files' only one, the centre the middle of the data.
+        Ocean files, or the name of a synthetic ocean, in place of the whole configured ocean. Files are
+        relative to the working folder; the time is the files' only one, the centre the middle of the data.
 
     Returns
     -------

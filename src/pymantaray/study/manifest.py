@@ -36,7 +36,7 @@ class Stopwatch:
 
 
 def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int) -> dict[str, Any]:
-    """Collect what a run's results depend on, and what it cost by stage: ``manifest.json`` but for the outcome."""
+    """Collect what a run's results depend on, and what it cost by stage: the manifest but for the outcome."""
     memory = peak_memory_mib()  # before git is called: a child counts as large as its parent at first
     return {
         "format": 2,
@@ -70,7 +70,11 @@ def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int
 
 
 def sha256(path: Path) -> str:
-    """Checksum of a file's content; a folder's (a zarr store) is that of what ``sha256sum`` says of its files, by name."""
+    """
+    Checksum of a file's content.
+
+    A folder's (a zarr store) is that of what ``sha256sum`` says of its files, by name.
+    """
     if path.is_dir():
         names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
         lines = "".join(f"{sha256(path / name)}  {name}\n" for name in names)
@@ -80,7 +84,11 @@ def sha256(path: Path) -> str:
 
 
 def git_commit() -> str | None:
-    """Commit of the checkout that the package runs from, ``-dirty`` if it differs from it; None without a checkout or git."""
+    """
+    Commit of the checkout that the package runs from, ``-dirty`` if it differs from it.
+
+    None without a checkout or git.
+    """
     root = Path(__file__).resolve().parents[3]
     if not (root / ".git").exists():
         return None

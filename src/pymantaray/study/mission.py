@@ -130,10 +130,10 @@ def picture_of_most_bent_link(
     spreading_cutoff_db: float | None,
 ) -> xr.Dataset | None:
     """
-    Ray picture of the link between vehicles whose first direct arrival gains most on the straight chord, None without any.
+    Ray picture of the link between vehicles whose direct arrival gains most on the chord; None without any.
 
-    Where the water varies it is drawn as it is at the link's ping. Attributes ``source`` and ``receiver`` are the vehicles'
-    names, ``time_h`` is the ping's time.
+    Where the water varies it is drawn as it is at the link's ping. Attributes ``source`` and ``receiver`` are
+    the vehicles' names, ``time_h`` is the ping's time.
     """
     first = select(arrivals, "direct")
     gain = first.chord_travel_time - first.travel_time

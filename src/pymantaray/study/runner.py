@@ -16,19 +16,17 @@ from pymantaray.estimation import (
 from pymantaray.records import Estimates, whole_file, write_netcdf
 from pymantaray.study import store
 from pymantaray.study.config import StudyConfig
+from pymantaray.study.folder import MANIFEST, staged_folder
 from pymantaray.study.load import study_toml
 from pymantaray.study.manifest import Stopwatch, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
 from pymantaray.study.realization import solve_realizations
-from pymantaray.study.store import Run, open_run, staged_folder, summarize, write_json
+from pymantaray.study.store import Run, open_run, summarize, write_json
 from pymantaray.study.true_unknowns import collect_unknowns
 
 _REALIZATIONS_PER_WORKER = 3
-_POSE_BYTES = (
-    160  # of memory, a pose in a solution that is kept; with the next two as measured on the presets
-)
-_GRAPH_BYTES = 3000  # a pose in a graph that is being solved
-_LINK_BYTES = 500  # a range attempt
+# bytes of memory, as measured on the presets: a pose in all solutions, in a graph that is solved, a range attempt
+_POSE_BYTES, _GRAPH_BYTES, _LINK_BYTES = 160, 3000, 500
 _MOST_STEPS = 1e13  # vehicles x physics steps
 
 
@@ -90,14 +88,14 @@ def run_study(
             estimates = collect_estimates(mission.measurements, solutions)
             _write_results(config, mission, estimates, stage)
             epochs = fixed_epochs(mission.truth.time, config.estimator.covariance_interval_h * 3600.0)
-            kept = [{name: s.covariances for name, s in one.items()} for one in solutions]
-            collect_covariances(mission.measurements, epochs, kept).save(stage / store.COVARIANCES)
+            covariances = [{name: s.covariances for name, s in one.items()} for one in solutions]
+            collect_covariances(mission.measurements, epochs, covariances).save(stage / store.COVARIANCES)
             unknowns = collect_unknowns(solutions, [one.true_unknowns for one in solved])
             if unknowns is not None:
                 unknowns.save(stage / store.UNKNOWNS)
         content = describe_run(config, watch.seconds, workers=workers)
         content["outcome"] = summarize(mission, estimates)
-        write_json(content, stage / store.MANIFEST)
+        write_json(content, stage / MANIFEST)
         report("files", 1, 1)
     return open_run(folder)
 
@@ -118,9 +116,9 @@ def _refuse_too_large(config: StudyConfig, workers: int) -> None:
     size = f"{config.study.name}: {n_vehicles} vehicles x"
     if needed > there:
         raise StudyError(
-            f"{size} {n_samples:.3g} samples x {n_solves:.3g} solves x {_POSE_BYTES} bytes, {_GRAPH_BYTES} bytes a pose in each of"
-            f" {workers} workers and {n_links:.3g} links x {_LINK_BYTES} bytes are {needed:.3g} GiB of memory; this machine"
-            f" has {there:.3g}"
+            f"{size} {n_samples:.3g} samples x {n_solves:.3g} solves x {_POSE_BYTES} bytes, {_GRAPH_BYTES} bytes"
+            f" a pose in each of {workers} workers and {n_links:.3g} links x {_LINK_BYTES} bytes are {needed:.3g}"
+            f" GiB of memory; this machine has {there:.3g}"
         )
     if n_vehicles * n_steps > _MOST_STEPS:
         raise StudyError(

@@ -1,4 +1,4 @@
-"""What estimators found besides poses, beside its true values: what the believed water lacks, and the clocks."""
+"""True values of what estimators estimate besides poses: what the believed water lacks, and clocks."""
 
 from collections.abc import Mapping, Sequence
 
@@ -23,8 +23,8 @@ def true_amplitudes(
     """
     Amplitudes of modes that come nearest to what the believed ocean lacks, by the names of `Unknowns`. [m/s]
 
-    The least mean square over the water column of the error averaged over the vehicles' mean places. An error that varies
-    horizontally has no one true amplitude.
+    The least mean square over the water column of the error averaged over the vehicles' mean places. An error
+    that varies horizontally has no one true amplitude.
     """
     place = fleet.position.mean(axis=1)
     at = [
@@ -41,7 +41,11 @@ def true_amplitudes(
 
 
 def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict[str, float]:
-    """Offsets [s] and skews of the clocks of one realization by the names of `Unknowns`; zero where clocks are right."""
+    """
+    Offsets [s] and skews of the clocks of one realization by the names of `Unknowns`.
+
+    Zero where clocks are right.
+    """
     model = build_clocks(config.ranging)
     offset = skew = np.zeros(len(names))
     if model is not None:
@@ -57,7 +61,11 @@ def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict
 def collect_unknowns(
     solutions: Sequence[Mapping[str, Solution]], truths: Sequence[Mapping[str, Mapping[str, float]]]
 ) -> SharedUnknowns | None:
-    """Put the unknowns of all realizations into one record beside their true values; None if no solution has any."""
+    """
+    Put the unknowns of all realizations into one record beside their true values.
+
+    None if no solution has any.
+    """
     by_condition: dict[str, list[UnknownsEstimate | None]] = {}
     for name in dict.fromkeys(name for one in solutions for name in one):
         estimates = [one[name].unknowns for one in solutions]

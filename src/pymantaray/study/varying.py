@@ -14,7 +14,11 @@ VARYING = ("sound_speed", "current_north", "current_east")
 
 
 def series_of(snapshots: Iterable[xr.Dataset], time: Array) -> xr.Dataset:
-    """Put local snapshots on one grid, of which one is held at a time, after each other; ``time`` is their instants. [s]"""
+    """
+    Put local snapshots on one grid, of which one is held at a time, after each other.
+
+    ``time`` is their instants. [s]
+    """
     first: xr.Dataset | None = None
     fields: dict[str, Array] = {}
     count = 0
@@ -41,7 +45,11 @@ def series_of(snapshots: Iterable[xr.Dataset], time: Array) -> xr.Dataset:
 
 
 def snapshot_at(series: xr.Dataset, time: float) -> xr.Dataset:
-    """Snapshot at a time [s], linear between the instants of a series; at one of them, to the last digit what it holds."""
+    """
+    Snapshot at a time [s], linear between the instants of a series.
+
+    At one of them, to the last digit what it holds.
+    """
     instants = series["time"].values
     if not instants[0] <= time <= instants[-1]:
         raise StudyError(

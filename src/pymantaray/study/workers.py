@@ -1,8 +1,9 @@
 """Numbered tasks in parallel: fresh processes, one thread each, results in order whoever was first.
 
-Numbers go to a process through its standard input, results come back through its standard output. A process never imports
-the script that started it, so that this works from anywhere: a script, a notebook, standard input, a daemonic process. It
-ends when its standard input does, which is when the process that started it ends, however that comes about.
+Numbers go to a process through its standard input, results come back through its standard output. A process
+never imports the script that started it, so that this works from anywhere: a script, a notebook, standard
+input, a daemonic process. It ends when its standard input does, which is when the process that started it
+ends, however that comes about.
 """
 
 import os
@@ -38,7 +39,8 @@ def in_processes(
     start: Callable[[], Callable[[int], T]], count: int, workers: int, done: Callable[[int], None]
 ) -> list[T]:
     """
-    Do numbered tasks in fresh processes, each of which makes its task by ``start``, a function that can be pickled.
+    Do numbered tasks in fresh processes, each of which makes its task by ``start``, a function that can be
+    pickled.
 
     If a task raises, or this process is interrupted, the others are stopped where they are.
     """

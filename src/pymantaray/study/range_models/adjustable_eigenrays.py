@@ -15,12 +15,12 @@ Array = NDArray[np.float64]
 
 class AdjustableEigenrays:
     r"""
-    Travel time of the earliest direct eigenray where the sound speed is what is believed and :math:`\sum_k a_k \phi_k(z)`.
+    Travel time of the earliest direct eigenray where what is believed lacks :math:`\sum_k a_k \phi_k(z)`.
 
-    Shapes (n_modes, n_levels) are linear between their levels [m] and constant beyond; the amplitudes' prior sigma is in m/s.
-    Rays are traced anew in the adjusted medium, so that an estimate's travel times are exact whatever the
-    amplitudes; their derivatives are integrals along these rays (Fermat). The shapes are interpolated as the
-    medium interpolates its levels, so that both belong together to the last digit.
+    Shapes (n_modes, n_levels) are linear between their levels [m] and constant beyond; the amplitudes' prior
+    sigma is in m/s. Rays are traced anew in the adjusted medium, so that an estimate's travel times are exact
+    whatever the amplitudes; their derivatives are integrals along these rays (Fermat). The shapes are
+    interpolated as the medium interpolates its levels, so that both belong together to the last digit.
     """
 
     def __init__(self, model: EigenrayModel, depth: Array, shapes: Array, amplitude_sigma: Array) -> None:
@@ -41,7 +41,7 @@ class AdjustableEigenrays:
         return self._model.predict(links)
 
     def adjusted(self, amplitudes: Array) -> Self:
-        """Model with other amplitudes, counted from what is believed [m/s]; the one asked for last is kept."""
+        """Model with other amplitudes [m/s], counted from what is believed; the one asked for last is kept."""
         if np.array_equal(amplitudes, self._amplitudes):
             return self
         if self._latest is None or not np.array_equal(amplitudes, self._latest._amplitudes):
@@ -64,7 +64,11 @@ class AdjustableEigenrays:
         return self._latest
 
     def sensitivity(self, links: RangeLinks) -> Array:
-        """Derivatives of the travel times by the amplitudes (n, n_modes), zero for a link without an arrival. [s²/m]"""
+        """
+        Derivatives of the travel times by the amplitudes (n, n_modes). [s²/m]
+
+        Zero for a link without an arrival.
+        """
         pairs = pairs_of(links)
         paths, pair = self._model.paths(pairs)
         of_pairs = np.zeros((pairs.source.shape[0], self.amplitude_sigma.size))
@@ -72,7 +76,7 @@ class AdjustableEigenrays:
         return of_pairs[pairs.pair]
 
     def fit(self, difference: Array, weights: Array) -> Array:
-        """Amplitudes that come nearest to a difference of sound speeds at the medium's levels, which have weights. [m/s]"""
+        """Amplitudes that come nearest to a difference of sound speeds at the levels, which have weights. [m/s]"""
         root = np.sqrt(weights)
         return np.asarray(np.linalg.lstsq((root * self._levels).T, root * difference, rcond=None)[0])
 

@@ -1,4 +1,8 @@
-"""The range model that traces rays: travel times and slowness vectors of the direct arrival in a believed medium."""
+"""
+The range model that traces rays.
+
+Travel times and slowness vectors of the direct arrival in a believed medium.
+"""
 
 from dataclasses import fields, replace
 from typing import NamedTuple
@@ -37,8 +41,9 @@ class EigenrayModel:
     """
     Travel time of the earliest direct eigenray in the ocean that is believed.
 
-    The cut-off [dB] is that of `find_eigenrays`; currents have their first-order effect, none is water at rest. All links are solved in one call, reciprocal pairs once. A link without an arrival is not possible. The first and
-    the last answers are kept: realizations of a study start at the same place.
+    The cut-off [dB] is that of `find_eigenrays`; currents have their first-order effect, none is water at
+    rest. All links are solved in one call, reciprocal pairs once. A link without an arrival is not possible.
+    The first and the last answers are kept: realizations of a study start at the same place.
     """
 
     def __init__(
@@ -60,7 +65,11 @@ class EigenrayModel:
         )
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """Travel times, with the slowness vectors at the ends as gradients; the current's part in these is left out."""
+        """
+        Travel times, with the slowness vectors at the ends as gradients.
+
+        The current's part in these is left out.
+        """
         pairs = pairs_of(links)
         arrivals = self._solved(pairs)
         n = pairs.source.shape[0]

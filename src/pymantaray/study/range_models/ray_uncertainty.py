@@ -19,23 +19,27 @@ class RayUncertainty:
     r"""
     Uncertainty of the direct arrivals' travel times in a believed ocean.
 
-    By Fermat's principle the first-order error of a travel time is the integral of minus :math:`c'/c^2` along the
-    unperturbed ray, so that two links of one epoch have the covariance
+    By Fermat's principle the first-order error of a travel time is the integral of minus :math:`c'/c^2` along
+    the unperturbed ray, so that two links of one epoch have the covariance
 
     .. math:: \int\!\!\int \frac{C(z, z') \, e^{-d^2 / 2 L^2}}{c^2 c'^2} \, ds \, ds' .
 
-    Each ray is cut into pieces of at most an eighth of :math:`L`. In depth the integral over a piece is exact, for
-    :math:`C` is bilinear between levels: the hat functions of the levels are integrated along the ray.
-    Horizontally the correlation is that of the pieces' centroids. Both factors of the sum are positive semidefinite, hence so
-    is the result. A link without a ray has no variance of its own. What the first order does not know is that
-    another family of rays may arrive first in the true ocean.
+    Each ray is cut into pieces of at most an eighth of :math:`L`. In depth the integral over a piece is
+    exact, for :math:`C` is bilinear between levels: the hat functions of the levels are integrated along the
+    ray. Horizontally the correlation is that of the pieces' centroids. Both factors of the sum are positive
+    semidefinite, hence so is the result. A link without a ray has no variance of its own. What the first
+    order does not know is that another family of rays may arrive first in the true ocean.
     """
 
     def __init__(self, model: EigenrayModel, covariance: SoundSpeedCovariance) -> None:
         self._model, self._covariance = model, covariance
 
     def covariances(self, links: RangeLinks, epoch: NDArray[np.intp]) -> list[Array]:
-        """Covariances of the links of each epoch (n_links, n_links); links there and back have the same ray. [s²]"""
+        """
+        Covariances of the links of each epoch (n_links, n_links).
+
+        Links there and back have the same ray. [s²]
+        """
         pairs = pairs_of(links)
         weight, centre = self._pieces(*self._rays(pairs), pairs.source.shape[0])
         out = []

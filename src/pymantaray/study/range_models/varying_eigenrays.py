@@ -13,8 +13,9 @@ class VaryingEigenrays:
     """
     Travel time of the earliest direct eigenray in the water that is believed at each ping.
 
-    ``medium_at`` and ``currents_at`` take a time since the start of the mission [s]; without currents the water is at rest. A
-    medium is made for each ping of each prediction and let go again, so that memory does not grow with the pings.
+    ``medium_at`` and ``currents_at`` take a time since the start of the mission [s]; without currents the
+    water is at rest. A medium is made for each ping of each prediction and let go again, so that memory does
+    not grow with the pings.
     """
 
     def __init__(
