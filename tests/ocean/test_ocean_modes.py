@@ -8,14 +8,11 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import Cast, read_casts
 from pymantaray.ocean.modes import SoundSpeedCovariance, layer_weights, vertical_modes
 from pymantaray.ocean.perturb import random_fields
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
 
 
 def columns(ocean, used):
-    z, lat, lon = (ocean[n].values for n in ("depth", "lat", "lon"))
-    c = sound_speed(
-        ocean["water_temp"].values, ocean["salinity"].values, z[:, None, None], lat[:, None], lon
-    )[:used]
+    c = ocean_sound_speed(ocean)[:used]
     return c[:, np.isfinite(c[-1])].T
 
 

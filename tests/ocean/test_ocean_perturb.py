@@ -10,7 +10,7 @@ from pymantaray.geometry import stream
 from pymantaray.ocean import column_ocean, mean_ocean, perturb_ocean, vertical_modes
 from pymantaray.ocean.perturb import change_sound_speed
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import ocean_sound_speed
 
 Z = np.array([0.0, 20.0, 40.0, 60.0, 100.0, 150.0, 250.0, 400.0])
 EDGES = np.concatenate([Z[:1], 0.5 * (Z[1:] + Z[:-1]), Z[-1:]])
@@ -36,9 +36,7 @@ def ocean(closed_form_ocean):
 
 
 def speed(ocean, equation="teos-10"):
-    z, lat, lon = (ocean[n].values for n in ("depth", "lat", "lon"))
-    water = (ocean["water_temp"].values, ocean["salinity"].values)
-    return sound_speed(*water, z[:, None, None], lat[:, None], lon, equation=equation)
+    return ocean_sound_speed(ocean, equation=equation)
 
 
 def test_the_pooled_rms_is_the_asked_one_in_expectation(ocean):

@@ -9,7 +9,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, read_cast, synthetic_ocean, to_local
 from pymantaray.ocean.corrections import density_inversions
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import ocean_sound_speed
 from pymantaray.ocean.synthetic import HYCOM_DEPTHS, REGIONS, beaufort
 from pymantaray.ocean.synthetic.geostrophy import (
     GRAVITY,
@@ -265,15 +265,8 @@ def test_unknown_regions_and_times_are_refused():
 def model(ocean, depth, position):
     """Sound speed of an ocean along a vertical line, linear between its points. [m/s]"""
     axes = tuple(ocean[name].values for name in ("depth", "lat", "lon"))
-    speed = sound_speed(
-        ocean["water_temp"].values,
-        ocean["salinity"].values,
-        axes[0][:, None, None],
-        axes[1][:, None],
-        axes[2],
-    )
     line = np.column_stack([depth, np.full_like(depth, position[0]), np.full_like(depth, position[1])])
-    return RegularGridInterpolator(axes, speed, bounds_error=False)(line)
+    return RegularGridInterpolator(axes, ocean_sound_speed(ocean), bounds_error=False)(line)
 
 
 @pytest.mark.parametrize(("name", "span"), [

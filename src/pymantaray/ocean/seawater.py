@@ -4,6 +4,7 @@ from typing import Literal, get_args
 
 import gsw
 import numpy as np
+import xarray as xr
 from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike, NDArray
 
@@ -124,6 +125,13 @@ def sound_speed(
         return (del_grosso if equation == "del-grosso" else unesco)(temperature, salinity, p)
     SA, CT, p = absolute_and_conservative(temperature, salinity, depth, lat, lon)
     return np.asarray(gsw.sound_speed(SA, CT, p), dtype=float)
+
+
+def ocean_sound_speed(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> Array:
+    """Sound speed (depth, lat, lon) of a valid ocean at its grid points; NaN below the sea bed. [m/s]"""
+    depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
+    water = (ocean["water_temp"].values, ocean["salinity"].values)
+    return sound_speed(*water, depth[:, None, None], lat[:, None], lon, equation=equation)
 
 
 def density(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import sea_floor_depth
-from pymantaray.ocean.seawater import Equation, sound_speed
+from pymantaray.ocean.seawater import Equation, ocean_sound_speed
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.Dat
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = 0.5 * (lat[0] + lat[-1])
     meridian = pyproj.Geod(ellps="WGS84").inv(lon[0], lat[0], lon[0], lat[-1])[2]
-    speed = _sound_speed(ocean, equation)
+    speed = ocean_sound_speed(ocean, equation=equation)
     current = np.hypot(ocean["water_u"].values, ocean["water_v"].values)
     floor = sea_floor_depth(ocean).values
     rows: dict[str, object] = {
@@ -81,7 +81,7 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
         wet. The mean is over grid points, each counting the same.
     """
     validate_ocean(ocean)
-    speed = _sound_speed(ocean, equation)
+    speed = ocean_sound_speed(ocean, equation=equation)
     columns = speed.reshape(len(speed), -1)
     wet = np.isfinite(columns)
     count = wet.sum(axis=1)
@@ -132,7 +132,7 @@ def variable_table(ocean: xr.Dataset, equation: Equation = "teos-10") -> pd.Data
     validate_ocean(ocean)
     fields = {v.name: (v.units.replace("m s-1", "m/s"), ocean[v.name].values) for v in VARIABLES}
     fields["current speed"] = ("m/s", np.hypot(ocean["water_u"].values, ocean["water_v"].values))
-    fields["sound speed"] = ("m/s", _sound_speed(ocean, equation))
+    fields["sound speed"] = ("m/s", ocean_sound_speed(ocean, equation=equation))
     rows = [
         (name, units, float(np.nanmin(values)), float(np.nanmean(values)), float(np.nanmax(values)))
         for name, (units, values) in fields.items()
@@ -147,18 +147,6 @@ def _spacing(axis: Array) -> str:
     if np.ptp(steps) < 0.01 * steps.mean():
         return f"{steps.mean():.4g} degrees"
     return f"{steps.min():.4g} to {steps.max():.4g} degrees"
-
-
-def _sound_speed(ocean: xr.Dataset, equation: Equation = "teos-10") -> Array:
-    depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
-    return sound_speed(
-        ocean["water_temp"].values,
-        ocean["salinity"].values,
-        depth[:, None, None],
-        lat[:, None],
-        lon,
-        equation=equation,
-    )
 
 
 def _width(latitude: float, lon: Array) -> float:

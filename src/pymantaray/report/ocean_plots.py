@@ -17,7 +17,7 @@ from pymantaray.errors import ReportError, WriteError
 from pymantaray.geometry.longitude import whole_turns, wrapped
 from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.style import (
     BED,
@@ -128,7 +128,7 @@ def sound_speed_map(
     """Sound speed at a level in plan, currents as arrows, the sea floor as contours."""
     k = _nearest(ocean["depth"].values, depth)
     level = float(ocean["depth"].values[k])
-    speed = _speed(ocean.isel(depth=[k]))[0]
+    speed = ocean_sound_speed(ocean.isel(depth=[k]))[0]
 
     def draw(axes: Axes, arrows: int) -> Any:
         axes.set_facecolor(BED if level > 0.0 else _LAND)
@@ -224,13 +224,6 @@ def _draw_currents(axes: Axes, level: xr.Dataset, count: int) -> None:
     key = float(f"{scale:.1g}")
     place: dict[str, Any] = {"labelpos": "W", "labelsep": 0.05, "fontproperties": {"size": 6.5}}
     axes.quiverkey(arrows, 0.94, 1.035, key, f"{key:g} m/s", **place)
-
-
-def _speed(ocean: xr.Dataset) -> Array:
-    depth, lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("depth", "lat", "lon"))
-    return sound_speed(
-        ocean["water_temp"].values, ocean["salinity"].values, depth[:, None, None], lat[:, None], lon
-    )
 
 
 class _Cut(NamedTuple):
