@@ -47,11 +47,12 @@ def read_env(path):
     x, y, z, receiver_z, r, bearing = (f.vector(shift) for shift in (3, 3, 0, 0, 3, 0))
     run_type, declinations, bearings = f.word(), f.vector(), f.vector()
     step, *box = f.numbers()
-    assert (media, levels[-1][0], options[1:], bed[1]) == (1, last, "VW", "~")
+    assert (media, levels[-1][0], options[1:3], bed[1]) == (1, last, "VW", "~")
     return SimpleNamespace(
         title=title,
         frequency=frequency,
         profile=options[0],
+        altimetry=options[3:] == " ~",
         levels=levels,
         bottom=bed[0],
         half_space=half_space,
@@ -67,12 +68,17 @@ def read_env(path):
     )
 
 
-def read_grids(env):
-    """North, east, depth and sound speed (None if there is no `.ssp`), and north, east and depth of the `.bty`."""
-    ssp, f = Path(env).with_suffix(".ssp"), Lists(Path(env).with_suffix(".bty"))
+def read_boundary(path):
+    """North, east and depth of a `.bty` or `.ati`."""
+    f = Lists(path)
     assert f.word() == "R"
     north, east = f.vector(3), f.vector(3)
-    bed = north, east, list(zip(*(f.numbers() for _ in east), strict=True))
+    return north, east, list(zip(*(f.numbers() for _ in east), strict=True))
+
+
+def read_grids(env):
+    """North, east, depth and sound speed (None if there is no `.ssp`), and north, east and depth of the `.bty`."""
+    ssp, bed = Path(env).with_suffix(".ssp"), read_boundary(Path(env).with_suffix(".bty"))
     if not ssp.exists():
         return None, bed
     f = Lists(ssp)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient
+from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient, find_eigenrays
 from pymantaray.acoustics.bellhop import (
     BellhopOptions,
     bellhop_arrivals,
@@ -137,6 +137,22 @@ def test_the_real_program_agrees_with_a_closed_form():
     direct = (arrivals.surface_bounces + arrivals.bottom_bounces == 0).nonzero()[0]
     strongest = direct[np.argmax(arrivals.amplitude[direct])]
     assert abs(arrivals.launch_azimuth[strongest] - np.arctan2(1300.0, 1400.0)) < 0.01
+
+
+@pytest.mark.slow
+@needs_bellhop
+def test_the_real_program_reflects_at_sloping_ice_where_we_do():
+    axis = np.linspace(-2000.0, 3000.0, 6)
+    draft = np.repeat(20.0 + 0.01 * (axis[:, None] + 2000.0), 6, axis=1)
+    water = ([0.0], [0.0], [0.0, 1000.0], [[[1500.0, 1500.0]]])
+    ice = {"ice_draft": draft, "ice_north": axis, "ice_east": axis}
+    medium = Medium.from_grid(*water, bathymetry=[[1000.0]], interpolation="linear", **ice)
+    ends = [0.0, 0.0, 100.0], [1000.0, 500.0, 200.0]
+    ours = find_eigenrays(medium, *ends, max_surface_bounces=1)
+    theirs, _ = bellhop_arrivals(medium, *ends, BellhopOptions(beams=400, cone=0.6))
+    reflected = theirs.travel_time[(theirs.surface_bounces == 1) & (theirs.bottom_bounces == 0)]
+    assert np.abs(reflected - ours.travel_time[1]).min() < 1e-6
+    assert ours.surface_bounces.tolist() == [0, 1]
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from bellhop_stand_in import read_env, read_grids
+from bellhop_stand_in import read_boundary, read_env, read_grids
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -109,6 +109,22 @@ def test_links_share_their_grids_and_the_origin_moves_them(tmp_path):
     np.testing.assert_allclose(north, medium.north - a[0], rtol=0, atol=ATOL_POSITION)
     np.testing.assert_array_equal(c, medium.sound_speed)
     assert len(list(tmp_path.iterdir())) == 6
+
+
+def test_ice_is_bellhops_altimetry(tmp_path):
+    bare = grid_medium()
+    draft = np.random.default_rng(1).uniform(0.0, 9.0, bare.bathymetry.shape)
+    axes = (bare.north, bare.east, bare.depth, bare.sound_speed)
+    iced = Medium.from_grid(*axes, bathymetry=bare.bathymetry, interpolation="linear", ice_draft=draft)
+    for medium in (iced, linear_medium(iced, horizontal=2)):
+        (env,) = write_bellhop(tmp_path / "ice", medium, middle(bare, 20.0), middle(bare, 100.0))
+        assert read_env(env).altimetry
+        north, east, found = read_boundary(env.with_suffix(".ati"))
+        np.testing.assert_array_equal((*north, *east), (*bare.north, *bare.east))
+        np.testing.assert_array_equal(found, draft)
+    (env,) = write_bellhop(tmp_path / "open", bare, middle(bare, 20.0), middle(bare, 100.0))
+    assert not read_env(env).altimetry
+    assert not env.with_suffix(".ati").exists()
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,7 @@ def sheared():
 def test_interpolation_is_exact_for_what_is_linear_and_the_edge_holds_beyond_the_grid(sheared):
     x = np.random.default_rng(3).uniform([-6e3, -6e3, 0.0], [6e3, 6e3, 1500.0], (50, 3))
     np.testing.assert_allclose(sheared.at(x), velocity(x.T), rtol=0, atol=1e-14)
+    assert repr(sheared) == "<Currents 5 x 4 x 4, up to 0.38 m/s>"
     np.testing.assert_array_equal(sheared.at([[9e3, -7e3, 1800.0]]), sheared.at([[6e3, -6e3, 1500.0]]))
 
 

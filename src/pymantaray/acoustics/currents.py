@@ -63,6 +63,11 @@ class Currents:
                 " fill what is missing and check the units"
             )
 
+    def __repr__(self) -> str:
+        """One line."""
+        n, e, z = (axis.size for axis in (self.north, self.east, self.depth))
+        return f"<Currents {n} x {e} x {z}, up to {np.hypot(*self.velocity.T).max():.2g} m/s>"
+
     @classmethod
     def from_dataset(cls, ocean: "xr.Dataset") -> Self:
         """

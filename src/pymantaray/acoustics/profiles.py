@@ -60,6 +60,10 @@ class ReducedProfile:
     rms_change: float
     greatest_change: float
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"<ReducedProfile {self}>"
+
     def __str__(self) -> str:
         """One line for people."""
         how = f"within {self.parameter:g} m/s" if self.method == "thinned" else f"over {self.parameter:g} m"

@@ -1,4 +1,4 @@
-"""A medium and its links as BELLHOP3D input files: `.env`, `.ssp` and `.bty`."""
+"""A medium and its links as BELLHOP3D input files: `.env`, `.ssp`, `.bty` and, under ice, `.ati`."""
 
 import math
 import shutil
@@ -137,7 +137,7 @@ def write_bellhop(
     Returns
     -------
     list of pathlib.Path
-        The `.env` file of each link. The `.ssp` and `.bty` files of further links are hard links to the first.
+        The `.env` file of each link. The other files of further links are hard links to the first.
 
     Raises
     ------
@@ -219,6 +219,9 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
         bed_north=bed[0],
         bed_east=bed[1],
         interpolation="linear",
+        ice_draft=medium.ice_draft,
+        ice_north=medium.ice_north,
+        ice_east=medium.ice_east,
     )
 
 
@@ -246,9 +249,9 @@ def _check_ends(medium: Medium, a: Array, b: Array) -> None:
 
 def _grid_texts(medium: Medium, ends: Array, shift: Array) -> dict[str, str]:
     """
-    The hexahedral `.ssp`, if sound speed varies horizontally, and the `.bty` of type R, by their suffix.
+    By their suffix `.bty` and, under ice, `.ati` of type R, and the hexahedral `.ssp` if sound speed varies horizontally.
 
-    Both have x and y in kilometres, then lists along x: of each depth and y, and of each y. Bellhop needs two points
+    All have x and y in kilometres, then lists along x: of each y, or of each depth and y. Bellhop needs two points
     along an axis; one, no variation along it, becomes two beyond all ends.
     """
     centre = [np.mean(medium.north) - shift[0], np.mean(medium.east) - shift[1]]
@@ -262,8 +265,13 @@ def _grid_texts(medium: Medium, ends: Array, shift: Array) -> dict[str, str]:
             lines += [f"{axis.size} /", _row(axis, _kilometres)]
         return lines, values
 
-    lines, bed = axes(medium.bathymetry, medium.bed_north, medium.bed_east)
-    texts = {".bty": ["'R'", *lines, *map(_row, bed.T)]}
+    boundaries = {".bty": (medium.bathymetry, medium.bed_north, medium.bed_east)}
+    if medium.ice_draft.any():
+        boundaries[".ati"] = (medium.ice_draft, medium.ice_north, medium.ice_east)
+    texts = {}
+    for suffix, boundary in boundaries.items():
+        lines, z = axes(*boundary)
+        texts[suffix] = ["'R'", *lines, *map(_row, z.T)]
     if medium.sound_speed.shape[:2] != (1, 1):
         lines, c = axes(medium.sound_speed, medium.north, medium.east)
         levels = [f"{medium.depth.size} /", _row(medium.depth)]
@@ -272,7 +280,7 @@ def _grid_texts(medium: Medium, ends: Array, shift: Array) -> dict[str, str]:
 
 
 def _env_text(title: str, medium: Medium, start: Array, end: Array, options: BellhopOptions) -> str:
-    """The `.env` of one link, with a flat surface next to a vacuum and attenuation in dB per wavelength."""
+    """The `.env` of one link, with a vacuum above the surface or ice, and attenuation in dB per wavelength."""
     uniform = medium.sound_speed.shape[:2] == (1, 1)
     profile = medium.sound_speed[0, 0] if uniform else medium.sound_speed.mean(axis=(0, 1))
     bed = options.bottom
@@ -296,7 +304,7 @@ def _env_text(title: str, medium: Medium, start: Array, end: Array, options: Bel
         f"'{title} by MantaRay, x north, y east'",
         f"{_plain(options.frequency)} ! frequency [Hz]",
         "1 ! media",
-        f"'{'C' if uniform else 'H'}VW' ! profile, vacuum above, attenuation in dB per wavelength",
+        f"'{'C' if uniform else 'H'}VW{' ~' if medium.ice_draft.any() else ''}' ! profile, vacuum above, attenuation in dB per wavelength",
         f"{medium.depth.size} 0.0 {last} ! levels, roughness [m], last level [m]",
         *(_row(level) for level in zip(medium.depth, profile, strict=True)),
         f"'{letter}~' 0.0 ! sea bed, roughness [m]",
