@@ -1,6 +1,8 @@
 """A whole small study: what is on disk is what was computed, the same whoever computes it, or nothing."""
 
 import hashlib
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -8,11 +10,11 @@ import pytest
 
 from pymantaray.errors import FleetError, StudyError
 from pymantaray.estimation import CONDITIONS, dead_reckon, read_pyfg
-from pymantaray.evaluation import trajectory_errors
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.study import open_run, parse_study, run_study, runner
 from pymantaray.study.config import Condition
 from pymantaray.study.manifest import describe_run, sha256
+from pymantaray.study.store import summarize
 
 DEAD_RECKONING = {"conditions": ["odometry"], "realizations": 1}
 
@@ -68,18 +70,16 @@ def test_solves_are_healthy_and_ranges_help(tiny_run):
     assert rmse["straight"] < rmse["no-ranges"] <= rmse["odometry"]
 
 
-def test_manifest_lists_every_solve_that_is_not_healthy(tiny_run):
-    e = tiny_run.estimates
-    listed = {
-        (u["condition"], u["realization"]): u["status"]
-        for u in tiny_run.manifest["outcome"]["unhealthy_solves"]
-    }
-    found = {
-        (str(e.condition[c]), int(e.realization[r])): SolveStatus(int(e.solve_status[c, r])).name
-        for c, r in np.ndindex(e.solve_status.shape)
-        if e.solve_status[c, r] != SolveStatus.OK
-    }
-    assert listed == found
+def test_summary_lists_every_solve_that_is_not_healthy(tiny_run):
+    status = tiny_run.estimates.solve_status.copy()
+    status[1, 0], status[3, 1] = SolveStatus.FAILED, SolveStatus.OVER_CHI_SQUARE
+    of_run = {name: getattr(tiny_run, name) for name in ("measurements", "truth", "hearing", "candidates")}
+    summary = summarize(SimpleNamespace(**of_run), replace(tiny_run.estimates, solve_status=status))
+    assert summary["unhealthy_solves"] == [
+        {"condition": "no-ranges", "realization": 0, "status": "FAILED"},
+        {"condition": "refracted", "realization": 1, "status": "OVER_CHI_SQUARE"},
+    ]
+    assert summary | {"unhealthy_solves": []} == tiny_run.manifest["outcome"]
 
 
 def test_noise_of_a_realization_can_be_drawn_again(tiny_run):
@@ -203,15 +203,8 @@ def test_manifest_has_seeds_versions_and_checksums(tiny_tree, tiny_run, tmp_path
     manifest = tiny_run.manifest
     assert manifest["random"]["seed"] == tiny_run.config.study.seed
     assert manifest["versions"]["gtsam"].startswith("4.3")
-    assert set(manifest["seconds"]) == {
-        "ocean",
-        "fleet",
-        "medium",
-        "rays",
-        "picture",
-        "realizations",
-        "files",
-    }
+    stages = {"ocean", "fleet", "medium", "rays", "picture", "realizations", "files"}
+    assert set(manifest["seconds"]) == stages
     assert all(value >= 0 for value in manifest["seconds"].values())
     content = tmp_path / "a.nc"
     content.write_bytes(b"ocean")
@@ -220,23 +213,3 @@ def test_manifest_has_seeds_versions_and_checksums(tiny_tree, tiny_run, tmp_path
     assert described["ocean"]["sha256"] == {str(content): hashlib.sha256(b"ocean").hexdigest()}
     assert sha256(content) == hashlib.sha256(b"ocean").hexdigest()
     assert described["ocean"]["synthetic"] is False
-
-
-def test_position_errors_of_the_run_equal_those_of_evo(tiny_run):
-    """Our APE and evo's, vehicle by vehicle, over every condition and realization of a whole study."""
-    from evo.core.metrics import APE, PoseRelation
-    from evo.core.trajectory import PoseTrajectory3D
-
-    truth, estimates = tiny_run.truth, tiny_run.estimates
-    ours = trajectory_errors(truth, estimates)
-    for c, r, a in np.ndindex(ours.shape[:3]):
-        theirs = APE(PoseRelation.translation_part)
-        theirs.process_data(
-            (
-                PoseTrajectory3D(truth.position[a], truth.quaternion[a], truth.time),
-                PoseTrajectory3D(
-                    estimates.position[c, r, a], estimates.quaternion[c, r, a].astype(float), truth.time
-                ),
-            )
-        )
-        np.testing.assert_allclose(ours[c, r, a], theirs.error, rtol=0, atol=1e-12)
