@@ -14,9 +14,6 @@ _RISE = 1e-9  # relative; a smaller rise of the cost is rounding
 # and the next one more than makes up for it. (A damped solve from there costs ten full steps.)
 _PATIENCE = 2
 _CRAWL = 1e-9  # relative fall of the cost at which damped steps from a singular start end
-# Steps of less than this, in m or rad, hardly change the linear system: the next ones may do without a new factorization,
-# as long as each is shorter than the one before by the second factor.
-_NEAR, _CONTRACTION = 5e-3, 0.5
 # A variable is undetermined if, given all that are eliminated after it, some direction of it may stray
 # by the inverse of this: 1,000 km, or as many radians.
 SMALLEST_PIVOT = 1e-6
@@ -93,33 +90,23 @@ def _gauss_newton(
 ) -> tuple[Any, Progress]:
     """Run undamped; a cost that stays above its lowest for too long leaves ``last_step`` NaN."""
     values, cost = initial, float(problem.error(initial))
-    lowest, above, largest, keep = cost, 0, np.inf, False
-    conditionals: Any = None
+    lowest, above = cost, 0
     progress = Progress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
         linear = problem.linearize(values)
-        if keep:
-            whitened = conditionals.backSubstituteTranspose(linear.gradientAtZero())
-            delta = conditionals.backSubstitute(whitened).scale(-1.0)
-        else:
-            solved = step(linear, ordering)
-            if solved is None:
-                return values, replace(progress, singular=True, last_step=np.nan)
-            delta, conditionals = solved
+        solved = step(linear, ordering)
+        if solved is None:
+            return values, replace(progress, singular=True, last_step=np.nan)
+        delta, conditionals = solved
         trial = values.retract(delta)
         trial_cost = float(problem.error(trial))
         above = 0 if trial_cost <= lowest + _RISE * (1.0 + lowest) else above + 1
         if above > _PATIENCE or not np.isfinite(trial_cost):
             return values, replace(progress, last_step=np.nan)
-        values, cost, lowest = trial, trial_cost, min(lowest, trial_cost)
-        progress = replace(progress, iterations=iteration, final_cost=cost)
-        before = largest
-        # the norm costs nothing, the largest component a copy: look at it only where it may be small
-        small = delta.norm() <= max(_NEAR, options.step_tolerance) * np.sqrt(6 * delta.size())
-        largest = largest_of(delta) if small else np.inf
-        if above == 0 and largest <= options.step_tolerance:
+        values, lowest = trial, min(lowest, trial_cost)
+        progress = replace(progress, iterations=iteration, final_cost=trial_cost)
+        if above == 0 and largest_of(delta) <= options.step_tolerance:
             break
-        keep = above == 0 and largest <= min(_NEAR, _CONTRACTION * before)
     return values, _evidence(progress, linear, delta, conditionals)
 
 
