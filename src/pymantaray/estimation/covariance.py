@@ -20,21 +20,12 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class EpochCovariances:
-    """
-    Covariances of one solve; fields mean what they mean in `PoseCovariances`.
-
-    Parameters
-    ----------
-    position : ndarray, shape (n_epochs, n_agents, 3, n_agents, 3)
-        Joint, in the world's axes. [m²]
-    pose : ndarray, shape (n_epochs, n_agents, 6, 6)
-        In the tangents of the estimated poses. [rad, m]
-    range_nis : ndarray, shape (n_epochs,)
-    range_dimension : ndarray of int, shape (n_epochs,)
-    """
+    """Covariances of one solve; fields mean what they mean in `PoseCovariances`."""
 
     position: Array
+    """Joint, in the world's axes, shape (n_epochs, n_agents, 3, n_agents, 3). [m²]"""
     pose: Array
+    """In the tangents of the estimated poses, shape (n_epochs, n_agents, 6, 6). [rad, m]"""
     range_nis: Array
     range_dimension: Indices
 
@@ -67,27 +58,7 @@ def fixed_epochs(time: Array, interval: float) -> Indices:
 
 
 def graph_covariances(graph: FactorGraph, values: GraphValues, poses: Indices) -> EpochCovariances:
-    """
-    Covariances of chosen poses of a solved graph whose ranges are distances.
-
-    Parameters
-    ----------
-    graph : FactorGraph
-    values : GraphValues
-        Its optimum; elsewhere the covariances are those of the graph linearized there.
-    poses : ndarray of int, shape (n_epochs, n_agents)
-        Variables; none twice.
-
-    Returns
-    -------
-    EpochCovariances
-        NaN if the linear system is singular: `pymantaray.estimation.diagnose.diagnose` says why.
-
-    Raises
-    ------
-    EstimationError
-        If the graph or the values cannot be used, or a chosen variable is no pose or chosen twice.
-    """
+    """Covariances of poses, (n_epochs, n_agents), of a solved graph whose ranges are distances; NaN if it is singular."""
     from pymantaray.estimation._gtsam.factors import FactorBuilder
 
     check_graph(graph)
@@ -104,30 +75,7 @@ def factor_covariances(
     poses: Indices,
     first_range: int | None = None,
 ) -> EpochCovariances:
-    """
-    Do the same for factors and values as the solver has them, whatever its ranges are.
-
-    Parameters
-    ----------
-    factors : gtsam.NonlinearFactorGraph or ExpandedRanges
-        What was optimized.
-    values : gtsam.Values
-        Its optimum.
-    graph : FactorGraph
-        What both were made from.
-    poses : ndarray of int, shape (n_epochs, n_agents)
-    first_range : int, optional
-        Number of the factors that come before those of ranges; by default ranges are not judged.
-
-    Returns
-    -------
-    EpochCovariances
-
-    Raises
-    ------
-    EstimationError
-        If a chosen variable is no pose of the graph or is chosen twice.
-    """
+    """Do the same at the optimum of what the solver has; ranges come from a factor on, if they are to be judged."""
     from pymantaray.estimation._gtsam.marginals import group_marginals
 
     chosen = np.asarray(poses)
@@ -156,21 +104,8 @@ def factor_covariances(
 
 def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochCovariances:
     r"""
-    Covariances of dead reckoning, to first order.
+    Covariances of dead reckoning at samples, to first order; vehicles are independent, and there are no ranges.
 
-    Parameters
-    ----------
-    measurements : Measurements
-        With noise.
-    samples : ndarray of int, shape (n_epochs,)
-
-    Returns
-    -------
-    EpochCovariances
-        Vehicles are independent; there are no ranges.
-
-    Notes
-    -----
     Every step :math:`T_{j} = T_{j-1} D_j \exp(q_j)` errs in the tangent of the pose that it leads to. At pose k that is
     :math:`\sum_{j \le k} \mathrm{Ad}(T_k^{-1} T_j) q_j`, and the covariances add up.
     """

@@ -16,22 +16,8 @@ _SPREAD = 1e-12  # variances this far below the median leave no digits for the o
 
 def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     """
-    Say which variable makes a graph singular or badly conditioned.
+    Say in one line which variable makes a graph singular or badly conditioned at some values; None if nothing of the kind is found.
 
-    Parameters
-    ----------
-    graph : FactorGraph
-        Must pass `pymantaray.estimation.graph.check_graph`.
-    values : GraphValues
-        Where the question is asked: what ranges determine depends on the geometry.
-
-    Returns
-    -------
-    str or None
-        One line, or None if nothing of the kind is found.
-
-    Notes
-    -----
     The weakest direction is the eigenvector of the least eigenvalue of the information matrix, scaled to a
     unit diagonal. It counts as undetermined if the eigenvalue is zero to working precision, or the standard
     deviation of some variable along it exceeds 1,000 km or as many radians. Conditioning is judged
@@ -83,20 +69,7 @@ def refuse_sharp_depths(graph: FactorGraph, values: GraphValues) -> None:
 
 
 def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
-    """
-    Say which measurement fits the values worst.
-
-    Parameters
-    ----------
-    graph : FactorGraph
-        Must pass `pymantaray.estimation.graph.check_graph`, and have a measurement.
-    values : GraphValues
-
-    Returns
-    -------
-    str
-        Names of the variables it is about and its share of the cost, such as ``A17 and L0 (cost 3e+04)``.
-    """
+    """Say which measurement fits the values worst, such as ``A17 and L0 (cost 3e+04)``."""
     from pymantaray.estimation._gtsam.marginals import worst_factor
 
     variables, cost = worst_factor(graph, values)

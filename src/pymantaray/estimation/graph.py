@@ -37,39 +37,26 @@ QUATERNION = ("quaternion", 4, "1")  # body to world, or end to start; (w, x, y,
 
 @dataclass(frozen=True)
 class FactorKind:
-    """
-    What there is to know of one kind of factor.
-
-    Parameters
-    ----------
-    what, plural : str
-        Its name in messages, and what several are called.
-    ends : tuple of {"pose", "landmark", "any"}
-        What each of its variables is. A landmark comes second where one end is a pose.
-    columns : tuple of (name, width, unit)
-        What is measured.
-    rows : int
-        Of the residual and of its covariance; rotation [rad] before translation [m], rotation in the tangent of the body. Other rows
-        are in the axes of what is measured.
-    word : str
-        That begins its lines in PyFactorGraph text.
-    axes : tuple of int
-        Where the line is a pose prior: which axes of the tangent are measured. The others are written as free.
-    anchors : bool
-        Whether it ties its variable to the world, so that nothing else has to.
-    named_after : int
-        Which of its variables messages name.
-    """
+    """What there is to know of one kind of factor."""
 
     what: str
+    """Its name in messages."""
     plural: str
+    """What several are called."""
     ends: tuple[str, ...]
+    """What each of its variables is: "pose", "landmark" or "any"; a landmark comes second where one end is a pose."""
     columns: tuple[tuple[str, int, str], ...]
+    """What is measured: name, width and unit."""
     rows: int
+    """Of the residual and its covariance: with a quaternion rotation first, in the tangent of the body; else in the world's axes."""
     word: str
+    """That begins its lines in PyFactorGraph text."""
     axes: tuple[int, ...] = ()
+    """Where that is a pose prior: the axes of the tangent that are measured; the others are written as free."""
     anchors: bool = False
+    """Whether it ties its variable to the world, so that nothing else has to."""
     named_after: int = 0
+    """Which of its variables messages name."""
 
     @property
     def columns_at(self) -> dict[str, slice]:
@@ -340,20 +327,6 @@ def check_graph(graph: FactorGraph) -> None:
     """
     Refuse a graph whose measurements or noise levels cannot be used.
 
-    Parameters
-    ----------
-    graph : FactorGraph
-
-    Raises
-    ------
-    EstimationError
-        If a measurement is not finite or beyond `LARGEST`, a quaternion is not of length 1, a variance is
-        not positive and finite, a covariance is not symmetric or not safely positive definite, an edge or a
-        range ends where it begins, or two variables share a name; the message names the first variable
-        concerned.
-
-    Notes
-    -----
     What passes can be handed to GTSAM: there, a zero sigma silently becomes a hard constraint, one triangle
     of an asymmetric matrix is ignored, a scaled rotation is taken as it is, and a singular or overflowing
     covariance surfaces as an exception in the middle of a solve.
@@ -368,20 +341,7 @@ def check_graph(graph: FactorGraph) -> None:
 
 
 def check_values(graph: FactorGraph, values: GraphValues) -> None:
-    """
-    Refuse values that do not fit a graph or cannot be a starting point.
-
-    Parameters
-    ----------
-    graph : FactorGraph
-    values : GraphValues
-
-    Raises
-    ------
-    EstimationError
-        If there are too few or too many, one is not finite or beyond `LARGEST`, or a quaternion is not of
-        length 1; the message names the first variable concerned.
-    """
+    """Refuse values that do not fit a graph or cannot be a starting point."""
     sizes = values.position.shape[0], values.landmark_position.shape[0]
     needed = graph.n_poses, int(graph.landmark_name.size)
     if sizes != needed:
@@ -403,15 +363,6 @@ def check_anchored(graph: FactorGraph) -> None:
 
     Odometry and ranges tie variables to each other; a first-pose prior, a GNSS fix or a landmark prior
     ties them to the world. A depth prior does not: it leaves the horizontal free.
-
-    Parameters
-    ----------
-    graph : FactorGraph
-
-    Raises
-    ------
-    EstimationError
-        If a set of connected variables has no such prior; the message names its first variable.
     """
     loose = connected_parts(graph).loose
     if loose.any():

@@ -237,8 +237,6 @@ class Unknowns:
     The amplitudes of an `AdjustableModel` are unknowns; so are, with a prior of theirs, the clocks of the vehicles that
     ``pose_agent`` gives for each pose. ``name``, ``unit`` and ``sigma``, the prior standard deviations, have one entry for each.
 
-    Notes
-    -----
     The solver has them in units of their standard deviations: one variable :math:`u \sim N(0, I)`. One way, a
     ping sent at true time T and received at T + t is measured as
 
@@ -342,27 +340,17 @@ class UnknownsEstimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BelievedRanges:
-    """
-    What an estimator makes of the ranges of a graph.
-
-    Parameters
-    ----------
-    model : RangeModel
-    ranges : TimedRanges
-        What was measured, row by row the ranges of the graph.
-    uncertainty : TravelTimeUncertainty, optional
-        Adds to the ranges' own variance. By default that stands alone.
-    correlated : bool
-        Whether the covariances between the links of an epoch count, beside the variances.
-    unknowns : Unknowns, optional
-        What is to be estimated with the poses. By default nothing is.
-    """
+    """What an estimator makes of the ranges of a graph."""
 
     model: RangeModel
     ranges: TimedRanges
+    """What was measured, row by row the ranges of the graph."""
     uncertainty: TravelTimeUncertainty | None = None
+    """Adds to the ranges' own variance."""
     correlated: bool = False
+    """Whether the covariances between the links of an epoch count, beside the variances."""
     unknowns: Unknowns | None = None
+    """What is to be estimated with the poses."""
 
     @property
     def n_unknowns(self) -> int:

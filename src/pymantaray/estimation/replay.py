@@ -17,36 +17,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """
-    What an on-line estimator knew and when, and what it ended with.
-
-    Parameters
-    ----------
-    solution : Solution
-        After the last update, as a batch solve gives it; ``iterations`` counts updates, ``initial_cost`` is of the
-        starting values.
-    update_time : ndarray, shape (n_updates,)
-        Time since the start of the mission. [s]
-    seconds : ndarray, shape (n_updates,)
-        That the update took; NaN for those not reached because one failed. [s]
-    relinearized : ndarray of int, shape (n_updates,)
-        Variables linearized again.
-    position : ndarray, shape (n_poses, 3)
-        Each pose as it was believed at its own time: after the update at that time, or dead reckoned from the last
-        update before it. [m]
-    quaternion : ndarray, shape (n_poses, 4)
-        The same of the orientations.
-    before : ndarray, shape (n_poses, 3)
-        Each pose before the update that it came with: dead reckoned from the last one. [m]
-    """
+    """What an on-line estimator knew and when, and what it ended with."""
 
     solution: Solution
+    """After the last update, gated without bounds on the cost; iterations are updates, the initial cost is of the starting values."""
     update_time: Array
+    """Since the start of the mission, shape (n_updates,). [s]"""
     seconds: Array
+    """That each update took; NaN for those not reached because one failed."""
     relinearized: NDArray[np.intp]
+    """Variables linearized again in each update."""
     position: Array
+    """Each pose as believed at its own time: after the update then, or reckoned from the last one, shape (n_poses, 3). [m]"""
     quaternion: Array
     before: Array
+    """Each position before the update that the pose came with, reckoned from the last one. [m]"""
 
 
 def replay(
@@ -58,35 +43,9 @@ def replay(
     builder: Any = None,
 ) -> Replay:
     """
-    Feed the factors of a graph to iSAM2 in the order of their time.
+    Feed the factors of a graph, whose ranges are distances, to iSAM2 in the order of their time: that of their latest pose.
 
-    Parameters
-    ----------
-    graph : FactorGraph
-        Its ranges are taken as distances. A factor belongs to the time of its latest pose.
-    initial : GraphValues
-        Where variables start that have no prior and no edge from a pose that is there already.
-    loss : Loss, optional
-        Of the ranges; must not be graduated, which needs all ranges at once.
-    options : SolveOptions, optional
-        Of the replay, and the tolerances of the gate.
-    builder : FactorBuilder, optional
-        Of a `GraphSolver`, with what that keeps.
-
-    Returns
-    -------
-    Replay
-        Its solution has passed the health gate of the batch solves, without bounds on the cost; an update whose
-        linear system cannot be solved makes it FAILED.
-
-    Raises
-    ------
-    EstimationError
-        If the graph or the starting values cannot be used, a pose has no time, no factor mentions a variable, or
-        the loss is graduated.
-
-    Notes
-    -----
+    Variables that have no prior and no edge from a pose that is there already enter at their initial value.
     Every variable must be determined by what is known when it enters: a landmark without a prior of its own is
     not, by its first range.
     """

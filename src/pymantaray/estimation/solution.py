@@ -94,33 +94,19 @@ class SolveOptions:
 
 @dataclass(frozen=True)
 class Progress:
-    """
-    How an optimization went.
-
-    Parameters
-    ----------
-    iterations : int
-        Steps taken.
-    initial_cost, final_cost : float
-        Half the sum of squared whitened residuals. [-]
-    singular : bool
-        The linear system could not be solved, or left a variable undetermined.
-    gradient_norm : float
-        Largest component of the cost's gradient at the last linearization; NaN if none was solved.
-    newton_decrement : float
-        Cost that the step from the last linearization promised to take away: half the gradient's square
-        in the metric of the inverse Hessian, hence free of units. [-]
-    last_step : float
-        Largest component of that step. [m, rad]
-    """
+    """How an optimization went; costs are half the sum of squared whitened residuals."""
 
     iterations: int
     initial_cost: float
     final_cost: float
     singular: bool = False
+    """The linear system could not be solved, or left a variable undetermined."""
     gradient_norm: float = math.nan
+    """Largest component of the cost's gradient at the last linearization."""
     newton_decrement: float = math.nan
+    """Cost that the last step promised to take away: half the gradient's square in the metric of the inverse Hessian."""
     last_step: float = math.nan
+    """Largest component of that step. [m, rad]"""
 
 
 @dataclass(frozen=True, eq=False)

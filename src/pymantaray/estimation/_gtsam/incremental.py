@@ -16,38 +16,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Timeline:
-    """
-    When each factor and each variable enters.
-
-    Parameters
-    ----------
-    factor_update : ndarray of int, shape (n_factors,)
-        Number of the update that each factor belongs to.
-    variable_update : ndarray of int, shape (n_variables,)
-        The same of variables; -1 where no factor mentions one.
-    """
+    """At which update each factor and each variable enters; -1 for a variable that no factor mentions."""
 
     factor_update: NDArray[np.intp]
     variable_update: NDArray[np.intp]
 
 
 def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline:
-    """
-    Sort factors and variables by the update at which all they need is there.
-
-    Parameters
-    ----------
-    factors : gtsam.NonlinearFactorGraph
-        With variables numbered from 0.
-    variable_time : ndarray, shape (n_variables,)
-        Minus infinity for what is always there. [s]
-    update_time : ndarray, shape (n_updates,)
-        Ascending; the last is no earlier than any variable. [s]
-
-    Returns
-    -------
-    Timeline
-    """
+    """Sort factors and variables by the update at which all they need is there; what always is has time minus infinity."""
     of_variable = np.searchsorted(update_time, variable_time)
     last = update_time.size
     first_use = np.full(variable_time.size, last)
@@ -60,16 +36,7 @@ def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline
 
 
 class IncrementalSmoother:
-    """
-    A running estimate; after an update that fails it is of no further use.
-
-    Parameters
-    ----------
-    relinearize : float
-        Variables that moved by more than this since they were last linearized are linearized again. [m, rad]
-    wildfire : float
-        A change smaller than this is not passed on. [m, rad]
-    """
+    """A running estimate; after an update that fails it is of no further use."""
 
     def __init__(self, relinearize: float, wildfire: float) -> None:
         steps = gtsam.ISAM2GaussNewtonParams()
@@ -82,24 +49,7 @@ class IncrementalSmoother:
         self._smoother = gtsam.ISAM2(parameters)
 
     def update(self, factors: Any, rows: NDArray[np.intp], new: Any) -> tuple[float, int] | None:
-        """
-        Feed factors and the variables that they bring, and take one step.
-
-        Parameters
-        ----------
-        factors : gtsam.NonlinearFactorGraph
-        rows : ndarray of int
-            Those to feed; none takes one more step.
-        new : gtsam.Values
-            Variables that are not in yet.
-
-        Returns
-        -------
-        seconds : float
-        relinearized : int
-            Number of variables linearized again.
-            None in place of both if the system cannot be solved.
-        """
+        """Take one step with more factors and the variables that they bring: seconds and variables relinearized, None if singular."""
         added = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             added.add(factors.at(i))
@@ -111,40 +61,16 @@ class IncrementalSmoother:
         return time.perf_counter() - begin, int(result.getVariablesRelinearized())
 
     def pose(self, key: int) -> Any:
-        """
-        Estimate of one pose now.
-
-        Parameters
-        ----------
-        key : int
-
-        Returns
-        -------
-        gtsam.Pose3
-        """
+        """Estimate of one pose now."""
         return self._smoother.calculateEstimatePose3(key)
 
     def values(self) -> Any:
-        """
-        Estimate of everything now.
-
-        Returns
-        -------
-        gtsam.Values
-        """
+        """Estimate of everything now."""
         return self._smoother.calculateEstimate()
 
 
 class Entering:
-    """
-    Where new poses start: at their prior, at the end of an edge from a pose that is there, or where they are told.
-
-    Parameters
-    ----------
-    graph : FactorGraph
-    start : gtsam.Values
-        For what has neither prior nor edge, and for landmarks.
-    """
+    """Where new poses start: at their prior, at the end of an edge from a pose that is there, or where they are told."""
 
     def __init__(self, graph: FactorGraph, start: Any) -> None:
         self._start, self._n_poses = start, graph.n_poses
@@ -160,19 +86,7 @@ class Entering:
         self._there: set[int] = set()
 
     def values(self, variables: NDArray[np.intp], smoother: IncrementalSmoother) -> Any:
-        """
-        Starting values of variables that are new.
-
-        Parameters
-        ----------
-        variables : ndarray of int
-        smoother : IncrementalSmoother
-            Has what was there before.
-
-        Returns
-        -------
-        gtsam.Values
-        """
+        """Starting values of variables that are new."""
         out = gtsam.Values()
         poses = variables[variables < self._n_poses]
         for key in poses[np.argsort(self._time[poses], kind="stable")].tolist():

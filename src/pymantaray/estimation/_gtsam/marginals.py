@@ -21,24 +21,14 @@ _EXPLAINED = 1e-8  # a direction whose residual keeps less of its variance is no
 
 
 class Marginals(NamedTuple):
-    """
-    Covariances of groups of poses, such as those of a fleet at some epochs.
-
-    Parameters
-    ----------
-    covariance : ndarray, shape (n_groups, n_members, 6, n_members, 6)
-        In the tangents of the poses, rotation before translation; NaN if the system is singular. [rad, m]
-    rotation : ndarray, shape (n_groups, n_members, 3, 3)
-        Body to world at the linearization point.
-    nis : ndarray, shape (n_groups,)
-        Squared innovation of the ranges within a group, normalized; NaN if it has none.
-    dimension : ndarray of int, shape (n_groups,)
-        Of that innovation.
-    """
+    """Covariances of groups of poses, such as those of a fleet at some epochs."""
 
     covariance: Array
+    """In the tangents of the poses, shape (n_groups, n_members, 6, n_members, 6); NaN if singular. [rad, m]"""
     rotation: Array
+    """Body to world, shape (n_groups, n_members, 3, 3)."""
     nis: Array
+    """Squared innovation of the ranges within each group, normalized; NaN if it has none."""
     dimension: NDArray[np.intp]
 
 
@@ -51,30 +41,8 @@ def group_marginals(
     shared: int | None = None,
 ) -> Marginals:
     r"""
-    Covariances of groups of poses at the given values, joint within each group.
+    Covariances of groups of poses, shape (n_groups, n_members), at an optimum, joint within each group.
 
-    Parameters
-    ----------
-    factors : gtsam.NonlinearFactorGraph or ExpandedRanges
-        What was optimized: anything that can be linearized.
-    values : gtsam.Values
-        Its optimum.
-    groups : ndarray of int, shape (n_groups, n_members)
-        Keys of poses; none twice.
-    n_poses : int
-        Keys from here on are landmarks.
-    first_range : int, optional
-        Number of the first linear factor that is of ranges; all after it are. By default innovations of ranges
-        are not asked for.
-    shared : int, optional
-        Key of a vector that ranges share.
-
-    Returns
-    -------
-    Marginals
-
-    Notes
-    -----
     One partial elimination takes out all variables but those asked for, and landmarks that they are ranged with. What is left
     is a small dense information matrix, whose inverse is the joint covariance of all groups. GTSAM's own ``Marginals``
     eliminates everything twice as long and gives the same blocks.
@@ -116,21 +84,7 @@ def group_marginals(
 
 
 def vector_marginal(factors: Any, values: Any, key: int) -> Array:
-    """
-    Covariance of one vector at the optimum.
-
-    Parameters
-    ----------
-    factors : gtsam.NonlinearFactorGraph or ExpandedRanges
-    values : gtsam.Values
-    key : int
-        Of a variable that is a vector.
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-        NaN if the system is singular.
-    """
+    """Covariance of one vector at an optimum; NaN if the system is singular."""
     left = _eliminated(factors.linearize(values), [key])
     covariance = None if left is None else _inverse(left[0])
     n = values.atVector(key).size
@@ -231,20 +185,7 @@ class Weakest(NamedTuple):
 
 
 def weakest_direction(graph: FactorGraph, values: GraphValues) -> Weakest:
-    """
-    Find what is determined least at the given values, by inverse iteration.
-
-    Parameters
-    ----------
-    graph : FactorGraph
-        Must pass `check_graph`.
-    values : GraphValues
-
-    Returns
-    -------
-    Weakest
-        Sigma is infinite for a variable of which something is not measured at all.
-    """
+    """Find what is determined least at some values, by inverse iteration; infinite for what is not measured at all."""
     builder = FactorBuilder()
     linear = builder.factors(graph).linearize(builder.values(values))
     dimension = np.where(np.arange(graph.n_poses + graph.landmark_name.size) < graph.n_poses, 6, 3)
@@ -279,22 +220,7 @@ def weakest_direction(graph: FactorGraph, values: GraphValues) -> Weakest:
 
 
 def worst_factor(graph: FactorGraph, values: GraphValues) -> tuple[list[int], float]:
-    """
-    Find the factor that fits the given values worst.
-
-    Parameters
-    ----------
-    graph : FactorGraph
-        Must pass `check_graph`, and have a factor.
-    values : GraphValues
-
-    Returns
-    -------
-    variables : list of int
-        What the factor is about.
-    cost : float
-        Half its squared whitened residual. [-]
-    """
+    """Variables and cost of the factor that fits some values worst."""
     builder = FactorBuilder()
     factors, at = builder.factors(graph), builder.values(values)
     costs = np.array([factors.at(i).error(at) for i in range(factors.size())])
