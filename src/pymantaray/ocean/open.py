@@ -1,11 +1,10 @@
 """One door to all oceans: files that belong together, or the name of a synthetic region."""
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, ParamSpec, Self, TypeVar
+from typing import Literal, Self
 
 import numpy as np
 import xarray as xr
@@ -35,25 +34,8 @@ Currents = Literal["required", "rest"]
 _ROLES = tuple(v.name for v in VARIABLES)
 _SYNTHETIC = "synthetic:"
 _SYNTHETIC_STEP = np.timedelta64(3, "h")  # HYCOM's
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
 
 
-def one_line(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Make the message of an `OceanError` one line of printable text, whatever names a file holds."""
-
-    @functools.wraps(function)
-    def checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        try:
-            return function(*args, **kwargs)
-        except OceanError as error:
-            line = "".join(c if c.isprintable() else "?" for c in " ".join(str(error).split()))
-            raise OceanError(line if len(line) <= 600 else f"{line[:600]} ...") from None
-
-    return checked
-
-
-@one_line
 def open_ocean(
     source: Source,
     *,
@@ -100,7 +82,6 @@ def open_ocean(
     return ocean
 
 
-@one_line
 def read_ocean(
     source: Source,
     *,
@@ -118,7 +99,6 @@ def read_ocean(
         return collection.ocean(pick(collection.times(), time, collection.names), currents)
 
 
-@one_line
 def open_ocean_series(
     source: Source,
     start: str | np.datetime64,
@@ -175,7 +155,6 @@ def open_ocean_series(
     return oceans
 
 
-@one_line
 def ocean_times(source: Source) -> NDArray[np.datetime64]:
     """
     Instants at which a source has an ocean.
