@@ -1,5 +1,6 @@
 """Bellhop's own output files, written by the real programs in water of 1500 m/s, mean what geometry says."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,20 +68,8 @@ def test_first_direct_arrivals_are_the_straight_lines(name):
     np.testing.assert_allclose(first, np.hypot(r, receiver_z - z) / SPEED, rtol=0, atol=BEAM_ERROR)
     # and no two pairs are so alike that a mixed-up order would pass
     assert np.diff(np.unique(np.hypot(r, receiver_z - z) / SPEED)).max() > 10 * BEAM_ERROR
-
-
-def test_the_grid_is_that_of_the_environment():
-    arrivals = read_bellhop_arrivals(DATA / "bellhop_fan.arr")
-    for found, typed in (
-        (arrivals.source_north, [500.0]),
-        (arrivals.source_east, [-250.0]),
-        (arrivals.source_depth, [500.0, 800.0]),
-        (arrivals.receiver_range, [1000.0, 2000.0, 3000.0]),
-        (arrivals.receiver_bearing, np.radians([0.0, 30.0])),
-        (arrivals.receiver_depth, [400.0, 900.0]),
-    ):
-        np.testing.assert_allclose(found, typed, rtol=SINGLE)
-    assert arrivals.frequency == 10_000.0
+    bounced = replace(arrivals, bottom_bounces=np.ones_like(arrivals.bottom_bounces))
+    assert np.isnan(bounced.first_direct()).all()
 
 
 def test_text_and_binary_say_the_same():
@@ -92,14 +81,17 @@ def test_text_and_binary_say_the_same():
     again = BellhopArrivals.from_dataset(a)
     assert again.to_dataset().identical(a)
     assert a["travel_time"].attrs["units"] == "s"
-
-
-def test_no_direct_arrival_is_nan():
-    arrivals = read_bellhop_arrivals(DATA / "bellhop_plane.arr")
-    bounced = {f: getattr(arrivals, f) for f in vars(arrivals)} | {
-        "bottom_bounces": np.ones_like(arrivals.bottom_bounces)
-    }
-    assert np.isnan(BellhopArrivals(**bounced).first_direct()).all()
+    typed = (
+        [500.0, 800.0],
+        [500.0],
+        [-250.0],
+        np.radians([0.0, 30.0]),
+        [400.0, 900.0],
+        [1000.0, 2000.0, 3000.0],
+    )
+    for name, values in zip(a["count"].dims, typed, strict=True):
+        np.testing.assert_allclose(a[name], values, rtol=SINGLE)
+    assert text.frequency == 10_000.0
 
 
 @pytest.mark.parametrize(("name", "n_rays"), [("bellhop_fan.ray", 12), ("bellhop_plane.ray", 3)])
@@ -177,15 +169,12 @@ def test_numbers_left_over_are_no_silent_success(tmp_path):
 
 def test_repeat_counts_of_other_compilers_are_read(tmp_path):
     text = (DATA / "bellhop_plane.arr").read_text()
-    assert text.count("0.669983149       0.00000000") == 1
-    line = next(line for line in text.splitlines() if "0.669983149" in line)
-    packed = line.replace("-6.00000000      -6.00000000", "2*-6.0").replace(
-        "               0           0", " 2*0"
+    packed = text.replace("-6.00000000      -6.00000000", "2*-6.0").replace(
+        "               0           0\n", " 2*0\n"
     )
-    assert packed != line
-    (tmp_path / "a.arr").write_text(text.replace(line, packed))
+    assert packed.count("*") > 1
+    (tmp_path / "a.arr").write_text(packed)
     original, found = (
-        read_bellhop_arrivals(DATA / "bellhop_plane.arr"),
-        read_bellhop_arrivals(tmp_path / "a.arr"),
+        read_bellhop_arrivals(path) for path in (DATA / "bellhop_plane.arr", tmp_path / "a.arr")
     )
     assert found.to_dataset().identical(original.to_dataset())

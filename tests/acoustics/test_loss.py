@@ -258,19 +258,6 @@ def test_loss_is_reciprocal():
     np.testing.assert_allclose(there.total_db[i], back.total_db[j], atol=0.02)
 
 
-def test_ocean_data_set_serves_medium_and_absorption_alike():
-    from pymantaray.ocean import open_ocean
-
-    ocean = open_ocean("synthetic:beaufort").isel(lat=slice(30, 46), lon=slice(100, 140))
-    link = (Medium.from_dataset(ocean), np.array([0.0, 0.0, 20.0]), np.array([3000.0, 1000.0, 300.0]))
-    loss = transmission_loss(*link, find_eigenrays(*link), 10e3, absorption=Absorption.from_dataset(ocean))
-    column = ocean.sel(depth=slice(20.0, 300.0)).isel(lat=8, lon=20)
-    temperature, salinity, depth = (column[name].values for name in ("water_temp", "salinity", "depth"))
-    alpha = francois_garrison_db_per_km(10e3, temperature=temperature, salinity=salinity, depth=depth)
-    distance = np.linalg.norm(link[2] - link[1]) / 1000.0
-    assert alpha.min() * distance < loss.absorption_db[0] < alpha.max() * distance
-
-
 def test_what_does_not_belong_together_is_refused(images):
     arrivals, paths = images
     with pytest.raises(AcousticsError, match="frequency_hz: 0; must be positive"):
@@ -324,16 +311,9 @@ def test_total_reflection_below_the_critical_angle_and_none_at_that_of_intromiss
     assert abs(reflected(intromission, FluidBottom(1450.0, 1500.0))) < 1e-12
 
 
-@pytest.mark.parametrize("name", ["clay", "silt", "sand", "gravel", "moraine"])
-def test_attenuation_takes_energy_and_vanishes_smoothly(name):
-    bottom = FluidBottom.standard(name)
-    assert np.all(np.abs(reflected(ANGLES, bottom)) <= 1.0)
-    nearly, none = (FluidBottom(bottom.sound_speed, bottom.density, alpha) for alpha in (1e-9, 0.0))
-    # square-root sensitivity at the critical angle itself
-    np.testing.assert_allclose(reflected(ANGLES, nearly), reflected(ANGLES, none), atol=1e-4)
-
-
-def test_small_attenuation_costs_what_perturbation_says():
+def test_attenuation_takes_energy_and_small_ones_what_perturbation_says():
+    for name in ("clay", "silt", "sand", "gravel", "moraine"):
+        assert np.all(np.abs(reflected(ANGLES, FluidBottom.standard(name))) <= 1.0)
     # below critical, first order in delta: |R| = 1 - 2 m sin(gamma) n0^2 delta / (b (m^2 sin^2 gamma + b^2))
     alpha, gamma = 0.01, 0.2
     delta = alpha / (20.0 / np.log(10.0)) / (2.0 * np.pi)  # nepers per radian
@@ -379,6 +359,7 @@ def test_coherent_loss_is_that_of_gaussian_phases():
     mean = np.sum(w * np.exp(2j * 2.0 * np.pi * f / WATER * zeta * np.sin(gamma))) / np.sum(w)
     loss = coherent_surface_loss_db(gamma, f, wind_speed=wind, sound_speed=WATER)
     assert loss == pytest.approx(-20.0 * np.log10(abs(mean)), rel=1e-9)
+    assert SeaSurface(wind, "coherent").loss_db(gamma, f, sound_speed=WATER) == loss
 
 
 def test_bubble_loss_has_published_values_is_continuous_at_breaking_and_capped():
@@ -389,16 +370,6 @@ def test_bubble_loss_has_published_values_is_continuous_at_breaking_and_capped()
     assert sides[0] == pytest.approx(sides[1], rel=1e-7)
     np.testing.assert_array_equal(bubble_loss_db([0.0, 1e-6], 25e3, wind_speed=10.0), 15.0)
     assert np.all(np.diff(bubble_loss_db(0.2, 25e3, wind_speed=np.linspace(0.0, 12.0, 30))) > 0.0)
-
-
-@pytest.mark.parametrize("model", ["bubbles", "coherent"])
-def test_sea_surface_grows_with_wind_and_frequency(model):
-    def loss(wind, f):
-        return float(SeaSurface(wind, model).loss_db(0.15, f, sound_speed=WATER))
-
-    assert loss(0.0, 10e3) < 1e-2
-    assert loss(4.0, 10e3) < loss(8.0, 10e3)
-    assert loss(8.0, 5e3) < loss(8.0, 10e3)
 
 
 @pytest.mark.parametrize(

@@ -357,20 +357,6 @@ def test_force_overwrites_the_table_and_what_is_beside_it(rays, mantaray):
     assert "old" not in Path("out.csv").read_text() + Path("out.csv.json").read_text()
 
 
-def test_a_fresh_shell_in_another_folder(folder):
-    program = Path(sys.executable).with_name("mantaray")
-    if not program.exists():
-        pytest.skip(f"{program} is not installed")
-    (folder / "sub").mkdir()
-    words = "rays times ../links.csv out.csv --profile ../profile.csv --bottom 3000"
-    done = subprocess.run(
-        [program, *words.split()], cwd=folder / "sub", capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "4 links: 3 ok, 1 outside\nout.csv\n"
-    assert len(pd.read_csv(folder / "sub" / "out.csv")) == 4
-
-
 def test_help_of_rays_imports_nothing_heavy():
     code = (
         "import sys\nfrom pymantaray.cli.main import main\n"
