@@ -1,7 +1,7 @@
 """Ranges on another arrival than the direct one: which arrivals a receiver may take, how probably, and which by chance."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, NamedTuple, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +12,8 @@ from pymantaray.errors import SensingError
 from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.ranging import Ranging
-from pymantaray.sensing.schedule import chances
-from pymantaray.sensing.timing import Leg, OneWay, Timing, TwoWay, half_round_trip, velocities
+from pymantaray.sensing.schedule import Attempts, chances
+from pymantaray.sensing.timing import Leg, OneWay, Timing, half_round_trip, velocities
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -256,73 +256,47 @@ def find_candidates(
     Without a sonar the losses are the arrivals' spreading alone: reflection and absorption lose nothing. Two-way, ping
     and answer are picked independently.
     """
-    arrivals, table = ranging.arrivals, ranging.attempts
+    arrivals, table, delay = ranging.arrivals, ranging.attempts, ranging.delay
     if picker.sonar is not None and ranging.loss_db is None:
         raise SensingError(
             "find_candidates: a picker with a sonar needs ranges that were measured with a detector"
         )
     loss = arrivals.spreading_db if picker.sonar is None or ranging.loss_db is None else ranging.loss_db
-    there, back = (_way(ranging, picker, loss, sign) for sign in (1.0, -1.0))
-    attempt, link = _attempts_of_links(ranging)
-    backward = table.transmitter[attempt] > table.receiver[attempt]
-    start, stop = (np.searchsorted(arrivals.link, link, side=side) for side in ("left", "right"))
+    # by way (from source to receiver, and back) and arrival
+    time = np.stack([arrivals.travel_time + (0.0 if delay is None else way * delay) for way in (1.0, -1.0)])
+    chance = np.stack([picker.probabilities(loss, arrivals.link, one) for one in time])
+    direct = np.zeros(time.shape, dtype=bool)
+    for way, sign in enumerate((1.0, -1.0)):
+        late = None if delay is None else sign * delay
+        direct[way, choose_arrivals(arrivals, "direct", delay=late).row] = True
+    bounces = arrivals.surface_bounces + arrivals.bottom_bounces
+
+    attempt = np.flatnonzero(ranging.link >= 0)
+    start, stop = (np.searchsorted(arrivals.link, ranging.link[attempt], side=s) for s in ("left", "right"))
     row, ping = _spread_out(start, stop)  # which of `attempt`, which arrival
+    forth = (table.transmitter[attempt] > table.receiver[attempt]).astype(np.int64)
     if isinstance(timing, OneWay):
-        chosen = _Way(*(np.where(backward[row], b[ping], t[ping]) for t, b in zip(there, back, strict=True)))
-        time, probability, direct = chosen.travel_time, chosen.probability, chosen.direct
-        bounces = _bounces(ranging)[ping]
+        attempt, there = attempt[row], (forth[row], ping)
+        columns = time[there], chance[there], direct[there], bounces[ping]
     else:
         one, answer = _spread_out(start[row], stop[row])
         row, ping = row[one], ping[one]
-        time, probability, direct = _exchanges(
-            ranging, truth, timing, attempt[row], backward[row], ping, answer, there, back
+        attempt, own, other = attempt[row], forth[row], 1 - forth[row]
+        there, back = (own, ping), (other, answer)
+        ends = np.stack([-arrivals.source_slowness, arrivals.receiver_slowness])
+        one_leg, other_leg = (
+            Leg(time[leg], ends[own, arrival], ends[other, arrival])
+            for leg, arrival in ((there, ping), (back, answer))
         )
-        bounces = _bounces(ranging)[ping] + _bounces(ranging)[answer]
-    attempt = attempt[row]
-    order = np.lexsort((time, ~direct, attempt))
-    return Candidates(
-        attempt=attempt[order],
-        travel_time=time[order],
-        probability=probability[order],
-        direct=direct[order],
-        bounces=bounces[order],
-    )
-
-
-class _Way(NamedTuple):
-    """Arrivals in one direction, row by row."""
-
-    travel_time: Array
-    probability: Array
-    direct: NDArray[np.bool_]
-
-
-def _way(ranging: Ranging, picker: Picker, loss: Array, sign: float) -> _Way:
-    arrivals = ranging.arrivals
-    delay = None if ranging.delay is None else sign * ranging.delay
-    time: Array = arrivals.travel_time if delay is None else arrivals.travel_time + delay
-    direct = np.zeros(time.size, dtype=bool)
-    direct[choose_arrivals(arrivals, "direct", delay=delay).row] = True
-    return _Way(time, picker.probabilities(loss, arrivals.link, time), direct)
-
-
-def _bounces(ranging: Ranging) -> NDArray[np.int16]:
-    return np.asarray(ranging.arrivals.surface_bounces + ranging.arrivals.bottom_bounces)
-
-
-def _attempts_of_links(ranging: Ranging) -> tuple[Indices, Indices]:
-    """Attempts whose rays were looked for, and the link of each."""
-    table, links = ranging.attempts, ranging.links
-    n = 1 + max(table.transmitter.max(initial=0), table.receiver.max(initial=0))
-    lower, upper = (
-        np.minimum(table.transmitter, table.receiver),
-        np.maximum(table.transmitter, table.receiver),
-    )
-    wanted = (table.sample * n + lower) * n + upper
-    there = (links.sample.astype(np.int64) * n + links.first) * n + links.second  # increasing
-    at = np.searchsorted(there, wanted)
-    found = np.flatnonzero(np.append(there, -1)[at] == wanted)
-    return found, at[found]
+        half = half_round_trip(timing, one_leg, other_leg, *_velocities(truth, table, attempt))
+        columns = (
+            half,
+            chance[there] * chance[back],
+            direct[there] & direct[back],
+            bounces[ping] + bounces[answer],
+        )
+    order = np.lexsort((columns[0], ~columns[2], attempt))
+    return Candidates(attempt[order], *(values[order] for values in columns))
 
 
 def _spread_out(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
@@ -332,46 +306,13 @@ def _spread_out(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
     return of, np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + start[of]
 
 
-def _exchanges(
-    ranging: Ranging,
-    truth: Trajectories,
-    timing: TwoWay,
-    attempt: Indices,
-    backward: NDArray[np.bool_],
-    ping: Indices,
-    answer: Indices,
-    there: _Way,
-    back: _Way,
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Half of the round trip, probability, and whether both ways are direct, of pairs of arrivals."""
-    arrivals, table = ranging.arrivals, ranging.attempts
+def _velocities(truth: Trajectories, table: Attempts, attempt: Indices) -> tuple[Array, Array]:
+    """Of the initiator and the responder of each attempt, shape (n, 3); landmarks stand still. [m s⁻¹]"""
     epochs, at = np.unique(table.sample[attempt], return_inverse=True)
     n = 1 + max(table.transmitter.max(initial=0), table.receiver.max(initial=0), truth.name.size - 1)
     velocity = np.zeros((n, epochs.size, 3))
     velocity[: truth.name.size] = velocities(truth, epochs)
-    ends = np.stack([-arrivals.source_slowness, arrivals.receiver_slowness])
-    own, other = backward.astype(np.int64), 1 - backward.astype(np.int64)
-
-    def leg(row: Indices, returning: NDArray[np.bool_]) -> Leg:
-        time = np.where(returning, back.travel_time[row], there.travel_time[row])
-        return Leg(time, ends[own, row], ends[other, row])
-
-    time = half_round_trip(
-        timing,
-        leg(ping, backward),
-        leg(answer, ~backward),
-        velocity[table.transmitter[attempt], at],
-        velocity[table.receiver[attempt], at],
-    )
-    probability = np.where(
-        backward,
-        back.probability[ping] * there.probability[answer],
-        there.probability[ping] * back.probability[answer],
-    )
-    direct = np.where(
-        backward, back.direct[ping] & there.direct[answer], there.direct[ping] & back.direct[answer]
-    )
-    return time, probability, direct
+    return velocity[table.transmitter[attempt], at], velocity[table.receiver[attempt], at]
 
 
 def draw_taken(

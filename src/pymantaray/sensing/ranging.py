@@ -49,6 +49,8 @@ class Ranging(NamedTuple):
     truth: RangingTruth
     links: Links
     arrivals: Arrivals
+    link: NDArray[np.int64]
+    """Row of `links` of each attempt, -1 for that of a silent pair."""
     probability: Array | None = None
     """That an attempt is heard, two-way the ping and the answer; NaN without an arrival, None without a detector."""
     loss_db: Array | None = None
@@ -435,6 +437,7 @@ def _ranging(sound: _Sound, pairs: _Pairs, truth: Trajectories, timing: Timing) 
             second=pairs.second[pairs.pair][heard],
         ),
         arrivals=sound.arrivals,
+        link=np.where(heard, np.cumsum(heard) - 1, -1)[link],
         probability=probability,
         loss_db=sound.loss_db,
         delay=sound.delay,
