@@ -216,6 +216,7 @@ def test_a_finer_sea_floor_decides_for_the_fleet(healthy):
         np.full((lat.size, lon.size), 300.0), coords={"lat": lat, "lon": lon}, dims=("lat", "lon")
     )
     plan = {"A": np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 500.0]])}
+    plan["on the edge"] = np.array([[40e3 + 5e-7, 0.0, 0.5]])  # but for rounding
     findings = check_ocean(healthy, half_extent=(40e3, 30e3), fleet=plan, sea_floor=shoal)
     assert kinds(findings, "doubtful") == ["sea bed above the vehicle"]
     small = shoal.isel(lat=slice(100, 110))

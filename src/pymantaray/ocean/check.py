@@ -8,10 +8,10 @@ import gsw
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import GeometryError, OceanError
 from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.open import Currents, read_ocean
 from pymantaray.ocean.schema import Finding, place_of, violations
 from pymantaray.ocean.sea_floor import is_finer, local_floor, sea_floor_depth
@@ -359,9 +359,9 @@ def _fleet(
         except OceanError as error:
             yield Finding("wrong", "sea floor", str(error), "the whole domain", "fetch a larger window of it")
             return
-        bed = RegularGridInterpolator((local.north, local.east), local.depth)
+        bed = linear_interpolator((local.north, local.east), local.depth)
     else:
-        bed = RegularGridInterpolator((window.lat, window.lon), sea_floor_depth(ocean).values)
+        bed = linear_interpolator((window.lat, window.lon), sea_floor_depth(ocean).values)
     for name, plan in fleet.items():
         where = f"vehicle {name}"
         points = np.atleast_2d(np.asarray(plan, dtype=float))
