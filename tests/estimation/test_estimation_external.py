@@ -23,7 +23,7 @@ from pymantaray.estimation.solve import METHODS
 from pymantaray.evaluation import graph_errors
 from pymantaray.records import SolveStatus
 
-POOLED = "all vehicles"
+POOLED = "(all)"
 
 
 @pytest.fixture

@@ -88,13 +88,13 @@ def graph_errors(
     Returns
     -------
     dict of str to dict
-        From each vehicle's name, and ``"all vehicles"``, to what `ate_statistics` gives; empty without a truth.
+        From each vehicle's name, and ``"(all)"``, to what `ate_statistics` gives; empty without a truth.
     """
     if truth is None:
         return {}
     errors = ape(values.position, truth.position)
     table = {str(n): ate_statistics(errors[graph.pose_agent == a]) for a, n in enumerate(graph.agent_name)}
-    return {**table, "all vehicles": ate_statistics(errors)}
+    return {**table, "(all)": ate_statistics(errors)}
 
 
 def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
