@@ -1,8 +1,8 @@
 """
 Folders that results are written into, whole or not at all.
 
-A stage is locked as long as the process that writes it lives, so that what a killed process has left behind is told from
-what is being written.
+A stage is locked as long as the process that writes it lives, so that what a killed process has left behind
+is told from what is being written.
 """
 
 import datetime as dt
@@ -76,8 +76,7 @@ def staged_folder(out: str | Path | None, name: str = "") -> Iterator[tuple[Path
 @contextmanager
 def staged_parts(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     """
-    Folder to write parts of a finished run into, which replace those of the same names if the block ends
-    well.
+    Folder to write parts of a finished run into, which replace those of its names if the block ends well.
 
     On any exception, Ctrl-C included, they are all as they were. ``names`` are in the order in which they are
     put in place; the last says that all are there.
@@ -127,10 +126,10 @@ def _exchange(stage: Path, folder: Path, names: Sequence[str]) -> None:
 def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Path, Path, int | None]:
     """Final folder, the stage made for it, and its lock; two processes never get the same."""
     for folder in _names(name) if out is None else [Path(os.path.realpath(out))]:
-        if not str(folder).isascii() and any("\ud800" <= c <= "\udfff" for c in str(folder)):
+        if any("\ud800" <= c <= "\udfff" for c in str(folder)):
             raise StudyError(f"{str(out)!r}: not a name in UTF-8; choose another with --out")
         where = folder if folder.is_dir() else folder.parent
-        missing[:] = [parent for parent in (where, *where.absolute().parents) if not parent.exists()]
+        missing[:] = [parent for parent in (where, *where.parents) if not parent.exists()]
         where.mkdir(parents=True, exist_ok=True)
         with _alone(where):
             if folder.is_dir() and any(entry.name[-len(_PART) :] != _PART for entry in folder.iterdir()):
@@ -150,8 +149,8 @@ def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Pa
 
 def _names(name: str) -> Iterator[Path]:
     stamp = dt.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-    yield RUNS / f"{name}-{stamp}"
-    yield from (RUNS / f"{name}-{stamp}-{n}" for n in count(2))
+    yield RUNS.absolute() / f"{name}-{stamp}"
+    yield from (RUNS.absolute() / f"{name}-{stamp}-{n}" for n in count(2))
 
 
 def _lock(folder: Path, *, wait: bool = False) -> int | None:

@@ -25,7 +25,7 @@ from pymantaray.study.store import Run, open_run, summarize, write_json
 from pymantaray.study.true_unknowns import collect_unknowns
 
 _REALIZATIONS_PER_WORKER = 3
-# bytes of memory, as measured on the presets: a pose in all solutions, in a graph that is solved, a range attempt
+# bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
 _POSE_BYTES, _GRAPH_BYTES, _LINK_BYTES = 160, 3000, 500
 _MOST_STEPS = 1e13  # vehicles x physics steps
 
@@ -122,7 +122,8 @@ def _refuse_too_large(config: StudyConfig, workers: int) -> None:
         )
     if n_vehicles * n_steps > _MOST_STEPS:
         raise StudyError(
-            f"{size} {n_steps:.3g} physics steps are more than {_MOST_STEPS:g}, which take a day; give a longer step"
+            f"{size} {n_steps:.3g} physics steps are more than {_MOST_STEPS:g}, which take a day; give a longer"
+            " physics_step_s"
         )
 
 

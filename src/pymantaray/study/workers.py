@@ -1,9 +1,11 @@
-"""Numbered tasks in parallel: fresh processes, one thread each, results in order whoever was first.
+"""
+Numbered tasks in parallel: fresh processes, one thread each, results in order whoever was first.
 
 Numbers go to a process through its standard input, results come back through its standard output. A process
 never imports the script that started it, so that this works from anywhere: a script, a notebook, standard
 input, a daemonic process. It ends when its standard input does, which is when the process that started it
-ends, however that comes about.
+ends, however that comes about. (loky's outlive a parent that is killed, and one that is interrupted waits
+for them.)
 """
 
 import os
@@ -39,10 +41,9 @@ def in_processes(
     start: Callable[[], Callable[[int], T]], count: int, workers: int, done: Callable[[int], None]
 ) -> list[T]:
     """
-    Do numbered tasks in fresh processes, each of which makes its task by ``start``, a function that can be
-    pickled.
+    Do numbered tasks in fresh processes.
 
-    If a task raises, or this process is interrupted, the others are stopped where they are.
+    Each makes its task by ``start``, a function that can be pickled. If a task raises, or this process is interrupted, the others are stopped where they are.
     """
     processes: list[subprocess.Popen[bytes]] = []
     idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
