@@ -15,7 +15,7 @@ from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.open import Currents, read_ocean
 from pymantaray.ocean.schema import Finding, place_of, violations
 from pymantaray.ocean.sea_floor import is_finer, local_floor, sea_floor_depth
-from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound_speed
+from pymantaray.ocean.seawater import Equation, absolute_and_conservative, ocean_sound_speed
 from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
@@ -156,7 +156,7 @@ def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
     depth, lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("depth", "lat", "lon"))
     water = (ocean["water_temp"].values, ocean["salinity"].values)
     place = (depth[:, None, None], lat[:, None], lon)
-    speed = sound_speed(*water, *place, equation=equation)
+    speed = ocean_sound_speed(ocean, equation=equation)
     wet = np.isfinite(water[0])
     bad = wet & ~((speed >= SLOWEST) & (speed <= FASTEST))
     if bad.any():

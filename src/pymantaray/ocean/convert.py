@@ -127,23 +127,7 @@ def without_scaled_fill(name: str, values: Array) -> Array:
 
 
 def parse_instant(time: str | np.datetime64) -> np.datetime64:
-    """
-    Instant in UTC from text or numpy's type.
-
-    Parameters
-    ----------
-    time : str or numpy.datetime64
-        Without a zone it is taken as UTC.
-
-    Returns
-    -------
-    numpy.datetime64
-
-    Raises
-    ------
-    OceanError
-        If it cannot be read.
-    """
+    """Instant in UTC from text or numpy's type; without a zone it is taken as UTC."""
     try:
         stamp = pd.Timestamp(time)
     except (TypeError, ValueError):
