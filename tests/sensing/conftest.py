@@ -5,7 +5,8 @@ import pytest
 
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
 from pymantaray.records import RangingTruth, Trajectories
-from pymantaray.sensing import Landmark, NoiseModel, Ranging, assemble, attempts
+from pymantaray.sensing import Landmark, NoiseModel, Ranging, assemble
+from pymantaray.sensing.schedule import attempts
 
 LANDMARKS = (Landmark("L1", (900.0, -900.0, 300.0)), Landmark("L2", (-1200.0, 0.0, 250.0)))
 

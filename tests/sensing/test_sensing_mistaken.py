@@ -23,7 +23,7 @@ from pymantaray.sensing import (
     measure_ranges,
     perturb,
 )
-from pymantaray.sensing.mistaken import Candidates, Picker, draw_taken, find_candidates, take_arrivals
+from pymantaray.sensing.mistaken import Candidates, Picker, draw_picks, find_candidates, range_on_picks
 
 C = 1480.0
 SCHEDULE = PingSchedule(800.0)
@@ -152,8 +152,8 @@ def assert_same(one, two):
 def test_with_certain_detection_the_first_arrival_is_always_taken(truth, ridged, timing, currents):
     """The same as ranging on the first of all arrivals, hidden links by their bounce included."""
     _, o, candidates = mission(truth, ridged, CERTAIN, timing, currents=currents)
-    rows = draw_taken(o, candidates, root_seed=1, realization=0)
-    taken = take_arrivals(o, candidates, rows)
+    rows = draw_picks(o, candidates, root_seed=1, realization=0)
+    taken = range_on_picks(o, candidates, rows)
     first = measure_ranges(
         truth, [HIDDEN], ridged, SCHEDULE, timing=timing, arrival="first", currents=currents, **BOUNCES
     )
@@ -216,7 +216,7 @@ def test_mistakes_come_in_the_place_of_what_was_not_heard(truth, ridged):
 def test_each_candidate_is_taken_as_often_as_its_probability_says(truth, ridged, timing):
     _, o, candidates = mission(truth, ridged, Picker("first-detected", sonar(170.0)), timing)
     n = 400
-    taken = np.concatenate([draw_taken(o, candidates, root_seed=9, realization=r) for r in range(n)])
+    taken = np.concatenate([draw_picks(o, candidates, root_seed=9, realization=r) for r in range(n)])
     count = np.bincount(taken[taken >= 0], minlength=candidates.attempt.size)
     p = candidates.probability
     assert (np.abs(count - n * p) < 5.0 * np.sqrt(n * p * (1.0 - p)) + 1.0).all()
@@ -281,8 +281,8 @@ def test_candidates_are_kept_on_disk(tmp_path):
     kept = Candidates([0, 0], [1.0, 1.5], [0.75, 0.25], [1, 0], [0, 2])
     kept.save(tmp_path / "candidates.nc")
     assert_same(Candidates.load(tmp_path / "candidates.nc"), kept)
-    np.testing.assert_array_equal(kept.taken_by([0.7499, 0.0]), [0, -1])
-    np.testing.assert_array_equal(kept.taken_by([0.75]), [1])
+    np.testing.assert_array_equal(kept.picks([0.7499, 0.0]), [0, -1])
+    np.testing.assert_array_equal(kept.picks([0.75]), [1])
 
 
 def test_what_does_not_fit_is_refused(truth, ridged):
@@ -300,7 +300,7 @@ def test_what_does_not_fit_is_refused(truth, ridged):
     ):
         find_candidates(ranging, truth, CERTAIN)
     with pytest.raises(SensingError, match=r"candidates of attempt \d+; the measurements have 2"):
-        candidates.taken_by([0.5, 0.5])
+        candidates.picks([0.5, 0.5])
     with pytest.raises(SensingError, match="candidates hold both, give them alone"):
         perturb(
             o, root_seed=1, realization=0, candidates=candidates, probability=np.ones(o.range_status.size)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pymantaray.errors import SensingError
-from pymantaray.sensing import Landmark, PingSchedule, attempts
+from pymantaray.sensing import Landmark, PingSchedule
+from pymantaray.sensing.schedule import attempts
 
 WEEK = np.arange(3025) * 200.0  # s; the paper's samples
 

@@ -3,14 +3,13 @@
 from pymantaray.sensing.detection import Detector, Hearing
 from pymantaray.sensing.landmarks import Landmark
 from pymantaray.sensing.measure import assemble, perturb
-from pymantaray.sensing.mistaken import Candidates, Picker, draw_taken, find_candidates
+from pymantaray.sensing.mistaken import Candidates, Picker, draw_picks, find_candidates
 from pymantaray.sensing.noise import NoiseModel
 from pymantaray.sensing.ranging import Links, Ranging, measure_ranges
-from pymantaray.sensing.schedule import Attempts, PingSchedule, attempts
+from pymantaray.sensing.schedule import PingSchedule
 from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, TwoWay
 
 __all__ = [
-    "Attempts",
     "Candidates",
     "ClockModel",
     "Clocks",
@@ -26,8 +25,7 @@ __all__ = [
     "Timing",
     "TwoWay",
     "assemble",
-    "attempts",
-    "draw_taken",
+    "draw_picks",
     "find_candidates",
     "measure_ranges",
     "perturb",

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Hearing(Record):
-    """Probability that each range attempt is heard, row by row the attempts of an `Measurements` record."""
+    """Probability that each range attempt is heard, row by row the attempts of a `Measurements` record."""
 
     kind: ClassVar[str] = "hearing"
 
@@ -49,24 +49,7 @@ class Detector:
     def loss_db(
         self, medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, paths: RayPaths
     ) -> Array:
-        """
-        Transmission loss of each arrival at the middle of the sonar's band.
-
-        Parameters
-        ----------
-        medium : Medium
-        source, receiver : ndarray, shape (n_links, 3)
-            [m]
-        arrivals : Arrivals
-            What `find_eigenrays` returned for them.
-        paths : RayPaths
-            What `trace_paths` returned for the arrivals.
-
-        Returns
-        -------
-        ndarray, shape (n_arrivals,)
-            [dB]
-        """
+        """Transmission loss of each arrival, whose paths `trace_paths` gave, at the middle of the sonar's band. [dB]"""
         loss = transmission_loss(
             medium,
             source,

@@ -11,7 +11,7 @@ from pymantaray.geometry import stream
 from pymantaray.records import Measurements, RangingTruth, Trajectories
 from pymantaray.sensing.detection import draw_unheard
 from pymantaray.sensing.landmarks import Landmark, check_names
-from pymantaray.sensing.mistaken import Candidates, draw_taken, take_arrivals
+from pymantaray.sensing.mistaken import Candidates, draw_picks, range_on_picks
 from pymantaray.sensing.noise import SENSORS, NoiseModel
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.schedule import by_pair
@@ -114,7 +114,7 @@ def perturb(
     Measurements
         With noise on what every sensor measured. With clocks, both ranges of an attempt are pseudoranges. An
         attempt that was not heard has status UNHEARD. One that took another arrival for the direct one has that
-        arrival's refracted range, see `take_arrivals`.
+        arrival's refracted range, see `range_on_picks`.
 
     Raises
     ------
@@ -137,11 +137,11 @@ def perturb(
             raise SensingError(
                 "perturb: probability and candidates are given; candidates hold both, give them alone"
             )
-        taken = draw_taken(m, candidates, root_seed=root_seed, realization=realization)
-        m = take_arrivals(m, candidates, taken)
+        picks = draw_picks(m, candidates, root_seed=root_seed, realization=realization)
+        m = range_on_picks(m, candidates, picks)
         if true is not None:
-            wrong, time = candidates.mistaken(taken), true.travel_time.copy()
-            time[wrong] = candidates.travel_time[taken[wrong]]
+            wrong, time = candidates.mistaken(picks), true.travel_time.copy()
+            time[wrong] = candidates.travel_time[picks[wrong]]
             true = replace(true, travel_time=time)
     noise = (
         by_pair(m, lambda transmitter, receiver, n: normal((n,), transmitter, "range", receiver))

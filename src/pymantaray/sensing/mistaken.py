@@ -80,28 +80,17 @@ class Picker:
 
     def probabilities(self, loss_db: ArrayLike, link: ArrayLike, travel_time: ArrayLike) -> Array:
         """
-        Probability that each arrival is the one that its receiver takes.
+        Probability that each arrival is the one that its receiver takes; arrivals of the same link compete.
 
-        Parameters
-        ----------
-        loss_db : array_like, shape (n_arrivals,)
-            Loss; NaN counts as infinite. Without a sonar only differences within a link matter. [dB]
-        link : array_like of int, shape (n_arrivals,)
-            Arrivals of the same link compete.
-        travel_time : array_like, shape (n_arrivals,)
-            [s]
-
-        Returns
-        -------
-        ndarray, shape (n_arrivals,)
+        A loss of NaN counts as infinite. Without a sonar only differences within a link matter. [dB]
         """
-        given = np.asarray(link, dtype=np.int64)
-        order = np.lexsort((np.asarray(travel_time, dtype=float), given))
+        links = np.asarray(link, dtype=np.int64)
+        order = np.lexsort((np.asarray(travel_time, dtype=float), links))
         loss = np.nan_to_num(np.asarray(loss_db, dtype=float), nan=_FAR_DB, posinf=_FAR_DB, neginf=-_FAR_DB)[
             order
         ]
-        ranks = by_rank(given[order])
-        competes = np.unique(given, return_inverse=True)[1][order]  # links without gaps between them
+        ranks = by_rank(links[order])
+        competes = np.unique(links, return_inverse=True)[1][order]  # links without gaps between them
         least = np.full(competes.max(initial=-1) + 1, np.inf)
         np.minimum.at(least, competes, loss)
         if self.sonar is not None:
@@ -110,16 +99,16 @@ class Picker:
             spread, excess = _SPREAD_DB, (self.below_strongest_db or 0.0) + least[competes] - loss
         strongest = _earliest(ranks, competes, loss == least[competes])
         if self.rule == "first-detected":
-            found, missed = _first(ranks, competes, probability_of_excess(excess, spread))
+            picked, missed = _first(ranks, competes, probability_of_excess(excess, spread))
             if self.sonar is None:
-                found[strongest] += missed[competes[strongest]]
+                picked[strongest] += missed[competes[strongest]]
         elif spread == 0.0:
-            found = np.where((excess >= 0.0) & np.isin(np.arange(loss.size), strongest), 1.0, 0.0)
+            picked = np.where((excess >= 0.0) & np.isin(np.arange(loss.size), strongest), 1.0, 0.0)
         else:
             lowest = None if self.sonar is None else -excess / spread
-            found = _loudest(ranks, competes, excess / spread, lowest)
+            picked = _loudest(ranks, competes, excess / spread, lowest)
         result = np.empty(loss.size)
-        result[order] = found
+        result[order] = picked
         return result
 
 
@@ -140,11 +129,11 @@ def _earliest(ranks: list[Indices], link: Indices, marked: NDArray[np.bool_]) ->
 
 def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
     """Probability of each row to be the first detected, and of each link that none is."""
-    found, missed = np.empty(detected.size), np.ones(link.max(initial=-1) + 1)
+    first, missed = np.empty(detected.size), np.ones(link.max(initial=-1) + 1)
     for rows in ranks:
-        found[rows] = detected[rows] * missed[link[rows]]
+        first[rows] = detected[rows] * missed[link[rows]]
         missed[link[rows]] *= 1.0 - detected[rows]
-    return found, missed
+    return first, missed
 
 
 def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | None) -> Array:
@@ -187,42 +176,28 @@ class Candidates(Record):
         """Mean number of attempts in a realization that take something else for the direct arrival."""
         return float(np.sum(self.probability[self.direct == 0]))
 
-    def taken_by(self, chance: ArrayLike) -> Indices:
+    def picks(self, chance: ArrayLike) -> Indices:
         """
-        Candidate that each attempt takes.
+        Candidate that each attempt takes by a uniform number in 0 to 1, -1 for none.
 
-        Parameters
-        ----------
-        chance : array_like, shape (n_ranges,)
-            In 0 to 1, uniform. An attempt takes the first of its candidates whose probability, added to those
-            before it, is greater.
-
-        Returns
-        -------
-        ndarray of int, shape (n_ranges,)
-            Rows of this record, -1 where nothing is taken.
-
-        Raises
-        ------
-        SensingError
-            If there are fewer attempts than the candidates have.
+        It is the first whose probability, added to those before it, is greater than the number.
         """
         u = np.asarray(chance, dtype=float)
         if self.attempt.size and self.attempt.max() >= u.size:
             raise SensingError(
                 f"candidates of attempt {self.attempt.max()}; the measurements have {u.size} range attempts"
             )
-        taken, total = np.full(u.size, -1), np.zeros(u.size)
+        picks, total = np.full(u.size, -1), np.zeros(u.size)
         for rows in by_rank(self.attempt):
             of = self.attempt[rows]
             total[of] += self.probability[rows]
-            now = (taken[of] < 0) & (u[of] < total[of])
-            taken[of[now]] = rows[now]
-        return taken
+            now = (picks[of] < 0) & (u[of] < total[of])
+            picks[of[now]] = rows[now]
+        return picks
 
-    def mistaken(self, taken: Indices) -> NDArray[np.bool_]:
-        """Whether each attempt took another arrival than the direct one; `taken` as `taken_by` gives it."""
-        return np.asarray((taken >= 0) & (np.append(self.direct, 1)[taken] == 0))
+    def mistaken(self, picks: Indices) -> NDArray[np.bool_]:
+        """Whether each attempt took another arrival than the direct one, by what `picks` gives."""
+        return np.asarray((picks >= 0) & (np.append(self.direct, 1)[picks] == 0))
 
 
 def find_candidates(
@@ -315,7 +290,7 @@ def _velocities(truth: Trajectories, table: Attempts, attempt: Indices) -> tuple
     return velocity[table.transmitter[attempt], at], velocity[table.receiver[attempt], at]
 
 
-def draw_taken(
+def draw_picks(
     measurements: Measurements, candidates: Candidates, *, root_seed: int, realization: int
 ) -> Indices:
     """
@@ -345,19 +320,19 @@ def draw_taken(
     the earliest and is heard without mistakes is heard with them too, by ``first-detected``: mistakes come
     in the place of what was not heard.
     """
-    return candidates.taken_by(chances(measurements, root_seed=root_seed, realization=realization))
+    return candidates.picks(chances(measurements, root_seed=root_seed, realization=realization))
 
 
-def take_arrivals(measurements: Measurements, candidates: Candidates, taken: Indices) -> Measurements:
+def range_on_picks(measurements: Measurements, candidates: Candidates, picks: Indices) -> Measurements:
     """
-    Range on what each attempt takes for the direct arrival, by `draw_taken`; straight ranges stay.
+    Range on what each attempt takes for the direct arrival, by `draw_picks`; straight ranges stay.
 
     Where another arrival was taken, the refracted range is its own, and the status is OK: the receiver knows no
     better. Where nothing was, an arrival that there is has status UNHEARD and a refracted range of NaN.
     """
-    o, wrong = measurements, candidates.mistaken(taken)
-    lost = (taken < 0) & (o.range_status == RayStatus.OK)
+    o, wrong = measurements, candidates.mistaken(picks)
+    lost = (picks < 0) & (o.range_status == RayStatus.OK)
     status, refracted = o.range_status.copy(), o.refracted_range.copy()
     status[wrong], status[lost], refracted[lost] = RayStatus.OK, RayStatus.UNHEARD, np.nan
-    refracted[wrong] = o.transmitter_sound_speed[wrong] * candidates.travel_time[taken[wrong]]
+    refracted[wrong] = o.transmitter_sound_speed[wrong] * candidates.travel_time[picks[wrong]]
     return replace(o, range_status=status, refracted_range=refracted)

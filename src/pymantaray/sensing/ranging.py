@@ -159,18 +159,11 @@ class _Pairs(NamedTuple):
     pair: NDArray[np.int64]
     """Of each link."""
 
-    @property
-    def source(self) -> Array:
-        return self.place[self.first[self.pair], self.epoch]
-
-    @property
-    def receiver(self) -> Array:
-        return self.place[self.second[self.pair], self.epoch]
-
-    @property
-    def stopped(self) -> NDArray[np.bool_]:
-        ends = (self.silent[end[self.pair], self.epoch] for end in (self.first, self.second))
-        return np.asarray(np.logical_or(*ends))
+    def ends(self, links: slice) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Places of the source and the receiver of a run of links, and whether one of them is silent."""
+        epoch, pair = self.epoch[links], self.pair[links]
+        first, second = (self.first[pair], epoch), (self.second[pair], epoch)
+        return self.place[first], self.place[second], self.silent[first] | self.silent[second]
 
 
 def _pairs(truth: Trajectories, landmarks: Sequence[Landmark], samples: NDArray[np.int64]) -> _Pairs:
@@ -231,7 +224,7 @@ def _sound(
     progress: Progress | None,
 ) -> _Sound:
     """Rays of a run of links, and what each receiver ranges on."""
-    source, receiver, stopped = pairs.source[links], pairs.receiver[links], pairs.stopped[links]
+    source, receiver, stopped = pairs.ends(links)
     loud, quiet = np.flatnonzero(~stopped), np.flatnonzero(stopped)
 
     def tell(before: int, count: int) -> Progress | None:
@@ -422,11 +415,12 @@ def _ranging(sound: _Sound, pairs: _Pairs, truth: Trajectories, timing: Timing) 
         both = isinstance(timing, TwoWay)
         probability = sound.probability.prod(axis=-1)[link] if both else sound.probability[link, forth]
     heard = sound.heard
+    source, receiver, _ = pairs.ends(slice(None))
     return Ranging(
         attempts=table,
         status=sound.status[link],
         truth=RangingTruth(
-            distance=np.linalg.norm(pairs.receiver - pairs.source, axis=-1)[link],
+            distance=np.linalg.norm(receiver - source, axis=-1)[link],
             sound_speed=sound.sound_speed[link, forth],
             travel_time=travel_time,
             chord_travel_time=sound.chord_travel_time[link],

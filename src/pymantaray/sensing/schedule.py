@@ -50,23 +50,7 @@ class PingSchedule:
             )
 
     def samples(self, time: NDArray[np.float64]) -> Indices:
-        """
-        Sample index of each epoch.
-
-        Parameters
-        ----------
-        time : ndarray, shape (n_time,)
-            Sample times, increasing from 0. [s]
-
-        Returns
-        -------
-        ndarray of int, shape (n_epochs,)
-
-        Raises
-        ------
-        SensingError
-            If the mission is shorter than one interval, or an epoch falls between samples.
-        """
+        """Sample index of each epoch, for increasing sample times from 0. [s]"""
         count = math.floor(float(time[-1]) / self.interval * (1.0 + 1e-12))
         if count < 1:
             raise SensingError(
@@ -88,24 +72,7 @@ class PingSchedule:
 
 
 def attempts(n_agents: int, n_landmarks: int, epochs: Indices) -> Attempts:
-    """
-    List all range attempts of a mission.
-
-    At every epoch each vehicle transmits to every other vehicle and to every landmark.
-
-    Parameters
-    ----------
-    n_agents, n_landmarks : int
-        Number of vehicles and landmarks.
-    epochs : ndarray of int, shape (n_epochs,)
-        Sample index of each epoch.
-
-    Returns
-    -------
-    Attempts
-        Arrays of length ``n_epochs * n_agents * (n_agents - 1 + n_landmarks)``, sorted by sample,
-        transmitter and receiver.
-    """
+    """At every epoch each vehicle transmits to every other vehicle and to every landmark; by epoch, transmitter, receiver."""
     transmitter, receiver = np.divmod(
         np.arange(n_agents * (n_agents + n_landmarks)), max(n_agents + n_landmarks, 1)
     )

@@ -26,7 +26,7 @@ from pymantaray.records import (
 )
 from pymantaray.records.covariances import PoseCovariances
 from pymantaray.records.unknowns import SharedUnknowns
-from pymantaray.sensing import Candidates, Hearing, Links, draw_taken, perturb
+from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.assemble import build_clocks, build_timing
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.folder import MANIFEST
@@ -209,8 +209,8 @@ class Run:
         candidates, seed = self.candidates, self.config.study.seed
         if candidates is None:
             return np.zeros(self.measurements.range_status.size, dtype=bool)
-        taken = draw_taken(self.measurements, candidates, root_seed=seed, realization=realization)
-        return candidates.mistaken(taken)
+        picks = draw_picks(self.measurements, candidates, root_seed=seed, realization=realization)
+        return candidates.mistaken(picks)
 
     def _check(self, realization: int) -> None:
         count = self.config.study.realizations
