@@ -287,8 +287,8 @@ def perturb(
         perturb_ocean,
         read_casts,
         vertical_modes,
+        with_history,
     )
-    from pymantaray.ocean.schema import with_history
 
     true = open_ocean(ocean, time=time)
     if method == "mean":
