@@ -95,62 +95,57 @@ def test_times_are_the_solvers_beside_the_columns_that_came_in(rays, folder):
     assert names == {"links.csv", "profile.csv", "iso.csv", "out.csv", "out.csv.json"}
 
 
-def test_arrivals_in_an_isovelocity_wave_guide_are_images(rays):
-    Path("one.csv").write_text(";".join([*ENDS, "link"]) + "\n0;0;100;3000;4000;400;x\n")
-    words = (*ISO, "--max-surface-bounces", 1, "--max-bottom-bounces", 1)
-    printed = rays("eigen", "one.csv", "out.csv", *words, "--cutoff-db", "off")
-    assert printed == "1 links: 1 ok; 5 arrivals\nout.csv\n"
-    out = pd.read_csv("out.csv")
-    # depth of the receiver's image, by surface and bottom bounces
-    images = {(0, 0): [400.0], (1, 0): [-400.0], (0, 1): [1600.0], (1, 1): [-1600.0, 2400.0]}
-    expected = sorted(
-        (math.hypot(5000.0, z - 100.0) / 1500.0, *bounces)
-        for bounces, depths in images.items()
-        for z in depths
-    )
-    found = out[["travel_time_s", "surface_bounces", "bottom_bounces"]].to_numpy()
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
-    assert out[["row", "arrival", "link"]].to_numpy().tolist() == [[0, i, "x"] for i in range(5)]
-    slowness = out[[f"source_slowness_{axis}_s_m" for axis in ("north", "east", "down")]].to_numpy()
-    np.testing.assert_allclose(np.linalg.norm(slowness, axis=1), 1.0 / 1500.0, rtol=1e-11)
-    angle = np.degrees(np.arcsin(1500.0 * slowness[:, 2]))
-    np.testing.assert_allclose(angle, out["launch_angle_deg"], atol=1e-7)
-    rays("times", "one.csv", "first.csv", *words)
-    first = pd.read_csv("first.csv").iloc[0]
-    assert first["travel_time_s"] == pytest.approx(first["chord_travel_time_s"], abs=1e-9)
-    assert first["refracted_range_m"] == pytest.approx(first["straight_range_m"], abs=1e-6)
-
-
-def test_paths_run_from_source_to_receiver(rays):
-    for command, out in (("trace", "paths.csv"), ("eigen", "eigen.csv")):
-        rays(command, "links.csv", out, *WATER, "--max-surface-bounces", 1)
-    eigen = pd.read_csv("eigen.csv").set_index(["row", "arrival"])
-    nodes = pd.read_csv("paths.csv").groupby(["row", "arrival"])
-    _, source, receiver = own_links()
-    assert list(nodes.groups) == list(eigen.index)
-    for (row, arrival), path in nodes:
-        ends = path[["north", "east", "depth"]].to_numpy()[[0, -1]]
-        np.testing.assert_allclose(ends, [source[row], receiver[row]], rtol=0, atol=1e-6)
-        last = path.iloc[-1]
-        assert last["travel_time_s"] == pytest.approx(eigen["travel_time_s"][row, arrival], rel=1e-10)
-        assert last["range_m"] == pytest.approx(np.hypot(*(receiver - source)[row, :2]))
-        assert path["boundary"].eq("surface").sum() == 2 * eigen["surface_bounces"][row, arrival]
-    assert eigen["surface_bounces"].sum() > 0
-
-
-def test_netcdf_holds_the_records(rays, folder):
+def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
     for command in ("times", "eigen", "trace"):
-        rays(command, "links.csv", f"{command}.nc", *WATER)
-    _, source, receiver = own_links()
-    arrivals = find_eigenrays(own_medium(), source, receiver)
+        for ending in ("csv", "nc"):
+            rays(command, "links.csv", f"{command}.{ending}", *WATER, "--max-surface-bounces", 1)
+    links, source, receiver = own_links()
+    arrivals = find_eigenrays(own_medium(), source, receiver, 1)
     paths = trace_paths(own_medium(), source, receiver, arrivals)
+    assert arrivals.surface_bounces.any()
+    eigen, nodes = pd.read_csv("eigen.csv", dtype={"name": str}), pd.read_csv("trace.csv")
+    number = pd.Series(arrivals.link).groupby(arrivals.link).cumcount().to_numpy()
+    step = paths.position - source[arrivals.link[paths.arrival]]
+    columns = {
+        "row": arrivals.link,
+        "arrival": number,
+        "launch_angle_deg": np.degrees(arrivals.launch_angle),
+        **{
+            n: getattr(arrivals, n)
+            for n in ("surface_bounces", "bottom_bounces", "turning_points", "spreading_db")
+        },
+        **{
+            f"source_slowness_{axis}_s_m": arrivals.source_slowness[:, k]
+            for k, axis in enumerate(("north", "east", "down"))
+        },
+    }
+    for name, expected in columns.items():
+        np.testing.assert_allclose(eigen[name], expected, rtol=1e-11, atol=1e-20, err_msg=name)
+    assert eigen["name"].tolist() == links["name"][arrivals.link].tolist()
+    columns = {
+        "row": arrivals.link[paths.arrival],
+        "arrival": number[paths.arrival],
+        "travel_time_s": paths.travel_time,
+        "range_m": np.hypot(step[:, 0], step[:, 1]),
+        "depth": paths.position[:, 2],
+    }
+    for name, expected in columns.items():
+        np.testing.assert_allclose(nodes[name], expected, rtol=1e-11, atol=1e-9, err_msg=name)
+    assert nodes["boundary"].tolist() == np.array(["water", "surface", "bottom"])[paths.boundary].tolist()
     np.testing.assert_array_equal(FirstArrivals.load("times.nc").travel_time, arrivals.first().travel_time)
     np.testing.assert_array_equal(Arrivals.load("eigen.nc").source_slowness, arrivals.source_slowness)
     np.testing.assert_array_equal(RayPaths.load("trace.nc").position, paths.position)
     with xr.open_dataset("trace.nc") as found:
         assert found["row"].values.tolist() == arrivals.link.tolist()
         assert json.loads(found.attrs["made_by"])["command"] == "trace"
-    assert not list(folder.glob("*.json"))
+    assert len(list(folder.glob("*.json"))) == 3  # beside tables alone
+
+
+def test_the_cutoff_can_be_switched_off(rays):
+    Path("one.csv").write_text(";".join([*ENDS, "link"]) + "\n0;0;100;3000;4000;400;x\n")
+    words = (*ISO, "--max-surface-bounces", 1, "--max-bottom-bounces", 1, "--cutoff-db", "off")
+    assert rays("eigen", "one.csv", "out.csv", *words) == "1 links: 1 ok; 5 arrivals\nout.csv\n"
+    assert pd.read_csv("out.csv")["link"].tolist() == ["x"] * 5
 
 
 def test_a_fan_without_refraction_is_straight(rays):

@@ -116,6 +116,11 @@ class MediumOptions:
         ),
     ] = None
 
+    @property
+    def files(self) -> list[Path]:
+        """Files that no output may overwrite."""
+        return [path for path in (self.profile, *map(Path, self.ocean or [])) if path is not None]
+
 
 @dataclass(frozen=True)
 class SearchOptions:

@@ -234,11 +234,10 @@ def _begin(
     from pymantaray.cli.rays_tables import SOURCE, read_links, sidecar
     from pymantaray.records.text_table import read_text_table
 
-    inputs = [path for path in (links, medium.profile, *map(Path, medium.ocean or [])) if path is not None]
     check_output(
         out,
         (".csv", ".nc"),
-        inputs=inputs,
+        inputs=[links, *medium.files],
         beside=[sidecar(out)] if out.suffix == ".csv" else [],
         force=force,
     )

@@ -54,8 +54,7 @@ def compare_bellhop(
     from pymantaray.cli.output import check_output, progress_bars
     from pymantaray.cli.rays_tables import read_links, write_table
 
-    inputs = [path for path in (links, medium.profile, *map(Path, medium.ocean or [])) if path is not None]
-    check_output(out, (".csv",), inputs=inputs, force=force)
+    check_output(out, (".csv",), inputs=[links, *medium.files], force=force)
     options, binary = BellhopOptions(step=step), find_bellhop(program)
     _, source, receiver = read_links(links)
     straight = _straight_medium(medium, refine)
