@@ -14,7 +14,7 @@ from pymantaray.study import open_run
 @pytest.fixture(scope="module")
 def other_folder(made_run, tmp_path_factory):
     made = made_run(
-        names=("A", "B", "C"), landmarks=1, lost=0.3, title="Other Sea", synthetic=0,
+        names=("A", "B", "C"), landmarks=1, lost=0.3, title="Other {Sea}", synthetic=0,
         conditions=("straight", "refracted", "no-ranges"),
     )  # fmt: skip
     return made.write(tmp_path_factory.mktemp("other") / "run")
@@ -28,7 +28,7 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
     for name in ("sound_speed", "range_error", "ape_pooled", "ape_pooled_linear"):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
         assert f'src="figures/{name}.png"' in text
-    assert "Test Sea and Other Sea" in text
+    assert "Test Sea and Other {Sea}" in text
     assert "Test Sea: The ocean of this study is synthetic" in text
     assert [p.name for p in tmp_path.iterdir()] == ["both"]
 

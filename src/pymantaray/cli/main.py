@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> None:
     Raises
     ------
     SystemExit
-        With 0 for success, 2 for bad usage or a known error, 130 for Ctrl-C.
+        With 0 for success, 2 for bad usage or a known error, 130 for Ctrl-C, 141 where nobody reads the output.
     """
     if threading.current_thread() is threading.main_thread():  # no other may
         signal.signal(signal.SIGTERM, _stop)

@@ -6,7 +6,7 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from math import isnan
 from pathlib import Path
@@ -154,7 +154,7 @@ def print_table(title: str, table: "pd.DataFrame", columns: Mapping[str, tuple[s
 
 def check_output(
     out: Path,
-    endings: Iterable[str],
+    endings: Collection[str],
     *,
     inputs: Iterable[Path] = (),
     beside: Iterable[Path] = (),

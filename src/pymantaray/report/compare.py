@@ -116,12 +116,11 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
     def plate(name: str, caption: str, draw: Callable[[], Figure]) -> Plate:
         return Plate(name, with_source(caption, synthetic=synthetic), draw)
 
-    def ape(*, log: bool) -> Figure:
-        return pooled_ape([ApePanel(name, r.errors, log=log) for name, r in runs.items()], header)
+    def ape(name: str, scale: str, *, log: bool) -> Plate:
+        caption = f"Absolute position error by ranging condition in {which}, {scale} scale; mean solid, quartiles dashed."
+        panels = [ApePanel(run, r.errors, log=log) for run, r in runs.items()]
+        return plate(name, caption, lambda: pooled_ape(panels, header))
 
-    error = (
-        f"Absolute position error by ranging condition in {which}, {{}} scale; mean solid, quartiles dashed."
-    )
     return [
         plate(
             "sound_speed",
@@ -135,21 +134,17 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
             " (black).",
             lambda: range_error_histogram([(name, r.ranges.total) for name, r in runs.items()], header),
         ),
-        plate("ape_pooled", error.format("logarithmic"), lambda: ape(log=True)),
-        plate("ape_pooled_linear", error.format("linear"), lambda: ape(log=False)),
+        ape("ape_pooled", "logarithmic", log=True),
+        ape("ape_pooled_linear", "linear", log=False),
     ]
 
 
 def joint_header(runs: Mapping[str, Results]) -> str:
     """Line on top of figures that show several oceans; it says which of them are synthetic."""
     synthetic, which = [name for name, r in runs.items() if r.synthetic], " and ".join(runs)
-    if not synthetic:
-        return which
-    return (
-        f"{which}, synthetic oceans"
-        if len(synthetic) == len(runs)
-        else (f"{which}; synthetic ocean: {', '.join(synthetic)}")
-    )
+    if len(synthetic) == len(runs):
+        return f"{which}, synthetic oceans"
+    return f"{which}; synthetic ocean: {', '.join(synthetic)}" if synthetic else which
 
 
 def _side_by_side(columns: Mapping[str, "pd.Series[float]"], key: str, last: str = "") -> pd.DataFrame:

@@ -96,6 +96,8 @@ def staged_parts(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     try:
         yield stage
         _exchange(stage, folder, names)
+    except OSError as error:
+        raise StudyError(f"{folder}: cannot be written: {error.strerror or error}") from None
     finally:
         shutil.rmtree(stage, ignore_errors=True)
         if lock is not None:
@@ -111,15 +113,13 @@ def _exchange(stage: Path, folder: Path, names: Sequence[str]) -> None:
                 (folder / name).rename(before / name)
         for name in names:
             (stage / name).rename(folder / name)
-    except BaseException as error:
+    except BaseException:
         for name in names:
             if (before / name).exists() or not (stage / name).exists():
                 if (folder / name).exists():
                     (folder / name).rename(stage / name)
                 if (before / name).exists():
                     (before / name).rename(folder / name)
-        if isinstance(error, OSError):
-            raise StudyError(f"{folder}: cannot be written: {error.strerror}") from None
         raise
 
 
