@@ -403,8 +403,13 @@ def test_the_surface_is_extended_at_constant_water_and_that_is_told():
 def test_the_casts_own_bottom_serves_and_what_is_unknown_is_asked_for():
     assert cast_ocean(LINEAR, below="constant")["depth"].values[-1] == 320.0
     nameless = replace(LINEAR, bottom_depth=float("nan"), time=np.datetime64("NaT"))
-    with pytest.raises(OceanError, match="bottom_depth is nan m; give the sea bed's positive depth"):
-        cast_ocean(nameless)
+    for bottom in (None, 4.0, 1e9):
+        with pytest.raises(
+            OceanError, match="give the sea bed's depth, beneath the shallowest sample at 5 m"
+        ):
+            cast_ocean(nameless, bottom_depth=bottom, below="constant")
+    with pytest.raises(OceanError, match="from 1678 to 2261"):
+        cast_ocean(nameless, bottom_depth=300.0, time="9999-01-01")
     with pytest.raises(OceanError, match="its time is unknown; give one"):
         cast_ocean(nameless, bottom_depth=300.0)
     assert cast_ocean(nameless, bottom_depth=300.0, time="2001-01-01")["time"].values == np.datetime64(

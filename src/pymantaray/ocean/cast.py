@@ -17,7 +17,8 @@ from pymantaray.records.text_table import read_text_table
 
 Array = NDArray[np.float64]
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
-_DEEPEST = 12_000.0  # m
+DEEPEST = 12_000.0
+"""No sea is deeper. [m]"""
 _MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
 _FILLS = (-9.99e-29, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, -9999.0, -99999.0, 99999.0, -1e34, 1e35)
 # quantity: what it is a unit of, and its names in lower case, first those of `mantaray rays`, then those of cruises'
@@ -203,7 +204,7 @@ def clean_cast(
     counts["with a missing value"] = int(np.count_nonzero(~whole))
     if np.count_nonzero(depth[whole] < 0.0) > 0.5 * np.count_nonzero(whole):
         raise OceanError(f"{where}: depth is negative in most rows; it must be positive down")
-    possible = whole & (depth <= _DEEPEST)
+    possible = whole & (depth <= DEEPEST)
     for values, variable in ((temperature, "water_temp"), (salinity, "salinity")):
         low, high = _SPAN[variable]
         possible &= (values >= low) & (values <= high)

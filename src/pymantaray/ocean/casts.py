@@ -14,7 +14,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import convert
 from pymantaray.ocean.argo import is_netcdf, read_argo
-from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
+from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.schema import assemble_ocean, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
@@ -305,8 +305,11 @@ def cast_ocean(
     depend on the place.
     """
     bottom = cast.bottom_depth if bottom_depth is None else float(bottom_depth)
-    if not (np.isfinite(bottom) and bottom > 0.0):
-        raise OceanError(f"cast {cast.name}: bottom_depth is {bottom:g} m; give the sea bed's positive depth")
+    if not cast.depth[0] < bottom <= DEEPEST:
+        raise OceanError(
+            f"cast {cast.name}: bottom_depth is {bottom:g} m; give the sea bed's depth, beneath the shallowest sample at"
+            f" {cast.depth[0]:g} m and down to {DEEPEST:g} m"
+        )
     instant = cast.time if time is None else parse_instant(time)
     if np.isnat(instant):
         raise OceanError(f"cast {cast.name}: its time is unknown; give one, as in 2014-07-24T19:20 (UTC)")

@@ -136,6 +136,8 @@ def parse_instant(time: str | np.datetime64) -> np.datetime64:
         raise OceanError(f"time {time!r} is not an instant; write it as 2014-07-15T12:00 (UTC)")
     if stamp.tz is not None:
         stamp = stamp.tz_convert("UTC").tz_localize(None)
+    if not pd.Timestamp.min <= stamp <= pd.Timestamp.max:
+        raise OceanError(f"time {time!r}: instants are counted in nanoseconds, from 1678 to 2261")
     return stamp.to_datetime64()
 
 

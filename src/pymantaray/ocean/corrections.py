@@ -92,9 +92,10 @@ def correct_with_casts(
     grid = np.stack(frame.to_local(lat[:, None], lon), axis=-1) / scale
     x = np.stack(frame.to_local([c.lat for c in casts], [c.lon for c in casts]), axis=-1) / scale
     t = np.zeros(len(casts)) if time_scale is None else _ages(ocean, casts) / time_scale
-    between = np.exp(-0.5 * (np.sum((x[:, None] - x) ** 2, axis=-1) + (t[:, None] - t) ** 2))
-    to_grid = np.exp(-0.5 * (np.sum((grid[:, :, None] - x) ** 2, axis=-1) + t**2))
-    differences = np.stack([_difference(ocean, cast, vertical_scale) for cast in casts])
+    with np.errstate(over="ignore"):  # beyond all scales nothing correlates
+        between = np.exp(-0.5 * (np.sum((x[:, None] - x) ** 2, axis=-1) + (t[:, None] - t) ** 2))
+        to_grid = np.exp(-0.5 * (np.sum((grid[:, :, None] - x) ** 2, axis=-1) + t**2))
+        differences = np.stack([_difference(ocean, cast, vertical_scale) for cast in casts])
     increment = _increment(differences, between + noise_ratio * np.eye(len(casts)), to_grid)
     corrected = ocean.copy()
     for k, name in enumerate(_TRACERS):

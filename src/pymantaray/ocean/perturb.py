@@ -303,17 +303,17 @@ def _root(
     high: Array | float = np.inf,
 ) -> Array:
     """Argument that gives the target, by the secant method from start, element by element, within bounds."""
-    base = speed(start)
-    slope = (speed(start + _STEP) - base) / _STEP
-    value, off = start, target - base
-    for _ in range(_ITERATIONS):
-        if np.abs(off).max(initial=0.0) < _ACCURACY:
-            return value
-        step = np.clip(value + off / slope, low, high) - value
-        value = value + step
-        before, off = off, target - speed(value)
-        moved = np.abs(step) > 1e-6
-        with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
+        base = speed(start)
+        slope = (speed(start + _STEP) - base) / _STEP
+        value, off = start, target - base
+        for _ in range(_ITERATIONS):
+            if np.abs(off).max(initial=0.0) < _ACCURACY:
+                return value
+            step = np.clip(value + off / slope, low, high) - value
+            value = value + step
+            before, off = off, target - speed(value)
+            moved = np.abs(step) > 1e-6
             slope = np.where(moved, (before - off) / step, slope)
     raise OceanError(
         f"ocean: no temperature or salinity changes sound speed as far as {np.nanmax(np.abs(target - base)):.3g} m/s; ask for"
