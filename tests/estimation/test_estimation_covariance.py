@@ -29,9 +29,21 @@ def solved(fleet, o, ranges="straight"):
     return graph, found.values
 
 
-def in_world(pose, values, poses):
-    turn = matrix_from_quaternion(values.quaternion[poses])
-    return np.einsum("eaij,eajk,ealk->eail", turn, pose[..., 3:, 3:], turn)
+def dense(graph, values):
+    """Covariance of all variables, by the inverse of the whole information matrix."""
+    builder, order = FactorBuilder(), gtsam.Ordering()
+    for key in range(graph.n_variables):
+        order.push_back(key)
+    information = builder.factors(graph).linearize(builder.values(values)).hessian(order)[0]
+    scale = 1.0 / np.sqrt(np.diag(information))
+    return np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+
+
+def assert_same(covariance, expected, atol=1e-6):
+    """Equal in units of the standard deviations."""
+    sigma = np.sqrt(np.diagonal(expected, axis1=-2, axis2=-1))
+    unit = sigma[..., :, None] * sigma[..., None, :]
+    np.testing.assert_allclose(covariance / unit, expected / unit, rtol=0, atol=atol)
 
 
 @pytest.mark.parametrize("n_landmarks", [0, 2])
@@ -40,23 +52,14 @@ def test_blocks_are_those_of_the_dense_inverse_of_the_information_matrix(make_fl
     graph, values = solved(fleet, fleet.noisy)
     poses = poses_at(fleet.noisy)
     found = graph_covariances(graph, values, poses)
-    builder = FactorBuilder()
-    linear = builder.factors(graph).linearize(builder.values(values))
-    order = gtsam.Ordering()
-    for key in range(graph.n_poses + n_landmarks):
-        order.push_back(key)
-    information = linear.hessian(order)[0]
-    scale = 1.0 / np.sqrt(np.diag(information))
-    dense = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+    whole = dense(graph, values)
     for e, a in np.ndindex(poses.shape):
-        i = 6 * poses[e, a]
-        block = dense[i : i + 6, i : i + 6]
-        unit = np.sqrt(np.outer(np.diag(block), np.diag(block)))
-        np.testing.assert_allclose(found.pose[e, a] / unit, block / unit, rtol=0, atol=1e-6)
+        block = slice(6 * poses[e, a], 6 * poses[e, a] + 6)
+        assert_same(found.pose[e, a], whole[block, block])
     turn = matrix_from_quaternion(values.quaternion)
     for a, b in ((0, 1), (2, 0)):  # across vehicles, at one epoch
         i, j = poses[1, a], poses[1, b]
-        world = turn[i] @ dense[6 * i + 3 : 6 * i + 6, 6 * j + 3 : 6 * j + 6] @ turn[j].T
+        world = turn[i] @ whole[6 * i + 3 : 6 * i + 6, 6 * j + 3 : 6 * j + 6] @ turn[j].T
         np.testing.assert_allclose(found.position[1, a, :, b], world, rtol=1e-6, atol=1e-8)
 
 
@@ -68,12 +71,10 @@ def test_blocks_are_those_of_gtsams_marginals_and_joint_marginals(make_fleet):
     builder = FactorBuilder()
     own = gtsam.Marginals(builder.factors(graph), builder.values(values))
     for e, a in np.ndindex(poses.shape):
-        block = own.marginalCovariance(int(poses[e, a]))
-        unit = np.sqrt(np.outer(np.diag(block), np.diag(block)))
-        np.testing.assert_allclose(found.pose[e, a] / unit, block / unit, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(
-        in_world(found.pose, values, poses), np.einsum("eaiaj->eaij", found.position), rtol=1e-9, atol=1e-12
-    )
+        assert_same(found.pose[e, a], own.marginalCovariance(int(poses[e, a])))
+    turn = matrix_from_quaternion(values.quaternion[poses])
+    in_world = np.einsum("eaij,eajk,ealk->eail", turn, found.pose[..., 3:, 3:], turn)
+    np.testing.assert_allclose(in_world, np.einsum("eaiaj->eaij", found.position), rtol=1e-9, atol=1e-12)
 
 
 def test_covariances_under_a_loss_are_gtsams_with_its_weights(make_fleet):
@@ -92,9 +93,7 @@ def test_covariances_under_a_loss_are_gtsams_with_its_weights(make_fleet):
     factors, end = builder.factors(graph, loss), robust.values
     marginals = gtsam.Marginals(factors, builder.values(end))
     for e, a in np.ndindex(poses.shape):
-        expected = marginals.marginalCovariance(int(poses[e, a]))
-        unit = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-        np.testing.assert_allclose(robust.covariances.pose[e, a] / unit, expected / unit, rtol=0, atol=1e-6)
+        assert_same(robust.covariances.pose[e, a], marginals.marginalCovariance(int(poses[e, a])))
     # ranges that it does not believe tell it nothing, and its innovations have no chi-square distribution
     horizontal = [np.trace(s.covariances.position[1, 0, :2, 0, :2]) for s in (robust, plain)]
     assert horizontal[0] > horizontal[1]
@@ -112,9 +111,7 @@ def test_replay_has_the_covariances_of_the_batch_at_its_end(make_fleet):
         .covariances
         for i in (False, True)
     )
-    unit = np.sqrt(np.einsum("eaii->eai", batch.pose))
-    unit = unit[..., :, None] * unit[..., None, :]
-    np.testing.assert_allclose(replayed.pose / unit, batch.pose / unit, rtol=0, atol=1e-3)
+    assert_same(replayed.pose, batch.pose, atol=1e-3)
     np.testing.assert_allclose(replayed.range_nis, batch.range_nis, rtol=1e-2)
 
 
@@ -123,9 +120,7 @@ def test_dead_reckoning_has_the_covariance_of_a_graph_of_odometry_alone(make_fle
     o, bare = fleet.noisy, without(build_graph(fleet.noisy), "depth")
     graph, own = graph_covariances(bare, fleet.reckoned, poses_at(o)), reckoned_covariances(o, SAMPLES)
     for a, b in ((own.pose, graph.pose), (own.position.reshape(3, 9, 9), graph.position.reshape(3, 9, 9))):
-        diagonal = np.diagonal(b, axis1=-2, axis2=-1)
-        unit = np.sqrt(diagonal[..., :, None] * diagonal[..., None, :])
-        np.testing.assert_allclose(a / unit, b / unit, rtol=0, atol=1e-6)
+        assert_same(a, b)
     assert (own.range_dimension == 0).all()
     assert np.isnan(own.range_nis).all()
 
@@ -151,39 +146,25 @@ def test_range_statistic_is_the_innovation_predicted_from_everything_else(make_f
     graph, values = solved(fleet, o)
     found = graph_covariances(graph, values, poses_at(o, [sample]))
     assert found.range_dimension[0] == np.count_nonzero(o.range_sample == sample)
-    without = replace(
-        o, **{
-            name: getattr(o, name)[o.range_sample != sample]
-            for name in ("range_transmitter", "range_receiver", "range_sample", "range_status", "transmitter_sound_speed", "straight_range", "refracted_range",
-                         "range_sigma")
-        }
-    )  # fmt: skip
-    other, before = solved(fleet, without)
-    builder = FactorBuilder()
-    linear = builder.factors(other).linearize(builder.values(before))
-    n = 6 * graph.n_poses + 3
-    order = gtsam.Ordering()
-    for key in range(graph.n_poses + 1):
-        order.push_back(key)
-    covariance = np.linalg.inv(linear.hessian(order)[0])
-    rows = np.flatnonzero(o.range_sample == sample)
+    ranges, n = graph["range"], graph.n_poses
+    mine = (ranges.variables < n).any(axis=1) & (graph.pose_number[ranges.variables[:, 0]] == sample)
+    other = graph.with_factors(range=ranges[~mine])
+    before = GraphSolver().solve(other, fleet.truth).values
+    covariance = dense(other, before)
     place = np.concatenate([before.position, before.landmark_position])
-    jacobian, innovation = np.zeros((rows.size, n)), np.zeros(rows.size)
     turn = matrix_from_quaternion(before.quaternion)
-    for i, row in enumerate(rows):
-        ends = [
-            p * o.time.size + sample if p < o.name.size else graph.n_poses
-            for p in (o.range_transmitter[row], o.range_receiver[row])
-        ]
-        way = place[ends[1]] - place[ends[0]]
-        innovation[i] = o.straight_range[row] - np.linalg.norm(way)
-        unit = way / np.linalg.norm(way)
+    jacobian = np.zeros((np.count_nonzero(mine), len(covariance)))
+    first, second = ranges[mine].variables.T
+    way = place[second] - place[first]
+    distance = np.linalg.norm(way, axis=1)
+    innovation = ranges[mine].column("distance") - distance
+    for row, (ends, unit) in enumerate(zip(ranges[mine].variables, way / distance[:, None], strict=True)):
         for end, sign in zip(ends, (-1.0, 1.0), strict=True):
-            if end < graph.n_poses:
-                jacobian[i, 6 * end + 3 : 6 * end + 6] = sign * unit @ turn[end]
+            if end < n:
+                jacobian[row, 6 * end + 3 : 6 * end + 6] = sign * unit @ turn[end]
             else:
-                jacobian[i, 6 * end : 6 * end + 3] = sign * unit
-    spread = np.diag(o.range_sigma[rows] ** 2) + jacobian @ covariance @ jacobian.T
+                jacobian[row, 6 * end : 6 * end + 3] = sign * unit
+    spread = np.diag(ranges[mine].variance) + jacobian @ covariance @ jacobian.T
     expected = innovation @ np.linalg.solve(spread, innovation)
     # both are linear expansions, about optima some metres apart over links of kilometres
     assert found.range_nis[0] == pytest.approx(expected, rel=0.02)
@@ -198,36 +179,29 @@ def test_epochs_without_ranges_have_no_innovation(make_fleet):
     assert np.isnan(found.range_nis[1])
 
 
-def test_singular_graph_has_no_covariance_and_stops_nothing(make_fleet):
-    fleet = make_fleet(seed=17)
-    o = fleet.noise_free
-    loose = without(build_graph(o), "prior")
-    found = graph_covariances(loose, fleet.truth, poses_at(o))
-    assert np.isnan(found.pose).all()
-    assert np.isnan(found.position).all()
-    assert np.isnan(found.range_nis).all()
-
-
-def test_one_free_vehicle_is_found_though_its_poses_are_eliminated(make_fleet):
-    fleet = make_fleet(seed=18)
-    o = fleet.noise_free
-    graph = build_graph(o)
-    prior = graph["prior"]
-    loose = graph.with_factors(prior=prior[prior.subject != 0])
-    found = graph_covariances(loose, fleet.truth, poses_at(o)[:, 1:])
-    assert np.isnan(found.pose).all()
-
-
-def test_vehicle_that_may_be_anywhere_counts_as_free(make_fleet):
+def anywhere(prior):
     """A prior of ten thousand kilometres: the system can be inverted, and its covariance means nothing."""
-    fleet = make_fleet(seed=18)
-    o = fleet.noise_free
-    graph = build_graph(o)
-    wide = np.array(graph["prior"].covariance)
+    wide = np.array(prior.covariance)
     wide[0, 3:, 3:] = np.diag([1e14] * 3)
-    graph = graph.with_factors(prior=replace(graph["prior"], covariance=wide))
-    found = graph_covariances(graph, fleet.truth, poses_at(o)[:, 1:])
-    assert np.isnan(found.pose).all()
+    return replace(prior, covariance=wide)
+
+
+@pytest.mark.parametrize(
+    ("change", "vehicles"),
+    [
+        (lambda prior: prior[:0], slice(None)),
+        (lambda prior: prior[1:], slice(1, None)),  # the free one's poses are eliminated
+        (anywhere, slice(1, None)),
+    ],
+    ids=["none", "one", "anywhere"],
+)
+def test_singular_graph_has_no_covariance_and_stops_nothing(make_fleet, change, vehicles):
+    fleet = make_fleet(seed=18)
+    graph = build_graph(fleet.noise_free)
+    loose = graph.with_factors(prior=change(graph["prior"]))
+    found = graph_covariances(loose, fleet.truth, poses_at(fleet.noise_free)[:, vehicles])
+    for values in (found.pose, found.position, found.range_nis):
+        assert np.isnan(values).all()
 
 
 @pytest.mark.parametrize(
