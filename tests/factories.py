@@ -262,7 +262,8 @@ def ranges(truth, rng, attempts, *, status=None, landmarks=()):
     """
     Measurements without noise and their truth for attempts (transmitter, receiver, sample), a row each.
 
-    Chords and rays have travel times of their own, rays being faster; landmarks L0, L1, ... are where they are given.
+    Chords and rays have travel times of their own, rays being faster; landmarks L0, L1, ... are where they
+    are given.
     """
     n, n_times = truth.position.shape[:2]
     marks = np.array(landmarks, dtype=float).reshape(-1, 3)

@@ -10,8 +10,9 @@ def nonlinear_vector_factors(graph, believed, initial):
     """
     The optimum of a graph whose ranges are a model's, by factors that ask the model at every evaluation.
 
-    One nonlinear factor for the ranges of each ping, with Jacobians of its own: slow, and independent of expansions. Variances that depend
-    on the rays are those of the start. A link that is not possible has no residual and no gradient.
+    One nonlinear factor for the ranges of each ping, with Jacobians of its own: slow, and independent of
+    expansions. Variances that depend on the rays are those of the start. A link that is not possible has no
+    residual and no gradient.
     """
     from pymantaray.estimation._gtsam.factors import FactorBuilder, to_graph_values, with_shared
     from pymantaray.estimation._gtsam.optimize import optimize

@@ -69,8 +69,8 @@ def timed_ranges(measurements: Measurements, ranges: Ranges, links: Links) -> Ti
     """
     Travel times behind the ranges of a graph, row by row.
 
-    A range is the sound speed at its transmitter times what is measured: the travel time is the quotient of both,
-    noise included.
+    A range is the sound speed at its transmitter times what is measured: the travel time is the quotient of
+    both, noise included.
     """
     o = measurements
     use = _used(o, ranges, links)

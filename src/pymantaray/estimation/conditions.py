@@ -41,8 +41,8 @@ class Estimator:
     ranges, links : str
         As in `build_graph`.
     model : RangeModel, optional
-        What is believed of a range. One speed for a link makes a distance of it; other models take outer iterations. By default ranges
-        are the distances that they are measured as.
+        What is believed of a range. One speed for a link makes a distance of it; other models take outer
+        iterations. By default ranges are the distances that they are measured as.
     uncertainty : TravelTimeUncertainty, optional
         Adds to the variance of the ranges.
     correlated : bool
@@ -81,7 +81,7 @@ CONDITIONS: Mapping[str, Estimator] = MappingProxyType(
         "straight-all": Estimator("straight", links="all", model_is_right=True),
     }
 )
-"""Ranging conditions of a study, by name: which ranges enter the graph, over which links, and whether the model fits them."""
+"""Ranging conditions of a study, by name."""
 
 
 def solve_conditions(
@@ -103,9 +103,9 @@ def solve_conditions(
     conditions : sequence of str
         Keys of `CONDITIONS`. ``odometry`` is dead reckoning, the others are batch solves.
     initial : tuple of ndarray, optional
-        Where the solver starts under the conditions: positions of shape (n_agents, n_times, 3) [m] and quaternions (w, x, y, z)
-        of shape (n_agents, n_times, 4). The paper starts at the truth; the default is dead reckoning.
-        Landmarks start at their surveyed positions.
+        Where the solver starts under the conditions: positions of shape (n_agents, n_times, 3) [m] and
+        quaternions (w, x, y, z) of shape (n_agents, n_times, 4). The paper starts at the truth; the default
+        is dead reckoning. Landmarks start at their surveyed positions.
     estimators : mapping of str to Estimator, optional
         Solved after the conditions, from the same measurements; their names must be no conditions.
     solver : GraphSolver, optional
@@ -121,8 +121,8 @@ def solve_conditions(
     Raises
     ------
     EstimationError
-        If a condition is unknown, an estimator has the name of one, or for what `build_graph` and `GraphSolver` refuse. A solve that fails
-        is no error but has a status.
+        If a condition is unknown, an estimator has the name of one, or for what `build_graph` and
+        `GraphSolver` refuse. A solve that fails is no error but has a status.
     """
     unknown = [c for c in conditions if c not in CONDITIONS]
     if unknown:

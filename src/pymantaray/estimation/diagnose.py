@@ -16,7 +16,7 @@ _SPREAD = 1e-12  # variances this far below the median leave no digits for the o
 
 def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     """
-    Say in one line which variable makes a graph singular or badly conditioned at some values; None if nothing of the kind is found.
+    Say in one line which variable makes a graph singular or badly conditioned, if one does.
 
     The weakest direction is the eigenvector of the least eigenvalue of the information matrix, scaled to a
     unit diagonal. It counts as undetermined if the eigenvalue is zero to working precision, or the standard
@@ -51,8 +51,8 @@ def refuse_sharp_depths(graph: FactorGraph, values: GraphValues) -> None:
     """
     Refuse depths that are too good for the solver, in a graph that it takes for singular and that is not.
 
-    GTSAM's Cholesky gives up where the last two pivots of a pose differ by 4,096, as those of a rolled vehicle do whose depth
-    is so much better known than where its odometry leads to.
+    GTSAM's Cholesky gives up where the last two pivots of a pose differ by 4,096, as those of a rolled
+    vehicle do whose depth is so much better known than where its odometry leads to.
     """
     depth, edge = graph["depth"], graph["edge"]
     largest = np.zeros(graph.n_poses)
@@ -64,7 +64,7 @@ def refuse_sharp_depths(graph: FactorGraph, values: GraphValues) -> None:
         row = int(np.argmax(sharp))
         raise EstimationError(
             f"{graph.variable_name(int(depth.subject[row]))}: depth sigma is {sigma[row]:g} m where odometry has"
-            f" {odometry[row]:.3g} m; the solver cannot tell them apart from nothing: needs {odometry[row] / _PIVOTS:.2g} m or more"
+            f" {odometry[row]:.3g} m, too much better for the solver: needs {odometry[row] / _PIVOTS:.2g} m or more"
         )
 
 
@@ -77,7 +77,7 @@ def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
 
 
 def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
-    """Kind, variable and size of the smallest variance, and the median, if the two are too far apart; lengths first, then angles."""
+    """Kind, variable and size of the smallest variance, and the median, if the two are too far apart."""
     for unit in ("m", "rad"):
         tables = [
             (factors, np.diagonal(factors.covariance, axis1=1, axis2=2)[:, factors.kind.rows_in(unit)])

@@ -20,9 +20,9 @@ class Expansion:
     """
     Residuals of ranges near the links where a model was asked, with unknowns in their standard deviations.
 
-    The predicted travel time and its gradient, and the curvature of the distance between the ends over the mean
-    speed; what is left out is the change of refraction alone. ``by_unknowns`` is given as change of the travel times [s], and kept
-    as change of the residuals [m], shape (n, n_unknowns).
+    The predicted travel time and its gradient, and the curvature of the distance between the ends over the
+    mean speed; what is left out is the change of refraction alone. ``by_unknowns`` is given as change of the
+    travel times [s], and kept as change of the residuals [m], shape (n, n_unknowns).
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class Expansion:
 
 
 class RangeWeights:
-    """Covariances of the residuals of each epoch, computed anew when the ends have moved far; variance, (n,), apart from the ocean's [m2]."""
+    """Covariances of the residuals of each epoch, computed anew when the ends have moved far."""
 
     def __init__(self, believed: BelievedRanges, variance: Array) -> None:
         self._believed, self._variance = believed, variance

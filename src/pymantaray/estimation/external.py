@@ -32,9 +32,9 @@ class GraphResult:
     """
     What an estimator made of a graph.
 
-    ``graph`` has the priors that were added; ``as_in_file`` counts the variables whose start is the file's though
-    dead reckoning was asked for; ``truth`` is None where the file has none; ``diagnosis`` says in one line why
-    the solution is not usable, and is None if it is.
+    ``graph`` has the priors that were added; ``as_in_file`` counts the variables whose start is the file's
+    though dead reckoning was asked for; ``truth`` is None where the file has none; ``diagnosis`` says in one
+    line why the solution is not usable, and is None if it is.
     """
 
     graph: FactorGraph
@@ -179,8 +179,8 @@ def solve_graph(
     Raises
     ------
     EstimationError
-        If there is no such estimator or start, a part of the graph floats, or it has fewer measurements than unknowns; the message
-        names a variable.
+        If there is no such estimator or start, a part of the graph floats, or it has fewer measurements than
+        unknowns; the message names a variable.
     """
     if isinstance(estimator, str) and estimator not in METHODS:
         raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")

@@ -52,10 +52,11 @@ def write_g2o(
     """
     Write the poses and edges of a factor graph as g2o text, whole or not at all, and count what the format cannot hold.
 
-    What it cannot hold, of `LEFT_OUT`, has to be named in ``leave_out``. Vertices are numbered by the row of the pose, or with ``symbols``
-    as GTSAM's symbols, which keep vehicle and number (vehicles of one letter only); g2o itself cannot read such large numbers. With
-    ``half_angles`` the rotation part of the information is that of x, y, z of the quaternion, half the angle, as g2o itself has it;
-    else that of the rotation vector, as GTSAM has it.
+    What it cannot hold, of `LEFT_OUT`, has to be named in ``leave_out``. Vertices are numbered by the row of
+    the pose, or with ``symbols`` as GTSAM's symbols, which keep vehicle and number (vehicles of one letter
+    only); g2o itself cannot read such large numbers. With ``half_angles`` the rotation part of the
+    information is that of x, y, z of the quaternion, half the angle, as g2o itself has it; else that of the
+    rotation vector, as GTSAM has it.
 
     Notes
     -----
@@ -96,10 +97,11 @@ def load_g2o(path: Path | str, *, leave_out: Collection[str] = (), half_angles: 
     """
     Read a pose graph from g2o text in three dimensions.
 
-    Lines of the words in ``leave_out``, such as ``VERTEX_TRACKXYZ`` or ``FIX``, are skipped and counted; any other word than those of
-    poses and edges is refused in a line that names its number. The graph has no priors, and values of the vertices are a starting point
-    in this format. Ids that are GTSAM symbols become vehicle and number; others belong to a vehicle A. The format has no times: a pose's
-    number stands for it. [s]
+    Lines of the words in ``leave_out``, such as ``VERTEX_TRACKXYZ`` or ``FIX``, are skipped and counted; any
+    other word than those of poses and edges is refused in a line that names its number. The graph has no
+    priors, and values of the vertices are a starting point in this format. Ids that are GTSAM symbols become
+    vehicle and number; others belong to a vehicle A. The format has no times: a pose's number stands for it.
+    [s]
     """
     path = Path(path)
     vertices: dict[int, list[float]] = {}
@@ -202,7 +204,7 @@ def _take(
 
 
 def _inverse(lines: TextLines, matrices: Array, numbers: list[int]) -> Array:
-    """Inverses of positive definite matrices (n, 6, 6), by way of their unit-diagonal forms; numbers of their lines for messages."""
+    """Inverses of positive definite matrices (n, 6, 6) of some lines, by way of their unit-diagonal forms."""
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
     fine = (diagonal > 0.0).all(axis=1)
     if not fine.all():

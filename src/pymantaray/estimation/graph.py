@@ -1,9 +1,9 @@
 """
 Solver-free factor graph: its variables, and for each kind of factor one table.
 
-A kind is added by one entry of `KINDS` here and one constructor in `_gtsam/factors.py`: checks, the NetCDF and
-PyFactorGraph files, degrees of freedom, starts, solves, covariances and diagnoses follow from the entry. What measures it is put into
-a graph by `build.build_graph`.
+A kind is added by one entry of `KINDS` here and one constructor in `_gtsam/factors.py`: checks, the NetCDF
+and PyFactorGraph files, degrees of freedom, starts, solves, covariances and diagnoses follow from the entry.
+What measures it is put into a graph by `build.build_graph`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,7 +48,7 @@ class FactorKind:
     columns: tuple[tuple[str, int, str], ...]
     """What is measured: name, width and unit."""
     rows: int
-    """Of the residual and its covariance: with a quaternion rotation first, in the tangent of the body; else in the world's axes."""
+    """Of the residual: with a quaternion rotation first, in the tangent of the body; else in the world's axes."""
     word: str
     """That begins its lines in PyFactorGraph text."""
     axes: tuple[int, ...] = ()
@@ -110,7 +110,7 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
         "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), 1, RANGE),
     }
 )
-"""All kinds of factors, in the order in which a solver gets them; ranges are last, for they alone differ between conditions."""
+"""All kinds of factors; ranges are last, for they alone differ between conditions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,10 +194,10 @@ class FactorGraph(Record):
     """
     Variables and factors of one estimation problem; no solver is involved.
 
-    A variable is a number: a row of the pose tables, or the number of poses plus a row of
-    ``landmark_name``. ``graph["range"]`` is the table of one kind of `KINDS`, empty if there is none. Covariances of poses are in
-    the tangent of the body, rotation before translation, perturbed from the right; those of positions
-    are in the world's axes.
+    A variable is a number: a row of the pose tables, or the number of poses plus a row of ``landmark_name``.
+    ``graph["range"]`` is the table of one kind of `KINDS`, empty if there is none. Covariances of poses are
+    in the tangent of the body, rotation before translation, perturbed from the right; those of positions are
+    in the world's axes.
     """
 
     kind: ClassVar[str] = "factor_graph"

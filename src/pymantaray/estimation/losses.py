@@ -31,8 +31,8 @@ class Loss:
     scale : float
         Residual from which on a range counts for less, in its standard deviations. [-]
     graduated : bool
-        Whether the solver begins with a scale so large that the loss is nearly a square, and narrows it step by
-        step: graduated non-convexity. For ``geman-mcclure`` only.
+        Whether the solver begins with a scale so large that the loss is nearly a square, and narrows it step
+        by step: graduated non-convexity. For ``geman-mcclure`` only.
 
     Raises
     ------
@@ -47,8 +47,8 @@ class Loss:
     - ``cauchy``: :math:`(k^2/2) \log(1 + u^2/k^2)`; falls for ever in weight
     - ``geman-mcclure``: :math:`(k^2/2)\, u^2/(k^2 + u^2)`; at most :math:`k^2/2`, however far off
 
-    The surrogates of graduated non-convexity [1]_ for Geman-McClure with control parameter :math:`\mu` are the
-    same loss with the scale :math:`k\sqrt{\mu}`.
+    The surrogates of graduated non-convexity [1]_ for Geman-McClure with control parameter :math:`\mu` are
+    the same loss with the scale :math:`k\sqrt{\mu}`.
 
     References
     ----------
@@ -124,7 +124,7 @@ LOSSES: Mapping[str, Loss] = MappingProxyType(
 
 
 def whitened_ranges(graph: FactorGraph, values: GraphValues) -> Array:
-    """Distances between the values less those that a graph's ranges measure, in their standard deviations, shape (n_ranges,)."""
+    """Distances between the values less the measured ranges, in their standard deviations, shape (n_ranges,)."""
     place = np.concatenate([values.position, values.landmark_position])
     ranges = graph["range"]
     distance, _ = chord(*place[ranges.variables.T])
@@ -132,5 +132,5 @@ def whitened_ranges(graph: FactorGraph, values: GraphValues) -> Array:
 
 
 def range_weights(graph: FactorGraph, values: GraphValues, loss: Loss) -> Array:
-    """Weight from 0 to 1 that a loss leaves each range of a graph: which ones an estimate does not believe, shape (n_ranges,)."""
+    """Weight from 0 to 1 that a loss leaves each range: which ones an estimate does not believe."""
     return loss.weight(whitened_ranges(graph, values))

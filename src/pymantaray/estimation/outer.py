@@ -42,11 +42,12 @@ class OuterIterations:
     """
     Minimize the cost of a graph whose ranges are a model's.
 
-    The model is asked at the estimate, the travel times are expanded there (`Expansion`), the graph is solved, and
-    so on until a new prediction moves no range by more than 1 mm. A link that is not possible at an estimate is
-    gated until the next one; one that was gated twice stays gated, so that the set of links settles. So are, after 8 expansions,
-    those that are corrected most: their first arrival is now of one family of rays, now of another.
-    Variances that depend on the rays are computed again where an end has moved by more than 100 m.
+    The model is asked at the estimate, the travel times are expanded there (`Expansion`), the graph is
+    solved, and so on until a new prediction moves no range by more than 1 mm. A link that is not possible at
+    an estimate is gated until the next one; one that was gated twice stays gated, so that the set of links
+    settles. So are, after 8 expansions, those that are corrected most: their first arrival is now of one
+    family of rays, now of another. Variances that depend on the rays are computed again where an end has
+    moved by more than 100 m.
     """
 
     def __init__(self, builder: Any, graph: FactorGraph, believed: BelievedRanges, loss: Loss | None) -> None:
@@ -69,7 +70,7 @@ class OuterIterations:
         self._first: tuple[Prediction, Array] | None = None
 
     def solve(self, initial: GraphValues, options: SolveOptions) -> Outcome:
-        """Outcome from a start; if the expansions do not settle the last step of its progress is NaN, which no gate passes."""
+        """Outcome from a start; if the expansions do not settle its last step is NaN, which no gate passes."""
         from pymantaray.estimation._gtsam.robust import optimize_robust
 
         start, ordering = self._start(initial)
@@ -112,7 +113,7 @@ class OuterIterations:
         return with_shared(values, ordering, self._ends.shared, self._believed.n_unknowns)
 
     def _ask(self, place: tuple[Array, Array, Array], count: int) -> tuple[Expansion, Array] | None:
-        """Ask the model, and gate; an expansion with the distances that correct for it, or None if nothing that counts has changed."""
+        """Ask the model, and gate: an expansion and distances corrected by it, or None if nothing has changed."""
         r = self._believed.ranges
         a, b, u = place
         links = r.links(a, b)

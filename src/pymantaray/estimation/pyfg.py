@@ -48,7 +48,7 @@ TO_WXYZ = [3, 0, 1, 2]
 
 
 class _Word(NamedTuple):
-    """Fields behind a word: a time or none, names, numbers that are measured, size of the matrix of which the upper triangle follows."""
+    """Fields behind a word: a time or none, names, what is measured, and the upper triangle of a matrix."""
 
     timed: bool
     names: int
@@ -86,9 +86,9 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     Parameters
     ----------
     graph : FactorGraph
-        Vehicles keep their names if all are single capital letters other than L, and landmarks theirs if
-        all are an L and a number; else they get such names in order, and a table beside the file, ``name.names.csv`` for
-        ``name.pyfg``, says whose they are.
+        Vehicles keep their names if all are single capital letters other than L, and landmarks theirs if all
+        are an L and a number; else they get such names in order, and a table beside the file,
+        ``name.names.csv`` for ``name.pyfg``, says whose they are.
     path : pathlib.Path or str
         File to make or replace; its folder must exist.
     initial : GraphValues
@@ -154,7 +154,8 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     Parameters
     ----------
     path : pathlib.Path or str
-        If there is a table of names beside it, as `write_pyfg` makes one, vehicles and landmarks have the names in that.
+        If there is a table of names beside it, as `write_pyfg` makes one, vehicles and landmarks have the
+        names in that.
 
     Returns
     -------
@@ -184,8 +185,9 @@ def load_pyfg(path: Path | str, *, leave_out: Collection[str] = ()) -> GraphFile
     """
     Read as `read_pyfg` does, leaving out what is named.
 
-    ``EDGE_SE3_XYZ``, a landmark's place in the body frame of a pose, has no factor here and is refused unless its lines are
-    left out; they are checked and counted. PyFactorGraph's own reader skips them without a word.
+    ``EDGE_SE3_XYZ``, a landmark's place in the body frame of a pose, has no factor here and is refused unless
+    its lines are left out; they are checked and counted. PyFactorGraph's own reader skips them without a
+    word.
     """
     path = Path(path)
     if not set(leave_out) <= {SIGHTING}:
@@ -329,7 +331,7 @@ class _Reader:
         return graph.with_factors(**self._pose_priors(), **tables), values
 
     def _numbers(self, word: str) -> tuple[Array, Array]:
-        """What is measured in the lines of a word, and its covariances; w first in quaternions, rotation first in tangents."""
+        """What is measured in the lines of a word, and its covariances, in the order that a graph has them."""
         grammar = _GRAMMAR[word]
         table = np.array([row.values for row in self._rows[word]], dtype=float).reshape(-1, grammar.numbers)
         measured = table[:, : grammar.measured]

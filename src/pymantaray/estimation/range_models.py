@@ -1,8 +1,8 @@
 """
 What an estimator believes of its ranges: travel times that a model of the water predicts, and unknowns that ranges share.
 
-A range model is anything with `RangeModel.predict`. The unknowns are amplitudes of sound-speed modes, and offset and skew of
-clocks; they are estimated with the poses.
+A range model is anything with `RangeModel.predict`. The unknowns are amplitudes of sound-speed modes, and
+offset and skew of clocks; they are estimated with the poses.
 """
 
 from collections.abc import Sequence
@@ -86,7 +86,7 @@ class AdjustableModel(Protocol):
         ...
 
     def adjusted(self, amplitudes: Array) -> "AdjustableModel":
-        """Give the model with these amplitudes, shape (n_modes,), counted from the ocean that was believed first. [m s⁻¹]."""
+        """Give the model with these amplitudes, counted from the ocean that was believed first. [m s⁻¹]."""
         ...
 
     def sensitivity(self, links: RangeLinks) -> Array:
@@ -234,8 +234,9 @@ class Unknowns:
     r"""
     Parameters that the ranges of one graph share, each with a Gaussian prior about zero.
 
-    The amplitudes of an `AdjustableModel` are unknowns; so are, with a prior of theirs, the clocks of the vehicles that
-    ``pose_agent`` gives for each pose. ``name``, ``unit`` and ``sigma``, the prior standard deviations, have one entry for each.
+    The amplitudes of an `AdjustableModel` are unknowns; so are, with a prior of theirs, the clocks of the
+    vehicles that ``pose_agent`` gives for each pose. ``name``, ``unit`` and ``sigma``, the prior standard
+    deviations, have one entry for each.
 
     The solver has them in units of their standard deviations: one variable :math:`u \sim N(0, I)`. One way, a
     ping sent at true time T and received at T + t is measured as
@@ -290,7 +291,7 @@ class Unknowns:
         )
 
     def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
-        """Measured travel times to be expected of the ranges in some rows, and how they change with the unknowns, (n, n_unknowns)."""
+        """Travel times to be measured of some ranges, and their change with the unknowns, (n, n_unknowns)."""
         value, k = self.sigma * u, self._n_modes
         columns = []
         if isinstance(self._model, AdjustableModel):

@@ -20,7 +20,7 @@ class Replay:
     """What an on-line estimator knew and when, and what it ended with."""
 
     solution: Solution
-    """After the last update, gated without bounds on the cost; iterations are updates, the initial cost is of the starting values."""
+    """After the last update, gated without bounds on the cost; its iterations are updates."""
     update_time: Array
     """Since the start of the mission, shape (n_updates,). [s]"""
     seconds: Array
@@ -28,7 +28,7 @@ class Replay:
     relinearized: NDArray[np.intp]
     """Variables linearized again in each update."""
     position: Array
-    """Each pose as believed at its own time: after the update then, or reckoned from the last one, shape (n_poses, 3). [m]"""
+    """Each pose as believed at its own time: after an update, or reckoned from the last one, (n_poses, 3). [m]"""
     quaternion: Array
     before: Array
     """Each position before the update that the pose came with, reckoned from the last one. [m]"""
@@ -46,8 +46,8 @@ def replay(
     Feed the factors of a graph, whose ranges are distances, to iSAM2 in the order of their time: that of their latest pose.
 
     Variables that have no prior and no edge from a pose that is there already enter at their initial value.
-    Every variable must be determined by what is known when it enters: a landmark without a prior of its own is
-    not, by its first range.
+    Every variable must be determined by what is known when it enters: a landmark without a prior of its own
+    is not, by its first range.
     """
     from pymantaray.estimation._gtsam.factors import FactorBuilder, to_graph_values
     from pymantaray.estimation._gtsam.incremental import Entering, IncrementalSmoother, timeline

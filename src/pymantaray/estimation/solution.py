@@ -68,8 +68,8 @@ class SolveOptions:
     ----------
     step_tolerance : float
         The solver stops when no variable moves by more than this in a step. Convergence is linear, by a
-        factor of about six a step: the default leaves less than 1e-5 m at the paper's size, 1e-3 leaves 0.2 mm for
-        an eighth less time. [m, rad]
+        factor of about six a step: the default leaves less than 1e-5 m at the paper's size, 1e-3 leaves 0.2
+        mm for an eighth less time. [m, rad]
     end_tolerance : float
         Largest step that the undamped system may still ask for at the end of damped steps, where the optimum
         repels undamped ones. [m, rad]
@@ -114,10 +114,10 @@ class Solution:
     """
     Values that a solve ended with, and its health; the values are NaN unless ``usable``.
 
-    Fields mean what they mean in `Estimates`; ``position`` and ``quaternion`` have one row for each pose
-    of the graph, or the shape ``(n_agents, n_times, ...)`` where `solve_conditions` returns them. Of a solve
-    with a range model, ``gated_links`` counts the ranges that the believed ocean does not allow in the end, and
-    ``expansions`` the times that the model was asked and the graph solved.
+    Fields mean what they mean in `Estimates`; ``position`` and ``quaternion`` have one row for each pose of
+    the graph, or the shape ``(n_agents, n_times, ...)`` where `solve_conditions` returns them. Of a solve
+    with a range model, ``gated_links`` counts the ranges that the believed ocean does not allow in the end,
+    and ``expansions`` the times that the model was asked and the graph solved.
     """
 
     position: Array

@@ -54,17 +54,18 @@ class GraphSolver:
         ----------
         graph : FactorGraph
         initial : GraphValues
-            Where to start. Where a loss is not convex the end depends on it: judge from dead reckoning, for the truth
-            hides local minima.
+            Where to start. Where a loss is not convex the end depends on it: judge from dead reckoning, for
+            the truth hides local minima.
         method : Method, optional
             By default a batch of least squares. Costs under a loss are robust ones, without an expectation.
         model_is_right : bool
             Whether the final cost of least squares in a batch has to lie within its chi-square bounds.
         believed : BelievedRanges, optional
-            Range model and what was measured, for outer iterations. By default the graph's ranges are distances.
+            Range model and what was measured, for outer iterations. By default the graph's ranges are
+            distances.
         covariance_poses : ndarray of int, shape (n_epochs, n_agents), optional
-            Poses whose covariances are wanted. By default none are computed. Under a robust loss they are those of the
-            ranges as they are weighted at the end, as if the weights were known.
+            Poses whose covariances are wanted. By default none are computed. Under a robust loss they are
+            those of the ranges as they are weighted at the end, as if the weights were known.
 
         Returns
         -------
@@ -74,9 +75,9 @@ class GraphSolver:
         Raises
         ------
         EstimationError
-            If a measurement or a noise level of the graph cannot be used, or the starting point does not
-            fit the graph or is not finite, or what is believed is of other ranges; or if the solver fails for depths that are too
-            well known, with the least standard deviation that it needs.
+            If a measurement or a noise level of the graph cannot be used, or the starting point does not fit
+            the graph or is not finite, or what is believed is of other ranges; or if the solver fails for
+            depths that are too well known, with the least standard deviation that it needs.
         """
         check_graph(graph)
         check_values(graph, initial)

@@ -61,9 +61,9 @@ def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> tuple[GraphVal
     Values that the edges of a graph give when composed from its pose priors.
 
     A pose is reached from the nearest prior over the fewest edges that are not odometry (one pose to the next
-    of a vehicle, either way), and over the fewest edges among these. Ranges and fixes are not used. Where the graph itself has
-    nothing to start from (the first pose of a chain that has no pose prior, a landmark that has none), ``values`` are taken;
-    how many is counted beside.
+    of a vehicle, either way), and over the fewest edges among these. Ranges and fixes are not used. Where the
+    graph itself has nothing to start from (the first pose of a chain that has no pose prior, a landmark that
+    has none), ``values`` are taken; how many is counted beside.
     """
     n = graph.n_poses
     prior, edge, survey = graph["prior"], graph["edge"], graph["survey"]
@@ -103,7 +103,8 @@ def anchor_loose_parts(
     """
     Give a prior to the first pose of each part of a graph that nothing ties to the world, where the values have it.
 
-    The poses that now have one are named beside; a part without poses gets none. Sigma is of each axis. [m, rad]
+    The poses that now have one are named beside; a part without poses gets none. Sigma is of each axis. [m,
+    rad]
     """
     part, loose = connected_parts(graph)
     n = graph.n_poses
@@ -121,8 +122,9 @@ def _shortest_tree(
     graph: FactorGraph, starts: NDArray[np.int_]
 ) -> tuple[list[int], list[int], dict[tuple[int, int], int]]:
     """
-    For each pose the one that it is reached from, the number of poses where it is a start; then poses in the order in which
-    they are reached, and the row of the edge for each ordered pair of poses that edges join, either way.
+    For each pose the one that it is reached from, the number of poses where it is a start; then poses in the
+    order in which they are reached, and the row of the edge for each ordered pair of poses that edges join,
+    either way.
     """
     n = graph.n_poses
     ends = graph["edge"].variables.astype(int)

@@ -1,8 +1,8 @@
 """
 From a solver-free graph to GTSAM factors, values and orderings.
 
-A kind of factor of `graph.KINDS` has its constructor in `_MAKERS`, which gives the factors of a table one by one; and, where its noise
-is not that of its covariance as it stands, its noise model in `_NOISE`.
+A kind of factor of `graph.KINDS` has its constructor in `_MAKERS`, which gives the factors of a table one by
+one; and, where its noise is not that of its covariance as it stands, its noise model in `_NOISE`.
 """
 
 from collections.abc import Callable, Iterator
@@ -184,7 +184,7 @@ def _m_estimator(loss: Loss) -> Any:
 
 
 def with_shared(values: Any, ordering: Any, key: int, dimension: int) -> tuple[Any, Any]:
-    """Copies of values and ordering with a vector that all ranges share: it is zero, and everything else is eliminated before."""
+    """Copies of values and ordering with a vector that all ranges share: zero, and eliminated last."""
     more = gtsam.Values(values)
     more.insert(key, np.zeros(dimension))
     longer = gtsam.Ordering()

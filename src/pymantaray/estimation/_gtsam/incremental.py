@@ -49,7 +49,7 @@ class IncrementalSmoother:
         self._smoother = gtsam.ISAM2(parameters)
 
     def update(self, factors: Any, rows: NDArray[np.intp], new: Any) -> tuple[float, int] | None:
-        """Take one step with more factors and the variables that they bring: seconds and variables relinearized, None if singular."""
+        """Take one step with more factors and variables: seconds, variables relinearized; None if singular."""
         added = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             added.add(factors.at(i))

@@ -1,4 +1,4 @@
-"""Joint covariance of a few variables at the optimum, how the ranges between them fit, and where a graph is weak or strained."""
+"""Joint covariances at the optimum, how ranges fit them, and where a graph is weak or strained."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -43,9 +43,9 @@ def group_marginals(
     r"""
     Covariances of groups of poses, shape (n_groups, n_members), at an optimum, joint within each group.
 
-    One partial elimination takes out all variables but those asked for, and landmarks that they are ranged with. What is left
-    is a small dense information matrix, whose inverse is the joint covariance of all groups. GTSAM's own ``Marginals``
-    eliminates everything twice as long and gives the same blocks.
+    One partial elimination takes out all variables but those asked for, and landmarks that they are ranged
+    with. What is left is a small dense information matrix, whose inverse is the joint covariance of all
+    groups. GTSAM's own ``Marginals`` eliminates everything twice as long and gives the same blocks.
 
     With whitened residuals :math:`b` of the ranges of a group at the optimum, their Jacobian :math:`A` and the
     covariance :math:`P`, residuals have the covariance :math:`S = I - A P A^\top`, and

@@ -65,9 +65,9 @@ def optimize(problem: Problem, initial: Any, ordering: Any, options: SolveOption
 
     Gauss-Newton runs until no variable moves by more than the tolerance. If the cost does not fall below its
     lowest within three steps or the linear system cannot be solved, Levenberg-Marquardt takes over from the
-    start, for ten times as many steps at most; Gauss-Newton polishes its end, unless that moves away again, as it does where large
-    residuals make the optimum repel it. Either way the last system solved is undamped, and proves convergence or the want
-    of it.
+    start, for ten times as many steps at most; Gauss-Newton polishes its end, unless that moves away again,
+    as it does where large residuals make the optimum repel it. Either way the last system solved is undamped,
+    and proves convergence or the want of it.
     """
     values, progress = _gauss_newton(problem, initial, ordering, options)
     if not (progress.singular or np.isnan(progress.last_step)):

@@ -1,4 +1,4 @@
-"""What is minimized: a graph whose ranges are distances, or travel times expanded about one place; under a loss or squared."""
+"""What is minimized: a graph whose ranges are distances, or travel times expanded about one place."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -80,9 +80,10 @@ class ExpandedRanges:
     """
     A graph whose ranges are travel times expanded about one place.
 
-    ``common`` has everything but the ranges, whose ends those of all rows of the expansion are; ``stock_of`` gives a graph of stock factors of
-    corrected distances under a loss, and is asked only for damped steps. The prior of what the ranges share is of unit covariance
-    about zero. Under a loss the covariances of the epochs have to be diagonal.
+    ``common`` has everything but the ranges, whose ends those of all rows of the expansion are; ``stock_of``
+    gives a graph of stock factors of corrected distances under a loss, and is asked only for damped steps.
+    The prior of what the ranges share is of unit covariance about zero. Under a loss the covariances of the
+    epochs have to be diagonal.
     """
 
     def __init__(
