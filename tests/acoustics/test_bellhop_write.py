@@ -157,7 +157,15 @@ def test_what_bellhop_would_move_or_lose_is_not_written(tmp_path):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"beams": 1}, {"cone": 4.0}, {"run": "tl"}, {"bottom": "mud"}, {"frequency": 0.0}, {"step": -1.0}],
+    [
+        {"beams": 1},
+        {"beams": 10**9},
+        {"cone": 4.0},
+        {"run": "tl"},
+        {"bottom": "mud"},
+        {"frequency": 0.0},
+        {"step": -1.0},
+    ],
 )
 def test_impossible_options_are_refused(wrong):
     with pytest.raises(AcousticsError, match=next(iter(wrong))):
@@ -181,6 +189,8 @@ def test_a_finer_linear_medium_nears_the_same_ocean(interpolation):
         assert fine.bathymetry[parts, 0] == pytest.approx(1020.0)
         return np.abs(find_eigenrays(fine, points, points).source_sound_speed - exact).max()
 
+    with pytest.raises(AcousticsError, match=r"horizontal 1000, vertical 1000: .* points; at most 100,"):
+        error(1000)
     errors = [error(parts) for parts in (1, 2, 4, 8)]
     if interpolation == "linear":
         assert max(errors) < 1e-9, errors

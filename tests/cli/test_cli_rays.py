@@ -332,6 +332,7 @@ def test_bad_input_is_one_line_and_writes_nothing(mantaray, folder, links, out, 
     [
         (("--azimuth", 3), "--azimuth and --distance go with --fan FROM TO COUNT"),
         (("--fan", 5, -5, 3), "--fan 5 -5 3: needs FROM below TO"),
+        (("--fan", -5, 5, 10**9), "--fan -5 5 1000000000: needs FROM below TO and a COUNT of 1 to 100000"),
         (("--fan", -5, 5, 3, "--cutoff-db", 3), "--cutoff-db: a fan is traced whole"),
         (("--fan", -5, 5, 3), "links.csv, line 7: distance: 0.0; a positive length"),
         (("--fan", -95, 5, 3), "links.csv, line 4: launch_angles: up to 1.65806 rad"),

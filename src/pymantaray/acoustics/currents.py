@@ -142,21 +142,12 @@ def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Ar
 
     Notes
     -----
-    In water that moves with velocity :math:`u` the eikonal equation is
-    :math:`c |p| + u \cdot p = 1`, :math:`p` the slowness. To first order in :math:`u / c` travel time
-    changes by minus the integral, over the time along the ray at rest, of what :math:`u` adds to the
-    Hamiltonian on the left:
+    :math:`\delta t = -\int u \cdot p \, dt`, with the slowness :math:`p`, along the ray of the water at rest; derived, with
+    what is neglected, on the theory page on timing. A boundary reflects without a change in time, the water beside it
+    moves along it.
 
-    .. math:: \delta t = -\int u \cdot p \, dt = -\int \frac{u \cdot \hat s}{c^2} \, ds .
-
-    The ray itself moves, but between fixed ends that acts in second order only (Fermat). Neglected on the
-    unmoved ray: at most :math:`(u / c)^2 t`, 0.2 mm at 10 km for 0.2 m/s. Neglected with the ray's shift,
-    away from caustics: about :math:`\kappa^2 L^3 / 24 c` for a path of length :math:`L` with the extra
-    curvature :math:`\kappa = |\nabla \times u| / c`; see the theory page for figures. A boundary reflects
-    without a change in time, the water beside it moves along it.
-
-    Derived in the theory page on timing; the same first-order formula underlies reciprocal tomography
-    (Munk, Worcester and Wunsch, *Ocean Acoustic Tomography*, 1995; known to the author at second hand only).
+    The same first-order formula underlies reciprocal tomography (Munk, Worcester and Wunsch, *Ocean Acoustic
+    Tomography*, 1995; known to the author at second hand only).
     """
     p = nodes.slowness
     rate = np.einsum("ij,ij->i", currents.at(nodes.position), p) * np.linalg.norm(p, axis=-1)

@@ -42,7 +42,7 @@ class _Stream(io.TextIOBase):
         return self._stream.closed
 
     def isatty(self) -> bool:
-        return self._stream.isatty()
+        return not self._stream.closed and self._stream.isatty()
 
     def fileno(self) -> int:
         return self._stream.fileno()

@@ -30,6 +30,7 @@ app.command("compare-bellhop", cls=OceanCommand)(compare_bellhop)
 app.command("write-bellhop", cls=OceanCommand)(write_bellhop)
 
 _MANY = 4096  # links that are worth a progress bar
+_MOST_RAYS = 100_000  # of a fan
 
 In = Annotated[
     Path,
@@ -263,6 +264,8 @@ def _fan_angles(first: float, last: float, count: int) -> "Array":
 
     from pymantaray.errors import AcousticsError
 
-    if count < 1 or not first <= last or (count > 1 and first == last):
-        raise AcousticsError(f"--fan {first:g} {last:g} {count}: needs FROM below TO and a positive COUNT")
+    if not 1 <= count <= _MOST_RAYS or not first <= last or (count > 1 and first == last):
+        raise AcousticsError(
+            f"--fan {first:g} {last:g} {count}: needs FROM below TO and a COUNT of 1 to {_MOST_RAYS}"
+        )
     return np.radians(np.linspace(first, last, count))

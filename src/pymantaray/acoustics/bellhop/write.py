@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 BottomKind = Literal["rigid", "vacuum", "matching"]
 Run = Literal["arrivals", "arrivals-binary", "rays", "eigenrays"]
 _LETTER: dict[Run, str] = {"arrivals": "A", "arrivals-binary": "a", "rays": "R", "eigenrays": "E"}
+_MOST_BEAMS = 10_000
+_MOST_POINTS = 100_000_000  # of a finer grid; 0.8 GB
 _LONGEST_NAME = 60  # Bellhop keeps 80 characters of a name with its extension
 
 
@@ -94,9 +96,9 @@ class BellhopOptions:
         for name, value, allowed in (("run", self.run, Run), ("bottom", self.bottom, BottomKind)):
             if value not in get_args(allowed) and not (name == "bottom" and isinstance(value, HalfSpace)):
                 raise AcousticsError(f"{name}: {value!r}; allowed are {', '.join(get_args(allowed))}")
-        if self.beams < 2 or not 0.0 < self.cone <= math.pi:
+        if not 2 <= self.beams <= _MOST_BEAMS or not 0.0 < self.cone <= math.pi:
             raise AcousticsError(
-                f"beams {self.beams}, cone {self.cone:g} rad; at least 2 beams and up to pi are allowed"
+                f"beams {self.beams}, cone {self.cone:g} rad; 2 to {_MOST_BEAMS} beams and up to pi are allowed"
             )
         if not (0.0 < self.frequency < math.inf and 0.0 <= self.step < math.inf):
             raise AcousticsError(
@@ -195,25 +197,33 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
     Raises
     ------
     AcousticsError
-        If a number of parts is below 1.
+        If a number of parts is below 1, or the grid would have more than 100 million points.
     """
     from scipy.interpolate import CubicSpline, make_interp_spline
 
     if horizontal < 1 or vertical < 1:
         raise AcousticsError(f"horizontal {horizontal}, vertical {vertical}; at least 1 part a cell")
     axes = (medium.north, medium.east, medium.depth)
-    finer = (_cut(medium.north, horizontal), _cut(medium.east, horizontal), _cut(medium.depth, vertical))
+    parts = (horizontal, horizontal, vertical)
+    points = math.prod((axis.size - 1) * n + 1 for axis, n in zip(axes, parts, strict=True))
+    if points > _MOST_POINTS:
+        raise AcousticsError(
+            f"horizontal {horizontal}, vertical {vertical}: {points:,} points; at most {_MOST_POINTS:,}"
+        )
+    north, east, depth = (_cut(axis, n) for axis, n in zip(axes, parts, strict=True))
     c = medium.sound_speed
     if medium.interpolation == "smooth":
-        c = CubicSpline(medium.depth, c, axis=2, bc_type="natural")(finer[2])
-        for k, axis in enumerate(axes[:2]):
+        c = CubicSpline(medium.depth, c, axis=2, bc_type="natural")(depth)
+        for k, (axis, finer) in enumerate(((medium.north, north), (medium.east, east))):
             if axis.size > 1:
-                c = make_interp_spline(axis, c, k=min(3, axis.size - 1), axis=k)(finer[k])
+                c = make_interp_spline(axis, c, k=min(3, axis.size - 1), axis=k)(finer)
     else:
-        c = _on_grid(axes, c, finer)
+        c = _on_grid(axes, c, (north, east, depth))
     bed = (_cut(medium.bed_north, horizontal), _cut(medium.bed_east, horizontal))
     return Medium.from_grid(
-        *finer,
+        north,
+        east,
+        depth,
         c,
         bathymetry=_on_grid((medium.bed_north, medium.bed_east), medium.bathymetry, bed),
         bed_north=bed[0],
