@@ -5,9 +5,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from pymantaray.acoustics import Medium
 from pymantaray.estimation import GraphValues, dead_reckon
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
 from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, RayStatus, Trajectories
+from pymantaray.sensing import Landmark
 
 TINY = tomllib.loads("""
 [study]
@@ -316,3 +318,21 @@ def make_arrivals(link, status=(RayStatus.OK,), **columns):
         if "dims" in f.metadata
     }
     return Arrivals(**zeros | {"link": link, "status": status} | columns)
+
+
+HIDDEN = Landmark("L1", (4000.0, 0.0, 250.0))
+
+
+def ridged(crest=150.0, *, speed=1450.0, gradient=0.0, bottom=1000.0):
+    """Water in which a ridge across the north axis at 2 km hides `HIDDEN` from the south, but not from a bounce above."""
+    north, east, depth = np.array([-5e3, 1.9e3, 2e3, 2.1e3, 8e3]), np.array([-5e3, 5e3]), np.array([0.0, 4e3])
+    bathymetry = np.full((5, 2), bottom)
+    bathymetry[2] = crest
+    return Medium.from_grid(
+        north,
+        east,
+        depth,
+        np.broadcast_to(speed + gradient * depth, (5, 2, 2)),
+        bathymetry=bathymetry,
+        interpolation="linear",
+    )

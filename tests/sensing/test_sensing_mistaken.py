@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from factories import HIDDEN, ridged
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
@@ -12,25 +13,28 @@ from pymantaray.acoustics import Currents, Medium, Sonar
 from pymantaray.errors import SensingError
 from pymantaray.records import RayStatus
 from pymantaray.sensing import (
+    Candidates,
     ClockModel,
     Detector,
-    Landmark,
     NoiseModel,
     OneWay,
+    Picker,
     PingSchedule,
     TwoWay,
     assemble,
+    draw_picks,
+    find_candidates,
     measure_ranges,
     perturb,
 )
-from pymantaray.sensing.mistaken import Candidates, Picker, draw_picks, find_candidates, range_on_picks
+from pymantaray.sensing.mistaken import range_on_picks
 
 C = 1480.0
 SCHEDULE = PingSchedule(800.0)
-HIDDEN = Landmark("L1", (4000.0, 0.0, 250.0))
 BOUNCES = {"max_surface_bounces": 1, "max_bottom_bounces": 1}
 ONE_WAY = OneWay()
 CURRENT = Currents.uniform(0.3, -0.4)
+RIDGED = ridged(speed=C)
 
 
 def sonar(source_level_db, spread_db=6.0):
@@ -121,17 +125,6 @@ def truth(make_truth):
     return make_truth("ABC")
 
 
-@pytest.fixture(scope="module")
-def ridged():
-    """A ridge up to 150 m hides one side from the other, but not from a bounce at the surface."""
-    north, east = np.array([-5e3, 1.9e3, 2e3, 2.1e3, 8e3]), np.array([-5e3, 5e3])
-    bathymetry = np.full((5, 2), 1000.0)
-    bathymetry[2] = 150.0
-    return Medium.from_grid(
-        north, east, [0.0, 2000.0], np.full((5, 2, 2), C), bathymetry=bathymetry, interpolation="linear"
-    )
-
-
 def mission(truth, water, picker, timing=ONE_WAY, **options):
     """Noise-free measurements and candidates; the picker's sonar is the detector's."""
     detector = None if picker.sonar is None else Detector(picker.sonar)
@@ -149,13 +142,13 @@ def assert_same(one, two):
 
 @pytest.mark.parametrize("currents", [None, CURRENT])
 @pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
-def test_with_certain_detection_the_first_arrival_is_always_taken(truth, ridged, timing, currents):
+def test_with_certain_detection_the_first_arrival_is_always_taken(truth, timing, currents):
     """The same as ranging on the first of all arrivals, hidden links by their bounce included."""
-    _, o, candidates = mission(truth, ridged, CERTAIN, timing, currents=currents)
+    _, o, candidates = mission(truth, RIDGED, CERTAIN, timing, currents=currents)
     rows = draw_picks(o, candidates, root_seed=1, realization=0)
     taken = range_on_picks(o, candidates, rows)
     first = measure_ranges(
-        truth, [HIDDEN], ridged, SCHEDULE, timing=timing, arrival="first", currents=currents, **BOUNCES
+        truth, [HIDDEN], RIDGED, SCHEDULE, timing=timing, arrival="first", currents=currents, **BOUNCES
     )
     assert (first.status != o.range_status).any()
     np.testing.assert_array_equal(taken.range_status, first.status)
@@ -166,9 +159,9 @@ def test_with_certain_detection_the_first_arrival_is_always_taken(truth, ridged,
 
 
 @pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
-def test_where_mistakes_have_probability_zero_all_is_as_without_them(truth, ridged, timing):
+def test_where_mistakes_have_probability_zero_all_is_as_without_them(truth, timing):
     clocks = ClockModel(1e-3, 1e-6)
-    ranging, o, candidates = mission(truth, ridged, Picker("strongest-detected"), timing)
+    ranging, o, candidates = mission(truth, RIDGED, Picker("strongest-detected"), timing)
     certain = replace(candidates, probability=candidates.direct)
     options = {
         "root_seed": 1,
@@ -195,9 +188,9 @@ def test_without_other_arrivals_the_outcome_is_that_of_detection_alone(truth, ti
     assert_same(perturb(o, **options, candidates=candidates), plain)
 
 
-def test_mistakes_come_in_the_place_of_what_was_not_heard(truth, ridged):
+def test_mistakes_come_in_the_place_of_what_was_not_heard(truth):
     """In water of constant sound speed the direct arrival is the first: heard is heard."""
-    ranging, o, candidates = mission(truth, ridged, Picker("first-detected", sonar(168.0)))
+    ranging, o, candidates = mission(truth, RIDGED, Picker("first-detected", sonar(168.0)))
     gained = 0
     for realization in range(20):
         without = perturb(o, root_seed=3, realization=realization, probability=ranging.probability)
@@ -213,8 +206,8 @@ def test_mistakes_come_in_the_place_of_what_was_not_heard(truth, ridged):
 
 
 @pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
-def test_each_candidate_is_taken_as_often_as_its_probability_says(truth, ridged, timing):
-    _, o, candidates = mission(truth, ridged, Picker("first-detected", sonar(170.0)), timing)
+def test_each_candidate_is_taken_as_often_as_its_probability_says(truth, timing):
+    _, o, candidates = mission(truth, RIDGED, Picker("first-detected", sonar(170.0)), timing)
     n = 400
     taken = np.concatenate([draw_picks(o, candidates, root_seed=9, realization=r) for r in range(n)])
     count = np.bincount(taken[taken >= 0], minlength=candidates.attempt.size)
@@ -226,8 +219,8 @@ def test_each_candidate_is_taken_as_often_as_its_probability_says(truth, ridged,
     assert np.count_nonzero(taken < 0) / n == pytest.approx(nothing.sum(), rel=0.05)
 
 
-def test_candidates_are_the_arrivals_of_the_link_in_both_directions(truth, ridged):
-    ranging, o, candidates = mission(truth, ridged, Picker("strongest-detected"))
+def test_candidates_are_the_arrivals_of_the_link_in_both_directions(truth):
+    ranging, o, candidates = mission(truth, RIDGED, Picker("strongest-detected"))
     pings = np.bincount(ranging.arrivals.link)  # landmarks only listen
     expected = np.sum(pings * np.where(ranging.links.second == 3, 1, 2))
     assert candidates.attempt.size == expected
@@ -245,9 +238,9 @@ def test_candidates_are_the_arrivals_of_the_link_in_both_directions(truth, ridge
     assert set(o.range_status) == {RayStatus.OK, RayStatus.BLOCKED}
 
 
-def test_the_direct_candidate_comes_first_even_if_it_is_not_the_earliest(truth, ridged):
+def test_the_direct_candidate_comes_first_even_if_it_is_not_the_earliest(truth):
     """A surface duct can do that; here the bounces of each link's first two arrivals are exchanged."""
-    ranging, _, _ = mission(truth, ridged, Picker("strongest-detected"))
+    ranging, _, _ = mission(truth, RIDGED, Picker("strongest-detected"))
     arrivals = ranging.arrivals
     first = np.unique(arrivals.link, return_index=True)[1]
     first = first[np.bincount(arrivals.link)[arrivals.link[first]] > 1]
@@ -266,10 +259,10 @@ def test_the_direct_candidate_comes_first_even_if_it_is_not_the_earliest(truth, 
         assert (found.travel_time[later + 1] < found.travel_time[later]).any()
 
 
-def test_what_is_stopped_has_no_candidates(truth, ridged):
+def test_what_is_stopped_has_no_candidates(truth):
     status = truth.status.copy()
     status[1] = 1
-    _, o, candidates = mission(replace(truth, status=status), ridged, Picker("strongest-detected"))
+    _, o, candidates = mission(replace(truth, status=status), RIDGED, Picker("strongest-detected"))
     silent = np.flatnonzero(o.range_status == RayStatus.STOPPED)
     assert silent.size
     assert not np.isin(candidates.attempt, silent).any()
@@ -277,15 +270,13 @@ def test_what_is_stopped_has_no_candidates(truth, ridged):
     assert (noisy.range_status[silent] == RayStatus.STOPPED).all()
 
 
-def test_candidates_are_kept_on_disk(tmp_path):
+def test_an_attempt_picks_the_candidate_in_whose_share_its_chance_falls():
     kept = Candidates([0, 0], [1.0, 1.5], [0.75, 0.25], [1, 0], [0, 2])
-    kept.save(tmp_path / "candidates.nc")
-    assert_same(Candidates.load(tmp_path / "candidates.nc"), kept)
     np.testing.assert_array_equal(kept.picks([0.7499, 0.0]), [0, -1])
     np.testing.assert_array_equal(kept.picks([0.75]), [1])
 
 
-def test_what_does_not_fit_is_refused(truth, ridged):
+def test_what_does_not_fit_is_refused(truth):
     with pytest.raises(SensingError, match="rule 'loudest'; allowed are first-detected, strongest-detected"):
         Picker("loudest")
     with pytest.raises(
@@ -294,7 +285,7 @@ def test_what_does_not_fit_is_refused(truth, ridged):
         Picker("first-detected")
     with pytest.raises(SensingError, match=r"below_strongest_db is 3\.0"):
         Picker("strongest-detected", below_strongest_db=3.0)
-    ranging, o, candidates = mission(truth, ridged, Picker("strongest-detected"))
+    ranging, o, candidates = mission(truth, RIDGED, Picker("strongest-detected"))
     with pytest.raises(
         SensingError, match="a picker with a sonar needs ranges that were measured with a detector"
     ):

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from factories import HIDDEN, ridged
 from scipy.stats import norm
 
 from pymantaray.acoustics import (
@@ -34,7 +35,6 @@ C0, GRADIENT, BOTTOM = 1450.0, 0.016, 3000.0
 DEPTH = np.array([0.0, 1500.0, 4000.0])
 CURRENT = Currents.uniform(0.3, -0.4)
 SONAR = Sonar(source_level_db=150.0, frequency_hz=25e3, bandwidth_hz=4e3, noise=45.0)
-HIDDEN = Landmark("L1", (4000.0, 0.0, 250.0))
 
 
 def profile(speed):
@@ -42,16 +42,7 @@ def profile(speed):
     return Medium.from_profile(DEPTH, speed, bottom_depth=BOTTOM, interpolation="linear")
 
 
-def ridged(crest, gradient=0.0, bottom=1000.0):
-    """A ridge across the north axis at 2 km hides one side from the other, but not from a bounce at the surface."""
-    north, east, depth = np.array([-5e3, 1.9e3, 2e3, 2.1e3, 8e3]), np.array([-5e3, 5e3]), np.array([0.0, 4e3])
-    bathymetry = np.full((5, 2), bottom)
-    bathymetry[2] = crest
-    speed = np.broadcast_to(C0 + gradient * depth, (5, 2, 2))
-    return Medium.from_grid(north, east, depth, speed, bathymetry=bathymetry, interpolation="linear")
-
-
-STILL, REFRACTING, RIDGED = profile(C0), profile(C0 + GRADIENT * DEPTH), ridged(150.0)
+STILL, REFRACTING, RIDGED = profile(C0), profile(C0 + GRADIENT * DEPTH), ridged()
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +150,7 @@ def test_a_whole_fleet_at_rest_is_silent_and_one_vehicle_alone_ranges_nobody(tru
 
 
 def test_a_link_behind_a_ridge_is_a_dropout_with_its_chord_and_sound_speed(truth):
-    wall = ridged(20.0, GRADIENT, BOTTOM)
+    wall = ridged(20.0, gradient=GRADIENT, bottom=BOTTOM)
     found = measure_ranges(truth, [Landmark("L", (5000.0, 0.0, 300.0))], wall, SCHEDULE)
     hidden, true = found.attempts.receiver == 4, found.truth
     np.testing.assert_array_equal(found.status, np.where(hidden, RayStatus.BLOCKED, RayStatus.OK))
