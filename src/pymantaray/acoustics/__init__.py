@@ -4,7 +4,7 @@ from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.analytic import direct_travel_time_linear_gradient
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import find_eigenrays
-from pymantaray.acoustics.loss import FluidBottom, SeaSurface, TransmissionLoss, transmission_loss
+from pymantaray.acoustics.loss import FluidBottom, IceCover, SeaSurface, TransmissionLoss, transmission_loss
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.paths import (
     path_integrals,
@@ -22,6 +22,7 @@ __all__ = [
     "Absorption",
     "Currents",
     "FluidBottom",
+    "IceCover",
     "Medium",
     "ReducedProfile",
     "Rule",

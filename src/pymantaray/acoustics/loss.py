@@ -129,6 +129,44 @@ class SeaSurface:
         )
 
 
+@dataclass(frozen=True)
+class IceCover:
+    """
+    Underside of ice, which loses the same at every bounce.
+
+    Parameters
+    ----------
+    db_per_bounce : float
+        Measured were some 20 dB at steep angles, falling beyond 30 degrees from the vertical [1]_, and 15 dB now and then at
+        grazing angles up to 30 degrees under undulating ice [2]_. [dB]
+
+    Raises
+    ------
+    AcousticsError
+        If the loss is negative or not finite.
+
+    References
+    ----------
+    .. [1] Langleben, M. P. and Pounder, E. R. (1970), Acoustic attenuation in sea ice, part II, AD0707059, abstract:
+       amplitude reflection coefficient about 0.1 near the vertical, 20 to 450 kHz.
+    .. [2] Verrall, R. and Ganton, J. (1977), The reflection of acoustic waves in sea water from an ice covered surface,
+       ADA047298, abstract: reflectivities of -15 dB not uncommon, 0.2 to 20 kHz.
+    """
+
+    db_per_bounce: float
+
+    def __post_init__(self) -> None:
+        """Check the loss."""
+        if not 0.0 <= self.db_per_bounce < math.inf:
+            raise AcousticsError(
+                f"IceCover: {self.db_per_bounce:g} dB a bounce; it must be zero or positive and finite"
+            )
+
+    def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:  # noqa: ARG002
+        """Loss of one bounce, as `SeaSurface.loss_db`. [dB]"""
+        return np.full(np.shape(grazing_angle), self.db_per_bounce)
+
+
 class Bounces(NamedTuple):
     """Bounces of ray paths, each (n_bounces,)."""
 
@@ -151,7 +189,7 @@ def transmission_loss(
     *,
     absorption: Absorption | None = None,
     bottom: FluidBottom | None = None,
-    surface: SeaSurface | None = None,
+    surface: SeaSurface | IceCover | None = None,
     paths: RayPaths | None = None,
 ) -> TransmissionLoss:
     """
@@ -171,7 +209,7 @@ def transmission_loss(
         By default the water absorbs nothing.
     bottom : FluidBottom, optional
         By default the sea bed reflects everything, without change of phase.
-    surface : SeaSurface, optional
+    surface : SeaSurface or IceCover, optional
         By default the surface reflects everything, with phase pi.
     paths : RayPaths, optional
         What `trace_paths` returned for the arrivals, if at hand; traced here where they are needed.

@@ -229,7 +229,7 @@ class Medium:
         ----------
         ocean : xarray.Dataset
             With dimensions (north, east, depth), or (depth, lat, lon), which is then regridded about the
-            middle of its window.
+            middle of its window. Ice as `pymantaray.ocean.with_ice` puts it there is taken.
         interpolation : {"smooth", "linear"}
             What lies between the grid points.
 
@@ -262,6 +262,7 @@ class Medium:
             bed_north=bed[axes[0]].values,
             bed_east=bed[axes[1]].values,
             interpolation=interpolation,
+            ice_draft=ocean["sea_ice_draft"].values if "sea_ice_draft" in ocean else 0.0,
         )
 
     def bottom_depth(self, position: ArrayLike) -> Array:

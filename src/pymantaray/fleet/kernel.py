@@ -42,6 +42,8 @@ class Water(NamedTuple):
     floor_per_north: float
     floor_per_east: float
     floor: np.ndarray
+    ice: np.ndarray
+    """Depth of the ice's underside on the ocean's axes; one value 0 without ice."""
 
 
 @entry
@@ -64,6 +66,18 @@ def floor_depth(water, north, east):
     j, y = cell_of((east - water.floor_east) * water.floor_per_east, water.floor.shape[1])
     near = water.floor[i, j] * (1.0 - y) + water.floor[i, j + 1] * y
     far = water.floor[i + 1, j] * (1.0 - y) + water.floor[i + 1, j + 1] * y
+    return near * (1.0 - x) + far * x
+
+
+@entry
+def surface_depth(water, north, east):
+    """Depth of the surface, or of the ice's underside, bilinear; constant outside the domain."""
+    if water.ice.size == 1:
+        return water.ice[0, 0]
+    i, x = cell_of((north - water.north) * water.per_north, water.ice.shape[0])
+    j, y = cell_of((east - water.east) * water.per_east, water.ice.shape[1])
+    near = water.ice[i, j] * (1.0 - y) + water.ice[i, j + 1] * y
+    far = water.ice[i + 1, j] * (1.0 - y) + water.ice[i + 1, j + 1] * y
     return near * (1.0 - x) + far * x
 
 
@@ -113,8 +127,8 @@ def _rotate(q, a):
 
 
 @kernel
-def _compose(q, p, quaternion, translation):
-    """Move a pose by a motion in its body frame; a vehicle does not rise out of the water."""
+def _compose(water, q, p, quaternion, translation):
+    """Move a pose by a motion in its body frame; a vehicle does not rise out of the water, or into the ice."""
     moved = _rotate(q, translation)
     w = q[0] * quaternion[0] - q[1] * quaternion[1] - q[2] * quaternion[2] - q[3] * quaternion[3]
     x = q[0] * quaternion[1] + q[1] * quaternion[0] + q[2] * quaternion[3] - q[3] * quaternion[2]
@@ -122,7 +136,8 @@ def _compose(q, p, quaternion, translation):
     z = q[0] * quaternion[3] + q[1] * quaternion[2] - q[2] * quaternion[1] + q[3] * quaternion[0]
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     turned = (w / norm, x / norm, y / norm, z / norm)
-    return turned, (p[0] + moved[0], p[1] + moved[1], max(p[2] + moved[2], 0.0))
+    north, east = p[0] + moved[0], p[1] + moved[1]
+    return turned, (north, east, max(p[2] + moved[2], surface_depth(water, north, east)))
 
 
 @kernel
@@ -143,7 +158,7 @@ def run_twist(water, twist, dt, steps, position, quaternion, status):
     state = ACTIVE
     for sample in range(1, position.shape[0]):
         for _ in range(steps if state == ACTIVE else 0):
-            next_q, next_p = _compose(q, p, turn, move)
+            next_q, next_p = _compose(water, q, p, turn, move)
             state = place(water, next_p[0], next_p[1], next_p[2])
             if state != ACTIVE:
                 break
@@ -184,7 +199,7 @@ def run_waypoints(
                 break
             omega = _pursue(q, p, points[leg], turn_rate, dt)
             turn, move = _exponential(omega, (speed, 0.0, 0.0), dt)
-            next_q, next_p = _compose(q, p, turn, move)
+            next_q, next_p = _compose(water, q, p, turn, move)
             state = place(water, next_p[0], next_p[1], next_p[2])
             if state != ACTIVE:
                 break
@@ -295,14 +310,17 @@ def _float_kernel(varying):
         step = 0
         for sample in range(1, position.shape[0]):
             for _ in range(steps if state == ACTIVE else 0):
+                top = surface_depth(water, north, east)  # under ice a float holds at its underside
+                goal = max(wanted, top)
                 if holding:
                     if step >= until:
                         down, holding = not down, False
                         wanted = cycle.target if down else cycle.surface
-                elif abs(wanted - depth) <= cycle.tolerance:
+                        goal = max(wanted, top)
+                elif abs(goal - depth) <= cycle.tolerance:
                     holding = True
                     until = step + (cycle.hold_depth if down else cycle.hold_surface)
-                w = min(max(cycle.gain * (wanted - depth), -cycle.speed), cycle.speed)
+                w = min(max(cycle.gain * (goal - depth), -cycle.speed), cycle.speed)
                 for _ in range(2 if step == 0 else 1):
                     if varying:
                         now = step * dt + half
@@ -337,7 +355,7 @@ def _float_kernel(varying):
                         v += since * _evaluate(rate_v, x, y, z)
                     half = 0.5 * dt
                 new_north, new_east = north + u * dt, east + v * dt
-                new_depth = max(depth + w * dt, 0.0)
+                new_depth = max(depth + w * dt, surface_depth(water, new_north, new_east))
                 x = (new_north - cell_north) * per_north
                 y = (new_east - cell_east) * per_east
                 if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and new_depth <= shallowest):

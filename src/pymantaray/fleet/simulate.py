@@ -47,7 +47,9 @@ def simulate(
         Local data set: uniform axes ``north`` and ``east``, levels ``depth`` [m]; ``current_north``,
         ``current_east`` (north, east, depth) [m s⁻¹]; ``sea_floor_depth`` (north, east) or
         (floor_north, floor_east) [m]. Currents with a further axis ``time``, seconds from the mission's
-        start, are linear between its instants, which must enclose the mission.
+        start, are linear between its instants, which must enclose the mission. ``sea_ice_draft``, if it is there, one
+        value or (north, east): no vehicle rises into the ice, one that would start in it starts at its underside, and a
+        float that surfaces holds there. [m]
     duration : float
         Length of the mission, a whole number of sampling periods. [s]
     physics_step : float
@@ -89,7 +91,8 @@ def simulate(
     quaternion = np.empty((len(vehicles), periods + 1, 4))
     status = np.zeros((len(vehicles), periods + 1), dtype=np.int8)
     for row, vehicle in enumerate(vehicles):
-        position[row] = vehicle.position
+        top = kernel.surface_depth(water, *map(float, vehicle.position[:2]))
+        position[row] = [*vehicle.position[:2], max(vehicle.position[2], top)]
         quaternion[row] = _start_quaternion(vehicle.heading)
         _run(vehicle, water, float(physics_step), steps, position[row], quaternion[row], status[row])
     return Trajectories(
@@ -208,6 +211,7 @@ def _water(ocean: xr.Dataset) -> kernel.Water:
         floor_per_north=_per_metre(floor_north),
         floor_per_east=_per_metre(floor_east),
         floor=_variable(ocean, "sea_floor_depth", _FLOOR if own else _DIMS[:2]),
+        ice=_ice(ocean),
     )
 
 
@@ -241,6 +245,13 @@ def _variable(ocean: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
             " fill it with pymantaray.ocean.to_local"
         )
     return values
+
+
+def _ice(ocean: xr.Dataset) -> Array:
+    """Draft of ice, one value where it does not vary. [m]"""
+    if "sea_ice_draft" not in ocean:
+        return np.zeros((1, 1))
+    return np.atleast_2d(_variable(ocean, "sea_ice_draft", _DIMS[:2] if ocean["sea_ice_draft"].ndim else ()))
 
 
 def _floor_axes(ocean: xr.Dataset, north: Array, east: Array) -> tuple[Array, Array]:

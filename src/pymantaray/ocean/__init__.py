@@ -4,6 +4,7 @@ from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.casts import cast_ocean, read_cast, read_casts
 from pymantaray.ocean.check import check_ocean
 from pymantaray.ocean.corrections import correct_with_casts
+from pymantaray.ocean.ice import with_ice
 from pymantaray.ocean.local import to_local
 from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, layer_weights, vertical_modes
 from pymantaray.ocean.open import ocean_times, open_ocean, open_ocean_series
@@ -45,4 +46,5 @@ __all__ = [
     "vertical_modes",
     "window_of",
     "with_history",
+    "with_ice",
 ]

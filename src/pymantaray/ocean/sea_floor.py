@@ -212,7 +212,7 @@ def open_sea_floor(
     """
     with open_file(path) as data:
         field = _field_of(data)
-        lat, lon, values = _projected(field, window, crs) if field.is_projected() else _cut(field, window)
+        lat, lon, values = field.on_geographic(window, crs)
         return xr.DataArray(
             _downward(values, field),
             coords={
@@ -230,8 +230,8 @@ def open_sea_floor(
         )
 
 
-class _Field(NamedTuple):
-    """Variable that holds the sea floor, its two axes, and which way it counts."""
+class HorizontalField(NamedTuple):
+    """Variable on two horizontal axes, and which way it counts."""
 
     data: xr.Dataset
     name: str
@@ -259,6 +259,10 @@ class _Field(NamedTuple):
                 return True
         return False
 
+    def on_geographic(self, window: GeographicWindow | None, crs: str | None) -> tuple[Array, Array, Array]:
+        """Latitudes and longitudes, both rising, and values of a window and one point around it."""
+        return _projected(self, window, crs) if self.is_projected() else _cut(self, window)
+
     def read(self, rows: slice, columns: slice) -> Array:
         """One rectangle, latitude first."""
         dims = self.data.variables[self.name].dims
@@ -267,19 +271,19 @@ class _Field(NamedTuple):
         return block if dims.index(self.lat) < dims.index(self.lon) else block.T
 
 
-def _field_of(data: xr.Dataset) -> _Field:
+def _field_of(data: xr.Dataset) -> HorizontalField:
     """Variable on two horizontal axes whose standard name, or else name, is a sea floor's."""
     where = file_name(data)
-    by_standard_name: list[_Field] = []
-    by_name: list[_Field] = []
+    by_standard_name: list[HorizontalField] = []
+    by_name: list[HorizontalField] = []
     for name, variable in ((str(name), variable) for name, variable in data.variables.items()):
-        axes, standard_name = _horizontal(data, variable), text(variable, "standard_name")
+        axes, standard_name = horizontal_axes(data, variable), text(variable, "standard_name")
         known = standard_name in _DOWN + _UP
         if axes is None or not (known or name.lower() in _NAMED):
             continue
         usual = ("down" if standard_name in _DOWN else "up") if known else _NAMED[name.lower()]
         stated = text(variable, "positive").lower()
-        field = _Field(data, name, *axes, stated if stated in ("up", "down") else usual)
+        field = HorizontalField(data, name, *axes, stated if stated in ("up", "down") else usual)
         (by_standard_name if known else by_name).append(field)
     fields = by_standard_name or by_name
     if len(fields) > 1:
@@ -301,7 +305,7 @@ def _field_of(data: xr.Dataset) -> _Field:
     )
 
 
-def _horizontal(data: xr.Dataset, variable: xr.Variable) -> tuple[str, str] | None:
+def horizontal_axes(data: xr.Dataset, variable: xr.Variable) -> tuple[str, str] | None:
     """Names of the latitude-like and the longitude-like dimension; every other one has one entry."""
     lat = lon = None
     for dim, size in zip(map(str, variable.dims), variable.shape, strict=True):
@@ -317,7 +321,7 @@ def _horizontal(data: xr.Dataset, variable: xr.Variable) -> tuple[str, str] | No
     return None if lat is None or lon is None else (lat, lon)
 
 
-def _cut(field: _Field, window: GeographicWindow | None) -> tuple[Array, Array, Array]:
+def _cut(field: HorizontalField, window: GeographicWindow | None) -> tuple[Array, Array, Array]:
     """Latitudes, longitudes and values of a window and one point around it."""
     lat, lon = field.axis(field.lat), field.axis(field.lon)
     wider = None
@@ -341,7 +345,9 @@ def _cut(field: _Field, window: GeographicWindow | None) -> tuple[Array, Array, 
     return part.lat, part.lon, values[:: -1 if part.falling else 1, part.order]
 
 
-def _projected(field: _Field, window: GeographicWindow | None, crs: str | None) -> tuple[Array, Array, Array]:
+def _projected(
+    field: HorizontalField, window: GeographicWindow | None, crs: str | None
+) -> tuple[Array, Array, Array]:
     """Field on projected axes, bilinear on latitudes and longitudes spaced as the file is at the window's middle."""
     where = file_name(field.data)
     if window is None:
@@ -364,7 +370,7 @@ def _projected(field: _Field, window: GeographicWindow | None, crs: str | None) 
     return lat, lon, np.asarray(bilinear((at_y, at_x)))
 
 
-def _crs_of(field: _Field, crs: str | None) -> pyproj.CRS:
+def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
     """
     Coordinate reference system of the axes: what the user says, else what the file does.
 
@@ -421,7 +427,7 @@ def _reach(axis: Array, values: Array) -> slice:
     return slice(first, last) if axis[-1] > axis[0] else slice(axis.size - last, axis.size - first)
 
 
-def _downward(values: Array, field: _Field) -> Array:
+def _downward(values: Array, field: HorizontalField) -> Array:
     """Depth, positive down, 0 on land and where a depth is missing."""
     name, positive = f"{file_name(field.data)}: {field.name}", field.positive
     finite = values[np.isfinite(values)]

@@ -6,7 +6,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics import Absorption, FluidBottom, Medium, SeaSurface, Sonar, transmission_loss
+from pymantaray.acoustics import (
+    Absorption,
+    FluidBottom,
+    IceCover,
+    Medium,
+    SeaSurface,
+    Sonar,
+    transmission_loss,
+)
 from pymantaray.errors import SensingError
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
 from pymantaray.records.base import Column, Record, column
@@ -37,14 +45,14 @@ class Detector:
         By default the water absorbs nothing.
     bottom : FluidBottom, optional
         By default the sea bed reflects everything.
-    surface : SeaSurface, optional
+    surface : SeaSurface or IceCover, optional
         By default the surface reflects everything.
     """
 
     sonar: Sonar
     absorption: Absorption | None = None
     bottom: FluidBottom | None = None
-    surface: SeaSurface | None = None
+    surface: SeaSurface | IceCover | None = None
 
     def loss_db(
         self, medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, paths: RayPaths

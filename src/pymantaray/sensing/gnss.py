@@ -18,8 +18,8 @@ class GnssNoise:
 
 def measure(scene: Scene, noise: GnssNoise) -> Columns:
     """Positions where the depth is smaller than the scene's ``gnss_depth``."""
-    if not scene.gnss_depth >= 0.0:
-        raise SensingError(f"gnss_depth is {scene.gnss_depth:g} m; it must be zero or positive")
+    if not np.all(np.asarray(scene.gnss_depth) >= 0.0):
+        raise SensingError(f"gnss_depth is {np.min(scene.gnss_depth):g} m; it must be zero or positive")
     agent, sample = np.nonzero(scene.truth.position[..., 2] < scene.gnss_depth)
     return {
         "gnss_agent": agent,

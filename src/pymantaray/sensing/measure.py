@@ -27,7 +27,7 @@ def assemble(
     ranging: Ranging,
     noise: NoiseModel,
     *,
-    gnss_depth: float = 1.0,
+    gnss_depth: float | NDArray[np.float64] = 1.0,
 ) -> Measurements:
     """
     Measurements of a mission whose ranges are already measured.
@@ -42,8 +42,8 @@ def assemble(
         What `measure_ranges` returned for the same truth.
     noise : NoiseModel
         Fills the standard deviations; nothing is perturbed.
-    gnss_depth : float
-        A vehicle has a GNSS fix while it is shallower. [m]
+    gnss_depth : float or ndarray, shape (n_vehicles, n_samples)
+        A vehicle has a GNSS fix while it is shallower; 0 where there is none, as under ice. [m]
 
     Returns
     -------

@@ -24,8 +24,8 @@ class Scene(NamedTuple):
 
     truth: Trajectories
     landmarks: Sequence["Landmark"]
-    gnss_depth: float
-    """A vehicle has a GNSS fix while it is shallower. [m]"""
+    gnss_depth: float | NDArray[Any]
+    """A vehicle has a GNSS fix while it is shallower; one value, or for each vehicle and sample. [m]"""
 
 
 class Sensor(Protocol):

@@ -10,8 +10,18 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Absorption, Currents, FluidBottom, Medium, SeaSurface, Sonar, WenzNoise
+from pymantaray.acoustics import (
+    Absorption,
+    Currents,
+    FluidBottom,
+    IceCover,
+    Medium,
+    SeaSurface,
+    Sonar,
+    WenzNoise,
+)
 from pymantaray.fleet import Behaviour, ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints
+from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean import (
     ocean_times,
     open_ocean,
@@ -21,7 +31,9 @@ from pymantaray.ocean import (
     sound_speed_profile_spread,
     to_local,
     window_of,
+    with_ice,
 )
+from pymantaray.records import Trajectories
 from pymantaray.sensing import ClockModel, Detector, Landmark, OneWay, Picker, Timing, TwoWay
 from pymantaray.study.config import (
     AnyVehicle,
@@ -76,13 +88,7 @@ def build_ocean(section: OceanSection, duration: float) -> StudyOcean:
     def local_ones() -> Iterator[xr.Dataset]:
         oceans.reverse()
         while oceans:  # each is let go once it is brought to the local grid
-            yield to_local(
-                oceans.pop(),
-                centre=section.centre,
-                half_extent=section.half_extent,
-                sea_floor=sea_floor,
-                equation=section.equation,
-            )
+            yield local_ocean(section, oceans.pop(), sea_floor)
 
     series = series_of(local_ones(), time) if section.time_varying else None
     return StudyOcean(
@@ -92,6 +98,30 @@ def build_ocean(section: OceanSection, duration: float) -> StudyOcean:
         region=region_table(geographic, equation=section.equation),
         series=series,
     )
+
+
+def local_ocean(section: OceanSection, geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.Dataset:
+    """Ocean in the local frame of a study, under its ice."""
+    local = to_local(
+        geographic,
+        centre=section.centre,
+        half_extent=section.half_extent,
+        sea_floor=sea_floor,
+        equation=section.equation,
+    )
+    return local if section.ice is None else with_ice(local, section.ice)
+
+
+def gnss_depth(config: StudyConfig, ocean: StudyOcean, truth: Trajectories) -> float | NDArray[np.float64]:
+    """Depth above which vehicles have a GNSS fix: that of the mission, 0 under ice. [m]"""
+    if "sea_ice_draft" not in ocean.local:
+        return config.mission.gnss_depth
+    ice = ocean.local["sea_ice_draft"].values
+    if not ice.ndim:
+        return config.mission.gnss_depth if ice == 0.0 else 0.0
+    look_up = linear_interpolator((ocean.local["north"].values, ocean.local["east"].values), ice)
+    draft = look_up(truth.position[..., :2].reshape(-1, 2)).reshape(truth.position.shape[:2])
+    return np.where(draft > 0.0, 0.0, config.mission.gnss_depth)
 
 
 def build_sea_floor(section: OceanSection, geographic: xr.Dataset) -> xr.DataArray | None:
@@ -258,10 +288,14 @@ def build_detector(config: StudyConfig, ocean: StudyOcean) -> Detector | None:
         ),
         absorption=_absorption(s, ocean.geographic, config.ocean.centre),
         bottom=None if s.sediment == "none" else FluidBottom.standard(s.sediment),
-        surface=None
-        if s.surface_loss == "none"
-        else SeaSurface(wind_speed=s.wind_speed, model=s.surface_loss),
+        surface=_surface(s),
     )
+
+
+def _surface(s: DetectionSection) -> SeaSurface | IceCover | None:
+    if s.ice_loss_db is not None:
+        return IceCover(s.ice_loss_db)
+    return None if s.surface_loss == "none" else SeaSurface(wind_speed=s.wind_speed, model=s.surface_loss)
 
 
 def _absorption(

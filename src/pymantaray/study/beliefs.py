@@ -20,10 +20,9 @@ from pymantaray.ocean import (
     perturb_ocean,
     pooled_rms,
     read_casts,
-    to_local,
     vertical_modes,
 )
-from pymantaray.study.assemble import StudyOcean, build_ocean, build_sea_floor, open_start
+from pymantaray.study.assemble import StudyOcean, build_ocean, build_sea_floor, local_ocean, open_start
 from pymantaray.study.config import OceanSection, StationVehicle
 from pymantaray.study.config_estimators import (
     AnyBelief,
@@ -119,13 +118,8 @@ class Beliefs:
         ocean, acoustics = self.config.ocean, self.config.acoustics
         local = self._run.ocean
         if not isinstance(section, ExactBelief):
-            local = to_local(
-                self._geographic_belief(section, realization),
-                centre=ocean.centre,
-                half_extent=ocean.half_extent,
-                sea_floor=build_sea_floor(ocean, self._true),
-                equation=ocean.equation,
-            )
+            geographic = self._geographic_belief(section, realization)
+            local = local_ocean(ocean, geographic, build_sea_floor(ocean, self._true))
         return Belief(
             local=local,
             medium=Medium.from_dataset(local, interpolation=acoustics.interpolation),

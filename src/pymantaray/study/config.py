@@ -91,6 +91,7 @@ class DetectionSection(Section):
     spread_db: NonNegativeFloat = 6.0
     absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = "francois-garrison"
     surface_loss: Literal["none", "bubbles", "coherent"] = "none"
+    ice_loss_db: NonNegativeFloat | None = None
     sediment: Literal["none", "clay", "silt", "sand", "gravel", "moraine"] = "none"
 
     @model_validator(mode="after")
@@ -230,6 +231,7 @@ class OceanSection(Section):
     currents: Literal["required", "rest"] = "required"
     equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
     bathymetry: InputFile | None = None
+    ice: NonNegativeFloat | InputFile | None = None
     centre_latitude_deg: float | None = Field(default=None, ge=-90.0, le=90.0)
     centre_longitude_deg: float | None = Field(default=None, ge=-180.0, le=360.0)
     half_extent_north: PositiveFloat | None = None
@@ -259,9 +261,9 @@ class OceanSection(Section):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Input files, that of the sea floor last; a synthetic ocean has none of its own."""
+        """Input files, those of the sea floor and of ice last; a synthetic ocean has none of its own."""
         water = () if self.synthetic else self.source
-        return water if self.bathymetry is None else (*water, self.bathymetry)
+        return (*water, *(file for file in (self.bathymetry, self.ice) if isinstance(file, str)))
 
     @property
     def centre(self) -> tuple[float, float] | None:
@@ -399,12 +401,23 @@ class StudyConfig(Section):
             return self
         for key, value, bounces in (
             ("surface_loss", self.detection.surface_loss, "max_surface_bounces"),
+            ("ice_loss_db", self.detection.ice_loss_db or "none", "max_surface_bounces"),
             ("sediment", self.detection.sediment, "max_bottom_bounces"),
         ):
             if value != "none" and getattr(self.acoustics, bounces) == 0:
                 raise ValueError(
                     f"detection.{key} is {value}, but acoustics.{bounces} is 0: no sound is reflected there;"
                     " leave it out or allow bounces"
+                )
+        if self.detection.ice_loss_db is not None:
+            if self.ocean.ice is None:
+                raise ValueError(
+                    "detection.ice_loss_db is given, but there is no ice: give ocean.ice or leave it out"
+                )
+            if self.detection.surface_loss != "none":
+                raise ValueError(
+                    f"detection.ice_loss_db and surface_loss = {self.detection.surface_loss} exclude each other: sound is"
+                    " reflected by ice or by a sea under wind"
                 )
         return self
 

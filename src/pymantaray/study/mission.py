@@ -29,6 +29,7 @@ from pymantaray.study.assemble import (
     build_ocean,
     build_picker,
     build_timing,
+    gnss_depth,
 )
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.manifest import Stopwatch
@@ -96,7 +97,7 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
             detector=detector,
             progress=lambda done, total: progress("rays", done, max(total, 1)),
         )
-        measurements = assemble(truth, landmarks, ranging, noise, gnss_depth=mission.gnss_depth)
+        measurements = assemble(truth, landmarks, ranging, noise, gnss_depth=gnss_depth(config, ocean, truth))
         candidates = None if picker is None else find_candidates(ranging, truth, picker, timing=timing)
     with watch.stage("picture"):
         picture = picture_of_most_bent_link(

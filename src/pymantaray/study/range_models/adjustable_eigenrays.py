@@ -58,6 +58,9 @@ class AdjustableEigenrays:
                     bed_north=medium.bed_north,
                     bed_east=medium.bed_east,
                     interpolation=medium.interpolation,
+                    ice_draft=medium.ice_draft,
+                    ice_north=medium.ice_north,
+                    ice_east=medium.ice_east,
                 )
             )
             self._latest = other

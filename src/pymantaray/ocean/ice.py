@@ -1,0 +1,84 @@
+"""Ice cover: the depth of its underside, one value or a file's field, on a local ocean."""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.errors import OceanError
+from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.geometry.longitude import wrapped
+from pymantaray.ocean.convert import is_our_unit
+from pymantaray.ocean.files import file_name, open_file, text
+from pymantaray.ocean.sea_floor import HorizontalField, horizontal_axes
+
+Array = NDArray[np.float64]
+_DRAFT_PER_THICKNESS = 917.0 / 1026.0  # densities of ice and of sea water [kg/m3]; Archimedes, without snow
+_SHARE = {"sea_ice_draft": 1.0, "sea_ice_thickness": _DRAFT_PER_THICKNESS}
+_THICKEST = 100.0  # m; beyond, a fill value or a unit is wrong
+
+
+def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
+    """
+    Put an ice cover on an ocean in its local frame.
+
+    Parameters
+    ----------
+    local : xarray.Dataset
+        From `to_local`.
+    ice : float or str or Path
+        Draft [m], the same everywhere, or a NetCDF file with a variable of CF standard name ``sea_ice_draft``, or
+        ``sea_ice_thickness``, of which 917/1026 are under water, on latitude and longitude or a map projection.
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``sea_ice_draft``, a number or on (north, east), 0 where the file has no value. [m]
+
+    Raises
+    ------
+    OceanError
+        If the draft is negative, or the file cannot be read, has no such variable or several, or does not cover the ocean.
+    """
+    attrs = {"standard_name": "sea_ice_draft", "units": "m"}
+    if isinstance(ice, (int, float)):
+        if not 0.0 <= ice <= _THICKEST:
+            raise OceanError(f"ice: a draft of {ice:g} m; it must lie in 0 to {_THICKEST:g} m")
+        return local.assign(sea_ice_draft=((), float(ice), {**attrs, "source": "one value"}))
+    frame = LocalFrame(local.attrs["centre_latitude_deg"], local.attrs["centre_longitude_deg"])
+    lat, lon = frame.to_geodetic(local["north"].values[:, None], local["east"].values[None, :])
+    lon = wrapped(lon, about=frame.longitude_deg)
+    window = (float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max()))
+    with open_file(ice) as data:
+        field, share = _ice_of(data)
+        at_lat, at_lon, values = field.on_geographic(window, None)
+        source = f"{file_name(data)}: {field.name}"
+    draft = share * np.nan_to_num(values, nan=0.0)
+    if draft.min() < 0.0 or draft.max() > _THICKEST:
+        raise OceanError(f"{source}: drafts of {draft.min():g} to {draft.max():g} m; check the units")
+    at_lon = wrapped(at_lon, about=frame.longitude_deg)
+    places = np.stack([lat.ravel(), lon.ravel()], axis=-1)
+    on_nodes = linear_interpolator((at_lat, at_lon), draft)(places).reshape(lat.shape)
+    return local.assign(sea_ice_draft=(("north", "east"), on_nodes, {**attrs, "source": source}))
+
+
+def _ice_of(data: xr.Dataset) -> tuple[HorizontalField, float]:
+    """The variable that holds the ice, and the share of it that is under water."""
+    named = {
+        text(variable, "standard_name"): (str(name), axes)
+        for name, variable in data.variables.items()
+        if text(variable, "standard_name") in _SHARE and (axes := horizontal_axes(data, variable)) is not None
+    }
+    for standard_name, share in _SHARE.items():
+        if standard_name in named:
+            name, axes = named[standard_name]
+            unit = text(data.variables[name], "units")
+            if unit and not is_our_unit("length", unit):
+                raise OceanError(f"{file_name(data)}: {name} is in {unit!r}; needs metres")
+            return HorizontalField(data, name, *axes, "down"), share
+    raise OceanError(
+        f"{file_name(data)}: no ice at one instant on two horizontal axes; needs a variable with the CF standard name"
+        f" {' or '.join(_SHARE)}"
+    )
