@@ -96,6 +96,27 @@ def test_a_ray_that_turns_back_on_a_slope_has_the_path_of_its_reflections():
     np.testing.assert_allclose(time, arrivals.travel_time, rtol=0, atol=1e-7)
 
 
+def test_no_steep_ray_steps_over_a_ridge():
+    """A ridge up to 150 m, 200 m wide: followed in depth, rays of a leg that is one step went through it."""
+    north, east = np.array([-5e3, 1.9e3, 2e3, 2.1e3, 8e3]), np.array([-5e3, 5e3])
+    bed = np.full((5, 2), 1000.0)
+    bed[2] = 150.0
+    medium = Medium.from_grid(
+        north, east, [0.0, 2e3], np.full((5, 2, 2), 1480.0), bathymetry=bed, interpolation="linear"
+    )
+    rng = np.random.default_rng(1)
+    source = np.column_stack([rng.uniform(-1500.0, 1500.0, (300, 2)), rng.uniform(1.0, 400.0, 300)])
+    receiver = np.tile([4000.0, 0.0, 250.0], (300, 1))
+    arrivals = find_eigenrays(medium, source, receiver, 1, 1)
+    paths = trace_paths(medium, source, receiver, arrivals)
+    same = np.diff(paths.arrival) == 0
+    share = np.linspace(0.0, 1.0, 200)[:, None, None]
+    a, b = paths.position[:-1][same], paths.position[1:][same]
+    points = (a + share * (b - a)).reshape(-1, 3)
+    assert arrivals.link.size > 300
+    assert (medium.bottom_depth(points) - points[:, 2]).min() > -1e-3
+
+
 def dense(paths, ray, n=2001):
     """Points of one ray at equal steps of travel time, by the cubic Hermite polynomials between its nodes."""
     own = paths.arrival == ray

@@ -394,8 +394,20 @@ def _gridded_crossing(walls, face, pos, h, ray, axis):
             break
         above = not held or -ON_FACE < gap < _BESIDE
         lo = t
-    if hi > 2.0:
-        return hi
+    if hi < 2.0:
+        hi = _bisected(walls, face, lo, hi, (pos, h), ray, axis)
+    if axis[1] == 0.0 and not held:
+        ridge = _first_ridge(walls, face, hi, (pos, h), ray, axis)
+        if ridge < hi:
+            lo = math.floor(ridge * _SAMPLES) / _SAMPLES
+            hi = _bisected(walls, face, lo, ridge, (pos, h), ray, axis)
+    return hi
+
+
+@kernel
+def _bisected(walls, face, lo, hi, stride, ray, axis):
+    """Fraction of a step, between two, at which it meets a gridded boundary."""
+    pos, h = stride
     for _ in range(40):
         t = 0.5 * (lo + hi)
         if _gap_within(walls, face, t, pos, h, ray, axis) > 0.0:
@@ -405,6 +417,25 @@ def _gridded_crossing(walls, face, pos, h, ray, axis):
         if hi - lo < 1e-9:
             break
     return hi
+
+
+@kernel
+def _first_ridge(walls, face, before, stride, ray, axis):
+    """Fraction of a vertical step, before another, at which it is inside a ridge that the samples step over; 9 if it is not.
+
+    Ridges are at the edges of the boundary's cells, which rays that are followed in range do not step over.
+    """
+    pos, h = stride
+    near, far = -ray.y[W] * axis[2], -ray.ynew[W] * axis[2]
+    first = 9.0
+    for i in range(walls.n_breaks):
+        r = walls.breaks[i]
+        if not min(near, far) < r < max(near, far):
+            continue
+        t = (r - near) / (far - near)
+        if t < min(before, first) and _gap_within(walls, face, t, pos, h, ray, axis) < -ON_FACE:
+            first = t
+    return first
 
 
 @kernel

@@ -10,6 +10,7 @@ from pymantaray.acoustics._kernels.layout import (
     CHORD,
     DEPTH,
     FORWARD,
+    IN_WATER,
     NODE_BOUNDARY,
     NODE_POSITION,
     NODE_SLOWNESS,
@@ -36,6 +37,7 @@ from pymantaray.acoustics._kernels.trace import (
 from pymantaray.compile import entry, kernel
 
 _LEG = 1e3  # m; rough length of a leg
+_NEAR_END = 1e-3  # of the link
 _FINER = 1e-3  # of the tolerance: a ray that breaks off is traced once more
 
 
@@ -61,6 +63,12 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
     ok, steps, _, _ = trace(s, walls, course, angle, side, tol, full_ray(work))
     if not ok:
         ok, steps, _, _ = trace(s, walls, course, angle, side, _FINER * tol, full_ray(work))
+    if not ok and work.path[steps, BOUNDARY] != IN_WATER:  # just before a receiver on a boundary it met that
+        last = work.path[steps]
+        gap = math.hypot(link.horizontal - last[RANGE], link.z1 - last[DEPTH])
+        if gap < _NEAR_END * link.length:
+            last[BOUNDARY] = IN_WATER
+            ok = True
     return ok, steps, link.c0
 
 

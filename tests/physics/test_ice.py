@@ -1,0 +1,167 @@
+"""Ice as the upper boundary: images, slopes, the mirrored ocean, both directions, and what does not get through."""
+
+import numpy as np
+import pytest
+
+from pymantaray.acoustics import Medium, find_eigenrays, path_integrals, trace_paths
+from pymantaray.records import RayStatus
+
+C, DEEP, DRAFT = 1500.0, 300.0, 12.0
+AXIS = np.linspace(-4e3, 4e3, 9)
+ATOL_TIME = 1e-8  # s
+KINDS = pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+
+
+def water(ice_draft, interpolation="smooth", bed=DEEP, speed=C, **axes):
+    c = np.full((9, 9, 2), 1.0) * speed
+    bathymetry = np.broadcast_to(bed, (9, 9))
+    return Medium.from_grid(
+        AXIS, AXIS, [0.0, 2 * DEEP], c, bathymetry=bathymetry, interpolation=interpolation,
+        ice_draft=ice_draft, **axes,
+    )  # fmt: skip
+
+
+def places(n, seed, top=DRAFT, bottom=DEEP - 40.0):
+    rng = np.random.default_rng(seed)
+    return [rng.uniform([-2e3, -2e3, top + 1.0], [2e3, 2e3, bottom], (n, 3)) for _ in range(2)]
+
+
+def rows(arrivals, link):
+    """Times of a link's arrivals by their reflections."""
+    own = np.flatnonzero(arrivals.link == link)
+    return sorted(
+        zip(
+            arrivals.surface_bounces[own],
+            arrivals.bottom_bounces[own],
+            arrivals.travel_time[own],
+            strict=True,
+        )
+    )
+
+
+@KINDS
+@pytest.mark.parametrize("ice", [DRAFT, np.full((9, 9), DRAFT)], ids=["one value", "field"])
+def test_uniform_water_between_ice_and_bed_has_the_times_of_images(interpolation, ice):
+    medium = water(ice, interpolation)
+    source, receiver = places(12, 1)
+    arrivals = find_eigenrays(medium, source, receiver, 2, 2, None)
+    for link, (a, b) in enumerate(zip(source, receiver, strict=True)):
+        expected = []
+        horizontal, high, above = np.hypot(*(b - a)[:2]), DEEP - DRAFT, [a[2] - DRAFT, b[2] - DRAFT]
+        for n_s in range(3):
+            for n_b in range(3):
+                if n_s == n_b:  # down first or up first; without reflections both are one
+                    steps = {2 * n_s * high + s * (above[1] - above[0]) for s in (1, -1)}
+                    expected += [(n_s, n_b, np.hypot(horizontal, step) / C) for step in steps][
+                        : 1 + (n_s > 0)
+                    ]
+                elif abs(n_s - n_b) == 1:
+                    first, last = above if n_s > n_b else (high - above[0], high - above[1])
+                    step = 2 * min(n_s, n_b) * high + first + last
+                    expected.append((n_s, n_b, np.hypot(horizontal, step) / C))
+        np.testing.assert_allclose(rows(arrivals, link), sorted(expected), rtol=0, atol=ATOL_TIME)
+
+
+@KINDS
+@pytest.mark.parametrize("slope", [(0.02, 0.0), (0.0, -0.03), (0.03, 0.02)])
+def test_a_sloping_underside_reflects_like_a_mirror(interpolation, slope):
+    """One reflection at a plane: the straight line from the image of the source in it."""
+    plane = 210.0 + slope[0] * AXIS[:, None] + slope[1] * AXIS
+    medium = water(plane, interpolation, bed=900.0)
+    source, receiver = places(20, 2, top=320.0, bottom=560.0)
+    normal = np.array([*slope, -1.0]) / np.hypot(1.0, np.hypot(*slope))
+    height = (source[:, :2] @ slope + 210.0 - source[:, 2]) / np.hypot(1.0, np.hypot(*slope))
+    image = source - 2.0 * height[:, None] * normal
+    arrivals = find_eigenrays(medium, source, receiver, 1, 0, None)
+    once = arrivals.surface_bounces == 1
+    assert np.array_equal(arrivals.link[once], np.arange(20))
+    expected = np.linalg.norm(receiver - image, axis=1) / C
+    np.testing.assert_allclose(arrivals.travel_time[once], expected, rtol=0, atol=ATOL_TIME)
+    direction = (receiver - image) / np.linalg.norm(receiver - image, axis=1)[:, None]
+    np.testing.assert_allclose(C * arrivals.receiver_slowness[once], direction, rtol=0, atol=1e-6)
+    spreading = 20.0 * np.log10(
+        np.linalg.norm(receiver - image, axis=1) / np.linalg.norm(receiver - source, axis=1)
+    )
+    np.testing.assert_allclose(arrivals.spreading_db[once], spreading, atol=0.01)
+
+
+@pytest.mark.parametrize("gradient", [0.0, 0.05])
+def test_the_mirrored_ocean_has_the_mirrored_rays(gradient):
+    """Relief of the ice over a flat bed, and the same relief of the bed under a flat surface, upside down."""
+    rng = np.random.default_rng(5)
+    relief = 30.0 + np.cumsum(np.cumsum(rng.uniform(-4.0, 4.0, (9, 9)), axis=0), axis=1)
+    relief += 10.0 - relief.min()
+    z = np.array([0.0, DEEP])
+    c = C + gradient * z
+    media = [
+        Medium.from_grid(AXIS, AXIS, z, np.full((9, 9, 2), 1.0) * speed, **boundaries)
+        for speed, boundaries in (
+            (c, {"bathymetry": np.full((9, 9), DEEP), "ice_draft": relief}),
+            (c[::-1], {"bathymetry": DEEP - relief}),
+        )
+    ]
+    ends = places(15, 6, top=relief.max())
+    mirrored = [np.column_stack([end[:, :2], DEEP - end[:, 2]]) for end in ends]
+    under_ice = find_eigenrays(media[0], *ends, 1, 1, canonical=False)
+    over_bed = find_eigenrays(media[1], *mirrored, 1, 1, canonical=False)
+    found = 0
+    for link in range(15):
+        ours = rows(under_ice, link)
+        theirs = sorted((s, b, t) for b, s, t in rows(over_bed, link))
+        unmatched = [
+            r for r in ours if not any(r[:2] == o[:2] and abs(r[2] - o[2]) < ATOL_TIME for o in theirs)
+        ]
+        assert not unmatched  # over facets the search of the sea bed goes on cell by cell and may find more
+        found += len(ours)
+    assert found > 0.95 * over_bed.link.size
+
+
+@KINDS
+def test_both_directions_have_the_same_rays(interpolation):
+    medium = water(
+        20.0 + 8.0 * np.sin(AXIS[:, None] / 900.0) * np.cos(AXIS / 1100.0),
+        interpolation,
+        speed=C + 5e-4 * (AXIS[:, None, None] - AXIS[:, None]) + [0.0, 4.0],
+    )
+    ends = places(25, 9, top=30.0)
+    there = find_eigenrays(medium, *ends, 1, 1, canonical=False)
+    back = find_eigenrays(medium, *ends[::-1], 1, 1, canonical=False)
+    for link in range(25):
+        np.testing.assert_allclose(rows(there, link), rows(back, link), rtol=0, atol=1e-7)
+
+
+def test_no_direct_ray_goes_through_a_keel_and_its_path_ends_at_the_ice():
+    draft = np.full((9, 9), 2.0)
+    draft[4] = 80.0  # a ridge across north 0
+    medium = water(draft)
+    a, b = [-900.0, 0.0, 20.0], [900.0, 0.0, 20.0]
+    assert find_eigenrays(medium, a, b).status[0] == RayStatus.SHADOW
+    assert find_eigenrays(water(2.0), a, b).status[0] == RayStatus.OK
+    arrivals = find_eigenrays(medium, a, b, 2, 2, None)
+    assert arrivals.link.size
+    paths = trace_paths(medium, a, b, arrivals)
+    gap = paths.position[:, 2] - medium.surface_depth(paths.position)
+    assert gap.min() > -1e-5
+    assert np.abs(gap[paths.boundary == 1]).max(initial=0.0) < 1e-5
+    time = path_integrals(paths, lambda x: np.full(len(x), 1.0 / C))[:, 0]
+    np.testing.assert_allclose(time, arrivals.travel_time, rtol=0, atol=1e-7)
+
+
+def test_places_in_the_ice_are_outside_the_water_and_at_its_underside_inside():
+    medium = water(DRAFT)
+    arrivals = find_eigenrays(
+        medium, [[0, 0, 5.0], [0, 0, DRAFT], [0, 0, 50.0]], [[500.0, 0, 50.0], [500.0, 0, 50.0], [500.0, 0, DRAFT]],
+        1, 0,
+    )  # fmt: skip
+    assert arrivals.status.tolist() == [RayStatus.OUTSIDE, RayStatus.OK, RayStatus.OK]
+
+
+def test_without_ice_nothing_changes():
+    ends = places(20, 3, top=0.0)
+    iceless = find_eigenrays(water(0.0), *ends, 2, 2)
+    plain = find_eigenrays(
+        Medium.from_grid(AXIS, AXIS, [0.0, 2 * DEEP], np.full((9, 9, 2), C), bathymetry=np.full((9, 9), DEEP)),
+        *ends, 2, 2,
+    )  # fmt: skip
+    for name in ("link", "travel_time", "spreading_db", "source_slowness", "receiver_slowness"):
+        np.testing.assert_array_equal(getattr(iceless, name), getattr(plain, name))
