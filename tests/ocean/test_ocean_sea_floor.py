@@ -239,8 +239,14 @@ def test_ibcao_s_polar_grid_is_put_on_latitude_and_longitude(tmp_path, mapping, 
 def test_a_projection_that_is_not_named_is_refused_with_the_remedy(tmp_path):
     path = tmp_path / "ibcao.nc"
     ibcao(path, mapping=None)
-    with pytest.raises(OceanError, match=r"EPSG:3996.*geographic version"):
-        open_sea_floor(path, window=(75.3, 75.7, 179.2, -179.2))
+    window = (75.3, 75.7, 179.2, -179.2)
+    for crs, says in (
+        (None, "EPSG:3996.*geographic version"),
+        ("EPSG:0", "unknown to PROJ; write it as EPSG:3996"),
+        ("EPSG:4326", "none of a map projection"),
+    ):
+        with pytest.raises(OceanError, match=says):
+            open_sea_floor(path, window=window, crs=crs)
     ibcao(path, mapping=CF_POLAR)
     with pytest.raises(OceanError, match="name a window"):
         open_sea_floor(path)

@@ -379,12 +379,15 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
     """
     if crs is not None:
         try:
-            return pyproj.CRS.from_user_input(crs)
+            named = pyproj.CRS.from_user_input(crs)
         except pyproj.exceptions.CRSError:
             raise OceanError(f"crs {crs!r} is unknown to PROJ; write it as EPSG:3996") from None
+        if not named.is_projected:
+            raise OceanError(f"crs {crs!r} is none of a map projection, but the file's axes are in metres")
+        return named
     where, variables = file_name(field.data), field.data.variables
-    named = text(variables[field.name], "grid_mapping")
-    candidates: list[Any] = [named] if named in variables else list(variables)
+    mapping = text(variables[field.name], "grid_mapping")
+    candidates: list[Any] = [mapping] if mapping in variables else list(variables)
     mappings = [variables[name].attrs for name in candidates]
     mappings = [a for a in mappings if {"grid_mapping_name", "crs_wkt", "spatial_ref"} & set(a)]
     if len(mappings) != 1:
