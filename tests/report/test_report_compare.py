@@ -4,8 +4,8 @@ import pandas as pd
 import pytest
 
 from pymantaray.errors import StudyError
+from pymantaray.report import compare, write_comparison
 from pymantaray.report import write as write_module
-from pymantaray.report import write_comparison
 from pymantaray.report.compare import by_name, comparison_plates, comparison_tables
 from pymantaray.report.figures import Results
 from pymantaray.study import open_run
@@ -31,6 +31,14 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
     assert "Test Sea and Other {Sea}" in text
     assert "Test Sea: The ocean of this study is synthetic" in text
     assert [p.name for p in tmp_path.iterdir()] == ["both"]
+
+
+def test_a_comparison_is_not_the_latest_run(run_folder, other_folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(compare, "comparison_plates", lambda _: [])
+    page = write_comparison(run_folder, other_folder)
+    assert page.parent.name.startswith("comparison-")
+    assert [p.name for p in (tmp_path / "runs").iterdir()] == [page.parent.name]
 
 
 def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_folder, run):

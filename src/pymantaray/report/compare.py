@@ -60,7 +60,7 @@ def write_comparison(
         progress("report", 0, 1)
     runs = by_name([Results(open_run(run_dir)) for run_dir in (run_dir_a, run_dir_b)])
     tables, plates = comparison_tables(runs), comparison_plates(runs)
-    with staged_folder(out, "comparison") as (stage, folder):
+    with staged_folder(out, "comparison", latest=False) as (stage, folder):
         write_parts(stage, tables, plates, partial(_page, runs, tables), progress)
     return folder / PAGE
 

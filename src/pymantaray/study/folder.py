@@ -23,7 +23,9 @@ _PART = ".mantaray-part"
 
 
 @contextmanager
-def staged_folder(out: str | Path | None, name: str = "") -> Iterator[tuple[Path, Path]]:
+def staged_folder(
+    out: str | Path | None, name: str = "", *, latest: bool = True
+) -> Iterator[tuple[Path, Path]]:
     """
     Folder to write results into, which take their final place only if the block ends well.
 
@@ -34,9 +36,10 @@ def staged_folder(out: str | Path | None, name: str = "") -> Iterator[tuple[Path
     ----------
     out : str or pathlib.Path, optional
         Final place: new, or an empty folder, which may be a link or a mount point. By default
-        ``runs/<name>-<YYYYmmdd-HHMMSS>`` in the working folder, with a number where that is taken;
-        ``runs/latest`` then points to it.
+        ``runs/<name>-<YYYYmmdd-HHMMSS>`` in the working folder, with a number where that is taken.
     name : str
+    latest : bool
+        Whether ``runs/latest`` then points to it.
 
     Yields
     ------
@@ -69,7 +72,7 @@ def staged_folder(out: str | Path | None, name: str = "") -> Iterator[tuple[Path
     finally:
         if lock is not None:
             os.close(lock)
-    if out is None:
+    if out is None and latest:
         _point_latest_at(folder)
 
 
