@@ -117,7 +117,7 @@ def read_text_table(path: str | Path) -> TextTable:
 
 def _text(path: Path) -> str:
     try:
-        if path.exists() and not path.is_file():
+        if path.exists() and not (path.is_file() or path.is_fifo()):
             raise RecordError(f"{path}: not an ordinary file")
         with path.open("rb") as file:
             raw = file.read(_MAX_BYTES + 1)
