@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from pymantaray.cli.options import Force
+
 if TYPE_CHECKING:
     from pymantaray.estimation import GraphResult
     from pymantaray.estimation.pyfg import GraphFile
@@ -139,7 +141,7 @@ def convert(
         bool,
         typer.Option("--symbols", help="g2o out: ids are GTSAM symbols, which keep vehicle and pose number."),
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")] = False,
+    force: Force = False,
 ) -> None:
     """Convert between PyFactorGraph text, g2o and TUM; what the target cannot hold is refused unless left out."""
     from pymantaray.cli.output import check_output

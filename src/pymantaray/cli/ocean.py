@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pymantaray.cli import ocean_fetch
+from pymantaray.cli.options import Force
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.errors import OceanError
 
@@ -32,7 +33,6 @@ Ocean = Annotated[
 Cast = Annotated[Path, typer.Argument(metavar="CAST", help="CSV table or Argo NetCDF file.")]
 Casts = Annotated[list[Path], typer.Argument(metavar="CASTS...", help="CSV tables or Argo NetCDF files.")]
 Out = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
-Overwrite = Annotated[bool, typer.Option("--force", help="Replace OUT.nc if it exists.")]
 Time = Annotated[
     str | None, typer.Option("--time", help="Instant in UTC, as 2014-07-15T12:00, if there are several.")
 ]
@@ -193,7 +193,7 @@ def from_cast(
         str | None, typer.Option("--name", help="The cast to take, if the file holds several.")
     ] = None,
     equation: Equation = "teos-10",
-    force: Overwrite = False,
+    force: Force = False,
 ) -> None:
     """Make a horizontally uniform ocean at rest from one cast."""
     check_output(out, [".nc"], inputs=[cast], force=force)
@@ -230,7 +230,7 @@ def correct(
         typer.Option("--time-scale", help="Scale in time, in days. Default: casts count in full."),
     ] = None,
     time: CastTime = None,
-    force: Overwrite = False,
+    force: Force = False,
 ) -> None:
     """Correct a gridded ocean by casts (optimal interpolation)."""
     check_output(out, [".nc"], inputs=[Path(ocean), *casts], force=force)
@@ -273,7 +273,7 @@ def perturb(
     seed: Annotated[int, typer.Option("--seed", min=0, help="For eof: one member for each seed.")] = 0,
     time: CastTime = None,
     equation: Equation = "teos-10",
-    force: Overwrite = False,
+    force: Force = False,
 ) -> None:
     """Make an ocean that is believed instead of the true one."""
     options = {"rms": rms, "scale": scale, "down-to": down_to, "mode-cast": mode_cast, "place": place}

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import OceanCommand
+from pymantaray.cli.options import OceanCommand, Quiet
 from pymantaray.cli.output import print_table, progress_bars
 
 if TYPE_CHECKING:
@@ -15,7 +15,6 @@ app = typer.Typer(help="Run the paper's study, or one of your own.", no_args_is_
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
 NameOrFile = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, or a TOML file.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bars and no summary.")]
 
 
 @app.command("list")
