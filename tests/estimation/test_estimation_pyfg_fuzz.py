@@ -75,39 +75,37 @@ NASTY = [
 
 def damage(text, rng):
     """One to four faults of the kinds that hands, disks and other programs make."""
-    data = text
     for _ in range(rng.choice([1, 1, 1, 2, 4])):
-        lines = data.split("\n")
-        kind = rng.choice([0, 1, 2, 3, 4, 5, 5, 6, 7, 8, 8, 8])
+        lines = text.split("\n")
         row = rng.randrange(len(lines))
         fields = lines[row].split(" ")
-        column = rng.randrange(len(fields))
-        if kind <= 2:  # a field
+        column, other = rng.randrange(len(fields)), rng.randrange(len(fields))
+        at = rng.randrange(len(text) + 1)
+        kind = rng.choice(
+            ["field"] * 3 + ["lost"] * 2 + ["number"] * 3 + ["exchanged", "twice", "end", "byte"]
+        )
+        if kind == "end":
+            text = text[:at]
+            continue
+        if kind == "byte":
+            text = text[:at] + chr(rng.randrange(256)) + text[at + rng.randrange(2) :]
+            continue
+        if kind == "field":
             fields[column] = rng.choice(NASTY)
-            lines[row] = " ".join(fields)
-        elif kind == 3:  # fields exchanged
-            other = rng.randrange(len(fields))
+        elif kind == "exchanged":
             fields[column], fields[other] = fields[other], fields[column]
-            lines[row] = " ".join(fields)
-        elif kind == 4:  # a line twice, somewhere else
-            lines.insert(rng.randrange(len(lines)), lines[row])
-        elif kind == 5 and len(lines) > 1:  # a line lost
-            del lines[row]
-        elif kind == 6:  # the end lost
-            lines = data[: rng.randrange(len(data) + 1)].split("\n")
-        elif kind == 7:  # a byte
-            at = rng.randrange(len(data) + 1)
-            lines = (data[:at] + chr(rng.randrange(256)) + data[at + rng.randrange(2) :]).split("\n")
-        else:  # a number scaled
+        elif kind == "number":
             try:
                 fields[column] = repr(float(fields[column]) * rng.choice([-1.0, 0.0, 1e-6, 1e6, 1e-20, 1e20]))
             except ValueError:
                 fields[column] += rng.choice(["0", "9", " ", "-"])
-            lines[row] = " ".join(fields)
-        data = "\n".join(lines)
-        if not data:
-            break
-    return data
+        lines[row] = " ".join(fields)
+        if kind == "twice":
+            lines.insert(rng.randrange(len(lines)), lines[row])
+        elif kind == "lost" and len(lines) > 1:
+            del lines[row]
+        text = "\n".join(lines)
+    return text
 
 
 def too_slow(_signal, _frame):
