@@ -47,16 +47,23 @@ class FactorKind:
     """What each of its variables is: "pose", "landmark" or "any"; a landmark comes second where one end is a pose."""
     columns: tuple[tuple[str, int, str], ...]
     """What is measured: name, width and unit."""
-    rows: int
-    """Of the residual: with a quaternion rotation first, in the tangent of the body; else in the world's axes."""
     word: str
     """That begins its lines in PyFactorGraph text."""
     axes: tuple[int, ...] = ()
-    """Where that is a pose prior: the axes of the tangent that are measured; the others are written as free."""
+    """Where that is a pose prior: which of rx ry rz x y z are measured; the others are written as free."""
     anchors: bool = False
     """Whether it ties its variable to the world, so that nothing else has to."""
     named_after: int = 0
     """Which of its variables messages name."""
+
+    @property
+    def rows(self) -> int:
+        """
+        Of the residual and its covariance.
+
+        A quaternion has three, in the tangent of the body, before those of a position; others are in the world's axes.
+        """
+        return sum(width for _, width, _ in self.columns) - ("quaternion" in self.columns_at)
 
     @property
     def columns_at(self) -> dict[str, slice]:
@@ -91,23 +98,22 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             "pose priors",
             ("pose",),
             (POSITION, QUATERNION),
-            6,
             POSE_PRIOR,
-            (0, 1, 2, 3, 4, 5),
+            axes=(0, 1, 2, 3, 4, 5),
             anchors=True,
         ),
         "fix": FactorKind(
-            "GNSS fix", "fixes", ("pose",), (POSITION,), 3, POSE_PRIOR, (3, 4, 5), anchors=True
+            "GNSS fix", "fixes", ("pose",), (POSITION,), POSE_PRIOR, axes=(3, 4, 5), anchors=True
         ),
-        "depth": FactorKind("depth", "depth priors", ("pose",), (("depth", 1, "m"),), 1, POSE_PRIOR, (5,)),
+        "depth": FactorKind("depth", "depth priors", ("pose",), (("depth", 1, "m"),), POSE_PRIOR, axes=(5,)),
         "survey": FactorKind(
-            "landmark prior", "landmark priors", ("landmark",), (POSITION,), 3, LANDMARK_PRIOR, anchors=True
+            "landmark prior", "landmark priors", ("landmark",), (POSITION,), LANDMARK_PRIOR, anchors=True
         ),
         "edge": FactorKind(
-            "odometry", "odometry", ("pose", "pose"), (POSITION, QUATERNION), 6, EDGE, named_after=1
+            "odometry", "odometry", ("pose", "pose"), (POSITION, QUATERNION), EDGE, named_after=1
         ),
-        "attitude": FactorKind("attitude", "attitudes", ("pose",), (QUATERNION,), 3, POSE_PRIOR, (0, 1, 2)),
-        "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), 1, RANGE),
+        "attitude": FactorKind("attitude", "attitudes", ("pose",), (QUATERNION,), POSE_PRIOR, axes=(0, 1, 2)),
+        "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), RANGE),
     }
 )
 """All kinds of factors; ranges are last, for they alone differ between conditions."""
