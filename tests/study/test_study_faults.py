@@ -1,6 +1,5 @@
 """What happens to runs: full disks, folders that go away, other threads; one line each, and nothing half-written."""
 
-import copy
 import os
 import shutil
 import subprocess
@@ -9,12 +8,11 @@ import threading
 
 import numpy as np
 import pytest
-from factories import TINY
 
 from pymantaray.errors import StudyError
 from pymantaray.ocean import open_ocean
 from pymantaray.records import write_netcdf
-from pymantaray.study import assemble, parse_study, run_study
+from pymantaray.study import assemble, open_run, parse_study, run_study
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import ModesSection
 
@@ -59,13 +57,13 @@ def test_folder_removed_under_a_run_is_one_line(tiny_config, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_studies_in_threads_of_one_process_are_those_of_one(tiny_run, tmp_path):
+def test_studies_in_threads_of_one_process_are_those_of_one(tiny, tiny_run, tmp_path):
     """The libraries behind NetCDF hold one state for all threads; signals are for the main one alone."""
     errors = []
 
     def run(name, workers):
         try:
-            run_study(parse_study(copy.deepcopy(TINY), "tiny"), tmp_path / name, workers=workers)
+            run_study(tiny(study={"conditions": ["odometry"]}), tmp_path / name, workers=workers)
         except Exception as error:  # noqa: BLE001
             errors.append(error)
 
@@ -75,8 +73,11 @@ def test_studies_in_threads_of_one_process_are_those_of_one(tiny_run, tmp_path):
     for thread in threads:
         thread.join()
     assert errors == []
-    for name in ("truth", "measurements", "estimates"):
+    for name in ("truth", "arrivals", "measurements"):
         assert len({(p / f"{name}.nc").read_bytes() for p in (tiny_run.path, *tmp_path.iterdir())}) == 1
+    one, other = (open_run(tmp_path / name).estimates.position for name in "01")
+    np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(one[0], tiny_run.estimates.position[0])
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ HOLD = """
 import sys, time
 from pymantaray.study.folder import staged_folder
 with staged_folder(sys.argv[1] if len(sys.argv) > 1 else None, "quick") as (stage, folder):
-    (stage / "data").write_text("x")
+    (stage / "manifest.json").write_text("{}")
     print(folder, flush=True)
     sys.stdin.read()
 """
@@ -36,8 +36,8 @@ def holding(*arguments):
     return process, process.stdout.readline().strip()
 
 
-def write(out, name="quick"):
-    with staged_folder(out, name) as (stage, folder):
+def write(out, name="quick", **options):
+    with staged_folder(out, name, **options) as (stage, folder):
         (stage / "manifest.json").write_text("{}")
         (stage / "data").write_text("x")
     return folder
@@ -134,10 +134,12 @@ def test_dated_names_differ_from_the_start_and_latest_follows_the_newest(tmp_pat
     second = write(None)
     assert (tmp_path / "runs" / "latest").resolve() == second.resolve()
     assert str(second) != first
+    write(None, "comparison", latest=False)
+    assert (tmp_path / "runs" / "latest").resolve() == second.resolve()
     process.communicate()
     assert (tmp_path / "runs" / "latest").resolve() == (tmp_path / first).resolve()
     assert all(re.fullmatch(r"/.*/runs/quick-\d{8}-\d{6}(-\d+)?", str(path)) for path in (first, second))
-    assert len(names_in(tmp_path / "runs")) == 3
+    assert len(names_in(tmp_path / "runs")) == 4
 
 
 @pytest.mark.parametrize("there", [False, True])
