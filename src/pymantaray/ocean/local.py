@@ -107,9 +107,8 @@ def to_local(
     speed = sound_speed(fields["water_temp"], fields["salinity"], *place, equation=equation)
     at_lat, at_lon = window.geographic(north[:, None], east[None, :])
     smooth = TensorSpline(lat, lon, at_lat, at_lon)
-    u, v = smooth(fields["water_u"]), smooth(fields["water_v"])
     bearing = window.frame.convergence(at_lat, at_lon)[..., None]
-    cos, sin = np.cos(bearing), np.sin(bearing)
+    current = _along_axes(smooth(fields["water_u"]), smooth(fields["water_v"]), bearing)
     scale = window.frame.scale_factor(north[:, None], east[None, :])
     grid, floor_grid = ("north", "east", "depth"), ("north", "east")
     axes: dict[str, Any] = {
@@ -128,8 +127,8 @@ def to_local(
     return xr.Dataset(
         {
             "sound_speed": (grid, smooth(speed), _attrs("speed_of_sound_in_sea_water", "m s-1")),
-            "current_north": (grid, v * cos - u * sin, _attrs("sea_water_y_velocity", "m s-1")),
-            "current_east": (grid, v * sin + u * cos, _attrs("sea_water_x_velocity", "m s-1")),
+            "current_north": (grid, current[0], _attrs("sea_water_y_velocity", "m s-1")),
+            "current_east": (grid, current[1], _attrs("sea_water_x_velocity", "m s-1")),
             "sea_floor_depth": (floor_grid, floor, _attrs(_FLOOR_NAME, "m")),
         },
         coords=axes,
@@ -144,6 +143,12 @@ def to_local(
             **notes,
         },
     )
+
+
+def _along_axes(u: Array, v: Array, bearing: Array) -> tuple[Array, Array]:
+    """Components along the frame's north and east of true eastward and northward ones; bearing of true north. [rad]"""
+    cos, sin = np.cos(bearing), np.sin(bearing)
+    return v * cos - u * sin, v * sin + u * cos
 
 
 def _finer(
