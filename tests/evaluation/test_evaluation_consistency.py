@@ -146,12 +146,12 @@ def test_vehicles_are_judged_one_by_one_and_poses_in_six_dimensions():
 def test_rotation_and_translation_are_taken_apart():
     """The twist of the whole motion would lean metres across into a depth known to centimetres."""
     truth, estimates, covariances = make_case(seed=4)
-    found = epoch_errors(truth, estimates, covariances)
+    errors = epoch_errors(truth, estimates, covariances)
     quaternion = np.swapaxes(estimates.quaternion[..., SAMPLES, :], 2, 3)
-    back = np.einsum("...ij,...j->...i", matrix_from_quaternion(quaternion), found.pose[..., 3:])
-    np.testing.assert_allclose(back, -found.position, atol=1e-5)  # the quaternion has seven digits
-    assert np.linalg.norm(found.pose[..., :3], axis=-1).max() < 0.06
-    np.testing.assert_allclose(found.pose[..., :3].std(), 0.01, rtol=0.1)
+    back = np.einsum("...ij,...j->...i", matrix_from_quaternion(quaternion), errors.pose[..., 3:])
+    np.testing.assert_allclose(back, -errors.position, atol=1e-5)  # the quaternion has seven digits
+    assert np.linalg.norm(errors.pose[..., :3], axis=-1).max() < 0.06
+    np.testing.assert_allclose(errors.pose[..., :3].std(), 0.01, rtol=0.1)
 
 
 def test_failed_solves_leave_the_sum_and_its_degrees_of_freedom():
@@ -170,17 +170,19 @@ def test_failed_solves_leave_the_sum_and_its_degrees_of_freedom():
     assert set(none.loc[none["statistic"] == "ranges", "condition"]) == {"refracted"}
 
 
-def test_records_that_do_not_belong_together_are_refused():
+@pytest.mark.parametrize(
+    ("field", "values", "said"),
+    [
+        ("name", ["A", "B", "C", "X"], "different vehicles"),
+        ("condition", ["straight", "other"], "different conditions"),
+        ("realization", np.arange(40) + 1, "different realizations"),
+        ("sample", [4, 99], "sample 99; the truth has 10"),
+    ],
+)
+def test_records_that_do_not_belong_together_are_refused(field, values, said):
     truth, estimates, covariances = make_case(seed=6)
-    for field, values in (
-        ("name", ["A", "B", "C", "X"]),
-        ("condition", ["straight", "other"]),
-        ("realization", np.arange(40) + 1),
-    ):
-        with pytest.raises(EvaluationError, match="different"):
-            consistency_table(truth, estimates, replace(covariances, **{field: np.array(values)}))
-    with pytest.raises(EvaluationError, match="sample 99; the truth has 10"):
-        consistency_table(truth, estimates, replace(covariances, sample=np.array([4, 99])))
+    with pytest.raises(EvaluationError, match=said):
+        consistency_table(truth, estimates, replace(covariances, **{field: np.array(values)}))
 
 
 def test_coverage_of_a_consistent_fleet_and_its_effective_number():
@@ -209,19 +211,15 @@ def test_variance_of_the_share_is_that_of_as_many_independent_draws():
     assert p * (1 - p) / share.var() == pytest.approx(row["effective_n"] / 4000, rel=0.06)
 
 
-@pytest.fixture(scope="module")
-def small_study(tmp_path_factory):
+def test_straight_ranges_and_odometry_are_consistent_and_refracted_ranges_far_from_it(tmp_path):
     """Five vehicles of the quick preset for eight hours, 24 realizations, covariances at its pings."""
     tree = load_study("quick", realizations=24).model_dump(mode="python")
     tree["fleet"]["vehicles"] = tree["fleet"]["vehicles"][:5]
     tree["mission"] |= {"duration_h": 8.0, "physics_step_s": 1.0}
     tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
     tree["estimator"]["covariance_interval_h"] = 4.0
-    run = run_study(parse_study(tree), tmp_path_factory.mktemp("consistency") / "run", workers=1)
-    return run.truth, run.estimates, run.covariances
-
-
-def test_straight_ranges_and_odometry_are_consistent_and_refracted_ranges_far_from_it(small_study):
+    run = run_study(parse_study(tree), tmp_path / "run", workers=1)
+    small_study = run.truth, run.estimates, run.covariances
     fleet = consistency_table(*small_study)
     summary = consistency_summary(fleet).set_index(["condition", "statistic"])
     assert fleet.loc[fleet["condition"] != "refracted", "inside"].all(), fleet

@@ -38,12 +38,10 @@ def test_histogram_counts_every_range_once_and_marks_the_mean(look, records):
 
 def test_histograms_of_two_regions_share_their_axis(look):
     rng = np.random.default_rng(3)
-    figure = look.draw(
-        range_error_histogram([("One", rng.normal(-5, 20, 400)), ("Two", rng.normal(4, 30, 300))], "")
-    )
-    assert len(figure.axes) == 4
-    assert len({axes.get_xlim() for axes in figure.axes}) == 1
-    assert [int(look.steps(axes)[0].sum()) for axes in figure.axes] == [400, 400, 300, 300]
+    regions = [("One", rng.normal(-5, 20, 400)), ("Two", rng.normal(4, 30, 300))]
+    panels = look.draw(range_error_histogram(regions, "")).axes
+    assert len({axes.get_xlim() for axes in panels}) == 1
+    assert [int(look.steps(axes)[0].sum()) for axes in panels] == [400, 400, 300, 300]
 
 
 def test_split_draws_each_part_against_distance(look, records):
@@ -83,19 +81,17 @@ def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look):
     figure = look.draw(pooled_ape(panels, HEADER))
     grid = np.array(figure.axes).reshape(2, 2)
     for row, values in zip(grid, ape.values(), strict=True):
-        found = values[np.isfinite(values)]
+        errors = values[np.isfinite(values)]
         for axes in row:
             share, edges = look.steps(axes)
-            inside = np.mean((found >= edges[0]) & (found <= edges[-1]))
+            inside = np.mean((errors >= edges[0]) & (errors <= edges[-1]))
             assert share.sum() == pytest.approx(100.0 * inside)
             lines = sorted(line.get_xdata()[0] for line in axes.lines)
-            expected = sorted([found.mean(), *np.percentile(found, [25, 75])])
-            np.testing.assert_allclose(lines, expected)
-    assert grid[0, 0].get_xscale() == "log"
-    assert grid[0, 1].get_xscale() == "linear"
-    assert grid[0, 1].get_xlim()[1] < 100.0, "the linear axis is that of the solved conditions"
-    beyond = 100.0 * np.mean(ape["odometry"] > grid[0, 1].get_xlim()[1])
-    assert f"{beyond:.0f} % beyond the axis" in look.texts(figure)
+            np.testing.assert_allclose(lines, sorted([errors.mean(), *np.percentile(errors, [25, 75])]))
+    assert [axes.get_xscale() for axes in grid[0]] == ["log", "linear"]
+    reach = grid[0, 1].get_xlim()[1]
+    assert reach < 100.0, "the linear axis is that of the solved conditions"
+    assert f"{100.0 * np.mean(ape['odometry'] > reach):.0f} % beyond the axis" in look.texts(figure)
 
 
 def test_error_over_time_is_the_median_of_healthy_realizations(look, records):
