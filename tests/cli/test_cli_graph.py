@@ -161,3 +161,18 @@ def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, tmp_path, case,
     assert done.code == 2
     assert len(done.err.splitlines()) == 1
     assert said in done.err
+
+
+def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(mantaray, file, tmp_path):
+    (tmp_path / "g.names.csv").write_text("symbol,name\nA,north-wind\nB,b_2\nL2,buoy\n")
+    done = mantaray("graph", "convert", file, tmp_path / "again.pyfg")
+    assert done.out.splitlines() == [str(tmp_path / "again.pyfg"), str(tmp_path / "again.names.csv")]
+    assert read_pyfg(tmp_path / "again.pyfg")[0].agent_name.tolist() == ["north-wind", "b_2"]
+    (tmp_path / "new.names.csv").write_text("mine")
+    refused = mantaray("graph", "convert", file, tmp_path / "new.pyfg")
+    assert (
+        refused.err == f"error: {tmp_path / 'new.names.csv'}: exists already; give another name or --force\n"
+    )
+    shown = mantaray("graph", "solve", file, "--out", tmp_path / "out")
+    assert shown.code == 0, shown.err
+    assert (tmp_path / "out/estimate-north-wind.tum").is_file()

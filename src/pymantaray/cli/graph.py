@@ -173,6 +173,7 @@ def convert(
         write_graph_tum(out, content.graph, content.values)
     else:
         write_pyfg(content.graph, out, initial=content.values)
+        files += [path for path in beside if path.exists()]
     for what, count in lost.items():
         typer.echo(f"left out: {count} {what}", err=True)
     for path in files:

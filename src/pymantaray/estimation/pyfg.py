@@ -1,4 +1,8 @@
-"""Factor graphs as PyFactorGraph text in three dimensions: grammar, writer and reader."""
+"""
+Factor graphs as PyFactorGraph text in three dimensions.
+
+Writer and reader are two directions of one grammar, and so in one room; its lines are refused by number.
+"""
 
 import csv
 import itertools
