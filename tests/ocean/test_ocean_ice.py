@@ -1,0 +1,75 @@
+"""Ice from one value or a file: the draft at the local nodes, and what is refused."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pymantaray.errors import OceanError
+from pymantaray.geometry import LocalFrame
+from pymantaray.ocean import synthetic_ocean, to_local, with_ice
+
+
+@pytest.fixture(scope="module")
+def local():
+    return to_local(synthetic_ocean("beaufort"), half_extent=(30e3, 30e3))
+
+
+def ice_file(path, local, values, standard_name="sea_ice_draft", **attrs):
+    """A plane or any field on latitude and longitude about the local ocean."""
+    lat0, lon0 = local.attrs["centre_latitude_deg"], local.attrs["centre_longitude_deg"]
+    lat, lon = lat0 + np.linspace(-1.0, 1.0, 9), lon0 + np.linspace(-4.0, 4.0, 11)
+    field = values(lat[:, None] - lat0, lon[None, :] - lon0)
+    attributes = {"standard_name": standard_name, "units": "m", **attrs}
+    xr.Dataset(
+        {"ice": (("lat", "lon"), field, attributes)},
+        coords={
+            "lat": ("lat", lat, {"standard_name": "latitude", "units": "degrees_north"}),
+            "lon": ("lon", lon, {"standard_name": "longitude", "units": "degrees_east"}),
+        },
+    ).to_netcdf(path)
+    return path
+
+
+@pytest.mark.parametrize(("name", "share"), [("sea_ice_draft", 1.0), ("sea_ice_thickness", 917.0 / 1026.0)])
+def test_a_plane_of_ice_is_the_plane_at_every_node(tmp_path, local, name, share):
+    path = ice_file(tmp_path / "ice.nc", local, lambda y, x: 3.0 + y + 0.2 * x, name)
+    draft = with_ice(local, path)["sea_ice_draft"]
+    lat0, lon0 = local.attrs["centre_latitude_deg"], local.attrs["centre_longitude_deg"]
+    lat, lon = LocalFrame(lat0, lon0).to_geodetic(
+        local["north"].values[:, None], local["east"].values[None, :]
+    )
+    expected = share * (3.0 + (lat - lat0) + 0.2 * (lon - lon0))
+    np.testing.assert_allclose(draft.transpose("north", "east"), expected, atol=1e-9)
+
+
+def test_no_value_is_no_ice(tmp_path, local):
+    path = ice_file(tmp_path / "ice.nc", local, lambda y, x: np.where(y + 0 * x < 0.0, np.nan, 2.0))
+    draft = with_ice(local, path)["sea_ice_draft"].transpose("north", "east").values
+    np.testing.assert_allclose(draft[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(draft[-1], 2.0, atol=1e-12)
+
+
+def test_one_value_stays_one(local):
+    assert with_ice(local, 2)["sea_ice_draft"].item() == 2.0
+
+
+@pytest.mark.parametrize(
+    ("field", "attrs", "message"),
+    [
+        (lambda y, x: -1.0 + 0 * y * x, {}, "check the units"),
+        (lambda y, x: 2.0 + 0 * y * x, {"units": "K"}, "needs metres"),
+        (
+            lambda y, x: 2.0 + 0 * y * x,
+            {"standard_name": "sea_ice_area_fraction"},
+            "sea_ice_draft or sea_ice_thickness",
+        ),
+    ],
+)
+def test_a_file_that_is_no_ice_is_one_line(tmp_path, local, field, attrs, message):
+    with pytest.raises(OceanError, match=message):
+        with_ice(local, ice_file(tmp_path / "ice.nc", local, field, **attrs))
+
+
+def test_a_draft_that_is_none_is_one_line(local):
+    with pytest.raises(OceanError, match="ice: a draft of -1 m"):
+        with_ice(local, -1.0)
