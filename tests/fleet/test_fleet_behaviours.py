@@ -7,52 +7,42 @@ from pymantaray.errors import FleetError
 from pymantaray.fleet import ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints
 
 STATION = StationKeeping(0.5)
+POINT = [[0, 0, 1.0]]
+
+BAD = {
+    "FloatCycle: target_depth is -5 m; it must be finite and zero or positive": lambda: FloatCycle(-5.0),
+    "target_depth is 0.4 m; it must lie below surface_depth 0.5 m: give a deeper": lambda: FloatCycle(0.4),
+    "start_delay is -1 s; .* zero or positive": lambda: FloatCycle(100.0, start_delay=-1.0),
+    "hold_depth_time is nan s": lambda: FloatCycle(100.0, hold_depth_time=np.nan),
+    "hold_surface_time is inf s": lambda: FloatCycle(100.0, hold_surface_time=np.inf),
+    "surface_depth is -0.5 m": lambda: FloatCycle(100.0, surface_depth=-0.5),
+    "vertical_speed is 0 m/s; .* finite and positive": lambda: FloatCycle(100.0, vertical_speed=0.0),
+    "depth_gain is 0 1/s; it must be finite and positive": lambda: FloatCycle(100.0, depth_gain=0.0),
+    "arrival_tolerance is 0 m": lambda: FloatCycle(100.0, arrival_tolerance=0.0),
+    "StationKeeping: depth is -1 m": lambda: StationKeeping(-1.0),
+    r"ConstantTwist: twist has shape \(3,\); it needs shape \(6,\)": lambda: ConstantTwist([0, 0, 1]),
+    "ConstantTwist: twist .* all finite": lambda: ConstantTwist([0, 0, 0, np.inf, 0, 0]),
+    r"points has shape \(3,\); it needs shape \('n', 3\)": lambda: Waypoints([0, 0, 1], 1.0, 0.1),
+    r"points has shape \(0, 3\)": lambda: Waypoints(np.empty((0, 3)), 1.0, 0.1),
+    "a point has depth -2 m; depth is positive down": lambda: Waypoints([[0, 0, -2.0]], 1.0, 0.1),
+    "speed is 0 m/s": lambda: Waypoints(POINT, 0.0, 0.1),
+    "turn_rate is -0.1 rad/s": lambda: Waypoints(POINT, 1.0, -0.1),
+    "capture_radius is 5 m; .* radius speed / turn_rate = 20 m: enlarge": lambda: Waypoints(
+        POINT, 2.0, 0.1, 5.0
+    ),
+    "Vehicle: the name is empty": lambda: Vehicle("", (0, 0, 0.5), STATION),
+    r"vehicle 'A': position has shape \(2,\)": lambda: Vehicle("A", (0, 0), STATION),
+    "vehicle 'A': position .* all finite": lambda: Vehicle("A", (0, np.nan, 0), STATION),
+    "vehicle 'A': start depth is -3 m; .*: start deeper": lambda: Vehicle("A", (0, 0, -3.0), STATION),
+    "vehicle 'A': heading is nan rad": lambda: Vehicle("A", (0, 0, 0.5), STATION, heading=np.nan),
+    "vehicle 'A': start depth is 9 m, its station is at 0.5 m": lambda: Vehicle("A", (0, 0, 9.0), STATION),
+}
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda: FloatCycle(-5.0),
-            "FloatCycle: target_depth is -5 m; it must be finite and zero or positive",
-        ),
-        (
-            lambda: FloatCycle(0.4),
-            "target_depth is 0.4 m; it must lie below surface_depth 0.5 m: give a deeper",
-        ),
-        (lambda: FloatCycle(100.0, start_delay=-1.0), "start_delay is -1 s; .* zero or positive"),
-        (lambda: FloatCycle(100.0, hold_depth_time=np.nan), "hold_depth_time is nan s"),
-        (lambda: FloatCycle(100.0, hold_surface_time=np.inf), "hold_surface_time is inf s"),
-        (lambda: FloatCycle(100.0, surface_depth=-0.5), "surface_depth is -0.5 m"),
-        (lambda: FloatCycle(100.0, vertical_speed=0.0), "vertical_speed is 0 m/s; .* finite and positive"),
-        (lambda: FloatCycle(100.0, depth_gain=0.0), "depth_gain is 0 1/s; it must be finite and positive"),
-        (lambda: FloatCycle(100.0, arrival_tolerance=0.0), "arrival_tolerance is 0 m"),
-        (lambda: StationKeeping(-1.0), "StationKeeping: depth is -1 m"),
-        (lambda: ConstantTwist([0, 0, 1]), r"ConstantTwist: twist has shape \(3,\); it needs shape \(6,\)"),
-        (lambda: ConstantTwist([0, 0, 0, np.inf, 0, 0]), "ConstantTwist: twist .* all finite"),
-        (lambda: Waypoints([0, 0, 1], 1.0, 0.1), r"points has shape \(3,\); it needs shape \('n', 3\)"),
-        (lambda: Waypoints(np.empty((0, 3)), 1.0, 0.1), r"points has shape \(0, 3\)"),
-        (lambda: Waypoints([[0, 0, -2.0]], 1.0, 0.1), "a point has depth -2 m; depth is positive down"),
-        (lambda: Waypoints([[0, 0, 1.0]], 0.0, 0.1), "speed is 0 m/s"),
-        (lambda: Waypoints([[0, 0, 1.0]], 1.0, -0.1), "turn_rate is -0.1 rad/s"),
-        (
-            lambda: Waypoints([[0, 0, 1.0]], 2.0, 0.1, capture_radius=5.0),
-            "capture_radius is 5 m; it must be at least the turning radius speed / turn_rate = 20 m: enlarge",
-        ),
-        (lambda: Vehicle("", (0, 0, 0.5), STATION), "Vehicle: the name is empty"),
-        (lambda: Vehicle("A", (0, 0), STATION), r"vehicle 'A': position has shape \(2,\)"),
-        (lambda: Vehicle("A", (0, np.nan, 0), STATION), "vehicle 'A': position .* all finite"),
-        (lambda: Vehicle("A", (0, 0, -3.0), STATION), "vehicle 'A': start depth is -3 m; .*: start deeper"),
-        (lambda: Vehicle("A", (0, 0, 0.5), STATION, heading=np.nan), "vehicle 'A': heading is nan rad"),
-        (
-            lambda: Vehicle("A", (0, 0, 9.0), STATION),
-            "vehicle 'A': start depth is 9 m, its station is at 0.5 m",
-        ),
-    ],
-)
-def test_bad_values_are_refused_in_one_line(make, message):
+@pytest.mark.parametrize("message", BAD)
+def test_bad_values_are_refused_in_one_line(message):
     with pytest.raises(FleetError, match=message) as error:
-        make()
+        BAD[message]()
     assert "\n" not in str(error.value)
 
 

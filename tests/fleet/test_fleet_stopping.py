@@ -84,74 +84,45 @@ def test_path_depends_on_nothing_but_the_vehicle_itself(run, make_float, make_oc
             np.testing.assert_array_equal(truth.quaternion[k], alone.quaternion[0])
 
 
-@pytest.mark.parametrize(
-    ("times", "message"),
-    [
-        (
-            {"sampling_period": 50.2},
-            "sampling_period is 50.2 s, 100.4 times physics_step .* change one of them",
-        ),
-        ({"duration": 1010.0}, "duration is 1010 s, 20.2 times sampling_period .* whole number"),
-        ({"duration": 25.0}, "duration is 25 s, 0.5 times sampling_period"),
-        ({"physics_step": 0.0}, "physics_step is 0 s; it must be finite and positive"),
-        ({"duration": np.nan}, "duration is nan s; it must be finite and positive"),
-        ({"physics_step": 1e-300, "sampling_period": 1e300}, "sampling_period is 1e.300 s, inf times"),
-        (
-            {"duration": 5e14},
-            r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine has",
-        ),
+TIMES = {
+    "sampling_period is 50.2 s, 100.4 times physics_step .* change one of them": {"sampling_period": 50.2},
+    "duration is 1010 s, 20.2 times sampling_period .* whole number": {"duration": 1010.0},
+    "duration is 25 s, 0.5 times sampling_period": {"duration": 25.0},
+    "physics_step is 0 s; it must be finite and positive": {"physics_step": 0.0},
+    "duration is nan s; it must be finite and positive": {"duration": np.nan},
+    "sampling_period is 1e.300 s, inf times": {"physics_step": 1e-300, "sampling_period": 1e300},
+    r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine has": {
+        "duration": 5e14
+    },
+}
+FLEETS = {
+    "there are no vehicles": [],
+    "vehicle 'B': the name is used twice; .* rename one": [floating("B"), floating("C"), floating("B")],
+    "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*: move it": [
+        floating(north=6000.0)
     ],
-)
-def test_times_that_do_not_fit_are_refused(run, make_float, times, message):
-    with pytest.raises(FleetError, match=message):
-        run(make_float(), **times)
+    "vehicle 'B': the start position is 1200 m deep; .* at 1000 m: choose": [floating(depth=1200.0)],
+    "vehicle 'B': target_depth is 2500 m deep; .* at 1000 m: choose": [floating(target_depth=2500.0)],
+    "vehicle 'W': waypoint 1 is at north 0, east 9000 m, outside the ocean": [
+        Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9), (0, 9e3, 9)], 1, 0.1))
+    ],
+    "vehicle 'B': physics_step is 0.5 s; it may be at most 0.25 s, .* shorten": [floating(depth_gain=4.0)],
+    "vehicle 'W': physics_step is 0.5 s; it may be at most 0.2 s, .* jump over a waypoint": [
+        Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9)], 100.0, 100.0))
+    ],
+}
+OCEANS = {
+    "the data set lacks current_east; a local data set has": lambda o: o.drop_vars("current_east"),
+    "missing values; none are": lambda o: o.assign(current_north=o.current_north.where(o.depth < 500)),
+    "axis 'north' has steps from .* must be equal": lambda o: o.assign_coords(north=o.north**3),
+    "axis 'east' has 1 values": lambda o: o.isel(east=[0]),
+    "sea_floor_depth has dimensions": lambda o: o.assign(sea_floor_depth=o.sea_floor_depth.isel(east=0)),
+}
 
 
-@pytest.mark.parametrize(
-    ("fleet", "message"),
-    [
-        ([], "there are no vehicles"),
-        ([floating("B"), floating("C"), floating("B")], "vehicle 'B': the name is used twice; .* rename one"),
-        (
-            [floating(north=6000.0)],
-            "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*: move it",
-        ),
-        ([floating(depth=1200.0)], "vehicle 'B': the start position is 1200 m deep; .* at 1000 m: choose"),
-        ([floating(target_depth=2500.0)], "vehicle 'B': target_depth is 2500 m deep; .* at 1000 m: choose"),
-        (
-            [Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9), (0, 9e3, 9)], 1, 0.1))],
-            "vehicle 'W': waypoint 1 is at north 0, east 9000 m, outside the ocean",
-        ),
-        (
-            [floating(depth_gain=4.0)],
-            "vehicle 'B': physics_step is 0.5 s; it may be at most 0.25 s, .* shorten",
-        ),
-        (
-            [Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9)], 100.0, 100.0))],
-            "vehicle 'W': physics_step is 0.5 s; it may be at most 0.2 s, .* jump over a waypoint",
-        ),
-    ],
-)
-def test_impossible_fleets_are_refused_in_one_line(run, fleet, message):
+@pytest.mark.parametrize("message", [*TIMES, *FLEETS, *OCEANS])
+def test_what_cannot_be_simulated_is_refused_in_one_line(run, make_ocean, message):
+    water = OCEANS.get(message, lambda o: o)(make_ocean())
     with pytest.raises(FleetError, match=message) as error:
-        run(*fleet)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda o: o.drop_vars("current_east"), "the data set lacks current_east; a local data set has"),
-        (lambda o: o.assign(current_north=o.current_north.where(o.depth < 500)), "missing values; none are"),
-        (lambda o: o.assign_coords(north=o.north**3), "axis 'north' has steps from .* must be equal"),
-        (lambda o: o.isel(east=[0]), "axis 'east' has 1 values"),
-        (
-            lambda o: o.assign(sea_floor_depth=o.sea_floor_depth.isel(east=0)),
-            r"sea_floor_depth has dimensions",
-        ),
-    ],
-)
-def test_malformed_oceans_are_refused_in_one_line(run, make_float, make_ocean, change, message):
-    with pytest.raises(FleetError, match=message) as error:
-        run(make_float(), water=change(make_ocean()))
+        run(*FLEETS.get(message, [floating()]), water=water, **TIMES.get(message, {}))
     assert "\n" not in str(error.value)

@@ -22,35 +22,23 @@ def test_round_trip_within_a_micrometre(centre):
     north, east = around()
     back = frame.to_local(*frame.to_geodetic(north, east))
     np.testing.assert_allclose(back, (north, east), rtol=0, atol=1e-6)
-
-
-@pytest.mark.parametrize("centre", CENTRES)
-def test_centre_is_the_origin(centre):
-    np.testing.assert_allclose(LocalFrame(*centre).to_local(*centre), (0.0, 0.0), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(frame.to_local(*centre), (0.0, 0.0), rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (2, 4)])
-def test_leading_axes_are_kept(shape):
+def test_leading_axes_are_kept_and_broadcast(shape):
     frame = LocalFrame(78.0, 0.0)
-    latitude, longitude = frame.to_geodetic(np.full(shape, 1e4), np.full(shape, -2e4))
+    place = np.full(shape, 1e4), np.full(shape, -2e4)
+    latitude, longitude = frame.to_geodetic(*place)
     assert latitude.shape == longitude.shape == shape
-    assert frame.convergence(latitude, longitude).shape == shape
-    assert frame.scale_factor(np.full(shape, 1e4), np.full(shape, -2e4)).shape == shape
-
-
-def test_latitudes_and_longitudes_broadcast():
-    north, east = LocalFrame(78.0, 0.0).to_local(np.linspace(77, 79, 3)[:, None], np.linspace(-5, 5, 4))
-    assert north.shape == east.shape == (3, 4)
+    assert frame.convergence(latitude, longitude).shape == frame.scale_factor(*place).shape == shape
+    assert frame.to_local(78.0, longitude)[0].shape == shape
 
 
 def test_longitude_window_does_not_matter():
     frame = LocalFrame(74.5, 220.0)
     assert frame.longitude_deg == -140.0
     np.testing.assert_allclose(frame.to_local(75.0, 222.0), frame.to_local(75.0, -138.0), rtol=0, atol=1e-6)
-    north, east = around()
-    np.testing.assert_allclose(
-        frame.to_local(*frame.to_geodetic(north, east)), (north, east), rtol=0, atol=1e-6
-    )
 
 
 def test_longitudes_stay_next_to_the_centre_across_the_date_line():
