@@ -10,7 +10,7 @@ from bellhop_stand_in import read_env, read_grids
 from scipy.interpolate import CubicSpline
 
 from pymantaray.acoustics import Medium
-from pymantaray.ocean import open_ocean
+from pymantaray.ocean import open_ocean, to_local
 from pymantaray.study import open_run
 
 LINKS = """source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth
@@ -84,10 +84,12 @@ def test_writing_the_links_of_a_table(mantaray, files):
 
 
 def test_writing_a_named_ocean(mantaray, files):
-    words = ("rays", "write-bellhop", "--ocean", "synthetic:fram", "links.csv", "--out", "run")
+    window = ("--centre", 79, 1, "--half-extent", 9000, 9000)
+    words = ("rays", "write-bellhop", "--ocean", "synthetic:fram", "links.csv", "--out", "run", *window)
     assert mantaray(*words).code == 0
     (*_, c), (*_, bed) = read_grids("run/link_1.env")
-    expected = Medium.from_dataset(open_ocean("synthetic:fram"), interpolation="linear")
+    local = to_local(open_ocean("synthetic:fram"), centre=(79.0, 1.0), half_extent=(9000.0, 9000.0))
+    expected = Medium.from_dataset(local, interpolation="linear")
     np.testing.assert_array_equal(c, expected.sound_speed)
     np.testing.assert_array_equal(bed, expected.bathymetry)
 
