@@ -1,5 +1,7 @@
 """Figures of range and position errors: artists are read back and compared with what they were given."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
@@ -38,8 +40,11 @@ def test_histogram_counts_every_range_once_and_marks_the_mean(look, records):
 
 def test_histograms_of_two_regions_share_their_axis(look):
     rng = np.random.default_rng(3)
-    regions = [("One", rng.normal(-5, 20, 400)), ("Two", rng.normal(4, 30, 300))]
+    regions = [("One-long-name-to-tell", rng.normal(-5, 20, 400)), ("Two", rng.normal(4, 30, 300))]
     panels = look.draw(range_error_histogram(regions, "")).axes
+    titles = [axes._left_title for axes in panels]
+    assert titles[0].get_text() == "(a) One-long-name-to-tell"
+    assert not any(a.get_window_extent().overlaps(b.get_window_extent()) for a, b in pairwise(titles))
     assert len({axes.get_xlim() for axes in panels}) == 1
     assert [int(look.steps(axes)[0].sum()) for axes in panels] == [400, 400, 300, 300]
 

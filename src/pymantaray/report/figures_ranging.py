@@ -29,6 +29,7 @@ from pymantaray.report.style import (
     styled,
 )
 
+_LONG = 16  # letters of a name
 _LEAST_COUNT = 0.6  # where logarithmic axes of counts begin, so that a single one shows
 _STATUS_LOOK = {
     RayStatus.SHADOW: (ORANGE, "o", "shadow"),
@@ -53,8 +54,11 @@ def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> F
         log.set_yscale("log")
         log.set_ylim(_LEAST_COUNT)
         linear.set_ylabel("Ranges in a bin")
-        panel_title(linear, "abcdefgh"[2 * i], plain(_moments(name, heard)))
-        panel_title(log, "abcdefgh"[2 * i + 1], "the same, logarithmic count")
+        words, same = [short(name), _moments(heard)], "the same, logarithmic count"
+        if len(name) > _LONG:  # no room for both above one panel
+            same = f"{words.pop()}, logarithmic count"
+        panel_title(linear, "abcdefgh"[2 * i], plain(": ".join(words)))
+        panel_title(log, "abcdefgh"[2 * i + 1], same)
     for axes in rows[-1]:
         axes.set_xlabel("Range error, refracted − straight [m]")
     common_legend(figure, rows[0, 0].get_legend_handles_labels()[0])
@@ -138,10 +142,10 @@ def dropout_map(transmitter: Array, receiver: Array, status: NDArray[np.int8], h
     return figure
 
 
-def _moments(name: str, errors: Array) -> str:
+def _moments(errors: Array) -> str:
     if not errors.size:
-        return f"{short(name)}: no range was heard"
-    text = f"{short(name)}: N = {errors.size:,}, mean {errors.mean():+.2f} m, sd {_spread(errors):.2f} m"
+        return "no range was heard"
+    text = f"N = {errors.size:,}, mean {errors.mean():+.2f} m, sd {_spread(errors):.2f} m"
     return text.replace("-", "−")
 
 
