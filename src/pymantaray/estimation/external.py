@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Start = Literal["file", "dead-reckoning"]
+EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
 
 G2O = ".g2o"
 
@@ -148,7 +149,7 @@ def open_graph(path: Path | str, *, leave_out: Collection[str] = (), half_angles
 def solve_graph(
     file: GraphFile,
     *,
-    estimator: str | Callable[[FactorGraph, GraphValues], Solution] = "batch",
+    estimator: str | EstimatorFunction = "batch",
     start: Start = "file",
     anchor: bool = False,
     truth: bool = True,
@@ -163,13 +164,11 @@ def solve_graph(
     estimator : str or callable
         A name in `METHODS`, or a function of a graph and its starting values.
     start : {"file", "dead-reckoning"}
-        Start from the values of the file's vertices, or from edges composed from the priors. A start at the
-        truth hides local minima.
+        At the values of the file's vertices, or at edges composed from the priors; a truth hides local minima.
     anchor : bool
-        Give a prior of 1 mm and 1 mrad to the first pose of each part that nothing ties to the world, at the
-        file's value, instead of refusing the graph.
+        Give a prior of 1 mm and 1 mrad to the first pose of each part that floats, instead of refusing it.
     truth : bool
-        Whether the file's vertices are the ground truth, as they are in PyFactorGraph files.
+        Whether the file's vertices are the ground truth, as in PyFactorGraph files.
 
     Returns
     -------
@@ -194,17 +193,7 @@ def solve_graph(
         graph, anchored = anchor_loose_parts(graph, values)
     check_anchored(graph)
     initial, as_in_file = (values, 0) if start == "file" else dead_reckon_graph(graph, values)
-    if graph.degrees_of_freedom < 0:
-        fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns by {-graph.degrees_of_freedom}; singular"
-        raise EstimationError(diagnose(graph, initial) or fallback)
-    try:
-        if isinstance(estimator, str):
-            name, solution = estimator, GraphSolver().solve(graph, initial, method=METHODS[estimator])
-        else:
-            name, solution = getattr(estimator, "__name__", "estimator"), estimator(graph, initial)
-    except (RuntimeError, ValueError) as error:  # what GTSAM throws where it does not abort
-        reason = diagnose(graph, initial) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
-        raise EstimationError(reason) from None
+    name, solution = _solved(graph, initial, estimator)
     diagnosis = (
         None if solution.usable else diagnose(graph, initial) or _misfit(graph, initial, name, solution)
     )
@@ -220,6 +209,22 @@ def solve_graph(
         diagnosis=diagnosis,
         left_out=left_out,
     )
+
+
+def _solved(
+    graph: FactorGraph, initial: GraphValues, estimator: str | EstimatorFunction
+) -> tuple[str, Solution]:
+    """Name of an estimator and its solution."""
+    if graph.degrees_of_freedom < 0:
+        fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns by {-graph.degrees_of_freedom}; singular"
+        raise EstimationError(diagnose(graph, initial) or fallback)
+    try:
+        if isinstance(estimator, str):
+            return estimator, GraphSolver().solve(graph, initial, method=METHODS[estimator])
+        return getattr(estimator, "__name__", "estimator"), estimator(graph, initial)
+    except (RuntimeError, ValueError) as error:  # what GTSAM throws where it does not abort
+        reason = diagnose(graph, initial) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
+        raise EstimationError(reason) from None
 
 
 def named_dataset(graph: FactorGraph, values: GraphValues) -> "xr.Dataset":

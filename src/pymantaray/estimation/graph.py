@@ -61,7 +61,8 @@ class FactorKind:
         """
         Of the residual and its covariance.
 
-        A quaternion has three, in the tangent of the body, before those of a position; others are in the world's axes.
+        A quaternion has three, in the tangent of the body, before those of a position; others are in the
+        world's axes.
         """
         return sum(width for _, width, _ in self.columns) - ("quaternion" in self.columns_at)
 

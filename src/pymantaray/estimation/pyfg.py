@@ -107,7 +107,7 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
 
     Notes
     -----
-    One space between fields, numbers with 17 significant digits. Covariances are the upper triangle by
+    Numbers have 17 significant digits. Covariances are the upper triangle by
     rows in the order x, y, z, rx, ry, rz; a range carries its variance. The grammar has no position prior
     and no depth prior: both are written as pose priors with identity rotation and a variance of 1e12 on
     each free axis, and read back as what they were. PyFactorGraph's own reader [1]_ replaces each
@@ -427,7 +427,7 @@ def _read_names(path: Path) -> dict[str, str]:
     if not path.is_file():
         return {}
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             head, *rows = csv.reader(file)
     except (OSError, ValueError, csv.Error) as error:
         raise EstimationError(f"{path}: not a readable table of names: {error}") from None

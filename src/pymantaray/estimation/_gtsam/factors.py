@@ -32,16 +32,17 @@ class FactorBuilder:
         self._noise: dict[str, tuple[Array, list[Any]]] = {}
         self._ordering: dict[tuple[Any, ...], Any] = {}
         self._values: tuple[GraphValues, Any] | None = None
-        self._common: tuple[list[Factors], Any] | None = None
+        self._common: tuple[dict[str, Factors], Any] | None = None
 
     def common(self, graph: FactorGraph) -> Any:
         """All factors but the ranges; the same object, not to be changed, while those are the same tables."""
-        tables = [graph[name] for name in KINDS if name != "range"]
+        tables = {name: graph[name] for name in KINDS if name != "range"}
         if self._common is None or any(
-            a is not b and len(a) + len(b) for a, b in zip(self._common[0], tables, strict=True)
+            factors is not self._common[0][name] and len(factors) + len(self._common[0][name])
+            for name, factors in tables.items()
         ):
             out = gtsam.NonlinearFactorGraph()
-            for name, factors in zip(KINDS, tables, strict=False):
+            for name, factors in tables.items():
                 self._add(out, name, factors, graph.n_poses)
             self._common = tables, out
         return self._common[1]
