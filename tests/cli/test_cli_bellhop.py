@@ -6,7 +6,7 @@ import bellhop_stand_in as stand_in
 import numpy as np
 import pandas as pd
 import pytest
-from bellhop_stand_in import read_env, read_grids
+from bellhop_stand_in import read_boundary, read_env, read_grids
 from scipy.interpolate import CubicSpline
 
 from pymantaray.acoustics import Medium
@@ -68,7 +68,7 @@ def test_a_comparison_refuses_its_output_before_any_work(mantaray, files, monkey
 def test_writing_the_links_of_a_table(mantaray, files):
     shown = mantaray(
         "rays", "write-bellhop", "links.csv", "--profile", "profile.csv", "--bottom", 1234,
-        "--out", "run", "--write", "rays", "--beams", 7, "--sea-bed", "matching", "--step", 0,
+        "--out", "run", "--write", "rays", "--beams", 7, "--sea-bed", "matching", "--step", 0, "--ice", 4,
     )  # fmt: skip
     paths = [Path(line) for line in shown.out.split()]
     assert paths == [Path("run/link_0.env"), Path("run/link_1.env")]
@@ -76,6 +76,7 @@ def test_writing_the_links_of_a_table(mantaray, files):
     assert second.source == (500.5, -300.0, 70.0)
     assert (second.run_type[0], second.bottom, second.step, len(second.bearings)) == ("R", "A", 0.0, 7)
     assert set(np.ravel(read_grids(paths[1])[1][2])) == {1234.0}
+    assert set(np.ravel(read_boundary(paths[1].with_suffix(".ati"))[2])) == {4.0}
     again = ("rays", "write-bellhop", "links.csv", *PROFILE, "--out", "run")
     assert "run/link_0.env: exists already; give another folder or --force" in mantaray(*again).err
     assert read_env(paths[1]).run_type[0] == "R"

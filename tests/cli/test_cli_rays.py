@@ -239,6 +239,16 @@ def test_a_named_ocean_about_a_centre(rays):
     assert medium_of("out.csv")["centre_deg"] == [79.0, 1.0]
 
 
+def test_ice_reflects_over_a_profile_and_an_ocean(rays):
+    Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,100,3000,4000,400\n0,0,40,3000,4000,400\n")
+    words = ("--ice", 50, "--max-surface-bounces", 1)
+    assert "1 ok, 1 outside" in rays("eigen", "links.csv", "out.csv", *ISO, *words)
+    out = pd.read_csv("out.csv").set_index("surface_bounces")
+    assert out["travel_time_s"][1] == pytest.approx(math.hypot(5000.0, 400.0) / 1500.0, abs=1e-9)
+    assert medium_of("out.csv")["ice"] == 50.0
+    assert "1 ok, 1 outside" in rays("times", "links.csv", "fram.csv", "--ocean", "synthetic:fram", *words)
+
+
 def test_links_of_a_run_take_the_times_that_the_run_has(rays, tiny_run_folder):
     from pymantaray.study import open_run
 
@@ -305,6 +315,9 @@ MEDIA = [
     (("--profile", "km.csv", "--bottom", 9), "km.csv: sound_speed: 1.5 to 1.6 m/s; sea water"),
     (("--profile", "salty.csv", "--bottom", 9), "lacks sound_speed; found depth, salinity"),
     (("--ocean", "synthetic:mars"), "mars"),
+    ((*WATER, "--ice", "ice.nc"), "--ice ice.nc: over a profile it is a draft in metres"),
+    ((*WATER, "--ice", 3500), "the ice reaches"),
+    (("--run", ".", "--ice", 1), "--ice: goes with --ocean and --profile; a run has its own"),
     (("--run", "."), "not a run folder"),
 ]
 REFUSED = [
@@ -383,7 +396,7 @@ def test_the_how_to_runs_as_it_stands(rays):
                 if not {"runs/latest", "ts3z.nc"} & set(line):  # files of the user's own
                     rays(*line[2:])
                     ran.append(Path(line[4]))
-    assert len(ran) == 8
+    assert len(ran) == 9
     assert all(path.exists() for path in ran)
     table = pd.read_csv("times.csv")
     assert table["status"].tolist() == ["ok", "ok", "ok"]

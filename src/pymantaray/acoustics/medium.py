@@ -190,6 +190,7 @@ class Medium:
         *,
         bottom_depth: float,
         interpolation: Interpolation = "smooth",
+        ice_draft: float = 0.0,
     ) -> Self:
         """
         Horizontally uniform and unbounded medium from one profile.
@@ -203,6 +204,8 @@ class Medium:
             Depth of the flat sea bed. [m]
         interpolation : {"smooth", "linear"}
             What lies between the levels.
+        ice_draft : float
+            Depth of the underside of an ice cover, which takes the place of the surface. [m]
 
         Returns
         -------
@@ -217,7 +220,13 @@ class Medium:
         if c.ndim != 1:
             raise AcousticsError(f"sound_speed: shape {c.shape}; a profile has one dimension")
         return cls.from_grid(
-            [0.0], [0.0], depth, c[None, None], bathymetry=[[bottom_depth]], interpolation=interpolation
+            [0.0],
+            [0.0],
+            depth,
+            c[None, None],
+            bathymetry=[[bottom_depth]],
+            interpolation=interpolation,
+            ice_draft=ice_draft,
         )
 
     @classmethod

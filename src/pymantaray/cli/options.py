@@ -105,6 +105,13 @@ class MediumOptions:
         ),
     ] = None
     time: Annotated[str | None, typer.Option(help="Which time of the ocean's files, UTC.")] = None
+    ice: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M|FILE",
+            help="Draft of an ice cover over profile or ocean: metres everywhere, or a NetCDF file over an ocean.",
+        ),
+    ] = None
     run: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Folder of a study's run, for its ocean.")
     ] = None
@@ -119,7 +126,17 @@ class MediumOptions:
     @property
     def files(self) -> list[Path]:
         """Files that no output may overwrite."""
-        return [path for path in (self.profile, *map(Path, self.ocean or [])) if path is not None]
+        ice = self.ice_cover
+        names = (self.profile, ice if isinstance(ice, str) else None, *(self.ocean or []))
+        return [Path(name) for name in names if name is not None]
+
+    @property
+    def ice_cover(self) -> float | str:
+        """Draft of the ice [m], or the file that has it."""
+        try:
+            return float(self.ice or 0.0)
+        except ValueError:
+            return str(self.ice)
 
 
 @dataclass(frozen=True)

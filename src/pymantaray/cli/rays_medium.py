@@ -45,23 +45,27 @@ def load_medium(options: MediumOptions, *, default: "Interpolation | None" = Non
         interpolation = interpolation or run.config.acoustics.interpolation
         local, named = run.ocean, str(options.run)
     else:
-        from pymantaray.ocean import open_ocean, to_local
+        from pymantaray.ocean import open_ocean, to_local, with_ice
 
         local = to_local(
             open_ocean(options.ocean or [], time=options.time),
             centre=options.centre,
             half_extent=options.half_extent,
         )
+        if options.ice is not None:
+            local = with_ice(local, options.ice_cover)
         named = " ".join(options.ocean or [])
     medium = Medium.from_dataset(local, interpolation=interpolation or "smooth")
     centre = [float(local.attrs[f"centre_{name}_deg"]) for name in ("latitude", "longitude")]
     reach = [float(medium.north[-1]), float(medium.east[-1])]
-    record = {
+    record: dict[str, Any] = {
         kind: named,
         "centre_deg": centre,
         "half_extent_m": reach,
         "interpolation": medium.interpolation,
     }
+    if options.ice is not None:
+        record["ice"] = options.ice_cover
     note = (
         f"{named}: north +-{reach[0]:.0f} m, east +-{reach[1]:.0f} m about {centre[0]:g} N {centre[1]:g} E,"
         f" sea bed {medium.bathymetry.min():.0f} to {medium.bathymetry.max():.0f} m"
@@ -74,6 +78,8 @@ def _source(options: MediumOptions) -> str:
     if len(kinds) != 1:
         named = " and ".join(f"--{kind}" for kind in sorted(kinds)) or "no ocean"
         raise AcousticsError(f"{named} given; exactly one of --ocean, --profile and --run is needed")
+    if options.ice is not None and kinds == ["run"]:
+        raise AcousticsError("--ice: goes with --ocean and --profile; a run has its own")
     for kind, names in _ONLY.items():
         for name in names:
             if kind != kinds[0] and getattr(options, name) is not None:
@@ -90,6 +96,9 @@ def _from_profile(path: Path, options: MediumOptions, interpolation: "Interpolat
         raise AcousticsError("--profile and --bottom: the one needs the other")
     if not 0.0 < bottom < float("inf"):
         raise AcousticsError(f"--bottom {bottom:g}: a positive depth in metres is needed")
+    ice = options.ice_cover
+    if isinstance(ice, str):
+        raise AcousticsError(f"--ice {ice}: over a profile it is a draft in metres; a file goes with --ocean")
     if options.thin is not None and options.smooth is not None:
         raise AcousticsError("--thin and --smooth exclude each other; give one")
     profile = read_profile(path, options.position)
@@ -118,7 +127,9 @@ def _from_profile(path: Path, options: MediumOptions, interpolation: "Interpolat
                 "greatest_change_m_s": reduced.greatest_change,
             }
             notes.append(f"{path}: {reduced}")
-        medium = Medium.from_profile(depth, speed, bottom_depth=bottom, interpolation=interpolation)
+        medium = Medium.from_profile(
+            depth, speed, bottom_depth=bottom, interpolation=interpolation, ice_draft=ice
+        )
     except AcousticsError as error:
         raise AcousticsError(f"{path}: {error}") from None
     if first > 0.0:
@@ -129,5 +140,5 @@ def _from_profile(path: Path, options: MediumOptions, interpolation: "Interpolat
             " to a constant within some 400 m, so add levels if rays go that deep"
         )
     record |= {"levels": int(depth.size), "bottom_depth_m": bottom, "interpolation": interpolation}
-    record["last_level_m"] = last
+    record |= {"last_level_m": last} | ({"ice": ice} if ice else {})
     return LoadedMedium(medium, record, notes)
