@@ -1,9 +1,13 @@
 """Independent solvers and closed forms that tests hold the package against; none of them uses its kernels."""
 
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 from pymantaray.estimation import RangeLinks
 
@@ -87,3 +91,158 @@ def _asking(believed, rows, keys, root, graph):
         return np.linalg.solve(root, residual)
 
     return error
+
+
+class DenseFan:
+    """
+    Eigenrays of a vertical section by brute force, sharing no code with the solver.
+
+    Hamilton's equations in range by RK4 with fixed steps, thousands of rays at a time, through scipy's splines; a step that crosses
+    the surface or the bed is cut there by the secant method and goes on reflected. Intervals of launch angle with a change
+    of sign between rays of the same reflections, an extremum of the miss near zero, or a change of reflections are divided by 8,
+    three times. Spreading comes from differences of depth between neighbouring rays.
+
+    ``profile`` gives the sound speed as a `PPoly` of depth, by range; with reflections it must be the same everywhere. [m]
+    """
+
+    DIVISION, GRAZING = (
+        8,
+        0.02,
+    )  # m; a ray that turns this near a boundary may count as in the water, or reflected, or not
+
+    class Rays(NamedTuple):
+        """One row per eigenray; slope is the change of the miss by the launch angle [m/rad]."""
+
+        link: Array
+        surface: Array
+        bottom: Array
+        angle: Array
+        time: Array
+        spreading: Array
+        slope: Array
+        grazing: Array
+
+    def __init__(self, profile, bottom, step, most=(0, 0)):
+        self.profile, self.bottom, self.step, self.most = profile, bottom, step, most
+
+    def eigenrays(self, depth, receivers, spacing, steepest):
+        """From (0, depth) to receivers (n, 2) at whole steps."""
+        ends = np.rint(receivers[:, 0] / self.step).astype(int)
+        angles = np.arange(-steepest, steepest, spacing)
+        link, left = [], []
+        for i, (y, _, order, _) in enumerate(self._trace(depth, angles, ends.max()), start=1):
+            for j in np.flatnonzero(ends == i):
+                here = self._candidates(y[0] - receivers[j, 1], order)
+                link.append(np.full(here.size, j))
+                left.append(angles[here])
+        link, left, width = np.concatenate(link), np.concatenate(left), spacing
+        for level in range(3):
+            width /= self.DIVISION
+            nodes = left[:, None] + width * np.arange(self.DIVISION + 1)
+            state = np.full((8, *nodes.shape), np.nan)
+            out, owner = state.reshape(8, -1), np.repeat(link, self.DIVISION + 1)
+            rays = self._trace(depth, nodes.ravel(), ends.max())
+            for i, (y, bounces, order, nearest) in enumerate(rays, start=1):
+                here = ends[owner] == i
+                if here.any():
+                    out[:, here] = np.concatenate([y, bounces, order[None], nearest[None]])[:, here]
+            state[0] -= receivers[link, 1][:, None]
+            if level < 2:
+                hits = [self._candidates(*rows) for rows in zip(state[0], state[6], strict=True)]
+                left = np.concatenate([nodes[j, hit] for j, hit in enumerate(hits)])
+                link = np.repeat(link, [hit.size for hit in hits])
+        with np.errstate(invalid="ignore"):
+            same = state[6, :, :-1] == state[6, :, 1:]
+            row, at = np.nonzero(same & (state[0, :, :-1] * state[0, :, 1:] <= 0.0))
+        a, b = state[:, row, at], state[:, row, at + 1]
+        t = a[0] / (a[0] - b[0])
+        _, p, time, side = ((1 - t) * a + t * b)[:4]
+        link, angle = link[row], nodes[row, at] + t * width
+        n = float(self.profile(0.0)(depth)) / np.array([self.profile(r)(z) for r, z in receivers])[link]
+        # tube: |dz| cos(arrival) across the plane's ray, side * h of launch out of the plane
+        slope = np.abs(b[0] - a[0]) / width
+        area = slope * np.sqrt(n**2 - p**2) / n * side
+        length2 = receivers[link, 0] ** 2 + (receivers[link, 1] - depth) ** 2
+        spreading = 10.0 * np.log10(area * n / length2)
+        grazing = np.minimum(a[7], b[7]) < self.GRAZING
+        order = np.lexsort((angle, link))
+        twice = (np.diff(angle[order], prepend=np.inf) < 1e-2 * width) & (
+            np.diff(link[order], prepend=-1) == 0
+        )
+        one = order[~twice]  # a root at a node may show on both sides
+        bounces = a[4:6, one].astype(int)
+        return self.Rays(link[one], *bounces, angle[one], time[one], spreading[one], slope[one], grazing[one])
+
+    def _trace(self, depth, angles, steps):
+        """Yield states, bounces, order of bounces and nearness to a boundary of turning points after each step."""
+        start = self.profile(0.0)
+        self._c_source = float(start(depth))
+        y = np.array([np.full(angles.size, depth), np.sin(angles), 0.0 * angles, 0.0 * angles])
+        bounces, order = np.zeros((2, angles.size), dtype=int), np.zeros(angles.size, dtype=np.int64)
+        nearest = np.full(angles.size, np.inf)
+        with np.errstate(invalid="ignore"):
+            for i in range(steps):
+                middle, end = self.profile((i + 0.5) * self.step), self.profile((i + 1.0) * self.step)
+                new = self._advance((start, middle, end), y, self.step)
+                self._reflect(start, y, new, bounces, order)
+                gap = np.minimum(new[0], self.bottom - new[0])
+                nearest = np.where(np.abs(new[1]) < 0.01, np.fmin(nearest, gap), nearest)
+                y, start = new, end
+                yield y, bounces, order, nearest
+
+    def _advance(self, profiles, y, step):
+        """One RK4 step of depth, its slowness, travel time and lateral spreading; steps (n,) may differ by ray."""
+
+        def rates(profile, y):
+            c, slope = profile(y[0]), profile(y[0], 1)
+            n2 = (self._c_source / c) ** 2
+            h = np.sqrt(n2 - y[1] ** 2)
+            return np.array([y[1] / h, -n2 * slope / (c * h), n2 / (h * self._c_source), 1.0 / h])
+
+        start, middle, end = profiles
+        k1 = rates(start, y)
+        k2 = rates(middle, y + 0.5 * step * k1)
+        k3 = rates(middle, y + 0.5 * step * k2)
+        k4 = rates(end, y + step * k3)
+        return y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+    def _reflect(self, profile, y, new, bounces, order):
+        """Cut the steps of rays that crossed a boundary, reflect them and finish the step; in place."""
+        for at, wall, sign in ((0, 0.0, -1.0), (1, self.bottom, 1.0)):
+            out = np.flatnonzero(sign * (new[0] - wall) > 0.0)
+            if out.size == 0 or not any(self.most):
+                continue
+            start = y[:, out]
+            lo, hi = np.zeros(out.size), np.full(out.size, self.step)
+            f_lo, f_hi = start[0] - wall, new[0, out] - wall
+            for _ in range(8):  # regula falsi of Illinois kind
+                at_step = hi - f_hi * (hi - lo) / (f_hi - f_lo)
+                here = self._advance([profile] * 3, start, at_step)
+                f = here[0] - wall
+                beyond = sign * f > 0.0
+                f_lo = np.where(beyond, 0.5 * f_lo, f)
+                f_hi = np.where(beyond, f, 0.5 * f_hi)
+                lo, hi = np.where(beyond, lo, at_step), np.where(beyond, at_step, hi)
+            here[0] = wall
+            here[1] *= -1.0
+            new[:, out] = self._advance([profile] * 3, here, self.step - at_step)
+            bounces[at, out] += 1
+            order[out] = 3 * order[out] + 1 + at
+        lost = (bounces[0] > self.most[0]) | (bounces[1] > self.most[1]) | (new[0] < 0.0)
+        new[:, lost | (new[0] > self.bottom)] = np.nan
+
+    @staticmethod
+    def _candidates(miss, order):
+        """Indices i of intervals [i, i + 1] in which a root may hide."""
+        alive = np.isfinite(miss)
+        with np.errstate(invalid="ignore"):
+            same = order[:-1] == order[1:]
+            change = same & (miss[:-1] * miss[1:] <= 0.0)
+            edge = (alive[:-1] != alive[1:]) | (~same & alive[:-1] & alive[1:])
+            size = np.abs(miss)
+            dip = np.zeros(miss.size, dtype=bool)
+            dip[1:-1] = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:]) & (miss[:-2] * miss[2:] > 0.0)
+            bend = np.zeros(miss.size)
+            bend[1:-1] = np.abs(miss[:-2] - 2.0 * miss[1:-1] + miss[2:])
+            dip &= size < bend  # a parabola's vertex lies at most an eighth of this beyond the middle node
+        return np.flatnonzero(change | edge | dip[:-1] | dip[1:])
