@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
 
 from pymantaray.records import RayStatus
 from pymantaray.report import figures, style
@@ -112,6 +113,19 @@ def test_ray_picture_draws_eigenrays_over_fan_and_states_its_exaggeration(look, 
         assert line.get_zorder() > max(other.get_zorder() for other in fan)
     chord = next(line for line in look.markers(axes, style.INK) if line.get_linestyle() == "--")
     np.testing.assert_allclose(chord.get_xydata(), [[0.0, 100.0], [6.0, 800.0]])
+
+
+def test_ray_picture_shows_the_ice_and_no_water_in_it(look, water):
+    rays = water.rays()
+    draft = 20.0 + 10.0 * np.sin(rays["range"].values / 1e3)
+    axes = look.draw(ray_picture(rays.assign(sea_ice_draft=("range", draft)), HEADER)).axes[0]
+    ice = next(c for c in axes.collections if to_hex(c.get_facecolor()[0]) == style.ICE)
+    assert ice.get_paths()[0].vertices[:, 1].max() == pytest.approx(draft.max())
+    speed = axes.collections[0].get_array()
+    depths = np.linspace(*axes.get_ylim()[::-1], len(speed))
+    np.testing.assert_array_equal(
+        ~np.ma.getmaskarray(speed)[depths < 200.0], depths[depths < 200.0, None] >= draft
+    )
 
 
 def test_ray_picture_ends_above_a_sea_bed_that_is_far_below(look, water):

@@ -9,13 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pymantaray.report.figures import register
+from pymantaray.report.figures import Results, register
 from pymantaray.report.style import (
     BED,
     BLUE,
     COLUMN,
     DOUBLE,
     GREEN,
+    GREY,
+    ICE,
     INK,
     ORANGE,
     PINK,
@@ -80,11 +82,15 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
     lowest = _lowest_shown(picture)
     rows = np.linspace(depth[0], lowest, _ROWS)
     speed = np.stack([np.interp(rows, depth, column) for column in picture["sound_speed"].values], axis=1)
-    speed = np.where(rows[:, None] <= floor, speed, np.nan)
+    ice = picture["sea_ice_draft"].values if "sea_ice_draft" in picture else np.zeros(km.size)
+    speed = np.where((rows[:, None] <= floor) & (rows[:, None] >= ice), speed, np.nan)
     mesh = axes.pcolormesh(km, rows, speed, cmap=SOUND_SPEED, shading="nearest", rasterized=True)
     figure.colorbar(mesh, ax=axes, label="Sound speed [m/s]", pad=0.015, aspect=30)
     axes.fill_between(km, floor, max(depth[-1], floor.max()) * 2.0, color=BED, linewidth=0.0, zorder=2)
     axes.plot(km, floor, color=SHORE, linewidth=0.8, zorder=2)
+    if ice.any():
+        axes.fill_between(km, 0.0, ice, color=ICE, linewidth=0.0, zorder=2)
+        axes.plot(km, ice, color=GREY, linewidth=0.8, zorder=2)
 
     arrives = picture["ray_arrives"].values.astype(bool)
     for hit, x, z in zip(arrives, picture["ray_range"].values, picture["ray_depth"].values, strict=True):
@@ -115,6 +121,15 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
     )
     axes.set_title(f"{link}, vertical exaggeration {exaggeration:.2g}", loc="left")
     return figure
+
+
+def _caption_of_rays(results: Results) -> str:
+    ice = results.run.ray_picture.get("sea_ice_draft")
+    cover = " ice (white)," if ice is not None and ice.any() else ""
+    return (
+        f"Sound on the link that bends most: sound speed (blue),{cover} sea bed (brown, where it is not far below),"
+        " direct eigenrays (orange), the straight chord (dashed) and other rays from the same source (grey)."
+    )
 
 
 def _lowest_shown(picture: xr.Dataset) -> float:
@@ -153,8 +168,7 @@ register(
 register(
     "ray_picture",
     place=30,
-    caption="Sound on the link that bends most: sound speed (blue), sea bed (brown, where it is not far below),"
-    " direct eigenrays (orange), the straight chord (dashed) and other rays from the same source (grey).",
+    caption=_caption_of_rays,
     draw=lambda r: ray_picture(r.run.ray_picture, r.header),
     needs=lambda r: r.has_ray_picture,
 )

@@ -37,7 +37,7 @@ HEADER_LINE = 4
 
 BLUE, ORANGE, GREEN, SKY, PINK = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#CC79A7"  # Okabe and Ito
 INK, GREY, PALE, BAND = "#1a1a1a", "#6b6b6b", "#c8c8c8", "#dcdcdc"
-BED, SHORE = "#8d7f70", "#4a4038"
+BED, SHORE, ICE = "#8d7f70", "#4a4038", "#ffffff"
 
 CONDITION_COLOURS = {
     "odometry": GREY,
