@@ -16,6 +16,7 @@ from pymantaray.records import (
     RangingTruth,
     RayStatus,
     Trajectories,
+    read_netcdf,
 )
 from pymantaray.records.base import Column, Record, column
 
@@ -64,40 +65,27 @@ def assert_equal(one, two):
         np.testing.assert_array_equal(a, b, err_msg=f.name)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_round_trip_through_netcdf_keeps_every_bit(kind, tmp_path):
-    record = filled(kind)
-    path = tmp_path / "record.nc"
-    record.save(path)
-    assert_equal(kind.load(path), record)
-    assert [p.name for p in tmp_path.iterdir()] == ["record.nc"]
+EMPTY = [
+    (Measurements, ("landmark",)),
+    (Measurements, ("fix", "range", "landmark", "attitude")),
+    (Arrivals, ("arrival", "n_links")),
+    (Estimates, ("landmark", "realization")),
+]
 
 
-@pytest.mark.parametrize(
-    ("kind", "empty"),
-    [
-        (Measurements, ("landmark",)),
-        (Measurements, ("fix", "range", "landmark")),
-        (Arrivals, ("arrival",)),
-        (Arrivals, ("arrival", "n_links")),
-        (Estimates, ("landmark", "realization")),
-    ],
-)
-def test_round_trip_of_empty_tables(kind, empty, tmp_path):
+@pytest.mark.parametrize(("kind", "empty"), [*((kind, ()) for kind in KINDS), *EMPTY])
+def test_a_file_keeps_every_bit_and_says_what_it_holds_and_in_which_units(kind, empty, tmp_path):
     record = filled(kind, empty)
-    record.save(tmp_path / "record.nc")
+    for _ in range(2):  # saving again replaces
+        record.save(tmp_path / "record.nc")
     assert_equal(kind.load(tmp_path / "record.nc"), record)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_file_says_what_it_holds_and_in_which_units(kind, tmp_path):
-    filled(kind).save(tmp_path / "record.nc")
-    with xr.open_dataset(tmp_path / "record.nc", decode_times=False) as data:
-        assert data.attrs["mantaray_record"] == kind.kind
-        for f in fields(kind):
-            assert data[f.name].dims == f.metadata["dims"]
-            assert data[f.name].attrs["long_name"] == f.metadata["long_name"]
-            assert data[f.name].attrs.get("units", "") == f.metadata["units"]
+    assert [p.name for p in tmp_path.iterdir()] == ["record.nc"]
+    data = read_netcdf(tmp_path / "record.nc", decode_times=False)
+    assert data.attrs["mantaray_record"] == kind.kind
+    for f in fields(kind):
+        assert data[f.name].dims == f.metadata["dims"]
+        assert data[f.name].attrs["long_name"] == f.metadata["long_name"]
+        assert data[f.name].attrs.get("units", "") == f.metadata["units"]
 
 
 def test_fields_are_converted_copied_and_frozen():
@@ -111,12 +99,6 @@ def test_fields_are_converted_copied_and_frozen():
         record.size[0] = 5.0
     with pytest.raises(FrozenInstanceError):
         record.size = size
-
-
-def test_saving_again_replaces_the_file(tmp_path):
-    pair().save(tmp_path / "p.nc")
-    pair(size=[3, 4]).save(tmp_path / "p.nc")
-    np.testing.assert_array_equal(Pair.load(tmp_path / "p.nc").size, [3.0, 4.0])
 
 
 @pytest.mark.parametrize(
@@ -135,12 +117,6 @@ def test_saving_again_replaces_the_file(tmp_path):
 def test_bad_columns_are_refused_in_one_line(changed, message):
     with pytest.raises(RecordError, match=message) as error:
         pair(**changed)
-    assert "\n" not in str(error.value)
-
-
-def test_missing_file(tmp_path):
-    with pytest.raises(RecordError, match=r"absent\.nc: not a readable NetCDF file") as error:
-        Trajectories.load(tmp_path / "absent.nc")
     assert "\n" not in str(error.value)
 
 
@@ -171,18 +147,12 @@ def test_file_damaged_inside(tmp_path):
         Pair.load(path)
 
 
-def test_another_kind_of_file(tmp_path):
+def test_another_kind_of_file_or_data_set_is_refused(tmp_path):
     pair().save(tmp_path / "p.nc")
-    with pytest.raises(RecordError, match="data set holds 'pair'; needs 'trajectories'"):
+    with pytest.raises(RecordError, match=r"p\.nc: data set holds 'pair'; needs 'trajectories'"):
         Trajectories.load(tmp_path / "p.nc")
-
-
-def test_foreign_data_set():
     with pytest.raises(RecordError, match="data set holds None; needs 'pair'"):
         Pair.from_dataset(xr.Dataset())
-
-
-def test_data_set_without_a_field():
     with pytest.raises(RecordError, match="pair: data set lacks name, count"):
         Pair.from_dataset(pair().to_dataset().drop_vars(["name", "count"]))
 
