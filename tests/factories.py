@@ -257,6 +257,7 @@ def estimates(truth, position, conditions=("straight", "refracted"), *, quaterni
         final_cost=np.ones(shape),
         expected_cost=np.ones(shape),
         gradient_norm=np.zeros(shape),
+        gated_links=np.zeros(shape),
     )
 
 

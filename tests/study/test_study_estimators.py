@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 from oracles import nonlinear_vector_factors
 
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon, solve_conditions
 from pymantaray.estimation.build import timed_ranges
 from pymantaray.estimation.range_models import BelievedRanges, RangeLinks
 from pymantaray.ocean import open_ocean, to_local
-from pymantaray.records import Estimates, SolveStatus
+from pymantaray.records import SolveStatus
 from pymantaray.study import parse_study, preset_text, run_study
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config import StudyConfig
@@ -136,15 +135,6 @@ def test_conditions_are_the_same_bytes_with_and_without_estimators(day):
             np.testing.assert_array_equal(getattr(more[name], field), getattr(solution, field))
             stored = getattr(day.estimates, field)[list(day.estimates.condition).index(name), 1]
             np.testing.assert_array_equal(stored, np.asarray(getattr(solution, field), dtype=stored.dtype))
-
-
-def test_count_of_gated_links_is_kept_and_absent_where_none_is(day, tmp_path):
-    with xr.open_dataset(day.path / "estimates.nc") as dataset:
-        assert "gated_links" not in dataset
-    assert day.estimates.gated_links.tolist() == [[0, 0], [0, 0]]
-    counted = replace(day.estimates, gated_links=[[0, 3], [5, 0]])
-    counted.save(tmp_path / "estimates.nc")
-    np.testing.assert_array_equal(Estimates.load(tmp_path / "estimates.nc").gated_links, counted.gated_links)
 
 
 @pytest.mark.slow
