@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import xarray as xr
+from factories import make_arrivals
 
 from pymantaray.errors import RecordError
 from pymantaray.records import (
@@ -159,23 +160,13 @@ def test_another_kind_of_file_or_data_set_is_refused(tmp_path):
 
 def test_first_arrival_of_each_link():
     vector = np.arange(9.0).reshape(3, 3)
-    arrivals = Arrivals(
-        link=[1, 1, 2],
+    arrivals = make_arrivals(
+        [1, 1, 2],
+        [RayStatus.SHADOW, RayStatus.OK, RayStatus.OK],
         travel_time=[2.0, 2.5, 1.0],
-        surface_bounces=[0, 0, 0],
-        bottom_bounces=[0, 0, 0],
-        turning_points=[0, 1, 0],
-        launch_angle=[0.1, 0.2, 0.3],
-        arrival_angle=[0.1, 0.2, 0.3],
-        spreading_db=[0, 0, 0],
         source_slowness=vector,
         receiver_slowness=-vector,
-        ray_axis=[0, 0, 1],
-        status=[RayStatus.SHADOW, RayStatus.OK, RayStatus.OK],
         chord_travel_time=[1, 2, 3],
-        source_sound_speed=[1500, 1501, 1502],
-        receiver_sound_speed=[1510, 1511, 1512],
-        shadow_margin=[7, 0, 0],
     )
     first = arrivals.first()
     np.testing.assert_array_equal(first.travel_time, [np.nan, 2.0, 1.0])
