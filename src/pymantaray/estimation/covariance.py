@@ -29,6 +29,16 @@ class EpochCovariances:
     range_nis: Array
     range_dimension: Indices
 
+    @classmethod
+    def unknown(cls, n_epochs: int, n_agents: int) -> "EpochCovariances":
+        """Of a solve that has none: NaN."""
+        return cls(
+            np.full((n_epochs, n_agents, 3, n_agents, 3), np.nan),
+            np.full((n_epochs, n_agents, 6, 6), np.nan),
+            np.full(n_epochs, np.nan),
+            np.zeros(n_epochs, dtype=np.intp),
+        )
+
 
 def fixed_epochs(time: Array, interval: float) -> Indices:
     """
@@ -91,15 +101,7 @@ def factor_covariances(
         raise EstimationError(
             f"covariances: {graph.variable_name(int(free[0]))} has neither prior nor odometry; leave it out"
         )
-    shared = getattr(factors, "shared", None)
-    m = group_marginals(factors, values, chosen, graph.n_poses, first_range, shared)
-    agents = np.arange(chosen.shape[1])
-    return EpochCovariances(
-        position=np.einsum("eaij,eajbk,eblk->eaibl", m.rotation, m.covariance[:, :, 3:, :, 3:], m.rotation),
-        pose=np.moveaxis(m.covariance[:, agents, :, agents, :], 0, 1),
-        range_nis=m.nis,
-        range_dimension=m.dimension,
-    )
+    return group_marginals(factors, values, chosen, graph.n_poses, first_range)
 
 
 def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochCovariances:
@@ -157,13 +159,7 @@ def collect_covariances(
     conditions = list(solutions[0]) if solutions else []
     if not solutions or any(list(s) != conditions for s in solutions):
         raise EstimationError("covariances: needs one realization at least, all with the same conditions")
-    e, a = len(samples), measurements.name.size
-    nothing = EpochCovariances(
-        np.full((e, a, 3, a, 3), np.nan),
-        np.full((e, a, 6, 6), np.nan),
-        np.full(e, np.nan),
-        np.zeros(e, dtype=np.intp),
-    )
+    nothing = EpochCovariances.unknown(len(samples), measurements.name.size)
 
     def table(attribute: str) -> NDArray[Any]:
         return np.array([[getattr(s[c] or nothing, attribute) for s in solutions] for c in conditions])

@@ -75,15 +75,11 @@ class RangeModel(Protocol):
 
 
 @runtime_checkable
-class AdjustableModel(Protocol):
+class AdjustableModel(RangeModel, Protocol):
     """A range model whose ocean has shapes of unknown amplitude."""
 
     amplitude_sigma: Array
     """Prior standard deviation of each amplitude about zero, shape (n_modes,). [m s⁻¹]"""
-
-    def predict(self, links: RangeLinks) -> Prediction:
-        """Travel times of all links."""
-        ...
 
     def adjusted(self, amplitudes: Array) -> "AdjustableModel":
         """Give the model with these amplitudes, counted from the ocean that was believed first. [m s⁻¹]."""

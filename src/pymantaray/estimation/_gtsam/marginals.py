@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 
 from pymantaray.estimation._gtsam.factors import FactorBuilder
 from pymantaray.estimation._gtsam.optimize import SMALLEST_PIVOT
+from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 
 Array = NDArray[np.float64]
@@ -20,28 +21,11 @@ _STEPS = 6  # of inverse iteration; each takes away what is not the weakest by t
 _EXPLAINED = 1e-8  # a direction whose residual keeps less of its variance is not predicted by anything else
 
 
-class Marginals(NamedTuple):
-    """Covariances of groups of poses, such as those of a fleet at some epochs."""
-
-    covariance: Array
-    """In the tangents of the poses, shape (n_groups, n_members, 6, n_members, 6); NaN if singular. [rad, m]"""
-    rotation: Array
-    """Body to world, shape (n_groups, n_members, 3, 3)."""
-    nis: Array
-    """Squared innovation of the ranges within each group, normalized; NaN if it has none."""
-    dimension: NDArray[np.intp]
-
-
 def group_marginals(
-    factors: Any,
-    values: Any,
-    groups: NDArray[np.intp],
-    n_poses: int,
-    first_range: int | None = None,
-    shared: int | None = None,
-) -> Marginals:
+    factors: Any, values: Any, groups: NDArray[np.intp], n_poses: int, first_range: int | None = None
+) -> EpochCovariances:
     r"""
-    Covariances of groups of poses, shape (n_groups, n_members), at an optimum, joint within each group.
+    Covariances of groups of poses, shape (n_epochs, n_agents), at an optimum, joint within each group.
 
     One partial elimination takes out all variables but those asked for, and landmarks that they are ranged
     with. What is left is a small dense information matrix, whose inverse is the joint covariance of all
@@ -60,10 +44,11 @@ def group_marginals(
     left = _eliminated(linear, [*chosen, *more])
     covariance = None if left is None else _inverse(left[0])
     if left is None or covariance is None:
-        return _nothing(groups)
+        return EpochCovariances.unknown(*groups.shape)
     step = covariance @ left[1]  # to the optimum of the linear system: none but what the solver left
     n_groups, members = groups.shape
     size = 6 * members
+    shared = getattr(factors, "shared", None)
     diagonal = np.stack(
         [covariance[size * g : size * (g + 1), size * g : size * (g + 1)] for g in range(n_groups)]
     )
@@ -73,13 +58,14 @@ def group_marginals(
     edge = np.concatenate([[0], np.cumsum(width)]).tolist()
     place = {key: slice(edge[i], edge[i + 1]) for i, key in enumerate([*chosen, *more])}
     fits = [_innovation(rows, covariance, step, place) for rows in blocks]
-    return Marginals(
-        covariance=diagonal.reshape(n_groups, members, 6, members, 6),
-        rotation=np.array([values.atPose3(key).rotation().matrix() for key in chosen]).reshape(
-            *groups.shape, 3, 3
-        ),
-        nis=np.array([nis for nis, _ in fits]),
-        dimension=np.array([dimension for _, dimension in fits], dtype=np.intp),
+    joint = diagonal.reshape(n_groups, members, 6, members, 6)
+    turn = np.array([values.atPose3(key).rotation().matrix() for key in chosen]).reshape(*groups.shape, 3, 3)
+    agents = np.arange(members)
+    return EpochCovariances(
+        position=np.einsum("eaij,eajbk,eblk->eaibl", turn, joint[:, :, 3:, :, 3:], turn),
+        pose=np.moveaxis(joint[:, agents, :, agents, :], 0, 1),
+        range_nis=np.array([nis for nis, _ in fits]),
+        range_dimension=np.array([dimension for _, dimension in fits], dtype=np.intp),
     )
 
 
@@ -89,16 +75,6 @@ def vector_marginal(factors: Any, values: Any, key: int) -> Array:
     covariance = None if left is None else _inverse(left[0])
     n = values.atVector(key).size
     return np.full((n, n), np.nan) if covariance is None else covariance
-
-
-def _nothing(groups: NDArray[np.intp]) -> Marginals:
-    n, m = groups.shape
-    return Marginals(
-        np.full((n, m, 6, m, 6), np.nan),
-        np.full((n, m, 3, 3), np.nan),
-        np.full(n, np.nan),
-        np.zeros(n, np.intp),
-    )
 
 
 def _range_blocks(
