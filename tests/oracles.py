@@ -7,9 +7,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
 from pymantaray.estimation import RangeLinks
+
+Array = NDArray[np.float64]
 
 
 def nonlinear_vector_factors(graph, believed, initial):
