@@ -6,6 +6,8 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.interpolate import NdBSpline, make_interp_spline
 
 from pymantaray.estimation import RangeLinks
 
@@ -246,3 +248,107 @@ class DenseFan:
             bend[1:-1] = np.abs(miss[:-2] - 2.0 * miss[1:-1] + miss[2:])
             dip &= size < bend  # a parabola's vertex lies at most an eighth of this beyond the middle node
         return np.flatnonzero(change | edge | dip[:-1] | dip[1:])
+
+
+class Shooting:
+    """
+    Travel times in a smooth medium by a solver of another kind: scipy's DOP853 on the full Hamiltonian, with shooting.
+
+    The field is scipy's own tensor-product spline through the same grid values, legs are integrated in time and cut where they meet the
+    surface or the bilinear bed, where the slowness is mirrored about the normal, and two launch angles are varied by Newton's
+    method until the ray meets its receiver: no section, no axis, no variational equations. The package gives first guesses
+    of the launch and of the legs' times.
+    """
+
+    LONGEST_STEP = 15.0  # m; the spline's third derivative jumps at every level
+    SURFACE = 1
+
+    def __init__(self, medium):
+        self.medium = medium
+        # the medium's definition: cubic not-a-knot splines horizontally, a natural cubic spline in depth
+        north = make_interp_spline(medium.north, medium.sound_speed, k=3, axis=0)
+        east = make_interp_spline(medium.east, north.c, k=3, axis=1)
+        depth = make_interp_spline(medium.depth, np.moveaxis(east.c, 0, 1), k=3, axis=2, bc_type="natural")
+        self.speed = NdBSpline((north.t, east.t, depth.t), np.moveaxis(depth.c, 0, 2), 3)
+
+    def times(self, source, receiver, launch, walls, times):
+        """Travel times of rays launched about unit vectors that meet walls (n, k), with legs of about times (n, k + 1)."""
+        angles = np.stack([np.arctan2(launch[:, 1], launch[:, 0]), np.arcsin(launch[:, 2])])
+        n, delta = len(source), 1e-5
+        turns = delta * np.array([[[0.0], [0.0]], [[1.0], [0.0]], [[0.0], [1.0]]])
+        for _ in range(3):
+            trials = np.concatenate([angles + turn for turn in turns], axis=1)
+            many = [np.tile(v, (3, 1)) for v in (source, walls, times)]
+            ends, total = self._shoot(many[0], trials, *many[1:])
+            ray = ends[:n, 3:] / np.linalg.norm(ends[:n, 3:], axis=1, keepdims=True)
+            across = np.array([np.linalg.svd(p[None])[2][1:] for p in ray])
+            miss = np.einsum("nij,nj->ni", across, ends[:n, :3] - receiver)
+            if np.linalg.norm(miss, axis=1).max() < 1e-2:
+                break
+            slopes = [
+                np.einsum("nij,nj->ni", across, ends[k : k + n, :3] - ends[:n, :3]) / delta
+                for k in (n, 2 * n)
+            ]
+            angles = angles - np.linalg.solve(np.stack(slopes, axis=2), miss[..., None])[..., 0].T
+        assert np.linalg.norm(miss, axis=1).max() < 1.0, miss
+        return total[:n] - np.sum(ends[:n, 3:] * (ends[:n, :3] - receiver), axis=1)
+
+    def _shoot(self, source, angles, walls, times):
+        """End states and travel times of rays."""
+        azimuth, elevation = angles
+        level = np.cos(elevation)
+        unit = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+        state = np.concatenate([source, unit / self.speed(source)[:, None]], axis=1)
+        total = np.zeros(len(source))
+        for leg in range(walls.shape[1]):
+            duration = times[:, leg].copy()
+            state = self._run(state, duration)
+            on_surface = walls[:, leg] == self.SURFACE
+            for _ in range(3):
+                depth, slope = self._bed(state[:, :3])
+                normal = np.column_stack([slope, -np.ones(len(slope))])
+                normal[on_surface] = [0.0, 0.0, 1.0]
+                gap = np.where(on_surface, state[:, 2], depth - state[:, 2])
+                rate = np.sum(normal * state[:, 3:], axis=1) * self.speed(state[:, :3]) ** 2
+                assert (rate < 0.0).all()  # towards the boundary
+                state = self._run(state, -gap / rate)
+                duration -= gap / rate
+            total += duration
+            np.testing.assert_allclose(gap, 0.0, atol=1e-6)
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            state[:, 3:] -= 2.0 * np.sum(state[:, 3:] * normal, axis=1, keepdims=True) * normal
+        last = times[:, -1]
+        return self._run(state, last), total + last
+
+    def _run(self, state, duration):
+        """Integrate rays (n, 6) of position and slowness for their own times, possibly negative. [s]"""
+
+        def rates(_, flat):
+            y = flat.reshape(len(state), 6)
+            c = self.speed(y[:, :3])
+            gradient = np.stack([self.speed(y[:, :3], nu=nu) for nu in np.eye(3, dtype=int)], axis=1)
+            change = np.concatenate([(c * c)[:, None] * y[:, 3:], -gradient / c[:, None]], axis=1)
+            return (change * duration[:, None]).ravel()
+
+        longest = np.abs(duration).max() * 1500.0
+        step = min(1.0, self.LONGEST_STEP / longest) if longest > 0.0 else 1.0
+        ray = solve_ivp(
+            rates, (0.0, 1.0), state.ravel(), method="DOP853", rtol=1e-12, atol=1e-12, max_step=step
+        )
+        return ray.y[:, -1].reshape(len(state), 6)
+
+    def _bed(self, place):
+        """Depth and slopes of the bilinear bed under places (n, 3)."""
+        cells = []
+        for axis, k in ((self.medium.north, 0), (self.medium.east, 1)):
+            i = np.clip(np.searchsorted(axis, place[:, k]) - 1, 0, axis.size - 2)
+            cells.append((i, (place[:, k] - axis[i]) / (axis[i + 1] - axis[i]), axis[i + 1] - axis[i]))
+        (i, u, dn), (j, v, de) = cells
+        b = self.medium.bathymetry
+        b00, b10, b01, b11 = (b[i + p, j + q] for p, q in ((0, 0), (1, 0), (0, 1), (1, 1)))
+        depth = (b00 * (1 - u) + b10 * u) * (1 - v) + (b01 * (1 - u) + b11 * u) * v
+        slopes = (
+            ((b10 - b00) * (1 - v) + (b11 - b01) * v) / dn,
+            ((b01 - b00) * (1 - u) + (b11 - b10) * u) / de,
+        )
+        return depth, np.stack(slopes, axis=-1)
