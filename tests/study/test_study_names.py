@@ -1,38 +1,33 @@
 """Fleets of any size whose vehicles have names of any length, through the whole program."""
 
 import json
-from copy import deepcopy
 
 import numpy as np
 import pytest
-from factories import TINY
 
 from pymantaray.cli.main import main
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.report import write_report
-from pymantaray.study import parse_study, run_study
 
 NAMES = [f"glider-of_the-northern_fleet-{i:02d}" for i in range(30)]
 
 
-def study_of(names):
-    content = deepcopy(TINY)
-    content["study"] |= {"name": "names", "realizations": 1, "conditions": ["odometry", "straight"]}
-    content["mission"] |= {"duration_h": 1.0}
-    content["landmarks"] = [content["landmarks"][0] | {"name": "buoy_of-the_north"}]
-    content["fleet"]["vehicles"] = [
-        {"name": n, "kind": "station", "north": 700.0 * (i // 6), "east": 900.0 * (i % 6), "depth": 20.0 + 10 * i}
-        for i, n in enumerate(names)
-    ]  # fmt: skip
-    return content
+def fleet_of(names):
+    """Sections of a study of stations in a grid and a landmark."""
+    places = [(700.0 * (i // 6), 900.0 * (i % 6), 20.0 + 10.0 * i) for i in range(len(names))]
+    stations = [
+        {"name": name, "kind": "station", "north": north, "east": east, "depth": depth}
+        for name, (north, east, depth) in zip(names, places, strict=True)
+    ]
+    buoy = {"name": "buoy_of-the_north", "north": 4000.0, "east": 4000.0, "depth": 500.0}
+    return {"fleet": {"vehicles": stations}, "landmarks": [buoy]}
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    return run_study(
-        parse_study(study_of(NAMES), "names"), tmp_path_factory.mktemp("names") / "run", workers=1
-    )
+def run(run_tiny):
+    study = {"realizations": 1, "conditions": ["odometry", "straight"]}
+    return run_tiny(study=study, mission={"duration_h": 1.0}, **fleet_of(NAMES))
 
 
 def test_thirty_vehicles_with_long_names_run_and_go_to_a_graph_file(run, tmp_path, capsys):
@@ -70,6 +65,6 @@ def test_thirty_vehicles_with_long_names_are_reported(run):
         (["A", "buoy_of-the_north"], "names of vehicles and landmarks must differ; found buoy_of-the_north"),
     ],
 )
-def test_names_that_cannot_be_used_are_refused(names, message):
+def test_names_that_cannot_be_used_are_refused(tiny, names, message):
     with pytest.raises(StudyError, match=message):
-        parse_study(study_of(names), "names")
+        tiny(**fleet_of(names))

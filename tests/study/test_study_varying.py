@@ -234,7 +234,7 @@ def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny_tree,
 
 
 @pytest.mark.slow
-def test_a_day_in_the_beaufort_sea_runs_and_its_eddies_move(make_tiny_tree, tmp_path):
+def test_a_day_in_the_beaufort_sea_runs_and_its_eddies_move(tmp_path):
     """The paper's fleet over 24 h; the eddy nearest to it goes where its table says."""
     from pymantaray.ocean.synthetic.beaufort import EDDIES
 
