@@ -13,7 +13,7 @@ from pymantaray.estimation import LOSSES, GraphSolver, Method, build_graph, coll
 from pymantaray.estimation._gtsam.factors import FactorBuilder
 from pymantaray.estimation.covariance import graph_covariances, reckoned_covariances
 from pymantaray.geometry.se3 import matrix_from_quaternion
-from pymantaray.records.covariances import PoseCovariances
+from pymantaray.records import PoseCovariances
 
 SAMPLES = np.array([10, 20, 29])
 

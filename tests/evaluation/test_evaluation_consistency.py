@@ -17,8 +17,7 @@ from pymantaray.evaluation.consistency import (
     nees,
 )
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
-from pymantaray.records import SolveStatus
-from pymantaray.records.covariances import PoseCovariances
+from pymantaray.records import PoseCovariances, SolveStatus
 from pymantaray.study import load_study, parse_study, run_study
 
 SAMPLES = np.array([4, 9])

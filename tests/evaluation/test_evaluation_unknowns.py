@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pymantaray.evaluation.unknowns import directions_table, unknowns_table
-from pymantaray.records.unknowns import SharedUnknowns
+from pymantaray.records import SharedUnknowns
 
 
 def record(n_realizations=400):

@@ -11,8 +11,7 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.starts import dead_reckon
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion
-from pymantaray.records import Measurements
-from pymantaray.records.covariances import PoseCovariances
+from pymantaray.records import Measurements, PoseCovariances
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

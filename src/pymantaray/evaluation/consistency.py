@@ -10,8 +10,7 @@ from scipy import stats
 from pymantaray.errors import EvaluationError
 from pymantaray.evaluation.trajectory_error import USABLE
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
-from pymantaray.records import Estimates, Trajectories
-from pymantaray.records.covariances import PoseCovariances
+from pymantaray.records import Estimates, PoseCovariances, Trajectories
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pymantaray.records.unknowns import SharedUnknowns
+from pymantaray.records import SharedUnknowns
 
 Array = NDArray[np.float64]
 _LARGE = 0.3  # of the largest share in a combination; smaller ones are not named

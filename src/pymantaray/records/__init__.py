@@ -1,10 +1,9 @@
 """Nouns that cross folders: frozen, validated, to and from xarray and NetCDF."""
 
-from pymantaray.records.arrivals import Arrivals, FirstArrivals
-from pymantaray.records.estimate import Estimates
+from pymantaray.records.arrivals import Arrivals, FirstArrivals, RayPaths
+from pymantaray.records.estimate import Estimates, PoseCovariances, SharedUnknowns
 from pymantaray.records.measurements import Measurements
 from pymantaray.records.ranging_truth import RangingTruth
-from pymantaray.records.ray_paths import RayPaths
 from pymantaray.records.status import RayAxis, RayStatus, SolveStatus, VehicleStatus
 from pymantaray.records.trajectory import Trajectories
 from pymantaray.records.writing import NETCDF_LOCK, read_netcdf, whole_file, write_netcdf
@@ -15,10 +14,12 @@ __all__ = [
     "Estimates",
     "FirstArrivals",
     "Measurements",
+    "PoseCovariances",
     "RangingTruth",
     "RayAxis",
     "RayPaths",
     "RayStatus",
+    "SharedUnknowns",
     "SolveStatus",
     "Trajectories",
     "VehicleStatus",

@@ -1,4 +1,4 @@
-"""What the two-point solver finds: all arrivals of a set of links, and the first of each."""
+"""What the two-point solver finds: all arrivals of a set of links, the first of each, and the places through which rays run."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -88,3 +88,26 @@ class Arrivals(Record):
             source_slowness=source,
             receiver_slowness=receiver,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class RayPaths(Record):
+    """
+    Nodes along rays, those of one ray together and in order.
+
+    A reflection has two nodes of equal place and time, with the slowness before and after, and both flagged.
+    Between nodes a path is the cubic Hermite polynomial in travel time with velocity
+    ``slowness / |slowness|**2``.
+    """
+
+    kind: ClassVar[str] = "ray_paths"
+
+    arrival: Column = column("node", "1", "row of the arrivals, or number of the ray of a fan", "i8")
+    travel_time: Column = column("node", "s", "travel time since emission")
+    position: Column = column("node axis", "m", "north, east, down")
+    slowness: Column = column(
+        "node axis", "s m-1", "slowness vector, along the ray; NaN where the ends coincide"
+    )
+    boundary: Column = column(
+        "node", "1", "0 in the water, 1 reflected at the surface, 2 at the sea bed", "i1"
+    )

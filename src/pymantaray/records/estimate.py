@@ -1,4 +1,4 @@
-"""What the estimator says: trajectories of all realizations under all conditions, and each solve's health."""
+"""What the estimator says: trajectories, how sure it is of them, how its ranges fit, and what it found of modes and clocks."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -40,4 +40,59 @@ class Estimates(Record):
     gradient_norm: Column = column("condition realization", "1", "largest gradient component at the optimum")
     gated_links: Column = column(
         "condition realization", "1", "ranges that the believed ocean does not allow", "i4"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCovariances(Record):
+    """
+    Marginal covariances at the optimum of every condition and realization, at a few fixed epochs.
+
+    NaN for a solve that is not usable, and for a system that could not be inverted. Positions of all vehicles at one
+    epoch are joint, since ranges tie them together; poses are one by one. Range innovations are NaN, of
+    dimension 0, where the solve has no range at the epoch.
+    """
+
+    kind: ClassVar[str] = "pose_covariances"
+
+    condition: Column = column("condition", "", "ranging condition", "U")
+    realization: Column = column("realization", "1", "index of the realization", "i4")
+    name: Column = column("agent", "", "vehicle name", "U")
+    sample: Column = column("epoch", "1", "index of the sample", "i4")
+    time: Column = column("epoch", "s", "time since the start of the mission")
+    position_covariance: Column = column(
+        "condition realization epoch agent axis agent_column axis_column",
+        "m2",
+        "joint covariance of the positions of all vehicles, north, east, down",
+    )
+    pose_covariance: Column = column(
+        "condition realization epoch agent tangent tangent_column",
+        "1",
+        "covariance in the tangent of the estimated pose, rotation before translation [rad, m]",
+    )
+    range_nis: Column = column(
+        "condition realization epoch", "1", "squared innovation of all ranges of the epoch in its covariance"
+    )
+    range_dimension: Column = column("condition realization epoch", "1", "dimension of that innovation", "i4")
+
+
+@dataclass(frozen=True, eq=False)
+class SharedUnknowns(Record):
+    """
+    Unknowns that all ranges of a solve share, of the conditions that estimate any.
+
+    NaN where a condition does not estimate an unknown or a solve is not usable. Values, standard deviations and covariances are in the units that ``unit`` names.
+    """
+
+    kind: ClassVar[str] = "shared_unknowns"
+
+    condition: Column = column("condition", "", "ranging condition", "U")
+    realization: Column = column("realization", "1", "index of the realization", "i4")
+    name: Column = column("unknown", "", "name of the unknown", "U")
+    unit: Column = column("unknown", "", "its unit", "U")
+    prior_sigma: Column = column("condition unknown", "1", "standard deviation beforehand, in the unit")
+    value: Column = column("condition realization unknown", "1", "estimate, in the unit")
+    truth: Column = column("condition realization unknown", "1", "true value, in the unit")
+    covariance: Column = column(
+        "condition realization unknown unknown_column", "1", "marginal covariance, in the units"
     )

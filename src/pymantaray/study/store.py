@@ -16,16 +16,16 @@ from pymantaray.records import (
     Arrivals,
     Estimates,
     Measurements,
+    PoseCovariances,
     RangingTruth,
     RayStatus,
+    SharedUnknowns,
     SolveStatus,
     Trajectories,
     VehicleStatus,
     read_netcdf,
     whole_file,
 )
-from pymantaray.records.covariances import PoseCovariances
-from pymantaray.records.unknowns import SharedUnknowns
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.assemble import build_clocks, build_timing
 from pymantaray.study.config import StudyConfig

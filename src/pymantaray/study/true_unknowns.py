@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from pymantaray.estimation import Solution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
-from pymantaray.records import Trajectories
-from pymantaray.records.unknowns import SharedUnknowns
+from pymantaray.records import SharedUnknowns, Trajectories
 from pymantaray.study.assemble import build_clocks
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
