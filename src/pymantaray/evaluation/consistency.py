@@ -284,13 +284,13 @@ def _of_fleet(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDAr
 def _by_agent(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDArray[Any]]]:
     """Statistic and its dimension by condition, realization, epoch and vehicle."""
     block = np.einsum("creaiaj->creaij", c.position_covariance)
-    found = {
+    statistics = {
         "horizontal": nees(errors.position[..., :2], block[..., :2, :2]),
         "position": nees(errors.position, block),
         "pose": nees(errors.pose, c.pose_covariance),
     }
     dimension = {"horizontal": 2, "position": 3, "pose": 6}
-    return {name: (value, np.full(value.shape, dimension[name])) for name, value in found.items()}
+    return {name: (value, np.full(value.shape, dimension[name])) for name, value in statistics.items()}
 
 
 def _hit_covariance(rho: Array, k: float) -> Array:

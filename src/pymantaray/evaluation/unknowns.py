@@ -97,8 +97,8 @@ def directions_table(unknowns: SharedUnknowns) -> pd.DataFrame:
 
 def _mean(values: Array) -> float:
     """Mean of what is finite; NaN if nothing is."""
-    kept = values[np.isfinite(values)]
-    return float(kept.mean()) if kept.size else np.nan
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else np.nan
 
 
 def _words(vector: Array, names: list[str]) -> str:
