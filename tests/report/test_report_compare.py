@@ -20,14 +20,15 @@ def other_folder(made_run, tmp_path_factory):
     return made.write(tmp_path_factory.mktemp("other") / "run")
 
 
-def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path):
+def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path, monkeypatch):
+    saved = []
+    monkeypatch.setattr(write_module, "save_figure", lambda _, folder, name: saved.append(folder / name))
     page = write_comparison(run_folder, other_folder, tmp_path / "both")
-    folder = tmp_path / "both"
-    assert page == folder / "index.html"
+    assert page == tmp_path / "both" / "index.html"
     text = page.read_text(encoding="utf-8")
-    for name in ("sound_speed", "range_error", "ape_pooled", "ape_pooled_linear"):
-        assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
-        assert f'src="figures/{name}.png"' in text
+    assert [path.name for path in saved] == ["sound_speed", "range_error", "ape_pooled", "ape_pooled_linear"]
+    assert all(f'src="figures/{path.name}.png"' in text for path in saved)
+    assert len(list((tmp_path / "both" / "tables").iterdir())) == 5
     assert "Test Sea and Other {Sea}" in text
     assert "Test Sea: The ocean of this study is synthetic" in text
     assert [p.name for p in tmp_path.iterdir()] == ["both"]

@@ -6,10 +6,10 @@ import xarray as xr
 from matplotlib.collections import QuadMesh
 from matplotlib.quiver import Quiver
 
-from pymantaray.errors import ReportError
+from pymantaray.errors import ReportError, WriteError
 from pymantaray.ocean import synthetic_ocean
 from pymantaray.ocean.seawater import sound_speed
-from pymantaray.report import style
+from pymantaray.report import ocean_plots, style
 from pymantaray.report.ocean_plots import (
     sea_floor_map,
     sound_speed_map,
@@ -109,11 +109,19 @@ def test_uniform_water_at_rest_and_a_flat_bed_can_be_drawn(look, ocean):
     assert not [c for c in axes.collections if isinstance(c, Quiver)]
 
 
-def test_all_are_written_or_the_reason_is_given(ocean, tmp_path):
-    written = write_ocean_plots(ocean, tmp_path / "a", place=(78.0, 361.0))
-    assert [p.suffix for p in written] == [".png", ".pdf"] * 4
-    assert all(p.stat().st_size > 5_000 for p in written)
-    with pytest.raises(ReportError, match="outside the ocean"):
-        write_ocean_plots(ocean, tmp_path / "b", place=(70.0, 0.0))
-    with pytest.raises(ReportError, match="allowed 0 to 3000 m"):
-        write_ocean_plots(ocean, tmp_path / "b", depth=4_000.0)
+def test_all_are_written_or_the_reason_is_given(ocean, tmp_path, monkeypatch):
+    monkeypatch.setattr(ocean_plots, "save_figure", lambda _, folder, name: [folder / name])
+    names = ["ocean_profiles", "ocean_sections", "ocean_map", "ocean_sea_floor"]
+    assert write_ocean_plots(ocean, tmp_path / "a", place=(78.0, 361.0)) == [
+        tmp_path / "a" / n for n in names
+    ]
+    assert (tmp_path / "a").is_dir()
+    for options, said in (
+        ({"place": (70.0, 0.0)}, "outside the ocean"),
+        ({"depth": 4e3}, "allowed 0 to 3000 m"),
+    ):
+        with pytest.raises(ReportError, match=said):
+            write_ocean_plots(ocean, tmp_path / "b", **options)
+    (tmp_path / "file").touch()
+    with pytest.raises(WriteError, match="file: cannot be made: File exists"):
+        write_ocean_plots(ocean, tmp_path / "file")
