@@ -26,8 +26,8 @@ def _frozen_array(owner: str, name: str, value: ArrayLike, shape: tuple[int | No
         want in (None, got) for want, got in zip(shape, array.shape, strict=True)
     )
     if not fits or array.size == 0 or not np.isfinite(array).all():
-        wanted = tuple("n" if size is None else size for size in shape)
-        raise FleetError(f"{owner}: {name} has shape {array.shape}; it needs shape {wanted}, all finite")
+        needed = tuple("n" if size is None else size for size in shape)
+        raise FleetError(f"{owner}: {name} has shape {array.shape}; it needs shape {needed}, all finite")
     array.setflags(write=False)
     return array
 
@@ -53,9 +53,9 @@ class FloatCycle:
     surface_depth : float
         Depth that counts as surfaced. [m]
     depth_gain : float
-        Vertical speed commanded per metre from the depth that is wanted. [s⁻¹]
+        Vertical speed commanded per metre from the depth aimed at. [s⁻¹]
     arrival_tolerance : float
-        Distance from the wanted depth at which a hold begins: the controller's approach is
+        Distance from the depth aimed at at which a hold begins: the controller's approach is
         exponential and never ends. [m]
 
     Raises

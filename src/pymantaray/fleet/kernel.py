@@ -306,17 +306,17 @@ def _float_kernel(varying):
         half = 0.0  # the first evaluation is at the start itself: nothing predicts its middle yet
         state = ACTIVE
         down, holding, until = False, True, cycle.delay
-        wanted = cycle.surface
+        aim = cycle.surface
         step = 0
         for sample in range(1, position.shape[0]):
             for _ in range(steps if state == ACTIVE else 0):
                 top = surface_depth(water, north, east)  # under ice a float holds at its underside
-                goal = max(wanted, top)
+                goal = max(aim, top)
                 if holding:
                     if step >= until:
                         down, holding = not down, False
-                        wanted = cycle.target if down else cycle.surface
-                        goal = max(wanted, top)
+                        aim = cycle.target if down else cycle.surface
+                        goal = max(aim, top)
                 elif abs(goal - depth) <= cycle.tolerance:
                     holding = True
                     until = step + (cycle.hold_depth if down else cycle.hold_surface)

@@ -67,12 +67,12 @@ class Record:
         for f in self._columns():
             dtype = f.metadata["dtype"]
             try:
-                given = np.asarray(getattr(self, f.name))
+                values = np.asarray(getattr(self, f.name))
                 with np.errstate(invalid="ignore"):
-                    array = np.array(given, dtype=str if dtype == "U" else dtype)
+                    array = np.array(values, dtype=str if dtype == "U" else dtype)
             except (TypeError, ValueError) as error:
                 raise RecordError(f"{self.kind}: {f.name} is not an array of type {dtype}: {error}") from None
-            if array.dtype.kind == "i" and not np.array_equal(array, given):
+            if array.dtype.kind == "i" and not np.array_equal(array, values):
                 raise RecordError(f"{self.kind}: {f.name} holds values that do not fit type {dtype}")
             dims = f.metadata["dims"]
             if array.ndim != len(dims):
@@ -125,9 +125,9 @@ class Record:
         RecordError
             If the data set holds another kind of record or lacks a field.
         """
-        found = dataset.attrs.get("mantaray_record")
-        if found != cls.kind:
-            raise RecordError(f"data set holds {found!r}; needs {cls.kind!r}")
+        kind = dataset.attrs.get("mantaray_record")
+        if kind != cls.kind:
+            raise RecordError(f"data set holds {kind!r}; needs {cls.kind!r}")
         missing = [f.name for f in cls._columns() if f.name not in dataset]
         if missing:
             raise RecordError(f"{cls.kind}: data set lacks {', '.join(missing)}")
