@@ -4,12 +4,15 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from factories import estimates
 from scipy import stats
 
 from pymantaray.errors import SensingError
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, read_pyfg, write_pyfg
 from pymantaray.estimation.covariance import graph_covariances
-from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
+from pymantaray.evaluation import attitude_table
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
+from pymantaray.records import SolveStatus
 from pymantaray.sensing import NoiseModel, perturb
 
 TILT, HEADING, STEP = 0.01, 0.03, 0.02  # rad; of the attitude and of odometry from a sample to the next
@@ -133,6 +136,17 @@ def test_a_graph_file_gives_attitudes_back_as_such(measured, truth, tmp_path):
         np.testing.assert_allclose(again[name].measured, table.measured, rtol=1e-15, atol=1e-15)
         np.testing.assert_array_equal(again[name].covariance, table.covariance)
     assert len(again["attitude"]) == 2 * 61
+
+
+def test_the_reports_table_tells_tilt_from_heading(truth):
+    turned = so3_exp([0.0, 0.01, -0.03]) @ matrix_from_quaternion(truth.quaternion)
+    quaternion = quaternion_from_matrix(turned)[None, None]
+    found = estimates(truth, truth.position[None, None], ["straight"], quaternion=quaternion)
+    table = attitude_table(truth, found)
+    assert table["tilt_rmse_deg"].item() == pytest.approx(np.degrees(0.01 / np.sqrt(2.0)), rel=1e-4)
+    assert table["heading_rmse_deg"].item() == pytest.approx(np.degrees(0.03), rel=1e-4)
+    lost = replace(found, solve_status=np.full((1, 1), SolveStatus.FAILED))
+    assert attitude_table(truth, lost)[["tilt_rmse_deg", "heading_rmse_deg"]].isna().all(axis=None)
 
 
 @pytest.mark.parametrize("levels", [(0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01)])

@@ -36,33 +36,28 @@ def test_rounding_of_the_times_loses_no_epoch(period):
     np.testing.assert_array_equal(PingSchedule(10 * period).samples(time), np.arange(10, 1001, 10))
 
 
-@pytest.mark.parametrize(
-    ("interval", "message"),
-    [
-        (300.0, "epoch at 300 s is no sample time; with interval 300 s and samples every 200 s .* make the"),
-        (1e6, "interval is 1e.06 s, the mission lasts 604800 s; .* shorten the interval or lengthen"),
-        (0.0, "interval is 0 s; it must be finite and positive"),
-        (np.nan, "interval is nan s"),
-    ],
-)
-def test_impossible_intervals_are_refused_in_one_line(interval, message):
-    with pytest.raises(SensingError, match=message) as error:
-        PingSchedule(interval).samples(WEEK)
-    assert "\n" not in str(error.value)
+IMPOSSIBLE = {
+    "epoch at 300 s is no sample time; with interval 300 s and samples every 200 s .* make the": lambda: ping(
+        300.0
+    ),
+    "interval is 1e.06 s, the mission lasts 604800 s; .* shorten the interval or lengthen": lambda: ping(1e6),
+    "interval is 0 s; it must be finite and positive": lambda: ping(0.0),
+    "interval is nan s": lambda: ping(np.nan),
+    "Landmark: the name is empty": lambda: Landmark("", (0, 0, 1)),
+    r"landmark 'L': position is \[0.0, 0.0\]; it needs three finite numbers": lambda: Landmark("L", (0, 0)),
+    "landmark 'L': position .* three finite numbers": lambda: Landmark("L", (0, 0, np.nan)),
+    "landmark 'L': depth is -4 m; .*: place it in the water": lambda: Landmark("L", (0, 0, -4.0)),
+}
 
 
-@pytest.mark.parametrize(
-    ("name", "position", "message"),
-    [
-        ("", (0, 0, 1), "Landmark: the name is empty"),
-        ("L", (0, 0), r"landmark 'L': position is \[0.0, 0.0\]; it needs three finite numbers"),
-        ("L", (0, 0, np.nan), "landmark 'L': position .* three finite numbers"),
-        ("L", (0, 0, -4.0), "landmark 'L': depth is -4 m; .*: place it in the water"),
-    ],
-)
-def test_impossible_landmarks_are_refused_in_one_line(name, position, message):
+def ping(interval):
+    return PingSchedule(interval).samples(WEEK)
+
+
+@pytest.mark.parametrize("message", IMPOSSIBLE)
+def test_impossible_schedules_and_landmarks_are_refused_in_one_line(message):
     with pytest.raises(SensingError, match=message) as error:
-        Landmark(name, position)
+        IMPOSSIBLE[message]()
     assert "\n" not in str(error.value)
 
 
