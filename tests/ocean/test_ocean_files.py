@@ -14,12 +14,8 @@ import xarray as xr
 from pymantaray.ocean import check_ocean, open_ocean, with_history
 from pymantaray.records.writing import write_netcdf
 
-FORMATS = {
-    "classic": ("scipy", "NETCDF3_64BIT"),
-    "wide": ("netcdf4", "NETCDF3_64BIT_DATA"),
-    "hdf5": ("netcdf4", "NETCDF4"),
-}
 PACKING = {"dtype": "int16", "scale_factor": 0.001, "add_offset": 20.0, "_FillValue": -30000}
+NETCDF = {"classic": "NETCDF3_64BIT", "wide": "NETCDF3_64BIT_DATA", "hdf5": "NETCDF4"}
 
 
 @pytest.fixture
@@ -36,7 +32,7 @@ def ocean(closed_form_ocean):
     return with_history(with_history(ocean, "built"), "looked at")
 
 
-def test_our_own_files_come_back_unchanged(tmp_path, ocean, beaufort_sea):
+def test_our_own_files_come_back_unchanged(tmp_path, ocean):
     write_netcdf(ocean, tmp_path / "own.nc")
     back = open_ocean(tmp_path / "own.nc")
     xr.testing.assert_identical(back, ocean)
@@ -44,64 +40,56 @@ def test_our_own_files_come_back_unchanged(tmp_path, ocean, beaufort_sea):
     assert isinstance(back.attrs["synthetic"], int)
     write_netcdf(back, tmp_path / "twice.nc")
     xr.testing.assert_identical(open_ocean(tmp_path / "twice.nc"), ocean)
-    write_netcdf(beaufort_sea, tmp_path / "sea.nc")
-    part = open_ocean(tmp_path / "sea.nc", window=(74.0, 75.0, -141.0, -139.0))
-    xr.testing.assert_identical(part, open_ocean("synthetic:beaufort", window=(74.0, 75.0, -141.0, -139.0)))
-    assert part.sizes["lat"] == 26
 
 
 def test_our_own_files_that_are_not_valid_are_refused(tmp_path, ocean, message_of):
-    warm = ocean.assign(water_temp=ocean["water_temp"] + 273.15)
-    warm["water_temp"].attrs = ocean["water_temp"].attrs
-    write_netcdf(warm, tmp_path / "warm.nc")
+    write_netcdf(
+        ocean.assign(water_temp=ocean["water_temp"].copy(data=ocean["water_temp"] + 273.15)),
+        tmp_path / "warm.nc",
+    )
     assert "warm.nc: ocean: values (water_temp): " in message_of(tmp_path / "warm.nc")
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", [*NETCDF, "zarr 2", "zarr 3"])
 @pytest.mark.parametrize("packed", [True, False], ids=["packed", "plain"])
-def test_all_kinds_of_netcdf_say_the_same(tmp_path, ocean, kind, packed):
-    engine, form = FORMATS[kind]
-    chunks = {"zlib": True, "chunksizes": (2, 2, 3)} if kind == "hdf5" else {}
-    bare = ocean.drop_attrs(deep=False).drop_vars("time").assign_coords(time=ocean["time"])
-    encoding = dict.fromkeys(ocean.data_vars, chunks | (PACKING if packed else {}))
-    bare.to_netcdf(tmp_path / "a.nc", engine=engine, format=form, encoding=encoding)
-    back = open_ocean(tmp_path / "a.nc")
+def test_all_kinds_of_files_open_by_time_and_window_and_say_the_same(
+    tmp_path, ocean, kind, packed, message_of
+):
+    other = ocean.assign(water_temp=ocean["water_temp"].copy(data=ocean["water_temp"] + 1.0))
+    other = other.assign_coords(time=ocean["time"] + np.timedelta64(3, "h"))
+    both, path = xr.concat([ocean, other], "time").drop_attrs(deep=False), tmp_path / "a"
+    options = {"encoding": dict.fromkeys(ocean.data_vars, PACKING if packed else {})}
+    if kind in NETCDF:
+        if kind == "hdf5":
+            options["encoding"] = {
+                n: e | {"zlib": True, "chunksizes": (1, 2, 2, 3)} for n, e in options["encoding"].items()
+            }
+        both.to_netcdf(path, engine="netcdf4", format=NETCDF[kind], **options)
+    else:
+        pytest.importorskip("zarr")
+        both.to_zarr(path, zarr_format=int(kind[-1]), consolidated=False, **options)
+    assert "2 times" in message_of(path)
+    whole = open_ocean(path, time="2020-01-01T03:00")
     for name in ocean.data_vars:
-        np.testing.assert_allclose(back[name], ocean[name], atol=6e-4 if packed else 0.0, rtol=0)
+        np.testing.assert_allclose(whole[name], other[name], atol=6e-4 if packed else 0.0, rtol=0)
+    part = open_ocean(path, time="2020-01-01T03:00", window=(44.95, 45.1, 9.85, 10.3))
+    assert part.sizes["lat"] < ocean.sizes["lat"]
+    xr.testing.assert_equal(part, whole.sel(lat=part["lat"], lon=part["lon"]))
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", NETCDF)
 @pytest.mark.parametrize("records", [True, False])
 def test_files_cut_anywhere_are_refused(tmp_path, ocean, kind, records, message_of):
-    engine, form = FORMATS[kind]
     wide = ocean.interp(lat=np.linspace(44.93, 45.07, 20), lon=np.linspace(9.9, 10.1, 30))
     steps = wide.expand_dims("time") if records else wide
     whole, cut = tmp_path / "whole.nc", tmp_path / "cut.nc"
-    steps.to_netcdf(whole, engine=engine, format=form, unlimited_dims=["time"] if records else None)
+    steps.to_netcdf(
+        whole, engine="netcdf4", format=NETCDF[kind], unlimited_dims=["time"] if records else None
+    )
     assert open_ocean(whole).sizes["depth"] == 3
-    for share in (0.0, 0.02, 0.5, 0.9):
+    for share in (0.0, 0.02, 0.5, 0.9, 0.99):
         cut.write_bytes(whole.read_bytes()[: int(share * whole.stat().st_size)])
         assert "cut.nc: " in message_of(cut), share
-
-
-@pytest.mark.parametrize("version", [2, 3])
-def test_zarr_folders_open_by_window_and_time(tmp_path, ocean, version, message_of):
-    pytest.importorskip("zarr")
-    other = ocean.assign_coords(time=ocean["time"] + np.timedelta64(3, "h")) + 0.0
-    other = other.assign(water_temp=ocean["water_temp"] + 1.0)
-    both = xr.concat([ocean, other], "time").drop_attrs()
-    for name in ocean.variables:
-        both[name].attrs = {
-            k: v for k, v in ocean[name].attrs.items() if k in ("standard_name", "units", "positive")
-        }
-    encoding = {"water_u": {"dtype": "int16", "scale_factor": 0.001, "_FillValue": -30000}}
-    both.to_zarr(tmp_path / "o.zarr", zarr_format=version, encoding=encoding, consolidated=False)
-    back = open_ocean(tmp_path / "o.zarr", time="2020-01-01T03:00", window=(44.95, 45.1, 9.85, 10.3))
-    inside = ocean.sel(lat=back["lat"], lon=back["lon"])
-    assert back.sizes["lat"] < ocean.sizes["lat"]
-    np.testing.assert_array_equal(back["water_temp"], inside["water_temp"] + 1.0)
-    np.testing.assert_allclose(back["water_u"], inside["water_u"], atol=6e-4)
-    assert "2 times" in message_of(tmp_path / "o.zarr")
 
 
 class Trap:
@@ -125,8 +113,8 @@ def test_a_zarr_folder_that_would_unpickle_is_refused_untouched(tmp_path, ocean,
     (folder / ".zarray").write_text(json.dumps(metadata))
     assert "lat is coded by pickle" in message_of(tmp_path / "o.zarr")
     assert not (tmp_path / "sprung").exists()
-    pickle.loads((folder / "0").read_bytes())  # the trap is one
-    assert (tmp_path / "sprung").exists()
+    pickle.loads((folder / "0").read_bytes())
+    assert (tmp_path / "sprung").exists(), "the trap is none"
 
 
 def test_zarr_metadata_that_are_damaged_are_refused(tmp_path, ocean, message_of):
@@ -134,20 +122,19 @@ def test_zarr_metadata_that_are_damaged_are_refused(tmp_path, ocean, message_of)
     ocean.drop_attrs().to_zarr(tmp_path / "o.zarr", zarr_format=3, consolidated=False)
     path = tmp_path / "o.zarr" / "lon" / "zarr.json"
     whole = json.loads(path.read_text())
-    for change in ({"shape": "many"}, {"codecs": [{"name": "exec"}]}):
-        path.write_text(json.dumps({**whole, **change}))
+    many, unknown = whole | {"shape": "many"}, whole | {"codecs": [{"name": "exec"}]}
+    for text in (json.dumps(many), json.dumps(unknown), "{" * 5000):
+        path.write_text(text)
         assert "cannot be read" in message_of(tmp_path / "o.zarr")
-    path.write_text("{" * 5000)
-    assert "cannot be read" in message_of(tmp_path / "o.zarr")
     (tmp_path / "empty").mkdir()
     assert "no zarr group" in message_of(tmp_path / "empty")
 
 
-def _with_attribute(name, **attrs):
+def with_attribute(name, **attrs):
     return lambda o: o.assign({name: o[name].assign_attrs(**attrs)})
 
 
-def _with_time(value, units):
+def with_time(value, units):
     return lambda o: o.assign_coords(time=((), value, {"units": units}))
 
 
@@ -160,43 +147,33 @@ STRANGE = {
     "no levels": lambda o: o.isel(depth=slice(0, 0)),
     "no times": lambda o: o.expand_dims("time").isel(time=slice(0, 0)),
     "nothing but attributes": lambda o: o[[]],
-    "units of another quantity": _with_attribute("water_temp", units="m"),
-    "units that are a number": _with_attribute("water_u", units=3),
-    "a standard_name that is a list": lambda o: o.rename(salinity="s").assign(
-        s=o["salinity"].rename("s").assign_attrs(standard_name=[1, 2])
-    ),
+    "units that are a number": with_attribute("water_u", units=3),
+    "a standard_name that is a list": with_attribute("salinity", standard_name=[1, 2]),
     "values beyond numbers": lambda o: o.assign(salinity=o["salinity"] * 1e300),
-    "infinite scale": _with_attribute("salinity", scale_factor=np.inf),
-    "time beyond years": _with_time(1e300, "days since 2000-01-01"),
-    "time since never": _with_time(1.0, "days since never"),
+    "infinite scale": with_attribute("salinity", scale_factor=np.inf),
+    "time beyond years": with_time(1e300, "days since 2000-01-01"),
+    "time since never": with_time(1.0, "days since never"),
     "time of text": lambda o: o.assign_coords(time="yesterday"),
 }
 
 
-@pytest.mark.parametrize("case", STRANGE, ids=str)
+@pytest.mark.parametrize("case", STRANGE)
 def test_strange_data_sets_are_refused_in_one_line(tmp_path, ocean, case, message_of):
     strange = STRANGE[case](ocean)
+    if case == "a standard_name that is a list":  # which tells only where the name does not
+        strange = strange.rename(salinity="s")
     strange.to_netcdf(tmp_path / "strange.nc", engine="netcdf4")
-    assert message_of(tmp_path / "strange.nc").isprintable()
+    assert message_of(tmp_path / "strange.nc").startswith("strange.nc: ")
 
 
-def test_a_field_that_compresses_well_is_read_whatever_its_size(tmp_path):
-    """76 MB of numbers for each variable in a file of some hundred kilobytes."""
-    n = {"depth": 20, "lat": 800, "lon": 600}
-    units = {"water_temp": "degC", "salinity": "1", "water_u": "m s-1", "water_v": "m s-1"}
-    field = np.broadcast_to(np.float32(4.0), tuple(n.values()))
-    data = xr.Dataset(
-        {k: (tuple(n), field, {"units": u}) for k, u in units.items()},
-        coords={
-            "depth": ("depth", np.arange(20.0), {"units": "m"}),
-            "lat": ("lat", np.linspace(0, 40, 800)),
-            "lon": ("lon", np.linspace(0, 60, 600)),
-            "time": np.datetime64("2020-01-01", "ns"),
-        },
+def test_a_field_that_compresses_well_is_read_whatever_its_size(tmp_path, closed_form_ocean):
+    """More than 64 MiB of numbers for each variable in a file of some hundred kilobytes."""
+    ocean = closed_form_ocean(30.0, 10.0, temperature=lambda *_: 4.0, n=(600, 600), depth=np.arange(24.0))
+    ocean.to_netcdf(
+        tmp_path / "even.nc", engine="netcdf4", encoding={n: {"zlib": True} for n in ocean.data_vars}
     )
-    data.to_netcdf(tmp_path / "even.nc", engine="netcdf4", encoding={k: {"zlib": True} for k in units})
     assert (tmp_path / "even.nc").stat().st_size < 2e6
-    assert dict(open_ocean(tmp_path / "even.nc").sizes) == n
+    assert open_ocean(tmp_path / "even.nc").sizes == ocean.sizes
 
 
 def test_more_than_the_machine_holds_is_refused_with_the_remedy(tmp_path, ocean, monkeypatch, message_of):
@@ -225,14 +202,10 @@ def test_addresses_are_not_files_and_their_passwords_are_not_told(message_of):
         assert "secret" not in finding.value
 
 
-@pytest.mark.parametrize("kind", ["netcdf4", "scipy"])
-def test_the_paper_s_region_opens_fast(tmp_path, beaufort_sea, kind):
-    encoding = dict.fromkeys(
-        beaufort_sea.data_vars, PACKING | ({"zlib": True, "complevel": 1} if kind == "netcdf4" else {})
-    )
-    beaufort_sea.to_netcdf(tmp_path / "sea.nc", engine=kind, encoding=encoding)
+def test_the_paper_s_region_opens_fast(tmp_path, beaufort_sea):
+    encoding = dict.fromkeys(beaufort_sea.data_vars, PACKING | {"zlib": True, "complevel": 1})
+    beaufort_sea.to_netcdf(tmp_path / "sea.nc", engine="netcdf4", encoding=encoding)
     begin = time.perf_counter()
     opened = open_ocean(tmp_path / "sea.nc")
-    seconds = time.perf_counter() - begin
-    assert dict(opened.sizes) == {"depth": 40, "lat": 76, "lon": 251}
-    assert seconds < 2.0
+    assert time.perf_counter() - begin < 2.0
+    assert opened.sizes == {"depth": 40, "lat": 76, "lon": 251}
