@@ -12,7 +12,8 @@ import re
 import socket
 import threading
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import ClassVar
 
 import netCDF4
 import numpy as np
@@ -26,11 +27,13 @@ DEPTHS = np.fromstring(  # metres
     sep=" ",
 )
 FILL = -30000
-PACKING = {
-    "water_temp": (0.001, 20.0),
-    "salinity": (0.001, 20.0),
-    "water_u": (0.001, 0.0),
-    "water_v": (0.001, 0.0),
+SCALE = 0.001
+OFFSETS = {"water_temp": 20.0, "salinity": 20.0, "water_u": 0.0, "water_v": 0.0}
+UNITS = {
+    "time": "hours since 2000-01-01 00:00:00",
+    "depth": "m",
+    "lat": "degrees_north",
+    "lon": "degrees_east",
 }
 EPOCH = np.datetime64("2000-01-01T00:00:00")
 
@@ -59,12 +62,14 @@ def truth(name, hour, depth, lat, lon):
     """Closed form of a variable; NaN on land and below the sea bed. Arguments broadcast."""
     hour, depth, lat, lon = np.broadcast_arrays(hour, depth, lat, lon)
     east = np.radians(lon)
-    value = {
-        "water_temp": lambda: 8.0 * np.exp(-depth / 300.0) * np.cos(np.radians(lat)) + np.sin(7 * east),
-        "salinity": lambda: 34.0 + 0.5 * np.tanh(depth / 200.0) + 0.2 * np.cos(5 * east),
-        "water_u": lambda: 0.3 * np.cos(9 * east) * np.exp(-depth / 800.0),
-        "water_v": lambda: 0.2 * np.sin(11 * east) * np.exp(-depth / 800.0) + 0.001 * np.radians(lat),
-    }[name]()
+    if name == "water_temp":
+        value = 8.0 * np.exp(-depth / 300.0) * np.cos(np.radians(lat)) + np.sin(7 * east)
+    elif name == "salinity":
+        value = 34.0 + 0.5 * np.tanh(depth / 200.0) + 0.2 * np.cos(5 * east)
+    elif name == "water_u":
+        value = 0.3 * np.cos(9 * east) * np.exp(-depth / 800.0)
+    else:
+        value = 0.2 * np.sin(11 * east) * np.exp(-depth / 800.0) + 0.001 * np.radians(lat)
     value = value + 0.01 * np.sin(hour / 3.0)
     floor = 2600.0 + 3600.0 * np.sin(3 * east + 1.0) * np.cos(np.radians(2 * lat)) + 300 * np.sin(200 * east)
     return np.where(depth <= floor, value, np.nan)
@@ -76,20 +81,17 @@ class Packed:
 
     name: str
     axes: tuple
-    dtype: np.dtype = field(default_factory=lambda: np.dtype("i2"))
 
-    ndim = 4
+    dtype: ClassVar = np.dtype("i2")
+    ndim: ClassVar = 4
 
     @property
     def shape(self):
         return tuple(a.size for a in self.axes)
 
     def __getitem__(self, key):
-        parts = [a[k] for a, k in zip(self.axes, key, strict=True)]
-        grid = np.ix_(*parts)
-        scale, offset = PACKING[self.name]
-        value = truth(self.name, *grid)
-        packed = np.round((np.nan_to_num(value) - offset) / scale)
+        value = truth(self.name, *np.ix_(*(a[k] for a, k in zip(self.axes, key, strict=True))))
+        packed = np.round((np.nan_to_num(value) - OFFSETS[self.name]) / SCALE)
         return np.where(np.isnan(value), FILL, packed).astype("i2")
 
 
@@ -100,40 +102,26 @@ class Model:
     instants: np.ndarray
     lat: np.ndarray
     lon: np.ndarray
-    variables: tuple = tuple(PACKING)
-    depth: np.ndarray = field(default_factory=lambda: DEPTHS)
+    variables: tuple = tuple(OFFSETS)
 
     def dap(self):
         """The data set as THREDDS serves it: grids with maps."""
         data = DatasetType("hycom")
-        axes = {"time": hours(self.instants), "depth": self.depth, "lat": self.lat, "lon": self.lon}
-        units = {
-            "time": "hours since 2000-01-01 00:00:00",
-            "depth": "m",
-            "lat": "degrees_north",
-            "lon": "degrees_east",
-        }
+        axes = {"time": hours(self.instants), "depth": DEPTHS, "lat": self.lat, "lon": self.lon}
+        fill, scale = np.int16(FILL), np.float32(SCALE)
+        packing = {"_FillValue": fill, "missing_value": fill, "scale_factor": scale}
         for name in self.variables:
-            scale, offset = PACKING[name]
             grid = GridType(name)
-            packed = Packed(name, tuple(axes.values()))
-            attributes = {
-                "units": "degC" if name == "water_temp" else "1",
-                "_FillValue": np.int16(FILL),
-                "missing_value": np.int16(FILL),
-                "scale_factor": np.float32(scale),
-                "add_offset": np.float32(offset),
-            }
-            grid[name] = BaseType(name, packed, dims=tuple(axes), **attributes)
+            attributes = packing | {"add_offset": np.float32(OFFSETS[name])}
+            grid[name] = BaseType(name, Packed(name, tuple(axes.values())), dims=tuple(axes), **attributes)
             grid.attributes.update(attributes)
             for axis, values in axes.items():
                 grid[axis] = BaseType(axis, values, dims=(axis,))
             data[name] = grid
         for axis, values in axes.items():
-            data[axis] = BaseType(axis, values, dims=(axis,), units=units[axis])
-        data["tau"] = BaseType(
-            "tau", np.zeros(self.instants.size), dims=("time",), units="hours since analysis"
-        )
+            data[axis] = BaseType(axis, values, dims=(axis,), units=UNITS[axis])
+        since = np.zeros(self.instants.size)
+        data["tau"] = BaseType("tau", since, dims=("time",), units="hours since analysis")
         return BaseHandler(data)
 
 
@@ -201,30 +189,25 @@ class Thredds:
             return [b""]
         head = {}
         whole = b"".join(self.answer(environ, lambda *words: head.update(status=words[0])))
-        if what == "drip":
-            start_response(head["status"], [("Content-Length", str(len(whole)))])
-            return self.drip(whole)
-        if what == "cut":  # fewer bytes than announced, then the connection closes
-            start_response(head["status"], [("Content-Length", str(len(whole)))])
-            return [whole[: len(whole) // 2]]
-        if what == "chunk":  # chunked without an end
-            start_response(head["status"], [])
-            return self.broken(whole)
-        gzipped = [("Content-Encoding", "gzip")] if what.startswith("gzip") else []
-        body = {
-            "short": lambda: whole[: len(whole) // 2],  # honest about its length, not about its content
-            "flood": lambda: whole + b"\0" * (65 << 20),
-            "shift": lambda: re.sub(
-                rb"(?<=Data:\n)....", lambda _: b"\x7f\xff\xff\xff", whole, count=1, flags=re.DOTALL
+        half = whole[: len(whole) // 2]
+        body, length, *gzipped = {
+            "drip": lambda: (self.drip(whole), len(whole)),
+            "cut": lambda: ([half], len(whole)),  # fewer bytes than announced, then the connection closes
+            "chunk": lambda: (self.broken(half), None),  # chunked without an end
+            "short": lambda: ([half], len(half)),  # honest about its length, not about its content
+            "flood": lambda: ([whole, b"\0" * (65 << 20)], len(whole) + (65 << 20)),
+            "shift": lambda: (
+                [re.sub(rb"(?<=Data:\n)....", b"\x7f\xff\xff\xff", whole, count=1, flags=re.DOTALL)],
+                len(whole),
             ),
-            "gzip": lambda: gzip.compress(whole),
-            "gzip cut": lambda: gzip.compress(whole)[:-100],
+            "gzip": lambda: ([gzip.compress(whole)], None, ("Content-Encoding", "gzip")),
+            "gzip cut": lambda: ([gzip.compress(whole)[:-100]], None, ("Content-Encoding", "gzip")),
         }[what]()
-        start_response(head["status"], [("Content-Length", str(len(body))), *gzipped])
-        return [body]
+        start_response(head["status"], [*gzipped, *([("Content-Length", str(length))] if length else [])])
+        return body
 
-    def broken(self, whole):
-        yield whole[: len(whole) // 2]
+    def broken(self, half):
+        yield half
         raise ConnectionAbortedError("on purpose")
 
     def drip(self, whole):
@@ -237,11 +220,11 @@ class Thredds:
 class Running:
     """A server in a thread, on a free port of loopback."""
 
-    def __init__(self, app, port=0):
+    def __init__(self, app):
         logging.getLogger("waitress").setLevel(logging.CRITICAL)
         self.app = app
         self.map = {}
-        self.server = waitress.server.create_server(app, map=self.map, host="127.0.0.1", port=port, threads=4)
+        self.server = waitress.server.create_server(app, map=self.map, host="127.0.0.1", port=0, threads=4)
         self.root = f"http://127.0.0.1:{self.server.effective_port}/thredds/dodsC"
         self.thread = threading.Thread(target=self.serve, daemon=True)
         self.thread.start()
@@ -258,12 +241,11 @@ class Running:
         self.server.task_dispatcher.shutdown()
 
 
-def reanalysis(year=2014):
+def reanalysis(year):
     """53.X as served: a year from 12Z to 09Z, -180 to 180, with the run of 31 December missing and other gaps."""
     steps = three_hourly(f"{year}-01-01T12", f"{year + 1}-01-01T12")
     gaps = ["2014-07-05T12", "2014-12-31T12", "2014-12-31T15", "2015-01-01T09", "2014-03-03T03"]
-    run = three_hourly("2014-06-28T12", "2014-06-29T12")
-    gaps = np.concatenate([np.array(gaps, dtype=run.dtype), run])
+    gaps = [*np.array(gaps, steps.dtype), *three_hourly("2014-06-28T12", "2014-06-29T12")]
     return Model(steps[~np.isin(steps, gaps)], glbv_latitudes(), longitudes(-180.0))
 
 

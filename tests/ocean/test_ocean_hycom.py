@@ -30,21 +30,24 @@ def small(closed_form_ocean):
     )
 
 
-def as_file(path, ocean, *, times=("2020-01-01",), keep=None, packed=True, tau=True):
+TS, UV = ["water_temp", "salinity"], ["water_u", "water_v"]
+
+
+def as_file(path, ocean, names=(*TS, *UV), *, times=("2020-01-01",), packed=True):
     """Write a file as HYCOM does, with the variable tau that stops xarray."""
-    data = ocean.drop_vars("time").drop_attrs(deep=False)[list(keep or ocean.data_vars)]
+    data = ocean.drop_vars("time").drop_attrs(deep=False)[list(names)]
     data = xr.concat([data] * len(times), "time").assign_coords(time=np.array(times, "datetime64[ns]"))
-    if tau:
-        data["tau"] = ("time", np.zeros(len(times)), {"units": "hours since analysis"})
-    encoding = {
-        n: TRACER if n in ("water_temp", "salinity") else PACKING for n in data.data_vars if n != "tau"
-    }
+    encoding = {n: TRACER if n in TS else PACKING for n in names} if packed else {}
+    data["tau"] = ("time", np.zeros(len(times)), {"units": "hours since analysis"})
     data["time"].encoding = {"units": "hours since 2000-01-01 00:00:00", "dtype": "float64"}
-    if packed:
-        data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT", encoding=encoding)
-    else:
-        data.to_netcdf(path, engine="netcdf4")
+    data.to_netcdf(path, engine="netcdf4", format="NETCDF3_64BIT" if packed else None, encoding=encoding)
     return path
+
+
+@pytest.fixture
+def apart(tmp_path, small):
+    """Tracers and currents in a file each."""
+    return [as_file(tmp_path / "ts.nc", small, TS), as_file(tmp_path / "uv.nc", small, UV)]
 
 
 def test_the_gulf_stream_opens_and_has_the_sound_speed_of_gsw(gulf_stream_files):
@@ -64,27 +67,21 @@ def test_the_gulf_stream_opens_and_has_the_sound_speed_of_gsw(gulf_stream_files)
 
 
 def test_the_local_frame_s_origin_on_a_grid_point_has_that_point_s_values(gulf_stream_files):
-    ocean = open_ocean(gulf_stream_files)
-    point = ocean.isel(lat=10, lon=12)
-    local = to_local(ocean, (float(point["lat"]), float(point["lon"])), (24e3, 24e3)).sel(north=0.0, east=0.0)
-    wet = np.isfinite(point["water_temp"].values)
-    expected = sound_speed(
-        point["water_temp"].values[wet],
-        point["salinity"].values[wet],
-        point["depth"].values[wet],
-        float(point["lat"]),
-        float(point["lon"]),
-    )
-    np.testing.assert_allclose(local["sound_speed"].values[wet], expected, rtol=0, atol=1e-9)
-    # the frame's centre has no convergence: the components are the file's own
-    np.testing.assert_allclose(local["current_east"].values[wet], point["water_u"].values[wet], atol=1e-9)
-    np.testing.assert_allclose(local["current_north"].values[wet], point["water_v"].values[wet], atol=1e-9)
+    point = open_ocean(gulf_stream_files).isel(lat=10, lon=12)
+    centre = float(point["lat"]), float(point["lon"])
+    local = to_local(open_ocean(gulf_stream_files), centre, (24e3, 24e3)).sel(north=0.0, east=0.0)
+    expected = {
+        "sound_speed": sound_speed(point["water_temp"], point["salinity"], point["depth"].values, *centre),
+        "current_east": point["water_u"].values,  # the frame's centre has no convergence
+        "current_north": point["water_v"].values,
+    }
+    wet = np.isfinite(expected["sound_speed"])
+    for name, values in expected.items():
+        np.testing.assert_allclose(local[name].values[wet], values[wet], rtol=0, atol=1e-9)
 
 
-def test_tracers_and_currents_come_from_two_files_in_any_order(tmp_path, small):
-    ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
-    uv = as_file(tmp_path / "uv.nc", small, keep=["water_u", "water_v"])
-    xr.testing.assert_equal(open_ocean([ts, uv]), open_ocean([uv, ts]))
+def test_tracers_and_currents_come_from_two_files_in_any_order(apart):
+    xr.testing.assert_equal(open_ocean(apart), open_ocean(apart[::-1]))
 
 
 @pytest.mark.parametrize("convention", ["0 to 360", "-180 to 180", "-180 to 180, sorted"])
@@ -111,91 +108,70 @@ def test_a_time_is_chosen_among_several(tmp_path, small):
 
 
 def test_a_fill_value_that_a_server_scaled_is_masked(tmp_path, small):
-    scaled = small.fillna({"water_temp": -10.0, "salinity": -10.0, "water_u": -30.0, "water_v": -30.0})
+    scaled = small.fillna(dict.fromkeys(TS, -10.0) | dict.fromkeys(UV, -30.0))
     opened = open_ocean(as_file(tmp_path / "scaled.nc", scaled, packed=False))
     np.testing.assert_array_equal(np.isnan(opened["water_temp"]), np.isnan(small["water_temp"]))
 
 
-@pytest.mark.parametrize("share", [0.01, 0.5, 0.998])
-def test_a_truncated_netcdf3_file_is_refused(tmp_path, gulf_stream_files, share, message_of):
-    ts, uv = gulf_stream_files
-    whole = ts.read_bytes()
-    cut = tmp_path / "cut.nc"
-    cut.write_bytes(whole[: int(share * len(whole))])
-    assert "cut.nc: cannot be read" in message_of([cut, uv])
+def potential_and_in_situ(ocean):
+    attrs = {"standard_name": "sea_water_potential_temperature", "comment": "in-situ temperature"}
+    return ocean.assign(water_temp=ocean["water_temp"].assign_attrs(attrs))
 
 
-def test_what_is_missing_is_named(tmp_path, small, gulf_stream_files, message_of):
-    without = as_file(tmp_path / "no_salt.nc", small, keep=["water_temp", "water_u", "water_v"])
-    assert "no_salt.nc: no salinity;" in message_of(without)
-    assert "no water_u and no water_v" in message_of(gulf_stream_files[0])
-    assert "no water_temp and no salinity" in message_of(gulf_stream_files[1])
-    assert "no such file" in message_of(tmp_path / "nowhere.nc")
-    assert "no file given" in message_of([])
+REFUSED = {
+    "no salinity": (lambda o: (o, ["water_temp", *UV]), "no salinity; an ocean needs"),
+    "no currents": (lambda o: (o, TS), "no water_u and no water_v; an ocean needs"),
+    "no tracers": (lambda o: (o, UV), "no water_temp and no salinity; an ocean needs"),
+    "something else": (
+        lambda o: (o.rename(water_temp="sst")["sst"].drop_attrs().to_dataset(), ["sst"]),
+        "none of water_temp",
+    ),
+    "two temperatures": (
+        lambda o: (potential_and_in_situ(o), [*TS, *UV]),
+        "called potential by its standard_name and in situ by its comment",
+    ),
+}
 
 
-def test_currents_of_another_day_are_missed_at_the_time_that_is_asked_for(tmp_path, small, message_of):
-    ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
-    uv = as_file(tmp_path / "uv.nc", small, times=("2020-01-02",), keep=["water_u", "water_v"])
-    message = message_of([ts, uv], time="2020-01-01")
-    assert message.startswith("ts.nc, uv.nc: no water_u and no water_v at 2020-01-01"), message
-    # a variable that no file has is named before any question of time
-    assert "no water_u and no water_v; an ocean needs" in message_of([ts, ts], time="2020-01-09")
+@pytest.mark.parametrize("case", REFUSED)
+def test_files_that_hold_no_ocean_are_refused(tmp_path, small, case, message_of):
+    change, words = REFUSED[case]
+    message = message_of(as_file(tmp_path / "file.nc", *change(small), packed=False))
+    assert message.startswith("file.nc: ")
+    assert words in message
 
 
-def test_files_that_do_not_belong_together_are_refused(tmp_path, small, message_of):
-    ts = as_file(tmp_path / "ts.nc", small, keep=["water_temp", "salinity"])
-    moved = small.assign_coords(lat=small["lat"] + 0.04)
-    uv = as_file(tmp_path / "uv.nc", moved, keep=["water_u", "water_v"])
-    assert "uv.nc: lat of water_u differs" in message_of([ts, uv])
-    assert "cannot be combined" in message_of(["synthetic:fram", ts])
-
-
-def test_a_file_of_something_else_is_refused(tmp_path, small, message_of):
+def test_sources_that_are_no_file_are_refused(tmp_path, message_of):
     page = tmp_path / "error.nc"
     page.write_text("<html>503 Service Unavailable</html>")
     assert "neither NetCDF-3 nor NetCDF-4" in message_of(page)
-    other = small.rename(water_temp="sst")
-    other["sst"].attrs = {"units": "degC"}
-    other = as_file(tmp_path / "other.nc", other, keep=["sst"], packed=False)
-    assert "none of water_temp" in message_of(other)
-    potential = small.copy()
-    potential["water_temp"].attrs |= {
-        "standard_name": "sea_water_potential_temperature",
-        "comment": "in-situ temperature",
-    }
-    assert "called potential by its standard_name and in situ by its comment" in message_of(
-        as_file(tmp_path / "theta.nc", potential, packed=False)
-    )
+    assert "no such file" in message_of(tmp_path / "nowhere.nc")
+    assert "no file given" in message_of([])
+    assert "cannot be combined" in message_of(["synthetic:fram", page])
 
 
-def test_the_other_spellings_of_standard_names_and_units_mean_the_same(tmp_path, small):
-    plain = open_ocean(as_file(tmp_path / "plain.nc", small))
-    other = small.copy()
-    other["salinity"].attrs |= {"standard_name": "sea_water_salinity", "units": "psu"}
-    other["water_temp"].attrs |= {"units": "degrees_C"}
-    other["water_u"].attrs = {"units": "m/s"}  # HYCOM's name alone
-    spelled = open_ocean(as_file(tmp_path / "plain2.nc", other))
-    for name in small.data_vars:
-        np.testing.assert_array_equal(plain[name], spelled[name])
+def test_files_that_do_not_belong_together_are_refused(tmp_path, small, apart, message_of):
+    moved = as_file(tmp_path / "moved.nc", small.assign_coords(lat=small["lat"] + 0.04), UV)
+    assert "moved.nc: lat of water_u differs" in message_of([apart[0], moved])
+    later = as_file(tmp_path / "later.nc", small, UV, times=("2020-01-02",))
+    message = message_of([apart[0], later], time="2020-01-01")
+    assert message.startswith("ts.nc, later.nc: no water_u and no water_v at 2020-01-01")
+    # a variable that no file has is named before any question of time
+    assert "no water_u and no water_v; an ocean needs" in message_of(apart[0], time="2020-01-09")
 
 
-def test_the_makassar_currents_open_with_the_time_asked_for_and_lack_the_rest(
-    shared_data, tmp_path, message_of
-):
+def test_real_currents_of_several_days_open_with_tracers_of_another_file(shared_data, tmp_path, message_of):
     path = shared_data / "hycom" / "hycom_glby_930_202212_uv_ncss_netcdf4.nc"
     assert "no water_temp and no salinity" in message_of(path)
-    # with tracers on the same grid the file is half of an ocean
     with xr.open_dataset(path) as data:
-        tracers = xr.full_like(data[["water_u"]], 0.0).rename(water_u="water_temp") + 20.0
-        tracers = tracers.where(data["water_u"].notnull())
-        tracers["salinity"] = tracers["water_temp"] + 15.0
-        expected = data["water_v"].isel(time=1).values.astype(float)
-    tracers["water_temp"].attrs = {"standard_name": "sea_water_temperature", "units": "degC"}
-    tracers["salinity"].attrs = {"standard_name": "sea_water_salinity", "units": "psu"}
+        warm = data["water_u"].where(data["water_u"].isnull(), 20.0).drop_attrs(deep=False)
+        second = data["water_v"].isel(time=1).load()
+    tracers = xr.Dataset(
+        {"water_temp": warm.assign_attrs(units="degC"), "salinity": (warm + 15.0).assign_attrs(units="psu")}
+    )
     tracers.to_netcdf(tmp_path / "ts.nc", engine="netcdf4")
-    ocean = open_ocean([path, tmp_path / "ts.nc"], time=str(tracers["time"].values[1]))
-    np.testing.assert_array_equal(ocean["water_v"], expected)
+    ocean = open_ocean([path, tmp_path / "ts.nc"], time=str(second["time"].values))
+    np.testing.assert_array_equal(ocean["water_v"], second)
     assert ocean.attrs["source"] == "HYCOM"
 
 
@@ -245,15 +221,9 @@ def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path):
         for name, (values, unit) in axes.items():
             file.createDimension(name, None if name == "time" else values.size)
             file.createVariable(name, "f8", name).units = unit
-        for name, unit in (
-            ("water_temp", "degC"),
-            ("salinity", "psu"),
-            ("water_u", "m/s"),
-            ("water_v", "m/s"),
-        ):
-            file.createVariable(name, "i2", tuple(axes)).setncatts({"units": unit, "scale_factor": 0.001})
-        for name in ("water_temp", "salinity"):
-            file[name].add_offset = 20.0
+        for name, unit in zip((*TS, *UV), ("degC", "psu", "m/s", "m/s"), strict=True):
+            attrs = {"units": unit, "scale_factor": 0.001, "add_offset": 20.0 if name in TS else 0.0}
+            file.createVariable(name, "i2", tuple(axes)).setncatts(attrs)
         for name, (values, _) in axes.items():
             file[name][:] = values
     assert path.stat().st_size > 6e9

@@ -6,11 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from tomli_w import dumps
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean import validate_ocean
-from pymantaray.ocean.fetch.catalogue import load_catalogue
 
 pytest.importorskip("pydap.parsers", reason="the extra 'fetch' is not installed")
 pytest.importorskip("waitress", reason="waitress, which serves pydap's application here, is not installed")
@@ -20,30 +18,24 @@ with warnings.catch_warnings():
     import opendap_stand_in as server
 
 
-def steps(start, stop):
-    return server.three_hourly(start, stop)
-
-
 def catalogue_models():
-    glby_lat, glby_lon = (-80.0 + 0.04 * np.arange(4251)).astype("f4").astype(float), server.longitudes(0.0)
-    glby = steps("2018-12-04T12", "2019-06-01")
-    # one step is missing from the currents only; the axis steps back once, as GLBv0.08 93.0's does
-    back = np.concatenate([glby[:800], glby[799:]])
-    espc = steps("2025-01-01T12", "2025-02-01")
     lat, lon = server.glbv_latitudes(), server.longitudes(-180.0)
-    models = {
-        "GLBv0.08/expt_53.X/data/2014": server.reanalysis(2014),
-        "GLBv0.08/expt_53.X/data/2015": server.reanalysis(2015),
-        "GLBv0.08/expt_56.3": server.Model(steps("2014-07-01T12", "2016-10-01"), lat, lon),
-        "GLBv0.08/expt_57.2": server.Model(steps("2016-05-01T12", "2017-02-01T12"), lat, lon),
+    glby_lat, glby_lon = (-80.0 + 0.04 * np.arange(4251)).astype("f4").astype(float), server.longitudes(0.0)
+    glby = server.three_hourly("2018-12-04T12", "2019-06-01")
+    # one step is missing from the currents only; the axis steps back once, as GLBv0.08 93.0's does
+    back, lacking = np.concatenate([glby[:800], glby[799:]]), glby[glby != np.datetime64("2019-03-07T18")]
+    espc = server.three_hourly("2025-01-01T12", "2025-02-01")
+    return {
+        **{f"GLBv0.08/expt_53.X/data/{year}": server.reanalysis(year) for year in (2014, 2015)},
+        "GLBv0.08/expt_56.3": server.Model(server.three_hourly("2014-07-01T12", "2016-10-01"), lat, lon),
+        "GLBv0.08/expt_57.2": server.Model(server.three_hourly("2016-05-01T12", "2017-02-01T12"), lat, lon),
         "GLBy0.08/expt_93.0/ts3z": server.Model(back, glby_lat, glby_lon, ("water_temp", "salinity")),
-        "GLBy0.08/expt_93.0/uv3z": server.Model(
-            glby[glby != np.datetime64("2019-03-07T18")], glby_lat, glby_lon, ("water_u", "water_v")
-        ),
+        "GLBy0.08/expt_93.0/uv3z": server.Model(lacking, glby_lat, glby_lon, ("water_u", "water_v")),
+        **{
+            f"ESPC-D-V02/{short}/2025": server.Model(espc, glby_lat, glby_lon, (name,))
+            for short, name in zip(("t3z", "s3z", "u3z", "v3z"), server.OFFSETS, strict=True)
+        },
     }
-    for short, name in zip(("t3z", "s3z", "u3z", "v3z"), server.PACKING, strict=True):
-        models[f"ESPC-D-V02/{short}/2025"] = server.Model(espc, glby_lat, glby_lon, (name,))
-    return models
 
 
 @pytest.fixture(scope="session")
@@ -65,21 +57,6 @@ def thredds(_running, monkeypatch):
     app.release.clear()
     yield SimpleNamespace(app=app, root=_running.root)
     app.release.set()
-
-
-@pytest.fixture
-def year_files_from(thredds, tmp_path):
-    """Write the shipped catalogue with years that begin at another hour."""
-
-    def write(year_starts_h):
-        shipped = load_catalogue().model_dump(mode="json", exclude_none=True)["experiments"]
-        for experiment in shipped:
-            experiment["year_starts_h"] = year_starts_h
-        path = tmp_path / "mirror.toml"
-        path.write_text(dumps({"addresses": {"opendap": thredds.root}, "experiments": shipped}))
-        return path
-
-    return write
 
 
 @pytest.fixture
@@ -124,7 +101,7 @@ def is_true():
     def check(ocean, time):
         hour = server.hours(np.datetime64(time))
         grid = np.ix_(ocean["depth"].values, ocean["lat"].values, ocean["lon"].values)
-        for name in server.PACKING:
+        for name in server.OFFSETS:
             expected = server.truth(name, hour, *grid)
             np.testing.assert_array_equal(np.isnan(ocean[name].values), np.isnan(expected))
             np.testing.assert_allclose(ocean[name].values, expected, rtol=0, atol=0.00051)
