@@ -1,7 +1,5 @@
 """The catalogue: what is shipped is whole, and what a user writes is checked."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -43,12 +41,11 @@ def test_there_is_no_hole_between_experiments():
 def test_a_mirror_needs_only_its_addresses(tmp_path, monkeypatch):
     mine = tmp_path / "mine.toml"
     mine.write_text('[addresses]\nopendap = "https://mirror.example/dodsC"\n')
-    for given in (mine, str(mine)):
-        catalogue = load_catalogue(given)
-        assert catalogue.addresses.opendap == "https://mirror.example/dodsC"
-        assert catalogue.experiments == load_catalogue().experiments
+    catalogue = load_catalogue(mine)
+    assert catalogue.addresses.opendap == "https://mirror.example/dodsC"
+    assert catalogue.experiments == load_catalogue().experiments
     monkeypatch.setenv("MANTARAY_OCEAN_SERVERS", str(mine))
-    assert load_catalogue().addresses.opendap == "https://mirror.example/dodsC"
+    assert load_catalogue() == catalogue
     assert load_catalogue("http://127.0.0.1:1/x").addresses.opendap == "http://127.0.0.1:1/x"
 
 
@@ -69,20 +66,14 @@ datasets = [{ path = "mine", variables = ["water_temp", "salinity", "water_u", "
         ("[addresses]", "mine.toml: addresses.opendap: Field required"),
         ("[addresses]\nopendap = 'file:///etc/passwd'", "is not an address"),
         (EXPERIMENT.replace("2020-01-01T00:00:00", "'soon'"), "mine.toml: experiments.0.first"),
-        (
-            EXPERIMENT.replace('"water_v"', '"water_u"'),
-            "holds salinity, water_temp, water_u, water_u; needs each of",
-        ),
+        (EXPERIMENT.replace('"water_v"', '"water_u"'), "water_u, water_u; needs each of"),
+        (None, "mine.toml: cannot be read"),
     ],
 )
 def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, line):
-    (tmp_path / "mine.toml").write_text(text)
+    if text is not None:
+        (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(OceanError) as caught:
         load_catalogue(tmp_path / "mine.toml")
     assert line in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_file_that_is_not_there_is_named():
-    with pytest.raises(OceanError, match=r"nowhere.toml: cannot be read"):
-        load_catalogue(Path("nowhere.toml"))

@@ -17,49 +17,47 @@ from pymantaray.ocean.fetch import fetch_copernicus
 LEVELS = np.array(
     [0.494025, 1.541375, 2.645669, 5.078224, 9.572997, 18.49556, 47.37369, 92.32607, 186.1256, 380.213]
 )
-NAMES = {
-    "thetao": ("sea_water_potential_temperature", "degrees_C"),
-    "so": ("sea_water_salinity", "1e-3"),
-    "uo": ("eastward_sea_water_velocity", "m s-1"),
-    "vo": ("northward_sea_water_velocity", "m s-1"),
-}
 
 
-def potential(depth, lat, lon):
-    return 3.0 * np.exp(-depth / 200.0) - 1.0 + 0.2 * np.cos(np.radians(3 * lon)) + 0.0 * lat
+def potential(depth, lon):
+    return 3.0 * np.exp(-depth / 200.0) - 1.0 + 0.2 * np.cos(np.radians(3 * lon))
 
 
 @pytest.fixture(scope="module")
 def glorys():
     """Three days about the globe between 72 and 75 N, as the service's data set reads."""
-    lat = np.arange(72.0, 75.01, 1 / 12)
-    lon = -180.0 + np.arange(4320) / 12
-    time = np.array(["2014-07-14", "2014-07-15", "2014-07-16"], dtype="datetime64[ns]")
-    depth, north, east = np.meshgrid(LEVELS, lat, lon, indexing="ij", sparse=True)
-    still = np.zeros((LEVELS.size, lat.size, lon.size))
-    still[-1, : lat.size // 2] = np.nan  # a sea bed
-    values = {
-        "thetao": still + potential(depth, north, east),
-        "so": still + 30.0 + depth / 200.0,
-        "uo": still + 0.1,
-        "vo": still - 0.05 + 0.0 * east,
-    }
-    fields = {}
-    for name, (standard_name, units) in NAMES.items():
-        days = np.stack([values[name] + 0.01 * i for i in range(3)]).astype("f4")
-        fields[name] = (
-            ("time", "depth", "latitude", "longitude"),
-            days,
-            {"standard_name": standard_name, "units": units},
-        )
-    coordinates = {
-        "time": ("time", time, {"standard_name": "time", "axis": "T"}),
-        "depth": ("depth", LEVELS, {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"}),
-        "latitude": ("latitude", lat, {"standard_name": "latitude", "units": "degrees_north", "axis": "Y"}),
-        "longitude": ("longitude", lon, {"standard_name": "longitude", "units": "degrees_east", "axis": "X"}),
-    }
-    attributes = {"Conventions": "CF-1.6", "source": "MERCATOR GLORYS12V1", "title": "daily mean"}
-    data = xr.Dataset(fields, coordinates, attributes)
+    data = xr.Dataset(
+        coords={
+            "time": (
+                "time",
+                np.arange("2014-07-14", "2014-07-17", dtype="M8[D]").astype("M8[ns]"),
+                {"standard_name": "time", "axis": "T"},
+            ),
+            "depth": (
+                "depth",
+                LEVELS,
+                {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"},
+            ),
+            "latitude": ("latitude", np.arange(72.0, 75.01, 1 / 12), {"units": "degrees_north", "axis": "Y"}),
+            "longitude": ("longitude", -180.0 + np.arange(4320) / 12, {"units": "degrees_east", "axis": "X"}),
+        },
+        attrs={"Conventions": "CF-1.6", "source": "MERCATOR GLORYS12V1", "title": "daily mean"},
+    )
+    day = xr.DataArray([0.0, 0.01, 0.02], dims="time")
+    wet = (data["depth"] < LEVELS[-1]) | (data["latitude"] > 73.5)
+    for name, standard_name, units, values in (
+        (
+            "thetao",
+            "sea_water_potential_temperature",
+            "degrees_C",
+            potential(data["depth"], data["longitude"]),
+        ),
+        ("so", "sea_water_salinity", "1e-3", 30.0 + data["depth"] / 200.0),
+        ("uo", "eastward_sea_water_velocity", "m s-1", 0.1),
+        ("vo", "northward_sea_water_velocity", "m s-1", -0.05),
+    ):
+        field = (values + day + 0.0 * data["longitude"]).where(wet).astype("f4")
+        data[name] = field.transpose(*data.sizes).assign_attrs(standard_name=standard_name, units=units)
     data["time"].encoding = {"units": "hours since 1950-01-01", "calendar": "gregorian", "dtype": "int64"}
     return data
 
@@ -68,14 +66,8 @@ def glorys():
 def service(glorys, monkeypatch):
     """The package with its network call replaced: arguments bound by the real signature, cut by the real selection."""
     package = pytest.importorskip("copernicusmarine", reason="the extra 'copernicus' is not installed")
+    from copernicusmarine.download_functions import subset_parameters as parameters
     from copernicusmarine.download_functions import subset_xarray
-    from copernicusmarine.download_functions.subset_parameters import (
-        DepthParameters,
-        GeographicalParameters,
-        TemporalParameters,
-        XParameters,
-        YParameters,
-    )
 
     signature = inspect.signature(package.subset)
     asked = []
@@ -88,12 +80,12 @@ def service(glorys, monkeypatch):
         cut = subset_xarray.subset(
             glorys,
             a.variables,
-            GeographicalParameters(
-                YParameters(a.minimum_latitude, a.maximum_latitude),
-                XParameters(a.minimum_longitude, a.maximum_longitude),
+            parameters.GeographicalParameters(
+                parameters.YParameters(a.minimum_latitude, a.maximum_latitude),
+                parameters.XParameters(a.minimum_longitude, a.maximum_longitude),
             ),
-            TemporalParameters(a.start_datetime, a.end_datetime),
-            DepthParameters(a.minimum_depth, a.maximum_depth),
+            parameters.TemporalParameters(a.start_datetime, a.end_datetime),
+            parameters.DepthParameters(a.minimum_depth, a.maximum_depth),
             a.coordinates_selection_method,
         )
         cut.to_netcdf(a.output_directory / a.output_filename, engine="netcdf4")
@@ -116,10 +108,9 @@ def test_a_window_of_a_day_becomes_a_valid_ocean(service, tmp_path, lon, first):
     assert asked.dataset_id == "cmems_mod_glo_phy_my_0.083deg_P1D-m"
     assert asked.start_datetime == asked.end_datetime
     assert ocean["time"].values == np.datetime64("2014-07-15")
-    assert ocean["lat"].values[0] <= 73.0 + 1e-9
-    assert ocean["lat"].values[-1] >= 74.0 - 1e-9
-    assert first - 0.09 < ocean["lon"].values[0] <= first + 1e-6
-    assert ocean["lon"].values[-1] >= first + (lon[1] - lon[0]) % 360.0 - 1e-6
+    for name, low, width in (("lat", 73.0, 1.0), ("lon", first, (lon[1] - lon[0]) % 360.0)):
+        assert low - 0.09 < ocean[name].values[0] <= low + 1e-6
+        assert ocean[name].values[-1] >= low + width - 1e-6
     assert ocean.attrs["title"] == "GLORYS12V1 global ocean reanalysis, daily mean, 2014-07-15"
     assert "cmems_mod_glo_phy_my_0.083deg_P1D-m" in ocean.attrs["history"].splitlines()[-1]
     # potential temperature of the second day became in-situ temperature
@@ -127,7 +118,7 @@ def test_a_window_of_a_day_becomes_a_valid_ocean(service, tmp_path, lon, first):
     z, lat, east = (float(point[name]) for name in ("depth", "lat", "lon"))
     SP, p = 30.0 + z / 200.0 + 0.01, gsw.p_from_z(-z, lat)
     SA = gsw.SA_from_SP(SP, p, east, lat)
-    expected = gsw.t_from_CT(SA, gsw.CT_from_pt(SA, potential(z, lat, east) + 0.01), p)
+    expected = gsw.t_from_CT(SA, gsw.CT_from_pt(SA, potential(z, east) + 0.01), p)
     assert float(point["water_temp"]) == pytest.approx(float(expected), abs=1e-4)
     assert list(tmp_path.iterdir()) == [fetched.path]
 
@@ -151,56 +142,57 @@ datasets = [{ id = "t", variables = ["thetao"] }, { id = "s", variables = ["so"]
         validate_ocean(ocean)
 
 
-def refusal(tmp_path, *, lat=(73.0, 74.0), lon=(-150.0, -149.0), time="2014-07-15", **options):
-    with pytest.raises(OceanError) as caught:
-        fetch_copernicus(lat, lon, time, tmp_path / "glorys.nc", **options)
-    assert "\n" not in str(caught.value)
-    assert not (tmp_path / "glorys.nc").exists()
-    return str(caught.value)
+@pytest.fixture
+def refusal(tmp_path):
+    """The one line with which a fetch fails; nothing must be left under the final name."""
+
+    def call(*, lat=(73.0, 74.0), lon=(-150.0, -149.0), time="2014-07-15", **options):
+        with pytest.raises(OceanError) as caught:
+            fetch_copernicus(lat, lon, time, tmp_path / "glorys.nc", **options)
+        assert "\n" not in str(caught.value)
+        assert not (tmp_path / "glorys.nc").exists()
+        return str(caught.value)
+
+    return call
 
 
-def test_what_cannot_be_is_refused_before_the_service_is_asked(service, tmp_path):
-    assert "no product covers 1980-01-01T00:00; there is glorys12 1993-01-01 to today" in refusal(
-        tmp_path, time="1980-01-01"
-    )
-    assert "no product is called 'mine'; there are glorys12, analysis" in refusal(tmp_path, product="mine")
-    assert "make it smaller" in refusal(tmp_path, lat=(0.0, 80.0), lon=(-170.0, 0.0))
-    assert "nowhere: no such folder" in refusal(tmp_path / "nowhere")
+def test_what_cannot_be_is_refused_before_the_service_is_asked(service, refusal):
+    line = "no product covers 1980-01-01T00:00; there is glorys12 1993-01-01 to today"
+    assert line in refusal(time="1980-01-01")
+    assert "no product is called 'mine'; there are glorys12, analysis" in refusal(product="mine")
+    assert "make it smaller" in refusal(lat=(0.0, 80.0), lon=(-170.0, 0.0))
     assert service == []
 
 
-@pytest.mark.parametrize(
-    ("error", "line"),
-    [
-        ("InvalidUsernameOrPassword", "log in once with: copernicusmarine login"),
-        ("CredentialsCannotBeNone", "log in once with: copernicusmarine login"),
-        ("DatasetNotFound", "(DatasetNotFound)"),
-        ("CoordinatesOutOfDatasetBounds", "(CoordinatesOutOfDatasetBounds)"),
-    ],
-)
-def test_errors_of_the_package_become_one_line(service, tmp_path, monkeypatch, error, line):
-    package = sys.modules["copernicusmarine"]
-    raised = getattr(package, error)
-
+def failing(name):
     def subset(**_):
-        raise raised("first line\nsecond line")
+        raise getattr(sys.modules["copernicusmarine"], name)("first line\nsecond line")
 
-    monkeypatch.setattr(package, "subset", subset)
-    message = refusal(tmp_path)
-    assert message.startswith("copernicus: cmems_mod_glo_phy_my_0.083deg_P1D-m: ")
+    return subset
+
+
+LOGIN = "log in once with: copernicusmarine login"
+FAILURES = {
+    "password": (failing("InvalidUsernameOrPassword"), LOGIN),
+    "account": (failing("CredentialsCannotBeNone"), LOGIN),
+    "data set": (failing("DatasetNotFound"), "0.083deg_P1D-m: first line second line (DatasetNotFound)"),
+    "no file": (lambda **_: None, f"the service returned no file; {LOGIN}"),
+    "no ocean": (
+        lambda **a: (a["output_directory"] / a["output_filename"]).write_text("<html>"),
+        "what the service returned is no ocean",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FAILURES)
+def test_failures_of_the_service_become_one_line(service, refusal, monkeypatch, case):
+    subset, line = FAILURES[case]
+    monkeypatch.setattr("copernicusmarine.subset", subset)
+    message = refusal()
+    assert message.startswith("copernicus: ")
     assert line in message
 
 
-def test_a_file_that_is_no_ocean_is_refused(service, tmp_path, monkeypatch):
-    package = sys.modules["copernicusmarine"]
-    monkeypatch.setattr(
-        package, "subset", lambda **a: (a["output_directory"] / a["output_filename"]).write_text("<html>")
-    )
-    assert "what the service returned is no ocean" in refusal(tmp_path)
-    monkeypatch.setattr(package, "subset", lambda **_: None)
-    assert "the service returned no file" in refusal(tmp_path)
-
-
-def test_without_the_package_the_extra_is_named(tmp_path, monkeypatch):
+def test_without_the_package_the_extra_is_named(refusal, monkeypatch):
     monkeypatch.setitem(sys.modules, "copernicusmarine", None)
-    assert 'pip install "pymantaray[copernicus]"' in refusal(tmp_path)
+    assert 'pip install "pymantaray[copernicus]"' in refusal()
