@@ -175,7 +175,7 @@ LOGIN = "log in once with: copernicusmarine login"
 FAILURES = {
     "password": (failing("InvalidUsernameOrPassword"), LOGIN),
     "account": (failing("CredentialsCannotBeNone"), LOGIN),
-    "data set": (failing("DatasetNotFound"), "0.083deg_P1D-m: first line second line (DatasetNotFound)"),
+    "data set": (failing("DatasetNotFound"), "0.083deg_P1D-m: first line second line "),
     "no file": (lambda **_: None, f"the service returned no file; {LOGIN}"),
     "no ocean": (
         lambda **a: (a["output_directory"] / a["output_filename"]).write_text("<html>"),
