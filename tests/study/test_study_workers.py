@@ -31,6 +31,19 @@ def die(number):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+class UnsendableError(Exception):
+    def __reduce__(self):
+        raise TypeError("stays here")
+
+
+def raise_unsendable(number):
+    raise UnsendableError
+
+
+def return_unsendable(number):
+    return lambda: number
+
+
 def task(function, *arguments):
     return partial(function, *arguments)
 
@@ -68,6 +81,18 @@ def test_a_task_that_fails_stops_the_others(tmp_path):
 def test_a_process_that_is_killed_is_told_in_one_line():
     with pytest.raises(StudyError, match="ended early, by SIGKILL, perhaps out of memory; try fewer workers"):
         in_processes(partial(task, die), 3, 2, lambda _: None)
+
+
+@pytest.mark.parametrize(
+    ("function", "error", "match"),
+    [
+        (return_unsendable, AttributeError, "local object"),
+        (raise_unsendable, StudyError, "ended early, with code 1"),
+    ],
+)
+def test_what_cannot_be_sent_back_ends_the_work_and_not_the_patience(function, error, match):
+    with pytest.raises(error, match=match):
+        in_processes(partial(task, function), 3, 2, lambda _: None)
 
 
 SCRIPT = """

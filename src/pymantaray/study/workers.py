@@ -18,7 +18,7 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from queue import SimpleQueue
-from typing import NoReturn, TypeVar, cast
+from typing import BinaryIO, NoReturn, TypeVar, cast
 
 from pymantaray.errors import StudyError
 
@@ -122,15 +122,25 @@ def serve() -> NoReturn:
         finally:
             os._exit(0)  # whoever asked has ended; what is being worked at is for nobody
 
-    threading.Thread(target=listen).start()
+    threading.Thread(target=listen, daemon=True).start()
+    try:
+        _work(start, numbers, results)
+    finally:  # whatever ends it: the thread that listens would wait for who waits for this
+        traceback.print_exc()
+        os._exit(1)
+
+
+def _work(
+    start: Callable[[], Callable[[int], object]], numbers: SimpleQueue[int], results: BinaryIO
+) -> NoReturn:
     task = None
     while True:
         number = numbers.get()
         try:
             task = task or start()
-            result = task(number)
+            result = pickle.dumps(task(number))
         except Exception as error:  # noqa: BLE001  raised again where it was asked for
             error.add_note(traceback.format_exc())
-            result = error
-        pickle.dump(result, results)
+            result = pickle.dumps(error)
+        results.write(result)
         results.flush()
