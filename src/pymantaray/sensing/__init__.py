@@ -1,13 +1,22 @@
-"""What the vehicles measure: one module a sensor, ranges by sound, and the noise of all."""
+"""
+What the vehicles measure: one module a sensor, ranges by sound, and the noise of all.
 
-from pymantaray.sensing.detection import Detector, Hearing
+Levels of noise are quick to read; what ranges need is imported when it is first asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from pymantaray.sensing.landmarks import Landmark
-from pymantaray.sensing.measure import assemble, perturb
-from pymantaray.sensing.mistaken import Candidates, Picker, draw_picks, find_candidates
 from pymantaray.sensing.noise import NoiseModel
-from pymantaray.sensing.ranging import Links, Ranging, measure_ranges
-from pymantaray.sensing.schedule import PingSchedule
-from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, TwoWay
+
+if TYPE_CHECKING:
+    from pymantaray.sensing.detection import Detector, Hearing
+    from pymantaray.sensing.measure import assemble, perturb
+    from pymantaray.sensing.mistaken import Candidates, Picker, draw_picks, find_candidates
+    from pymantaray.sensing.ranging import Links, Ranging, measure_ranges
+    from pymantaray.sensing.schedule import PingSchedule
+    from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, TwoWay
 
 __all__ = [
     "Candidates",
@@ -30,3 +39,30 @@ __all__ = [
     "measure_ranges",
     "perturb",
 ]
+
+_LATER = {
+    "Detector": "detection",
+    "Hearing": "detection",
+    "assemble": "measure",
+    "perturb": "measure",
+    "Candidates": "mistaken",
+    "Picker": "mistaken",
+    "draw_picks": "mistaken",
+    "find_candidates": "mistaken",
+    "Links": "ranging",
+    "Ranging": "ranging",
+    "measure_ranges": "ranging",
+    "PingSchedule": "schedule",
+    "ClockModel": "timing",
+    "Clocks": "timing",
+    "OneWay": "timing",
+    "Timing": "timing",
+    "TwoWay": "timing",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module on first use."""
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
