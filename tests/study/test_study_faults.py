@@ -101,6 +101,18 @@ def test_files_named_relative_to_the_working_folder_are_found_by_beliefs(tiny_tr
     assert np.isfinite(run.estimates.position).all()
 
 
+def test_input_file_that_goes_away_once_it_is_read_costs_no_work(tiny, window_file):
+    file = window_file / "0.nc"
+    config = tiny(study={"conditions": ["odometry"]}, ocean={"source": str(file)})
+
+    def remove(stage, _done, _total):
+        if stage == "realizations":
+            file.unlink(missing_ok=True)
+
+    run = run_study(config, window_file / "run", workers=1, progress=remove)
+    assert list(run.manifest["ocean"]["sha256"]) == [str(file)]
+
+
 def test_what_beliefs_need_of_a_varying_ocean_is_its_start(tiny_tree, window_file, monkeypatch):
     """Not all of its snapshots brought to the local grid, in every worker."""
     tiny_tree["study"].update(realizations=1, conditions=["odometry"])

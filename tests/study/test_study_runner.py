@@ -13,7 +13,7 @@ from pymantaray.estimation import CONDITIONS, dead_reckon, read_pyfg
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.study import open_run, parse_study, run_study, runner
 from pymantaray.study.config import Condition
-from pymantaray.study.manifest import describe_run, sha256
+from pymantaray.study.manifest import checksums, describe_run
 from pymantaray.study.store import summarize
 
 DEAD_RECKONING = {"conditions": ["odometry"], "realizations": 1}
@@ -199,7 +199,7 @@ def test_not_a_run_is_refused(tmp_path):
         open_run(tmp_path)
 
 
-def test_manifest_has_seeds_versions_and_checksums(tiny_tree, tiny_run, tmp_path):
+def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path):
     manifest = tiny_run.manifest
     assert manifest["random"]["seed"] == tiny_run.config.study.seed
     assert manifest["versions"]["gtsam"].startswith("4.3")
@@ -208,8 +208,6 @@ def test_manifest_has_seeds_versions_and_checksums(tiny_tree, tiny_run, tmp_path
     assert all(value >= 0 for value in manifest["seconds"].values())
     content = tmp_path / "a.nc"
     content.write_bytes(b"ocean")
-    tiny_tree["ocean"]["source"] = [str(content)]
-    described = describe_run(parse_study(tiny_tree), {}, workers=1)
-    assert described["ocean"]["sha256"] == {str(content): hashlib.sha256(b"ocean").hexdigest()}
-    assert sha256(content) == hashlib.sha256(b"ocean").hexdigest()
-    assert described["ocean"]["synthetic"] is False
+    config = tiny(ocean={"source": [str(content)]})
+    assert checksums(config) == {str(content): hashlib.sha256(b"ocean").hexdigest()}
+    assert describe_run(config, {}, {}, workers=1)["ocean"]["synthetic"] is False

@@ -35,8 +35,15 @@ class Stopwatch:
             self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
-def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int) -> dict[str, Any]:
-    """Collect what a run's results depend on, and what it cost by stage: the manifest but for the outcome."""
+def checksums(config: StudyConfig) -> dict[str, str]:
+    """SHA-256 of every input file of a study, by its name."""
+    return {file: sha256(Path(file)) for file in config.files}
+
+
+def describe_run(
+    config: StudyConfig, inputs: dict[str, str], seconds: dict[str, float], *, workers: int
+) -> dict[str, Any]:
+    """Collect what results depend on, with checksums of inputs, and their cost: the manifest but for the outcome."""
     memory = peak_memory_mib()  # before git is called: a child counts as large as its parent at first
     return {
         "format": 2,
@@ -45,7 +52,7 @@ def describe_run(config: StudyConfig, seconds: dict[str, float], *, workers: int
             "source": list(config.ocean.source),
             "synthetic": config.ocean.synthetic,
             "time_varying": config.ocean.time_varying,
-            "sha256": {file: sha256(Path(file)) for file in config.files},
+            "sha256": inputs,
         },
         "random": {
             "seed": config.study.seed,

@@ -18,7 +18,7 @@ from pymantaray.study import store
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.folder import MANIFEST, staged_folder
 from pymantaray.study.load import study_toml
-from pymantaray.study.manifest import Stopwatch, describe_run
+from pymantaray.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
 from pymantaray.study.realization import solve_realizations
 from pymantaray.study.store import Run, open_run, summarize, write_json
@@ -78,6 +78,7 @@ def run_study(
     with staged_folder(out, config.study.name) as (stage, folder):
         mission = simulate_mission(config, watch, report)
         with watch.stage("files"):
+            inputs = checksums(config)  # of what was read, whatever becomes of the files
             _write_mission(config, mission, stage)
         report("realizations", 0, count)
         with watch.stage("realizations"):
@@ -93,7 +94,7 @@ def run_study(
             unknowns = collect_unknowns(solutions, [one.true_unknowns for one in solved])
             if unknowns is not None:
                 unknowns.save(stage / store.UNKNOWNS)
-        content = describe_run(config, watch.seconds, workers=workers)
+        content = describe_run(config, inputs, watch.seconds, workers=workers)
         content["outcome"] = summarize(mission, estimates)
         write_json(content, stage / MANIFEST)
         report("files", 1, 1)
