@@ -108,9 +108,9 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     Notes
     -----
     Numbers have 17 significant digits. Covariances are the upper triangle by
-    rows in the order x, y, z, rx, ry, rz; a range carries its variance. The grammar has no position prior
-    and no depth prior: both are written as pose priors with identity rotation and a variance of 1e12 on
-    each free axis, and read back as what they were. PyFactorGraph's own reader [1]_ replaces each
+    rows in the order x, y, z, rx, ry, rz; a range carries its variance. The grammar has no prior of
+    a position, a depth or an attitude alone: they are written as pose priors with a variance of 1e12 on each
+    free axis, and read back as what they were. PyFactorGraph's own reader [1]_ replaces each
     covariance by a multiple of the identity and so loses the depth priors; it also refuses a range
     between two landmarks, which is written here. It knows a vehicle by one letter: more than 25 vehicles get names of several
     letters, AA, AB and so on, which `read_pyfg` reads and it does not. A comment would stop it, hence the table beside.

@@ -29,6 +29,8 @@ class NoiseModel(
     """
     Levels of all noise, each described where its sensor is; the defaults are the paper's table, but for the survey's.
 
+    Lengths are in metres, angles in radians, drifts per second; fractions are of an edge's length or angle.
+
     Raises
     ------
     SensingError
