@@ -1,5 +1,6 @@
 """One way to write a file whole or not at all, and one lock for all that is read and written as NetCDF."""
 
+import errno
 import os
 import secrets
 import threading
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 NETCDF_LOCK = threading.RLock()  # the C libraries behind netCDF4 hold one state for all threads of a process
 
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _PROBE_BYTES = 1 << 20
 _OVERHEAD_BYTES = 4000  # of a NetCDF file and of each of its variables
 
@@ -114,10 +116,15 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
 
 def _check_room(temporary: Path, size: int) -> None:
     """Have the system say that a disk is full before HDF5 does, which keeps a file open that it could not write."""
-    if hasattr(os, "posix_fallocate"):
-        with temporary.open("rb+") as file:
+    if not hasattr(os, "posix_fallocate"):
+        return
+    with temporary.open("rb+") as file:
+        try:
             os.posix_fallocate(file.fileno(), 0, size)
-            file.truncate(0)
+        except OSError as error:
+            if error.errno in _NO_ROOM:  # others: not every file system can do this
+                raise
+        file.truncate(0)
 
 
 def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
