@@ -40,25 +40,15 @@ __all__ = [
     "perturb",
 ]
 
-_LATER = {
-    "Detector": "detection",
-    "Hearing": "detection",
-    "assemble": "measure",
-    "perturb": "measure",
-    "Candidates": "mistaken",
-    "Picker": "mistaken",
-    "draw_picks": "mistaken",
-    "find_candidates": "mistaken",
-    "Links": "ranging",
-    "Ranging": "ranging",
-    "measure_ranges": "ranging",
-    "PingSchedule": "schedule",
-    "ClockModel": "timing",
-    "Clocks": "timing",
-    "OneWay": "timing",
-    "Timing": "timing",
-    "TwoWay": "timing",
+_HOME = {
+    "detection": ("Detector", "Hearing"),
+    "measure": ("assemble", "perturb"),
+    "mistaken": ("Candidates", "Picker", "draw_picks", "find_candidates"),
+    "ranging": ("Links", "Ranging", "measure_ranges"),
+    "schedule": ("PingSchedule",),
+    "timing": ("ClockModel", "Clocks", "OneWay", "Timing", "TwoWay"),
 }
+_LATER = {name: module for module, names in _HOME.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
