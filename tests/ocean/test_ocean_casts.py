@@ -254,8 +254,7 @@ def test_means_over_cells_keep_the_water_column(depths, random):
 
 
 def test_what_is_no_ordinary_file_is_refused_before_it_is_read(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    for path in ("/dev/zero", tmp_path / "pipe", tmp_path):
+    for path in ("/dev/zero", tmp_path):
         with pytest.raises(OceanError, match="not an ordinary file"):
             read_cast(path)
     with pytest.raises(OceanError, match="embedded null"):
