@@ -1,6 +1,6 @@
 """Attitude and heading reference (AHRS): the rotation of every vehicle at every sample; absent unless it has levels."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -23,15 +23,19 @@ class AttitudeNoise:
     attitude_heading_sigma: float = level(0.0, may_be_zero=True)
     attitude_heading_bias_sigma: float = level(0.0, may_be_zero=True)
 
+    def __post_init__(self) -> None:
+        """Refuse half a sensor."""
+        tilt, heading, bias = (getattr(self, f.name) for f in fields(AttitudeNoise))
+        if not (tilt and heading) and (tilt or heading or bias):
+            raise SensingError(
+                f"attitude: tilt sigma is {tilt:g}, heading sigma {heading:g} and heading bias sigma {bias:g} rad;"
+                " a sensor needs tilt and heading above zero"
+            )
+
 
 def measure(scene: Scene, noise: AttitudeNoise) -> Columns:
     """Rotations of the truth."""
     tilt, heading = noise.attitude_tilt_sigma, noise.attitude_heading_sigma
-    if not (tilt and heading) and (tilt or heading or noise.attitude_heading_bias_sigma):
-        raise SensingError(
-            f"attitude: tilt sigma is {tilt:g}, heading sigma {heading:g} and heading bias sigma"
-            f" {noise.attitude_heading_bias_sigma:g} rad; a sensor needs tilt and heading above zero"
-        )
     truth = scene.truth
     agent, sample = np.nonzero(np.full(truth.status.shape, tilt > 0.0))
     return {

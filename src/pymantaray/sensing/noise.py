@@ -45,3 +45,4 @@ class NoiseModel(
     def __post_init__(self) -> None:
         """Check every value."""
         refuse_negative(self)
+        super().__post_init__()
