@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pymantaray.acoustics.bellhop import BellhopArrivals, read_bellhop_arrivals, read_bellhop_rays
+from pymantaray.acoustics.bellhop import read_bellhop_arrivals, read_bellhop_rays
+from pymantaray.acoustics.bellhop.output import BellhopArrivals
 from pymantaray.errors import AcousticsError
 
 DATA = Path(__file__).parent / "data"

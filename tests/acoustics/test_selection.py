@@ -1,7 +1,5 @@
 """Which arrival of a link is ranged on: the three rules on arrivals made by hand, and their statuses."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from factories import make_arrivals
@@ -64,12 +62,8 @@ def test_each_rule_picks_its_arrival_with_time_slowness_and_status(rule, times, 
     np.testing.assert_array_equal(found.shadow_margin, [0.0, 0.0, 12.0, margin])
     for name in ("chord_travel_time", "source_sound_speed", "receiver_sound_speed"):
         np.testing.assert_array_equal(getattr(found, name), getattr(ARRIVALS, name))
-
-
-def test_first_is_what_the_record_says():
-    one, other = select(ARRIVALS, "first"), ARRIVALS.first()
-    for f in fields(one):
-        np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name), err_msg=f.name)
+    if rule == "first":
+        assert found.to_dataset().identical(ARRIVALS.first().to_dataset())
 
 
 def test_losses_and_delays_count_before_the_choice():
@@ -80,13 +74,6 @@ def test_losses_and_delays_count_before_the_choice():
     first = select(ARRIVALS, "first", delay=delay)
     np.testing.assert_array_equal(first.travel_time, [1.01, 1.75, np.nan, 4.0])
     np.testing.assert_array_equal(choose_arrivals(ARRIVALS, "first", delay=delay).row, [1, 4, 5])
-
-
-def test_no_arrivals_at_all():
-    found = select(arrivals_of([], [RayStatus.SHADOW, RayStatus.BLOCKED]), "direct")
-    np.testing.assert_array_equal(found.status, [RayStatus.SHADOW, RayStatus.BLOCKED])
-    assert np.isnan(found.travel_time).all()
-    assert select(arrivals_of([], []), "first").status.size == 0
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Formula = Literal["francois-garrison", "ainslie-mccolm"]
-Water = Callable[[Array], Array]
-"""In-situ temperature [degC] and practical salinity (n, 2) at positions (n, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,16 +75,17 @@ class Absorption:
         Raises
         ------
         AcousticsError
-            If the shapes differ, a value is not finite, the levels do not increase or the formula is unknown.
+            If the shapes differ, a value is not finite, a salinity negative, the levels do not increase or the
+            formula is unknown.
         """
         z, T, S = (np.atleast_1d(np.array(v, dtype=float)) for v in (depth, temperature, salinity))
         if z.ndim != 1 or not z.shape == T.shape == S.shape:
             raise AcousticsError(
                 f"depth, temperature, salinity: shapes {z.shape}, {T.shape}, {S.shape}; need (n_depth,)"
             )
-        if not np.all(np.isfinite([z, T, S])) or np.any(np.diff(z) <= 0.0):
+        if not np.all(np.isfinite([z, T, S])) or np.any(np.diff(z) <= 0.0) or np.any(S < 0.0):
             raise AcousticsError(
-                "depth, temperature, salinity: must be finite, and depth strictly increasing"
+                "depth, temperature, salinity: must be finite, depth strictly increasing, salinity not negative"
             )
         column = linear_interpolator([z], np.stack([T, S], axis=-1))
         return cls._of_water(lambda x: column(x[:, 2:]), pH=pH, formula=formula)
@@ -106,8 +105,7 @@ class Absorption:
         Parameters
         ----------
         ocean : xarray.Dataset
-            With ``water_temp`` and ``salinity`` on (depth, lat, lon) as `open_ocean` returns it, or on
-            (north, east, depth) of the local frame.
+            As `open_ocean` returns it, with ``water_temp`` and ``salinity`` on (depth, lat, lon).
         centre : tuple of float, optional
             Latitude and longitude of the local frame, as for `to_local`: the window's middle by default.
             [degrees]
@@ -124,17 +122,33 @@ class Absorption:
         AcousticsError
             If the data set lacks temperature or salinity, or the formula is unknown.
         """
-        missing = [name for name in ("water_temp", "salinity") if name not in ocean]
+        from pymantaray.geometry import LocalFrame
+        from pymantaray.ocean.sea_floor import fill_below_sea_bed
+        from pymantaray.ocean.window import Window
+
+        names = ("water_temp", "salinity")
+        missing = [name for name in names if name not in ocean]
         if missing:
             raise AcousticsError(
                 f"ocean data set lacks {', '.join(missing)};"
                 " give the one that open_ocean returned, before to_local"
             )
-        water = _geographic_water(ocean, centre) if "lat" in ocean.dims else _local_water(ocean)
+        lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
+        middle = (0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
+        window = Window(lat, lon, LocalFrame(*(middle if centre is None else centre)))
+        fields = [
+            fill_below_sea_bed(ocean[name].transpose("depth", "lat", "lon").values, lat) for name in names
+        ]
+        look_up = linear_interpolator((depth, lat, lon), np.stack(fields, axis=-1))
+
+        def water(x: Array) -> Array:
+            return look_up(np.stack([x[:, 2], *window.geographic(x[:, 0], x[:, 1])], axis=-1))
+
         return cls._of_water(water, pH=pH, formula=formula)
 
     @classmethod
-    def _of_water(cls, water: Water, *, pH: float, formula: Formula) -> Self:
+    def _of_water(cls, water: Callable[[Array], Array], *, pH: float, formula: Formula) -> Self:
+        """By in-situ temperature [degC] and practical salinity (n, 2) at positions (n, 3)."""
         if formula not in _FORMULAS:
             raise AcousticsError(f"absorption formula {formula!r}; allowed are {', '.join(_FORMULAS)}")
 
@@ -145,32 +159,6 @@ class Absorption:
         return cls(coefficient)
 
 
-def _geographic_water(ocean: "xr.Dataset", centre: tuple[float, float] | None) -> Water:
-    from pymantaray.geometry import LocalFrame
-    from pymantaray.ocean.sea_floor import fill_below_sea_bed
-    from pymantaray.ocean.window import Window
-
-    lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
-    middle = (0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
-    window = Window(lat, lon, LocalFrame(*(middle if centre is None else centre)))
-    fields = [
-        fill_below_sea_bed(ocean[name].transpose("depth", "lat", "lon").values, lat)
-        for name in ("water_temp", "salinity")
-    ]
-    look_up = linear_interpolator((depth, lat, lon), np.stack(fields, axis=-1))
-    return lambda x: look_up(np.stack([x[:, 2], *window.geographic(x[:, 0], x[:, 1])], axis=-1))
-
-
-def _local_water(ocean: "xr.Dataset") -> Water:
-    grid = ("north", "east", "depth")
-    fields = np.stack([ocean[name].transpose(*grid).values for name in ("water_temp", "salinity")], axis=-1)
-    if not np.all(np.isfinite(fields)):
-        raise AcousticsError(
-            "ocean data set: water_temp or salinity is not finite; fill it below the sea bed"
-        )
-    return linear_interpolator([ocean[name].values for name in grid], fields)
-
-
 def francois_garrison_db_per_km(
     frequency_hz: ArrayLike,
     *,
@@ -178,17 +166,15 @@ def francois_garrison_db_per_km(
     salinity: ArrayLike,
     depth: ArrayLike,
     pH: ArrayLike = 8.0,
-    sound_speed: ArrayLike | None = None,
 ) -> Array:
     """
     Absorption by boric acid, magnesium sulphate and water itself, after Francois and Garrison (1982). [dB/km]
 
-    Frequency [Hz], in-situ temperature [degC], practical salinity, depth [m] and pH on the NBS scale broadcast; the
-    sound speed [m/s] is the paper's own :math:`1412 + 3.21 T + 1.19 S + 0.0167 z` by default.
+    Frequency [Hz], in-situ temperature [degC], practical salinity, depth [m] and pH on the NBS scale broadcast.
     """
-    f, T, S, z = _checked(frequency_hz, temperature, salinity, depth)
-    ph = np.asarray(pH, dtype=float)
-    c = 1412.0 + 3.21 * T + 1.19 * S + 0.0167 * z if sound_speed is None else np.asarray(sound_speed, float)
+    hz, T, S, z, ph = (np.asarray(v, dtype=float) for v in (frequency_hz, temperature, salinity, depth, pH))
+    f = hz / 1000.0
+    c = 1412.0 + 3.21 * T + 1.19 * S + 0.0167 * z
     kelvin = 273.0 + T  # the paper's
     f1 = 2.8 * np.sqrt(S / 35.0) * 10.0 ** (4.0 - 1245.0 / kelvin)
     f2 = 8.17 * 10.0 ** (8.0 - 1990.0 / kelvin) / (1.0 + 0.0018 * (S - 35.0))
@@ -217,11 +203,11 @@ def ainslie_mccolm_db_per_km(
 
     A fit to Francois and Garrison, within 10 % of it.
     """
-    f, T, S, z = _checked(frequency_hz, temperature, salinity, depth)
-    km = z / 1000.0
+    hz, T, S, z, ph = (np.asarray(v, dtype=float) for v in (frequency_hz, temperature, salinity, depth, pH))
+    f, km = hz / 1000.0, z / 1000.0
     f1 = 0.78 * np.sqrt(S / 35.0) * np.exp(T / 26.0)
     f2 = 42.0 * np.exp(T / 17.0)
-    boric = 0.106 * f1 / (f1**2 + f**2) * np.exp((np.asarray(pH, dtype=float) - 8.0) / 0.56)
+    boric = 0.106 * f1 / (f1**2 + f**2) * np.exp((ph - 8.0) / 0.56)
     sulphate = 0.52 * (1.0 + T / 43.0) * (S / 35.0) * f2 / (f2**2 + f**2) * np.exp(-km / 6.0)
     water = 0.00049 * np.exp(-(T / 27.0 + km / 17.0))
     return np.asarray((boric + sulphate + water) * f**2)
@@ -233,20 +219,8 @@ def thorp_db_per_km(frequency_hz: ArrayLike) -> Array:
 
     For about 4 degC and 1000 m. Thorp (1967) printed the two relaxations only, 0.1 and 40 dB per kiloyard.
     """
-    f = _checked(frequency_hz)[0] ** 2
+    f = (np.asarray(frequency_hz, dtype=float) / 1000.0) ** 2
     return np.asarray(0.0033 + f * (0.11 / (1.0 + f) + 44.0 / (4100.0 + f) + 3.0e-4))
-
-
-def _checked(
-    frequency_hz: ArrayLike, temperature: ArrayLike = 0.0, salinity: ArrayLike = 0.0, depth: ArrayLike = 0.0
-) -> tuple[Array, Array, Array, Array]:
-    f = np.asarray(frequency_hz, dtype=float)
-    S = np.asarray(salinity, dtype=float)
-    if np.any(f <= 0.0):
-        raise AcousticsError(f"frequency_hz: {np.min(f):g}; must be positive")
-    if np.any(S < 0.0):
-        raise AcousticsError(f"salinity: {np.min(S):g}; must not be negative")
-    return f / 1000.0, np.asarray(temperature, dtype=float), S, np.asarray(depth, dtype=float)
 
 
 _FORMULAS: dict[str, Callable[..., Array]] = {

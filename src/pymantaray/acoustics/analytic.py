@@ -10,9 +10,7 @@ def direct_travel_time_linear_gradient(
     source: ArrayLike, receiver: ArrayLike, *, sound_speed_surface: float, gradient: float
 ) -> NDArray[np.float64]:
     r"""
-    One-way travel time of the direct ray in a linear sound speed profile.
-
-    The profile is :math:`c(z) = c_0 + g z`, ``z`` depth, positive down. Rays are circular arcs.
+    One-way travel time of the direct ray in a linear sound speed profile :math:`c(z) = c_0 + g z`.
 
     Parameters
     ----------

@@ -94,30 +94,18 @@ class Currents:
             raise AcousticsError(
                 f"ocean data set lacks {', '.join(missing)}; make it with open_ocean and to_local"
             )
-        north, east, depth = (ocean[name].values for name in _GRID)
         velocity = np.stack([ocean[name].transpose(*_GRID).values for name in names], axis=-1)
+        north, east, depth = (ocean[name].values for name in _GRID)
         return cls(north, east, depth, velocity)
 
     @classmethod
     def uniform(cls, north: float, east: float) -> Self:
         """One current everywhere, by its components. [m s⁻¹]"""
         zero = np.zeros(1)
-        return cls(zero, zero, zero, np.array([[[[north, east]]]]))
+        return cls(zero, zero, zero, np.array([north, east]).reshape(1, 1, 1, 2))
 
     def at(self, position: ArrayLike) -> Array:
-        """
-        Velocity of the water, trilinear between the grid points as the fleet drifts in it.
-
-        Parameters
-        ----------
-        position : array_like, shape (n, 3)
-            Beyond the grid the value at its edge holds. [m]
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            North, east and down; the last is zero. [m s⁻¹]
-        """
+        """Velocity (n, 3) at positions (n, 3), trilinear; beyond the grid that of its edge. [m s⁻¹]"""
         horizontal = linear_interpolator((self.north, self.east, self.depth), self.velocity)(position)
         return np.concatenate([horizontal, np.zeros((len(horizontal), 1))], axis=1)
 
@@ -132,7 +120,7 @@ def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Ar
         Quadrature points of the rays, ``quadrature(trace_paths(...))``.
     currents : Currents
     n_arrivals : int
-        Number of arrivals; one whose points stand for no length (equal positions) has no delay.
+        One whose points stand for no length (equal positions) has no delay.
 
     Returns
     -------
@@ -145,9 +133,6 @@ def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Ar
     :math:`\delta t = -\int u \cdot p \, dt`, with the slowness :math:`p`, along the ray of the water at rest; derived, with
     what is neglected, on the theory page on timing. A boundary reflects without a change in time, the water beside it
     moves along it.
-
-    The same first-order formula underlies reciprocal tomography (Munk, Worcester and Wunsch, *Ocean Acoustic
-    Tomography*, 1995; known to the author at second hand only).
     """
     p = nodes.slowness
     rate = np.einsum("ij,ij->i", currents.at(nodes.position), p) * np.linalg.norm(p, axis=-1)

@@ -5,7 +5,7 @@ The theory page on loss has the limits of each model and what was opened of its 
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -19,10 +19,10 @@ from pymantaray.records import Arrivals, RayPaths
 from pymantaray.records.base import Column, Record, column
 
 Array = NDArray[np.float64]
-WATER_DENSITY = 1025.0
-"""Of sea water, where none is given. [kg/m3]"""
+_WATER_DENSITY = 1025.0  # kg/m3
 _SURFACE, _BOTTOM = 1, 2  # codes of RayPaths.boundary
 _GRAVITY = 9.81
+_BUBBLE_CEILING = 15.0  # dB; secondary sources give 15 and 30
 _SEDIMENTS = {  # sound speed [m/s], density [kg/m3], attenuation [dB per wavelength]
     "clay": (1500.0, 1500.0, 0.2),
     "silt": (1575.0, 1700.0, 1.0),
@@ -73,12 +73,11 @@ class FluidBottom:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        for f in fields(self):
-            value = getattr(self, f.name)
-            zero_allowed = f.name.startswith("attenuation")
+        for name, value in vars(self).items():
+            zero_allowed = name.startswith("attenuation")
             if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero_allowed):
                 allowed = "finite and not negative" if zero_allowed else "finite and positive"
-                raise AcousticsError(f"FluidBottom: {f.name} is {value:g}; must be {allowed}")
+                raise AcousticsError(f"FluidBottom: {name} is {value:g}; must be {allowed}")
 
     @classmethod
     def standard(cls, name: str) -> Self:
@@ -168,16 +167,12 @@ class IceCover:
 
 
 class Bounces(NamedTuple):
-    """Bounces of ray paths, each (n_bounces,)."""
+    """Bounces of ray paths, each (n_bounces,), with the angle to the boundary as it is tilted there [rad], and [m/s]."""
 
     arrival: NDArray[np.int64]
-    """Row of the arrivals."""
     boundary: NDArray[np.int64]
-    """1 at the surface, 2 at the sea bed."""
     grazing_angle: Array
-    """Between ray and boundary, as it is tilted there. [rad]"""
     sound_speed: Array
-    """[m/s]"""
 
 
 def transmission_loss(
@@ -235,8 +230,13 @@ def transmission_loss(
     )
     if paths is None and n and (absorption is not None or bounced):
         paths = trace_paths(medium, source, receiver, arrivals)
+    if paths is not None and paths.arrival.size and paths.arrival.max() >= n:
+        raise AcousticsError(f"paths reach arrival {paths.arrival.max()}; the arrivals are {n}")
     if absorption is not None and paths is not None:
-        absorbed = absorption_along_db(paths, absorption, frequency_hz, n)
+        points = quadrature(paths)
+        if points.arrival.size:  # else all are between equal positions
+            per_metre = absorption.db_per_km(points.position, frequency_hz) / 1000.0
+            absorbed = _sums(points.arrival, per_metre * points.weight, n)
     if bounced and paths is not None:
         bounces = find_bounces(paths)
         _check_bounces(bounces, arrivals)
@@ -284,19 +284,6 @@ def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals
     return np.asarray(np.where(distance > 0.0, spherical + arrivals.spreading_db, spherical))
 
 
-def absorption_along_db(
-    paths: RayPaths, absorption: Absorption, frequency_hz: float, n_arrivals: int
-) -> Array:
-    """Absorption of each arrival: the integral of the coefficient over the arc length of its path. [dB]"""
-    points = quadrature(paths)
-    if paths.arrival.size and paths.arrival.max() >= n_arrivals:
-        raise AcousticsError(f"paths reach arrival {paths.arrival.max()}; the arrivals are {n_arrivals}")
-    if points.arrival.size == 0:  # all between equal positions
-        return np.zeros(n_arrivals)
-    per_metre = absorption.db_per_km(points.position, frequency_hz) / 1000.0
-    return _sums(points.arrival, per_metre * points.weight, n_arrivals)
-
-
 def find_bounces(paths: RayPaths) -> Bounces:
     r"""
     Bounces of ray paths: two successive nodes at one place, both marked with the boundary.
@@ -327,24 +314,22 @@ def reflection_coefficient(
     bottom: FluidBottom,
     *,
     sound_speed: ArrayLike,
-    density: ArrayLike = WATER_DENSITY,
 ) -> NDArray[np.complex128]:
     r"""
     Rayleigh's plane-wave reflection coefficient of pressure at a fluid half space, complex.
 
-    By grazing angle [rad], and sound speed [m/s] and density [kg/m3] of the water at the sea bed. For time dependence
+    By grazing angle [rad] and sound speed of the water at the sea bed [m/s]. For time dependence
     :math:`e^{-i\omega t}`; its argument is the phase that the bounce adds.
 
     With :math:`m = \rho_b/\rho`, :math:`n = (c/c_b)(1 + i\delta)`, attenuation
     :math:`\delta = \ln 10\, \alpha_\lambda / 40\pi`,
     :math:`R = (m \sin\gamma - q)/(m \sin\gamma + q)`, :math:`q = \sqrt{n^2 - \cos^2\gamma}`, Im q >= 0.
-    It does not depend on frequency, because attenuation per wavelength does not.
     """
     angle = np.asarray(grazing_angle, dtype=float)
     loss_tangent = math.log(10.0) * bottom.attenuation_db_per_wavelength / (40.0 * math.pi)
     n = np.asarray(sound_speed, dtype=float) / bottom.sound_speed * (1.0 + 1j * loss_tangent)
     q = np.sqrt(n**2 - np.cos(angle) ** 2)
-    m_sin = bottom.density / np.asarray(density, dtype=float) * np.sin(angle)
+    m_sin = bottom.density / _WATER_DENSITY * np.sin(angle)
     return np.asarray((m_sin - q) / (m_sin + q))
 
 
@@ -373,28 +358,20 @@ def coherent_surface_loss_db(
     return np.asarray(40.0 / math.log(10.0) * rayleigh**2)
 
 
-def bubble_loss_db(
-    grazing_angle: ArrayLike,
-    frequency_hz: ArrayLike,
-    *,
-    wind_speed: ArrayLike,
-    ceiling_db: float = 15.0,
-) -> Array:
+def bubble_loss_db(grazing_angle: ArrayLike, frequency_hz: ArrayLike, *, wind_speed: ArrayLike) -> Array:
     r"""
     Energy that the bubbles under a breaking sea absorb from a surface-reflected path. [dB]
 
-    The ceiling is the largest loss: past it, scattering from beneath the bubbles carries on. Secondary sources give
-    15 and 30 for it.
-
     After the APL-UW handbook of 1994:
     :math:`1.26 \cdot 10^{-3} U^{1.57} f^{0.85} / \sin\gamma` with f in kHz from 6 m/s on, below that the
-    value at 6 m/s times :math:`e^{1.2 (U - 6)}`. A fit to data of 20 to 40 kHz within 3 dB.
+    value at 6 m/s times :math:`e^{1.2 (U - 6)}`. A fit to data of 20 to 40 kHz within 3 dB. Past a ceiling, scattering
+    from beneath the bubbles carries on.
     """
     wind = _wind(wind_speed)
     breaking = 1.26e-3 * np.maximum(wind, 6.0) ** 1.57 * np.exp(1.2 * np.minimum(wind - 6.0, 0.0))
     khz = np.asarray(frequency_hz, dtype=float) / 1000.0
     sine = np.maximum(np.sin(grazing_angle), 1e-12)
-    return np.minimum(breaking * khz**0.85 / sine, ceiling_db)
+    return np.minimum(breaking * khz**0.85 / sine, _BUBBLE_CEILING)
 
 
 def _wind(wind_speed: ArrayLike) -> Array:
@@ -411,8 +388,6 @@ def _sums(rows: NDArray[np.int64], values: Array, n: int) -> Array:
 def _check_bounces(bounces: Bounces, arrivals: Arrivals) -> None:
     for code, expected in ((_SURFACE, arrivals.surface_bounces), (_BOTTOM, arrivals.bottom_bounces)):
         rows = bounces.arrival[bounces.boundary == code]
-        if rows.size and rows.max() >= expected.size:
-            raise AcousticsError(f"paths reach arrival {rows.max()}; the arrivals are {expected.size}")
         wrong = np.flatnonzero(np.bincount(rows, minlength=expected.size) != expected)
         if wrong.size:
             raise AcousticsError(

@@ -16,49 +16,31 @@ if TYPE_CHECKING:
     from pymantaray.ocean.cast import CastTable
 
 Array = NDArray[np.float64]
-RAW_SPACING = 2.0  # m; levels closer than this in the median are those of a raw cast
+_RAW_SPACING = 2.0  # m
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
 _REACH = 4.0  # standard deviations at which the weights are cut off
 
 
 class Profile(NamedTuple):
-    """A profile as a file has it: levels [m], sound speed [m s⁻¹], and where it was computed for, if it was."""
+    """Levels [m], sound speed [m s⁻¹], and latitude and longitude if TEOS-10 computed one of them there [degrees]."""
 
     depth: Array
     sound_speed: Array
     position: tuple[float, float] | None
-    """Latitude and longitude by which TEOS-10 gave sound speed or depth. [degrees]"""
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedProfile:
-    """
-    A profile with fewer levels than its raw cast, and how far it departs from it.
+    """A profile with fewer levels than its raw cast, and how far its interpolation departs from it at its levels."""
 
-    Attributes
-    ----------
-    depth, sound_speed : ndarray, shape (n_levels,)
-        [m, m s⁻¹]
-    method : {"thinned", "smoothed"}
-        How it was made.
-    parameter : float
-        Tolerance of `thin_profile` [m s⁻¹] or length of `smooth_profile` [m].
-    interpolation : {"smooth", "linear"}
-        What lies between the levels, for which the changes hold.
-    raw_levels : int
-        Levels of the cast.
-    rms_change, greatest_change : float
-        Of the interpolated sound speed from that of the cast, over the cast's levels. [m s⁻¹]
-    """
-
-    depth: Array
-    sound_speed: Array
+    depth: Array  # m
+    sound_speed: Array  # m/s
     method: Literal["thinned", "smoothed"]
-    parameter: float
+    parameter: float  # tolerance, m/s, or length, m
     interpolation: Interpolation
     raw_levels: int
-    rms_change: float
-    greatest_change: float
+    rms_change: float  # m/s
+    greatest_change: float  # m/s
 
     def __repr__(self) -> str:
         """One line."""
@@ -101,14 +83,16 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
 
     try:
         table = read_cast_table(path)
-        has_speed, has_water = table.has("sound_speed"), table.has("temperature", "salinity")
+        has_speed = table.has("sound_speed")
         vertical = "depth" if table.has("depth") else "pressure"
-        if not table.has(vertical) or not (has_speed or has_water):
-            lacks = ([] if table.has(vertical) else ["depth"]) + (
-                [] if has_speed or has_water else ["sound_speed"]
-            )
+        there = {
+            "depth": table.has(vertical),
+            "sound_speed": has_speed or table.has("temperature", "salinity"),
+        }
+        if not all(there.values()):
+            lacks = ", ".join(name for name, present in there.items() if not present)
             raise AcousticsError(
-                f"{path}: lacks {', '.join(lacks)}; found {', '.join(table.header)}; pressure serves for depth,"
+                f"{path}: lacks {lacks}; found {', '.join(table.header)}; pressure serves for depth,"
                 " temperature and salinity for sound_speed"
             )
         used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
@@ -133,13 +117,9 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
 
 
 def is_raw_cast(depth: ArrayLike) -> bool:
-    """
-    Whether levels are as close as those of a raw cast, below 2 m in the median.
-
-    A spline through such levels follows every error of the instrument and bends rays by it.
-    """
+    """Whether a spline through the levels would follow the instrument's errors: closer than 2 m in the median."""
     spacing = np.diff(np.asarray(depth, dtype=float))
-    return bool(spacing.size and np.median(spacing) < RAW_SPACING)
+    return bool(spacing.size and np.median(spacing) < _RAW_SPACING)
 
 
 def thin_profile(
@@ -260,12 +240,11 @@ def _place(table: "CastTable", position: tuple[float, float] | None) -> tuple[fl
         raise AcousticsError(
             f"{table.path}: sound speed or depth has to be computed, for which --position LAT LON is needed"
         )
-    lat, lon = place
-    if not (-90.0 <= lat <= 90.0 and -360.0 <= lon <= 360.0):
+    if not (-90.0 <= place[0] <= 90.0 and -360.0 <= place[1] <= 360.0):
         raise AcousticsError(
-            f"{table.path}: position {lat:g} {lon:g}; latitude and longitude in degrees are needed"
+            f"{table.path}: position {place[0]:g} {place[1]:g}; latitude and longitude in degrees are needed"
         )
-    return lat, lon
+    return place
 
 
 def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:
@@ -274,7 +253,7 @@ def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:
         raise AcousticsError(
             f"profile: depth has shape {z.shape}, sound_speed {c.shape}; both need (n_levels,), at least 2"
         )
-    if not (np.all(np.isfinite(z)) and np.all(np.isfinite(c))):
+    if not np.all(np.isfinite([z, c])):
         raise AcousticsError("profile: values are not finite; leave those levels out")
     if np.any(np.diff(z) <= 0.0):
         raise AcousticsError(

@@ -69,11 +69,8 @@ def select(
 
     Parameters
     ----------
-    arrivals : Arrivals
-    rule : {"direct", "first", "strongest"}
+    arrivals, rule, loss_db, delay
         As in `choose_arrivals`.
-    loss_db, delay : array_like, shape (n_arrivals,), optional
-        As in `choose_arrivals`. [dB, s]
 
     Returns
     -------

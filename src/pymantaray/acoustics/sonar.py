@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import AcousticsError
 
 Array = NDArray[np.float64]
-Combination = Literal["strongest", "sum"]
 _LEVELS = ("source_level_db", "processing_gain_db", "threshold_db", "spread_db")
 _NODES = 32  # Gauss-Legendre points of a band, in the logarithm of frequency
 
@@ -82,7 +81,7 @@ class WenzNoise:
 
     def band_level_db(self, frequency_hz: float, bandwidth_hz: float) -> float:
         """Level in a band, by its middle and width: the spectrum's integral. [dB re 1 µPa²]"""
-        low, high = check_band(frequency_hz, bandwidth_hz)
+        low, high = _band(frequency_hz, bandwidth_hz)
         x, weight = np.polynomial.legendre.leggauss(_NODES)
         half = 0.5 * math.log(high / low)
         f = math.sqrt(low * high) * np.exp(half * x)
@@ -140,7 +139,7 @@ class Sonar:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        check_band(self.frequency_hz, self.bandwidth_hz)
+        _band(self.frequency_hz, self.bandwidth_hz)
         values = {name: getattr(self, name) for name in _LEVELS}
         if not isinstance(self.noise, WenzNoise):
             values["noise"] = self.noise
@@ -207,7 +206,7 @@ def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
 
 
 def link_loss_db(
-    loss_db: ArrayLike, link: ArrayLike, n_links: int, *, combine: Combination = "strongest"
+    loss_db: ArrayLike, link: ArrayLike, n_links: int, *, combine: Literal["strongest", "sum"] = "strongest"
 ) -> Array:
     r"""
     One transmission loss for each link.
@@ -251,14 +250,13 @@ def link_loss_db(
         return best
     if combine != "sum":
         raise AcousticsError(f"combine: {combine!r}; allowed are 'strongest' and 'sum'")
-    level = np.where(np.isfinite(best), best, 0.0)  # relative to the strongest, so that no power underflows
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        power = np.bincount(row, 10.0 ** ((level[row] - loss) / 10.0), minlength=n_links)
-        total = level - 10.0 * np.log10(power)
-    return np.where(np.isfinite(best), total, best)
+    level, neper = np.full(n_links, -np.inf), 10.0 / math.log(10.0)
+    with np.errstate(invalid="ignore"):
+        np.logaddexp.at(level, row, -loss / neper)
+    return np.asarray(np.minimum(best, -neper * level))
 
 
-def check_band(frequency_hz: float, bandwidth_hz: float) -> tuple[float, float]:
+def _band(frequency_hz: float, bandwidth_hz: float) -> tuple[float, float]:
     """Ends of a band by its middle and width; it must not reach down to 0. [Hz]"""
     low, high = frequency_hz - 0.5 * bandwidth_hz, frequency_hz + 0.5 * bandwidth_hz
     if not (bandwidth_hz > 0.0 and low > 0.0 and math.isfinite(high)):

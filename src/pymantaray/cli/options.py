@@ -15,6 +15,12 @@ from pymantaray.errors import AcousticsError
 
 _OCEAN = "--ocean"
 Pair = tuple[float, float]
+LINKS = typer.Argument(
+    metavar="LINKS.csv",
+    help="Columns source_north, source_east, source_depth, receiver_north, receiver_east, receiver_depth, all in metres;"
+    " one link a row.",
+    show_default=False,
+)
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no summary.")]
 
@@ -164,10 +170,10 @@ class SearchOptions:
         if not 0.0 < self.tolerance < math.inf:
             raise AcousticsError(f"--tolerance {self.tolerance:g}: a positive length in metres is needed")
         try:
-            possible = self.cutoff_db == "off" or float(self.cutoff_db) > 0.0
+            cutoff = self.spreading_cutoff_db
         except ValueError:
-            possible = False
-        if not possible:
+            cutoff = 0.0
+        if cutoff is not None and not cutoff > 0.0:
             raise AcousticsError(
                 f"--cutoff-db {self.cutoff_db}: a positive number of decibels or off is needed"
             )
@@ -180,21 +186,14 @@ class SearchOptions:
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
     """Let a command for typer take groups of options, arguments whose type is a dataclass above, as one argument each."""
-    signature = inspect.signature(command)
-    groups: dict[str, Any] = {
-        p.name: p.annotation for p in signature.parameters.values() if is_dataclass(p.annotation)
-    }
-    parameters = [
-        p.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for p in signature.parameters.values()
-        if p.name not in groups
-    ]
+    signature, by_name = inspect.signature(command), inspect.Parameter.KEYWORD_ONLY
+    own = signature.parameters.values()
+    groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
+    parameters = [p.replace(kind=by_name) for p in own if p.name not in groups]
     for group in groups.values():
         hints = get_type_hints(group, include_extras=True)
         parameters += [
-            inspect.Parameter(
-                f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name]
-            )
+            inspect.Parameter(f.name, by_name, default=f.default, annotation=hints[f.name])
             for f in fields(group)
         ]
 

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Force, MediumOptions, OceanCommand, Quiet, SearchOptions, with_options
+from pymantaray.cli.options import (
+    LINKS,
+    Force,
+    MediumOptions,
+    OceanCommand,
+    Quiet,
+    SearchOptions,
+    with_options,
+)
 from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
 
 if TYPE_CHECKING:
@@ -32,14 +40,7 @@ app.command("write-bellhop", cls=OceanCommand)(write_bellhop)
 _MANY = 4096  # links that are worth a progress bar
 _MOST_RAYS = 100_000  # of a fan
 
-In = Annotated[
-    Path,
-    typer.Argument(
-        metavar="IN.csv",
-        help="Columns source_north, source_east, source_depth, receiver_north, receiver_east, receiver_depth, all in"
-        " metres; one link a row.",
-    ),
-]
+In = Annotated[Path, LINKS]
 Out = Annotated[Path, typer.Argument(metavar="OUT.csv", help="Table to write; OUT.nc for NetCDF.")]
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.options import Force, MediumOptions, Quiet, with_options
+from pymantaray.cli.options import LINKS, Force, MediumOptions, Quiet, with_options
 from pymantaray.errors import AcousticsError
 
 if TYPE_CHECKING:
@@ -17,11 +17,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-_LINKS = typer.Argument(
-    metavar="LINKS.csv",
-    help="Columns source_north, source_east, source_depth, receiver_north, receiver_east, receiver_depth, all in metres.",
-    show_default=False,
-)
 Refine = Annotated[
     int, typer.Option("--refine", min=1, help="Parts that each cell of a smooth ocean is cut into.")
 ]
@@ -32,7 +27,7 @@ StepLength = Annotated[
 
 @with_options
 def compare_bellhop(
-    links: Annotated[Path, _LINKS],
+    links: Annotated[Path, LINKS],
     out: Annotated[Path, typer.Option("--out", help="Table to write.")],
     medium: MediumOptions,
     refine: Refine = 4,
@@ -50,17 +45,16 @@ def compare_bellhop(
     quiet: Quiet = False,
 ) -> None:
     """Run Bellhop on every link and set its first direct travel times beside ours."""
-    from pymantaray.acoustics.bellhop import BellhopOptions, compare_with_bellhop, find_bellhop
+    from pymantaray.acoustics.bellhop import BellhopOptions, compare_with_bellhop
     from pymantaray.cli.output import check_output, progress_bars
     from pymantaray.cli.rays_tables import read_links, write_table
 
     check_output(out, (".csv",), inputs=[links, *medium.files], force=force)
-    options, binary = BellhopOptions(step=step), find_bellhop(program)
     _, source, receiver = read_links(links)
-    straight = _straight_medium(medium, refine)
+    straight, options = _straight_medium(medium, refine), BellhopOptions(step=step)
     with progress_bars(quiet=quiet) as progress:
         table = compare_with_bellhop(
-            straight, source, receiver, options, program=binary, timeout=timeout, progress=progress
+            straight, source, receiver, options, program=program, timeout=timeout, progress=progress
         )
     write_table(table, out)
     if not quiet:
@@ -72,7 +66,7 @@ def compare_bellhop(
 def write_bellhop(
     out: Annotated[Path, typer.Option("--out", help="Folder for the files.")],
     medium: MediumOptions,
-    links: Annotated[Path | None, _LINKS] = None,
+    links: Annotated[Path | None, LINKS] = None,
     link: Annotated[
         list[int] | None, typer.Option("--link", help="Row of the run's links.nc; may be repeated.")
     ] = None,

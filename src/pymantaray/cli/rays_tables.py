@@ -63,8 +63,11 @@ def write_result(result: pd.DataFrame | xr.Dataset, out: Path, record: dict[str,
 def times_table(links: pd.DataFrame, source: Array, receiver: Array, arrivals: Arrivals) -> pd.DataFrame:
     """One row a link: the columns it came with and its earliest arrival."""
     link, row = choose_arrivals(arrivals, "first")
-    time = _scattered(len(links), link, arrivals.travel_time[row])
-    angle = _scattered(len(links), link, arrivals.launch_angle[row])
+
+    def of_first(values: NDArray[Any], kind: str = "float64") -> "pd.Series[Any]":
+        return pd.Series(values[row], index=link, dtype=kind).reindex(range(len(links)))
+
+    time = of_first(arrivals.travel_time)
     added = pd.DataFrame(
         {
             "status": status_words(arrivals.status),
@@ -74,9 +77,9 @@ def times_table(links: pd.DataFrame, source: Array, receiver: Array, arrivals: A
             "chord_travel_time_s": arrivals.chord_travel_time,
             "source_sound_speed_m_s": arrivals.source_sound_speed,
             "receiver_sound_speed_m_s": arrivals.receiver_sound_speed,
-            "surface_bounces": _whole(_scattered(len(links), link, arrivals.surface_bounces[row])),
-            "bottom_bounces": _whole(_scattered(len(links), link, arrivals.bottom_bounces[row])),
-            "launch_angle_deg": np.degrees(angle),
+            "surface_bounces": of_first(arrivals.surface_bounces, "Int64"),
+            "bottom_bounces": of_first(arrivals.bottom_bounces, "Int64"),
+            "launch_angle_deg": np.degrees(of_first(arrivals.launch_angle)),
             "shadow_margin_m": arrivals.shadow_margin,
         }
     )
@@ -158,16 +161,6 @@ def number_within(group: NDArray[np.int64]) -> NDArray[np.int64]:
 def status_words(status: NDArray[np.int8]) -> list[str]:
     """Outcomes in words."""
     return [_WORDS[int(code)] for code in status]
-
-
-def _scattered(n: int, rows: NDArray[np.int64], values: Array) -> Array:
-    out = np.full(n, np.nan)
-    out[rows] = values
-    return out
-
-
-def _whole(values: Array) -> "pd.Series[int]":
-    return pd.Series(values).astype("Int64")
 
 
 def _beside(links: pd.DataFrame, added: pd.DataFrame) -> pd.DataFrame:

@@ -151,11 +151,8 @@ def read_bellhop_rays(path: str | Path) -> BellhopRays:
     parts = _RAYS.match(_content(file).decode("utf-8", "replace"))
     if parts is None or parts[2] not in _COORDINATES:
         raise AcousticsError(f"{file}: the kind of coordinates is neither 'xyz' nor 'rz'")
-    columns, frequency, stream = (
-        _COORDINATES[parts[2]],
-        _Text(file, parts[1]).take(1)[0],
-        _Text(file, parts[3]),
-    )
+    columns = _COORDINATES[parts[2]]
+    frequency, stream = _Text(file, parts[1]).take(1)[0], _Text(file, parts[3])
     heads, nodes = [], []
     while stream.left():
         written = stream.take(1)[0]

@@ -35,25 +35,7 @@ class BellhopRun(NamedTuple):
 
 
 def find_bellhop(program: str | Path | None = None) -> Path:
-    """
-    Find the program.
-
-    Parameters
-    ----------
-    program : str or pathlib.Path, optional
-        Name on PATH, or a path. Default: the first of ``bellhopcxx3d``, ``bellhopcxx``, ``bellhop3d`` and
-        ``bellhop3d.exe`` on PATH.
-
-    Returns
-    -------
-    pathlib.Path
-        Absolute.
-
-    Raises
-    ------
-    AcousticsError
-        If it is not there or may not be run.
-    """
+    """Absolute path of the program, a name on PATH or a path; by default the first of the known names on PATH."""
     names = PROGRAMS if program is None else (str(program),)
     for path in map(shutil.which, names):
         if path:
@@ -69,33 +51,9 @@ def run_bellhop(program: str | Path | None, env: str | Path, *, timeout: float =
     """
     Run Bellhop, on one thread, on a `.env` file; it writes its results next to it.
 
-    Parameters
-    ----------
-    program : str or pathlib.Path, optional
-        See `find_bellhop`.
-    env : str or pathlib.Path
-        The file, for an arrivals or a ray run.
-    timeout : float
-        The run is ended after this long. [s]
-
-    Returns
-    -------
-    BellhopRun
-
-    Raises
-    ------
-    AcousticsError
-        If the program is missing, fails, takes too long or writes no result; the message ends with the tail of
-        its print file.
-
-    Notes
-    -----
-    The Fortran program takes the name of the file alone; ``bellhopcxx`` and ``bellhopcuda`` are told that the
-    run is 3-D.
+    The Fortran program takes the name of the file alone; ``bellhopcxx`` and ``bellhopcuda`` are told that the run is 3-D.
     """
     binary, file = find_bellhop(program), Path(env).resolve()
-    if not file.is_file():
-        raise AcousticsError(f"{env}: no such file")
     words = ["--3D", "-1"] if "cxx" in binary.name or "cuda" in binary.name else []
     outputs = [file.with_suffix(suffix) for suffix in (".arr", ".ray")]
     for old in (*outputs, file.with_suffix(".prt")):
@@ -131,39 +89,12 @@ def bellhop_arrivals(
     medium: Medium,
     source: ArrayLike,
     receiver: ArrayLike,
-    options: BellhopOptions | None = None,
+    options: BellhopOptions,
     *,
     program: str | Path | None = None,
     timeout: float = 600.0,
 ) -> tuple[BellhopArrivals, float]:
-    """
-    Run Bellhop on one link in a temporary folder.
-
-    Parameters
-    ----------
-    medium : Medium
-        With ``linear`` interpolation, Bellhop's own.
-    source, receiver : array_like, shape (3,)
-        Positions ``(north, east, down)``. [m]
-    options : BellhopOptions, optional
-        See `write_bellhop`.
-    program : str or pathlib.Path, optional
-        See `find_bellhop`.
-    timeout : float
-        [s]
-
-    Returns
-    -------
-    arrivals : BellhopArrivals
-        All of them, bounced ones included; horizontal positions are relative to the source.
-    cpu_time : float
-        [s]
-
-    Raises
-    ------
-    AcousticsError
-        As `write_bellhop` and `run_bellhop`, or if the medium is smooth.
-    """
+    """Bellhop's arrivals on one link, horizontally relative to the source, and its CPU time [s]."""
     if medium.interpolation != "linear":
         raise AcousticsError(
             "interpolation: 'smooth'; Bellhop draws straight lines between grid points, compare a medium made with"
@@ -198,7 +129,8 @@ def compare_with_bellhop(
     options : BellhopOptions, optional
         See `write_bellhop`. The search for a direct arrival starts with its beams and doubles them up to 400.
     program : str or pathlib.Path, optional
-        See `find_bellhop`.
+        Name on PATH, or a path. Default: the first of ``bellhopcxx3d``, ``bellhopcxx``, ``bellhop3d`` and
+        ``bellhop3d.exe`` on PATH.
     timeout : float
         Of each run of Bellhop. [s]
     progress : callable, optional
@@ -214,7 +146,8 @@ def compare_with_bellhop(
     Raises
     ------
     AcousticsError
-        As `bellhop_arrivals`.
+        As `write_bellhop`, if the medium is smooth, or if Bellhop is missing, fails, takes too long or writes no
+        result; the message ends with the tail of its print file.
 
     Notes
     -----

@@ -32,16 +32,12 @@ class HalfSpace:
 
     Attributes
     ----------
-    sound_speed : float
-        Of compressional waves. [m s⁻¹]
+    sound_speed, shear_speed : float
+        Of compressional waves, and of shear waves, 0 in a fluid. [m s⁻¹]
     density_g_per_cm3 : float
         In Bellhop's unit. [g cm⁻³]
-    attenuation_db_per_wavelength : float
-        Of compressional waves. [dB per wavelength]
-    shear_speed : float
-        0 for a fluid. [m s⁻¹]
-    shear_attenuation_db_per_wavelength : float
-        [dB per wavelength]
+    attenuation_db_per_wavelength, shear_attenuation_db_per_wavelength : float
+        Of either kind of waves. [dB per wavelength]
     """
 
     sound_speed: float
