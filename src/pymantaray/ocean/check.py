@@ -1,7 +1,6 @@
 """Is this ocean fit for use: everything that is wrong or doubtful about a data set, not only the first thing."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import gsw
@@ -19,58 +18,53 @@ from pymantaray.ocean.seawater import Equation, absolute_and_conservative, ocean
 from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
-SLOWEST, FASTEST = 1_400.0, 1_600.0
-"""Sound speed of sea water anywhere. [m/s]"""
-DENSITY_NOISE = 2e-3
-"""Fall of density with depth that is not worth a word: twice what HYCOM's packing can do. [kg/m3]"""
-SPIKE, JUMP = 10.0, 40.0
-"""Sound speed by which a point may differ from all its neighbours, and from one. [m/s]"""
-STEEPEST = 5.0
-"""Vertical gradient of sound speed: 1 K/m or so. [s-1]"""
-MIN_LEVELS, UPPER, MIN_UPPER = 15, 200.0, 6
-"""Levels in all and in the upper so many metres."""
-COARSE = 12e3
-"""Spacing beyond which eddies and fronts are not resolved; HYCOM's and GLORYS's are 9 km at most. [m]"""
-MIN_NODES = 10
-"""Grid points across the domain."""
-SCALE_ERROR = 1e-3
-"""Distortion of lengths by the projection: 1 m in 1 km. [-]"""
+_SLOWEST, _FASTEST = 1_400.0, 1_600.0  # m/s; sound speed of sea water anywhere
+_DENSITY_NOISE = 2e-3  # kg/m3; a fall of density with depth that is not worth a word: twice HYCOM's packing
+_SPIKE, _JUMP = 10.0, 40.0  # m/s; by which a point may differ from all its neighbours, and from one
+_STEEPEST = 5.0  # s-1; vertical gradient of sound speed: 1 K/m or so
+_MIN_LEVELS, _UPPER, _MIN_UPPER = 15, 200.0, 6  # levels in all, and in the upper so many metres
+_COARSE = (
+    12e3  # m; beyond it eddies and fronts are not resolved; HYCOM's and GLORYS's spacing is 9 km at most
+)
+_MIN_NODES = 10  # across the domain
+_SCALE_ERROR = 1e-3  # distortion of lengths by the projection: 1 m in 1 km
 _GRAVITY = 9.81
 _CHANGES = (
-    *("carried", "extended", "extension", "added", "level", "perturbed", "replaced", "at rest", "set to 0"),
+    "carried",
+    "extended",
+    "extension",
+    "added",
+    "level",
+    "perturbed",
+    "replaced",
+    "at rest",
+    "set to 0",
 )
 
 
-@dataclass(frozen=True)
-class Findings:
+class Findings(tuple[Finding, ...]):
     """Everything that a check has found, what is wrong first."""
 
-    every: tuple[Finding, ...] = ()
+    __slots__ = ()
 
     @property
     def wrong(self) -> tuple[Finding, ...]:
         """Those that make the ocean unusable."""
-        return tuple(f for f in self.every if f.severity == "wrong")
+        return tuple(f for f in self if f.severity == "wrong")
 
     @property
     def doubtful(self) -> tuple[Finding, ...]:
         """Those that someone should look at."""
-        return tuple(f for f in self.every if f.severity == "doubtful")
+        return tuple(f for f in self if f.severity == "doubtful")
 
     @property
     def ok(self) -> bool:
         """Whether nothing is wrong; something may be doubtful."""
         return not self.wrong
 
-    def __iter__(self) -> Iterator[Finding]:
-        return iter(self.every)
-
-    def __len__(self) -> int:
-        return len(self.every)
-
     def named(self, what: str) -> Finding | None:
         """First finding about a property; None if there is none."""
-        return next((f for f in self.every if f.what == what), None)
+        return next((f for f in self if f.what == what), None)
 
 
 def check_ocean(
@@ -122,26 +116,37 @@ def check_ocean(
         try:
             ocean = read_ocean(source, time=time, currents=currents)
         except OceanError as error:
-            return Findings((Finding("wrong", "cannot be opened", str(error)),))
+            return Findings([Finding("wrong", "cannot be opened", str(error))])
     findings = list(violations(ocean))
     if not any(f.severity == "wrong" for f in findings):
         findings += _water(ocean, equation)
         findings += _place(ocean, centre, half_extent, fleet or {}, sea_floor)
         findings += _provenance(ocean)
-    return Findings(tuple(sorted(findings, key=lambda f: f.severity != "wrong")))
+    return Findings(sorted(findings, key=lambda f: f.severity != "wrong"))
 
 
 def _doubtful(what: str, value: str, allowed: str, remedy: str, where: str = "") -> Finding:
     return Finding("doubtful", what, value, allowed, remedy, where)
 
 
+def _largest(
+    ocean: xr.Dataset, what: str, quantity: str, size: Array, limit: tuple[float, str], remedy: str
+) -> Iterator[Finding]:
+    """Doubt about the points where something is above a limit with its unit, placed where it is largest."""
+    count = np.count_nonzero(size > limit[0])
+    if count:
+        at = np.unravel_index(int(np.nanargmax(size)), size.shape)
+        value = f"{quantity} at {count} points, the largest {size[at]:.3g} {limit[1]}"
+        yield _doubtful(what, value, f"{limit[0]:g} {limit[1]}", remedy, place_of(ocean, at))
+
+
 def _provenance(ocean: xr.Dataset) -> Iterator[Finding]:
     """Doubts from what the ocean says about itself."""
-    if int(ocean.attrs.get("synthetic", 0)):
+    if ocean.attrs["synthetic"]:
         yield _doubtful(
             "made up", "synthetic = 1", "", "do not report it as a model's or a measurement's ocean"
         )
-    still = all(not np.any(np.nan_to_num(ocean[name].values)) for name in ("water_u", "water_v"))
+    still = not any(np.any(np.nan_to_num(ocean[name].values)) for name in ("water_u", "water_v"))
     if still:
         yield _doubtful(
             "currents at rest", "0 m/s everywhere", "", "floats do not drift; give u and v if they should"
@@ -155,23 +160,21 @@ def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
     """Is it sea water: sound speed, stability, gaps and jumps."""
     depth, lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("depth", "lat", "lon"))
     water = (ocean["water_temp"].values, ocean["salinity"].values)
-    place = (depth[:, None, None], lat[:, None], lon)
     speed = ocean_sound_speed(ocean, equation=equation)
     wet = np.isfinite(water[0])
-    bad = wet & ~((speed >= SLOWEST) & (speed <= FASTEST))
+    bad = wet & ~((speed >= _SLOWEST) & (speed <= _FASTEST))
     if bad.any():
-        off = np.abs(speed - 0.5 * (SLOWEST + FASTEST))
-        worst = np.where(bad, np.where(np.isnan(speed), np.inf, off), -np.inf)
-        at = np.unravel_index(int(np.argmax(worst)), speed.shape)
+        off = np.nan_to_num(np.abs(speed - 0.5 * (_SLOWEST + _FASTEST)), nan=np.inf)
+        at = np.unravel_index(int(np.argmax(np.where(bad, off, -np.inf))), speed.shape)
         yield Finding(
             "wrong",
             "sound speed",
             f"{np.count_nonzero(bad)} of {np.count_nonzero(wet)} wet points, the worst {speed[at]:.1f} m/s",
-            f"{SLOWEST:g} to {FASTEST:g} m/s",
+            f"{_SLOWEST:g} to {_FASTEST:g} m/s",
             "check units and fill values of temperature and salinity",
             place_of(ocean, at),
         )
-    yield from _inversions(ocean, absolute_and_conservative(*water, *place))
+    yield from _inversions(ocean, absolute_and_conservative(*water, depth[:, None, None], lat[:, None], lon))
     yield from _islands(ocean, wet)
     yield from _jumps(ocean, speed, depth)
     yield from _levels(depth, wet, water)
@@ -189,7 +192,7 @@ def _inversions(ocean: xr.Dataset, water: tuple[Array, Array, Array]) -> Iterato
     squared, _ = gsw.Nsquared(SA, CT, p, lat=lat, axis=0)
     depth = np.asarray(ocean["depth"].values, dtype=float)
     rise = np.asarray(squared * 1_027.0 * np.diff(depth)[:, None, None] / _GRAVITY)  # kg/m3
-    unstable = rise < -DENSITY_NOISE
+    unstable = rise < -_DENSITY_NOISE
     if unstable.any():
         k, i, j = np.unravel_index(int(np.nanargmin(rise)), rise.shape)
         yield _doubtful(
@@ -197,7 +200,7 @@ def _inversions(ocean: xr.Dataset, water: tuple[Array, Array, Array]) -> Iterato
             f"{np.count_nonzero(unstable)} of {np.count_nonzero(np.isfinite(rise))} pairs of levels, the largest"
             f" {-rise[k, i, j]:.3f} kg/m3 between {depth[k]:g} and {depth[k + 1]:g} m (N2 ="
             f" {squared[k, i, j]:.1e} s-2)",
-            f"{DENSITY_NOISE:g} kg/m3, which is rounding",
+            f"{_DENSITY_NOISE:g} kg/m3, which is rounding",
             "interpolation or assimilation can do this; look at a section there",
             place_of(ocean, (k, i, j)),
         )
@@ -237,46 +240,25 @@ def _jumps(ocean: xr.Dataset, speed: Array, depth: Array) -> Iterator[Finding]:
     above = np.where(known, step, np.inf).min(axis=0)
     below = np.where(known, step, -np.inf).max(axis=0)
     lone = np.where(known.sum(axis=0) >= 3, np.maximum(above, -below), 0.0)
-    largest = np.where(known, np.abs(step), 0.0).max(axis=0)
-    for what, size, limit, remedy in (
-        ("spikes", lone, SPIKE, "no front does this; look for a wrong value"),
-        (
-            "jumps between neighbours",
-            largest,
-            JUMP,
-            "a front this sharp is not resolved; look for a wrong value",
-        ),
-    ):
-        if np.any(size > limit):
-            at = np.unravel_index(int(np.argmax(size)), size.shape)
-            yield _doubtful(
-                what,
-                f"sound speed at {np.count_nonzero(size > limit)} points, the largest by {size[at]:.1f} m/s",
-                f"{limit:g} m/s",
-                remedy,
-                place_of(ocean, at),
-            )
+    remedy = "no front does this; look for a wrong value"
+    yield from _largest(ocean, "spikes", "sound speed", lone, (_SPIKE, "m/s"), remedy)
+    steps = np.where(known, np.abs(step), 0.0).max(axis=0)
+    remedy = "a front this sharp is not resolved; look for a wrong value"
+    yield from _largest(ocean, "jumps between neighbours", "sound speed", steps, (_JUMP, "m/s"), remedy)
     slope = np.abs(np.diff(speed, axis=0)) / np.diff(depth)[:, None, None]
-    if np.any(slope > STEEPEST):
-        at = np.unravel_index(int(np.nanargmax(slope)), slope.shape)
-        yield _doubtful(
-            "jumps between levels",
-            f"gradient of sound speed at {np.count_nonzero(slope > STEEPEST)} points, the largest"
-            f" {slope[at]:.2g} s-1",
-            f"{STEEPEST:g} s-1",
-            "look for a wrong value or a level out of place",
-            place_of(ocean, at),
-        )
+    remedy = "look for a wrong value or a level out of place"
+    quantity = "gradient of sound speed"
+    yield from _largest(ocean, "jumps between levels", quantity, slope, (_STEEPEST, "s-1"), remedy)
 
 
 def _levels(depth: Array, wet: NDArray[np.bool_], water: tuple[Array, Array]) -> Iterator[Finding]:
     used = depth[wet.any(axis=(1, 2))]
-    upper = int(np.count_nonzero(used <= UPPER))
-    if used.size < MIN_LEVELS or (used[-1] > UPPER and upper < MIN_UPPER):
+    upper = int(np.count_nonzero(used <= _UPPER))
+    if used.size < _MIN_LEVELS or (used[-1] > _UPPER and upper < _MIN_UPPER):
         yield _doubtful(
             "few levels",
-            f"{used.size} down to {used[-1]:g} m, {upper} in the upper {UPPER:g} m",
-            f"{MIN_LEVELS} and {MIN_UPPER}",
+            f"{used.size} down to {used[-1]:g} m, {upper} in the upper {_UPPER:g} m",
+            f"{_MIN_LEVELS} and {_MIN_UPPER}",
             "ducts between the levels are lost; take a source with more",
         )
     both = wet[0] & wet[1]
@@ -325,22 +307,22 @@ def _place(
 def _grid(window: Window, half: tuple[float, float]) -> Iterator[Finding]:
     spacing = window.native_spacing()
     nodes = [2.0 * h / s for h, s in zip(half, spacing, strict=True)]
-    if max(spacing) > COARSE or min(nodes) < MIN_NODES:
+    if max(spacing) > _COARSE or min(nodes) < _MIN_NODES:
         yield _doubtful(
             "coarse grid",
             f"{spacing[0] / 1e3:.1f} km by {spacing[1] / 1e3:.1f} km, {nodes[0]:.0f} by {nodes[1]:.0f} cells"
             " across the domain",
-            f"{COARSE / 1e3:g} km and {MIN_NODES} cells",
+            f"{_COARSE / 1e3:g} km and {_MIN_NODES} cells",
             "fronts and eddies are lost; take a finer source or a larger domain",
         )
     side = np.linspace(-1.0, 1.0, 21)
     north, east = half[0] * side[:, None], half[1] * side[None, :]
     error = float(np.max(np.abs(window.frame.scale_factor(north, east) - 1.0)))
-    if error > SCALE_ERROR:
+    if error > _SCALE_ERROR:
         yield _doubtful(
             "projection error",
             f"lengths up to {1e3 * error:.2g} m in 1 km too long at the domain's edge",
-            f"{1e3 * SCALE_ERROR:g} m in 1 km",
+            f"{1e3 * _SCALE_ERROR:g} m in 1 km",
             "set half_extent to what the fleet needs",
         )
 
