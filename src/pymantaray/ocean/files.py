@@ -76,7 +76,8 @@ def numbers(data: xr.Dataset, name: str, selection: Mapping[str, slice] | None =
     variable = data.variables[name].isel(selection or {}, missing_dims="ignore")
     if variable.dtype.kind not in "biuf":
         raise OceanError(f"{file_name(data)}: {name} holds text or records, not numbers; write it as numbers")
-    needed, memory = 8 * math.prod(variable.shape), _memory()
+    needed = 8 * math.prod(variable.shape)
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > MEMORY_SHARE * memory:
         raise OceanError(
             f"{file_name(data)}: {name} alone takes {needed / 2**30:.1f} GiB, the machine has"
@@ -168,8 +169,3 @@ def _decimal(number: float) -> float:
     """Shortest decimal number of a float32: HYCOM packs in steps of 0.001, not of 0.0010000000474974513."""
     single = np.float32(number)
     return float(str(single)) if float(single) == number else number
-
-
-def _memory() -> int:
-    """Of the machine. [bytes]"""
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

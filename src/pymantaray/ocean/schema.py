@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -205,9 +206,7 @@ def violations(ocean: xr.Dataset) -> Iterator[Finding]:
 
 
 def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
-    def wrong(what: str, value: str, allowed: str, remedy: str) -> Finding:
-        return Finding("wrong", what, value, allowed, remedy, name)
-
+    wrong = partial(Finding, "wrong", where=name)
     if name not in ocean.coords:
         yield wrong("axis missing", "no such coordinate", ", ".join(DIMS), "name it so")
         return
@@ -244,9 +243,7 @@ def _unit(array: xr.DataArray, quantity: str, remedy: str) -> Iterator[Finding]:
 
 
 def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
-    def wrong(what: str, value: str, allowed: str, remedy: str) -> Finding:
-        return Finding("wrong", what, value, allowed, remedy, v.name)
-
+    wrong = partial(Finding, "wrong", where=v.name)
     if v.name not in ocean.data_vars:
         yield wrong("variable missing", "none", v.standard_name, "add it")
         return

@@ -11,6 +11,7 @@ from pymantaray.ocean.sea_floor import sea_floor_depth
 from pymantaray.ocean.seawater import Equation, ocean_sound_speed
 
 Array = NDArray[np.float64]
+_EARTH = pyproj.Geod(ellps="WGS84")
 
 
 def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.DataFrame:
@@ -34,7 +35,6 @@ def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.Dat
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = 0.5 * (lat[0] + lat[-1])
-    meridian = pyproj.Geod(ellps="WGS84").inv(lon[0], lat[0], lon[0], lat[-1])[2]
     speed = ocean_sound_speed(ocean, equation=equation)
     current = np.hypot(ocean["water_u"].values, ocean["water_v"].values)
     floor = sea_floor_depth(ocean).values
@@ -44,7 +44,7 @@ def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.Dat
         "width at the south edge [km]": _width(lat[0], lon),
         "width at the centre [km]": _width(middle, lon),
         "width at the north edge [km]": _width(lat[-1], lon),
-        "height [km]": meridian / 1e3,
+        "height [km]": _height(lat),
         "grid points, longitude": lon.size,
         "grid points, latitude": lat.size,
         "levels": int(ocean.sizes["depth"]),
@@ -82,22 +82,18 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
     """
     validate_ocean(ocean)
     speed = ocean_sound_speed(ocean, equation=equation)
-    columns = speed.reshape(len(speed), -1)
-    wet = np.isfinite(columns)
-    count = wet.sum(axis=1)
-    some = count > 0
-    spread = {
-        "mean": np.divide(
-            np.where(wet, columns, 0.0).sum(axis=1), count, out=np.full(len(count), np.nan), where=some
-        ),
-        "min": np.where(some, np.where(wet, columns, np.inf).min(axis=1), np.nan),
-        "max": np.where(some, np.where(wet, columns, -np.inf).max(axis=1), np.nan),
-    }
+    wet = np.isfinite(speed)
+    count = wet.sum(axis=(1, 2))
+    total = np.where(wet, speed, 0.0).reshape(len(speed), -1).sum(axis=1)
+    lowest = np.where(wet, speed, np.inf).min(axis=(1, 2))
+    highest = np.where(wet, speed, -np.inf).max(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        spread = {"mean": total / count, "min": lowest, "max": highest}
     attrs = {"standard_name": "speed_of_sound_in_sea_water", "units": "m s-1"}
     return xr.Dataset(
         {
-            **{name: (("depth",), values, attrs) for name, values in spread.items()},
-            "count": (("depth",), count, {"long_name": "wet grid points", "units": "1"}),
+            **{name: ("depth", np.where(count > 0, v, np.nan), attrs) for name, v in spread.items()},
+            "count": ("depth", count, {"long_name": "wet grid points", "units": "1"}),
         },
         coords={"depth": ocean["depth"]},
         attrs={name: ocean.attrs[name] for name in ("title", "source", "synthetic")},
@@ -110,7 +106,6 @@ def ocean_facts(ocean: xr.Dataset) -> dict[str, str]:
     lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
     wet = np.isfinite(ocean["water_temp"].values)
     floor = sea_floor_depth(ocean).values
-    meridian = pyproj.Geod(ellps="WGS84").inv(lon[0], lat[0], lon[0], lat[-1])[2]
     middle = 0.5 * (lat[0] + lat[-1])
     deepest = depth[wet.any(axis=(1, 2))][-1]
     return {
@@ -120,7 +115,7 @@ def ocean_facts(ocean: xr.Dataset) -> dict[str, str]:
         "time": f"{str(np.datetime_as_string(ocean['time'].values, unit='m')).replace('T', ' ')} UTC",
         "latitude": f"{lat[0]:.6g} to {lat[-1]:.6g} degrees north, {lat.size} points, {_spacing(lat)} apart",
         "longitude": f"{lon[0]:.6g} to {lon[-1]:.6g} degrees east, {lon.size} points, {_spacing(lon)} apart",
-        "size": f"{_width(middle, lon):.0f} km west to east at the centre, {meridian / 1e3:.0f} km south to north",
+        "size": f"{_width(middle, lon):.0f} km west to east at the centre, {_height(lat):.0f} km south to north",
         "levels": f"{depth.size}, 0 to {depth[-1]:g} m, water down to {deepest:g} m",
         "sea floor": f"{floor.min():g} to {floor.max():g} m, where the levels end",
         "wet points": f"{wet.sum():,} of {wet.size:,}, {100.0 * wet[0].mean():.0f} % of the surface",
@@ -151,6 +146,10 @@ def _spacing(axis: Array) -> str:
 
 def _width(latitude: float, lon: Array) -> float:
     """Length of the parallel between the outer longitudes. [km]"""
-    geod = pyproj.Geod(ellps="WGS84")
     along = np.linspace(lon[0], lon[-1], 1001)
-    return float(geod.line_length(along, np.full_like(along, latitude)) / 1e3)
+    return float(_EARTH.line_length(along, np.full_like(along, latitude)) / 1e3)
+
+
+def _height(lat: Array) -> float:
+    """Length of the meridian between the outer latitudes. [km]"""
+    return float(_EARTH.inv(0.0, lat[0], 0.0, lat[-1])[2] / 1e3)

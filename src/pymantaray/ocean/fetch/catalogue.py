@@ -125,24 +125,7 @@ def split_address(address: str) -> tuple[str, tuple[str, str] | None]:
 
 
 def load_catalogue(servers: str | Path | None = None) -> Catalogue:
-    """
-    Read the catalogue of servers.
-
-    Parameters
-    ----------
-    servers : str or Path, optional
-        A TOML file whose tables replace those of the package, or the address of an OPeNDAP root. By default
-        what the environment variable MANTARAY_OCEAN_SERVERS names, else the package's own.
-
-    Returns
-    -------
-    Catalogue
-
-    Raises
-    ------
-    OceanError
-        If the file cannot be read or says something that is not understood.
-    """
+    """Catalogue of the package, with the tables of a TOML file or the address of an OPeNDAP root in their place."""
     shipped = files("pymantaray.ocean.fetch").joinpath("servers.toml")
     table = tomllib.loads(shipped.read_text(encoding="utf-8"))
     named = os.environ.get(SERVERS_VARIABLE) if servers is None else servers

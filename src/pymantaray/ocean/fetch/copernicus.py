@@ -53,7 +53,7 @@ def fetch_copernicus(
     product : str, optional
         Name of a product of the catalogue; by default the first that covers the time.
     servers : str or Path, optional
-        See `pymantaray.ocean.fetch.catalogue.load_catalogue`.
+        See `fetch_hycom`.
     overwrite : bool, optional
         Replace an existing file.
 

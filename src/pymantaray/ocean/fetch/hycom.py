@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +55,10 @@ class _Remote:
     axes: dict[str, Array]
     times: Instants
 
+    def index(self, instant: np.datetime64) -> int:
+        """Of a step: the first, where the axis repeats itself."""
+        return int(np.flatnonzero(self.times == instant)[0])
+
 
 def fetch_hycom(
     lat: tuple[float, float],
@@ -86,8 +90,9 @@ def fetch_hycom(
     out : str or Path
         File to write; its folder must exist.
     servers : str or Path, optional
-        See `pymantaray.ocean.fetch.catalogue.load_catalogue`. A user and password in an address are given to the
-        server and to nobody else.
+        A TOML file whose tables replace those of the package, or the address of an OPeNDAP root; by default what
+        the environment variable MANTARAY_OCEAN_SERVERS names, else the package's own. A user and password in an
+        address are given to the server and to nobody else.
     experiment : str, optional
         Name of an experiment; by default the preferred one that covers the time.
     nearest : bool, optional
@@ -127,7 +132,9 @@ def fetch_hycom(
         else:
             raise OceanError(f"fetch: {'; '.join(remarks)}; choose another time")
         instant, datasets = step
-        coordinates, fields = _read_window(connection, datasets, instant, region, progress)
+        coordinates, fields = _read_window(
+            connection, datasets, instant, region, progress or (lambda *_: None)
+        )
     if abs(instant - asked) >= _MINUTE:
         remarks += (f"{minute(asked)} does not exist: {minute(instant)} was taken",)
     title = f"{chosen.title}, {minute(instant)}Z"
@@ -211,12 +218,8 @@ def _open(connection: "Connection", url: str) -> _Remote:
 
 
 def _common(datasets: dict[str, _Remote]) -> Instants:
-    """Steps that all variables have, rising: axes that step back and repeat have been reported."""
-    first, *others = {d.url: d.times for d in datasets.values()}.values()
-    common = np.unique(first)
-    for times in others:
-        common = np.intersect1d(common, times)
-    return common
+    """Steps that all variables have, rising and once: axes that step back and repeat have been reported."""
+    return reduce(np.intersect1d, [remote.times for remote in datasets.values()])
 
 
 def _read_window(
@@ -224,7 +227,7 @@ def _read_window(
     datasets: dict[str, _Remote],
     instant: np.datetime64,
     region: Region,
-    progress: Report | None,
+    report: Report,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Coordinates and fields (depth, lat, lon) of one step; NaN below the sea bed."""
     first = next(iter(datasets.values()))
@@ -254,16 +257,14 @@ def _read_window(
             at += width
     fields = {name: np.full(shape, np.nan) for name in datasets}
     for done, (name, levels, stored, place) in enumerate(blocks):
-        if progress is not None:
-            progress("fetch", done, len(blocks))
+        report("fetch", done, len(blocks))
         remote = datasets[name]
-        index = int(np.flatnonzero(remote.times == instant)[0])  # the first, where the axis repeats itself
+        index = remote.index(instant)
         key = (slice(index, index + 1), levels, slice(int(rows[0]), int(rows[-1]) + 1), stored)
         fields[name][levels, :, place] = connection.ask(
             remote.url, partial(_read_block, remote.data, name, key)
         )
-    if progress is not None:
-        progress("fetch", len(blocks), len(blocks))
+    report("fetch", len(blocks), len(blocks))
     for remote in {d.url: d for d in datasets.values()}.values():
         connection.ask(remote.url, partial(_check_unmoved, remote, instant))
     return {"depth": depth, "lat": first.axes["lat"][rows], "lon": lon}, fields
@@ -271,7 +272,7 @@ def _read_window(
 
 def _check_unmoved(remote: _Remote, instant: np.datetime64) -> None:
     """Refuse what was read if the index of the step means another one now: steps of running analyses come and go."""
-    index = int(np.flatnonzero(remote.times == instant)[0])
+    index = remote.index(instant)
     if remote.data["time"].data[index : index + 1][0] != remote.axes["time"][index]:
         raise ServerError("its time axis has moved during the fetch; run the same command again")
 

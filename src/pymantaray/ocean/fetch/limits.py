@@ -17,10 +17,6 @@ class PassingError(ServerError):
         self.retry_after = retry_after
 
 
-class TimeLimitError(OceanError):
-    """The time that was allowed for the whole fetch has passed."""
-
-
 @dataclass(frozen=True)
 class Limits:
     """

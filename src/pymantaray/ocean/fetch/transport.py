@@ -18,7 +18,7 @@ from requests.adapters import HTTPAdapter
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean.fetch.catalogue import split_address
-from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError, TimeLimitError, one_line
+from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError, one_line
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # it imports webob, and that cgi
@@ -106,7 +106,7 @@ class Connection:
     def _remaining(self) -> float:
         left = self._end - time.monotonic()
         if left <= 0.0:
-            raise TimeLimitError(
+            raise OceanError(
                 f"fetch: the time limit of {self.limits.total_s:g} s has passed; run the same command again later,"
                 " or allow more (--time-limit)"
             )
@@ -135,15 +135,12 @@ class Connection:
             raise PassingError(f"answer not complete within {seconds:.3g} s")
         if answers:
             return answers[0]
-        raise _told(errors[0]) from None
-
-
-def _told(error: BaseException) -> OceanError:
-    if isinstance(error, ServerError):
-        return error
-    if isinstance(error, OceanError):
-        return PassingError(str(error))
-    return PassingError(f"answer cannot be read ({one_line(error) or type(error).__name__})")
+        error = errors[0]
+        if isinstance(error, ServerError):
+            raise error
+        if isinstance(error, OceanError):
+            raise PassingError(str(error))
+        raise PassingError(f"answer cannot be read ({one_line(error) or type(error).__name__})")
 
 
 class _Adapter(HTTPAdapter):
@@ -187,9 +184,8 @@ def _check(answer: requests.Response, body: bytes) -> None:
     """Refuse what is no answer to OPeNDAP: an error by its status or by its text, half a description."""
     said = _message(body)
     if answer.status_code >= 400:
-        line = f"server error {answer.status_code} {answer.reason or ''}".rstrip() + (
-            f" ({said})" if said else ""
-        )
+        line = f"server error {answer.status_code} {answer.reason or ''}".rstrip()
+        line += f" ({said})" if said else ""
         if answer.status_code in _RETRIED:
             raise PassingError(line, _seconds(answer.headers.get("Retry-After", "")))
         raise ServerError(line)
