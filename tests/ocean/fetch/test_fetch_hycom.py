@@ -24,8 +24,7 @@ def test_a_window_of_the_reanalysis_is_the_server_s_water(fetch, is_true, thredd
     assert ocean.attrs["synthetic"] == 0
     xr.testing.assert_identical(open_ocean(fetched.path), ocean)
     assert fetched.remarks == ()
-    # descriptions, axes, variables, the step again
-    assert fetched.requests == len(thredds.app.asked) == 2 + 4 + 4 + 1
+    assert fetched.requests == len(thredds.app.asked)
     assert progress == [("fetch", i, 4) for i in range(5)]
 
 
@@ -62,24 +61,23 @@ def test_any_longitudes_from_any_server_and_across_its_seam(fetch, is_true, thre
 
 
 @pytest.mark.parametrize(
-    ("time", "dataset"),
+    ("time", "dataset", "n_sets"),
     [
-        ("2014-01-01T12", "data/2014."),
-        ("2015-01-01T00", "data/2014."),  # the file of a year runs from 12Z
-        ("2015-01-01T06", "data/2014."),
-        ("2015-01-01T12", "data/2015."),
-        ("2016-01-15T00", "expt_56.3."),
-        ("2016-06-01T00", "expt_57.2."),
-        ("2018-12-04T12", "GLBy0.08/expt_93.0/uv3z."),
-        ("2025-01-15T03", "ESPC-D-V02/v3z/2025."),
+        ("2014-01-01T12", "data/2014.", 1),
+        ("2015-01-01T06", "data/2014.", 1),  # the file of a year runs from 12Z
+        ("2015-01-01T12", "data/2015.", 1),
+        ("2016-01-15T00", "expt_56.3.", 1),
+        ("2016-06-01T00", "expt_57.2.", 1),
+        ("2018-12-04T12", "GLBy0.08/expt_93.0/uv3z.", 2),
+        ("2025-01-15T03", "ESPC-D-V02/v3z/2025.", 4),
     ],
 )
-def test_the_experiment_and_the_year_file_that_hold_the_time_are_found(
-    fetch, is_true, thredds, time, dataset
-):
+def test_the_data_sets_that_hold_the_time_are_found(fetch, is_true, thredds, time, dataset, n_sets):
     _, ocean = fetch(time=time)
     is_true(ocean, time)
     assert any(dataset in a for a in thredds.app.asked)
+    # descriptions, axes and the step again of each data set; four variables
+    assert len(thredds.app.asked) == n_sets * (2 + 4 + 1) + 4
 
 
 @pytest.mark.parametrize(
@@ -101,12 +99,6 @@ def test_between_two_year_files_the_nearest_steps_come_from_both(refusal, fetch,
     assert "nearest: 2015-01-01T06:00 and 2015-01-01T12:00" in refusal(time="2015-01-01T09")
     _, ocean = fetch(time="2015-01-01T10", nearest=True)
     is_true(ocean, "2015-01-01T12:00")
-
-
-def test_separate_data_sets_give_one_ocean(fetch, is_true, thredds):
-    _, ocean = fetch(time="2025-01-15T03")
-    is_true(ocean, "2025-01-15T03:00")
-    assert len(thredds.app.asked) == 4 * (2 + 4 + 1 + 1)
 
 
 def test_a_step_that_the_server_lacks_is_refused_with_its_neighbours(refusal, fetch, is_true):
