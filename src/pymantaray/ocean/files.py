@@ -5,6 +5,7 @@ import os
 import re
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +39,10 @@ def open_file(path: str | Path) -> xr.Dataset:
         raise OceanError(f"{without_password(address[0])}: {line}")
     path = Path(path)
     engine = _engine(path)
+    options: dict[str, Any] = {"consolidated": False} if engine == "zarr" else {}
     with NETCDF_LOCK, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            options: dict[str, Any] = {"consolidated": False} if engine == "zarr" else {}
             raw = xr.open_dataset(path, engine=engine, decode_cf=False, **options)
             try:
                 if engine == "netcdf4":
@@ -52,7 +53,12 @@ def open_file(path: str | Path) -> xr.Dataset:
                 raise
         except Exception as error:  # noqa: BLE001  the engines raise whatever they stumble over
             raise unreadable(path, error) from None
-    data.set_close(raw.close)
+
+    def close() -> None:
+        with NETCDF_LOCK, suppress(Exception):
+            raw.close()
+
+    data.set_close(close)
     data.encoding = {"source": str(path)}
     return data
 

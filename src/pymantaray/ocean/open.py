@@ -1,7 +1,7 @@
 """One door to all oceans: files that belong together, or the name of a synthetic region."""
 
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Self
@@ -26,7 +26,6 @@ from pymantaray.ocean.files import file_name, numbers, open_file, unreadable
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.synthetic import EPOCH, synthetic_ocean
 from pymantaray.ocean.window import SAME_DEGREES, GeographicWindow, Selection, crop, select
-from pymantaray.records.writing import NETCDF_LOCK
 
 Array = NDArray[np.float64]
 Source = str | Path | Sequence[str | Path]
@@ -247,6 +246,11 @@ class Part:
         times = instants(data, layout.time)
         return cls(data, layout, times, grid, axis[::-1] if upward else axis, upward, is_pressure)
 
+    @property
+    def axes(self) -> dict[str, Array]:
+        """Of the window, rising."""
+        return {"depth": self.levels, "lat": self.grid.lat, "lon": self.grid.lon}
+
     def field(self, role: str) -> cf.Field | None:
         """Variable of a role, if the file has it."""
         return next((f for f in self.layout.fields if f.role == role), None)
@@ -278,7 +282,7 @@ class Collection:
             self.parts: list[Part] = []
             for path in paths:
                 data = open_file(path)
-                stack.callback(_close, data)
+                stack.callback(data.close)
                 try:
                     self.parts.append(Part.of(data, window))
                 except Exception as error:  # noqa: BLE001  what no check foresaw in a damaged file
@@ -352,24 +356,9 @@ class Collection:
         return OceanError(line + (f", {rest}" if list(roles) == list(_ROLES[2:]) else ""))
 
 
-def _close(data: xr.Dataset) -> None:
-    with NETCDF_LOCK, suppress(Exception):
-        data.close()
-
-
 def _check_same_grid(part: Part, role: str, first_role: str, first: tuple[Part, cf.Field]) -> None:
-    other = first[0]
-    if part is other:
-        return
-    axes = {
-        "depth": (part.levels, other.levels),
-        "lat": (part.grid.lat, other.grid.lat),
-        "lon": (part.grid.lon, other.grid.lon),
-    }
-    for name, (a, b) in axes.items():
-        if (
-            a.shape != b.shape
-            or np.max(np.abs(a - b)) > SAME_DEGREES
-            or part.is_pressure != other.is_pressure
-        ):
+    for name, a in part.axes.items():
+        b = first[0].axes[name]
+        same = a.shape == b.shape and np.max(np.abs(a - b)) <= SAME_DEGREES
+        if not same or part.is_pressure != first[0].is_pressure:
             raise OceanError(f"{file_name(part.data)}: {name} of {role} differs from that of {first_role}")
