@@ -333,7 +333,7 @@ def extremum(h, f0, d0, f1, d1):
 
 
 @inlined
-def face_distance(s, walls, cell, face, point, axis, nudge):
+def _face_distance(s, walls, cell, face, point, axis, nudge):
     """Signed distance into the cell or the water from a face, and its derivative along the axis.
 
     point is the place along the axis, the offsets in and out of the plane, and after each its derivative; nudge moves it
@@ -359,6 +359,12 @@ def face_distance(s, walls, cell, face, point, axis, nudge):
         return z - top, dz - (f_r * dr + f_y * dside)
     bed, f_r, f_y, _, _ = floor_at(walls, r, side, r + nudge * dr)
     return bed - z, f_r * dr + f_y * dside - dz
+
+
+@kernel
+def face_distance(s, walls, cell, face, point, axis, nudge):
+    """Give the same out of line, which takes less time to compile."""
+    return _face_distance(s, walls, cell, face, point, axis, nudge)
 
 
 @inlined
@@ -488,10 +494,10 @@ def crossing(s, walls, cell, faces, pos, h, ray, axis):
             if t < 2.0 and (face == BOTTOM or best_face < 0 or t * h < best - 1e-6):
                 best, best_face = t * h, face
             continue
-        g0, e0 = face_distance(s, walls, cell, face, start, axis, _NUDGE)
+        g0, e0 = _face_distance(s, walls, cell, face, start, axis, _NUDGE)
         if g0 >= _NONE:
             continue
-        g1, e1 = face_distance(s, walls, cell, face, end, axis, -_NUDGE)
+        g1, e1 = _face_distance(s, walls, cell, face, end, axis, -_NUDGE)
         t = _cubic_crossing(h, g0, e0, g1, e1)
         if t < 2.0 and (best_face < 0 or t * h < best - 1e-6):
             best, best_face = t * h, face
