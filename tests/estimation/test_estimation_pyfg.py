@@ -7,7 +7,7 @@ import pytest
 from factories import without
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import GraphSolver, GraphValues, build_graph, read_pyfg, write_pyfg
+from pymantaray.estimation import GraphSolver, build_graph, read_pyfg, write_pyfg
 from pymantaray.estimation.graph import KINDS
 from pymantaray.estimation.pyfg import load_pyfg
 from pymantaray.records import SolveStatus
@@ -30,9 +30,8 @@ def assert_same(a, b):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
     for kind in KINDS:
         for part in ("variables", "measured", "covariance"):
-            np.testing.assert_array_equal(
-                getattr(a[kind], part), getattr(b[kind], part), err_msg=f"{kind} {part}"
-            )
+            same = getattr(a[kind], part), getattr(b[kind], part)
+            np.testing.assert_array_equal(*same, err_msg=f"{kind} {part}")
 
 
 def read_text(tmp_path, text):
@@ -45,15 +44,12 @@ def read_text(tmp_path, text):
 def test_round_trip_keeps_every_bit(tmp_path, make_fleet, n_landmarks):
     fleet = make_fleet(seed=2, n_landmarks=n_landmarks, gnss_every=7, dropouts=0.3)
     graph = build_graph(fleet.noisy, "refracted")
-    initial = fleet.truth
-    write_pyfg(graph, tmp_path / "graph.pyfg", initial=initial)
+    write_pyfg(graph, tmp_path / "graph.pyfg", initial=fleet.truth)
     again, values = read_pyfg(tmp_path / "graph.pyfg")
     assert_same(graph, again)
     for name in ("position", "quaternion", "landmark_position"):
-        np.testing.assert_array_equal(getattr(values, name), getattr(initial, name))
+        np.testing.assert_array_equal(getattr(values, name), getattr(fleet.truth, name))
     assert [p.name for p in tmp_path.iterdir()] == ["graph.pyfg"]
-    one, two = (GraphSolver().solve(g, initial).position for g in (graph, again))
-    np.testing.assert_array_equal(one, two)
 
 
 def test_hand_written_file_means_what_it_says(tmp_path):
@@ -62,36 +58,31 @@ def test_hand_written_file_means_what_it_says(tmp_path):
     assert graph.landmark_name.tolist() == ["L0"]
     np.testing.assert_array_equal(values.quaternion[1], [0.8, 0, 0, 0.6])  # ours has w first
     # rotation comes first in the tangent, last in the file
-    np.testing.assert_array_equal(
-        np.diagonal(graph["prior"].covariance[0]), [1e-4, 2e-4, 3e-4, 0.01, 0.02, 0.03]
-    )
-    assert graph["prior"].covariance[0, 3, 4] == graph["prior"].covariance[0, 4, 3] == 0.001
-    assert graph["prior"].covariance[0, 0, 1] == 2e-5
-    # a translation-rotation entry changes sides
-    assert graph["edge"].covariance[0, 2, 3] == graph["edge"].covariance[0, 3, 2] == 0.001
-    np.testing.assert_array_equal(graph["fix"].variance[0], [0.25, 0.36, 0.49])
-    depth, ranges = graph["depth"], graph["range"]
-    assert [depth.subject.tolist(), depth.column("depth").tolist(), depth.variance.tolist()] == [
+    prior, edge, fix, depth, ranges = (graph[kind] for kind in ("prior", "edge", "fix", "depth", "range"))
+    np.testing.assert_array_equal(prior.variance[0], [1e-4, 2e-4, 3e-4, 0.01, 0.02, 0.03])
+    assert prior.covariance[0, 3, 4] == prior.covariance[0, 4, 3] == 0.001
+    assert prior.covariance[0, 0, 1] == 2e-5
+    assert edge.covariance[0, 2, 3] == edge.covariance[0, 3, 2] == 0.001  # rotation with translation
+    np.testing.assert_array_equal(fix.variance[0], [0.25, 0.36, 0.49])
+    assert (depth.subject.tolist(), depth.measured.tolist(), depth.variance.tolist()) == (
         [1],
-        [3.5],
+        [[3.5]],
         [1e-4],
-    ]
+    )
     assert graph["survey"].covariance[0, 0, 1] == 0.1
-    assert ranges.variables.tolist() == [[1, 2]]
-    assert (ranges.column("distance").tolist(), ranges.variance.tolist()) == ([8.5], [4.0])
+    assert (ranges.variables.tolist(), ranges.measured.tolist(), ranges.variance.tolist()) == (
+        [[1, 2]],
+        [[8.5]],
+        [4.0],
+    )
     assert GraphSolver().solve(graph, values).status == SolveStatus.OK
-
-
-def test_written_text_is_the_text_that_was_read(tmp_path):
-    graph, values = read_text(tmp_path, HAND)
     write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
-    numbers = [
-        [float(x) if x[0] in "0123456789-" else x for x in line.split(" ")]
-        for line in (tmp_path / "again.pyfg").read_text().splitlines()
-    ]
-    assert numbers == [
-        [float(x) if x[0] in "0123456789-" else x for x in li.split(" ")] for li in HAND.splitlines()
-    ]
+    assert fields_of((tmp_path / "again.pyfg").read_text()) == fields_of(HAND)
+
+
+def fields_of(text):
+    """Fields line by line, numbers as numbers."""
+    return [[float(x) if x[0] in "0123456789-" else x for x in line.split(" ")] for line in text.splitlines()]
 
 
 def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
@@ -105,51 +96,36 @@ def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
     ("line", "old", "new", "message"),
     [
         (1, "VERTEX_SE3:QUAT", "EDGE_RANGE", r"line 1: begins with 'EDGE_RANGE'; .*in the first line"),
-        (
-            1,
-            "VERTEX_SE3:QUAT",
-            "VERTEX_SE2",
-            r"line 1: VERTEX_SE2, a graph in two dimensions; allowed: .*three",
-        ),
+        (1, "VERTEX_SE3:QUAT", "VERTEX_SE2", r"line 1: VERTEX_SE2, a graph in two dimensions"),
+        (1, "A0", "A2147483648", r"line 1: VERTEX_SE3:QUAT: number of A2147483648"),
         (2, "11 2 3", "11  2 3", r"line 2: VERTEX_SE3:QUAT with 11 fields; allowed: 10"),
-        (2, "11 2 3", "11 two 3", r"line 2: .*could not convert string to float: 'two'; allowed: numbers"),
+        (2, "11 2 3", "11 two 3", r"line 2: .*could not convert string to float: 'two'"),
         (2, "11 2 3", "11 nan 3", r"line 2: .*not finite"),
+        (2, "11 2 3", "1_1 2 3", r"line 2: .*an underscore or a tab"),
+        (2, "11 2 3", "1.1e9 2 3", r"line 2: VERTEX_SE3:QUAT with 1.1e\+09; .* at most 1e\+09 m"),
         (2, "0.6 0.8", "0.6 0.9", r"line 2: .*quaternion .*x y z w of length 1"),
-        (2, "A1", "A0", r"line 2: second vertex named A0"),
+        (2, "A1", "A00", r"line 2: second vertex named A0"),
         (2, "A1", "alpha1", r"line 2: name 'alpha1'; allowed: a capital letter"),
         (2, "A1", "L1", r"line 2: VERTEX_SE3:QUAT with landmark L1"),
         (3, "L0", "B0", r"line 3: VERTEX_XYZ with pose B0"),
         (4, " 3e-4", "", r"line 4: VERTEX_SE3:QUAT:PRIOR with 30 fields; allowed: 31"),
+        (4, "0.01 0.001", "0.01 0.02", r"A0: first-pose prior covariance's eigenvalues, scaled .*is .-0.4"),
         (5, "0.49 0", "1e12 0", r"line 5: pose prior with free axes z rx ry rz"),
         (6, "3.5 0 0 0 1", "3.5 0.6 0 0 0.8", r"line 6: pose prior with free axes .*level axes"),
         (8, "A1", "A7", r"line 8: name A7; allowed: names of the file's vertices"),
+        (8, "1 0 0 0 0 0.001", "0 0 0 0 0 0.001", r"A1: odometry variance is .*0,.*positive finite"),
         (9, "A1 L0", "L0 A1", r"line 9: .*the pose first"),
         (9, "A1 L0", "A1 A1", r"line 9: .*from A1 to itself"),
+        (9, "A1 L0", "A0001 L99999999999999999999", r"line 9: EDGE_RANGE: number of L9+; .* 2147483647"),
         (
             9,
-            "A1 L0",
-            "A0001 L99999999999999999999",
-            r"line 9: EDGE_RANGE: number of L9+; allowed: .* 2147483647",
-        ),
-        (1, "A0", "A2147483648", r"line 1: VERTEX_SE3:QUAT: number of A2147483648"),
-        (2, "A1", "A00", r"line 2: second vertex named A0"),
-        (2, "11 2 3", "1_1 2 3", r"line 2: .*an underscore or a tab"),
-        (
-            2,
-            "11 2 3",
-            "1.1e9 2 3",
-            r"line 2: VERTEX_SE3:QUAT with 1.1e\+09; allowed: positions of at most 1e\+09 m",
-        ),
-        (8, "1 0 0 0 0 0.001", "0 0 0 0 0 0.001", r"A1: odometry variance is .*0,.*positive finite"),
-        (4, "0.01 0.001", "0.01 0.02", r"A0: first-pose prior covariance's eigenvalues, scaled .*is .-0.4"),
-        (
-            9,
-            "EDGE_RANGE 200 A1 L0 8.5 4",
-            "EDGE_SE3_XYZ 200 A1 L0 1 2 3 1 0 0 1 0 1",
-            r"line 9: EDGE_SE3_XYZ, a landmark's place .*no factor",
+            "RANGE 200 A1 L0 8.5 4",
+            "SE3_XYZ 200 A1 L0 1 2 3 1 0 0 1 0 1",
+            "line 9: EDGE_SE3_XYZ, a .*no factor",
         ),
         (9, "EDGE_RANGE", "EDGE_SE2_XY", r"line 9: EDGE_SE2_XY, a graph in two dimensions"),
         (9, "8.5 4", "8.5 -4", r"A1: range variance is .-4."),
+        (9, "8.5 4", "8.5 4\n", r"line 10: begins with ''"),
     ],
 )
 def test_fault_is_one_line_that_names_the_place(tmp_path, line, old, new, message):
@@ -161,18 +137,12 @@ def test_fault_is_one_line_that_names_the_place(tmp_path, line, old, new, messag
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (HAND + "\n", r"line 10: begins with ''"),
-        (HAND.splitlines()[2] + "\n", r"no VERTEX_SE3:QUAT in the file"),
-        ("", r"no VERTEX_SE3:QUAT in the file"),
-        (None, r"none\.pyfg: not a readable text file"),
-    ],
-)
-def test_file_without_a_graph_is_refused(tmp_path, text, message):
-    with pytest.raises(EstimationError, match=message):
-        read_pyfg(tmp_path / "none.pyfg") if text is None else read_text(tmp_path, text)
+def test_file_without_a_graph_is_refused(tmp_path):
+    for text in ("", HAND.splitlines()[2] + "\n"):
+        with pytest.raises(EstimationError, match="no VERTEX_SE3:QUAT in the file"):
+            read_text(tmp_path, text)
+    with pytest.raises(EstimationError, match=r"none\.pyfg: not a readable text file"):
+        read_pyfg(tmp_path / "none.pyfg")
 
 
 def named(graph, *names):
@@ -208,11 +178,18 @@ def test_names_that_are_no_letters_are_kept_in_a_table_beside_the_file(tmp_path,
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["", "symbol,name\nA\n", "symbol,name\nA,x,y\n", "name,symbol\nA,x\n", "symbol,name\nA,x\nB,x\n", "symbol,name\nA,../x\n"],
-)  # fmt: skip
-def test_a_table_of_names_that_is_none_is_refused_by_its_name(tmp_path, text):
-    (tmp_path / "graph.names.csv").write_text(text)
+    "rows",
+    [
+        "",
+        "symbol,name A",
+        "symbol,name A,x,y",
+        "name,symbol A,x",
+        "symbol,name A,x B,x",
+        "symbol,name A,../x",
+    ],
+)
+def test_a_table_of_names_that_is_none_is_refused_by_its_name(tmp_path, rows):
+    (tmp_path / "graph.names.csv").write_text("".join(row + "\n" for row in rows.split(" ") if row))
     with pytest.raises(EstimationError, match=r"graph\.names\.csv: (needs a line|not a readable)") as caught:
         read_text(tmp_path, HAND)
     assert "\n" not in str(caught.value)
@@ -221,11 +198,8 @@ def test_a_table_of_names_that_is_none_is_refused_by_its_name(tmp_path, text):
 @pytest.mark.parametrize("n_agents", [26, 30])
 def test_more_vehicles_than_letters_have_names_of_several(tmp_path, make_fleet, n_agents):
     fleet = make_fleet(n_agents=2, n_times=n_agents)  # as many vehicles of two poses
-    graph = without(build_graph(fleet.noisy), "edge")
-    names = [f"glider-{i:03d}" for i in range(n_agents)]
     many = replace(
-        graph,
-        agent_name=np.array(names),
+        named(without(build_graph(fleet.noisy), "edge"), *(f"glider-{i:03d}" for i in range(n_agents))),
         pose_agent=np.repeat(np.arange(n_agents), 2),
         pose_number=np.tile([0, 1], n_agents),
     )
@@ -243,41 +217,40 @@ def test_more_vehicles_than_letters_have_names_of_several(tmp_path, make_fleet, 
 
 def test_values_that_do_not_fit_are_refused(tmp_path):
     graph, values = read_text(tmp_path, HAND)
-    short = GraphValues(
-        position=values.position[:1],
-        quaternion=values.quaternion[:1],
-        landmark_position=values.landmark_position,
-    )
+    short = replace(values, position=values.position[:1], quaternion=values.quaternion[:1])
     with pytest.raises(EstimationError, match="values for 1 poses and 1 landmarks; the graph has 2 and 1"):
         write_pyfg(graph, tmp_path / "g.pyfg", initial=short)
 
 
 # as PyFactorGraph's own writer lays a file out: fixed decimals, all vertices first, the odometry of each vehicle,
 # then loop closures (one of a vehicle with itself, one between two), sightings and ranges; times of factors of their own
-FOREIGN = """\
-VERTEX_SE3:QUAT 0.500000000 A0 0.000000 0.000000 0.000000 0.0000000 0.0000000 0.0000000 1.0000000
-VERTEX_SE3:QUAT 1.500000000 A1 1.000000 0.000000 0.000000 0.0000000 0.0000000 0.7071068 0.7071068
-VERTEX_SE3:QUAT 2.500000000 A2 1.000000 1.000000 0.000000 0.0000000 0.0000000 1.0000000 0.0000000
-VERTEX_SE3:QUAT 0.500000000 B0 0.000000 2.000000 0.500000 0.0000000 0.0000000 0.0000000 1.0000000
-VERTEX_SE3:QUAT 1.500000000 B1 1.000000 2.000000 0.500000 0.0000000 0.0000000 0.0000000 1.0000000
+LEVEL, TURNED = "0.0000000 0.0000000 0.0000000 1.0000000", "0.0000000 0.0000000 0.7071068 0.7071068"
+BACK = "0.0000000 0.0000000 1.0000000 0.0000000"
+SPHERE = "0.010000 0.000000 0.000000 0.010000 0.000000 0.010000"
+NOISE = " ".join(
+    f"{0.01 if i == j < 3 else 0.04 if i == j else 0.0:.6f}" for i in range(6) for j in range(i, 6)
+)
+FOREIGN = f"""\
+VERTEX_SE3:QUAT 0.500000000 A0 0.000000 0.000000 0.000000 {LEVEL}
+VERTEX_SE3:QUAT 1.500000000 A1 1.000000 0.000000 0.000000 {TURNED}
+VERTEX_SE3:QUAT 2.500000000 A2 1.000000 1.000000 0.000000 {BACK}
+VERTEX_SE3:QUAT 0.500000000 B0 0.000000 2.000000 0.500000 {LEVEL}
+VERTEX_SE3:QUAT 1.500000000 B1 1.000000 2.000000 0.500000 {LEVEL}
 VERTEX_XYZ L0 3.000000 0.000000 1.000000
 VERTEX_XYZ L7 0.000000 3.000000 1.000000
-VERTEX_SE3:QUAT:PRIOR 0.500000000 A0 0.000000 0.000000 0.000000 0.0000000 0.0000000 0.0000000 1.0000000 {noise}
-VERTEX_XYZ:PRIOR 0.500000 L0 3.000000 0.000000 1.000000 0.010000 0.000000 0.000000 0.010000 0.000000 0.010000
-VERTEX_XYZ:PRIOR 0.500000 L7 0.000000 3.000000 1.000000 0.010000 0.000000 0.000000 0.010000 0.000000 0.010000
-EDGE_SE3:QUAT 0.750000000 A0 A1 1.000000 0.000000 0.000000 0.0000000 0.0000000 0.7071068 0.7071068 {noise}
-EDGE_SE3:QUAT 1.750000000 A1 A2 1.000000 0.000000 0.000000 0.0000000 0.0000000 0.7071068 0.7071068 {noise}
-EDGE_SE3:QUAT 0.750000000 B0 B1 1.000000 0.000000 0.000000 0.0000000 0.0000000 0.0000000 1.0000000 {noise}
-EDGE_SE3:QUAT 2.600000000 A2 A0 1.000000 1.000000 0.000000 0.0000000 0.0000000 1.0000000 0.0000000 {noise}
-EDGE_SE3:QUAT 0.600000000 A0 B0 0.000000 2.000000 0.500000 0.0000000 0.0000000 0.0000000 1.0000000 {noise}
-EDGE_SE3_XYZ 0.600000000 A0 L0 3.000000 0.000000 1.000000 0.010000 0.000000 0.000000 0.010000 0.000000 0.010000
+VERTEX_SE3:QUAT:PRIOR 0.500000000 A0 0.000000 0.000000 0.000000 {LEVEL} {NOISE}
+VERTEX_XYZ:PRIOR 0.500000 L0 3.000000 0.000000 1.000000 {SPHERE}
+VERTEX_XYZ:PRIOR 0.500000 L7 0.000000 3.000000 1.000000 {SPHERE}
+EDGE_SE3:QUAT 0.750000000 A0 A1 1.000000 0.000000 0.000000 {TURNED} {NOISE}
+EDGE_SE3:QUAT 1.750000000 A1 A2 1.000000 0.000000 0.000000 {TURNED} {NOISE}
+EDGE_SE3:QUAT 0.750000000 B0 B1 1.000000 0.000000 0.000000 {LEVEL} {NOISE}
+EDGE_SE3:QUAT 2.600000000 A2 A0 1.000000 1.000000 0.000000 {BACK} {NOISE}
+EDGE_SE3:QUAT 0.600000000 A0 B0 0.000000 2.000000 0.500000 {LEVEL} {NOISE}
+EDGE_SE3_XYZ 0.600000000 A0 L0 3.000000 0.000000 1.000000 {SPHERE}
 EDGE_RANGE 1.600000000 A1 L0 2.236068 0.010000
 EDGE_RANGE 1.600000000 A1 B1 2.061553 0.010000
 EDGE_RANGE 1.600000000 L0 L7 4.242641 0.010000
-""".format(
-    noise="0.010000 0.000000 0.000000 0.000000 0.000000 0.000000 0.010000 0.000000 0.000000 0.000000 0.000000 0.010000"
-    " 0.000000 0.000000 0.000000 0.040000 0.000000 0.000000 0.040000 0.000000 0.040000"
-)
+"""
 
 
 def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tmp_path):
@@ -306,22 +279,17 @@ def test_landmarks_keep_their_numbers_and_trailing_blanks_do_not_matter(tmp_path
 
 def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_path, make_fleet):
     fleet = make_fleet(n_agents=1, n_times=4)
-    graph = build_graph(fleet.noisy)
-    initial = fleet.truth
-    write_pyfg(graph, tmp_path / "g.pyfg", initial=initial)
+    write_pyfg(build_graph(fleet.noisy), tmp_path / "g.pyfg", initial=fleet.truth)
     lines = [x.split() for x in (tmp_path / "g.pyfg").read_text().splitlines() if ":PRIOR" in x]
     corner = np.cumsum([0, 6, 5, 4, 3, 2])  # where the diagonal stands in an upper triangle by rows
     for line in lines[1:]:
         diagonal = [float(line[10 + i]) for i in corner]
         assert diagonal == [1e12, 1e12, fleet.noisy.depth_sigma[0] ** 2, 1e12, 1e12, 1e12]
-    again, _ = read_pyfg(tmp_path / "g.pyfg")
-    assert len(again["prior"]) == 1
-    assert len(again["fix"]) == 0
-    np.testing.assert_array_equal(again["depth"].variance, graph["depth"].variance)
     # zero precision, not 1e-12: with that, depths would hold a fleet that nothing else holds across
-    loose = without(again, "prior")
+    loose = without(read_pyfg(tmp_path / "g.pyfg")[0], "prior")
+    north = np.array([1.0, 0.0, 0.0])
     near, far = (
-        GraphSolver().solve(loose, replace(initial, position=initial.position + np.array([shift, 0.0, 0.0])))
+        GraphSolver().solve(loose, replace(fleet.truth, position=fleet.truth.position + shift * north))
         for shift in (0.0, 2.0**26)  # a power of two: sums stay exact
     )
     assert near.status == far.status == SolveStatus.FAILED
@@ -340,10 +308,8 @@ def test_pyfactorgraph_itself_reads_what_we_write_and_we_what_it_writes(tmp_path
     )
     (tmp_path / "foreign.pyfg").write_text(FOREIGN)
     graph, values, _ = load_pyfg(tmp_path / "foreign.pyfg", leave_out=["EDGE_SE3_XYZ"])
-    ranges = graph["range"]
-    graph = graph.with_factors(
-        range=ranges[ranges.variables[:, 0] < graph.n_poses]
-    )  # theirs has none between landmarks
+    of_pose = graph["range"].variables[:, 0] < graph.n_poses  # theirs has none between landmarks
+    graph = graph.with_factors(range=graph["range"][of_pose])
     write_pyfg(graph, tmp_path / "ours.pyfg", initial=values)
     read = theirs.read_from_pyfg_text(str(tmp_path / "ours.pyfg"))
     assert [r.dist for r in read.range_measurements] == graph["range"].column("distance").tolist()

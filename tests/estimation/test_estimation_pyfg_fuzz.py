@@ -2,7 +2,6 @@
 
 import random
 import signal
-import time
 
 import numpy as np
 import pytest
@@ -71,6 +70,7 @@ NASTY = [
     ],
     *("VERTEX_SE3:QUAT:PRIOR", "VERTEX_XYZ:PRIOR", "", " ", "\t", "9" * 5000, "\x00"),
 ]
+KINDS = ["field"] * 3 + ["lost"] * 2 + ["number"] * 3 + ["exchanged", "twice", "end", "byte"]
 
 
 def damage(text, rng):
@@ -81,9 +81,7 @@ def damage(text, rng):
         fields = lines[row].split(" ")
         column, other = rng.randrange(len(fields)), rng.randrange(len(fields))
         at = rng.randrange(len(text) + 1)
-        kind = rng.choice(
-            ["field"] * 3 + ["lost"] * 2 + ["number"] * 3 + ["exchanged", "twice", "end", "byte"]
-        )
+        kind = rng.choice(KINDS)
         if kind == "end":
             text = text[:at]
             continue
@@ -116,32 +114,27 @@ def outcome_of(path):
     """Read the file and solve what was read; give what became of it."""
     signal.signal(signal.SIGALRM, too_slow)
     signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+    what = "refused"
     try:
         file = load_pyfg(path, leave_out=["EDGE_SE3_XYZ"])
+        what = "unsolvable"
+        result = solve_graph(file)
     except EstimationError as error:
-        return "refused", str(error)
-    else:
-        try:
-            result = solve_graph(file)
-        except EstimationError as error:
-            return "unsolvable", str(error)
-        if result.diagnosis is not None:
-            return "failed", result.diagnosis
-        assert np.isfinite(result.values.position).all()
-        return "solved", ""
+        return what, str(error)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
+    if result.diagnosis is not None:
+        return "failed", result.diagnosis
+    assert np.isfinite(result.values.position).all()
+    return "solved", ""
 
 
 @pytest.fixture
 def texts(tmp_path, make_fleet):
     """Two small graphs with every word of the grammar between them."""
     fleet = make_fleet(seed=2, n_agents=2, n_times=8, n_landmarks=1, gnss_every=4)
-    initial = fleet.truth
-    write_pyfg(build_graph(fleet.noisy, "straight"), tmp_path / "whole.pyfg", initial=initial)
-    full = " ".join(
-        ["0.25", "0.01", "0", "0", "0", "0", "0.25", *["0"] * 4, "0.25", *["0"] * 3, "1e-4", "0", "0"]
-    )
+    write_pyfg(build_graph(fleet.noisy, "straight"), tmp_path / "whole.pyfg", initial=fleet.truth)
+    full = "0.25 0.01 0 0 0 0 0.25 0 0 0 0 0.25 0 0 0 1e-4 0 0"
     hand = (
         "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0.6 0.8\n"
         "VERTEX_SE3:QUAT 0 B0 0 9 0 0 0 0 1\nVERTEX_XYZ L3 5 6 7\n"
@@ -160,16 +153,13 @@ def fuzz(texts, tmp_path, seed, count):
     path = tmp_path / "damaged.pyfg"
     for number in range(count):
         path.write_bytes(damage(rng.choice(texts), rng).encode("utf-8"))
-        begin = time.monotonic()
         try:
             what, line = outcome_of(path)
         except BaseException as error:
             (tmp_path / "crash.pyfg").write_bytes(path.read_bytes())
             raise AssertionError(f"file {number} of seed {seed}: {error!r}") from error
-        assert time.monotonic() - begin < LIMIT_S
         assert "\n" not in line
         assert len(line) < LONGEST_LINE
-        assert (what == "solved") == (line == "")
         seen[what] = seen.get(what, 0) + 1
         if what == "solved" and number % 10 == 0:
             graph, values = load_pyfg(path, leave_out=["EDGE_SE3_XYZ"])[:2]
