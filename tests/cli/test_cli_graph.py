@@ -1,7 +1,6 @@
 """The commands `mantaray graph`: what they print and write, and what they refuse in one line."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -73,10 +72,8 @@ def test_solve_writes_trajectories_and_a_summary(mantaray, file, tmp_path, start
     error = np.linalg.norm(estimate[:, 1:4] - truth[:, 1:4], axis=1)
     assert summary["trajectory_error"]["A"]["max_m"] == pytest.approx(error.max(), rel=1e-12)
     refused = mantaray("graph", "solve", file, "--out", out)
-    assert (refused.code, refused.err) == (
-        2,
-        f"error: {out}: folder is not empty; give an empty or a new one\n",
-    )
+    assert refused.code == 2
+    assert refused.err == f"error: {out}: folder is not empty; give an empty or a new one\n"
 
 
 def test_without_a_folder_nothing_is_written(mantaray, file, tmp_path):
@@ -137,29 +134,20 @@ def test_convert_there_and_back(mantaray, file, tmp_path):
     assert again.err == f"error: {tmp_path / 'g.g2o'}: exists already; give another name or --force\n"
 
 
-def broken(old, new):
-    assert old in TEXT
-    return SimpleNamespace(text=TEXT.replace(old, new).replace(TEXT.splitlines()[-1] + "\n", ""))
-
-
 @pytest.mark.parametrize(
-    ("case", "said"),
+    ("old", "new", "said"),
     [
-        (broken(f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}\n", ""), "B0: priors, odometry and ranges do not"),
-        (broken("EDGE_RANGE 1 A2 L2 17.7 0.01\nEDGE", "EDGE"), None),
-        (broken("EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 0.01", "EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 0"), "A1: odometry variance is"),
-        (broken("VERTEX_SE3:QUAT 0 B0 0 9 0", "VERTEX_SE2 0 B0 0 9 0"), "line 4: VERTEX_SE2, a graph in two dimensions"),
+        (f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}\n", "", "B0: priors, odometry and ranges do not"),
+        ("A0 A1 10.1 0 0 0 0 0 1 0.01", "A0 A1 10.1 0 0 0 0 0 1 0", "A1: odometry variance is"),
+        ("VERTEX_SE3:QUAT 0 B0", "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2, a graph in two dimensions"),
     ],
-    ids=["no prior", "landmark by its prior", "no variance", "two dimensions"],
-)  # fmt: skip
-def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, tmp_path, case, said):
-    (tmp_path / "b.pyfg").write_text(case.text)
-    done = mantaray("graph", "solve", tmp_path / "b.pyfg")
-    if said is None:
-        assert done.code == 0, done.err
-        return
-    assert done.code == 2
-    assert len(done.err.splitlines()) == 1
+    ids=["no prior", "no variance", "two dimensions"],
+)
+def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new, said):
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new))
+    done = mantaray("graph", "solve", file)
+    assert (done.code, len(done.err.splitlines())) == (2, 1)
     assert said in done.err
 
 
@@ -170,9 +158,7 @@ def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(man
     assert read_pyfg(tmp_path / "again.pyfg")[0].agent_name.tolist() == ["north-wind", "b_2"]
     (tmp_path / "new.names.csv").write_text("mine")
     refused = mantaray("graph", "convert", file, tmp_path / "new.pyfg")
-    assert (
-        refused.err == f"error: {tmp_path / 'new.names.csv'}: exists already; give another name or --force\n"
-    )
+    assert refused.err.endswith("new.names.csv: exists already; give another name or --force\n")
     shown = mantaray("graph", "solve", file, "--out", tmp_path / "out")
     assert shown.code == 0, shown.err
     assert (tmp_path / "out/estimate-north-wind.tum").is_file()

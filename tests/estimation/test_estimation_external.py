@@ -129,21 +129,14 @@ def test_g2o_graph_needs_an_anchor_and_has_no_truth_of_its_own(foreign, tmp_path
     assert reckoned.solution.final_cost < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda g: g.with_factors(edge=replace(g["edge"], covariance=g["edge"].covariance * 1e-20)), None),
-        (lambda g: without(g, "range").with_factors(edge=g["edge"][1:]), "^A1: no first-pose prior"),
-    ],
-)
-def test_graphs_that_cannot_be_solved_say_why_in_one_line(foreign, change, message):
-    file = open_graph(foreign[0])
-    file = GraphFile(change(file.graph), file.values, {})
-    if message is not None:
-        with pytest.raises(EstimationError, match=message):
-            solve_graph(file)
-        return
-    result = solve_graph(file)
+def test_graphs_that_cannot_be_solved_say_why_in_one_line(foreign):
+    graph, values, _ = open_graph(foreign[0])
+    edge = graph["edge"]
+    loose = without(graph, "range").with_factors(edge=edge[1:])
+    with pytest.raises(EstimationError, match=r"^A1: no first-pose prior"):
+        solve_graph(GraphFile(loose, values, {}))
+    stiff = graph.with_factors(edge=replace(edge, covariance=edge.covariance * 1e-20))
+    result = solve_graph(GraphFile(stiff, values, {}))
     assert not result.solution.usable
     assert np.isnan(result.values.position).all()
     assert "\n" not in result.diagnosis
@@ -153,9 +146,8 @@ def test_graphs_that_cannot_be_solved_say_why_in_one_line(foreign, change, messa
 
 def test_fewer_measurements_than_unknowns_is_said_before_the_solver_is_asked(foreign):
     graph, values, _ = open_graph(foreign[0])
-    fixes = graph["fix"].kind.table(
-        np.arange(graph.n_poses), [values.position], np.tile(np.eye(3), (graph.n_poses, 1, 1))
-    )
+    unit = np.tile(np.eye(3), (graph.n_poses, 1, 1))
+    fixes = graph["fix"].kind.table(np.arange(graph.n_poses), [values.position], unit)
     bare = without(graph, "range", "edge").with_factors(fix=fixes)
     assert bare.degrees_of_freedom < 0
     with pytest.raises(EstimationError, match=r"^A1: .*do not determine its rotation: nothing measures it"):

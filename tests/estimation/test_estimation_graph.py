@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from factories import values_at, without
+from factories import without
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import FactorGraph, GraphSolver, build_graph, dead_reckon
@@ -52,16 +52,13 @@ def test_variables_are_numbered_vehicle_by_vehicle_and_landmarks_last(make_fleet
     assert (ranges.variables[:, 0] < graph.n_poses).all()  # a pose comes first
     for ends, d in zip(ranges.variables, ranges.column("distance"), strict=True):
         distance.setdefault(frozenset(map(graph.variable_name, ends)), []).append(d)
-    rows = zip(o.range_transmitter, o.range_receiver, o.range_sample, o.straight_range, strict=True)
-    at_five = [d for i, j, k, d in rows if k == 5 and {i, j} == {1, 3}]
+    at_five = o.straight_range[
+        (o.range_sample == 5) & np.isin(o.range_transmitter + 10 * o.range_receiver, [13, 31])
+    ]
     assert sorted(distance[frozenset(["B5", "L1"])]) == sorted(at_five)
     assert len(at_five) == 2  # there and back
-
-
-def test_names_of_variables_are_told_apart_whatever_the_vehicles_are_called(make_fleet):
-    graph = build_graph(make_fleet(n_agents=3, n_times=12).noisy)
-    named = replace(graph, agent_name=np.array(["A", "float-1", "7"]))
-    assert [named.variable_name(v) for v in (11, 12 + 1, 24 + 2)] == ["A11", "float-1:1", "7:2"]
+    named = replace(graph, agent_name=np.array(["float-1", "7"]))
+    assert [named.variable_name(v) for v in (11, 12 + 1, 24)] == ["float-1:11", "7:1", "L0"]
 
 
 def test_degrees_of_freedom_count_residual_rows_minus_unknowns(make_fleet):
@@ -101,6 +98,9 @@ def test_unusable_measurements_are_refused_by_name(fleet, field, index, value, m
     with pytest.raises(EstimationError, match=message) as caught:
         build_graph(broken, "refracted")
     assert "\n" not in str(caught.value)
+
+
+def test_a_range_of_a_vehicle_to_itself_is_refused(fleet):
     itself = replace(fleet.noisy, range_receiver=fleet.noisy.range_transmitter)
     with pytest.raises(EstimationError, match=r"^A5: range is .5..*two different variables"):
         build_graph(itself, "refracted")
@@ -156,7 +156,6 @@ def edge_covariance(index, value):
         (edge_covariance((7, 0, 1), 1e-9), r"^A8: odometry covariance's asymmetry is \[0"),
         (edge_covariance((7, [0, 1], [1, 0]), 1.0), "^A8: odometry covariance's eigenvalues"),
         (edge_covariance(7, np.ones((6, 6))), "^A8: .*eigenvalues"),
-        (edge_covariance((7, 2, 2), 0.0), "^A8: odometry variance is .*, 0,"),
         (edge_covariance((7, 2, 2), -1.0), "^A8: odometry variance is .*-1"),
         (edge_covariance((7, 2, 2), 1e-300), "^A8: odometry variance .*1e-300"),
         (edge_covariance((7, 2, 2), np.inf), "^A8: odometry variance .*inf"),
@@ -201,12 +200,6 @@ def test_values_that_cannot_be_a_start_are_refused(whole, change, message):
             check(graph, replace(values, **change))
 
 
-def test_healthy_graph_has_no_diagnosis(whole):
-    _, graph, values = whole
-    assert diagnose(graph, values) is None
-    assert diagnose(without(graph, "range"), values) is None
-
-
 @pytest.mark.parametrize(
     "gone",
     [
@@ -226,27 +219,23 @@ def test_singular_graphs_are_diagnosed_by_name_exactly_where_the_solver_fails(wh
     assert "singular" in line
 
 
-def test_vehicle_held_by_one_range_is_named(make_fleet):
-    fleet = make_fleet(seed=1, n_agents=2, n_times=8)
+@pytest.mark.parametrize(
+    ("n_agents", "unranged"), [(2, False), (3, True)], ids=["held by one range", "never ranged"]
+)
+def test_vehicle_that_ranges_do_not_hold_is_solved_with_a_prior_and_named_without(
+    make_fleet, n_agents, unranged
+):
+    fleet = make_fleet(seed=1, n_agents=n_agents, n_times=8)
     graph = build_graph(fleet.noisy, "straight")
-    assert graph.variable_name(int(graph["prior"].subject[1])) == "B0"
-    graph = graph.with_factors(prior=graph["prior"][:1])
-    check_anchored(graph)  # ranges tie B to A: structure alone does not see it
-    assert diagnose(graph, fleet.truth).startswith("B")
-    assert not GraphSolver().solve(graph, fleet.truth).usable
-
-
-def test_vehicle_never_ranged_is_solved_with_a_prior_and_named_without(make_fleet):
-    fleet = make_fleet(seed=1, n_agents=3, n_times=8)
-    graph = build_graph(fleet.noisy, "straight")
-    of_c = (graph["range"].variables >= graph["prior"].subject[2]).any(axis=1)
-    alone = graph.with_factors(range=graph["range"][~of_c])
-    assert GraphSolver().solve(alone, fleet.truth).status.name == "OK"
-    assert diagnose(alone, fleet.truth) is None
-    alone = alone.with_factors(prior=graph["prior"][:2])
-    assert not GraphSolver().solve(alone, fleet.truth).usable
-    line = diagnose(alone, fleet.truth)
-    assert line.startswith("C")
+    last = graph["prior"].subject[-1]
+    if unranged:
+        graph = graph.with_factors(range=graph["range"][(graph["range"].variables < last).all(axis=1)])
+    assert GraphSolver().solve(graph, fleet.truth).status.name == "OK"
+    assert diagnose(graph, fleet.truth) is None
+    loose = graph.with_factors(prior=graph["prior"][:-1])
+    assert not GraphSolver().solve(loose, fleet.truth).usable
+    line = diagnose(loose, fleet.truth)
+    assert line.startswith("ABC"[n_agents - 1])
     assert "singular" in line
 
 
@@ -301,11 +290,10 @@ def test_dead_reckoning_refuses_what_is_missing_by_vehicle(fleet, field, what):
 
 def test_dead_reckoning_over_a_graph_is_dead_reckoning_of_its_measurements(whole):
     fleet, graph, values = whole
-    nowhere = replace(
-        values, position=values.position + 1e4, landmark_position=values.landmark_position + 1e4
-    )
+    mark = values.landmark_position
+    nowhere = replace(values, position=values.position + 1e4, landmark_position=mark + 1e4)
     reckoned, from_file = dead_reckon_graph(graph, nowhere)
-    expected = values_at(fleet.noisy, *dead_reckon(fleet.noisy))
+    expected = fleet.reckoned
     np.testing.assert_allclose(reckoned.position, expected.position, rtol=0, atol=1e-9)
     np.testing.assert_allclose(reckoned.quaternion, expected.quaternion, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(reckoned.landmark_position, fleet.noisy.landmark_position)

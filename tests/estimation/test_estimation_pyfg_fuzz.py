@@ -14,62 +14,13 @@ from pymantaray.records import SolveStatus
 LIMIT_S = 20.0  # a whole read and solve; a healthy one takes milliseconds
 LONGEST_LINE = 600
 
-NASTY = [
-    *[
-        "nan",
-        "-nan",
-        "inf",
-        "-inf",
-        "0",
-        "-0",
-        "-1",
-        "1e-300",
-        "1e300",
-        "1e12",
-        "1e9",
-        "1.0000001e9",
-        "1e-31",
-        "1e31",
-        "0x10",
-        "1_0",
-        "1,5",
-        "½",
-        "1e",
-        "--1",
-    ],
-    *[
-        "A",
-        "L",
-        "A0",
-        "A1",
-        "B0",
-        "L0",
-        "L1",
-        "Z9",
-        "a0",
-        "A-1",
-        "A00",
-        "A01",
-        "L00",
-        "A99999999999999999999",
-        "A2147483647",
-        "A2147483648",
-        "AA1",
-        "A1.5",
-    ],
-    *[
-        "EDGE_RANGE",
-        "EDGE_SE3:QUAT",
-        "EDGE_SE2",
-        "VERTEX_SE2",
-        "EDGE_SE3_XYZ",
-        "VERTEX_XYZ",
-        "VERTEX_SE3:QUAT",
-        "FIX",
-        "#",
-    ],
-    *("VERTEX_SE3:QUAT:PRIOR", "VERTEX_XYZ:PRIOR", "", " ", "\t", "9" * 5000, "\x00"),
-]
+NASTY = """
+nan -nan inf -inf 0 -0 -1 1e-300 1e300 1e12 1e9 1.0000001e9 1e-31 1e31 0x10 1_0 1,5 ½ 1e --1
+A L A0 A1 B0 L0 L1 Z9 a0 A-1 A00 A01 L00 A99999999999999999999 A2147483647 A2147483648 AA1 A1.5
+EDGE_RANGE EDGE_SE3:QUAT EDGE_SE2 VERTEX_SE2 EDGE_SE3_XYZ VERTEX_XYZ VERTEX_SE3:QUAT FIX #
+VERTEX_SE3:QUAT:PRIOR VERTEX_XYZ:PRIOR
+"""
+FIELDS = [*NASTY.split(), "", " ", "\t", "9" * 5000, "\x00"]
 KINDS = ["field"] * 3 + ["lost"] * 2 + ["number"] * 3 + ["exchanged", "twice", "end", "byte"]
 
 
@@ -89,7 +40,7 @@ def damage(text, rng):
             text = text[:at] + chr(rng.randrange(256)) + text[at + rng.randrange(2) :]
             continue
         if kind == "field":
-            fields[column] = rng.choice(NASTY)
+            fields[column] = rng.choice(FIELDS)
         elif kind == "exchanged":
             fields[column], fields[other] = fields[other], fields[column]
         elif kind == "number":

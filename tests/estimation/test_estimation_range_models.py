@@ -20,17 +20,14 @@ places = st.tuples(st.floats(-5e3, 5e3), st.floats(-5e3, 5e3), st.floats(0.0, 29
 
 
 def links_between(a, b, speed=1450.0):
-    a, b = np.atleast_2d(np.asarray(a, dtype=float)), np.atleast_2d(np.asarray(b, dtype=float))
-    n = len(a)
-    return RangeLinks(np.zeros(n), a, b, np.broadcast_to(np.asarray(speed, dtype=float), n))
+    a, b = np.atleast_2d(a, b)
+    return RangeLinks(np.zeros(len(a)), a, b, np.broadcast_to(speed, len(a)))
 
 
 def test_one_speed_gives_distance_over_it():
     links = links_between([[0, 0, 0], [0, 0, 10]], [[300, 400, 0], [0, 0, 1460]], [1500.0, 1450.0])
-    np.testing.assert_allclose(
-        ConstantSpeed(1500.0).predict(links).travel_time, [1 / 3, 1450 / 1500], rtol=1e-15
-    )
-    np.testing.assert_allclose(TransmitterSpeed().predict(links).travel_time, [1 / 3, 1.0], rtol=1e-15)
+    for model, seconds in ((ConstantSpeed(1500.0), [1 / 3, 1450 / 1500]), (TransmitterSpeed(), [1 / 3, 1.0])):
+        np.testing.assert_allclose(model.predict(links).travel_time, seconds, rtol=1e-15)
 
 
 @given(places, places)
@@ -42,8 +39,7 @@ def test_mean_slowness_is_the_chord_integral(a, b):
     def slowness(t):
         return 1.0 / np.interp(a[2] + t * (b[2] - a[2]), DUCT.depth, DUCT.sound_speed)
 
-    inside = sorted(t for t in knots if 0.0 < t < 1.0)
-    edges = [0.0, *inside, 1.0]
+    edges = [0.0, *sorted(t for t in knots if 0.0 < t < 1.0), 1.0]
     mean = sum(quad(slowness, *edge, epsrel=1e-12)[0] for edge in pairwise(edges))
     expected = np.linalg.norm(b - a) * mean
     assert DUCT.predict(links_between(a, b)).travel_time[0] == pytest.approx(expected, rel=1e-9, abs=1e-12)
@@ -58,9 +54,8 @@ def test_vertical_links_are_exact_and_others_never_earlier_than_the_ray():
     late = 1450.0 * (model.predict(links_between(a, b)).travel_time - ray)
     assert abs(late[0]) < 1e-9  # m
     assert (late[1:] > 1e-3).all()
-    assert late[2] == pytest.approx(
-        g**2 * 9486.8**3 / 24 / c0**2, rel=0.02
-    )  # a level chord's, to leading order
+    level = g**2 * 9486.8**3 / 24 / c0**2  # to leading order
+    assert late[2] == pytest.approx(level, rel=0.02)
 
 
 def test_beyond_its_levels_a_profile_stays_as_it_ends():
@@ -79,13 +74,10 @@ def test_gradients_are_those_of_finite_differences(model):
     for k in range(3):
         e = np.eye(3)[k] * step
         for moved, gradient in ((True, found.transmitter_gradient), (False, found.receiver_gradient)):
-            ahead, behind = (
-                model.predict(links_between(a + s * e * moved, b + s * e * (not moved))).travel_time
-                for s in (1, -1)
-            )
-            np.testing.assert_allclose(
-                gradient[:, k], (ahead - behind) / (2 * step), rtol=0, atol=3e-9
-            )  # of 7e-4 s/m
+            ends = ((a + s * e * moved, b + s * e * (not moved)) for s in (1, -1))
+            ahead, behind = (model.predict(links_between(*end)).travel_time for end in ends)
+            slope = (ahead - behind) / (2 * step)
+            np.testing.assert_allclose(gradient[:, k], slope, rtol=0, atol=3e-9)  # of 7e-4 s/m
 
 
 @given(places, places)
