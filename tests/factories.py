@@ -110,6 +110,16 @@ def values_at(o, position, quaternion):
     return GraphValues(position.reshape(-1, 3), quaternion.reshape(-1, 4), o.landmark_position)
 
 
+def graph_covariances(graph, values, poses):
+    """Covariances of poses, (n_epochs, n_agents), of a graph at any values."""
+    from pymantaray.estimation._gtsam.factors import FactorBuilder
+    from pymantaray.estimation.covariance import factor_covariances
+
+    builder = FactorBuilder()
+    first_range = builder.common(graph).size()
+    return factor_covariances(builder.factors(graph), builder.values(values), graph, poses, first_range)
+
+
 def without(graph, *kinds):
     """A graph less all factors of some kinds."""
     return graph.with_factors(**{kind: graph[kind][:0] for kind in kinds})

@@ -4,12 +4,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from factories import estimates
+from factories import estimates, graph_covariances
 from scipy import stats
 
 from pymantaray.errors import SensingError
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, read_pyfg, write_pyfg
-from pymantaray.estimation.covariance import graph_covariances
 from pymantaray.evaluation import attitude_table
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
 from pymantaray.records import SolveStatus

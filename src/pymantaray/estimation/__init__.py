@@ -19,13 +19,12 @@ from pymantaray.estimation.range_models import (
     UnknownsEstimate,
 )
 from pymantaray.estimation.solution import Method, ReplayOptions, Solution, SolveOptions
-from pymantaray.estimation.solve import METHODS, GraphSolver
+from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.starts import dead_reckon
 
 __all__ = [
     "CONDITIONS",
     "LOSSES",
-    "METHODS",
     "AdjustableModel",
     "ClockPrior",
     "ConstantSpeed",

@@ -121,39 +121,28 @@ def _without_ranges(o: Measurements) -> FactorGraph:
         pose_time=np.tile(o.time, n_agents),
     )
     known = ~np.isnan(np.hstack([o.first_position, o.first_quaternion, o.first_sigma])).all(axis=1)
-    first = [o.first_position[known], o.first_quaternion[known]]
-    landmarks = poses.size + np.arange(o.landmark_name.size)
     edges = np.stack([chain[:, :-1].ravel(), chain[:, 1:].ravel()], axis=1)
-    return bare.with_factors(
-        prior=_table(bare, "prior", chain[known, 0], first, o.first_sigma[known]),
-        fix=_table(
-            bare,
-            "fix",
-            chain[o.gnss_agent, o.gnss_sample],
-            [o.gnss_position],
-            np.repeat(o.gnss_sigma[:, None], 3, axis=1),
-        ),
-        attitude=_attitudes(bare, chain[o.attitude_agent, o.attitude_sample], o),
-        depth=_table(bare, "depth", poses, [o.depth], np.repeat(o.depth_sigma, n_times)[:, None]),
-        survey=_table(
-            bare, "survey", landmarks, [o.landmark_position], np.repeat(o.landmark_sigma[:, None], 3, axis=1)
-        ),
-        edge=_table(
-            bare,
-            "edge",
-            edges,
-            [o.odometry_translation, o.odometry_rotation],
-            o.odometry_sigma.reshape(-1, 6),
-        ),
-    )
+    attitudes = chain[o.attitude_agent, o.attitude_sample]
+    fixes, landmarks = chain[o.gnss_agent, o.gnss_sample], poses.size + np.arange(o.landmark_name.size)
+    first = [o.first_position[known], o.first_quaternion[known]]
+    steps = [o.odometry_translation, o.odometry_rotation]
+    tables = {
+        "prior": (chain[known, 0], first, o.first_sigma[known]),
+        "fix": (fixes, [o.gnss_position], np.repeat(o.gnss_sigma[:, None], 3, axis=1)),
+        "attitude": (attitudes, [o.attitude_quaternion], o.attitude_sigma),
+        "depth": (poses, [o.depth], np.repeat(o.depth_sigma, n_times)[:, None]),
+        "survey": (landmarks, [o.landmark_position], np.repeat(o.landmark_sigma[:, None], 3, axis=1)),
+        "edge": (edges, steps, o.odometry_sigma.reshape(-1, 6)),
+    }
+    graph = bare.with_factors(**{name: _table(bare, name, *columns) for name, columns in tables.items()})
+    return graph.with_factors(attitude=_in_body(graph["attitude"]))
 
 
-def _attitudes(graph: FactorGraph, poses: NDArray[Any], o: Measurements) -> Factors:
-    """Attitudes that err about the world's axes, in the tangent of the body."""
-    factors = _table(graph, "attitude", poses, [o.attitude_quaternion], o.attitude_sigma)
-    rotation = matrix_from_quaternion(o.attitude_quaternion)
-    covariance = np.swapaxes(rotation, 1, 2) @ factors.covariance @ rotation
-    return replace(factors, covariance=0.5 * (covariance + np.swapaxes(covariance, 1, 2)))
+def _in_body(attitudes: Factors) -> Factors:
+    """Attitudes that err about the world's axes, with covariances in the tangent of the body."""
+    rotation = matrix_from_quaternion(attitudes.column("quaternion"))
+    covariance = np.swapaxes(rotation, 1, 2) @ attitudes.covariance @ rotation
+    return replace(attitudes, covariance=0.5 * (covariance + np.swapaxes(covariance, 1, 2)))
 
 
 def _variables(o: Measurements, participant: NDArray[Any], sample: NDArray[Any]) -> NDArray[Any]:

@@ -131,14 +131,11 @@ def solve_conditions(
     clash = [name for name in more if name in CONDITIONS]
     if clash:
         raise EstimationError(f"estimator {clash[0]!r} has the name of a condition; give it another")
+    solver = solver or GraphSolver()
     fleet = _Fleet(measurements, covariance_samples)
     solved: dict[str, Solution] = {}
     for name, e in [*((c, replace(CONDITIONS[c], initial=initial)) for c in conditions), *more.items()]:
-        if e.dead_reckoned:
-            solved[name] = fleet.reckoned_solution()
-        else:
-            solver = solver or GraphSolver()
-            solved[name] = fleet.solve(e, solver)
+        solved[name] = fleet.reckoned_solution() if e.dead_reckoned else fleet.solve(e, solver)
     return solved
 
 

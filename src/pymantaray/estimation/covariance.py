@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues, check_graph, check_values
+from pymantaray.estimation.graph import KINDS, FactorGraph
 from pymantaray.estimation.starts import dead_reckon
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion
 from pymantaray.records import Measurements, PoseCovariances
@@ -19,12 +19,14 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class EpochCovariances:
-    """Covariances of one solve; fields mean what they mean in `PoseCovariances`."""
+    """
+    Covariances of one solve; fields mean what they mean in `PoseCovariances`.
 
-    position: Array
-    """Joint, in the world's axes, shape (n_epochs, n_agents, 3, n_agents, 3). [m²]"""
-    pose: Array
-    """In the tangents of the estimated poses, shape (n_epochs, n_agents, 6, 6). [rad, m]"""
+    Those of positions are joint, in the world's axes; those of poses in the tangents of the estimates.
+    """
+
+    position: Array  # (n_epochs, n_agents, 3, n_agents, 3) [m2]
+    pose: Array  # (n_epochs, n_agents, 6, 6) [rad, m]
     range_nis: Array
     range_dimension: Indices
 
@@ -61,46 +63,22 @@ def fixed_epochs(time: Array, interval: float) -> Indices:
     """
     if not interval > 0.0:
         raise EstimationError(f"interval of epochs is {interval:g} s; needs a positive number")
-    wanted = np.arange(interval, time[-1] * (1.0 + 1e-12), interval)
-    nearest = np.abs(time[None, :] - wanted[:, None]).argmin(axis=1)
+    multiple = np.arange(interval, time[-1] * (1.0 + 1e-12), interval)
+    nearest = np.abs(time[None, :] - multiple[:, None]).argmin(axis=1)
     return np.unique([*nearest, time.size - 1])
 
 
-def graph_covariances(graph: FactorGraph, values: GraphValues, poses: Indices) -> EpochCovariances:
-    """Covariances of poses, (n_epochs, n_agents), of a solved graph whose ranges are distances; NaN if it is singular."""
-    from pymantaray.estimation._gtsam.factors import FactorBuilder
-
-    check_graph(graph)
-    check_values(graph, values)
-    builder = FactorBuilder()
-    first_range = builder.common(graph).size()
-    return factor_covariances(builder.factors(graph), builder.values(values), graph, poses, first_range)
-
-
 def factor_covariances(
-    factors: Any,
-    values: Any,
-    graph: FactorGraph,
-    poses: Indices,
-    first_range: int | None = None,
+    factors: Any, values: Any, graph: FactorGraph, poses: Indices, first_range: int | None = None
 ) -> EpochCovariances:
-    """Do the same at the optimum of what the solver has; ranges come from a factor on, if they are to be judged."""
+    """Covariances of poses, (n_epochs, n_agents), at an optimum; ranges come from a factor on, if they are to be judged."""
     from pymantaray.estimation._gtsam.marginals import group_marginals
 
-    chosen = np.asarray(poses)
-    used = np.concatenate(
-        [graph[name].variables.ravel() for name, kind in KINDS.items() if set(kind.ends) == {"pose"}]
-    )
-    wrong = chosen[(chosen < 0) | (chosen >= graph.n_poses)]
-    if wrong.size or np.unique(chosen).size != chosen.size:
-        what = f"variable {wrong[0]} is no pose" if wrong.size else "a pose is chosen twice"
-        raise EstimationError(f"covariances: {what}; allowed are 0 to {graph.n_poses - 1}, each once")
-    free = chosen[~np.isin(chosen, used)]
-    if free.size:  # GTSAM would stop at a variable that no factor knows
-        raise EstimationError(
-            f"covariances: {graph.variable_name(int(free[0]))} has neither prior nor odometry; leave it out"
-        )
-    return group_marginals(factors, values, chosen, graph.n_poses, first_range)
+    used = [graph[name].variables.ravel() for name, kind in KINDS.items() if set(kind.ends) == {"pose"}]
+    if np.unique(poses).size != poses.size or not np.isin(poses, np.concatenate(used)).all():
+        # GTSAM would stop at a variable that no factor knows
+        raise EstimationError("covariances: needs poses with a prior or odometry, each once")
+    return group_marginals(factors, values, poses, graph.n_poses, first_range)
 
 
 def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochCovariances:

@@ -25,9 +25,9 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     """
     from pymantaray.estimation._gtsam.marginals import weakest_direction
 
-    found = _tightest(graph)
-    if found is not None:
-        what, variable, variance, median = found
+    tightest = _tightest(graph)
+    if tightest is not None:
+        what, variable, variance, median = tightest
         return (
             f"{graph.variable_name(variable)}: {what} variance {variance:g} is {variance / median:.0e} of the median,"
             f" {median:g}: badly conditioned; needs variances of more like size"

@@ -10,9 +10,7 @@ Array = NDArray[np.float64]
 Block = tuple[Rows, Array]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
 
 _STEADY, _BEND = 0.1, 1e-5  # m; no new prediction after a smaller move that bends the chords by less
-_SAME = (
-    0.01  # standard deviations of an unknown; its second order is then a ten-thousandth of what it is for one
-)
+_SAME = 0.01  # standard deviations of an unknown; its second order is then a ten-thousandth of one's
 _REWEIGH = 100.0  # m; a larger move of any end asks for new variances
 
 
@@ -106,11 +104,10 @@ class RangeWeights:
 
     def blocks(self, used: NDArray[np.bool_]) -> list[Block]:
         """Rows and covariance of the used ranges of each epoch."""
-        out = []
-        for rows, full in zip(self._rows, self._full, strict=True):
-            mine = used[rows]
-            out.append((rows[mine], full[np.ix_(mine, mine)]))
-        return out
+        mine = [used[rows] for rows in self._rows]
+        return [
+            (rows[m], full[np.ix_(m, m)]) for rows, full, m in zip(self._rows, self._full, mine, strict=True)
+        ]
 
 
 def whiten(root: Array, values: Array) -> Array:

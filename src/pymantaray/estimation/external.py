@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,11 @@ from pymantaray.estimation.solve import METHODS, GraphSolver
 from pymantaray.estimation.starts import anchor_loose_parts, dead_reckon_graph
 from pymantaray.records import whole_file, write_netcdf
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 Start = Literal["file", "dead-reckoning"]
 EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
 
 G2O = ".g2o"
+_COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +63,7 @@ class GraphResult:
         return {name: values for name, values in tables.items() if values is not None}
 
     def summary(self) -> dict[str, Any]:
-        """
-        Costs, status and counts.
-
-        Returns
-        -------
-        dict
-            Numbers and text only.
-        """
+        """Costs, status and counts, as numbers and text only."""
         s, g = self.solution, self.graph
         return {
             "estimator": self.estimator,
@@ -80,11 +71,7 @@ class GraphResult:
             "status": s.status.name,
             "usable": s.usable,
             "diagnosis": self.diagnosis,
-            "iterations": s.iterations,
-            "initial_cost": s.initial_cost,
-            "final_cost": s.final_cost,
-            "expected_cost": s.expected_cost,
-            "gradient_norm": s.gradient_norm,
+            **{name: getattr(s, name) for name in _COSTS},
             "poses": g.n_poses,
             "landmarks": int(g.landmark_name.size),
             "edges": len(g["edge"]),
@@ -98,25 +85,18 @@ class GraphResult:
         """
         Write the graph, and the start, the estimate and the truth, as NetCDF, and the summary as JSON.
 
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Must exist.
-        more : mapping, optional
-            Further entries of the summary. What is not finite is written as null.
-
-        Notes
-        -----
         ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc`` and ``truth.nc`` are `GraphValues` with
-        the poses' vehicles, numbers and times besides. Without a usable solution there is no estimate.
+        the poses' vehicles, numbers and times besides. Without a usable solution there is no estimate. The
+        summary has the entries of ``more``, too; what is not finite is null there. The folder must exist.
         """
         self.graph.save(folder / "graph.nc")
+        names = ["agent_name", "landmark_name", "pose_agent", "pose_number", "pose_time"]
+        about = self.graph.to_dataset()[names]
         for name, values in self.trajectories.items():
-            write_netcdf(named_dataset(self.graph, values), folder / f"{name}.nc")
+            write_netcdf(values.to_dataset().merge(about, combine_attrs="override"), folder / f"{name}.nc")
+        summary = _finite({**self.summary(), **(more or {})})
         with whole_file(folder / "summary.json") as path:
-            path.write_text(
-                json.dumps(_finite({**self.summary(), **(more or {})}), indent=2) + "\n", encoding="utf-8"
-            )
+            path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
 def open_graph(path: Path | str, *, leave_out: Collection[str] = (), half_angles: bool = False) -> GraphFile:
@@ -225,12 +205,6 @@ def _solved(
     except (RuntimeError, ValueError) as error:  # what GTSAM throws where it does not abort
         reason = diagnose(graph, initial) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
         raise EstimationError(reason) from None
-
-
-def named_dataset(graph: FactorGraph, values: GraphValues) -> "xr.Dataset":
-    """Values of a graph with the names, numbers and times of its poses; reads back as `GraphValues`."""
-    names = ("agent_name", "landmark_name", "pose_agent", "pose_number", "pose_time")
-    return values.to_dataset().merge(graph.to_dataset()[list(names)], combine_attrs="override")
 
 
 def _misfit(graph: FactorGraph, initial: GraphValues, estimator: str, solution: Solution) -> str:

@@ -39,31 +39,22 @@ QUATERNION = ("quaternion", 4, "1")  # body to world, or end to start; (w, x, y,
 class FactorKind:
     """What there is to know of one kind of factor."""
 
-    what: str
-    """Its name in messages."""
+    what: str  # its name in messages
     plural: str
-    """What several are called."""
-    ends: tuple[str, ...]
-    """What each of its variables is: "pose", "landmark" or "any"; a landmark comes second where one end is a pose."""
-    columns: tuple[tuple[str, int, str], ...]
-    """What is measured: name, width and unit."""
-    word: str
-    """That begins its lines in PyFactorGraph text."""
-    axes: tuple[int, ...] = ()
-    """Where that is a pose prior: which of rx ry rz x y z are measured; the others are written as free."""
-    anchors: bool = False
-    """Whether it ties its variable to the world, so that nothing else has to."""
-    named_after: int = 0
-    """Which of its variables messages name."""
+    ends: tuple[
+        str, ...
+    ]  # what its variables are: "pose", "landmark", "any"; the landmark second, if one is a pose
+    columns: tuple[tuple[str, int, str], ...]  # what is measured: name, width and unit
+    word: str  # that begins its lines in PyFactorGraph text
+    axes: tuple[
+        int, ...
+    ] = ()  # of a pose prior there, those of rx ry rz x y z that are measured; others are free
+    anchors: bool = False  # whether it ties its variable to the world, so that nothing else has to
+    named_after: int = 0  # which of its variables messages name
 
     @property
     def rows(self) -> int:
-        """
-        Of the residual and its covariance.
-
-        A quaternion has three, in the tangent of the body, before those of a position; others are in the
-        world's axes.
-        """
+        """Of the residual: three of a quaternion, in the tangent of the body, before others, in the world's axes."""
         return sum(width for _, width, _ in self.columns) - ("quaternion" in self.columns_at)
 
     @property
@@ -125,20 +116,17 @@ class Factors:
     """All factors of one kind, row by row; ``factors[rows]`` has some of them."""
 
     kind: FactorKind
-    variables: Indices
-    """Shape (n, ends)."""
-    measured: Array
-    """Shape (n, columns); by name with `column`."""
-    covariance: Array
-    """Shape (n, rows, rows). [rad², m²]"""
+    variables: Indices  # (n, ends)
+    measured: Array  # (n, columns); by name with `column`
+    covariance: Array  # (n, rows, rows) [rad2, m2]
 
     def __post_init__(self) -> None:
         """Check shapes and freeze."""
         tables = self.variables, self.measured, self.covariance
         if len({len(table) for table in tables}) != 1:
+            sizes = " and ".join(str(len(table)) for table in tables)
             raise EstimationError(
-                f"{self.kind.what}: {' and '.join(str(len(t)) for t in tables)} rows of variables, measurements and"
-                " covariances; needs as many of each"
+                f"{self.kind.what}: {sizes} rows of variables, measurements and covariances; needs as many of each"
             )
         for table in tables:
             table.setflags(write=False)
@@ -222,18 +210,7 @@ class FactorGraph(Record):
         return self.factors.get(name) or kind.table([], [[]] * len(kind.columns), [])
 
     def with_factors(self, **tables: Factors) -> "FactorGraph":
-        """
-        Graph with some tables exchanged.
-
-        Parameters
-        ----------
-        **tables : Factors
-            By the names of `KINDS`.
-
-        Returns
-        -------
-        FactorGraph
-        """
+        """Graph with some tables exchanged, by the names of `KINDS`."""
         return replace(self, factors={**self.factors, **tables})
 
     @property
@@ -253,71 +230,33 @@ class FactorGraph(Record):
         return int(rows - 6 * self.n_poses - 3 * self.landmark_name.size)
 
     def variable_name(self, variable: int) -> str:
-        """
-        Name of a variable for people: ``A17``, ``float-1:17`` where the vehicle's name is longer, ``L0``.
-
-        Parameters
-        ----------
-        variable : int
-
-        Returns
-        -------
-        str
-        """
+        """Name of a variable for people: ``A17``, ``float-1:17`` where the vehicle's name is longer, ``L0``."""
         if variable >= self.n_poses:
             return str(self.landmark_name[variable - self.n_poses])
         name, number = str(self.agent_name[self.pose_agent[variable]]), int(self.pose_number[variable])
         return f"{name}{number}" if len(name) == 1 and not name.isdigit() else f"{name}:{number}"
 
     def to_dataset(self) -> "xr.Dataset":
-        """
-        Give the graph as an xarray data set with units and long names.
-
-        Returns
-        -------
-        xarray.Dataset
-            Without the kinds of factors that it has none of.
-        """
+        """Graph as an xarray data set with units and long names, without the kinds of factors that it has none of."""
         dataset = super().to_dataset()
         for name, factors in self.factors.items():
             if not len(factors):
                 continue
             what = factors.kind.what
-            dataset[f"{name}_variables"] = (
-                (name, f"{name}_end"),
-                factors.variables,
-                {"long_name": f"variables of {what}"},
-            )
+            about = {"long_name": f"variables of {what}"}
+            dataset[f"{name}_variables"] = ((name, f"{name}_end"), factors.variables, about)
             for part, _, unit in factors.kind.columns:
                 values = factors.measured[:, factors.kind.columns_at[part]]
                 about = {"long_name": f"{part} of {what}", "units": unit}
                 dataset[f"{name}_{part}"] = ((name, f"{name}_{part}_axis"), values, about)
+            axes = (name, f"{name}_row", f"{name}_column")
             about = {"long_name": f"covariance of {what}, rotation before translation", "units": "rad2, m2"}
-            dataset[f"{name}_covariance"] = (
-                (name, f"{name}_row", f"{name}_column"),
-                factors.covariance,
-                about,
-            )
+            dataset[f"{name}_covariance"] = (axes, factors.covariance, about)
         return dataset
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """
-        Build the graph from a data set that `to_dataset` made.
-
-        Parameters
-        ----------
-        dataset : xarray.Dataset
-
-        Returns
-        -------
-        FactorGraph
-
-        Raises
-        ------
-        RecordError
-            If the data set holds another kind of record or lacks a field.
-        """
+        """Graph from a data set that `to_dataset` made."""
         factors = {
             name: kind.table(
                 dataset[f"{name}_variables"].values,
@@ -443,9 +382,8 @@ def _check_measured(graph: FactorGraph, factors: Factors) -> None:
 def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
     what, variables, covariance = factors.kind.what, factors.subject, factors.covariance
     diagonal = np.diagonal(covariance, axis1=1, axis2=2)
-    fine = np.asarray(
-        ((diagonal >= VARIANCES[0]) & (diagonal <= VARIANCES[1])).all(axis=1)
-    )  # NaN does not pass
+    within = (diagonal >= VARIANCES[0]) & (diagonal <= VARIANCES[1])  # NaN does not pass
+    fine = np.asarray(within.all(axis=1))
     allowed = f"positive finite variances, {VARIANCES[0]:g} to {VARIANCES[1]:g}"
     _refuse(graph, f"{what} variance", variables, diagonal, fine, allowed)
     full = np.count_nonzero(covariance, axis=(1, 2)) > covariance.shape[1]
@@ -460,15 +398,10 @@ def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
     _refuse(graph, f"{what} covariance", variables, np.asarray(sigma**2), fine, "finite entries")
     skew = np.abs(correlation - np.swapaxes(correlation, 1, 2)).max(axis=(1, 2))
     _refuse(graph, f"{what} covariance's asymmetry", variables, skew[:, None], np.asarray(skew <= 1e-9), "0")
-    smallest = np.asarray(np.linalg.eigvalsh(correlation)[:, 0])
-    _refuse(
-        graph,
-        f"{what} covariance's eigenvalues, scaled to unit variances,",
-        variables,
-        smallest[:, None],
-        np.asarray(smallest >= SMALLEST_EIGENVALUE),
-        f"a positive definite matrix, {SMALLEST_EIGENVALUE:g} at least",
-    )
+    smallest = np.asarray(np.linalg.eigvalsh(correlation)[:, :1])
+    what = f"{what} covariance's eigenvalues, scaled to unit variances,"
+    allowed = f"a positive definite matrix, {SMALLEST_EIGENVALUE:g} at least"
+    _refuse(graph, what, variables, smallest, np.asarray(smallest[:, 0] >= SMALLEST_EIGENVALUE), allowed)
 
 
 def _refuse(

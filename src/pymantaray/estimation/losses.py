@@ -72,19 +72,7 @@ class Loss:
             raise EstimationError(f"loss {self.kind} cannot be graduated; only geman-mcclure can")
 
     def cost(self, residual: ArrayLike) -> Array:
-        """
-        Cost of whitened residuals.
-
-        Parameters
-        ----------
-        residual : array_like
-            In standard deviations. [-]
-
-        Returns
-        -------
-        ndarray
-            Half the square near zero. [-]
-        """
+        """Cost of whitened residuals, half the square near zero. [-]."""
         u, k = np.abs(np.asarray(residual, dtype=float)), self.scale
         if self.kind == "huber":
             return np.asarray(np.where(u <= k, 0.5 * u**2, k * (u - 0.5 * k)))
@@ -93,19 +81,7 @@ class Loss:
         return np.asarray(0.5 * u**2 / (1.0 + (u / k) ** 2))
 
     def weight(self, residual: ArrayLike) -> Array:
-        """
-        Share of its least-squares weight that a range keeps: the cost's slope over the residual.
-
-        Parameters
-        ----------
-        residual : array_like
-            In standard deviations. [-]
-
-        Returns
-        -------
-        ndarray
-            From 0 to 1, 1 at zero. [-]
-        """
+        """Share of its least-squares weight that a range keeps: the cost's slope over the residual, 1 at zero. [-]."""
         u, k = np.abs(np.asarray(residual, dtype=float)), self.scale
         if self.kind == "huber":
             return np.asarray(k / np.maximum(u, k))

@@ -29,13 +29,10 @@ class Outcome:
 
     values: Any
     progress: Progress
-    problem: Any
-    """What has its optimum at the values, the ranges last; for covariances."""
-    possible: NDArray[np.bool_] | None = None
-    """Whether each range was used; the others were gated."""
+    problem: Any  # what has its optimum at the values, the ranges last; for covariances
+    possible: NDArray[np.bool_] | None = None  # whether each range was used; the others were gated
     expansions: int = 0
-    shared: int | None = None
-    """Key of the unknowns that ranges share."""
+    shared: int | None = None  # key of the unknowns that ranges share
 
 
 class OuterIterations:
@@ -149,14 +146,11 @@ class OuterIterations:
         loss = self._loss
         if loss is not None and not graduated:
             loss = replace(loss, graduated=False)
-        return ExpandedRanges(
-            self._common,
-            self._ends,
-            terms,
-            expansion,
-            lambda under: self._builder.factors(graph, under),
-            loss,
-        )
+
+        def stock_of(under: Loss | None) -> Any:
+            return self._builder.factors(graph, under)
+
+        return ExpandedRanges(self._common, self._ends, terms, expansion, stock_of, loss)
 
     def _initial_cost(self, start: Any, place: tuple[Array, Array, Array]) -> float:
         """Cost at the start of the links used in the end; those not possible at the start count as they end."""
@@ -170,14 +164,12 @@ class OuterIterations:
 
 def _cost(blocks: list[Block], residual: Array, loss: Loss | None) -> float:
     """Half the sum of squares, or the sum of losses, of the whitened residuals."""
-    if loss is not None:
-        return sum(
-            float(loss.cost(residual[rows] / np.sqrt(np.diagonal(full))).sum()) for rows, full in blocks
-        )
-    white = (
-        whiten(np.asarray(np.linalg.cholesky(full), dtype=float), residual[rows]) for rows, full in blocks
-    )
-    return 0.5 * sum(float(w @ w) for w in white)
+    if loss is None:
+        roots = ((rows, np.asarray(np.linalg.cholesky(full), dtype=float)) for rows, full in blocks)
+        white = (whiten(root, residual[rows]) for rows, root in roots)
+        return 0.5 * sum(float(w @ w) for w in white)
+    white = (residual[rows] / np.sqrt(np.diagonal(full)) for rows, full in blocks)
+    return sum(float(loss.cost(u).sum()) for u in white)
 
 
 def _check_rows(graph: FactorGraph, believed: BelievedRanges) -> None:

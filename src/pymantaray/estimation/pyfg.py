@@ -31,6 +31,7 @@ from pymantaray.estimation.graph import (
     Factors,
     GraphValues,
     check_graph,
+    check_values,
 )
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
@@ -101,7 +102,7 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     Raises
     ------
     EstimationError
-        If there is no pose, or the values do not fit the graph.
+        If the values do not fit the graph, or names are used twice or have other characters.
     WriteError
         If the file cannot be written.
 
@@ -121,14 +122,7 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
        https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
     path = Path(path)
-    sizes = initial.position.shape[0], initial.landmark_position.shape[0]
-    needed = graph.n_poses, graph.landmark_name.size
-    if sizes != needed:
-        raise EstimationError(
-            f"{path}: values for {sizes[0]} poses and {sizes[1]} landmarks; the graph has {needed[0]} and {needed[1]}"
-        )
-    if graph.n_poses == 0:
-        raise EstimationError(f"{path}: the graph has no pose; a file has to begin with a vertex")
+    check_values(graph, initial)
     agents, landmarks = _symbols(graph)
     full = graph.agent_name.tolist() + graph.landmark_name.tolist()
     table = names_file(path)
@@ -282,11 +276,9 @@ class _Reader:
             refuse(f"begins with {word!r}", f"{POSE} or {LANDMARK} in the first line")
         grammar = _GRAMMAR[word]
         n_heads = 1 + grammar.timed + grammar.names
-        if len(fields) != n_heads + grammar.numbers:
-            refuse(
-                f"{word} with {len(fields)} fields",
-                f"{n_heads + grammar.numbers}, with one space between fields",
-            )
+        n_fields = n_heads + grammar.numbers
+        if len(fields) != n_fields:
+            refuse(f"{word} with {len(fields)} fields", f"{n_fields}, with one space between fields")
         time = self._lines.numbers(word, fields[1:2], position=False)[0] if grammar.timed else 0.0
         values = self._lines.numbers(
             word, fields[n_heads:], position=word != RANGE, quaternion=grammar.measured == 7
@@ -309,11 +301,10 @@ class _Reader:
         if not poses:
             self._lines.refuse(f"no {POSE} in the file", "one pose at least", 0)
         for row in [*poses, *landmarks]:
-            if row.names[0] in self._variable:
-                self._lines.refuse(
-                    f"second vertex named {row.names[0]}", "one vertex for each name", row.line
-                )
-            self._variable[row.names[0]] = len(self._variable)
+            name = row.names[0]
+            if name in self._variable:
+                self._lines.refuse(f"second vertex named {name}", "one vertex for each name", row.line)
+            self._variable[name] = len(self._variable)
         symbols = [_NAME.fullmatch(row.names[0]) for row in poses]
         of_pose = [match[1] if match else "" for match in symbols]
         agents = list(dict.fromkeys(of_pose))
@@ -326,12 +317,8 @@ class _Reader:
             pose_time=np.array([row.time for row in poses]),
         )
         tables = {name: self._table(kind) for name, kind in KINDS.items() if kind.word != POSE_PRIOR}
-        vertex, _ = self._numbers(POSE)
-        values = GraphValues(
-            position=vertex[:, :3],
-            quaternion=vertex[:, 3:],
-            landmark_position=self._numbers(LANDMARK)[0],
-        )
+        vertex, landmark = self._numbers(POSE)[0], self._numbers(LANDMARK)[0]
+        values = GraphValues(position=vertex[:, :3], quaternion=vertex[:, 3:], landmark_position=landmark)
         return graph.with_factors(**self._pose_priors(), **tables), values
 
     def _numbers(self, word: str) -> tuple[Array, Array]:

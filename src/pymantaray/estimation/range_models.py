@@ -20,20 +20,18 @@ _LEVEL = 0.01  # m; ends nearer in depth than this have the slowness between the
 
 
 class TimedRanges(NamedTuple):
-    """What was measured of each range of a graph, row by row; the transmitter may be either of its variables."""
+    """
+    What was measured of each range of a graph, row by row; the transmitter may be either of its variables.
+
+    The epoch is the number of the ping, from 0, and its time since the start of the mission. [s]
+    """
 
     transmitter: Rows
-    """Variable, shape (n,)."""
     receiver: Rows
-    """Variable, shape (n,)."""
     epoch: Rows
-    """Number of the ping, from 0, shape (n,)."""
     time: Array
-    """Of the ping since the start of the mission, shape (n,). [s]"""
-    sound_speed: Array
-    """Measured at the transmitter, shape (n,). [m s⁻¹]"""
-    travel_time: Array
-    """Measured, with its noise, shape (n,). [s]"""
+    sound_speed: Array  # measured at the transmitter [m s⁻¹]
+    travel_time: Array  # measured, with its noise [s]
 
     def links(self, transmitter: Array, receiver: Array) -> "RangeLinks":
         """Links of these ranges between places, shape (n, 3)."""
@@ -43,27 +41,19 @@ class TimedRanges(NamedTuple):
 class RangeLinks(NamedTuple):
     """Measured links of a graph, row by row, at the positions believed now."""
 
-    time: Array
-    """Of the ping since the start of the mission, shape (n,). [s]"""
-    transmitter: Array
-    """Shape (n, 3). [m]"""
-    receiver: Array
-    """Shape (n, 3). [m]"""
-    sound_speed: Array
-    """Measured at the transmitter, shape (n,). [m s⁻¹]"""
+    time: Array  # of the ping since the start of the mission, (n,) [s]
+    transmitter: Array  # (n, 3) [m]
+    receiver: Array  # (n, 3) [m]
+    sound_speed: Array  # measured at the transmitter, (n,) [m s⁻¹]
 
 
 class Prediction(NamedTuple):
     """Travel times that a model predicts, and how they change with the ends; any number where not possible."""
 
-    travel_time: Array
-    """Shape (n,). [s]"""
-    transmitter_gradient: Array
-    """Of the travel time by the transmitter's position, shape (n, 3). [s m⁻¹]"""
-    receiver_gradient: Array
-    """By the receiver's position, shape (n, 3). [s m⁻¹]"""
-    possible: NDArray[np.bool_]
-    """Whether the believed ocean has an arrival there, shape (n,)."""
+    travel_time: Array  # (n,) [s]
+    transmitter_gradient: Array  # of the travel time by the transmitter's position, (n, 3) [s m⁻¹]
+    receiver_gradient: Array  # by the receiver's
+    possible: NDArray[np.bool_]  # whether the believed ocean has an arrival there, (n,)
 
 
 class RangeModel(Protocol):
@@ -78,8 +68,7 @@ class RangeModel(Protocol):
 class AdjustableModel(RangeModel, Protocol):
     """A range model whose ocean has shapes of unknown amplitude."""
 
-    amplitude_sigma: Array
-    """Prior standard deviation of each amplitude about zero, shape (n_modes,). [m s⁻¹]"""
+    amplitude_sigma: Array  # prior standard deviation of each amplitude about zero, (n_modes,) [m s⁻¹]
 
     def adjusted(self, amplitudes: Array) -> "AdjustableModel":
         """Give the model with these amplitudes, counted from the ocean that was believed first. [m s⁻¹]."""
@@ -256,16 +245,13 @@ class Unknowns:
         modes = np.asarray(model.amplitude_sigma) if isinstance(model, AdjustableModel) else np.empty(0)
         names = [f"mode {k + 1}" for k in range(modes.size)]
         units, sigma = ["m/s"] * modes.size, [*modes]
-        self._known = [
-            clocks is None or clocks.offset_sigma == 0.0,
-            clocks is None or clocks.skew_sigma == 0.0,
-        ]
-        if clocks is not None:
-            kinds = ("clock offset", "s", clocks.offset_sigma), ("clock skew", "1", clocks.skew_sigma)
-            for known, (what, unit, prior) in zip(self._known, kinds, strict=True):
-                names += [] if known else [f"{what} {name}" for name in agent_name]
-                units += [] if known else [unit] * n
-                sigma += [] if known else [prior] * n
+        priors = (0.0, 0.0) if clocks is None else (clocks.offset_sigma, clocks.skew_sigma)
+        self._known = [prior == 0.0 for prior in priors]
+        for prior, what, unit in zip(priors, ("offset", "skew"), ("s", "1"), strict=True):
+            if prior != 0.0:
+                names += [f"clock {what} {name}" for name in agent_name]
+                units += [unit] * n
+                sigma += [prior] * n
         self.name, self.unit, self.sigma = tuple(names), tuple(units), np.array(sigma, dtype=float)
         if not self.name:
             raise EstimationError(
@@ -323,16 +309,13 @@ class Unknowns:
 
 
 class UnknownsEstimate(NamedTuple):
-    """What a solve says of the unknowns that its ranges share."""
+    """What a solve says of the unknowns that its ranges share, (n_unknowns,), in their units."""
 
     name: tuple[str, ...]
     unit: tuple[str, ...]
     prior_sigma: Array
-    """Shape (n_unknowns,)."""
     value: Array
-    """Shape (n_unknowns,)."""
-    covariance: Array
-    """Shape (n_unknowns, n_unknowns), in the units of the values."""
+    covariance: Array  # (n_unknowns, n_unknowns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,14 +323,12 @@ class BelievedRanges:
     """What an estimator makes of the ranges of a graph."""
 
     model: RangeModel
-    ranges: TimedRanges
-    """What was measured, row by row the ranges of the graph."""
-    uncertainty: TravelTimeUncertainty | None = None
-    """Adds to the ranges' own variance."""
-    correlated: bool = False
-    """Whether the covariances between the links of an epoch count, beside the variances."""
-    unknowns: Unknowns | None = None
-    """What is to be estimated with the poses."""
+    ranges: TimedRanges  # row by row the ranges of the graph
+    uncertainty: TravelTimeUncertainty | None = None  # adds to the ranges' own variance
+    correlated: bool = (
+        False  # whether its covariances between the links of an epoch count, beside the variances
+    )
+    unknowns: Unknowns | None = None  # what is to be estimated with the poses
 
     @property
     def n_unknowns(self) -> int:

@@ -19,19 +19,15 @@ Array = NDArray[np.float64]
 class Replay:
     """What an on-line estimator knew and when, and what it ended with."""
 
-    solution: Solution
-    """After the last update, gated without bounds on the cost; its iterations are updates."""
-    update_time: Array
-    """Since the start of the mission, shape (n_updates,). [s]"""
-    seconds: Array
-    """That each update took; NaN for those not reached because one failed."""
-    relinearized: NDArray[np.intp]
-    """Variables linearized again in each update."""
-    position: Array
-    """Each pose as believed at its own time: after an update, or reckoned from the last one, (n_poses, 3). [m]"""
+    solution: Solution  # after the last update, gated without bounds on the cost; its iterations are updates
+    update_time: Array  # since the start of the mission, (n_updates,) [s]
+    seconds: Array  # that each update took; NaN for those not reached because one failed
+    relinearized: NDArray[np.intp]  # variables linearized again in each update
+    position: (
+        Array  # each pose as believed at its own time: after an update, or reckoned from the last one [m]
+    )
     quaternion: Array
-    before: Array
-    """Each position before the update that the pose came with, reckoned from the last one. [m]"""
+    before: Array  # each position before the update that the pose came with, reckoned from the last one [m]
 
 
 def replay(

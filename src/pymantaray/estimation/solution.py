@@ -99,14 +99,10 @@ class Progress:
     iterations: int
     initial_cost: float
     final_cost: float
-    singular: bool = False
-    """The linear system could not be solved, or left a variable undetermined."""
-    gradient_norm: float = math.nan
-    """Largest component of the cost's gradient at the last linearization."""
-    newton_decrement: float = math.nan
-    """Cost that the last step promised to take away: half the gradient's square in the metric of the inverse Hessian."""
-    last_step: float = math.nan
-    """Largest component of that step. [m, rad]"""
+    singular: bool = False  # the linear system could not be solved, or left a variable undetermined
+    gradient_norm: float = math.nan  # largest component of the cost's gradient at the last linearization
+    newton_decrement: float = math.nan  # cost that the last step promised to take away
+    last_step: float = math.nan  # its largest component [m, rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +127,8 @@ class Solution:
     gradient_norm: float
     gated_links: int = 0
     expansions: int = 0
-    covariances: EpochCovariances | None = None
-    """At the epochs asked for; None if none were, or the values are not usable."""
-    unknowns: UnknownsEstimate | None = None
-    """What the ranges share, if anything was to be estimated of it and the values are usable."""
+    covariances: EpochCovariances | None = None  # at the epochs asked for, if the values are usable
+    unknowns: UnknownsEstimate | None = None  # what the ranges share, likewise
 
     @property
     def usable(self) -> bool:

@@ -108,9 +108,14 @@ def _priors(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
         yield gtsam.PriorFactorPose3(key, pose, model)
 
 
-def _fixes(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
-    for key, place, model in zip(factors.subject.tolist(), factors.column("position"), noise, strict=True):
-        yield gtsam.GPSFactor(key, place, model)
+def _places(make: Any) -> Callable[[Factors, list[Any], int], Iterator[Any]]:
+    """Constructor of the factors of a kind that measures the position of one variable."""
+
+    def places(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+        for row in zip(factors.subject.tolist(), factors.column("position"), noise, strict=True):
+            yield make(*row)
+
+    return places
 
 
 def _depths(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
@@ -129,11 +134,6 @@ def _attitudes(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[An
     rotations = matrix_from_quaternion(factors.column("quaternion"))
     for key, rotation, model in zip(factors.subject.tolist(), rotations, noise, strict=True):
         yield gtsam.PoseRotationPrior3D(key, gtsam.Rot3(rotation), model)
-
-
-def _surveys(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
-    for key, place, model in zip(factors.subject.tolist(), factors.column("position"), noise, strict=True):
-        yield gtsam.PriorFactorPoint3(key, place, model)
 
 
 def _edges(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
@@ -164,9 +164,9 @@ def _vertical(covariance: Array) -> Any:
 
 _MAKERS: dict[str, Callable[[Factors, list[Any], int], Iterator[Any]]] = {
     "prior": _priors,
-    "fix": _fixes,
+    "fix": _places(gtsam.GPSFactor),
     "depth": _depths,
-    "survey": _surveys,
+    "survey": _places(gtsam.PriorFactorPoint3),
     "edge": _edges,
     "attitude": _attitudes,
     "range": _ranges,
@@ -176,12 +176,8 @@ _NOISE: dict[str, Callable[[Array], Any]] = {"depth": _vertical}
 
 def _m_estimator(loss: Loss) -> Any:
     kinds = gtsam.noiseModel.mEstimator
-    create: dict[str, Any] = {
-        "huber": kinds.Huber.Create,
-        "cauchy": kinds.Cauchy.Create,
-        "geman-mcclure": kinds.GemanMcClure.Create,
-    }
-    return create[loss.kind](loss.scale)
+    kind: Any = {"huber": kinds.Huber, "cauchy": kinds.Cauchy, "geman-mcclure": kinds.GemanMcClure}[loss.kind]
+    return kind.Create(loss.scale)
 
 
 def with_shared(values: Any, ordering: Any, key: int, dimension: int) -> tuple[Any, Any]:
@@ -216,8 +212,5 @@ def poses_of(quaternion: Array, translation: Array) -> list[Any]:
 
 
 def _same(a: GraphValues, b: GraphValues) -> bool:
-    return a is b or (
-        np.array_equal(a.position, b.position)
-        and np.array_equal(a.quaternion, b.quaternion)
-        and np.array_equal(a.landmark_position, b.landmark_position)
-    )
+    names = "position", "quaternion", "landmark_position"
+    return a is b or all(np.array_equal(getattr(a, name), getattr(b, name)) for name in names)

@@ -88,8 +88,8 @@ def _range_blocks(
     for i in range(first_range, linear.size()):
         factor = linear.at(i)
         keys = [int(key) for key in factor.keys()]  # noqa: SIM118 (no mapping)
-        found = {group.get(key, -1) for key in keys if key < n_poses}
-        if len(found) == 1 and (g := found.pop()) >= 0:
+        ends = {group.get(key, -1) for key in keys if key < n_poses}
+        if len(ends) == 1 and (g := ends.pop()) >= 0:
             blocks[g].append((keys, *factor.jacobian()))
     return blocks
 

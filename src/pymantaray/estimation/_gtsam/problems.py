@@ -39,11 +39,9 @@ class EpochTerms(NamedTuple):
 
     rows: Rows
     keys: list[int]
-    transmitter: Rows
-    """Index into the keys."""
+    transmitter: Rows  # index into the keys
     receiver: Rows
-    root: Array
-    """Lower triangular root of the covariance."""
+    root: Array  # lower triangular root of the covariance
 
 
 def epoch_terms(ranges: TimedRanges, blocks: Sequence[Block]) -> list[EpochTerms]:
@@ -68,7 +66,12 @@ class Ends:
 
     def at(self, values: Any) -> tuple[Array, Array, Array]:
         """Positions of transmitters and receivers, shape (n, 3) [m], and the unknowns in their standard deviations."""
-        place = positions(values, self._keys, self.n_poses)
+        place = np.array(
+            [
+                values.atPose3(k).translation() if k < self.n_poses else values.atPoint3(k)
+                for k in self._keys.tolist()
+            ]
+        ).reshape(-1, 3)
         return place[self._transmitter], place[self._receiver], self.unknowns(values)
 
     def unknowns(self, values: Any) -> Array:
@@ -133,14 +136,16 @@ class ExpandedRanges:
             weights = (np.maximum(self.loss.weight(u), _MIN_WEIGHT) for u in self._by_epoch(residual))
             terms = [t._replace(root=t.root / np.sqrt(w)) for t, w in zip(terms, weights, strict=True)]
         for t in terms:
-            jacobian = jacobians(values, t, self._ends.n_poses, by_transmitter[t.rows], by_receiver[t.rows])
+            jacobian = _jacobians(values, t, self._ends.n_poses, by_transmitter[t.rows], by_receiver[t.rows])
             keys = t.keys
             if self.shared is not None:
                 keys = [*keys, self.shared]
                 jacobian.append(whiten(t.root, self._expansion.by_unknowns[t.rows]))
             linear.push_back(_linear_factor(t, keys, residual[t.rows], jacobian, values))
         if self.shared is not None:
-            linear.push_back(unit_prior(self.shared, self._ends.unknowns(values).size).linearize(values))
+            u = self._ends.unknowns(values)
+            unit = gtsam.noiseModel.Unit.Create(u.size)
+            linear.push_back(gtsam.PriorFactorVector(self.shared, np.zeros(u.size), unit).linearize(values))
         return linear
 
     def _at(self, values: Any) -> tuple[Array, Array, Array]:
@@ -150,18 +155,7 @@ class ExpandedRanges:
         return [residual[t.rows] / np.diagonal(t.root) for t in self._terms]
 
 
-def unit_prior(key: int, dimension: int) -> Any:
-    """Prior of unit covariance about zero of a vector."""
-    return gtsam.PriorFactorVector(key, np.zeros(dimension), gtsam.noiseModel.Unit.Create(dimension))
-
-
-def positions(values: Any, keys: Any, n_poses: int) -> Array:
-    """Positions of some variables, shape (n, 3). [m]."""
-    places = [values.atPose3(int(k)).translation() if k < n_poses else values.atPoint3(int(k)) for k in keys]
-    return np.array(places).reshape(-1, 3)
-
-
-def jacobians(
+def _jacobians(
     values: Any, t: EpochTerms, n_poses: int, by_transmitter: Array, by_receiver: Array
 ) -> list[Array]:
     """Whitened derivative of an epoch's residuals by each of its variables, poses in the body's tangent."""
