@@ -58,7 +58,7 @@ def pair_up(fan, arrivals, depth, receivers, steepest):
     """
     missed, invented, agreed = [], [], 0
     for j, place in enumerate(receivers):
-        left = [k for k in np.flatnonzero(arrivals.link == j) if abs(arrivals.launch_angle[k]) < steepest]
+        left = list(np.flatnonzero(arrivals.link == j))
         for k in np.flatnonzero(fan.link == j):
             gap = np.abs(arrivals.launch_angle[left] - fan.angle[k])
             same = (gap * fan.slope[k] < MISS) | (gap < ANGLE)
@@ -74,7 +74,8 @@ def pair_up(fan, arrivals, depth, receivers, steepest):
         invented += [
             (depth, *place, arrivals.launch_angle[k], arrivals.travel_time[k])
             for k in left
-            if not (np.abs(grazing - arrivals.travel_time[k]) < TIME).any()
+            if abs(arrivals.launch_angle[k]) < steepest
+            and not (np.abs(grazing - arrivals.travel_time[k]) < TIME).any()
         ]
     return missed, invented, agreed
 
