@@ -17,30 +17,35 @@ BEAM_SPACING = np.radians([3.0, 15.0])  # of the fans in the data, declination a
 BEAM_ERROR = 3e-3  # s; a beam this far off its receiver is early or late by less
 
 
-def pairs(arrivals):
-    """Source depth, bearing, receiver depth and range of each arrival."""
-    z, _, _, bearing, receiver_z, r = np.unravel_index(arrivals.pair, arrivals.count.shape)
-    return (
-        arrivals.source_depth[z],
-        arrivals.receiver_bearing[bearing],
-        arrivals.receiver_depth[receiver_z],
-        arrivals.receiver_range[r],
+def grid(arrivals):
+    """Source depth, bearing, receiver depth and range of every source and receiver, in the order of the counts."""
+    a = arrivals
+    axes = (
+        a.source_depth,
+        a.source_north,
+        a.source_east,
+        a.receiver_bearing,
+        a.receiver_depth,
+        a.receiver_range,
     )
+    z, _, _, bearing, receiver_z, r = np.meshgrid(*axes, indexing="ij")
+    return z, bearing, receiver_z, r
 
 
 @pytest.mark.parametrize("name", ["bellhop_fan.arr", "bellhop_fan_binary.arr", "bellhop_plane.arr"])
 def test_every_arrival_belongs_to_its_source_and_receiver(name):
     arrivals = read_bellhop_arrivals(DATA / name)
-    z, bearing, receiver_z, r = pairs(arrivals)
+    z, bearing, receiver_z, r = (values.ravel()[arrivals.pair] for values in grid(arrivals))
     # the image of the source in the flat boundaries that the arrival touched, at 0 and 2000 m
     images = {(0, 0): z, (1, 0): -z, (0, 1): 4000.0 - z}
     bounces = list(zip(arrivals.surface_bounces, arrivals.bottom_bounces, strict=True))
     assert set(bounces) <= set(images)
     rise = receiver_z - np.array([images[b][i] for i, b in enumerate(bounces)])
     np.testing.assert_allclose(arrivals.travel_time, np.hypot(r, rise) / SPEED, rtol=0, atol=5 * BEAM_ERROR)
-    launch = np.where(arrivals.surface_bounces + arrivals.bottom_bounces > 0, -1.0, 1.0) * np.arctan2(rise, r)
+    slope = np.arctan2(rise, r)
+    launch = np.where(arrivals.surface_bounces + arrivals.bottom_bounces > 0, -slope, slope)
     assert np.all(np.abs(arrivals.launch_declination - launch) < 1.01 * BEAM_SPACING[0])
-    assert np.all(np.abs(arrivals.arrival_declination - np.arctan2(rise, r)) < 1.01 * BEAM_SPACING[0])
+    assert np.all(np.abs(arrivals.arrival_declination - slope) < 1.01 * BEAM_SPACING[0])
     if "plane" in name:
         assert np.isnan(arrivals.launch_azimuth).all()
     else:
@@ -55,20 +60,11 @@ def test_every_arrival_belongs_to_its_source_and_receiver(name):
 @pytest.mark.parametrize("name", ["bellhop_fan.arr", "bellhop_plane.arr"])
 def test_first_direct_arrivals_are_the_straight_lines(name):
     arrivals = read_bellhop_arrivals(DATA / name)
-    first = arrivals.first_direct()
-    assert first.shape == arrivals.count.shape
-    z, _, _, _, receiver_z, r = np.meshgrid(
-        arrivals.source_depth,
-        arrivals.source_north,
-        arrivals.source_east,
-        arrivals.receiver_bearing,
-        arrivals.receiver_depth,
-        arrivals.receiver_range,
-        indexing="ij",
-    )
-    np.testing.assert_allclose(first, np.hypot(r, receiver_z - z) / SPEED, rtol=0, atol=BEAM_ERROR)
+    z, _, receiver_z, r = grid(arrivals)
+    straight = np.hypot(r, receiver_z - z) / SPEED
+    np.testing.assert_allclose(arrivals.first_direct(), straight, rtol=0, atol=BEAM_ERROR)
     # and no two pairs are so alike that a mixed-up order would pass
-    assert np.diff(np.unique(np.hypot(r, receiver_z - z) / SPEED)).max() > 10 * BEAM_ERROR
+    assert np.diff(np.unique(straight)).max() > 10 * BEAM_ERROR
     bounced = replace(arrivals, bottom_bounces=np.ones_like(arrivals.bottom_bounces))
     assert np.isnan(bounced.first_direct()).all()
 
@@ -82,14 +78,7 @@ def test_text_and_binary_say_the_same():
     again = BellhopArrivals.from_dataset(a)
     assert again.to_dataset().identical(a)
     assert a["travel_time"].attrs["units"] == "s"
-    typed = (
-        [500.0, 800.0],
-        [500.0],
-        [-250.0],
-        np.radians([0.0, 30.0]),
-        [400.0, 900.0],
-        [1000.0, 2000.0, 3000.0],
-    )
+    typed = [500, 800], [500], [-250], np.radians([0, 30]), [400, 900], [1000, 2000, 3000]
     for name, values in zip(a["count"].dims, typed, strict=True):
         np.testing.assert_allclose(a[name], values, rtol=SINGLE)
     assert text.frequency == 10_000.0
@@ -126,56 +115,38 @@ def test_rays_are_straight_and_mirrored_at_the_boundaries(name, n_rays):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("name", "old", "new", "message"),
     [
-        ("'2D'", "10000.0", r"starts with '10000\.0'; '2D' or '3D' is expected, as written since 2018"),
-        ("0.669983149", "none", "could not convert string to float: 'none'"),
-        (
-            "           4\n           2",
-            "           1\n           2",
-            "2 arrivals where at most 1 are announced",
-        ),
-        ("           1   500.000000", "           1.5   500.000000", r"found 1\.5 where a count is expected"),
+        ("plane.arr", b"'2D'", b"10000.0", r"starts with '10000\.0'; '2D' or '3D' is expected, as written since 2018"),
+        ("plane.arr", b"0.669983149", b"none", "could not convert string to float: 'none'"),
+        ("plane.arr", b"  4\n           2", b"  1\n           2", "2 arrivals where at most 1 are announced"),
+        ("plane.arr", b" 1   500.000000", b" 1.5   500.000000", r"found 1\.5 where a count is expected"),
+        ("plane.arr", b"\n", b" 1 2 3\n", "3 numbers follow the last arrival"),
+        ("plane.ray", b"'rz'", b"'xy'", "neither 'xyz' nor 'rz'"),
+        *((name, None, b"", "the file ends early") for name in ("plane.arr", "fan_binary.arr", "fan.ray")),
     ],
-)
-def test_damaged_arrivals_are_refused_in_one_line(tmp_path, old, new, message):
-    text = (DATA / "bellhop_plane.arr").read_text()
-    assert old in text
-    (tmp_path / "a.arr").write_text(text.replace(old, new, 1))
-    with pytest.raises(AcousticsError, match=message) as caught:
-        read_bellhop_arrivals(tmp_path / "a.arr")
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("name", ["bellhop_plane.arr", "bellhop_fan_binary.arr", "bellhop_fan.ray"])
-def test_files_that_end_early_or_are_missing_are_refused(tmp_path, name):
-    content = (DATA / name).read_bytes()
+)  # fmt: skip
+def test_damaged_files_are_refused_in_one_line(tmp_path, name, old, new, message):
+    content = (DATA / f"bellhop_{name}").read_bytes()
+    if old is None:
+        content = content[: len(content) * 2 // 3]
+    else:
+        before, found, after = content.rpartition(old) if old == b"\n" else content.partition(old)
+        assert found
+        content = before + new + after
+    (tmp_path / name).write_bytes(content)
     read = read_bellhop_rays if name.endswith("ray") else read_bellhop_arrivals
-    short = tmp_path / name
-    short.write_bytes(content[: len(content) * 2 // 3])
-    with pytest.raises(AcousticsError, match="the file ends early"):
-        read(short)
+    with pytest.raises(AcousticsError, match=message) as caught:
+        read(tmp_path / name)
+    assert "\n" not in str(caught.value)
     with pytest.raises(AcousticsError, match="cannot be read: No such file"):
         read(tmp_path / "nothing")
 
 
-def test_numbers_left_over_are_no_silent_success(tmp_path):
-    (tmp_path / "a.arr").write_text((DATA / "bellhop_plane.arr").read_text() + " 1 2 3\n")
-    with pytest.raises(AcousticsError, match="3 numbers follow the last arrival"):
-        read_bellhop_arrivals(tmp_path / "a.arr")
-    (tmp_path / "a.ray").write_text((DATA / "bellhop_plane.ray").read_text().replace("'rz'", "'xy'"))
-    with pytest.raises(AcousticsError, match="neither 'xyz' nor 'rz'"):
-        read_bellhop_rays(tmp_path / "a.ray")
-
-
 def test_repeat_counts_of_other_compilers_are_read(tmp_path):
-    text = (DATA / "bellhop_plane.arr").read_text()
-    packed = text.replace("-6.00000000      -6.00000000", "2*-6.0").replace(
-        "               0           0\n", " 2*0\n"
-    )
-    assert packed.count("*") > 1
-    (tmp_path / "a.arr").write_text(packed)
-    original, found = (
-        read_bellhop_arrivals(path) for path in (DATA / "bellhop_plane.arr", tmp_path / "a.arr")
-    )
-    assert found.to_dataset().identical(original.to_dataset())
+    plain, packed = DATA / "bellhop_plane.arr", tmp_path / "a.arr"
+    text = plain.read_text().replace("-6.00000000      -6.00000000", "2*-6.0")
+    packed.write_text(text.replace("               0           0\n", " 2*0\n"))
+    assert packed.read_text().count("*") > 1
+    found, original = (read_bellhop_arrivals(path).to_dataset() for path in (packed, plain))
+    assert found.identical(original)
