@@ -165,35 +165,37 @@ def test_a_fan_without_refraction_is_straight(rays):
     np.testing.assert_allclose(last[:2], [-3000.0, 4000.0], rtol=0, atol=1e-6)
 
 
-def test_an_output_can_be_an_input(rays):
-    assert rays("times", "links.csv", "one.csv", *WATER, "--quiet") == "one.csv\n"
+def test_an_output_can_be_overwritten_by_force_and_be_an_input(rays):
+    for path in ("one.csv", "one.csv.json"):
+        Path(path).write_text("old")
+    assert rays("times", "links.csv", "one.csv", *WATER, "--quiet", "--force") == "one.csv\n"
+    assert medium_of("one.csv")["profile"] == "profile.csv"
     assert "iso.csv: ends at" not in rays("times", "one.csv", "two.csv", *ISO)
     one, two = pd.read_csv("one.csv"), pd.read_csv("two.csv")
     pd.testing.assert_series_equal(two["given_travel_time_s"], one["travel_time_s"], check_names=False)
     assert not np.allclose(two["travel_time_s"], one["travel_time_s"], equal_nan=True)
 
 
-def test_sound_speed_of_a_cast_is_computed(rays, mantaray):
+def test_sound_speed_of_a_cast_is_computed(rays):
     z = np.array([0.0, 30.0, 100.0, 400.0, 1000.0, 2000.0])
     t, s = np.array([-1.0, 0.5, -1.4, 0.6, 0.0, -0.7]), np.array([28.0, 31.0, 33.0, 34.8, 34.9, 34.92])
-    c = sound_speed(t, s, z, 74.5, -140.0)
-    head = "# AXCTD, 2014-07-24, lat 74.5, lon -140.0; 1 m means\n"
-    pd.DataFrame({"depth": z, "sound_speed": c}).to_csv("speed.csv", index=False, float_format="%.17g")
     water = pd.DataFrame({"depth_m": z, "temperature_degC": t, "practical_salinity": s})
-    Path("depth.csv").write_text(head + water.to_csv(index=False))
-    pressed = water.assign(Pressure_dbar=gsw.p_from_z(-z, 74.5)).drop(columns="depth_m")
-    pressed.to_csv("pressure.csv", index=False, float_format="%.17g")
-    for name, words in (("speed", ()), ("depth", ()), ("pressure", ("--position", 74.5, -140))):
-        rays("times", "links.csv", f"{name}-out.csv", "--profile", f"{name}.csv", "--bottom", 2000, *words)
-    speed, depth, pressure = (
-        pd.read_csv(f"{name}-out.csv")["travel_time_s"] for name in ("speed", "depth", "pressure")
-    )
-    np.testing.assert_allclose(depth, speed, rtol=1e-9)
-    np.testing.assert_allclose(pressure, speed, rtol=1e-8)
-    medium = medium_of("depth-out.csv")
+    casts = {
+        "speed": pd.DataFrame({"depth": z, "sound_speed": sound_speed(t, s, z, 74.5, -140.0)}),
+        "depth": water,
+        "pressure": water.assign(Pressure_dbar=gsw.p_from_z(-z, 74.5)).drop(columns="depth_m"),
+    }
+    times = {}
+    for name, cast in casts.items():
+        head = "# AXCTD, 2014-07-24, lat 74.5, lon -140.0; 1 m means\n" if name == "depth" else ""
+        Path("cast.csv").write_text(head + cast.to_csv(index=False, float_format="%.17g"))
+        place = ("--position", 74.5, -140) if name == "pressure" else ()
+        rays("times", "links.csv", f"{name}.csv", "--profile", "cast.csv", "--bottom", 2000, *place)
+        times[name] = pd.read_csv(f"{name}.csv")["travel_time_s"]
+    np.testing.assert_allclose(times["depth"], times["speed"], rtol=1e-9)
+    np.testing.assert_allclose(times["pressure"], times["speed"], rtol=1e-8)
+    medium = medium_of("depth.csv")
     assert (medium["computed"], medium["position_deg"]) == ("TEOS-10", [74.5, -140.0])
-    refused = mantaray("rays", "times", "links.csv", "x.csv", "--profile", "pressure.csv", "--bottom", 2000)
-    assert "for which --position LAT LON is needed" in refused.err
 
 
 @pytest.mark.skipif(not CASTS.is_dir(), reason=f"{CASTS} is absent")
@@ -279,91 +281,76 @@ TABLES = {
     "holes.csv": "depth,sound_speed\n0,1500\n10,\n",
     "km.csv": "depth,sound_speed\n0,1.5\n10,1.6\n",
     "salty.csv": "depth,salinity\n0,35\n10,35\n",
+    "placeless.csv": "pressure,sound_speed\n0,1500\n10,1500\n",
+    "old.csv.json": "{}",
+    "link_0.env": "mine",
 }
-OUTPUTS = [  # links, output, further words, message
-    ("links.csv", "out.txt", (), "out.txt: the output's name must end in .csv or .nc"),
-    ("links.csv", "no/out.csv", (), "no/out.csv: there is no folder no; make it first"),
-    ("links.csv", "iso.csv", (), "iso.csv: exists already; give another name or --force"),
-    ("links.csv", "links.csv", ("--force",), "links.csv: is the input"),
-    ("links.csv", "profile.csv", ("--force",), "profile.csv: is the input"),
-]
-INPUTS = [
-    ("lacks.csv", "lacks.csv: lacks source_depth; found name, source_north, source_east, Source_depth"),
-    ("twice.csv", "twice.csv: has two columns source_east; keep one"),
-    ("word.csv", "word.csv, line 5: every one of .* needs a number; receiver_east is 'x'"),
-    ("inf.csv", "inf.csv, line 2: .* source_north is 'inf'"),
-    ("empty.csv", "empty.csv: needs a header with names of columns, and rows"),
-    ("wide.csv", "wide.csv, line 2: 9 cells under a header of 8"),
-    ("quote.csv", "quote.csv: "),
-    ("binary.csv", "binary.csv: not a table of text"),
-    ("nothing.csv", "nothing.csv: cannot be read: No such file"),
-    (".", "not an ordinary file"),
-]
-MEDIA = [
-    ((), "no ocean given; exactly one of --ocean, --profile and --run"),
-    ((*WATER, "--ocean", "synthetic:fram"), "--ocean and --profile given; exactly one"),
-    (WATER[:2], "--profile and --bottom: the one needs the other"),
-    ((*WATER[:2], "--bottom", -5), "--bottom -5: a positive depth"),
-    (("--ocean", "synthetic:fram", "--thin", 1), "--thin: goes with --profile, not with"),
-    ((*WATER, "--half-extent", 1, 1), "--half-extent: goes with --ocean, not with"),
-    ((*WATER, "--thin", 0.1, "--smooth", 9), "--thin and --smooth exclude each other"),
-    ((*WATER, "--cutoff-db", "x"), "--cutoff-db x: a positive number of decibels or off"),
-    ((*WATER, "--tolerance", 0), "--tolerance 0: a positive length"),
-    (("--profile", "nothing.csv", "--bottom", 9), "nothing.csv: cannot be read: No such file"),
-    (("--profile", "falls.csv", "--bottom", 9), "falls.csv, line 4: depth is 5 after 10"),
-    (("--profile", "holes.csv", "--bottom", 9), "holes.csv, line 3: sound_speed needs a number; it is ''"),
-    (("--profile", "km.csv", "--bottom", 9), "km.csv: sound_speed: 1.5 to 1.6 m/s; sea water"),
-    (("--profile", "salty.csv", "--bottom", 9), "lacks sound_speed; found depth, salinity"),
-    (("--ocean", "synthetic:mars"), "mars"),
-    ((*WATER, "--ice", "ice.nc"), "--ice ice.nc: over a profile it is a draft in metres"),
-    ((*WATER, "--ice", 3500), "the ice reaches"),
-    (("--run", ".", "--ice", 1), "--ice: goes with --ocean and --profile; a run has its own"),
-    (("--run", "."), "not a run folder"),
-]
-REFUSED = [
-    *((links, out, (*WATER, *words), message) for links, out, words, message in OUTPUTS),
-    *((links, "out.csv", WATER, message) for links, message in INPUTS),
-    *(("links.csv", "out.csv", words, message) for words, message in MEDIA),
-]
+REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; part of the message
+    "times links.csv out.txt W": "out.txt: the output's name must end in .csv or .nc",
+    "times links.csv no/out.csv W": "no/out.csv: there is no folder no; make it first",
+    "times links.csv iso.csv W": "iso.csv: exists already; give another name or --force",
+    "times links.csv old.csv W": "old.csv.json: exists already; give another name or --force",
+    "times links.csv links.csv W --force": "links.csv: is the input",
+    "times links.csv profile.csv W --force": "profile.csv: is the input",
+    "times lacks.csv out.csv W": "lacks.csv: lacks source_depth; found name, source_north, source_east, Source_depth",
+    "times twice.csv out.csv W": "twice.csv: has two columns source_east; keep one",
+    "times word.csv out.csv W": "word.csv, line 5: every one of .* needs a number; receiver_east is 'x'",
+    "times inf.csv out.csv W": "inf.csv, line 2: .* source_north is 'inf'",
+    "times empty.csv out.csv W": "empty.csv: needs a header with names of columns, and rows",
+    "times wide.csv out.csv W": "wide.csv, line 2: 9 cells under a header of 8",
+    "times quote.csv out.csv W": "quote.csv: ",
+    "times binary.csv out.csv W": "binary.csv: not a table of text",
+    "times nothing.csv out.csv W": "nothing.csv: cannot be read: No such file",
+    "times . out.csv W": "not an ordinary file",
+    "times links.csv out.csv": "no ocean given; exactly one of --ocean, --profile and --run",
+    "times links.csv out.csv W --ocean synthetic:fram": "--ocean and --profile given; exactly one",
+    "times links.csv out.csv --profile iso.csv": "--profile and --bottom: the one needs the other",
+    "times links.csv out.csv --profile iso.csv --bottom -5": "--bottom -5: a positive depth",
+    "times links.csv out.csv --ocean synthetic:fram --thin 1": "--thin: goes with --profile, not with",
+    "times links.csv out.csv W --half-extent 1 1": "--half-extent: goes with --ocean, not with",
+    "times links.csv out.csv W --thin 0.1 --smooth 9": "--thin and --smooth exclude each other",
+    "times links.csv out.csv W --cutoff-db x": "--cutoff-db x: a positive number of decibels or off",
+    "times links.csv out.csv W --cutoff-db nan": "--cutoff-db nan: a positive number of decibels or off",
+    "times links.csv out.csv W --tolerance 0": "--tolerance 0: a positive length",
+    "times links.csv out.csv --profile nothing.csv --bottom 9": "nothing.csv: cannot be read: No such file",
+    "times links.csv out.csv --profile falls.csv --bottom 9": "falls.csv, line 4: depth is 5 after 10",
+    "times links.csv out.csv --profile holes.csv --bottom 9": "holes.csv, line 3: sound_speed needs a number; it is ''",
+    "times links.csv out.csv --profile km.csv --bottom 9": "km.csv: sound_speed: 1.5 to 1.6 m/s; sea water",
+    "times links.csv out.csv --profile salty.csv --bottom 9": "lacks sound_speed; found depth, salinity",
+    "times links.csv out.csv --profile placeless.csv --bottom 9": "for which --position LAT LON is needed",
+    "times links.csv out.csv --ocean synthetic:mars": "mars",
+    "times links.csv out.csv W --ice ice.nc": "--ice ice.nc: over a profile it is a draft in metres",
+    "times links.csv out.csv W --ice 3500": "the ice reaches",
+    "times links.csv out.csv --run . --ice 1": "--ice: goes with --ocean and --profile; a run has its own",
+    "times links.csv out.csv --run .": "not a run folder",
+    "trace links.csv out.csv W --azimuth 3": "--azimuth and --distance go with --fan FROM TO COUNT",
+    "trace links.csv out.csv W --fan 5 -5 3": "--fan 5 -5 3: needs FROM below TO",
+    "trace links.csv out.csv W --fan -5 5 1000000000": "needs FROM below TO and a COUNT of 1 to 100000",
+    "trace links.csv out.csv W --fan -5 5 3 --cutoff-db 3": "--cutoff-db: a fan is traced whole",
+    "trace links.csv out.csv W --fan -5 5 3": "links.csv, line 7: distance: 0.0; a positive length",
+    "trace links.csv out.csv W --fan -95 5 3": r"links.csv, line 4: launch_angles: up to 1\.65806 rad",
+    "compare-bellhop links.csv --out out.nc W": "out.nc: the output's name must end in .csv",
+    "compare-bellhop links.csv --out iso.csv W": "iso.csv: exists already; give another name or --force",
+    "compare-bellhop links.csv --out profile.csv W --force": "profile.csv: is the input",
+    "compare-bellhop links.csv --out out.csv W --program nothing": "no nothing on PATH; install it",
+    "write-bellhop links.csv --out run": "no ocean given; exactly one of --ocean, --profile and --run is needed",
+    "write-bellhop links.csv --out run W --link 1": "give LINKS.csv, or --run with --link ROW",
+    "write-bellhop --out run W --link 0": "--link: a row of which run",
+    "write-bellhop links.csv --out . W": "link_0.env: exists already; give another folder or --force",
+}
 
 
-@pytest.mark.parametrize(("links", "out", "words", "message"), REFUSED)
-def test_bad_input_is_one_line_and_writes_nothing(mantaray, folder, links, out, words, message):
+@pytest.mark.parametrize("words", REFUSED)
+def test_what_cannot_be_is_one_line_and_writes_nothing(mantaray, folder, words):
     for name, text in TABLES.items():
         Path(name).write_text(text)
     before = {path: path.read_bytes() for path in folder.iterdir()}
-    done = mantaray("rays", "times", links, out, *words)
+    done = mantaray("rays", *words.replace("W", " ".join(map(str, WATER))).split())
     assert (done.code, done.out) == (2, "")
     assert done.err.startswith("error: ")
     assert done.err.count("\n") == 1
-    assert re.search(message, done.err), done.err
+    assert re.search(REFUSED[words], done.err), done.err
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--azimuth", 3), "--azimuth and --distance go with --fan FROM TO COUNT"),
-        (("--fan", 5, -5, 3), "--fan 5 -5 3: needs FROM below TO"),
-        (("--fan", -5, 5, 10**9), "--fan -5 5 1000000000: needs FROM below TO and a COUNT of 1 to 100000"),
-        (("--fan", -5, 5, 3, "--cutoff-db", 3), "--cutoff-db: a fan is traced whole"),
-        (("--fan", -5, 5, 3), "links.csv, line 7: distance: 0.0; a positive length"),
-        (("--fan", -95, 5, 3), "links.csv, line 4: launch_angles: up to 1.65806 rad"),
-    ],
-)
-def test_fans_that_cannot_be(mantaray, folder, words, message):
-    done = mantaray("rays", "trace", "links.csv", "out.csv", *WATER, *words)
-    assert (done.code, done.err.count("\n")) == (2, 1)
-    assert message in done.err
-    assert not Path("out.csv").exists()
-
-
-def test_force_overwrites_the_table_and_what_is_beside_it(rays, mantaray):
-    for path in ("out.csv", "out.csv.json"):
-        Path(path).write_text("old")
-    assert mantaray("rays", "times", "links.csv", "out.csv", *WATER).code == 2
-    rays("times", "links.csv", "out.csv", *WATER, "--force")
-    assert "old" not in Path("out.csv").read_text() + Path("out.csv.json").read_text()
 
 
 def test_help_of_rays_imports_nothing_heavy():
