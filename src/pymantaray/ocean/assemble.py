@@ -21,7 +21,7 @@ from pymantaray.ocean.convert import (
     up_to_surface,
 )
 from pymantaray.ocean.files import file_name, text
-from pymantaray.ocean.schema import DIMS, VARIABLES, assemble_ocean, with_history
+from pymantaray.ocean.schema import DIMS, VARIABLES, assemble_ocean
 
 if TYPE_CHECKING:
     from pymantaray.ocean.open import Collection, Part
@@ -65,23 +65,21 @@ def ocean_of(
         steps.append(f"level at 0 m added with the values at {first:.4g} m")
     attrs = collection.parts[0].data.attrs
     hycom = all(_is_hycom(p) for p in collection.parts)
+    model = "HYCOM" if hycom else collection.names
     ocean = assemble_ocean(
         {"depth": depth, "lat": lat, "lon": lon},
         instant,
         values,
         title=_line(attrs.get("title")) or f"{'HYCOM ' if hycom else ''}{collection.names}",
-        source=_line(attrs.get("source"))
-        or _line(attrs.get("institution"))
-        or ("HYCOM" if hycom else collection.names),
+        source=next(filter(None, (_line(attrs.get(k)) for k in ("source", "institution"))), model),
         synthetic=any(p.data.attrs.get("synthetic") == 1 for p in collection.parts),
         validate=False,
     )
     if own:
         return _with_own_attributes(ocean, part)
     history = str(part.data.attrs.get("history", "")).splitlines()[:50]
-    for line in filter(None, [*map(_line, history), *steps]):
-        ocean = with_history(ocean, line)
-    return ocean
+    lines = [line for line in (*map(_line, history), *steps) if line]
+    return ocean.assign_attrs(history="\n".join(lines)) if lines else ocean
 
 
 def _in_our_unit(part: "Part", field: cf.Field, instant: np.datetime64) -> Array:
@@ -123,12 +121,11 @@ def _agree_on_wet(fields: dict[str, Array]) -> list[str]:
     for name, field in fields.items():
         values = np.where(moving, field, 0.0) if name in ("water_u", "water_v") else field
         fields[name] = np.where(wet, values, np.nan)
-    lines = []
-    if dropped:
-        lines.append(f"{dropped} values beneath a missing one, or without its partner, left out")
-    if still:
-        lines.append(f"currents set to 0 at {still} wet points where they are missing")
-    return lines
+    lines = {
+        f"{dropped} values beneath a missing one, or without its partner, left out": dropped,
+        f"currents set to 0 at {still} wet points where they are missing": still,
+    }
+    return [line for line, count in lines.items() if count]
 
 
 def _is_own(part: "Part") -> bool:

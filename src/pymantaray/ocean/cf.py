@@ -83,15 +83,16 @@ def layout_of(data: xr.Dataset) -> Layout:
             f"none of {', '.join(HYCOM_NAMES)} is in it, and no variable with the standard_name of sea-water"
             " temperature, salinity or velocity on levels; is it a file of an ocean model?",
         )
-    axes = [_axes(data, field.variable) for field in fields]
-    for field, others in zip(fields, axes, strict=True):
-        if others != axes[0]:
+    axes = _axes(data, fields[0].variable)
+    for field in fields[1:]:
+        others = _axes(data, field.variable)
+        if others != axes:
             _refuse(
                 data,
-                f"{field.variable} lies on {', '.join(others)}, {fields[0].variable} on {', '.join(axes[0])};"
+                f"{field.variable} lies on {', '.join(others)}, {fields[0].variable} on {', '.join(axes)};"
                 " interpolate all to the same points first (xgcm)",
             )
-    return Layout(fields, *axes[0], relative)
+    return Layout(fields, *axes, relative)
 
 
 def grid_relative_refusal(names: Sequence[str]) -> str:
@@ -171,20 +172,15 @@ def _one(data: xr.Dataset, name: str, axis: str, candidates: Sequence[object]) -
             _refuse_other_verticals(data, n)
         if data.variables[n].ndim == 1 and data.variables[n].dims[0] in dims:
             return n
-    wide = any(data.variables[n].ndim >= 2 for n in names)
-    if wide and axis == "depth":
-        _refuse(
-            data,
-            f"{names[0]} changes from place to place, the levels are not at fixed depths; interpolate to depths"
-            " first (xgcm)",
-        )
-    if wide:
-        _refuse(data, f"{axis} has two dimensions, the grid is curvilinear; {_REGRID}")
-    _refuse(
-        data,
+    line = (
         f"no {axis} axis for {name}, which has dimensions {', '.join(map(str, dims))}; give its coordinate a"
-        " standard_name and units, as CF has it",
+        " standard_name and units, as CF has it"
     )
+    if any(data.variables[n].ndim >= 2 for n in names):
+        line = f"{axis} has two dimensions, the grid is curvilinear; {_REGRID}"
+        if axis == "depth":
+            line = f"{names[0]} changes from place to place; interpolate to fixed depths first (xgcm)"
+    _refuse(data, line)
 
 
 def _refuse_other_verticals(data: xr.Dataset, name: str) -> None:

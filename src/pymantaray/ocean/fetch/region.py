@@ -1,6 +1,5 @@
 """The window that is asked for, and where it lies on a server's axes."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -32,17 +31,15 @@ class Region:
     def of(cls, lat: Sequence[float], lon: Sequence[float]) -> Self:
         """Region of two latitudes in either order, and of west and east in any convention. [degrees]"""
         for name, pair, reach in (("lat", lat, 90.0), ("lon", lon, 360.0)):
-            if len(pair) != 2 or not all(math.isfinite(x) and abs(x) <= reach for x in pair):
-                raise OceanError(
-                    f"fetch: {name} is {_pair(pair)}; needs two numbers from {-reach:g} to {reach:g}"
-                )
+            where = f"fetch: {name} is {','.join(f'{x:g}' for x in pair)};"
+            if len(pair) != 2 or not all(abs(x) <= reach for x in pair):
+                raise OceanError(f"{where} needs two numbers from {-reach:g} to {reach:g}")
             if pair[0] == pair[1]:
-                raise OceanError(f"fetch: {name} is {_pair(pair)}; the window is empty")
+                raise OceanError(f"{where} the window is empty")
         width = (lon[1] - lon[0]) % 360.0
         if not 0.0 < width <= _WIDEST:
             raise OceanError(
-                f"fetch: lon {_pair(lon)} goes {width or 360.0:g} degrees eastwards; allowed are {_WIDEST:g};"
-                " write west,east"
+                f"{where} it goes {width or 360.0:g} degrees eastwards; allowed are {_WIDEST:g}; write west,east"
             )
         return cls(min(lat), max(lat), wrapped(lon[0]), width)
 
@@ -97,7 +94,3 @@ def runs(indices: Indices) -> list[tuple[int, int]]:
     """Indices as first and last, both inclusive, of runs that rise by one."""
     cuts = np.flatnonzero(np.diff(indices) != 1) + 1
     return [(int(part[0]), int(part[-1])) for part in np.split(indices, cuts)]
-
-
-def _pair(pair: Sequence[float]) -> str:
-    return ",".join(f"{x:g}" for x in pair)
