@@ -89,8 +89,7 @@ def read_ocean(
     currents: Currents = "required",
 ) -> xr.Dataset:
     """Ocean in the form of the schema, converted but not validated; otherwise as `open_ocean`."""
-    sources = _listed(source)
-    region = _region_of(sources)
+    sources, region = _sources(source)
     if region is not None:
         return crop(synthetic_ocean(region, EPOCH if time is None else time), window)
     with Collection(sources, window) as collection:
@@ -133,8 +132,7 @@ def open_ocean_series(
     first, last = parse_instant(start), parse_instant(stop)
     if last < first:
         raise OceanError(f"ocean: span from {start} to {stop} runs backward; exchange them")
-    sources = _listed(source)
-    region = _region_of(sources)
+    sources, region = _sources(source)
     if region is not None:
         origin = first.astype("datetime64[D]").astype("datetime64[ns]")
         begin = origin + (first - origin) // _SYNTHETIC_STEP * _SYNTHETIC_STEP
@@ -174,32 +172,27 @@ def ocean_times(source: Source) -> NDArray[np.datetime64]:
     OceanError
         If the source cannot be opened.
     """
-    sources = _listed(source)
-    if _region_of(sources) is not None:
+    sources, region = _sources(source)
+    if region is not None:
         return np.array([EPOCH], dtype="datetime64[ns]")
     with Collection(sources) as collection:
         return collection.whole_times("rest")
 
 
-def _listed(source: Source) -> list[str | Path]:
-    return [source] if isinstance(source, str | Path) else list(source)
-
-
-def _region_of(sources: Sequence[str | Path]) -> str | None:
-    """Name of the synthetic region, if the source is one."""
+def _sources(source: Source) -> tuple[list[str | Path], str | None]:
+    """Sources as a list, and the name of the synthetic region if they are one."""
+    sources = [source] if isinstance(source, str | Path) else list(source)
     regions = [str(s) for s in sources if str(s).startswith(_SYNTHETIC)]
-    if not regions:
-        return None
-    if len(sources) > 1:
+    if regions and len(sources) > 1:
         raise OceanError(f"ocean: {regions[0]} cannot be combined with other sources; give it alone")
-    return regions[0].removeprefix(_SYNTHETIC)
+    return sources, regions[0].removeprefix(_SYNTHETIC) if regions else None
 
 
 def _validate(ocean: xr.Dataset, source: Source) -> None:
     try:
         validate_ocean(ocean)
     except OceanError as error:
-        raise OceanError(f"{_names([Path(s).name for s in _listed(source)])}: {error}") from None
+        raise OceanError(f"{_names([Path(s).name for s in _sources(source)[0]])}: {error}") from None
 
 
 def _enclosing(times: Instants, start: np.datetime64, stop: np.datetime64, names: str) -> Instants:

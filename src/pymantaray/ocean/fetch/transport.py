@@ -1,6 +1,7 @@
 """pydap asked within limits that hold whatever a server does; every outcome is an answer or one line."""
 
 import email.utils
+import re
 import socket
 import threading
 import time
@@ -201,9 +202,8 @@ def _check(answer: requests.Response, body: bytes) -> None:
 def _message(body: bytes) -> str:
     """What an error page or an OPeNDAP error says, as one line without tags."""
     text = body[:4000].decode("utf-8", errors="replace")
-    if '"' in text and text.lstrip().startswith("Error"):
-        return one_line(text.split('"')[1], 100)
-    return one_line("".join(part.partition(">")[2] for part in ("<>" + text).split("<")), 100)
+    said = re.match(r'\s*Error[^"]*"([^"]*)', text)
+    return one_line(said[1] if said else re.sub(r"<[^>]*>", "", text), 100)
 
 
 def _seconds(header: str) -> float:
@@ -217,10 +217,10 @@ def _seconds(header: str) -> float:
 
 def _connection_line(error: Exception) -> str:
     text = str(error)
-    if any(word in text for word in ("IncompleteRead", "incomplete", "ended prematurely")):
+    if re.search("IncompleteRead|incomplete|ended prematurely", text):
         return "answer cut short"
     if "refused" in text:
         return "connection refused"
-    if any(s in text for s in ("resolve", "getaddrinfo", "Name or service")):
+    if re.search("resolve|getaddrinfo|Name or service", text):
         return "host not found"
     return f"connection failed ({one_line(getattr(error, 'reason', None) or error, 100)})"
