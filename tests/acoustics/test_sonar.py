@@ -1,9 +1,7 @@
-"""Noise of the sea by its physics, slopes and sums; the sonar equation by hand, in its limits, true to its own draws."""
+"""Noise of the sea by its physics, slopes and sums; the sonar equation by hand and in its limits."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from pymantaray.acoustics import Sonar, WenzNoise, link_loss_db, probability_of_excess
@@ -62,22 +60,6 @@ def test_sonar_equation_by_hand():
     assert Sonar(185.0, 25e3, 5e3, sea).noise_level_db == sea.band_level_db(25e3, 5e3)
 
 
-@settings(max_examples=60)
-@given(loss=st.floats(60.0, 130.0), step=st.floats(0.1, 20.0), spread=st.floats(0.5, 12.0))
-def test_probability_is_monotone(loss, step, spread):
-    def heard(loss=loss, level=185.0, noise=50.0, threshold=10.0, gain=0.0):
-        return float(Sonar(level, 25e3, 5e3, noise, gain, threshold, spread).probability_heard(loss))
-
-    p = heard()
-    assert 0.0 <= p <= 1.0
-    assert heard(loss=loss + step) <= p <= heard(loss=loss - step)
-    assert heard(level=185.0 - step) <= p <= heard(level=185.0 + step)
-    assert heard(noise=50.0 + step) <= p <= heard(noise=50.0 - step)
-    assert heard(threshold=10.0 + step) <= p <= heard(gain=step)
-    if 1e-6 < p < 1.0 - 1e-6:
-        assert heard(loss=loss + step) < p
-
-
 def test_limits_and_missing():
     p = MODEM.probability_heard([-np.inf, np.inf, np.nan, MODEM.figure_of_merit_db])
     np.testing.assert_array_equal(p, [1.0, 0.0, np.nan, 0.5])
@@ -86,34 +68,16 @@ def test_limits_and_missing():
     )
 
 
-def test_probability_is_the_share_of_lognormal_levels_above_the_threshold():
-    rng = np.random.default_rng(7)
-    n, loss = 200_000, 92.0
-    snr = MODEM.snr_db(loss) + MODEM.spread_db * rng.standard_normal(n)
-    p = float(MODEM.probability_heard(loss))
-    assert np.mean(snr >= MODEM.threshold_db) == pytest.approx(p, abs=4.0 * np.sqrt(p * (1.0 - p) / n))
-
-
 def test_link_takes_its_strongest_arrival_or_their_sum():
-    loss, link = [80.0, 70.0, 90.0, 70.0, 70.0], [0, 0, 2, 3, 3]
-    np.testing.assert_array_equal(link_loss_db(loss, link, 4), [70.0, np.inf, 90.0, 70.0])
+    loss, link = [80.0, 5e3, 70.0, 90.0, 5e3], [0, 3, 0, 2, 3]  # the power of 5000 dB underflows
+    np.testing.assert_array_equal(link_loss_db(loss, link, 4), [70.0, np.inf, 90.0, 5e3])
     total = link_loss_db(loss, link, 4, combine="sum")
-    expected = [-10.0 * np.log10(1e-8 + 1e-7), np.inf, 90.0, 70.0 - 10.0 * np.log10(2.0)]
+    expected = [-10.0 * np.log10(1e-8 + 1e-7), np.inf, 90.0, 5e3 - 10.0 * np.log10(2.0)]
     np.testing.assert_allclose(total, expected, rtol=1e-14)
     np.testing.assert_array_equal(MODEM.probability_heard(link_loss_db([], [], 2)), [0.0, 0.0])
     for combine in ("strongest", "sum"):  # NaN and equal positions stay
         out = link_loss_db([np.nan, 70.0, -np.inf, np.inf], [0, 0, 1, 2], 3, combine=combine)
         np.testing.assert_array_equal(out, [np.nan, -np.inf, np.inf])
-
-
-@settings(max_examples=30)
-@given(st.lists(st.tuples(st.floats(20.0, 5e3), st.integers(0, 4)), max_size=12))
-def test_sum_is_never_weaker_than_the_strongest_and_order_is_nothing(rows):
-    loss, link = [r[0] for r in rows], [r[1] for r in rows]
-    strongest, total = (link_loss_db(loss, link, 5, combine=c) for c in ("strongest", "sum"))
-    assert np.all(total <= strongest)
-    assert np.all((total >= strongest - 10.0 * np.log10(12.0) - 1e-9) | np.isinf(strongest))
-    np.testing.assert_allclose(link_loss_db(loss[::-1], link[::-1], 5, combine="sum"), total, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -106,31 +106,26 @@ def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
     eigen, nodes = pd.read_csv("eigen.csv", dtype={"name": str}), pd.read_csv("trace.csv")
     number = pd.Series(arrivals.link).groupby(arrivals.link).cumcount().to_numpy()
     step = paths.position - source[arrivals.link[paths.arrival]]
-    columns = {
+    own = ("surface_bounces", "bottom_bounces", "turning_points", "spreading_db")
+    by_arrival = {name: getattr(arrivals, name) for name in own}
+    by_arrival |= {
         "row": arrivals.link,
         "arrival": number,
         "launch_angle_deg": np.degrees(arrivals.launch_angle),
-        **{
-            n: getattr(arrivals, n)
-            for n in ("surface_bounces", "bottom_bounces", "turning_points", "spreading_db")
-        },
-        **{
-            f"source_slowness_{axis}_s_m": arrivals.source_slowness[:, k]
-            for k, axis in enumerate(("north", "east", "down"))
-        },
+        "source_slowness_north_s_m": arrivals.source_slowness[:, 0],
+        "receiver_slowness_down_s_m": arrivals.receiver_slowness[:, 2],
     }
-    for name, expected in columns.items():
-        np.testing.assert_allclose(eigen[name], expected, rtol=1e-11, atol=1e-20, err_msg=name)
-    assert eigen["name"].tolist() == links["name"][arrivals.link].tolist()
-    columns = {
+    by_node = {
         "row": arrivals.link[paths.arrival],
         "arrival": number[paths.arrival],
         "travel_time_s": paths.travel_time,
         "range_m": np.hypot(step[:, 0], step[:, 1]),
         "depth": paths.position[:, 2],
     }
-    for name, expected in columns.items():
-        np.testing.assert_allclose(nodes[name], expected, rtol=1e-11, atol=1e-9, err_msg=name)
+    for table, columns, atol in ((eigen, by_arrival, 1e-20), (nodes, by_node, 1e-9)):
+        for name, expected in columns.items():
+            np.testing.assert_allclose(table[name], expected, rtol=1e-11, atol=atol, err_msg=name)
+    assert eigen["name"].tolist() == links["name"][arrivals.link].tolist()
     assert nodes["boundary"].tolist() == np.array(["water", "surface", "bottom"])[paths.boundary].tolist()
     np.testing.assert_array_equal(FirstArrivals.load("times.nc").travel_time, arrivals.first().travel_time)
     np.testing.assert_array_equal(Arrivals.load("eigen.nc").source_slowness, arrivals.source_slowness)

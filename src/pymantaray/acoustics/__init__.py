@@ -4,7 +4,7 @@ from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.analytic import direct_travel_time_linear_gradient
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import find_eigenrays
-from pymantaray.acoustics.loss import FluidBottom, IceCover, SeaSurface, TransmissionLoss, transmission_loss
+from pymantaray.acoustics.loss import FluidBottom, IceCover, SeaSurface, transmission_loss
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.paths import (
     path_integrals,
@@ -14,7 +14,7 @@ from pymantaray.acoustics.paths import (
     trace_paths,
     travel_time_sensitivity,
 )
-from pymantaray.acoustics.profiles import ReducedProfile, read_profile, smooth_profile, thin_profile
+from pymantaray.acoustics.profiles import read_profile, smooth_profile, thin_profile
 from pymantaray.acoustics.selection import Rule, choose_arrivals, select
 from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
 
@@ -24,11 +24,9 @@ __all__ = [
     "FluidBottom",
     "IceCover",
     "Medium",
-    "ReducedProfile",
     "Rule",
     "SeaSurface",
     "Sonar",
-    "TransmissionLoss",
     "WenzNoise",
     "choose_arrivals",
     "current_delays",

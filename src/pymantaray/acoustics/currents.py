@@ -42,7 +42,6 @@ class Currents:
     velocity: Array
 
     def __post_init__(self) -> None:
-        """Check and freeze the arrays."""
         for name in (*_GRID, "velocity"):
             array = np.array(getattr(self, name), dtype=float)
             if name in _GRID and (array.ndim != 1 or not array.size or not (np.diff(array) > 0.0).all()):
@@ -64,7 +63,6 @@ class Currents:
             )
 
     def __repr__(self) -> str:
-        """One line."""
         n, e, z = (axis.size for axis in (self.north, self.east, self.depth))
         return f"<Currents {n} x {e} x {z}, up to {np.hypot(*self.velocity.T).max():.2g} m/s>"
 

@@ -72,7 +72,6 @@ class FluidBottom:
     attenuation_db_per_wavelength: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check every value."""
         for name, value in vars(self).items():
             zero_allowed = name.startswith("attenuation")
             if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero_allowed):
@@ -114,7 +113,6 @@ class SeaSurface:
     model: Literal["bubbles", "coherent"] = "bubbles"
 
     def __post_init__(self) -> None:
-        """Check both values."""
         _wind(self.wind_speed)
         if self.model not in ("bubbles", "coherent"):
             raise AcousticsError(f"SeaSurface: model {self.model!r}; allowed are 'bubbles' and 'coherent'")
@@ -155,7 +153,6 @@ class IceCover:
     db_per_bounce: float
 
     def __post_init__(self) -> None:
-        """Check the loss."""
         if not 0.0 <= self.db_per_bounce < math.inf:
             raise AcousticsError(
                 f"IceCover: {self.db_per_bounce:g} dB a bounce; it must be zero or positive and finite"

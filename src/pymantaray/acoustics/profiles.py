@@ -43,11 +43,9 @@ class ReducedProfile:
     greatest_change: float  # m/s
 
     def __repr__(self) -> str:
-        """One line."""
         return f"<ReducedProfile {self}>"
 
     def __str__(self) -> str:
-        """One line for people."""
         how = f"within {self.parameter:g} m/s" if self.method == "thinned" else f"over {self.parameter:g} m"
         return (
             f"{self.raw_levels} levels {self.method} {how} to {self.depth.size}, sound speed changed by"
@@ -57,7 +55,7 @@ class ReducedProfile:
 
 def read_profile(path: str | Path, position: tuple[float, float] | None = None) -> Profile:
     """
-    Sound speed of a profile or a cast in a table, computed by TEOS-10 if the file does not have it.
+    Sound speed of a profile or a cast in a table, by TEOS-10 if the file does not have it.
 
     Parameters
     ----------
@@ -144,8 +142,7 @@ def thin_profile(
     Returns
     -------
     ReducedProfile
-        Its levels are the surface, where the first of the cast's holds up to it, and levels of the cast, the last
-        among them.
+        Its levels are the surface and levels of the cast, the last among them.
 
     Raises
     ------

@@ -52,7 +52,6 @@ class WenzNoise:
     shipping: float = 0.5
 
     def __post_init__(self) -> None:
-        """Check both values."""
         if not (math.isfinite(self.wind_speed) and self.wind_speed >= 0.0):
             raise AcousticsError(
                 f"WenzNoise: wind_speed is {self.wind_speed:g} m/s; must be finite and not negative"
@@ -138,7 +137,6 @@ class Sonar:
     spread_db: float = 6.0
 
     def __post_init__(self) -> None:
-        """Check every value."""
         _band(self.frequency_hz, self.bandwidth_hz)
         values = {name: getattr(self, name) for name in _LEVELS}
         if not isinstance(self.noise, WenzNoise):
@@ -166,19 +164,7 @@ class Sonar:
         return np.asarray(self.figure_of_merit_db + self.threshold_db - np.asarray(loss_db, dtype=float))
 
     def probability_heard(self, loss_db: ArrayLike) -> Array:
-        """
-        Probability that a ping is heard.
-
-        Parameters
-        ----------
-        loss_db : array_like, shape (...)
-            Transmission loss of an arrival (`TransmissionLoss.total_db`) or a link (`link_loss_db`). [dB]
-
-        Returns
-        -------
-        ndarray, shape (...)
-            In 0 to 1; 0 where nothing arrives, NaN where the loss is NaN.
-        """
+        """Probability that a ping is heard, by the loss of an arrival or a link; 0 where nothing arrives."""
         return probability_of_excess(self.snr_db(loss_db) - self.threshold_db, self.spread_db)
 
 

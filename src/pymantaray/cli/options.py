@@ -166,7 +166,6 @@ class SearchOptions:
     ] = 1e-3
 
     def __post_init__(self) -> None:
-        """Refuse what is no length and no level."""
         if not 0.0 < self.tolerance < math.inf:
             raise AcousticsError(f"--tolerance {self.tolerance:g}: a positive length in metres is needed")
         try:

@@ -14,6 +14,7 @@ from pymantaray.records.base import Column, Record, column
 
 Array = NDArray[np.float64]
 _GRID = "source_depth source_north source_east receiver_bearing receiver_depth receiver_range"
+_DECLINATION = "angle from the horizontal, positive down,"
 _RECORD_MARK = bytes([4, 0, 0, 0])  # length of a binary file's first record: the four letters of its kind
 _RAYS = re.compile(r"\s*'[^']*'([^']*)'(\w+)\s*'(.*)", re.DOTALL)  # title, head, coordinates, rays
 _COORDINATES = {"xyz": 3, "rz": 2}
@@ -21,12 +22,7 @@ _COORDINATES = {"xyz": 3, "rz": 2}
 
 @dataclass(frozen=True, eq=False)
 class BellhopArrivals(Record):
-    """
-    Arrivals as Bellhop wrote them: one row per arrival, and the grid of sources and receivers.
-
-    Bellhop's x is taken for north and y for east. Angles are from the horizontal, positive down, and from
-    north towards east; azimuths are NaN in a 2-D file.
-    """
+    """Arrivals and the grid of sources and receivers; Bellhop's x is north, y east. Azimuths are NaN in a 2-D file."""
 
     kind: ClassVar[str] = "bellhop_arrivals"
 
@@ -43,13 +39,9 @@ class BellhopArrivals(Record):
     travel_time_imaginary: Column = column("arrival", "s", "imaginary part, from absorption")
     amplitude: Column = column("arrival", "1", "pressure amplitude relative to 1 m")
     phase: Column = column("arrival", "rad", "phase change by reflections and caustics")
-    launch_declination: Column = column(
-        "arrival", "rad", "angle from the horizontal at the source, positive down"
-    )
+    launch_declination: Column = column("arrival", "rad", f"{_DECLINATION} at the source")
     launch_azimuth: Column = column("arrival", "rad", "azimuth at the source")
-    arrival_declination: Column = column(
-        "arrival", "rad", "angle from the horizontal at the receiver, positive down"
-    )
+    arrival_declination: Column = column("arrival", "rad", f"{_DECLINATION} at the receiver")
     arrival_azimuth: Column = column("arrival", "rad", "azimuth at the receiver")
     surface_bounces: Column = column("arrival", "1", "reflections at the surface", "i4")
     bottom_bounces: Column = column("arrival", "1", "reflections at the sea bed", "i4")
@@ -64,20 +56,14 @@ class BellhopArrivals(Record):
 
 @dataclass(frozen=True, eq=False)
 class BellhopRays(Record):
-    """
-    Rays as Bellhop wrote them: nodes of all rays one after the other, and one row per ray.
-
-    In a 2-D file north is the range and east is 0.
-    """
+    """Nodes of all rays one after the other, and one row per ray; in a 2-D file north is the range and east is 0."""
 
     kind: ClassVar[str] = "bellhop_rays"
 
     frequency: Column = column("", "Hz", "frequency")
     ray: Column = column("node", "1", "ray that the node belongs to", "i8")
     position: Column = column("node axis", "m", "north, east, down")
-    launch_declination: Column = column(
-        "n_rays", "rad", "angle from the horizontal at the source, positive down"
-    )
+    launch_declination: Column = column("n_rays", "rad", f"{_DECLINATION} at the source")
     launch_azimuth: Column = column("n_rays", "rad", "azimuth at the source, of the first step")
     surface_bounces: Column = column("n_rays", "1", "reflections at the surface", "i4")
     bottom_bounces: Column = column("n_rays", "1", "reflections at the sea bed", "i4")
@@ -175,7 +161,7 @@ def read_bellhop_rays(path: str | Path) -> BellhopRays:
 
 
 class _Text:
-    """Numbers of a text, whatever its lines."""
+    """Numbers of a text, whatever its lines; a vector is a count and that many numbers."""
 
     def __init__(self, path: Path, text: str) -> None:
         self.path, self._at = path, 0
@@ -189,11 +175,9 @@ class _Text:
             raise AcousticsError(f"{path}: {error}") from None
 
     def left(self) -> int:
-        """Count of the numbers not taken yet."""
         return int(self._values.size - self._at)
 
     def take(self, n: int) -> Array:
-        """The next n numbers."""
         if n > self.left():
             raise AcousticsError(
                 f"{self.path}: the file ends early: is the run finished, its receiver grid rectilinear?"
@@ -202,14 +186,12 @@ class _Text:
         return self._values[self._at - n : self._at]
 
     def whole(self) -> int:
-        """The next number as a count."""
         value = float(self.take(1)[0])
         if not (value.is_integer() and value >= 0.0):
             raise AcousticsError(f"{self.path}: found {value:g} where a count is expected")
         return int(value)
 
     def vector(self) -> Array:
-        """A count and that many numbers."""
         return self.take(self.whole())
 
 
@@ -220,11 +202,9 @@ class _Binary:
         self.path, self._rest = path, content
 
     def left(self) -> int:
-        """Count of the numbers not taken yet, which other writers may pad."""
-        return 0
+        return 0  # other writers may pad
 
     def record(self, size: int | None = None) -> bytes:
-        """Bytes of the next record, which must have so many."""
         length = int.from_bytes(self._rest[:4], "little")
         whole, mark = self._rest[4 : 4 + length], self._rest[4 + length : 8 + length]
         if len(mark) < 4 or mark != self._rest[:4]:
@@ -235,15 +215,12 @@ class _Binary:
         return whole
 
     def take(self, n: int) -> Array:
-        """The reals of the next record, which must be n."""
         return np.frombuffer(self.record(4 * n), dtype="<f4").astype(float)
 
     def whole(self) -> int:
-        """The integer of the next record."""
         return int.from_bytes(self.record(4), "little", signed=True)
 
     def vector(self) -> Array:
-        """The reals of the next record, which starts with their number."""
         record = self.record()
         n = int.from_bytes(record[:4], "little")
         if len(record) != 4 * (n + 1) or n == 0:

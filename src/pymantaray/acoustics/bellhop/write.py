@@ -47,7 +47,6 @@ class HalfSpace:
     shear_attenuation_db_per_wavelength: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what no sediment is."""
         for name, value in vars(self).items():
             least = 1e-300 if name in ("sound_speed", "density_g_per_cm3") else 0.0
             if not least <= value < math.inf:
@@ -88,7 +87,6 @@ class BellhopOptions:
     step: float = 50.0
 
     def __post_init__(self) -> None:
-        """Check every value."""
         for name, value, allowed in (("run", self.run, Run), ("bottom", self.bottom, BottomKind)):
             if value not in get_args(allowed) and not (name == "bottom" and isinstance(value, HalfSpace)):
                 raise AcousticsError(f"{name}: {value!r}; allowed are {', '.join(get_args(allowed))}")
