@@ -20,18 +20,9 @@ LeaveOut = Annotated[
     list[str] | None,
     typer.Option(
         "--leave-out",
-        metavar="WORD",
-        help="Lines of the input to lose on purpose, counted: the word that begins them, as EDGE_SE3_XYZ; or all that"
-        " can be left out. May be given several times.",
-    ),
-]
-LeaveOutToo = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--leave-out",
         metavar="WHAT",
         help="What to lose on purpose, counted: a word that begins lines of the input, as EDGE_SE3_XYZ; what a g2o"
-        " file cannot hold, as ranges; or all. May be given several times.",
+        " output cannot hold, as ranges; or all. May be given several times.",
     ),
 ]
 HalfAngles = Annotated[
@@ -135,7 +126,7 @@ def convert(
             help="OUT.pyfg, OUT.g2o, or OUT.tum for the vertices (OUT-NAME.tum for each of several vehicles).",
         ),
     ],
-    leave_out: LeaveOutToo = None,
+    leave_out: LeaveOut = None,
     half_angles: HalfAngles = False,
     symbols: Annotated[
         bool,
@@ -203,11 +194,9 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
     landmarks = (g["range"].variables >= g.n_poses).sum(axis=1)
     time = g.pose_time
     vehicles = (f"{name} ({np.count_nonzero(agent == k)} poses)" for k, name in enumerate(g.agent_name))
-    priors = [
-        f"{kind.plural} {len(g[name])}"
-        for name, kind in KINDS.items()
-        if len(kind.ends) == 1 and len(g[name])
-    ]
+    unary = {kind.plural: len(g[name]) for name, kind in KINDS.items() if len(kind.ends) == 1}
+    priors = [f"{plural} {count}" for plural, count in unary.items() if count]
+    counts = [np.count_nonzero(landmarks == k) for k in range(3)]
     lines = [
         ("vehicles", ", ".join(vehicles)),
         ("landmarks", ", ".join(g.landmark_name.tolist()) or "none"),
@@ -217,12 +206,7 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
             "loop closures",
             f"{np.count_nonzero(same & ~odometry)} of one vehicle, {np.count_nonzero(~same)} between two",
         ),
-        (
-            "ranges",
-            "{} between poses, {} to landmarks, {} between landmarks".format(
-                *(np.count_nonzero(landmarks == k) for k in range(3))
-            ),
-        ),
+        ("ranges", "{} between poses, {} to landmarks, {} between landmarks".format(*counts)),
         ("priors", ", ".join(priors) or "none"),
         ("degrees of freedom", f"{g.degrees_of_freedom}"),
     ]

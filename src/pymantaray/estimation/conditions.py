@@ -23,7 +23,7 @@ from pymantaray.estimation.range_models import (
     TravelTimeUncertainty,
     Unknowns,
 )
-from pymantaray.estimation.solution import Method, Solution
+from pymantaray.estimation.solution import Method, Progress, Solution, judged
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.starts import dead_reckon
 from pymantaray.records import Estimates, Measurements, SolveStatus
@@ -157,38 +157,25 @@ class _Fleet:
         graph, believed = _believed(with_ranges(self._graph, o, e.ranges, e.links), o, e)
         if self._samples is not None:
             poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, self._samples].T
-        position, quaternion = e.initial or self._reckoned
+        position, quaternion = (np.asarray(table) for table in e.initial or self._reckoned)
+        start = GraphValues(position.reshape(-1, 3), quaternion.reshape(-1, 4), o.landmark_position)
         flat = solver.solve(
             graph,
-            GraphValues(
-                position=np.asarray(position).reshape(-1, 3),
-                quaternion=np.asarray(quaternion).reshape(-1, 4),
-                landmark_position=o.landmark_position,
-            ),
+            start,
             method=e.method,
             model_is_right=e.model_is_right,
             believed=believed,
             covariance_poses=poses,
         )
-        return replace(
-            flat,
-            position=flat.position.reshape(*o.depth.shape, 3),
-            quaternion=flat.quaternion.reshape(*o.depth.shape, 4),
-        )
+        place, turn = flat.position.reshape(*o.depth.shape, 3), flat.quaternion.reshape(*o.depth.shape, 4)
+        return replace(flat, position=place, quaternion=turn)
 
     def reckoned_solution(self) -> Solution:
-        o, samples = self._o, self._samples
-        return Solution(
-            *self._reckoned,
-            landmark_position=o.landmark_position,
-            status=SolveStatus.OK,
-            iterations=0,
-            initial_cost=np.nan,
-            final_cost=np.nan,
-            expected_cost=np.nan,
-            gradient_norm=np.nan,
-            covariances=None if samples is None else reckoned_covariances(o, samples),
-        )
+        values = GraphValues(*self._reckoned, self._o.landmark_position)
+        solution = judged(values, Progress(0, np.nan, np.nan), SolveStatus.OK)
+        if self._samples is None:
+            return solution
+        return replace(solution, covariances=reckoned_covariances(self._o, self._samples))
 
 
 def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[str, Solution]]) -> Estimates:

@@ -18,10 +18,8 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     """
     Say in one line which variable makes a graph singular or badly conditioned, if one does.
 
-    The weakest direction is the eigenvector of the least eigenvalue of the information matrix, scaled to a
-    unit diagonal. It counts as undetermined if the eigenvalue is zero to working precision, or the standard
-    deviation of some variable along it exceeds 1,000 km or as many radians. Conditioning is judged
-    by the variances: one 1e-12 times the median of its kind, metres or radians, drowns the rest in rounding.
+    Judged by the weakest direction of the information matrix, scaled to a unit diagonal, and by the smallest variance
+    of metres or radians against the median.
     """
     from pymantaray.estimation._gtsam.marginals import weakest_direction
 
@@ -49,7 +47,7 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
 
 def refuse_sharp_depths(graph: FactorGraph, values: GraphValues) -> None:
     """
-    Refuse depths that are too good for the solver, in a graph that it takes for singular and that is not.
+    Refuse depths too good for the solver, in a graph that it takes for singular and that is not.
 
     GTSAM's Cholesky gives up where the last two pivots of a pose differ by 4,096, as those of a rolled
     vehicle do whose depth is so much better known than where its odometry leads to.

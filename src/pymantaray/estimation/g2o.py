@@ -50,21 +50,14 @@ def write_g2o(
     half_angles: bool = False,
 ) -> dict[str, int]:
     """
-    Write the poses and edges of a factor graph as g2o text, whole or not at all, and count what the format cannot hold.
+    Write the poses and edges of a factor graph as g2o text, whole or not at all, and count what is left out.
 
-    What it cannot hold, of `LEFT_OUT`, has to be named in ``leave_out``. Vertices are numbered by the row of
-    the pose, or with ``symbols`` as GTSAM's symbols, which keep vehicle and number (vehicles of one letter
-    only); g2o itself cannot read such large numbers. With ``half_angles`` the rotation part of the
-    information is that of x, y, z of the quaternion, half the angle, as g2o itself has it; else that of the
-    rotation vector, as GTSAM has it.
-
-    Notes
-    -----
-    ``VERTEX_SE3:QUAT id x y z qx qy qz qw`` and ``EDGE_SE3:QUAT id id x y z qx qy qz qw information``, the
-    upper triangle of the 6 x 6 information matrix by rows, translation first [1]_. The rotation
-    part is that of x, y, z of the quaternion, says [2]_. GTSAM takes the same numbers for those of the
-    rotation vector (checked with 4.3). Times of poses are lost. GTSAM's own writer rounds to six digits; its reader takes ``nan`` for
-    0, numbers that are missing for anything, and skips other lines in silence.
+    What the format [1]_ cannot hold, of `LEFT_OUT`, has to be named in ``leave_out``. Vertices are numbered by the
+    row of the pose, or with ``symbols`` as GTSAM's symbols, which keep vehicle and number (vehicles of one
+    letter only) and are too large for g2o itself. With ``half_angles`` the rotation part of the information is that of
+    x, y, z of the quaternion, half the angle, as g2o has it [2]_; else that of the rotation vector, as GTSAM
+    reads the same numbers (checked with 4.3). GTSAM's own writer rounds to six digits; its reader takes ``nan``
+    for 0, numbers that are missing for anything, and skips other lines in silence.
 
     References
     ----------
@@ -97,11 +90,9 @@ def load_g2o(path: Path | str, *, leave_out: Collection[str] = (), half_angles: 
     """
     Read a pose graph from g2o text in three dimensions.
 
-    Lines of the words in ``leave_out``, such as ``VERTEX_TRACKXYZ`` or ``FIX``, are skipped and counted; any
-    other word than those of poses and edges is refused in a line that names its number. The graph has no
-    priors, and values of the vertices are a starting point in this format. Ids that are GTSAM symbols become
-    vehicle and number; others belong to a vehicle A. The format has no times: a pose's number stands for it.
-    [s]
+    Lines of the words in ``leave_out``, such as ``VERTEX_TRACKXYZ`` or ``FIX``, are skipped and counted; others
+    are refused. Ids that are GTSAM symbols become vehicle and number; others belong to a vehicle A. A pose's
+    number stands for its time. [s]
     """
     path = Path(path)
     vertices: dict[int, list[float]] = {}
@@ -163,9 +154,8 @@ def _graph(
         for end in ends:
             if end not in row:
                 lines.refuse(f"id {end}", "ids of the file's vertices", number)
-    names = [_name(pose) for pose in vertices]
-    agents = list(dict.fromkeys(agent for agent, _ in names))
-    numbers = np.array([k for _, k in names])
+    letters, numbers = zip(*map(_name, vertices), strict=True)
+    agents = list(dict.fromkeys(letters))
     vertex = np.array(list(vertices.values())).reshape(-1, 7)
     edge = np.array([values for *_, values in edges]).reshape(-1, 28)
     information = from_triangle(edge[:, 7:], 6)
@@ -180,12 +170,11 @@ def _graph(
     graph = FactorGraph(
         agent_name=np.array(agents),
         landmark_name=np.array([], dtype=str),
-        pose_agent=np.array([agents.index(agent) for agent, _ in names]),
-        pose_number=numbers,
-        pose_time=numbers.astype(float),
+        pose_agent=np.array([agents.index(letter) for letter in letters]),
+        pose_number=np.array(numbers),
+        pose_time=np.array(numbers, dtype=float),
     )
-    none = np.empty((0, 3))
-    values = GraphValues(position=vertex[:, :3], quaternion=vertex[:, 3:][:, TO_WXYZ], landmark_position=none)
+    values = GraphValues(vertex[:, :3], vertex[:, 3:][:, TO_WXYZ], np.empty((0, 3)))
     return graph.with_factors(edge=table), values
 
 

@@ -273,9 +273,8 @@ def check_graph(graph: FactorGraph) -> None:
     """
     Refuse a graph whose measurements or noise levels cannot be used.
 
-    What passes can be handed to GTSAM: there, a zero sigma silently becomes a hard constraint, one triangle
-    of an asymmetric matrix is ignored, a scaled rotation is taken as it is, and a singular or overflowing
-    covariance surfaces as an exception in the middle of a solve.
+    GTSAM would take a zero sigma for a hard constraint, ignore one triangle of an asymmetric matrix, take a scaled
+    rotation as it is, and throw in the middle of a solve for a singular or overflowing covariance.
     """
     _check_names(graph)
     for name in KINDS:
@@ -304,12 +303,7 @@ def check_values(graph: FactorGraph, values: GraphValues) -> None:
 
 
 def check_anchored(graph: FactorGraph) -> None:
-    """
-    Refuse a graph in which some variables are tied to the world by nothing.
-
-    Odometry and ranges tie variables to each other; a first-pose prior, a GNSS fix or a landmark prior
-    ties them to the world. A depth prior does not: it leaves the horizontal free.
-    """
+    """Refuse a graph in which some variables are tied to the world by nothing; a depth leaves the horizontal free."""
     loose = connected_parts(graph).loose
     if loose.any():
         raise EstimationError(

@@ -40,11 +40,9 @@ class OuterIterations:
     Minimize the cost of a graph whose ranges are a model's.
 
     The model is asked at the estimate, the travel times are expanded there (`Expansion`), the graph is
-    solved, and so on until a new prediction moves no range by more than 1 mm. A link that is not possible at
-    an estimate is gated until the next one; one that was gated twice stays gated, so that the set of links
-    settles. So are, after 8 expansions, those that are corrected most: their first arrival is now of one
-    family of rays, now of another. Variances that depend on the rays are computed again where an end has
-    moved by more than 100 m.
+    solved, and so on until a new prediction moves no range by more than 1 mm. A link that is not possible is
+    gated until the next estimate, and for good after two times, so that the set of links settles; so are, after 8
+    expansions, those that are corrected most: their first arrival is now of one family of rays, now of another.
     """
 
     def __init__(self, builder: Any, graph: FactorGraph, believed: BelievedRanges, loss: Loss | None) -> None:

@@ -183,9 +183,7 @@ def load_pyfg(path: Path | str, *, leave_out: Collection[str] = ()) -> GraphFile
     """
     Read as `read_pyfg` does, leaving out what is named.
 
-    ``EDGE_SE3_XYZ``, a landmark's place in the body frame of a pose, has no factor here and is refused unless
-    its lines are left out; they are checked and counted. PyFactorGraph's own reader skips them without a
-    word.
+    ``EDGE_SE3_XYZ`` has no factor here and is refused unless its lines are left out: checked and counted.
     """
     path = Path(path)
     if not set(leave_out) <= {SIGHTING}:

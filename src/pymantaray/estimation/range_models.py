@@ -110,7 +110,7 @@ class ConstantSpeed:
         self.sound_speed = float(sound_speed)
 
     def speed(self, measured: Array) -> Array:
-        """Sound speed along each link; of what was measured at the transmitters only the shape counts. [m s⁻¹]."""
+        """Sound speed along each link, whatever was measured at the transmitters. [m s⁻¹]."""
         return np.full(np.shape(measured), self.sound_speed)
 
     def predict(self, links: RangeLinks) -> Prediction:

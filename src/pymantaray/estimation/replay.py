@@ -39,11 +39,10 @@ def replay(
     builder: Any = None,
 ) -> Replay:
     """
-    Feed the factors of a graph, whose ranges are distances, to iSAM2 in the order of their time: that of their latest pose.
+    Feed the factors of a graph, whose ranges are distances, to iSAM2 in the order of their latest pose.
 
-    Variables that have no prior and no edge from a pose that is there already enter at their initial value.
-    Every variable must be determined by what is known when it enters: a landmark without a prior of its own
-    is not, by its first range.
+    Variables that have no prior and no edge from a pose that is there already enter at their initial value, and have to
+    be determined by what is known then: a landmark without a prior is not, by its first range.
     """
     from pymantaray.estimation._gtsam.factors import FactorBuilder, to_graph_values
     from pymantaray.estimation._gtsam.incremental import Entering, IncrementalSmoother, timeline

@@ -58,12 +58,11 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
 
 def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> tuple[GraphValues, int]:
     """
-    Values that the edges of a graph give when composed from its pose priors.
+    Values that the edges of a graph give when composed from its pose priors, and the count of those taken as they are.
 
     A pose is reached from the nearest prior over the fewest edges that are not odometry (one pose to the next
-    of a vehicle, either way), and over the fewest edges among these. Ranges and fixes are not used. Where the
-    graph itself has nothing to start from (the first pose of a chain that has no pose prior, a landmark that
-    has none), ``values`` are taken; how many is counted beside.
+    of a vehicle, either way), and over the fewest edges among these. The first pose of a chain without a prior
+    and landmarks without one have their ``values``.
     """
     n = graph.n_poses
     prior, edge, survey = graph["prior"], graph["edge"], graph["survey"]
@@ -101,10 +100,9 @@ def anchor_loose_parts(
     graph: FactorGraph, values: GraphValues, *, sigma: float = 1e-3
 ) -> tuple[FactorGraph, NDArray[np.int32]]:
     """
-    Give a prior to the first pose of each part of a graph that nothing ties to the world, where the values have it.
+    Give a prior, sigma on each axis [m, rad], to the first pose of each part that nothing ties to the world.
 
-    The poses that now have one are named beside; a part without poses gets none. Sigma is of each axis. [m,
-    rad]
+    It is where the values have it. Poses that now have one are named beside; a part without poses gets none.
     """
     part, loose = connected_parts(graph)
     n = graph.n_poses
@@ -122,9 +120,9 @@ def _shortest_tree(
     graph: FactorGraph, starts: NDArray[np.int_]
 ) -> tuple[list[int], list[int], dict[tuple[int, int], int]]:
     """
-    For each pose the one that it is reached from, the number of poses where it is a start; then poses in the
-    order in which they are reached, and the row of the edge for each ordered pair of poses that edges join,
-    either way.
+    Shortest ways from the starts: before each pose the one it is reached from (n_poses at a start), and the order.
+
+    Beside, the row of the edge between two poses, either way.
     """
     n = graph.n_poses
     ends = graph["edge"].variables.astype(int)
@@ -137,12 +135,9 @@ def _shortest_tree(
         tree_edge.setdefault((a, b), k)
         tree_edge.setdefault((b, a), k)
     pairs = np.array(list(tree_edge), dtype=int).reshape(-1, 2)
-    links = coo_array(
-        (
-            np.concatenate([weight[list(tree_edge.values())], np.ones(starts.size)]),
-            (np.concatenate([pairs[:, 0], np.full(starts.size, n)]), np.concatenate([pairs[:, 1], starts])),
-        ),
-        shape=(n + 1, n + 1),
-    ).tocsr()
+    tail = np.concatenate([pairs[:, 0], np.full(starts.size, n)])
+    head = np.concatenate([pairs[:, 1], starts])
+    length = np.concatenate([weight[list(tree_edge.values())], np.ones(starts.size)])
+    links = coo_array((length, (tail, head)), shape=(n + 1, n + 1)).tocsr()
     far, parent = dijkstra(links, directed=True, indices=np.array([n]), return_predecessors=True)
     return parent[0].tolist(), np.argsort(far[0, :n], kind="stable").tolist(), tree_edge

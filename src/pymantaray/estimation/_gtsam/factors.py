@@ -21,10 +21,8 @@ Array = NDArray[np.float64]
 
 class FactorBuilder:
     """
-    Builds GTSAM graphs, and keeps what successive graphs of one study share.
+    Builds GTSAM graphs, and keeps noise models, orderings and values, to use them again where their inputs are equal.
 
-    Realizations differ in what is measured, rarely in noise levels, structure or starting point; noise
-    models, orderings and initial values are therefore kept and used again where their inputs are equal.
     Variable ``i`` of the graph has the GTSAM key ``i``.
     """
 

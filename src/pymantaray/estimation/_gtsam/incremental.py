@@ -1,8 +1,7 @@
 """GTSAM's iSAM2, fed with the factors of a graph in the order of their time."""
 
 import time
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
@@ -14,8 +13,7 @@ from pymantaray.estimation.graph import FactorGraph
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Timeline:
+class Timeline(NamedTuple):
     """At which update each factor and each variable enters; -1 for a variable that no factor mentions."""
 
     factor_update: NDArray[np.intp]

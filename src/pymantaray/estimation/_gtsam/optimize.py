@@ -63,11 +63,9 @@ def optimize(problem: Problem, initial: Any, ordering: Any, options: SolveOption
     """
     Values that minimize a cost of squares, and how it went.
 
-    Gauss-Newton runs until no variable moves by more than the tolerance. If the cost does not fall below its
-    lowest within three steps or the linear system cannot be solved, Levenberg-Marquardt takes over from the
-    start, for ten times as many steps at most; Gauss-Newton polishes its end, unless that moves away again,
-    as it does where large residuals make the optimum repel it. Either way the last system solved is undamped,
-    and proves convergence or the want of it.
+    Where Gauss-Newton does not get below its lowest cost within three steps or meets a singular system,
+    Levenberg-Marquardt takes over from the start; Gauss-Newton polishes its end, unless that moves away again,
+    where large residuals make the optimum repel it. The last system solved is undamped, and proves convergence.
     """
     values, progress = _gauss_newton(problem, initial, ordering, options)
     if not (progress.singular or np.isnan(progress.last_step)):

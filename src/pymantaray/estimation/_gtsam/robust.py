@@ -23,16 +23,12 @@ def optimize_robust(
     """
     Values that minimize the cost of a problem under its loss, by graduated non-convexity if that says so, and how it went.
 
-    The step is the solution of the linear system with each range weighted as its loss has it at the estimate
-    (iteratively re-weighted least squares). It always points downhill, but is too short wherever the losses
-    are flatter than their weights say, so that full steps creep; and too long where rotations turn far. A
-    line search doubles or halves it, and the cost falls in every step. Last step, gradient and decrement are
-    those of the system that is re-weighted at the end, of which the gradient is the robust cost's own.
+    The step, of iteratively re-weighted least squares, always points downhill, but is too short where the losses
+    are flatter than their weights say, and too long where rotations turn far: a line search doubles or halves it.
 
     Graduated, the least-squares optimum comes first; its largest residual r gives the first control parameter
     2 r²/k², for which the surrogate is convex over all residuals. It falls by a factor of 1.4 from one
-    surrogate to the next, each descended by one step, until it is 1 and the surrogate the loss, which is then
-    minimized to the full tolerance. Costs are of the loss itself, and steps those of all stages.
+    surrogate to the next, each descended by one step, until it is 1 and the surrogate the loss.
     """
     loss = problem.loss
     if loss is None:
