@@ -157,25 +157,31 @@ class _Fleet:
         graph, believed = _believed(with_ranges(self._graph, o, e.ranges, e.links), o, e)
         if self._samples is not None:
             poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, self._samples].T
-        position, quaternion = (np.asarray(table) for table in e.initial or self._reckoned)
-        start = GraphValues(position.reshape(-1, 3), quaternion.reshape(-1, 4), o.landmark_position)
-        flat = solver.solve(
+        solution = solver.solve(
             graph,
-            start,
+            self._values(*(e.initial or self._reckoned)),
             method=e.method,
             model_is_right=e.model_is_right,
             believed=believed,
             covariance_poses=poses,
         )
-        place, turn = flat.position.reshape(*o.depth.shape, 3), flat.quaternion.reshape(*o.depth.shape, 4)
-        return replace(flat, position=place, quaternion=turn)
+        return self._by_vehicle(solution)
 
     def reckoned_solution(self) -> Solution:
-        values = GraphValues(*self._reckoned, self._o.landmark_position)
-        solution = judged(values, Progress(0, np.nan, np.nan), SolveStatus.OK)
+        values = self._values(*self._reckoned)
+        solution = self._by_vehicle(judged(values, Progress(0, np.nan, np.nan), SolveStatus.OK))
         if self._samples is None:
             return solution
         return replace(solution, covariances=reckoned_covariances(self._o, self._samples))
+
+    def _values(self, position: Array, quaternion: Array) -> GraphValues:
+        place, turn = (np.asarray(table) for table in (position, quaternion))
+        return GraphValues(place.reshape(-1, 3), turn.reshape(-1, 4), self._o.landmark_position)
+
+    def _by_vehicle(self, solution: Solution) -> Solution:
+        shape = self._o.depth.shape
+        place, turn = solution.position.reshape(*shape, 3), solution.quaternion.reshape(*shape, 4)
+        return replace(solution, position=place, quaternion=turn)
 
 
 def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[str, Solution]]) -> Estimates:
@@ -187,11 +193,7 @@ def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[st
     measurements : Measurements
         Of any realization: gives names and times.
     solutions : sequence of mapping of str to Solution
-        What `solve_conditions` returned, one for each realization, all with the same conditions.
-
-    Returns
-    -------
-    Estimates
+        What `solve_conditions` returned, one for each realization.
 
     Raises
     ------
@@ -210,10 +212,9 @@ def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[st
     def table(attribute: str) -> NDArray[Any]:
         return np.array([[getattr(s[c], attribute) for s in solutions] for c in conditions])
 
-    same = (
-        "position", "quaternion", "landmark_position", "iterations", "initial_cost", "final_cost", "expected_cost",
-        "gradient_norm", "gated_links",
-    )  # fmt: skip
+    names = (
+        "position quaternion landmark_position iterations initial_cost final_cost expected_cost gradient_norm"
+    )
     return Estimates(
         condition=np.array(conditions),
         realization=np.arange(len(solutions)),
@@ -221,7 +222,8 @@ def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[st
         time=measurements.time,
         landmark_name=measurements.landmark_name,
         solve_status=table("status"),
-        **{name: table(name) for name in same},
+        gated_links=table("gated_links"),
+        **{name: table(name) for name in names.split()},
     )
 
 

@@ -43,18 +43,7 @@ class EpochCovariances:
 
 def fixed_epochs(time: Array, interval: float) -> Indices:
     """
-    Samples at every multiple of an interval, and the last one.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n_time,)
-        Sample times since the start, rising. [s]
-    interval : float
-        The sample nearest to each multiple is taken, the start is not. [s]
-
-    Returns
-    -------
-    ndarray of int, shape (n_epochs,)
+    Samples nearest to every multiple of an interval [s] of rising times since the start [s], and the last one.
 
     Raises
     ------
@@ -85,8 +74,8 @@ def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochC
     r"""
     Covariances of dead reckoning at samples, to first order; vehicles are independent, and there are no ranges.
 
-    Every step :math:`T_{j} = T_{j-1} D_j \exp(q_j)` errs in the tangent of the pose that it leads to. At pose k that is
-    :math:`\sum_{j \le k} \mathrm{Ad}(T_k^{-1} T_j) q_j`, and the covariances add up.
+    Every step :math:`T_{j-1} D_j` errs by :math:`\exp(q_j)` in the tangent of the pose that it leads to: at pose k by
+    :math:`\sum_{j \le k} \mathrm{Ad}(T_k^{-1} T_j) q_j`.
     """
     o = measurements
     position, quaternion = dead_reckon(o)
@@ -114,19 +103,9 @@ def collect_covariances(
     measurements: Measurements, samples: Indices, solutions: Sequence[Mapping[str, EpochCovariances | None]]
 ) -> PoseCovariances:
     """
-    Put the covariances of all realizations into one record.
+    Put the covariances of all realizations into one record; None where a solve was not usable.
 
-    Parameters
-    ----------
-    measurements : Measurements
-        Of any realization: gives names and times.
-    samples : ndarray of int, shape (n_epochs,)
-    solutions : sequence of mapping of str to EpochCovariances or None
-        One for each realization, all with the same conditions; None where a solve was not usable.
-
-    Returns
-    -------
-    PoseCovariances
+    Names and times are those of the measurements of any realization.
 
     Raises
     ------

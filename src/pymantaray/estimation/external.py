@@ -107,14 +107,9 @@ def open_graph(path: Path | str, *, leave_out: Collection[str] = (), half_angles
     ----------
     path : pathlib.Path or str
     leave_out : collection of str
-        Words of lines to leave out: ``EDGE_SE3_XYZ`` of PyFactorGraph text, any of g2o.
+        Words of lines to leave out, and count: ``EDGE_SE3_XYZ`` of PyFactorGraph text, any of g2o.
     half_angles : bool
         Whether the rotation part of a g2o file's information is for half the angle, as g2o has it.
-
-    Returns
-    -------
-    GraphFile
-        ``graph``, ``values`` of its vertices, and what was left out.
 
     Raises
     ------
@@ -135,7 +130,7 @@ def solve_graph(
     truth: bool = True,
 ) -> GraphResult:
     """
-    Run an estimator on a graph that was read from a file.
+    Run an estimator on a graph that was read from a file; ``diagnosis`` of the result says what is wrong.
 
     Parameters
     ----------
@@ -149,11 +144,6 @@ def solve_graph(
         Give a prior of 1 mm and 1 mrad to the first pose of each part that floats, instead of refusing it.
     truth : bool
         Whether the file's vertices are the ground truth, as in PyFactorGraph files.
-
-    Returns
-    -------
-    GraphResult
-        Of any status; ``diagnosis`` says what is wrong.
 
     Raises
     ------
@@ -174,9 +164,9 @@ def solve_graph(
     check_anchored(graph)
     initial, as_in_file = (values, 0) if start == "file" else dead_reckon_graph(graph, values)
     name, solution = _solved(graph, initial, estimator)
-    diagnosis = (
-        None if solution.usable else diagnose(graph, initial) or _misfit(graph, initial, name, solution)
-    )
+    diagnosis = None
+    if not solution.usable:
+        diagnosis = diagnose(graph, initial) or _misfit(graph, initial, name, solution)
     return GraphResult(
         graph=graph,
         estimator=name,

@@ -171,9 +171,8 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     Notes
     -----
     A pose prior whose rotation is free (variance 1e12 or more) becomes a position fix, and a depth prior
-    if north and east are free too. Full covariances are kept, as PyFactorGraph's own reader does not.
-    Time stamps of factors are read and checked, and not kept: each factor is taken to be at the time of its
-    poses. Vertices are the ground truth in files that PyFactorGraph wrote.
+    if north and east are free too. Time stamps of factors are checked and not kept: each is taken to be at the time
+    of its poses. Vertices are the ground truth in files that PyFactorGraph wrote.
     """
     graph, values, _ = load_pyfg(path)
     return graph, values

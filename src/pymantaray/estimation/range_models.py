@@ -88,19 +88,7 @@ class TravelTimeUncertainty(Protocol):
 
 
 class ConstantSpeed:
-    """
-    One sound speed for all water.
-
-    Parameters
-    ----------
-    sound_speed : float
-        [m s⁻¹]
-
-    Raises
-    ------
-    EstimationError
-        If it is not positive and finite.
-    """
+    """One positive finite sound speed for all water. [m s⁻¹]."""
 
     def __init__(self, sound_speed: float) -> None:
         if not (sound_speed > 0.0 and np.isfinite(sound_speed)):

@@ -25,10 +25,6 @@ class GraphSolver:
     Solves factor graphs; keeps noise models, orderings and starting values that successive graphs share.
 
     One solver belongs to one process. Results do not depend on what it has solved before.
-
-    Parameters
-    ----------
-    options : SolveOptions
     """
 
     def __init__(self, options: SolveOptions | None = None) -> None:

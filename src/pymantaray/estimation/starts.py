@@ -19,10 +19,6 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
     """
     Trajectories that odometry alone gives, from the mean of each vehicle's first-pose prior.
 
-    Parameters
-    ----------
-    measurements : Measurements
-
     Returns
     -------
     position : ndarray, shape (n_agents, n_times, 3)
