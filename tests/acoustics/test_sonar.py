@@ -27,10 +27,11 @@ def test_wind_noise_has_knudsens_levels_and_slope():
 
 
 def test_each_source_has_its_formula_and_rules_its_own_frequencies():
-    # at 1 kHz lg f = 0: the constants stand alone
-    components = WenzNoise(wind_speed=4.0, shipping=1.0).components_db(1e3)
-    expected = [17.0, 50.0 - 60.0 * np.log10(1.03), 65.0 - 40.0 * np.log10(1.4), -15.0]
-    np.testing.assert_allclose(components, expected, rtol=1e-14)
+    # at 1 kHz lg f = 0: the constants stand alone; at 10 kHz it is 1
+    found = WenzNoise(wind_speed=4.0, shipping=1.0).components_db([1e3, 1e4]).T
+    ships, wind = -60.0 * np.log10([1.03, 10.03]), -40.0 * np.log10([1.4, 10.4])
+    np.testing.assert_allclose(found[0], [17.0, 50.0 + ships[0], 65.0 + wind[0], -15.0], rtol=1e-14)
+    np.testing.assert_allclose(found[1], [-13.0, 76.0 + ships[1], 85.0 + wind[1], 5.0], rtol=1e-13)
     ruling = np.argmax(WenzNoise(wind_speed=5.0, shipping=0.5).components_db([3.0, 60.0, 5e3, 500e3]), axis=0)
     np.testing.assert_array_equal(ruling, [0, 1, 2, 3])
 

@@ -22,7 +22,6 @@ Run = Literal["arrivals", "arrivals-binary", "rays", "eigenrays"]
 _LETTER: dict[Run, str] = {"arrivals": "A", "arrivals-binary": "a", "rays": "R", "eigenrays": "E"}
 _MOST_BEAMS = 10_000
 _MOST_POINTS = 100_000_000  # of a finer grid; 0.8 GB
-_LONGEST_NAME = 60  # Bellhop keeps 80 characters of a name with its extension
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,6 @@ def write_bellhop(
     receiver: ArrayLike,
     options: BellhopOptions | None = None,
     *,
-    name: str = "link",
     origin: Sequence[float] = (0.0, 0.0),
 ) -> list[Path]:
     """
@@ -124,8 +122,6 @@ def write_bellhop(
         Positions ``(north, east, down)`` inside the grid. [m]
     options : BellhopOptions, optional
         Default: arrivals of 100 x 100 beams within 15 degrees of the chord over a rigid bed.
-    name : str
-        Stem of the files of one link; several links add ``_0``, ``_1`` and so on.
     origin : sequence of 2 floats
         North and east of Bellhop's x = y = 0. Bellhop keeps positions in single precision: near the source
         they lose least. [m]
@@ -133,12 +129,13 @@ def write_bellhop(
     Returns
     -------
     list of pathlib.Path
-        The `.env` file of each link. The other files of further links are hard links to the first.
+        The `.env` file of each link, ``link.env`` or, of several, ``link_0.env`` and so on. The other files of
+        further links are hard links to the first.
 
     Raises
     ------
     AcousticsError
-        If an end lies outside the grid or its levels, or the name is impossible.
+        If an end lies outside the grid or its levels.
     WriteError
         If a file cannot be written.
 
@@ -150,13 +147,11 @@ def write_bellhop(
     triangles a cell in Bellhop.
     """
     options = options or BellhopOptions()
-    if not name or len(name) > _LONGEST_NAME or Path(name).name != name:
-        raise AcousticsError(f"name: {name!r}; a file name of 1 to {_LONGEST_NAME} characters is needed")
     a, b = (np.atleast_2d(np.asarray(points, dtype=float)) for points in (source, receiver))
     _check_ends(medium, a, b)
     shift = np.array([origin[0], origin[1], 0.0])
     grids = _grid_texts(medium, np.concatenate([a, b]) - shift, shift)
-    stems = [name] if len(a) == 1 else [f"{name}_{i}" for i in range(len(a))]
+    stems = ["link"] if len(a) == 1 else [f"link_{i}" for i in range(len(a))]
     paths = [Path(folder) / f"{stem}.env" for stem in stems]
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
@@ -232,10 +227,6 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
 def _check_ends(medium: Medium, a: Array, b: Array) -> None:
     if a.ndim != 2 or a.shape[1:] != (3,) or a.shape != b.shape or len(a) == 0:
         raise AcousticsError(f"source has shape {a.shape}, receiver {b.shape}; both need (n_links, 3)")
-    if medium.depth[0] != 0.0:
-        raise AcousticsError(
-            f"depth: the first level is at {medium.depth[0]:g} m; Bellhop takes it for the surface, give one at 0"
-        )
     sides = [
         (axis[0], axis[-1]) if axis.size > 1 else (-math.inf, math.inf)
         for axis in (medium.north, medium.east)
