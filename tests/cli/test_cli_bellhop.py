@@ -9,8 +9,6 @@ import pytest
 from bellhop_stand_in import read_boundary, read_env, read_grids
 from scipy.interpolate import CubicSpline
 
-from pymantaray.acoustics import Medium
-from pymantaray.ocean import open_ocean, to_local
 from pymantaray.study import open_run
 
 LINKS = """source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth
@@ -53,23 +51,13 @@ def test_writing_the_links_of_a_table(mantaray, files):
     assert paths == [Path("run/link_0.env"), Path("run/link_1.env")]
     second = read_env(paths[1])
     assert second.source == (500.5, -300.0, 70.0)
+    assert len(second.levels) == 2  # linear by default, so not sampled
     assert (second.run_type[0], second.bottom, second.step, len(second.bearings)) == ("R", "A", 0.0, 7)
     assert set(np.ravel(read_grids(paths[1])[1][2])) == {1234.0}
     assert set(np.ravel(read_boundary(paths[1].with_suffix(".ati"))[2])) == {4.0}
     again = ("rays", "write-bellhop", "links.csv", *PROFILE, "--out", "run")
     assert mantaray(*again, "--force").code == 0
     assert read_env(paths[1]).run_type[0] == "A"
-
-
-def test_writing_a_named_ocean(mantaray, files):
-    window = ("--centre", 79, 1, "--half-extent", 9000, 9000)
-    words = ("rays", "write-bellhop", "--ocean", "synthetic:fram", "links.csv", "--out", "run", *window)
-    assert mantaray(*words).code == 0
-    (*_, c), (*_, bed) = read_grids("run/link_1.env")
-    local = to_local(open_ocean("synthetic:fram"), centre=(79.0, 1.0), half_extent=(9000.0, 9000.0))
-    expected = Medium.from_dataset(local, interpolation="linear")
-    np.testing.assert_array_equal(c, expected.sound_speed)
-    np.testing.assert_array_equal(bed, expected.bathymetry)
 
 
 def test_a_smooth_ocean_is_sampled(mantaray, files):
