@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from pymantaray.errors import OceanError
-from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.convert import minute, parse_instant
 from pymantaray.ocean.fetch.catalogue import Product, covering, load_catalogue
 from pymantaray.ocean.fetch.hycom import Fetched, check_out
@@ -98,8 +97,6 @@ def fetch_copernicus(
 
 def _request(part: Product.Dataset, region: Region, day: np.datetime64, file: Path) -> dict[str, Any]:
     """Arguments of ``copernicusmarine.subset`` for one data set, whose daily means have their time at midnight."""
-    # the package counts longitudes as it finds them, and shifts its axis where west exceeds east
-    east = wrapped(region.west + region.width)
     instant = dt.datetime.fromisoformat(str(day)).replace(tzinfo=dt.UTC)
     return {
         "dataset_id": part.id,
@@ -107,7 +104,7 @@ def _request(part: Product.Dataset, region: Region, day: np.datetime64, file: Pa
         "minimum_latitude": region.south,
         "maximum_latitude": region.north,
         "minimum_longitude": region.west,
-        "maximum_longitude": east if east > region.west else east + 360.0,
+        "maximum_longitude": region.west + region.width,  # beyond 180 across the antimeridian
         "start_datetime": instant,
         "end_datetime": instant,
         "coordinates_selection_method": "outside",  # one point beyond each side: the window is enclosed
