@@ -6,7 +6,7 @@ import re
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 from urllib.parse import unquote, urlsplit, urlunsplit
 
 import numpy as np
@@ -15,8 +15,6 @@ import pydantic
 from pymantaray.errors import OceanError
 from pymantaray.ocean.convert import HYCOM_NAMES, minute
 from pymantaray.ocean.files import without_password
-
-SERVERS_VARIABLE = "MANTARAY_OCEAN_SERVERS"
 
 
 class _Table(pydantic.BaseModel):
@@ -128,12 +126,18 @@ def load_catalogue(servers: str | Path | None = None) -> Catalogue:
     """Catalogue of the package, with the tables of a TOML file or the address of an OPeNDAP root in their place."""
     shipped = files("pymantaray.ocean.fetch").joinpath("servers.toml")
     table = tomllib.loads(shipped.read_text(encoding="utf-8"))
-    named = os.environ.get(SERVERS_VARIABLE) if servers is None else servers
+    named = os.environ.get("MANTARAY_OCEAN_SERVERS") if servers is None else servers
     where = without_password(named or "servers.toml")
     if named and re.match(r"https?:", str(named)):
         table["addresses"] = {"opendap": str(named)}
     elif named:
-        table |= _read_toml(Path(named))  # tables as a whole: never one server's address and another's
+        try:  # tables as a whole: never one server's address and another's
+            table |= tomllib.loads(Path(named).read_text(encoding="utf-8"))
+        except OSError as error:
+            line = f"cannot be read ({error.strerror}); name a TOML file of servers"
+            raise OceanError(f"{where}: {line}") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise OceanError(f"{where}: not TOML ({error})") from None
     try:
         catalogue = Catalogue.model_validate(table)
     except pydantic.ValidationError as error:
@@ -149,14 +153,3 @@ def load_catalogue(servers: str | Path | None = None) -> Catalogue:
                 f" {', '.join(HYCOM_NAMES)} once"
             )
     return catalogue
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise OceanError(
-            f"{without_password(path)}: cannot be read ({error.strerror}); name a TOML file of servers"
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise OceanError(f"{path}: not TOML ({error})") from None
