@@ -134,12 +134,7 @@ def test_depth_moves_a_turned_body_down_and_nowhere_else(make_fleet, rotation_ve
     np.testing.assert_allclose(solution.position[0], expected, rtol=0, atol=1e-3)
 
 
-def test_two_landmarks_are_found_together_with_the_vehicles(make_fleet):
-    exact = make_fleet(n_agents=2, n_landmarks=2)
-    solution = solve_conditions(exact.noise_free, ["straight"])["straight"]
-    np.testing.assert_allclose(solution.position, exact.position, rtol=0, atol=1e-4)
-    marks = exact.noise_free.landmark_position
-    np.testing.assert_allclose(solution.landmark_position, marks, rtol=0, atol=1e-4)
+def test_badly_surveyed_landmarks_are_found_together_with_the_vehicles(make_fleet):
     # many ranges from well-known places move a badly surveyed landmark towards where it is
     known = make_fleet(seed=5, n_agents=4, n_landmarks=2, gnss_every=1)
     o = known.noisy
@@ -173,25 +168,6 @@ def test_a_used_solver_gives_the_same_digits_as_a_new_one(make_fleet):
         )
         for name in again:
             np.testing.assert_array_equal(again[name].position, fresh[name].position)
-
-
-@pytest.mark.parametrize("noise", ["noisy", "noise_free"])
-@pytest.mark.parametrize(
-    "removed",
-    [
-        ("prior", "fix"),  # the fleet may turn about and be carried sideways as one
-        ("prior", "fix", "depth"),  # and anywhere
-        ("edge",),  # poses that only depth and some ranges know
-    ],
-    ids=["no prior", "nothing to hold on to", "no odometry"],
-)
-def test_unsolvable_graph_started_at_the_truth_is_caught(fleet, noise, removed):
-    graph = without(build_graph(getattr(fleet, noise), "straight"), *removed)
-    solution = GraphSolver().solve(graph, fleet.truth)
-    assert solution.status == SolveStatus.FAILED
-    assert not solution.usable
-    assert np.isnan(solution.position).all()
-    assert np.isnan(solution.quaternion).all()
 
 
 def test_iteration_limit_is_reported(fleet):
@@ -238,15 +214,11 @@ def test_gate_has_a_verdict_for_each_way_to_end(change, status):
     assert gate(replace(GOOD, **change), SolveOptions(), expected_cost=100.0) == status
 
 
-def test_refracted_ranges_far_from_the_model_are_a_finding_not_a_failure(make_fleet):
+def test_cost_out_of_bounds_is_a_finding_of_refracted_ranges_and_a_status_of_the_others(make_fleet):
     fleet = make_fleet(seed=1, range_error=30.0, gnss_every=10)
     solved = solve_conditions(fleet.noisy, ["straight", "refracted"], fleet.start)
     assert solved["straight"].status == solved["refracted"].status == SolveStatus.OK
     assert solved["refracted"].final_cost > 5 * solved["refracted"].expected_cost
-
-
-def test_wrong_noise_level_shows_in_the_gate_and_keeps_its_estimate(make_fleet):
-    fleet = make_fleet(seed=1, gnss_every=10, n_agents=4)
     sure = replace(fleet.noisy, range_sigma=np.full(fleet.noisy.range_sigma.size, 0.1))
     solution = solve_conditions(sure, ["straight"])["straight"]
     assert solution.status == SolveStatus.OVER_CHI_SQUARE
