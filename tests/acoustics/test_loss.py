@@ -319,7 +319,7 @@ def test_bubble_loss_has_published_values_is_continuous_at_breaking_and_capped()
         (lambda: FluidBottom(1600.0, -1.0), "FluidBottom: density is -1; must be finite and positive"),
         (lambda: FluidBottom(1600.0, 1800.0, np.nan), "attenuation_db_per_wavelength is nan; must be"),
         (lambda: FluidBottom.standard("mud"), "'mud' is unknown; there are clay, silt"),
-        (lambda: SeaSurface(-3.0), "wind_speed: -3 m/s"),
+        (lambda: SeaSurface(-3.0), "wind_speed is -3 m/s"),
         (lambda: IceCover(-1.0), "IceCover: -1 dB a bounce"),
         (lambda: SeaSurface(3.0, "eckart"), "'eckart'; allowed are 'bubbles' and 'coherent'"),
     ],

@@ -3,6 +3,7 @@
 import itertools
 from pathlib import Path
 
+import gsw
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from pymantaray.acoustics import Medium, find_eigenrays, smooth_profile, thin_profile
+from pymantaray.acoustics import Medium, find_eigenrays, read_profile, smooth_profile, thin_profile
 from pymantaray.acoustics.profiles import is_raw_cast
 from pymantaray.errors import AcousticsError
 from pymantaray.ocean.seawater import sound_speed
@@ -30,6 +31,32 @@ def cast(name):
     return depth, sound_speed(
         table["temperature_degC"], table["practical_salinity"], depth, np.full(depth.size, 74.5), -140.0
     )
+
+
+@pytest.mark.parametrize("kind", ["speed", "depth", "pressure"])
+def test_sound_speed_of_a_cast_is_read_or_computed(tmp_path, kind):
+    z = np.array([0.0, 30.0, 100.0, 400.0, 1000.0, 2000.0])
+    t, s = np.array([-1.0, 0.5, -1.4, 0.6, 0.0, -0.7]), np.array([28.0, 31.0, 33.0, 34.8, 34.9, 34.92])
+    c = sound_speed(t, s, z, 74.5, -140.0)
+    head, place, columns = {
+        "speed": ("", None, {"depth": z, "sound_speed": c}),
+        "depth": (
+            "# AXCTD, 2014-07-24, lat 74.5, lon -140.0; 1 m means\n",
+            None,
+            {"depth_m": z, "temperature_degC": t, "practical_salinity": s},
+        ),
+        "pressure": (
+            "",
+            (74.5, -140.0),
+            {"Pressure_dbar": gsw.p_from_z(-z, 74.5), "temperature": t, "salinity": s},
+        ),
+    }[kind]
+    path = tmp_path / "cast.csv"
+    path.write_text(head + pd.DataFrame(columns).to_csv(index=False, float_format="%.17g"))
+    profile = read_profile(path, place)
+    np.testing.assert_allclose(profile.depth, z, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(profile.sound_speed, c, rtol=1e-9)
+    assert profile.position == (None if kind == "speed" else (74.5, -140.0))
 
 
 def between(profile, depth):

@@ -171,28 +171,6 @@ def test_an_output_can_be_overwritten_by_force_and_be_an_input(rays):
     assert not np.allclose(two["travel_time_s"], one["travel_time_s"], equal_nan=True)
 
 
-def test_sound_speed_of_a_cast_is_computed(rays):
-    z = np.array([0.0, 30.0, 100.0, 400.0, 1000.0, 2000.0])
-    t, s = np.array([-1.0, 0.5, -1.4, 0.6, 0.0, -0.7]), np.array([28.0, 31.0, 33.0, 34.8, 34.9, 34.92])
-    water = pd.DataFrame({"depth_m": z, "temperature_degC": t, "practical_salinity": s})
-    casts = {
-        "speed": pd.DataFrame({"depth": z, "sound_speed": sound_speed(t, s, z, 74.5, -140.0)}),
-        "depth": water,
-        "pressure": water.assign(Pressure_dbar=gsw.p_from_z(-z, 74.5)).drop(columns="depth_m"),
-    }
-    times = {}
-    for name, cast in casts.items():
-        head = "# AXCTD, 2014-07-24, lat 74.5, lon -140.0; 1 m means\n" if name == "depth" else ""
-        Path("cast.csv").write_text(head + cast.to_csv(index=False, float_format="%.17g"))
-        place = ("--position", 74.5, -140) if name == "pressure" else ()
-        rays("times", "links.csv", f"{name}.csv", "--profile", "cast.csv", "--bottom", 2000, *place)
-        times[name] = pd.read_csv(f"{name}.csv")["travel_time_s"]
-    np.testing.assert_allclose(times["depth"], times["speed"], rtol=1e-9)
-    np.testing.assert_allclose(times["pressure"], times["speed"], rtol=1e-8)
-    medium = medium_of("depth.csv")
-    assert (medium["computed"], medium["position_deg"]) == ("TEOS-10", [74.5, -140.0])
-
-
 @pytest.mark.skipif(not CASTS.is_dir(), reason=f"{CASTS} is absent")
 def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     cast = CASTS / "beaufort_axctd_20140724_74N140W.csv"
@@ -217,12 +195,16 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     assert medium_of("out.csv")["smoothed"]["length_m"] == 10.0
 
 
-def test_a_profile_that_starts_below_the_surface_holds_up_to_it_and_says_so(rays):
-    Path("deep.csv").write_text("depth,sound_speed\n10,1434\n20,1437.9\n3000,1499\n")
+def test_a_profile_by_pressure_that_starts_below_the_surface_holds_up_to_it_and_says_so(rays):
+    Path("deep.csv").write_text("pressure,sound_speed\n10,1434\n20,1437.9\n3000,1499\n")
     Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,0,100,0,0\n")
-    printed = rays("times", "links.csv", "out.csv", "--profile", "deep.csv", "--bottom", 3000)
-    assert "deep.csv: starts at 10 m; the sound speed there is taken up to the surface\n" in printed
+    place = ("--position", 74.5, -140)
+    printed = rays("times", "links.csv", "out.csv", "--profile", "deep.csv", "--bottom", 3000, *place)
+    depth = -gsw.z_from_p(10.0, 74.5)
+    assert f"deep.csv: starts at {depth:g} m; the sound speed there is taken up to the surface\n" in printed
     assert pd.read_csv("out.csv")["source_sound_speed_m_s"][0] == pytest.approx(1434.0, abs=1e-9)
+    medium = medium_of("out.csv")
+    assert (medium["computed"], medium["position_deg"]) == ("TEOS-10", [74.5, -140.0])
 
 
 def test_a_named_ocean_about_a_centre(rays):

@@ -113,7 +113,10 @@ class SeaSurface:
     model: Literal["bubbles", "coherent"] = "bubbles"
 
     def __post_init__(self) -> None:
-        _wind(self.wind_speed)
+        if not 0.0 <= self.wind_speed < math.inf:
+            raise AcousticsError(
+                f"SeaSurface: wind_speed is {self.wind_speed:g} m/s; must be finite and not negative"
+            )
         if self.model not in ("bubbles", "coherent"):
             raise AcousticsError(f"SeaSurface: model {self.model!r}; allowed are 'bubbles' and 'coherent'")
 
@@ -338,7 +341,9 @@ def wave_height_rms(wind_speed: ArrayLike) -> Array:
     :math:`\alpha g^2 \omega^{-5} \exp[-\beta (g/U\omega)^4]` with :math:`\alpha = 0.0081, \beta = 0.74` is
     :math:`\sigma^2 = \alpha U^4 / 4 \beta g^2`; its U is at 19.5 m, 1.026 times that at 10 m.
     """
-    return np.asarray((1.026 * _wind(wind_speed)) ** 2 / (2.0 * _GRAVITY) * math.sqrt(0.0081 / 0.74))
+    return np.asarray(
+        (1.026 * np.asarray(wind_speed, dtype=float)) ** 2 / (2.0 * _GRAVITY) * math.sqrt(0.0081 / 0.74)
+    )
 
 
 def coherent_surface_loss_db(
@@ -364,18 +369,11 @@ def bubble_loss_db(grazing_angle: ArrayLike, frequency_hz: ArrayLike, *, wind_sp
     value at 6 m/s times :math:`e^{1.2 (U - 6)}`. A fit to data of 20 to 40 kHz within 3 dB. Past a ceiling, scattering
     from beneath the bubbles carries on.
     """
-    wind = _wind(wind_speed)
+    wind = np.asarray(wind_speed, dtype=float)
     breaking = 1.26e-3 * np.maximum(wind, 6.0) ** 1.57 * np.exp(1.2 * np.minimum(wind - 6.0, 0.0))
     khz = np.asarray(frequency_hz, dtype=float) / 1000.0
     sine = np.maximum(np.sin(grazing_angle), 1e-12)
     return np.minimum(breaking * khz**0.85 / sine, _BUBBLE_CEILING)
-
-
-def _wind(wind_speed: ArrayLike) -> Array:
-    wind = np.asarray(wind_speed, dtype=float)
-    if not np.all(np.isfinite(wind)) or np.any(wind < 0.0):
-        raise AcousticsError(f"wind_speed: {np.min(wind):g} m/s; must be finite and not negative")
-    return wind
 
 
 def _sums(rows: NDArray[np.int64], values: Array, n: int) -> Array:
