@@ -373,7 +373,7 @@ def bubble_loss_db(grazing_angle: ArrayLike, frequency_hz: ArrayLike, *, wind_sp
     breaking = 1.26e-3 * np.maximum(wind, 6.0) ** 1.57 * np.exp(1.2 * np.minimum(wind - 6.0, 0.0))
     khz = np.asarray(frequency_hz, dtype=float) / 1000.0
     sine = np.maximum(np.sin(grazing_angle), 1e-12)
-    return np.minimum(breaking * khz**0.85 / sine, _BUBBLE_CEILING)
+    return np.asarray(np.minimum(breaking * khz**0.85 / sine, _BUBBLE_CEILING))
 
 
 def _sums(rows: NDArray[np.int64], values: Array, n: int) -> Array:
