@@ -114,7 +114,7 @@ def check_ocean(
         ocean = source
     else:
         try:
-            ocean = read_ocean(source, time=time, currents=currents)
+            ocean = read_ocean(source, time=time, window=None, currents=currents)
         except OceanError as error:
             return Findings([Finding("wrong", "cannot be opened", str(error))])
     findings = list(violations(ocean))

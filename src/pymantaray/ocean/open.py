@@ -82,11 +82,7 @@ def open_ocean(
 
 
 def read_ocean(
-    source: Source,
-    *,
-    time: str | np.datetime64 | None = None,
-    window: GeographicWindow | None = None,
-    currents: Currents = "required",
+    source: Source, *, time: str | np.datetime64 | None, window: GeographicWindow | None, currents: Currents
 ) -> xr.Dataset:
     """Ocean in the form of the schema, converted but not validated; otherwise as `open_ocean`."""
     sources, region = _sources(source)
