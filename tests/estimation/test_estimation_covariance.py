@@ -13,7 +13,7 @@ from pymantaray.estimation import LOSSES, GraphSolver, Method, build_graph, coll
 from pymantaray.estimation._gtsam.factors import FactorBuilder
 from pymantaray.estimation.covariance import reckoned_covariances
 from pymantaray.geometry.se3 import matrix_from_quaternion
-from pymantaray.records import PoseCovariances
+from pymantaray.records import PoseCovariances, SolveStatus
 
 SAMPLES = np.array([10, 20, 29])
 
@@ -178,6 +178,7 @@ def test_singular_graph_has_no_covariance_and_stops_nothing(make_fleet, change, 
     fleet = make_fleet(seed=18)
     graph = build_graph(fleet.noise_free)
     loose = graph.with_factors(prior=change(graph["prior"]))
+    assert GraphSolver().solve(loose, fleet.truth).status == SolveStatus.FAILED
     found = graph_covariances(loose, fleet.truth, poses_at(fleet.noise_free)[:, vehicles])
     for values in (found.pose, found.position, found.range_nis):
         assert np.isnan(values).all()
