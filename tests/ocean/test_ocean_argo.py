@@ -7,7 +7,6 @@ import pytest
 import xarray as xr
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.argo import GOOD_FLAGS
 from pymantaray.ocean.casts import read_cast, read_casts
 
 P = np.array([5.0, 50.0, 100.0, 500.0, 1000.0, 1999.0], dtype="f4")
@@ -64,27 +63,27 @@ def test_delayed_mode_gives_adjusted_values_and_real_time_raw_ones(tmp_path):
     assert "adjusted values of the profiles in mode A or D" in delayed.notes
 
 
-def test_only_good_flags_are_used_and_the_rest_is_counted(tmp_path):
+@pytest.mark.parametrize("kind", ["flags", "adjusted_flags"])
+def test_only_good_flags_are_used_and_the_rest_is_counted(tmp_path, kind):
+    """Of the adjusted values, where there are any: raw ones never stand in."""
     for flag in "0123456789":
-        path = write_gdac(tmp_path / f"flag{flag}.nc", flags=f"11{flag}111")
-        cast = read_cast(path)
-        assert (cast.depth.size == 6) == (flag in GOOD_FLAGS), flag
-        assert cast.dropped == (0 if flag in GOOD_FLAGS else 1)
-    assert set("1258") == GOOD_FLAGS
+        cast = read_cast(write_gdac(tmp_path / f"flag{flag}.nc", **{kind: f"11{flag}111"}))
+        good = flag in "1258"
+        assert (cast.depth.size, cast.dropped) == ((6, 0) if good else (5, 1)), flag
     assert any(note.startswith("1 of 6 levels left out for their quality flags") for note in cast.notes)
 
 
-def test_the_flags_of_the_adjusted_values_count_and_raw_ones_never_stand_in(tmp_path):
-    cast = read_cast(write_gdac(tmp_path / "a.nc", flags="111111", adjusted_flags="114111"))
-    assert cast.depth.size == 5
-    with pytest.raises(OceanError, match="none of 1 profiles has a good position and two levels"):
-        read_cast(write_gdac(tmp_path / "b.nc", flags="111111", adjusted_flags="444444"))
+def test_a_position_under_ice_is_a_good_one(tmp_path):
+    assert len(read_casts(write_gdac(tmp_path / "ice.nc", modes="DD", position="8"))) == 2
 
 
-def test_profiles_without_a_good_position_are_left_out_and_counted(tmp_path):
-    with pytest.raises(OceanError, match="none of 2 profiles"):
-        read_casts(write_gdac(tmp_path / "bad.nc", modes="DD", position="9"))
-    assert len(read_casts(write_gdac(tmp_path / "ice.nc", modes="DD", position="8"))) == 2  # under ice
+@pytest.mark.parametrize(("options", "message"), [
+    ({"adjusted_flags": "444444"}, "none of 1 profiles has a good position and two levels"),
+    ({"modes": "DD", "position": "9"}, "none of 2 profiles"),
+])  # fmt: skip
+def test_a_file_without_a_usable_profile_is_refused(tmp_path, options, message):
+    with pytest.raises(OceanError, match=message):
+        read_casts(write_gdac(tmp_path / "bad.nc", **options))
 
 
 def test_one_profile_of_many_is_taken_by_its_name(tmp_path):

@@ -16,7 +16,7 @@ from pymantaray.errors import OceanError
 from pymantaray.ocean import Cast, cast_ocean, read_cast, read_casts, to_local
 from pymantaray.ocean.casts import cast_levels
 from pymantaray.ocean.schema import validate_ocean
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
 
 Z = np.array([0.0, 10.0, 55.0, 120.0, 400.0])
 T = np.array([-1.2, -1.3, 0.4, -1.4, 0.6])
@@ -28,6 +28,9 @@ def table(**columns):
     return pd.DataFrame(columns).to_csv(index=False, float_format="%.17g")
 
 
+PLAIN = table(depth_m=Z, temperature_degC=T, practical_salinity=S)
+
+
 def write(folder, text, name="cast.csv"):
     path = folder / name
     path.write_text(text, encoding="utf-8")
@@ -35,13 +38,14 @@ def write(folder, text, name="cast.csv"):
 
 
 def test_a_plain_table_is_read_as_it_stands(tmp_path):
-    cast = read_cast(write(tmp_path, HEAD + table(depth_m=Z, temperature_degC=T, practical_salinity=S)))
-    for found, expected in ((cast.depth, Z), (cast.temperature, T), (cast.salinity, S)):
-        np.testing.assert_array_equal(found, expected)
+    cast = read_cast(write(tmp_path, HEAD + PLAIN))
+    for name, expected in (("depth", Z), ("temperature", T), ("salinity", S)):
+        np.testing.assert_array_equal(getattr(cast, name), expected)
     assert (cast.lat, cast.lon, cast.bottom_depth) == (73.9883, -139.95, 3700.0)
     assert cast.time == np.datetime64("2014-07-24T19:20")
     assert (cast.name, cast.dropped, cast.notes) == ("cast", 0, ())
     assert not cast.depth.flags.writeable
+    assert repr(cast) == "Cast('cast', 73.9883 N -139.95 E, 2014-07-24T19:20, 5 levels from 0 to 400 m)"
 
 
 @pytest.mark.parametrize("header", [
@@ -121,24 +125,18 @@ def test_a_table_of_stations_holds_a_cast_for_each(tmp_path):
 @pytest.mark.parametrize(("comment", "time"), [
     ("1997-10-12, lat", "1997-10-12T00:00"), ("2014-07-24/1920 UTC", "2014-07-24T19:20"),
     ("2014-07-24T19:20:30Z", "2014-07-24T19:20:30"), ("2014-07-24 07:05", "2014-07-24T07:05"),
-    ("2014-07-24 1000 m", "2014-07-24T00:00"), ("March 2020", "2020-03-01T00:00"), ("no date", None),
+    ("2014-07-24 1000 m", "2014-07-24T00:00"), ("March 2020", "2020-03-01T00:00"), ("no date", "NaT"),
 ])  # fmt: skip
 def test_times_in_comments(tmp_path, comment, time):
-    cast = read_cast(
-        write(tmp_path, f"# {comment} lat 74, lon -140\n" + table(depth=Z, temperature=T, salinity=S))
-    )
-    if time is None:
-        assert np.isnat(cast.time)
-        assert cast.notes == ("time unknown",)
-    else:
-        assert cast.time == np.datetime64(time)
-    given_time = read_cast(tmp_path / "cast.csv", time="2001-02-03T04:05")
-    assert given_time.time == np.datetime64("2001-02-03T04:05")
+    path = write(tmp_path, f"# {comment} lat 74, lon -140\n" + PLAIN)
+    cast = read_cast(path)
+    np.testing.assert_equal(cast.time, np.datetime64(time))
+    assert ("time unknown" in cast.notes) == (time == "NaT")
+    assert read_cast(path, time="2001-02-03T04:05").time == np.datetime64("2001-02-03T04:05")
 
 
 def test_places_in_comments_and_columns(tmp_path):
-    plain = table(depth=Z, temperature=T, salinity=S)
-    cast = read_cast(write(tmp_path, "# latitude: 33.5 S, longitude: 18.25W\n" + plain))
+    cast = read_cast(write(tmp_path, "# latitude: 33.5 S, longitude: 18.25W\n" + PLAIN))
     assert (cast.lat, cast.lon) == (-33.5, -18.25)
     rows = table(depth=Z, temperature=T, salinity=S, lat=25.0, lon=-99.0, time="2020-01-01")
     assert read_cast(write(tmp_path, rows)).lon == -99.0  # no fill value
@@ -166,17 +164,37 @@ def test_bad_tables_are_refused_in_one_line(tmp_path, text, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_cast_without_a_place_or_a_file_is_refused(tmp_path):
-    path = write(tmp_path, table(depth=Z, temperature=T, salinity=S))
-    with pytest.raises(OceanError, match="no place; give lat and lon, columns of these names, or a comment"):
+UNREADABLE = {
+    "no place; give lat and lon, columns of these names, or a comment": PLAIN,
+    "not a table of text": b"\x80\x04\x95\0pickle",
+    "more than 200,000,000 bytes; no table": 200_000_001,
+}
+
+
+@pytest.mark.parametrize("message", UNREADABLE)
+def test_a_file_without_a_place_or_a_table_is_refused(tmp_path, message):
+    path, content = tmp_path / "cast.csv", UNREADABLE[message]
+    with path.open("wb") as file:
+        if isinstance(content, int):
+            file.truncate(content)
+        else:
+            file.write(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(OceanError, match=message):
         read_cast(path)
-    with pytest.raises(OceanError, match="cannot be read: No such file"):
-        read_cast(tmp_path / "none.csv")
-    (tmp_path / "binary.csv").write_bytes(b"\x80\x04\x95\0pickle")
-    with pytest.raises(OceanError, match="not a table of text"):
-        read_cast(tmp_path / "binary.csv")
+
+
+@pytest.mark.parametrize(("path", "message"), [
+    ("/dev/zero", "not an ordinary file"), (".", "not an ordinary file"), ("a\0b.csv", "embedded null"),
+    ("none.csv", "cannot be read: No such file"), (os.fsdecode(b"\xff.csv"), "cannot be read: No such file"),
+])  # fmt: skip
+def test_what_is_no_ordinary_file_is_refused_before_it_is_read(path, message):
+    with pytest.raises(OceanError, match=message):
+        read_cast(path)
+
+
+def test_a_place_that_is_none_is_refused(tmp_path):
     with pytest.raises(OceanError, match="latitude lies in -90 to 90"):
-        read_cast(path, lat=100.0, lon=0.0)
+        read_cast(write(tmp_path, PLAIN), lat=100.0, lon=0.0)
 
 
 def test_the_subset_services_packed_point_table_is_unpacked(shared_data):
@@ -199,21 +217,6 @@ def test_an_unpacked_point_table_stays_as_it_is(tmp_path):
     casts = read_casts(write(tmp_path, text))
     assert [c.time for c in casts] == [np.datetime64("2021-03-08T12:00"), np.datetime64("2021-03-08T15:00")]
     np.testing.assert_array_equal(casts[1].salinity, S)
-
-
-def test_every_real_cast_is_read_whole(shared_data):
-    files = sorted((shared_data / "casts").glob("*.csv"))
-    assert len(files) == 9
-    for path in files:
-        cast = read_cast(path)
-        rows = pd.read_csv(path, comment="#")
-        assert cast.depth.size == len(rows)
-        np.testing.assert_array_equal(cast.temperature, rows["temperature_degC"])
-        if "pressure_dbar" in rows:
-            expected = -gsw.z_from_p(rows["pressure_dbar"].to_numpy(), cast.lat)
-            np.testing.assert_allclose(cast.depth, expected, rtol=0, atol=1e-9)
-        assert 70.0 < cast.lat < 80.0
-        assert not np.isnat(cast.time)
 
 
 @settings(max_examples=60, deadline=None)
@@ -253,40 +256,17 @@ def test_means_over_cells_keep_the_water_column(depths, random):
     np.testing.assert_allclose(salinity, 35.0, rtol=0, atol=1e-9)
 
 
-def test_what_is_no_ordinary_file_is_refused_before_it_is_read(tmp_path):
-    for path in ("/dev/zero", tmp_path):
-        with pytest.raises(OceanError, match="not an ordinary file"):
-            read_cast(path)
-    with pytest.raises(OceanError, match="embedded null"):
-        read_cast("a\0b.csv")
-    with pytest.raises(OceanError, match="cannot be read: No such file"):
-        read_cast(os.fsdecode(b"\xff.csv"))
-    with (tmp_path / "huge.csv").open("wb") as file:
-        file.truncate(200_000_001)
-    with pytest.raises(OceanError, match="more than 200,000,000 bytes; no table"):
-        read_cast(tmp_path / "huge.csv")
-
-
-def test_a_cast_is_shown_in_a_line(tmp_path):
-    cast = read_cast(write(tmp_path, HEAD + table(depth_m=Z, temperature_degC=T, practical_salinity=S)))
-    assert repr(cast) == "Cast('cast', 73.9883 N -139.95 E, 2014-07-24T19:20, 5 levels from 0 to 400 m)"
-
-
 SAMPLES = np.arange(5.0, 301.0, 1.0)
-LINEAR = Cast(
-    "linear",
-    74.0,
-    -140.0,
-    np.datetime64("2014-07-24T19:20"),
-    SAMPLES,
-    2.0 - 0.01 * SAMPLES,
-    30.0 + 0.01 * SAMPLES,
-    320.0,
-)
+INSTANT = np.datetime64("2014-07-24T19:20")
+LINEAR = Cast("linear", 74.0, -140.0, INSTANT, SAMPLES, 2.0 - 0.01 * SAMPLES, 30.0 + 0.01 * SAMPLES, 320.0)
 
 
 def history(ocean):
     return ocean.attrs["history"].splitlines()
+
+
+def speed(ocean):
+    return ocean_sound_speed(ocean)[:, 0, 0]
 
 
 def test_the_ocean_is_the_cast_everywhere_and_at_rest():
@@ -345,7 +325,7 @@ def test_the_change_by_averaging_is_told_and_right(shared_data):
 def test_the_default_levels_keep_the_warm_layer_and_the_duct_beneath(shared_data, name):
     cast = read_cast(shared_data / "casts" / f"{name}.csv")
     ocean = cast_ocean(cast, bottom_depth=1000.0)
-    z, c = ocean["depth"].values, ocean_speed(ocean)
+    z, c = ocean["depth"].values, speed(ocean)
     raw = cast.sound_speed()
     for low, high, pick in ((40.0, 65.0, np.argmax), (95.0, 160.0, np.argmin)):
         here, there = (z >= low) & (z <= high), (cast.depth >= low) & (cast.depth <= high)
@@ -357,39 +337,19 @@ def test_the_default_levels_keep_the_warm_layer_and_the_duct_beneath(shared_data
     assert rms < 0.06
 
 
-def ocean_speed(ocean):
-    return sound_speed(
-        ocean["water_temp"].values[:, 0, 0],
-        ocean["salinity"].values[:, 0, 0],
-        ocean["depth"].values,
-        float(ocean["lat"].values[0]),
-        float(ocean["lon"].values[0]),
-    )
-
-
-def test_the_deep_is_refused_held_constant_or_another_casts():
-    with pytest.raises(
-        OceanError, match="deepest sample is at 300 m, above the bottom at 1000 m; give bottom_depth=300"
-    ):
-        cast_ocean(LINEAR, bottom_depth=1000.0)
+def test_below_the_samples_water_is_held_constant_or_another_casts():
+    told = "extended from {} m down to the bottom at 1000 m at constant temperature and salinity"
     held = cast_ocean(LINEAR, bottom_depth=1000.0, below="constant")
-    assert "extended from 300 m down to the bottom at 1000 m at constant temperature and salinity" in history(
-        held
-    )
+    assert told.format(300) in history(held)
     deep = held["depth"].values > 320.0
     np.testing.assert_allclose(held["water_temp"].values[deep], -1.0, rtol=0, atol=1e-12)
-    assert np.all(np.diff(ocean_speed(held)[deep]) > 0.0)  # pressure alone
+    assert np.all(np.diff(speed(held)[deep]) > 0.0)  # pressure alone
     other = Cast("deep", 75.0, -144.0, LINEAR.time, [0.0, 400.0, 900.0], [1.0, 0.5, -0.5], [30.0, 34.0, 34.9])
     joined = cast_ocean(LINEAR, bottom_depth=1000.0, below=other)
     at_600 = float(joined["water_temp"].interp(depth=600.0)[0, 0])
     assert at_600 == pytest.approx(0.5 - 0.4, abs=1e-6)
     assert any("samples of cast deep" in line for line in history(joined))
-    assert "extended from 900 m down to the bottom at 1000 m at constant temperature and salinity" in history(
-        joined
-    )
-    short = Cast("short", 75.0, -144.0, LINEAR.time, [0.0, 200.0], [1.0, 0.5], [30.0, 34.0])
-    with pytest.raises(OceanError, match="ends at 200 m, not below the 300 m"):
-        cast_ocean(LINEAR, bottom_depth=1000.0, below=short)
+    assert told.format(900) in history(joined)
 
 
 def test_the_surface_is_extended_at_constant_water_and_that_is_told():
@@ -399,25 +359,28 @@ def test_the_surface_is_extended_at_constant_water_and_that_is_told():
     assert "level at the bottom, 300 m, added" in history(ocean)
 
 
-def test_the_casts_own_bottom_serves_and_what_is_unknown_is_asked_for():
+def test_the_casts_own_bottom_and_a_given_time_serve():
     assert cast_ocean(LINEAR, below="constant")["depth"].values[-1] == 320.0
-    nameless = replace(LINEAR, bottom_depth=float("nan"), time=np.datetime64("NaT"))
-    for bottom in (None, 4.0, 1e9):
-        with pytest.raises(
-            OceanError, match="give the sea bed's depth, beneath the shallowest sample at 5 m"
-        ):
-            cast_ocean(nameless, bottom_depth=bottom, below="constant")
-    with pytest.raises(OceanError, match="from 1678 to 2261"):
-        cast_ocean(nameless, bottom_depth=300.0, time="9999-01-01")
-    with pytest.raises(OceanError, match="its time is unknown; give one"):
-        cast_ocean(nameless, bottom_depth=300.0)
-    assert cast_ocean(nameless, bottom_depth=300.0, time="2001-01-01")["time"].values == np.datetime64(
-        "2001-01-01"
-    )
-    with pytest.raises(OceanError, match="reaches over the pole"):
-        cast_ocean(replace(LINEAR, lat=89.9), bottom_depth=300.0)
-    with pytest.raises(OceanError, match="levels must rise strictly from 0 m"):
-        cast_ocean(LINEAR, bottom_depth=300.0, levels=[5.0, 10.0])
+    dated = cast_ocean(replace(LINEAR, **NAMELESS), bottom_depth=300.0, time="2001-01-01")
+    assert dated["time"].values == np.datetime64("2001-01-01")
+
+
+NAMELESS = {"bottom_depth": float("nan"), "time": np.datetime64("NaT")}
+SHORT = Cast("short", 75.0, -144.0, LINEAR.time, [0.0, 200.0], [1.0, 0.5], [30.0, 34.0])
+NO_BED = "give the sea bed's depth, beneath the shallowest sample at 5 m"
+
+
+@pytest.mark.parametrize(("change", "options", "message"), [
+    ({}, {"bottom_depth": 1000.0}, "sample is at 300 m, above the bottom at 1000 m; give bottom_depth=300"),
+    ({}, {"bottom_depth": 1000.0, "below": SHORT}, "ends at 200 m, not below the 300 m"),
+    (NAMELESS, {"bottom_depth": None}, NO_BED), (NAMELESS, {"bottom_depth": 4.0}, NO_BED),
+    (NAMELESS, {"bottom_depth": 1e9}, NO_BED), (NAMELESS, {}, "its time is unknown; give one"),
+    (NAMELESS, {"time": "9999-01-01"}, "from 1678 to 2261"), ({"lat": 89.9}, {}, "reaches over the pole"),
+    ({}, {"levels": [5.0, 10.0]}, "levels must rise strictly from 0 m"),
+])  # fmt: skip
+def test_what_makes_no_ocean_is_refused_with_the_remedy(change, options, message):
+    with pytest.raises(OceanError, match=message):
+        cast_ocean(replace(LINEAR, **change), **{"bottom_depth": 300.0} | options)
 
 
 @pytest.mark.parametrize("bottom", [1.0, 2.5, 3.0, 99.0, 101.0, 512.3, 3761.0, 11_000.0])
@@ -429,12 +392,20 @@ def test_levels_rise_from_the_surface_to_the_bottom(bottom):
     assert np.diff(z).max() <= max(150.0, bottom if bottom < 5.0 else 0.0)
 
 
-def test_every_real_cast_makes_an_ocean_that_rays_can_be_traced_in(shared_data):
+def test_every_real_cast_is_read_whole_and_makes_an_ocean_that_rays_can_be_traced_in(shared_data):
     files = sorted((shared_data / "casts").glob("*.csv")) + sorted((shared_data / "hycom").glob("*.csv"))
     assert len(files) == 10
     for path in files:
         cast = read_cast(path)
+        if path.parent.name == "casts":
+            rows = pd.read_csv(path, comment="#")
+            np.testing.assert_array_equal(cast.temperature, rows["temperature_degC"])
+            if "pressure_dbar" in rows:
+                expected = -gsw.z_from_p(rows["pressure_dbar"].to_numpy(), cast.lat)
+                np.testing.assert_allclose(cast.depth, expected, rtol=0, atol=1e-9)
+            assert 70.0 < cast.lat < 80.0
+            assert not np.isnat(cast.time)
         ocean = cast_ocean(cast, bottom_depth=float(np.floor(cast.depth[-1])), half_extent=(30e3, 30e3))
         medium = Medium.from_dataset(to_local(ocean))
-        np.testing.assert_allclose(medium.sound_speed[0, 0], ocean_speed(ocean), rtol=0, atol=0.01)
+        np.testing.assert_allclose(medium.sound_speed[0, 0], speed(ocean), rtol=0, atol=0.01)
         assert medium.bathymetry.min() == ocean["depth"].values[-1]

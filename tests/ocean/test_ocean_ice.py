@@ -6,12 +6,12 @@ import xarray as xr
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean import synthetic_ocean, to_local, with_ice
+from pymantaray.ocean import to_local, with_ice
 
 
 @pytest.fixture(scope="module")
-def local():
-    return to_local(synthetic_ocean("beaufort"), half_extent=(30e3, 30e3))
+def local(beaufort_sea):
+    return to_local(beaufort_sea, half_extent=(30e3, 30e3))
 
 
 def ice_file(path, local, values, standard_name="sea_ice_draft", **attrs):
@@ -49,27 +49,18 @@ def test_no_value_is_no_ice(tmp_path, local):
     np.testing.assert_allclose(draft[-1], 2.0, atol=1e-12)
 
 
-def test_one_value_stays_one(local):
+def test_one_value_stays_one_and_a_negative_one_is_refused(local):
     assert with_ice(local, 2)["sea_ice_draft"].item() == 2.0
-
-
-@pytest.mark.parametrize(
-    ("field", "attrs", "message"),
-    [
-        (lambda y, x: -1.0 + 0 * y * x, {}, "check the units"),
-        (lambda y, x: 2.0 + 0 * y * x, {"units": "K"}, "needs metres"),
-        (
-            lambda y, x: 2.0 + 0 * y * x,
-            {"standard_name": "sea_ice_area_fraction"},
-            "sea_ice_draft or sea_ice_thickness",
-        ),
-    ],
-)
-def test_a_file_that_is_no_ice_is_one_line(tmp_path, local, field, attrs, message):
-    with pytest.raises(OceanError, match=message):
-        with_ice(local, ice_file(tmp_path / "ice.nc", local, field, **attrs))
-
-
-def test_a_draft_that_is_none_is_one_line(local):
     with pytest.raises(OceanError, match="ice: a draft of -1 m"):
         with_ice(local, -1.0)
+
+
+@pytest.mark.parametrize(("draft", "attrs", "message"), [
+    (-1.0, {}, "check the units"),
+    (2.0, {"units": "K"}, "needs metres"),
+    (2.0, {"standard_name": "sea_ice_area_fraction"}, "sea_ice_draft or sea_ice_thickness"),
+])  # fmt: skip
+def test_what_is_no_ice_is_one_line(tmp_path, local, draft, attrs, message):
+    path = ice_file(tmp_path / "ice.nc", local, lambda y, x: draft + 0 * y * x, **attrs)
+    with pytest.raises(OceanError, match=message):
+        with_ice(local, path)

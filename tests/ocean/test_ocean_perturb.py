@@ -84,13 +84,6 @@ def test_members_are_valid_repeatable_and_in_proportion_to_rms(ocean, seed, rms,
     assert ocean.identical(before)
 
 
-def test_other_seeds_are_other_members(ocean):
-    a, b = (
-        perturb_ocean(ocean, rms=0.5, horizontal_scale=15e3, rng=stream(1, k, "belief")) for k in range(2)
-    )
-    assert np.nanmax(np.abs(a["water_temp"].values - b["water_temp"].values)) > 0.01
-
-
 @pytest.mark.parametrize("equation", EQUATIONS)
 def test_a_change_of_sound_speed_is_met(ocean, equation):
     change = np.random.default_rng(1).uniform(-20.0, 20.0, ocean["water_temp"].shape)
@@ -102,12 +95,12 @@ def test_a_change_of_sound_speed_is_met(ocean, equation):
 
 @pytest.mark.parametrize("equation", EQUATIONS)
 def test_where_no_temperature_can_slow_sound_so_far_salinity_makes_the_rest(ocean, equation):
-    wet = np.isfinite(ocean["water_temp"].values)
-    colder = ocean.assign(water_temp=ocean["water_temp"].copy(data=np.where(wet, -6.5, np.nan)))
-    change = np.zeros(wet.shape)
+    colder = ocean.assign(water_temp=ocean["water_temp"].where(ocean["water_temp"].isnull(), -6.5))
+    change = np.zeros(ocean["water_temp"].shape)
     change[:2, 1, 1] = (speed(colder, equation) - speed(ocean, equation))[:2, 1, 1]
     changed = change_sound_speed(ocean, change, equation=equation)
     difference = speed(changed, equation) - speed(ocean, equation)
+    wet = np.isfinite(difference)
     np.testing.assert_allclose(difference[wet], change[wet], rtol=0, atol=2e-6)
     beyond = change < 0.0
     assert wet[beyond].all()
@@ -147,23 +140,14 @@ def test_one_column_everywhere_at_rest(ocean):
         column_ocean(ocean, (0.0, 0.0))
 
 
-@pytest.mark.parametrize(("options", "message"), [
+@pytest.mark.parametrize(("change", "message"), [
     ({"rms": -1.0}, "rms is -1; it must be positive"),
     ({"horizontal_scale": 0.0}, "horizontal_scale is 0; it must be positive"),
     ({"down_to": float("nan")}, "down_to is nan; it must be positive"),
     ({"rms": 60.0}, "ask for"),
 ])  # fmt: skip
-def test_wrong_arguments_are_refused_in_one_line(ocean, options, message):
+def test_wrong_arguments_are_refused_in_one_line(ocean, change, message):
+    options = {"rms": 1.0, "horizontal_scale": 1e4, "rng": np.random.default_rng(1)} | change
     with pytest.raises(OceanError, match=message) as caught:
-        perturb_ocean(
-            ocean, **({"rms": 1.0, "horizontal_scale": 1e4, "rng": np.random.default_rng(1)} | options)
-        )
+        perturb_ocean(ocean, **options)
     assert "\n" not in str(caught.value)
-
-
-def test_a_synthetic_region_can_be_perturbed(fram_strait):
-    options = {"rms": 0.5, "horizontal_scale": 50e3, "down_to": 500.0}
-    member = perturb_ocean(fram_strait, **options, modes=3, rng=np.random.default_rng(3))
-    upper = fram_strait["depth"].values <= 500.0
-    change = (speed(member) - speed(fram_strait))[upper]
-    assert 0.3 < np.sqrt(np.nanmean(change**2)) < 1.2

@@ -78,42 +78,34 @@ def test_unesco_gives_the_published_table_within_its_rounding_and_the_change_of_
         np.testing.assert_allclose(unesco(t / T68, s, p), published, rtol=0, atol=0.05 + 0.024)
 
 
-def test_unesco_check_value():
-    # UNESCO 44: S = 40, T = 40 degC (IPTS-68), 10,000 dbar
-    assert chen_millero_1977(40.0, 40.0, 1000.0) == pytest.approx(1731.995, abs=5e-4)
-    assert unesco(40.0 / T68, 40.0, 10_000.0) == pytest.approx(1731.995, abs=0.024)
-    # National Physical Laboratory's calculator at 100 kPa, as a public test suite reprints it
-    assert unesco(5.0, 35.0, 10.0) == pytest.approx(1470.898591964845, abs=1e-9)
+# S 40, 40 degC (IPTS-68), 10,000 dbar of UNESCO 44, within Wong and Zhu's revision; the National Physical Laboratory's
+# calculator at 100 kPa as a public test suite reprints it, whose conversion of pressure for Del Grosso has seven digits
+@pytest.mark.parametrize(("equation", "water", "published", "within"), [
+    (lambda t, s, p: chen_millero_1977(t * T68, s, p / 10.0), (40.0 / T68, 40.0, 10_000.0), 1731.995, 5e-4),
+    (unesco, (40.0 / T68, 40.0, 10_000.0), 1731.995, 0.024),
+    (unesco, (5.0, 35.0, 10.0), 1470.898591964845, 1e-9),
+    (del_grosso, (5.0, 35.0, 10.0), 1470.8074947307055, 1e-6),
+])  # fmt: skip
+def test_check_values(equation, water, published, within):
+    assert equation(*water) == pytest.approx(published, abs=within)
 
 
-def test_del_grosso_check_value():
-    # the same suite; its conversion of pressure has seven digits
-    assert del_grosso(5.0, 35.0, 10.0) == pytest.approx(1470.8074947307055, abs=1e-6)
-
-
-def test_del_grosso_for_its_90_is_the_original_within_the_published_bound():
-    rng = np.random.default_rng(3)
-    t, s, p = rng.uniform(0.0, 30.0, 2_000), rng.uniform(30.0, 40.0, 2_000), rng.uniform(0.0, 9_806.0, 2_000)
-    new, old = del_grosso(t, s, p), del_grosso_1974(T68 * t, s, p / 9.80665)
-    # Wong and Zhu: the change is within 0.017 m/s
-    assert np.abs(new - old).max() < 0.017
-
-
-def test_unesco_for_its_90_is_the_original_within_the_published_bound():
-    rng = np.random.default_rng(4)
-    t, s, p = rng.uniform(0.0, 40.0, 2_000), rng.uniform(0.0, 40.0, 2_000), rng.uniform(0.0, 10_000.0, 2_000)
-    assert np.abs(unesco(t, s, p) - chen_millero_1977(T68 * t, s, p / 10.0)).max() < 0.024
+@pytest.mark.parametrize(("new", "old", "warmest", "freshest", "deepest", "within"), [
+    (del_grosso, lambda t, s, p: del_grosso_1974(t, s, p / 9.80665), 30.0, 30.0, 9_806.0, 0.017),
+    (unesco, lambda t, s, p: chen_millero_1977(t, s, p / 10.0), 40.0, 0.0, 10_000.0, 0.024),
+])  # fmt: skip
+def test_forms_for_its_90_are_the_originals_within_wong_and_zhus_bounds(
+    new, old, warmest, freshest, deepest, within
+):
+    t, s, p = np.random.default_rng(3).uniform([0.0, freshest, 0.0], [warmest, 40.0, deepest], (2_000, 3)).T
+    assert np.abs(new(t, s, p) - old(T68 * t, s, p)).max() < within
 
 
 def test_the_equations_agree_in_the_open_ocean_as_they_are_known_to():
     """Del Grosso is within 0.1 m/s of TEOS-10; UNESCO is 0.5 to 0.7 m/s faster in deep cold water."""
-    t, s, z = (
-        np.array([15.0, 6.0, 3.0, 1.5]),
-        np.array([35.5, 35.0, 34.9, 34.9]),
-        np.array([0.0, 1e3, 2e3, 4e3]),
-    )
+    water = np.array([[15.0, 6.0, 3.0, 1.5], [35.5, 35.0, 34.9, 34.9], [0.0, 1e3, 2e3, 4e3]])
     teos, grosso, millero = (
-        sound_speed(t, s, z, 30.0, -40.0, equation=e) for e in ("teos-10", "del-grosso", "unesco")
+        sound_speed(*water, 30.0, -40.0, equation=e) for e in ("teos-10", "del-grosso", "unesco")
     )
     np.testing.assert_allclose(grosso, teos, rtol=0, atol=0.15)
     assert 0.3 < (millero - grosso)[-1] < 1.0
@@ -123,14 +115,8 @@ def test_the_equations_agree_in_the_open_ocean_as_they_are_known_to():
 def test_the_instruments_own_sound_speed_is_one_of_the_equations(shared_data):
     """Of the XCTD, which computes it itself: to the noise of 1 m means of its three columns."""
     table = pd.read_csv(shared_data / "casts" / "beaufort_xctd_icex20_1.csv", comment="#").iloc[100:]
-    found = sound_speed(
-        table["temperature_degC"],
-        table["practical_salinity"],
-        table["depth_m"],
-        71.2,
-        -142.4,
-        equation="unesco",
-    )
+    water = (table[name] for name in ("temperature_degC", "practical_salinity", "depth_m"))
+    found = sound_speed(*water, 71.2, -142.4, equation="unesco")
     np.testing.assert_allclose(found, table["sound_speed_m_s"], rtol=0, atol=0.25)
 
 
