@@ -9,7 +9,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.estimation import GraphValues, dead_reckon
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
 from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, RayStatus, Trajectories
-from pymantaray.sensing import Landmark
+from pymantaray.sensing import Landmark, OneWay, PingSchedule, Reception, measure_ranges
 
 TINY = tomllib.loads("""
 [study]
@@ -346,4 +346,18 @@ def ridged(crest=150.0, *, speed=1450.0, gradient=0.0, bottom=1000.0):
         np.broadcast_to(speed + gradient * depth, (5, 2, 2)),
         bathymetry=bathymetry,
         interpolation="linear",
+    )
+
+
+def range_fleet(truth, landmarks, medium, *, currents=None, timing=None, progress=None, **reception):
+    """Ranges every 800 s; all else is what the receivers listen for."""
+    return measure_ranges(
+        truth,
+        landmarks,
+        medium,
+        PingSchedule(800.0),
+        Reception(**reception),
+        currents=currents,
+        timing=timing or OneWay(),
+        progress=progress,
     )

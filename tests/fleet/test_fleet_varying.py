@@ -5,7 +5,6 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet import StationKeeping, Vehicle, Waypoints
 from pymantaray.records import VehicleStatus
 
 BOX, FLOOR = 5000.0, 1000.0  # m; half the side and the depth of the domain that conftest builds
@@ -18,18 +17,6 @@ def over_time(times, oceans):
         for name in ("current_north", "current_east")
     }
     return oceans[0].assign(fields).assign_coords(time=np.asarray(times, dtype=float))
-
-
-@pytest.mark.parametrize(
-    "times", [[0.0, 4000.0], [-700.0, 1300.0, 4100.0], [0.0, 125.0, 2000.0, 2025.0, 9e3]]
-)
-def test_a_current_that_grows_steadily_gives_a_quadratic_drift(run, make_float, make_ocean, times):
-    """x = a t + b t² / 2: the middle of a step is exact for it, however the snapshots lie."""
-    a, b = np.array([0.3, -0.1]), np.array([-1e-4, 2e-4])
-    water = over_time(times, [make_ocean(uniform=tuple(a + b * t)) for t in times])
-    truth = run(make_float(), water=water)
-    t = truth.time[:, None]
-    np.testing.assert_allclose(truth.position[0, :, :2], a * t + b * t**2 / 2, rtol=0, atol=1e-8)
 
 
 def test_between_snapshots_the_current_is_linear_in_time(run, make_float, make_ocean):
@@ -76,6 +63,18 @@ def test_order_of_the_dimensions_does_not_matter(run, make_float, make_ocean):
     )
 
 
+def with_own_floor(ocean, north, east, depth):
+    return ocean.drop_vars("sea_floor_depth").assign(
+        sea_floor_depth=(("floor_north", "floor_east"), depth), floor_north=north, floor_east=east
+    )
+
+
+def own_floor_from(north, depth):
+    """A change of the ocean: a level sea floor on axes of its own that begins at some north."""
+    axes = np.linspace(north, BOX, 11), np.linspace(-BOX, BOX, 9)
+    return lambda o: with_own_floor(o, *axes, np.full((11, 9), depth))
+
+
 BAD = {
     "currents are given from 0 to 1000 s; the mission takes 0 to 4000 s: give": lambda o: o.isel(time=[0, 1]),
     "currents are given from 1 to 5001 s": lambda o: o.assign_coords(time=o.time + 1.0),
@@ -84,59 +83,19 @@ BAD = {
     "time is of type datetime64": lambda o: o.assign_coords(time=o.time.astype("datetime64[ns]")),
     "current_east has dimensions": lambda o: o.assign(current_east=o.current_east[0]),
     "missing values": lambda o: o.where(o.time < 2000.0).assign(sea_floor_depth=o.sea_floor_depth),
+    "'floor_north' reaches from -4000 to 5000 m, the ocean from -5000": own_floor_from(-4000.0, FLOOR),
+    "target_depth is 100 m deep; .* at 60 m: choose": own_floor_from(-BOX, 60.0),
 }
 
 
 @pytest.mark.parametrize("message", BAD)
-def test_currents_that_do_not_enclose_the_mission_are_refused(run, make_float, make_ocean, message):
+def test_currents_and_floors_that_do_not_enclose_the_mission_are_refused(
+    run, make_float, make_ocean, message
+):
     water = over_time([0.0, 1000.0, 5000.0], [make_ocean(uniform=(0.1 * k, 0.0)) for k in range(3)])
     with pytest.raises(FleetError, match=message) as error:
         run(make_float(), water=BAD[message](water))
     assert "\n" not in str(error.value)
-
-
-def with_own_floor(ocean, north, east, depth):
-    return ocean.drop_vars("sea_floor_depth").assign(
-        sea_floor_depth=(("floor_north", "floor_east"), depth), floor_north=north, floor_east=east
-    )
-
-
-@pytest.fixture(scope="module")
-def ridged(make_ocean):
-    """A ridge up to 60 m at north 1300 m, 50 m wide either way: within one cell of the ocean, 1000 m by 1250 m."""
-
-    def make(**current):
-        north, east = np.linspace(-BOX, BOX, 201), np.linspace(-BOX, BOX, 3)
-        depth = np.repeat(np.where(np.abs(north - 1300.0) < 1.0, 60.0, FLOOR)[:, None], 3, axis=1)
-        return with_own_floor(make_ocean(**current), north, east, depth)
-
-    return make
-
-
-def test_a_floats_drift_ends_at_a_ridge_that_the_oceans_grid_does_not_see(run, make_float, ridged):
-    """Drifting at 100 m, it meets the flank where that is 100 m deep: 40 / 940 of 50 m before the crest."""
-    vehicle = make_float(depth=100.0, surface_depth=99.0, hold_depth_time=1e9)
-    truth = run(vehicle, water=ridged(uniform=(0.5, 0.1)))
-    assert truth.status[0, -1] == VehicleStatus.GROUNDED
-    where = 1300.0 - 50.0 * 40.0 / (FLOOR - 60.0)
-    assert truth.position[0, -1, 0] == pytest.approx(where, rel=0, abs=0.25)
-    assert truth.position[0, -1, 0] <= where
-
-
-def test_a_float_above_the_ridge_drifts_on(run, make_float, ridged):
-    truth = run(make_float(target_depth=50.0), water=ridged(uniform=(0.5, 0.1)))
-    assert (truth.status == VehicleStatus.ACTIVE).all()
-    np.testing.assert_allclose(truth.position[0, -1, :2], [2000.0, 400.0], rtol=0, atol=1e-8)
-
-
-def test_a_swimmer_stops_at_the_ridge_and_its_crest_is_no_place_to_start(run, ridged):
-    swimmer = Vehicle("W", (0, 0, 550.0), Waypoints([(4000.0, 0, 550.0)], 1.0, 0.1))
-    truth = run(swimmer, water=ridged())
-    assert truth.status[0, -1] == VehicleStatus.GROUNDED
-    where = 1300.0 - 50.0 * 490.0 / (FLOOR - 60.0)
-    assert truth.position[0, -1, 0] == pytest.approx(where, rel=0, abs=0.5)
-    with pytest.raises(FleetError, match=r"start position is 70 m deep; .* at 60 m: choose"):
-        run(Vehicle("A", (1300.0, 0, 70.0), StationKeeping(70.0)), water=ridged())
 
 
 @pytest.mark.parametrize("n", [(11, 9), (101, 9), (23, 47), (6, 4)])
@@ -162,12 +121,3 @@ def test_a_floor_of_random_heights_stops_floats_where_it_lies(run, make_float, m
     last = truth.position[grounded, -1]
     ahead = floor(last[:, :2] + 0.5 * np.array([0.4, -0.3]))  # half a second on
     assert (last[:, 2] + 0.25 > ahead).all()
-
-
-def test_a_floor_that_does_not_reach_the_oceans_edge_is_refused(run, make_float, make_ocean):
-    north, east = np.linspace(-4000.0, BOX, 11), np.linspace(-BOX, BOX, 9)
-    water = with_own_floor(make_ocean(), north, east, np.full((11, 9), FLOOR))
-    with pytest.raises(
-        FleetError, match="axis 'floor_north' reaches from -4000 to 5000 m, the ocean from -5000"
-    ):
-        run(make_float(), water=water)

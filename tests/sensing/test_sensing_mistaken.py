@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from factories import HIDDEN, ridged
+from factories import HIDDEN, range_fleet, ridged
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
@@ -13,24 +13,20 @@ from pymantaray.acoustics import Currents, Medium, Sonar
 from pymantaray.errors import SensingError
 from pymantaray.records import RayStatus
 from pymantaray.sensing import (
-    Candidates,
     ClockModel,
     Detector,
     NoiseModel,
     OneWay,
     Picker,
-    PingSchedule,
     TwoWay,
     assemble,
     draw_picks,
     find_candidates,
-    measure_ranges,
     perturb,
 )
 from pymantaray.sensing.mistaken import range_on_picks
 
 C = 1480.0
-SCHEDULE = PingSchedule(800.0)
 BOUNCES = {"max_surface_bounces": 1, "max_bottom_bounces": 1}
 ONE_WAY = OneWay()
 CURRENT = Currents.uniform(0.3, -0.4)
@@ -46,27 +42,22 @@ def sonar(source_level_db, spread_db=6.0):
 
 CERTAIN = Picker("first-detected", sonar(400.0))
 RULES = ("first-detected", "strongest-detected")
+BARE = Picker("first-detected", below_strongest_db=6.0), Picker("strongest-detected")
 losses = st.lists(st.floats(40.0, 120.0), min_size=1, max_size=6)
 
 
-@given(losses, st.sampled_from(RULES))
-@settings(max_examples=40)
-def test_something_is_taken_unless_nothing_is_heard(loss, rule):
-    modem = sonar(180.0)
-    taken = Picker(rule, modem).probabilities(loss, np.zeros(len(loss)), np.arange(len(loss)))
-    assert (taken >= 0.0).all()
-    assert taken.sum() == pytest.approx(1.0 - np.prod(1.0 - modem.probability_heard(loss)), abs=1e-9)
-
-
-@given(
-    losses, st.sampled_from([Picker("first-detected", below_strongest_db=6.0), Picker("strongest-detected")])
-)
-@settings(max_examples=40)
-def test_without_a_sonar_something_always_is_and_only_relative_levels_count(loss, picker):
+@given(losses, st.sampled_from([*BARE, *(Picker(rule, sonar(180.0)) for rule in RULES)]))
+@settings(max_examples=60)
+def test_something_is_taken_unless_nothing_is_heard(loss, picker):
+    """Without a sonar something always is, and only relative levels count."""
     link, time = np.zeros(len(loss)), np.arange(len(loss))
     taken = picker.probabilities(loss, link, time)
-    assert taken.sum() == pytest.approx(1.0, abs=1e-9)
-    np.testing.assert_allclose(picker.probabilities(np.add(loss, 30.0), link, time), taken, rtol=0, atol=1e-9)
+    assert (taken >= 0.0).all()
+    missed = 0.0 if picker.sonar is None else np.prod(1.0 - picker.sonar.probability_heard(loss))
+    assert taken.sum() == pytest.approx(1.0 - missed, abs=1e-9)
+    if picker.sonar is None:
+        louder = picker.probabilities(np.add(loss, 30.0), link, time)
+        np.testing.assert_allclose(louder, taken, rtol=0, atol=1e-9)
 
 
 def test_of_two_arrivals_both_rules_are_closed_forms():
@@ -99,7 +90,7 @@ def test_links_do_not_mix_and_the_order_of_rows_does_not_matter():
     rng = np.random.default_rng(2)
     link, loss, time = np.repeat([7, 3, 90], [3, 1, 4]), rng.uniform(60, 80, 8), rng.random(8)
     shuffled = rng.permutation(8)
-    for picker in (CERTAIN, Picker("strongest-detected"), Picker("first-detected", below_strongest_db=6.0)):
+    for picker in (CERTAIN, *BARE):
         whole = picker.probabilities(loss, link, time)
         again = picker.probabilities(loss[shuffled], link[shuffled], time[shuffled])
         np.testing.assert_allclose(again, whole[shuffled], rtol=0, atol=1e-14)
@@ -128,9 +119,7 @@ def truth(make_truth):
 def mission(truth, water, picker, timing=ONE_WAY, **options):
     """Noise-free measurements and candidates; the picker's sonar is the detector's."""
     detector = None if picker.sonar is None else Detector(picker.sonar)
-    ranging = measure_ranges(
-        truth, [HIDDEN], water, SCHEDULE, timing=timing, detector=detector, **BOUNCES, **options
-    )
+    ranging = range_fleet(truth, [HIDDEN], water, timing=timing, detector=detector, **BOUNCES, **options)
     measurements = assemble(truth, [HIDDEN], ranging, NoiseModel())
     return ranging, measurements, find_candidates(ranging, truth, picker, timing=timing)
 
@@ -147,9 +136,7 @@ def test_with_certain_detection_the_first_arrival_is_always_taken(truth, timing,
     _, o, candidates = mission(truth, RIDGED, CERTAIN, timing, currents=currents)
     rows = draw_picks(o, candidates, root_seed=1, realization=0)
     taken = range_on_picks(o, candidates, rows)
-    first = measure_ranges(
-        truth, [HIDDEN], RIDGED, SCHEDULE, timing=timing, arrival="first", currents=currents, **BOUNCES
-    )
+    first = range_fleet(truth, [HIDDEN], RIDGED, timing=timing, arrival="first", currents=currents, **BOUNCES)
     assert (first.status != o.range_status).any()
     np.testing.assert_array_equal(taken.range_status, first.status)
     time = np.append(candidates.travel_time, np.nan)[rows]
@@ -179,7 +166,7 @@ def test_where_mistakes_have_probability_zero_all_is_as_without_them(truth, timi
 def test_without_other_arrivals_the_outcome_is_that_of_detection_alone(truth, timing):
     water = Medium.from_profile([0.0, 4000.0], [C, C], bottom_depth=3000.0, interpolation="linear")
     modem = sonar(170.0)
-    ranging = measure_ranges(truth, [HIDDEN], water, SCHEDULE, timing=timing, detector=Detector(modem))
+    ranging = range_fleet(truth, [HIDDEN], water, timing=timing, detector=Detector(modem))
     o = assemble(truth, [HIDDEN], ranging, NoiseModel())
     candidates = find_candidates(ranging, truth, Picker("first-detected", modem), timing=timing)
     options = {"root_seed": 3, "realization": 1, "timing": timing}
@@ -270,29 +257,28 @@ def test_what_is_stopped_has_no_candidates(truth):
     assert (noisy.range_status[silent] == RayStatus.STOPPED).all()
 
 
-def test_an_attempt_picks_the_candidate_in_whose_share_its_chance_falls():
-    kept = Candidates([0, 0], [1.0, 1.5], [0.75, 0.25], [1, 0], [0, 2])
-    np.testing.assert_array_equal(kept.picks([0.7499, 0.0]), [0, -1])
-    np.testing.assert_array_equal(kept.picks([0.75]), [1])
+PICKERS = {
+    "rule 'loudest'; allowed are first-detected, strongest-detected": ("loudest", None),
+    "below_strongest_db is None; first-detected without a sonar needs it": ("first-detected", None),
+    r"below_strongest_db is 3\.0": ("strongest-detected", 3.0),
+}
 
 
-def test_what_does_not_fit_is_refused(truth):
-    with pytest.raises(SensingError, match="rule 'loudest'; allowed are first-detected, strongest-detected"):
-        Picker("loudest")
+@pytest.mark.parametrize("message", PICKERS)
+def test_rules_without_the_threshold_that_they_need_are_refused(message):
+    rule, below = PICKERS[message]
+    with pytest.raises(SensingError, match=message):
+        Picker(rule, below_strongest_db=below)
+
+
+def test_candidates_that_do_not_fit_are_refused(truth):
+    ranging, o, candidates = mission(truth, RIDGED, BARE[1])
     with pytest.raises(
-        SensingError, match="below_strongest_db is None; first-detected without a sonar needs it"
-    ):
-        Picker("first-detected")
-    with pytest.raises(SensingError, match=r"below_strongest_db is 3\.0"):
-        Picker("strongest-detected", below_strongest_db=3.0)
-    ranging, o, candidates = mission(truth, RIDGED, Picker("strongest-detected"))
-    with pytest.raises(
-        SensingError, match="a picker with a sonar needs ranges that were measured with a detector"
+        SensingError, match="a picker with a sonar needs ranges that were measured with a det"
     ):
         find_candidates(ranging, truth, CERTAIN)
     with pytest.raises(SensingError, match=r"candidates of attempt \d+; the measurements have 2"):
         candidates.picks([0.5, 0.5])
+    both = {"candidates": candidates, "probability": np.ones(o.range_status.size)}
     with pytest.raises(SensingError, match="candidates hold both, give them alone"):
-        perturb(
-            o, root_seed=1, realization=0, candidates=candidates, probability=np.ones(o.range_status.size)
-        )
+        perturb(o, root_seed=1, realization=0, **both)

@@ -4,8 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from factories import range_fleet
 
 from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient
 from pymantaray.errors import SensingError
@@ -15,12 +14,10 @@ from pymantaray.sensing import (
     ClockModel,
     Clocks,
     Landmark,
-    PingSchedule,
     TwoWay,
-    measure_ranges,
     perturb,
 )
-from pymantaray.sensing.timing import Leg, half_round_trip, velocities
+from pymantaray.sensing.timing import velocities
 
 C0, GRADIENT = 1450.0, 0.016
 
@@ -45,30 +42,6 @@ def neglected(a, b, v_a, v_b, turn_around):
 
 def in_gradient(a, b):
     return float(direct_travel_time_linear_gradient(a, b, sound_speed_surface=C0, gradient=GRADIENT))
-
-
-velocity = st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(-0.5, 0.5)).map(np.array)
-
-
-@given(
-    step=st.tuples(st.floats(500, 9e3), st.floats(-9e3, 9e3), st.floats(-300, 300)).map(np.array),
-    v_source=velocity,
-    v_receiver=velocity,
-    turn_around=st.sampled_from([0.0, 1.0, 10.0]),
-)
-@settings(max_examples=80)
-def test_half_a_round_trip_is_exact_to_first_order(step, v_source, v_receiver, turn_around):
-    """Isovelocity: the difference from the exact exchange stays below the documented bounds."""
-    c = 1480.0
-    distance = np.linalg.norm(step)
-    t, p = distance / c, step / distance / c
-    leg = Leg(np.array([t]), -p[None], p[None])
-    half = half_round_trip(TwoWay(turn_around), leg, leg, v_source[None], v_receiver[None])[0]
-    exact = exchange(
-        lambda a, b: np.linalg.norm(b - a) / c, np.zeros(3), step, v_source, v_receiver, turn_around
-    )
-    bound = neglected(np.zeros(3), step, v_source, v_receiver, turn_around)
-    assert abs(half - exact) <= bound + 1e-13
 
 
 def fleet_in_motion(position, velocity, n_time=13, period=200.0):
@@ -99,9 +72,9 @@ LANDMARK = Landmark("L1", (900.0, -2900.0, 300.0))
 @pytest.mark.parametrize("turn_around", [0.0, 2.0])
 def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(water, turn_around):
     """Against exact exchanges along circular arcs; motion is worth decimetres, what is neglected millimetres."""
-    truth, schedule = fleet_in_motion(PLACES, SPEEDS), PingSchedule(800.0)
-    still = measure_ranges(truth, [LANDMARK], water, schedule)
-    moving = measure_ranges(truth, [LANDMARK], water, schedule, timing=TwoWay(turn_around))
+    truth = fleet_in_motion(PLACES, SPEEDS)
+    still = range_fleet(truth, [LANDMARK], water)
+    moving = range_fleet(truth, [LANDMARK], water, timing=TwoWay(turn_around))
     ends = [*zip([*PLACES, LANDMARK.position], [*SPEEDS, np.zeros(3)], strict=True)]
     for row in np.flatnonzero(moving.attempts.sample == 4):
         (a, v_a), (b, v_b) = (
@@ -115,22 +88,13 @@ def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(wat
     np.testing.assert_array_equal(moving.truth.distance, still.truth.distance)
 
 
-def test_at_rest_two_ways_are_one_way(water):
-    truth = fleet_in_motion(PLACES, 0.0 * SPEEDS)
-    one = measure_ranges(truth, [LANDMARK], water, PingSchedule(800.0))
-    two = measure_ranges(truth, [LANDMARK], water, PingSchedule(800.0), timing=TwoWay(5.0))
-    np.testing.assert_allclose(two.truth.travel_time, one.truth.travel_time, rtol=1e-15)
-
-
 def test_vehicles_at_one_place_and_links_without_an_arrival_keep_their_status(water):
     """Equal positions have no direction; a receiver in the sea bed has no arrival; a stopped vehicle is silent."""
     truth = fleet_in_motion([PLACES[0], PLACES[0], PLACES[1]], 0.0 * SPEEDS)
     status = np.zeros(truth.status.shape)
     status[2] = VehicleStatus.GROUNDED
     buried = Landmark("L1", (0.0, 0.0, 3950.0))
-    r = measure_ranges(
-        replace(truth, status=status), [buried], water, PingSchedule(800.0), timing=TwoWay(1.0)
-    )
+    r = range_fleet(replace(truth, status=status), [buried], water, timing=TwoWay(1.0))
     together = (r.attempts.transmitter < 2) & (r.attempts.receiver < 2)
     assert (r.status[together] == RayStatus.OK).all()
     np.testing.assert_array_equal(r.truth.travel_time[together], 0.0)

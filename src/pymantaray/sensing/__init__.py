@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pymantaray.sensing.detection import Detector, Hearing
     from pymantaray.sensing.measure import assemble, perturb
     from pymantaray.sensing.mistaken import Candidates, Picker, draw_picks, find_candidates
-    from pymantaray.sensing.ranging import Links, Ranging, measure_ranges
+    from pymantaray.sensing.ranging import Links, Ranging, Reception, measure_ranges
     from pymantaray.sensing.schedule import PingSchedule
     from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, TwoWay
 
@@ -31,6 +31,7 @@ __all__ = [
     "Picker",
     "PingSchedule",
     "Ranging",
+    "Reception",
     "Timing",
     "TwoWay",
     "assemble",
@@ -44,7 +45,7 @@ _HOME = {
     "detection": ("Detector", "Hearing"),
     "measure": ("assemble", "perturb"),
     "mistaken": ("Candidates", "Picker", "draw_picks", "find_candidates"),
-    "ranging": ("Links", "Ranging", "measure_ranges"),
+    "ranging": ("Links", "Ranging", "Reception", "measure_ranges"),
     "schedule": ("PingSchedule",),
     "timing": ("ClockModel", "Clocks", "OneWay", "Timing", "TwoWay"),
 }

@@ -59,20 +59,44 @@ class Ranging(NamedTuple):
     """What the current adds to each arrival's travel time from source to receiver, None at rest. [s]"""
 
 
+class Reception(NamedTuple):
+    """
+    What every receiver listens for, and what it ranges on.
+
+    Parameters
+    ----------
+    spreading_cutoff_db : float or None
+        Weakest eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
+    max_surface_bounces, max_bottom_bounces : int
+        Reflections that an arrival may have.
+    arrival : {"direct", "first", "strongest"}
+        The arrival that is ranged on, see `pymantaray.acoustics.select`.
+    detector : Detector, optional
+        Gives the probability that an attempt is heard. By default every arrival is.
+    threads : int, optional
+        Threads of the ray solver; the result does not depend on it.
+    """
+
+    spreading_cutoff_db: float | None = 15.0
+    max_surface_bounces: int = 0
+    max_bottom_bounces: int = 0
+    arrival: Rule = "direct"
+    detector: Detector | None = None
+    threads: int | None = None
+
+
+_DIRECT = Reception()
+
+
 def measure_ranges(
     truth: Trajectories,
     landmarks: Sequence[Landmark],
     medium: Medium | Callable[[float], Medium],
     schedule: PingSchedule,
+    reception: Reception = _DIRECT,
     *,
-    spreading_cutoff_db: float | None = 15.0,
-    max_surface_bounces: int = 0,
-    max_bottom_bounces: int = 0,
-    arrival: Rule = "direct",
     currents: Currents | Callable[[float], Currents] | None = None,
     timing: Timing = _ONE_WAY,
-    detector: Detector | None = None,
-    threads: int | None = None,
     progress: Progress | None = None,
 ) -> Ranging:
     """
@@ -89,30 +113,23 @@ def measure_ranges(
         [s]. It is called once a ping.
     schedule : PingSchedule
         When the vehicles ping.
-    spreading_cutoff_db : float or None
-        Weakest eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
-    max_surface_bounces, max_bottom_bounces : int
-        Reflections that an arrival may have.
-    arrival : {"direct", "first", "strongest"}
-        The arrival that is ranged on, see `pymantaray.acoustics.select`.
+    reception : Reception
+        By default direct arrivals, all of them heard.
     currents : Currents or callable, optional
         Their first-order effect on travel times, likewise a function where they vary. By default the water is
         at rest.
     timing : OneWay or TwoWay
         One-way, the fleet is at rest while it pings; two-way, it moves on as the truth says.
-    detector : Detector, optional
-        Gives the probability that an attempt is heard. By default every arrival is.
-    threads : int, optional
-        Threads of the ray solver; the result does not depend on it.
     progress : callable, optional
         Told how many unordered pairs, counted at every ping, are done, and how many there are.
 
     Returns
     -------
     Ranging
-        A link without an arrival has a status that says why, and NaN for its travel time. A stopped vehicle is silent: its attempts have status STOPPED, and everything else that
-        does not need an arrival. Its links are not among `links` and `arrivals`. Where an end lies outside
-        the water (status OUTSIDE) there is no chord either: its time and the sound speed are NaN.
+        A link without an arrival has a status that says why, and NaN for its travel time. A stopped vehicle is
+        silent: its attempts have status STOPPED, and everything else that does not need an arrival. Its links are
+        not among `links` and `arrivals`. Where an end lies outside the water (status OUTSIDE) there is no chord
+        either: its time and the sound speed are NaN.
 
     Raises
     ------
@@ -128,7 +145,6 @@ def measure_ranges(
     ranges ``c t`` of a pair differ, since the sound speed is that at the transmitter (two-way: the initiator).
     """
     check_names(truth.name.tolist(), landmarks)
-    ear = _Ear(spreading_cutoff_db, max_surface_bounces, max_bottom_bounces, arrival, detector, threads)
     pairs = _pairs(truth, landmarks, schedule.samples(truth.time))
     ends = [0, pairs.epoch.size]  # of the runs of links that share their water
     if callable(medium) or callable(currents):
@@ -137,10 +153,9 @@ def measure_ranges(
     for now, (start, stop) in zip(truth.time[pairs.samples].tolist(), pairwise(ends), strict=False):
         water = medium(now) if callable(medium) else medium
         flow = currents(now) if callable(currents) else currents
-        parts.append(_sound(ear, pairs, slice(start, stop), water, flow, progress))
+        parts.append(_sound(reception, pairs, slice(start, stop), water, flow, progress))
         del water, flow  # media that vary are held one at a time
-    links = _joined(parts)
-    return _ranging(links, pairs, truth, timing)
+    return _ranging(_joined(parts), pairs, truth, timing)
 
 
 class _Pairs(NamedTuple):
@@ -178,22 +193,6 @@ def _pairs(truth: Trajectories, landmarks: Sequence[Landmark], samples: NDArray[
     return _Pairs(first, second, samples, place, silent, epoch, pair)
 
 
-class _Ear(NamedTuple):
-    """What every receiver listens for, and by how many threads."""
-
-    spreading_cutoff_db: float | None
-    max_surface_bounces: int
-    max_bottom_bounces: int
-    rule: Rule
-    detector: Detector | None
-    threads: int | None
-
-    @property
-    def looks_again(self) -> bool:
-        """Whether the direct rays are looked for on their own where none is among the arrivals."""
-        return self.rule == "direct" and bool(self.max_surface_bounces or self.max_bottom_bounces)
-
-
 class _Sound(NamedTuple):
     """Outcome of a run of links in both directions; slowness vectors of both point from source to receiver."""
 
@@ -216,7 +215,7 @@ class _Sound(NamedTuple):
 
 
 def _sound(
-    ear: _Ear,
+    reception: Reception,
     pairs: _Pairs,
     links: slice,
     medium: Medium,
@@ -233,7 +232,7 @@ def _sound(
         return lambda done, total: progress(before + done * count // max(total, 1), pairs.epoch.size)
 
     arrivals, there, back, probability, loss, delay = _receive(
-        ear, medium, currents, source[loud], receiver[loud], tell(links.start, loud.size)
+        reception, medium, currents, source[loud], receiver[loud], tell(links.start, loud.size)
     )
     n = stopped.size
     status, chord = np.full(n, RayStatus.STOPPED, dtype=np.int8), np.full(n, np.nan)
@@ -251,7 +250,7 @@ def _sound(
             medium,
             source[quiet],
             receiver[quiet],
-            threads=ear.threads,
+            threads=reception.threads,
             progress=tell(links.start + loud.size, quiet.size),
         )
         chord[quiet] = bare.chord_travel_time
@@ -260,7 +259,7 @@ def _sound(
 
 
 def _receive(
-    ear: _Ear,
+    reception: Reception,
     medium: Medium,
     currents: Currents | None,
     source: Array,
@@ -274,8 +273,10 @@ def _receive(
     the status that it has where none are. Each link counts once to find its rays, once more to find the direct ones
     alone and once more to follow its rays, as far as that is done.
     """
-    n, follows = len(source), currents is not None or ear.detector is not None
-    total = n * (1 + ear.looks_again + follows)
+    n, follows = len(source), currents is not None or reception.detector is not None
+    bounced = reception.max_surface_bounces > 0 or reception.max_bottom_bounces > 0
+    looks_again = reception.arrival == "direct" and bounced
+    total = n * (1 + looks_again + follows)
 
     def tell(before: int) -> Progress | None:
         return None if progress is None else lambda done, _: progress(before + done, total)
@@ -284,39 +285,39 @@ def _receive(
         medium,
         source,
         receiver,
-        ear.max_surface_bounces,
-        ear.max_bottom_bounces,
-        ear.spreading_cutoff_db,
-        threads=ear.threads,
+        reception.max_surface_bounces,
+        reception.max_bottom_bounces,
+        reception.spreading_cutoff_db,
+        threads=reception.threads,
         progress=tell(0),
     )
     bare, lost = None, np.empty(0, dtype=np.int64)
-    if ear.looks_again:
+    if looks_again:
         lost = np.flatnonzero(select(arrivals, "direct").status != RayStatus.OK)
         bare = find_eigenrays(
             medium,
             source[lost],
             receiver[lost],
-            spreading_cutoff_db=ear.spreading_cutoff_db,
-            threads=ear.threads,
+            spreading_cutoff_db=reception.spreading_cutoff_db,
+            threads=reception.threads,
             progress=tell(2 * n - lost.size),
         )
         arrivals = _with_more(arrivals, bare, lost)
     delay = loss = None
     if follows:
-        before = n * (1 + ear.looks_again)
-        delay, loss = _along_rays(ear, medium, currents, (source, receiver), arrivals, tell(before))
-    ways = [select(arrivals, ear.rule, loss_db=loss, delay=d) for d in _both_ways(delay)]
+        last = tell(n * (1 + looks_again))
+        delay, loss = _along_rays(reception, medium, currents, (source, receiver), arrivals, last)
+    ways = [select(arrivals, reception.arrival, loss_db=loss, delay=d) for d in _both_ways(delay)]
     status, margin = ways[0].status.copy(), ways[0].shadow_margin.copy()
     if bare is not None:
         status[lost], margin[lost] = bare.status, bare.shadow_margin
     there, back = (replace(way, status=status, shadow_margin=margin) for way in ways)
     probability = None
-    if ear.detector is not None and loss is not None:
-        heard = ear.detector.sonar.probability_heard(loss)
+    if reception.detector is not None and loss is not None:
+        heard = reception.detector.sonar.probability_heard(loss)
         probability = np.full((n, 2), np.nan)
         for way, d in enumerate(_both_ways(delay)):
-            link, row = choose_arrivals(arrivals, ear.rule, loss_db=loss, delay=d)
+            link, row = choose_arrivals(arrivals, reception.arrival, loss_db=loss, delay=d)
             probability[link, way] = heard[row]
     return arrivals, there, back, probability, loss, delay
 
@@ -340,7 +341,7 @@ def _with_more(arrivals: Arrivals, more: Arrivals, links: NDArray[np.int64]) -> 
 
 
 def _along_rays(
-    ear: _Ear,
+    reception: Reception,
     medium: Medium,
     currents: Currents | None,
     ends: tuple[Array, Array],
@@ -354,14 +355,14 @@ def _along_rays(
         rows = slice(*np.searchsorted(arrivals.link, [start, stop]))
         part = _part(arrivals, slice(start, stop), rows)
         source, receiver = (end[start:stop] for end in ends)
-        paths = trace_paths(medium, source, receiver, part, threads=ear.threads)
+        paths = trace_paths(medium, source, receiver, part, threads=reception.threads)
         if currents is not None:
             delay[rows] = current_delays(quadrature(paths), currents, part.link.size)
-        if ear.detector is not None:
-            loss[rows] = ear.detector.loss_db(medium, source, receiver, part, paths)
+        if reception.detector is not None:
+            loss[rows] = reception.detector.loss_db(medium, source, receiver, part, paths)
         if progress is not None:
             progress(stop, arrivals.status.size)
-    return (None if currents is None else delay), (None if ear.detector is None else loss)
+    return (None if currents is None else delay), (None if reception.detector is None else loss)
 
 
 def _part(arrivals: Arrivals, links: slice, rows: slice) -> Arrivals:

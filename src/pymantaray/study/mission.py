@@ -15,6 +15,7 @@ from pymantaray.sensing import (
     Links,
     NoiseModel,
     PingSchedule,
+    Reception,
     assemble,
     find_candidates,
     measure_ranges,
@@ -88,13 +89,15 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
             landmarks,
             medium,
             PingSchedule(interval=mission.ping_interval_h * 3600.0),
-            spreading_cutoff_db=config.acoustics.cutoff_db,
-            max_surface_bounces=config.acoustics.max_surface_bounces,
-            max_bottom_bounces=config.acoustics.max_bottom_bounces,
-            arrival=config.acoustics.arrival,
+            Reception(
+                spreading_cutoff_db=config.acoustics.cutoff_db,
+                max_surface_bounces=config.acoustics.max_surface_bounces,
+                max_bottom_bounces=config.acoustics.max_bottom_bounces,
+                arrival=config.acoustics.arrival,
+                detector=detector,
+            ),
             currents=currents,
             timing=timing,
-            detector=detector,
             progress=lambda done, total: progress("rays", done, max(total, 1)),
         )
         measurements = assemble(truth, landmarks, ranging, noise, gnss_depth=gnss_depth(config, ocean, truth))
