@@ -178,11 +178,20 @@ def _pursue(q, p, point, turn_rate, dt):
     return 0.0, 0.0, rate  # dead ahead (rate 0), or dead astern, where any way round is as short
 
 
+class Course(NamedTuple):
+    """A swimmer's points (n, 3) and how it goes from one to the next."""
+
+    points: np.ndarray
+    speed: float
+    turn_rate: float
+    capture_radius: float
+    loop: bool
+
+
 @entry
-def run_waypoints(
-    water, points, speed, turn_rate, capture_radius, loop, dt, steps, position, quaternion, status
-):
+def run_waypoints(water, course, dt, steps, position, quaternion, status):
     """Integrate a swim from point to point; row 0 of the poses is the start, the others are filled."""
+    points = course.points
     p = (position[0, 0], position[0, 1], position[0, 2])
     q = (quaternion[0, 0], quaternion[0, 1], quaternion[0, 2], quaternion[0, 3])
     state = ACTIVE
@@ -191,14 +200,14 @@ def run_waypoints(
         for _ in range(steps if state == ACTIVE else 0):
             if leg < points.shape[0]:
                 away = (points[leg, 0] - p[0], points[leg, 1] - p[1], points[leg, 2] - p[2])
-                if away[0] ** 2 + away[1] ** 2 + away[2] ** 2 <= capture_radius**2:
+                if away[0] ** 2 + away[1] ** 2 + away[2] ** 2 <= course.capture_radius**2:
                     leg += 1
-                    if loop and leg == points.shape[0]:
+                    if course.loop and leg == points.shape[0]:
                         leg = 0
             if leg == points.shape[0]:
                 break
-            omega = _pursue(q, p, points[leg], turn_rate, dt)
-            turn, move = _exponential(omega, (speed, 0.0, 0.0), dt)
+            omega = _pursue(q, p, points[leg], course.turn_rate, dt)
+            turn, move = _exponential(omega, (course.speed, 0.0, 0.0), dt)
             next_q, next_p = _compose(water, q, p, turn, move)
             state = place(water, next_p[0], next_p[1], next_p[2])
             if state != ACTIVE:
@@ -287,6 +296,37 @@ def _level(depth, k, z):
     return k
 
 
+@kernel
+def _phase_at(cycle, phase, step, depth, top):
+    """Whether a float goes down, whether it holds, until which step, and its depth aimed at, under ice that begins at top."""
+    down, holding, until, aim = phase
+    if holding:
+        if step >= until:
+            down, holding = not down, False
+            aim = cycle.target if down else cycle.surface
+    elif abs(max(aim, top) - depth) <= cycle.tolerance:
+        holding = True
+        until = step + (cycle.hold_depth if down else cycle.hold_surface)
+    return down, holding, until, aim
+
+
+@kernel
+def _forms(water, instant, i, j, k):
+    """Both currents in a cell at an instant, north and east."""
+    thickness = water.depth[k + 1] - water.depth[k]
+    u = _form(water.current_north[instant], i, j, k, thickness)
+    return u, _form(water.current_east[instant], i, j, k, thickness)
+
+
+@kernel
+def _rates(water, before, after, i, j, k):
+    """How fast both currents in a cell change between two instants."""
+    per_second = 1.0 / (water.time[after] - water.time[before])
+    u, v = _forms(water, before, i, j, k)
+    next_u, next_v = _forms(water, after, i, j, k)
+    return _change(u, next_u, per_second), _change(v, next_v, per_second)
+
+
 def _float_kernel(varying):
     """Two integrators, so that a float in still currents pays nothing for time."""
 
@@ -305,21 +345,13 @@ def _float_kernel(varying):
         u, v = 0.0, 0.0
         half = 0.0  # the first evaluation is at the start itself: nothing predicts its middle yet
         state = ACTIVE
-        down, holding, until = False, True, cycle.delay
-        aim = cycle.surface
+        phase = (False, True, cycle.delay, cycle.surface)
         step = 0
         for sample in range(1, position.shape[0]):
             for _ in range(steps if state == ACTIVE else 0):
                 top = surface_depth(water, north, east)  # under ice a float holds at its underside
-                goal = max(aim, top)
-                if holding:
-                    if step >= until:
-                        down, holding = not down, False
-                        aim = cycle.target if down else cycle.surface
-                        goal = max(aim, top)
-                elif abs(goal - depth) <= cycle.tolerance:
-                    holding = True
-                    until = step + (cycle.hold_depth if down else cycle.hold_surface)
+                phase = _phase_at(cycle, phase, step, depth, top)
+                goal = max(phase[3], top)
                 w = min(max(cycle.gain * (goal - depth), -cycle.speed), cycle.speed)
                 for _ in range(2 if step == 0 else 1):
                     if varying:
@@ -340,14 +372,9 @@ def _float_kernel(varying):
                         thickness = level[k + 1] - level[k]
                         cell_north, cell_east = water.north + i / per_north, water.east + j / per_east
                         cell_depth = level[k]
-                        form_u = _form(water.current_north[before], i, j, k, thickness)
-                        form_v = _form(water.current_east[before], i, j, k, thickness)
+                        form_u, form_v = _forms(water, before, i, j, k)
                         if varying:
-                            per_second = 1.0 / (water.time[after] - water.time[before])
-                            next_u = _form(water.current_north[after], i, j, k, thickness)
-                            next_v = _form(water.current_east[after], i, j, k, thickness)
-                            rate_u = _change(form_u, next_u, per_second)
-                            rate_v = _change(form_v, next_v, per_second)
+                            rate_u, rate_v = _rates(water, before, after, i, j, k)
                         shallowest = _shallowest(water, i, j)
                     u, v = _evaluate(form_u, x, y, z), _evaluate(form_v, x, y, z)
                     if varying:

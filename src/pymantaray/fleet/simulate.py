@@ -165,19 +165,14 @@ def _run(
     elif isinstance(behaviour, ConstantTwist):
         kernel.run_twist(water, behaviour.twist, step, steps, position, quaternion, status)
     elif isinstance(behaviour, Waypoints):
-        kernel.run_waypoints(
-            water,
-            behaviour.points,
-            float(behaviour.speed),
-            float(behaviour.turn_rate),
-            float(behaviour.capture_radius),
-            behaviour.loop,
-            step,
-            steps,
-            position,
-            quaternion,
-            status,
+        course = kernel.Course(
+            points=behaviour.points,
+            speed=float(behaviour.speed),
+            turn_rate=float(behaviour.turn_rate),
+            capture_radius=float(behaviour.capture_radius),
+            loop=behaviour.loop,
         )
+        kernel.run_waypoints(water, course, step, steps, position, quaternion, status)
 
 
 def _water(ocean: xr.Dataset) -> kernel.Water:
