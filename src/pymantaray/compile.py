@@ -7,7 +7,6 @@ Python calls entries; entries call kernels, which are compiled as part of them. 
 
 import hashlib
 import logging
-import multiprocessing
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -106,7 +105,7 @@ def kept_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], **o
     try:
         compiled = decorate(cache=True, **options)(function)
     except RuntimeError:  # no locator
-        _warn_once()
+        _warn_once("neither the package's folder nor the user's cache can be written to")
         return decorate(**options)(function)
     finally:
         function.__qualname__ = name
@@ -114,17 +113,29 @@ def kept_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], **o
         _discard_stale(
             Path(compiled.stats.cache_path), f"{Path(function.__code__.co_filename).stem}.{name}", digest
         )
+        _save_if_there_is_room(compiled._cache)
     return compiled
 
 
+def _save_if_there_is_room(kept: Any) -> None:
+    """Let a function whose code cannot be saved, as on a full disk, go on in memory."""
+    save = kept.save_overload
+
+    def try_to_save(signature: Any, code: Any) -> None:
+        try:
+            save(signature, code)
+        except OSError as error:
+            _warn_once(str(error.strerror))
+
+    kept.save_overload = try_to_save
+
+
 @cache
-def _warn_once() -> None:
-    """Say in one line that every process compiles anew; workers leave that to the main process."""
-    if multiprocessing.parent_process() is None:
-        logging.getLogger("pymantaray").warning(
-            "compiled kernels cannot be kept: neither the package's folder nor the user's cache can be written to; "
-            "each process compiles them (half a minute); set NUMBA_CACHE_DIR to a folder that can"
-        )
+def _warn_once(cause: str) -> None:
+    logging.getLogger("pymantaray").warning(
+        f"compiled kernels cannot be kept: {cause}; "
+        "each process compiles them (half a minute); set NUMBA_CACHE_DIR to a folder that can be written to"
+    )
 
 
 def _discard_stale(folder: Path, stem: str, digest: str) -> None:

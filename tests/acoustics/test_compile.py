@@ -90,6 +90,15 @@ def test_where_no_folder_can_be_written_kernels_are_compiled_in_memory_and_one_l
     assert "cannot be kept" in said
 
 
+def test_where_a_disk_is_full_kernels_go_on_in_memory_and_one_line_says_so(two_files, tmp_path):
+    full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))"
+    printed, said = two_files(2.0, full)
+    assert printed == ["2.0", "True"], said
+    assert said.count("\n") == 1
+    assert "cannot be kept: File too large; " in said
+    assert not [*(tmp_path / "__pycache__").glob("*.tmp.*")]
+
+
 @pytest.mark.parametrize(
     "numba", ["numba.__version__ = '9.0.0'", "sys.modules['numba.core.typed_passes'] = None"]
 )

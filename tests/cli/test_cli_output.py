@@ -89,6 +89,15 @@ def test_progress_that_cannot_be_shown_does_not_stop_the_work(monkeypatch, tmp_p
     terminal.nowhere.close()
 
 
+def test_a_stream_that_is_closed_meanwhile_is_no_terminal_and_ends_nothing(monkeypatch):
+    """As libraries ask for at the end of the interpreter."""
+    stream = io.TextIOWrapper(io.BytesIO())
+    monkeypatch.setattr(sys, "stdout", stream)
+    with standard_streams():
+        stream.close()
+        assert not sys.stdout.isatty()
+
+
 def test_main_runs_in_a_thread_and_leaves_its_signals_alone(capsys):
     before, codes = signal.getsignal(signal.SIGTERM), []
 

@@ -56,7 +56,8 @@ class _Stream(io.TextIOBase):
 
     def flush(self) -> None:
         try:
-            self._stream.flush()
+            if not self._stream.closed:
+                self._stream.flush()
         except OSError as error:
             self._lose(error)
 

@@ -8,6 +8,7 @@ ends, however that comes about. (loky's outlive a parent that is killed, and one
 for them.)
 """
 
+import logging
 import os
 import pickle
 import signal
@@ -112,6 +113,7 @@ def serve() -> NoReturn:
     """Work as a process of `in_processes`."""
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what is printed here must not get among the results
+    logging.getLogger("pymantaray").setLevel(logging.ERROR)  # who asked has warned already
     requests, numbers = sys.stdin.buffer, SimpleQueue[int]()
     start: Callable[[], Callable[[int], object]] = pickle.load(requests)
 
