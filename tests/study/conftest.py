@@ -9,12 +9,15 @@ from pymantaray.study import open_run, parse_study, run_study
 
 
 def changed(tree, sections):
-    """Tree with the keys of these sections; what is no table replaces what is there."""
-    for name, value in sections.items():
+    """Tree with the keys of these sections, rows of a list by number; None takes a key away."""
+    for key, value in sections.items():
+        place = int(key) if isinstance(tree, list) else key
         if isinstance(value, dict):
-            changed(tree.setdefault(name, {}), value)
+            changed(tree[place] if isinstance(tree, list) else tree.setdefault(key, {}), value)
+        elif value is None:
+            del tree[place]
         else:
-            tree[name] = value
+            tree[place] = value
     return tree
 
 

@@ -21,12 +21,6 @@ def quick():
     return tomllib.loads(preset_text("quick"))
 
 
-def refusal(tree):
-    with pytest.raises(StudyError) as caught:
-        parse_study(tree, "my.toml")
-    return str(caught.value)
-
-
 @pytest.mark.parametrize("name", ["beaufort", "fram"])
 def test_presets_hold_the_papers_tables(name):
     config = load_study(name)
@@ -35,6 +29,12 @@ def test_presets_hold_the_papers_tables(name):
     assert (mission.sampling_period_s, mission.ping_interval_h) == (200, 4)
     assert (floats.hold_depth_h, floats.hold_surface_h, floats.vertical_speed) == (24, 1, 0.5)
     assert config.study.realizations == 25
+    assert config.detection is None
+    assert (config.ranging.timing, config.ranging.mistaken) == ("one-way", "off")
+    assert (config.ranging.clock_offset_sigma, config.ranging.clock_skew_sigma) == (0.0, 0.0)
+    assert config.acoustics.arrival == "direct"
+    assert (config.acoustics.max_surface_bounces, config.acoustics.max_bottom_bounces) == (0, 0)
+    assert (config.ocean.time_varying, config.ocean.equation) == (False, "teos-10")
     assert (noise.range_sigma, noise.depth_sigma, noise.gnss_sigma) == (1.0, 0.01, 0.10)
     assert (noise.odometry_rotation_fraction, noise.odometry_rotation_drift) == (1e-6, 5e-7)
     assert (noise.odometry_xy_fraction, noise.odometry_z_fraction) == (0.05, 0.001)
@@ -107,204 +107,122 @@ def test_resolved_configuration_reads_back_equal(tiny_tree, sections, tmp_path):
         assert config.estimators[1].uncertainty == (1.0, 2e4, 300.0)
 
 
-def test_by_default_ranging_and_ocean_are_the_papers():
-    for name in ("beaufort", "fram", "quick"):
-        config = load_study(name)
-        ocean, ranging, acoustics = config.ocean, config.ranging, config.acoustics
-        assert config.detection is None
-        assert (ranging.timing, ranging.mistaken) == ("one-way", "off")
-        assert (ranging.clock_offset_sigma, ranging.clock_skew_sigma) == (0.0, 0.0)
-        assert (acoustics.max_surface_bounces, acoustics.max_bottom_bounces) == (0, 0)
-        assert (acoustics.arrival, acoustics.currents) == ("direct", False)
-        assert (ocean.time_varying, ocean.bathymetry) == (False, None)
-        assert (ocean.currents, ocean.equation) == ("required", "teos-10")
-
-
 EXACT = {"kind": "exact"}
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
-FIRST = {"mistaken": "first-detected"}
 EIGENRAY = {"range_model": "eigenray", "belief": EXACT}
 UNSURE = {"uncertainty_rms": 1.0, "uncertainty_horizontal_scale": 1e4}
+
+BOUNCE = {"acoustics": {"max_surface_bounces": 1}}
+ICE = {"detection": DETECTION | {"ice_loss_db": 3.0}}
+DEEP = {"mistaken": "first-detected", "below_strongest_db": 6.0}
 
 REFUSED = [
     ("study.realizations", 0, "study.realizations: found 0; allowed: 1 or more"),
     ("study.realizations", 2.5, "study.realizations: found 2.5"),
-    ("study.seed", -1, "study.seed: found -1; allowed: 0 or more"),
     ("study.conditions", ["curved"], "study.conditions[0]: found 'curved'; allowed: 'odometry', "),
     ("study.conditions", ["straight", "straight"], "conditions must differ; found straight more than once"),
     ("study.conditions", [], "study.conditions: found 0 entries; allowed: at least 1"),
     ("study.name", "a/b", "study.name: found 'a/b'; allowed: text that matches"),
-    ("fleet.vehicles.1.target_depth", -5.0, "vehicles[1].target_depth: found -5.0; allowed: 0 or more"),
-    (
-        "fleet.vehicles.1.target_dept",
-        3.0,
-        "fleet.vehicles[1].target_dept: unknown key; did you mean target_depth?",
-    ),
+    ("fleet.vehicles.1.target_dept", 3.0, "[1].target_dept: unknown key; did you mean target_depth?"),
     ("fleet.vehicles.1.kind", "boat", "fleet.vehicles[1].kind: found 'boat'; allowed: 'float', "),
+    ("fleet.vehicles.1.name", "", "vehicles[1].name: found ''"),
+    ("fleet.vehicles.1.name", "../up", "found '../up'; allowed: text that matches ^[A-Za-z0-9_-]{1,64}$"),
+    ("fleet.vehicles.1.name", "x" * 65, "{1,64}"),
     ("fleet.vehicles.1.name", "A", "vehicle names must differ; found A more than once"),
+    ("fleet.vehicles.1.name", "L0", "names of vehicles and landmarks must differ; found L0"),
     ("mission.ping_interval_h", 0.1, "ping_interval_h is 360 s; it must be a whole multiple of"),
     ("mission.physics_step_s", 0.3, "sampling_period_s is 200 s; it must be a whole multiple of"),
     ("mission.duration_h", 0.5, "duration_h is 1800 s; it must not be less than ping_interval_h"),
-    ("noise", {"range_sigma": 0.0}, "noise.range_sigma: found 0.0; allowed: greater than 0"),
-    ("noise", {"range_sigma": math.inf}, "noise.range_sigma: found inf"),
-    ("noise", {"range_sigma": "1"}, "noise.range_sigma: found '1'"),
-    ("ocean.source", [], "ocean.source: found 0 entries"),
+    ("noise.range_sigma", 0.0, "noise.range_sigma: found 0.0; allowed: greater than 0"),
+    ("noise.range_sigma", math.inf, "noise.range_sigma: found inf"),
+    ("noise.range_sigma", "1", "noise.range_sigma: found '1'"),
     ("ocean.source", ["a\0.nc"], r"ocean.source[0]: found 'a\x00.nc', which no file can be named"),
+    ("ocean.source", ["synthetic:fram", "a.nc"], "a synthetic source stands alone"),
     (
         "ocean.centre_latitude_deg",
         None,
         "centre_latitude_deg and centre_longitude_deg must be given together",
     ),
     ("ocean.half_extent_north", None, "half_extent_north and half_extent_east must be given together"),
-    ("ocean.equation", "mackenzie", "found 'mackenzie'; allowed: 'teos-10', 'del-grosso' or 'unesco'"),
-    ("ocean.currents", "none", "ocean.currents: found 'none'; allowed: 'required' or 'rest'"),
-    ("ocean.time_varying", "yes", "ocean.time_varying: found 'yes'"),
-    ("ocean.bathymetry", "", "ocean.bathymetry: found ''"),
-    ("ocean.time_variing", True, "ocean.time_variing: unknown key; did you mean time_varying?"),
-    ("ranging", {"turn_around_s": 2.0}, "ranging: turn_around_s is 2 s, but timing is one-way"),
-    ("ranging", {"timing": "twoway"}, "ranging.timing: found 'twoway'; allowed: 'one-way' or 'two-way'"),
-    ("ranging", {"clock_skew_sigma": -1.0}, "ranging.clock_skew_sigma: found -1.0; allowed: 0 or more"),
-    ("ranging", {"clock_ofset_sigma": 1.0}, "unknown key; did you mean clock_offset_sigma?"),
-    (
-        "ranging",
-        {"mistaken": "first"},
-        "ranging.mistaken: found 'first'; allowed: 'off', 'first-detected' or",
-    ),
-    ("ranging", {"below_strongest_db": 6.0}, "ranging: below_strongest_db is 6, but mistaken is off"),
-    (
-        "ranging",
-        {"mistaken": "strongest-detected", "below_strongest_db": 6.0},
-        "ranging: below_strongest_db is 6, but mistaken is strongest-detected",
-    ),
-    (
-        "ranging",
-        FIRST | {"below_strongest_db": -1.0},
-        "ranging.below_strongest_db: found -1.0; allowed: 0 or",
-    ),
-    ("ranging", FIRST, "my.toml: ranging.mistaken is first-detected, but nothing says what is detected"),
-    (
-        "",
-        {"ranging": FIRST | {"below_strongest_db": 6.0}, "detection": DETECTION},
-        "my.toml: ranging.below_strongest_db and [detection] exclude each other",
-    ),
-    (
-        "",
-        {"ranging": FIRST, "detection": DETECTION, "acoustics": {"arrival": "first"}},
-        "my.toml: ranging.mistaken is first-detected, but acoustics.arrival is first",
-    ),
-    ("acoustics", {"arrival": "loudest"}, "acoustics.arrival: found 'loudest'; allowed: 'direct', 'first'"),
-    ("acoustics", {"max_surface_bounces": -1}, "acoustics.max_surface_bounces: found -1; allowed: 0 or more"),
-    ("acoustics", {"max_bottom_bounces": 16}, "acoustics.max_bottom_bounces: found 16; allowed: 15 or less"),
-    ("acoustics", {"max_bottom_bounces": 1.5}, "acoustics.max_bottom_bounces: found 1.5"),
+    ("ranging.turn_around_s", 2.0, "ranging: turn_around_s is 2 s, but timing is one-way"),
+    ("ranging.below_strongest_db", 6.0, "ranging: below_strongest_db is 6, but mistaken is off"),
+    ("ranging", DEEP | {"mistaken": "strongest-detected"}, "but mistaken is strongest-detected"),
+    ("ranging.mistaken", "first-detected", "is first-detected, but nothing says what is detected"),
+    ("", {"ranging": DEEP, "detection": DETECTION}, "below_strongest_db and [detection] exclude each other"),
+    ("", {"ranging": DEEP, "acoustics": {"arrival": "first"}}, "but acoustics.arrival is first"),
+    ("acoustics.max_bottom_bounces", 16, "acoustics.max_bottom_bounces: found 16; allowed: 15 or less"),
     ("detection", {"frequency_hz": 1e4, "bandwidth_hz": 1e3}, "detection.source_level_db: missing"),
     ("detection", DETECTION | {"bandwidth_hz": 6e4}, "detection: bandwidth_hz is 60000, but frequency_hz"),
-    (
-        "detection",
-        DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0},
-        "detection: shipping and noise_spectral_level_db exclude each other",
-    ),
+    ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}, "exclude each other"),
     (
         "detection",
         DETECTION | {"surface_loss": "bubbles"},
-        "my.toml: detection.surface_loss is bubbles, but acoustics.max_surface_bounces is 0",
+        "is bubbles, but acoustics.max_surface_bounces is 0",
     ),
+    ("detection", DETECTION | {"sediment": "sand"}, "is sand, but acoustics.max_bottom_bounces is 0"),
+    ("", ICE | BOUNCE, "there is no ice"),
+    ("", ICE | {"ocean": {"ice": 2.0}}, "max_surface_bounces is 0"),
     (
-        "detection",
-        DETECTION | {"sediment": "sand"},
-        "my.toml: detection.sediment is sand, but acoustics.max_bottom_bounces is 0",
+        "",
+        BOUNCE | {"ocean": {"ice": 2.0}, "detection": ICE["detection"] | {"surface_loss": "bubbles"}},
+        "exclude each other",
     ),
     *(
-        ("estimators", [{"name": "e", **values}], expected)
-        for values, expected in (
-            ({"name": "two words"}, "estimators[0].name: found 'two words'"),
-            ({"name": "straight"}, "names of conditions and estimators must differ; found straight"),
-            ({"range_model": "constant"}, "range_model constant needs sound_speed"),
-            ({"range_model": "eigenray"}, "range_model eigenray needs belief"),
-            ({"belief": EXACT}, "belief is given, but range_model transmitter does not use it"),
-            ({"sound_speed": 1500.0}, "sound_speed is given, but"),
-            ({"links": "all"}, "a dropout has none"),
-            (
-                {"ranges": "straight", "range_model": "constant", "sound_speed": 1500.0},
-                "nothing of the water",
-            ),
-            ({"variance": "per-link"}, "computed along eigenrays"),
-            (EIGENRAY | {"variance": "per-link"}, "needs uncertainty_rms and"),
-            ({"uncertainty_rms": 1.0}, 'variance is "fixed"'),
-            (
-                {"range_model": "mean-slowness", "belief": {"kind": "cast", "north": 1.0}},
-                "must be given together",
-            ),
-            (EIGENRAY | {"belief": {"kind": "perturbed", "horizontal_scale": 1e4}}, "belief.rms: missing"),
-            (EIGENRAY | {"belief": {"kind": "exact", "rms": 1.0}}, "estimators[0].belief.rms: unknown key"),
-            ({"loss": "tukey"}, "estimators[0].loss: found 'tukey'; allowed: 'none', 'huber'"),
-            ({"loss": "gnc", "solver": "incremental"}, "gnc"),
-            (EIGENRAY | {"solver": "incremental"}, "incremental"),
-            (
-                EIGENRAY | {"loss": "huber", "variance": "correlated"} | UNSURE,
-                "loss huber is of each range alone",
-            ),
-            (EIGENRAY | {"modes": {}}, "estimators[0].modes.count: missing"),
-            (EIGENRAY | {"modes": {"count": 0}}, "estimators[0].modes.count: found 0; allowed: 1 or more"),
-            (EIGENRAY | {"modes": {"count": 2, "down_to": 300.0}}, "down_to is given without rms"),
-            (
-                EIGENRAY | {"modes": {"count": 2}, "range_model": "mean-slowness"},
-                "range_model is mean-slowness",
-            ),
-            (EIGENRAY | {"modes": {"count": 2}, "variance": "per-link"} | UNSURE, "would count twice"),
-            ({"clocks": {}, "solver": "incremental"}, "does not estimate"),
-            ({"clocks": {"skew_sigma": -1.0}}, "estimators[0].clocks.skew_sigma: found -1.0"),
-            ({"clocks": {}}, "estimator e estimates clocks, but their priors are 0"),
-            (
-                EIGENRAY | {"belief": EXACT | {"time_varying": True}},
-                "estimator e believes in water that varies, but the study's stands still",
-            ),
-            (
-                EIGENRAY | {"belief": EXACT | {"time_varying": True}, "modes": {"count": 1}},
-                'time_varying is for range_model "eigenray" with variance "fixed" and',
-            ),
-        )
-    ),
-    *(
-        (f"{section}.surprise", 1, f"my.toml: {section}.surprise: unknown key")
-        for section in ("study", "ocean", "mission", "fleet")
-    ),
-    *(
-        (section, {"surprise": 1}, f"{section}.surprise: unknown key")
-        for section in ("acoustics", "noise", "estimator")
+        (f"{s}.surprise", 1, f"{s}.surprise: unknown key")
+        for s in ("study", "ocean", "ranging", "noise", "fleet")
     ),
 ]
+VARYING = {"belief": EXACT | {"time_varying": True}}
+CAST = {"kind": "cast", "north": 1.0}
+REFUSED_ESTIMATORS = [
+    ({"name": "two words"}, "estimators[0].name: found 'two words'"),
+    ({"name": "straight"}, "names of conditions and estimators must differ; found straight"),
+    ({"range_model": "constant"}, "range_model constant needs sound_speed"),
+    ({"range_model": "eigenray"}, "range_model eigenray needs belief"),
+    ({"belief": EXACT}, "belief is given, but range_model transmitter does not use it"),
+    ({"links": "all"}, "a dropout has none"),
+    ({"ranges": "straight", "range_model": "constant", "sound_speed": 1.5e3}, "nothing of the water"),
+    ({"variance": "per-link"}, "computed along eigenrays"),
+    (EIGENRAY | {"variance": "per-link"}, "needs uncertainty_rms and"),
+    ({"uncertainty_rms": 1.0}, 'variance is "fixed"'),
+    ({"range_model": "mean-slowness", "belief": CAST}, "must be given together"),
+    (EIGENRAY | {"belief": {"kind": "perturbed", "horizontal_scale": 1e4}}, "belief.rms: missing"),
+    (EIGENRAY | {"belief": {"kind": "exact", "rms": 1.0}}, "estimators[0].belief.rms: unknown key"),
+    ({"loss": "gnc", "solver": "incremental"}, "gnc"),
+    (EIGENRAY | {"solver": "incremental"}, "incremental"),
+    (EIGENRAY | {"loss": "huber", "variance": "correlated"} | UNSURE, "loss huber is of each range alone"),
+    (EIGENRAY | {"modes": {"count": 0}}, "estimators[0].modes.count: found 0; allowed: 1 or more"),
+    (EIGENRAY | {"modes": {"count": 2, "down_to": 300.0}}, "down_to is given without rms"),
+    (EIGENRAY | {"modes": {"count": 2}, "range_model": "mean-slowness"}, "range_model is mean-slowness"),
+    (EIGENRAY | {"modes": {"count": 2}, "variance": "per-link"} | UNSURE, "would count twice"),
+    ({"clocks": {}, "solver": "incremental"}, "does not estimate"),
+    ({"clocks": {}}, "estimator e estimates clocks, but their priors are 0"),
+    (EIGENRAY | VARYING, "estimator e believes in water that varies, but the study's stands still"),
+    (EIGENRAY | VARYING | {"modes": {"count": 1}}, 'for range_model "eigenray" with variance "fixed" and'),
+]
+REFUSED += [("estimators", [{"name": "e", **values}], expected) for values, expected in REFUSED_ESTIMATORS]
 
 
 @pytest.mark.parametrize(("path", "value", "expected"), REFUSED)
-def test_each_bad_value_is_one_line_with_place_value_and_what_is_allowed(tiny_tree, path, value, expected):
-    *parents, last = [int(key) if key.isdigit() else key for key in path.split(".")]
-    node = tiny_tree
-    for key in parents:
-        node = node[key]
-    if value is None:
-        del node[last]
-    elif last:
-        node[last] = value
-    else:
-        node |= value
-    line = refusal(tiny_tree)
+def test_each_bad_value_is_one_line_with_place_value_and_what_is_allowed(tiny, path, value, expected):
+    for key in reversed(path.split(".") if path else []):
+        value = {key: value}
+    with pytest.raises(StudyError) as caught:
+        tiny(**value)
+    line = str(caught.value)
     assert "\n" not in line
-    assert line.startswith("my.toml: ")
+    assert line.startswith("tiny: ")
     assert expected in line
 
 
 def test_several_faults_are_several_lines(quick):
     quick["study"]["realizations"] = 0
     del quick["ocean"]["source"]
-    lines = refusal(quick).splitlines()
+    with pytest.raises(StudyError) as caught:
+        parse_study(quick, "my.toml")
+    lines = str(caught.value).splitlines()
     assert len(lines) == 2
     assert lines[1] == "my.toml: ocean.source: missing; it has no default"
-
-
-def test_configuration_is_frozen():
-    config = load_study("quick")
-    with pytest.raises(ValueError, match="frozen"):
-        config.study.realizations = 5
 
 
 def test_unknown_preset_lists_those_there_are():
@@ -318,37 +236,24 @@ def test_unknown_preset_lists_those_there_are():
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (None, "mine.toml: cannot be read: No such file"),
-        (b"\xff", "mine.toml: cannot be read: not UTF-8 text"),
-        (b"[study\n", "mine.toml: not valid TOML: Expected"),
-        (
-            b"a = " + b"[" * 3000 + b"]" * 3000,
-            "mine.toml: not valid TOML: a number is too long, or tables are nested",
-        ),
-        (b"a = " + b"9" * 5000, "mine.toml: not valid TOML: a number is too long, or tables are nested"),
-        (b".".join([b"a"] * 3000) + b" = 1", "mine.toml: a: unknown key"),
-        (b"[study]\nname = " + b"[" * 90 + b"]" * 90, "mine.toml: study.name: found [[[[[[[...]]]]]]]"),
-        (b'[study]\nname = "' + b"/" * 9999 + b'"', "mine.toml: study.name: found '///////"),
-        (b"[study]\nseed = -" + b"9" * 4000, "mine.toml: study.seed: found -99999"),
+        (None, "cannot be read: No such file"),
+        (b"\xff", "cannot be read: not UTF-8 text"),
+        (b"[study\n", "not valid TOML: Expected"),
+        (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: a number is too long, or tables are nested"),
+        (b"a = " + b"9" * 5000, "not valid TOML: a number is too long, or tables are nested"),
+        (b".".join([b"a"] * 3000) + b" = 1", "a: unknown key"),
+        (b"[study]\nname = " + b"[" * 90 + b"]" * 90, "study.name: found [[[[[[[...]]]]]]]"),
+        (b'[study]\nname = "' + b"/" * 9999 + b'"', "study.name: found '///////"),
+        (b"[study]\nseed = -" + b"9" * 4000, "study.seed: found -99999"),
     ],
-    ids=[
-        "none",
-        "not UTF-8",
-        "broken",
-        "nested",
-        "long number",
-        "long key",
-        "nested value",
-        "long text",
-        "long value",
-    ],
+    ids=range(9),
 )
 def test_files_that_are_no_configuration_are_named_in_short_lines(tmp_path, content, expected):
     if content is not None:
         (tmp_path / "mine.toml").write_bytes(content)
     with pytest.raises(StudyError) as caught:
         load_study(tmp_path / "mine.toml")
-    assert expected in str(caught.value)
+    assert f"mine.toml: {expected}" in str(caught.value)
     assert max(len(line.replace(str(tmp_path), "")) for line in str(caught.value).splitlines()) < 250
 
 

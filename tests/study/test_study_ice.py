@@ -1,9 +1,7 @@
 """A study under ice: from its configuration to vehicles, fixes and losses."""
 
 import numpy as np
-import pytest
 
-from pymantaray.errors import StudyError
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
 
@@ -33,28 +31,3 @@ def test_loss_at_the_ice_is_heard(tiny):
     less = loud.hearing.probability - quiet.hearing.probability
     assert np.nanmin(less) > -1e-12
     assert np.nanmax(less) > 0.5
-
-
-@pytest.mark.parametrize(
-    ("ocean", "sections", "message"),
-    [
-        ({"ice": -1.0}, {}, "ice"),
-        (
-            {},
-            {"detection": DETECTION | {"ice_loss_db": 3.0}, "acoustics": {"max_surface_bounces": 1}},
-            "there is no ice",
-        ),
-        ({"ice": 2.0}, {"detection": DETECTION | {"ice_loss_db": 3.0}}, "max_surface_bounces is 0"),
-        (
-            {"ice": 2.0},
-            {
-                "detection": DETECTION | {"ice_loss_db": 3.0, "surface_loss": "bubbles"},
-                "acoustics": {"max_surface_bounces": 1},
-            },
-            "exclude each other",
-        ),
-    ],
-)
-def test_ice_that_does_not_fit_is_one_line(tiny, ocean, sections, message):
-    with pytest.raises(StudyError, match=message):
-        tiny(ocean=ocean, **sections)

@@ -9,6 +9,7 @@ import xarray as xr
 from pymantaray.ocean import cast_ocean, read_cast
 from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
 from pymantaray.study import load_study, run_study
+from pymantaray.study.assemble import build_ocean
 
 CASTS = Path(__file__).resolve().parents[3] / "shared" / "data" / "casts"
 
@@ -20,29 +21,34 @@ def casts(pattern):
     return [pytest.param(None, marks=pytest.mark.skip(reason=f"real casts are not at {CASTS}"))]
 
 
-def dead_reckoned(config, **ocean):
-    """Water, fleet and rays are what is tested."""
-    study = config.study.model_copy(update={"conditions": ("odometry",), "realizations": 1})
-    return config.model_copy(update={"study": study, "ocean": config.ocean.model_copy(update=ocean)})
-
-
-def run_on(file, folder):
-    """The quick preset, one realization, in the water of a file."""
-    return run_study(dead_reckoned(load_study("quick", ocean=[file])), folder / "run", workers=1)
-
-
 def check_mission_from_cast(path, folder):
-    cast = read_cast(path)
-    file = folder / "ocean.nc"
-    write_netcdf(cast_ocean(cast, bottom_depth=3000.0, below="constant"), file)
-    run = run_on(file, folder)
+    """The quick preset in water from a cast, dead reckoned: water, fleet and rays are what is tested."""
+    write_netcdf(cast_ocean(read_cast(path), bottom_depth=3000.0, below="constant"), folder / "ocean.nc")
+    config = load_study("quick", ocean=[folder / "ocean.nc"])
+    study = config.study.model_copy(update={"conditions": ("odometry",), "realizations": 1})
+    run = run_study(config.model_copy(update={"study": study}), folder / "run", workers=1)
     assert run.truth.time[-1] == 24 * 3600.0
     assert (run.truth.status == VehicleStatus.ACTIVE).all()
-    heard = run.measurements.range_status == RayStatus.OK
-    assert heard.mean() > 0.7
+    assert (run.measurements.range_status == RayStatus.OK).mean() > 0.7
     # at rest and level: a float comes up where it went down
     drift = run.truth.position[:, -1, :2] - run.truth.position[:, 0, :2]
     np.testing.assert_allclose(drift, 0.0, atol=1e-6)
+
+
+def write_gebco(file, lat, lon, elevation):
+    xr.Dataset(
+        {
+            "elevation": (
+                ("lat", "lon"),
+                elevation,
+                {"standard_name": "height_above_mean_sea_level", "units": "m"},
+            )
+        },
+        coords={
+            "lat": ("lat", lat, {"standard_name": "latitude", "units": "degrees_north"}),
+            "lon": ("lon", lon, {"standard_name": "longitude", "units": "degrees_east"}),
+        },
+    ).to_netcdf(file)
 
 
 @pytest.mark.parametrize("path", casts("beaufort_axctd*74N*"))
@@ -56,33 +62,31 @@ def test_a_mission_runs_in_a_uniform_ocean_from_each_cast(path, tmp_path):
     check_mission_from_cast(path, tmp_path)
 
 
-def test_a_hill_that_the_waters_grid_does_not_show_grounds_floats_and_blocks_links(tmp_path):
-    """A ridge of 1,200 m, 2 km wide, across the fleet in a GEBCO file; the synthetic floor there is flat and deep."""
-    lat, lon = np.arange(74.0, 75.0, 1.0 / 240.0), np.arange(-142.0, -138.0, 1.0 / 60.0)
-    ridge = np.exp(-(((lon + 140.05) * 30.0) ** 2)) + 0.0 * lat[:, None]
-    gebco = xr.Dataset(
-        {
-            "elevation": (
-                ("lat", "lon"),
-                np.round(-3600.0 + 2400.0 * ridge).astype("int16"),
-                {"standard_name": "height_above_mean_sea_level", "units": "m"},
-            )
-        },
-        coords={
-            "lat": ("lat", lat, {"standard_name": "latitude", "units": "degrees_north"}),
-            "lon": ("lon", lon, {"standard_name": "longitude", "units": "degrees_east"}),
-        },
-    )
-    gebco.to_netcdf(tmp_path / "gebco.nc")
-    base = load_study("quick")
-    extent = {"bathymetry": str(tmp_path / "gebco.nc"), "half_extent_north": 15e3, "half_extent_east": 15e3}
-    flat, ridged = (
-        run_study(dead_reckoned(base, **ocean), tmp_path / name, workers=1)
-        for name, ocean in (("flat", extent | {"bathymetry": None}), ("ridged", extent))
-    )
-    assert (flat.truth.status == VehicleStatus.ACTIVE).all()
-    assert not (flat.measurements.range_status == RayStatus.BLOCKED).any()
+def test_a_ridge_that_the_waters_grid_does_not_show_blocks_links(run_tiny, tiny_run, tmp_path):
+    """Up to 200 m, 2 km wide, across the fleet in a GEBCO file; the synthetic floor there is flat and deep."""
+    lat, lon = np.arange(74.0, 75.0, 1.0 / 240.0), np.arange(-142.0, -138.0, 1.0 / 240.0)
+    ridge = np.exp(-(((lon + 140.0083) * 30.0) ** 2)) + 0.0 * lat[:, None]
+    file = tmp_path / "gebco.nc"
+    write_gebco(file, lat, lon, np.round(-3600.0 + 3400.0 * ridge))
+    study = {"conditions": ["odometry"], "realizations": 1}
+    ridged = run_tiny(study=study, ocean={"bathymetry": str(file)})
+    assert not (tiny_run.measurements.range_status == RayStatus.BLOCKED).any()
     assert np.count_nonzero(ridged.measurements.range_status == RayStatus.BLOCKED) >= 5
     floor = ridged.ocean["sea_floor_depth"]
     assert floor.dims == ("floor_north", "floor_east")
-    assert float(floor.min()) < 1300.0
+    assert float(floor.min()) < 250.0
+
+
+def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny, tiny_run, tmp_path):
+    lat, lon = np.linspace(74.0, 75.0, 121), np.linspace(-142.0, -138.0, 161)
+    depth = 2900.0 + 50.0 * np.sin(40.0 * lat)[:, None] * np.cos(30.0 * lon)
+    write_gebco(tmp_path / "floor.nc", lat, lon, -depth)
+    section = {"bathymetry": str(tmp_path / "floor.nc"), "equation": "del-grosso", "time_varying": True}
+    ocean = build_ocean(tiny(ocean=section).ocean, 3600.0)
+    for part in (ocean.local, ocean.drift, ocean.local_at(600.0)):
+        assert part["sea_floor_depth"].dims == ("floor_north", "floor_east")
+        here = float(part["sea_floor_depth"].interp(floor_north=0.0, floor_east=0.0))
+        assert here == pytest.approx(depth[60, 80], rel=0, abs=0.5)
+    assert ocean.local.attrs["sound_speed_equation"] == "del-grosso"
+    difference = np.abs(ocean.local["sound_speed"].values - tiny_run.ocean["sound_speed"].values)
+    assert 0.01 < difference.max() < 1.0  # m/s, between the equations

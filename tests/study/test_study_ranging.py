@@ -24,7 +24,7 @@ DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3
 
 STUDY = {"conditions": ["odometry", "refracted"], "realizations": 1}
 ERRING = {
-    "study": {"conditions": ["odometry", "straight", "refracted"], "realizations": 4},
+    "study": {"conditions": ["refracted"], "realizations": 4},
     "acoustics": {"max_surface_bounces": 1, "max_bottom_bounces": 1},
     "ranging": {"mistaken": "first-detected"},
     "detection": DETECTION | {"source_level_db": 165.0},

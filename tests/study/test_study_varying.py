@@ -13,9 +13,9 @@ from pymantaray.estimation import solve_conditions
 from pymantaray.fleet import simulate
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
-from pymantaray.records import RayStatus, write_netcdf
-from pymantaray.study import load_study, open_run, parse_study, run_study
-from pymantaray.study.assemble import build_currents, build_fleet, build_medium, build_ocean
+from pymantaray.records import write_netcdf
+from pymantaray.study import open_run, run_study
+from pymantaray.study.assemble import build_currents, build_fleet, build_medium
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.manifest import Stopwatch, sha256
 from pymantaray.study.mission import simulate_mission
@@ -60,17 +60,6 @@ def test_between_snapshots_the_ocean_is_linear_in_time_and_on_them_exact():
     for time in (-601.0, 9000.1):
         with pytest.raises(StudyError, match="not within its -600 to 9000 s"):
             snapshot_at(series, time)
-
-
-def test_between_equal_snapshots_nothing_changes():
-    rng = np.random.default_rng(3)
-    one = local(1450.0)
-    for name in VARYING:
-        one[name] = one[name] + rng.uniform(-0.5, 0.5, one[name].shape)
-    series = series_of([one, one.copy(deep=True)], np.array([0.0, 10_800.0]))
-    for time in (0.0, 0.1, 3600.0, 10_799.0, 10_800.0):
-        for name in (*VARYING, "sea_floor_depth"):
-            np.testing.assert_array_equal(snapshot_at(series, time)[name], one[name])
 
 
 def test_snapshots_on_other_grids_or_too_few_are_refused():
@@ -213,40 +202,6 @@ def test_a_fleet_in_moving_water_goes_elsewhere_than_in_its_first_snapshot(movin
     away = np.linalg.norm(moving.truth.position - still.position, axis=-1).max(axis=-1)
     assert (away[floating] > 0.5).all(), away  # m; the eddy moves by 700 m in the four hours
     assert (away[~floating] == 0.0).all()
-
-
-def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny_tree, tiny_run, tmp_path):
-    lat, lon = np.linspace(74.0, 75.0, 121), np.linspace(-142.0, -138.0, 161)
-    depth = 2900.0 + 50.0 * np.sin(40.0 * lat)[:, None] * np.cos(30.0 * lon)
-    floor = xr.DataArray(-depth, coords={"lat": lat, "lon": lon}, dims=("lat", "lon"), name="elevation")
-    floor["lat"].attrs["units"], floor["lon"].attrs["units"] = "degrees_north", "degrees_east"
-    floor = floor.assign_attrs(standard_name="height_above_mean_sea_level", units="m")
-    floor.to_netcdf(tmp_path / "floor.nc")
-    tiny_tree["ocean"].update(bathymetry=str(tmp_path / "floor.nc"), equation="del-grosso", time_varying=True)
-    ocean = build_ocean(parse_study(tiny_tree).ocean, 1.0 * HOUR)
-    for part in (ocean.local, ocean.drift, ocean.local_at(600.0)):
-        assert part["sea_floor_depth"].dims == ("floor_north", "floor_east")
-        here = float(part["sea_floor_depth"].interp(floor_north=0.0, floor_east=0.0))
-        assert here == pytest.approx(-float(floor.interp(lat=74.5, lon=-140.0)), rel=0, abs=0.5)
-    assert ocean.local.attrs["sound_speed_equation"] == "del-grosso"
-    difference = np.abs(ocean.local["sound_speed"].values - tiny_run.ocean["sound_speed"].values)
-    assert 0.01 < difference.max() < 1.0  # m/s, between the equations
-
-
-@pytest.mark.slow
-def test_a_day_in_the_beaufort_sea_runs(tmp_path):
-    """The paper's fleet over 24 h of moving eddies."""
-    config = load_study("quick", realizations=1)
-    config = config.model_copy(
-        update={
-            "ocean": config.ocean.model_copy(update={"time_varying": True}),
-            "acoustics": config.acoustics.model_copy(update={"currents": True}),
-        }
-    )
-    run = run_study(config, tmp_path / "day", workers=1)
-    assert run.manifest["outcome"]["stopped_vehicles"] == {}
-    assert np.count_nonzero(run.measurements.range_status == RayStatus.OK) > 300
-    assert np.isfinite(run.estimates.position).all()
 
 
 @pytest.mark.slow
