@@ -50,7 +50,7 @@ class Made:
         status = np.where(lost, rng.choice([1, 2, 3, 4, 5], len(attempts)), int(RayStatus.OK))
         ranges = factories.ranges(truth, rng, attempts, status=status, landmarks=marks)
         shape = (len(self.conditions), self.realizations, *position.shape)
-        scale = np.array([50.0, 3.0, 9.0, 2.0, 40.0])[: shape[0], None, None, None, None]
+        scale = np.resize([50.0, 3.0, 9.0, 2.0, 40.0], shape[0])[:, None, None, None, None]
         solved = factories.estimates(truth, position + scale * rng.standard_normal(shape), self.conditions)
         status, position = np.array(solved.solve_status), np.array(solved.position)
         for place in self.failed:
@@ -137,6 +137,51 @@ def records():
 @pytest.fixture(scope="session")
 def water():
     return SimpleNamespace(profile=make_profile(), rays=make_rays)
+
+
+HOURS = [24.0, 48.0, 72.0, 84.0]
+SURE, GOOD, FAR = [0.99, 1.0, 1.01, 1.0], [1.02, 0.98, 1.3, 1.0], [150.0, 900.0, 400.0, 1200.0]
+
+
+def consistency_rows(ratios, few=()):
+    """Ratios by condition and statistic at `HOURS`; bounds of 0.9 to 1.1, wider for conditions of few solves."""
+    rows = [(*key, *row) for key, values in ratios.items() for row in zip(HOURS, values, strict=True)]
+    table = pd.DataFrame(rows, columns=["condition", "statistic", "time_h", "ratio"])
+    reach = np.where(table["condition"].isin(few), 0.15, 0.1)
+    inside = (table["ratio"] - 1.0).abs() <= reach
+    freedom = np.where(table["condition"].isin(few), 440, 550)
+    return table.assign(degrees_of_freedom=freedom, low=1.0 - reach, high=1.0 + reach, inside=inside)
+
+
+def unknown_rows(condition, names, prior, sigma, error):
+    columns = {"unknown": names, "prior_sigma": prior, "sigma": sigma, "rms_error": error}
+    return pd.DataFrame({"condition": condition, **columns})
+
+
+@pytest.fixture(scope="session")
+def tables():
+    """Of three conditions: one that knows itself, one that errs once, one that is far off; of modes and of clocks."""
+    ratios = {
+        ("odometry", "horizontal"): SURE,
+        ("straight", "horizontal"): GOOD,
+        ("straight", "ranges"): SURE,
+        ("refracted", "horizontal"): FAR,
+        ("refracted", "ranges"): [2e3, 3e3, 2e3, 4e3],
+    }
+    clocks = [f"clock {what} {c}" for what in ("offset", "skew") for c in "ABCDE"]
+    sigma, error = np.linspace(1e-5, 1e-3, 10), np.linspace(2e-5, 1e-3, 10)
+    modes = unknown_rows("modes", ["mode 1", "mode 2"], 2.0, [0.2, 2.0], [0.1, 1.0])
+    return SimpleNamespace(
+        consistency=consistency_rows(ratios, few=("refracted",)),
+        errors=pd.DataFrame(
+            {
+                "condition": ["odometry", "straight", "refracted", "lost"],
+                "rmse_m": [80.0, 12.0, 130.5, np.nan],
+            }
+        ),
+        unknowns=pd.concat([modes, unknown_rows("clocks", clocks, 1e-3, sigma, error)]),
+        consistency_rows=consistency_rows,
+    )
 
 
 def texts(figure):

@@ -1,66 +1,75 @@
-"""Figures show the data: artists are read back and compared with what they were given."""
+"""Laws that hold for every figure, and figures of the water and the fleet read back and compared with what they were given."""
 
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 
+from pymantaray.ocean import synthetic_ocean
 from pymantaray.records import RayStatus
-from pymantaray.report import figures, style
-from pymantaray.report.figures import Results, range_ends, register, run_plates
+from pymantaray.report import figures, ocean_plots, style
+from pymantaray.report.compare import comparison_plates
+from pymantaray.report.figures import Results, register, run_plates
+from pymantaray.report.figures_consistency import consistency_over_time
+from pymantaray.report.figures_estimators import error_and_consistency
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_ocean import ray_picture, sound_speed_profiles
 from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
 from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pooled_ape
-from pymantaray.report.style import ocean_header
+from pymantaray.report.figures_unknowns import unknowns_before_and_after
+from pymantaray.study import open_run
 
 HEADER = "Test Sea, synthetic ocean"
+NAME = "A long name " * 9
+WITHOUT_UNIT = {"Ranges in a bin", "NEES / degrees of freedom", "NIS / degrees of freedom"}
 
 
-def test_every_figure_has_units_its_header_and_all_its_text_within_its_frame(look, water, records):
-    header = ocean_header({"title": "A name " * 9, "synthetic": 1, "time": "2014-07-15T12:00:00"})
-    region = "Another name " * 9
-    truth, measurements, true = records.truth, records.measurements, records.ranging_truth
-    error, rng = true.refracted_range - true.distance, np.random.default_rng(0)
-    ape = {name: rng.gamma(3.0, 9.0, (3, 4, truth.time.size)) for name in style.CONDITION_COLOURS}
-    fixes = np.zeros((4, truth.time.size), dtype=bool)
-    for figure in (
-        sound_speed_profiles([(region, water.profile), ("b", water.profile)], "header"),
-        ray_picture(water.rays(), header),
-        fleet_layout(truth, measurements, header),
-        factor_graph(truth, measurements, "header"),
-        range_error_histogram([(region, error)], header),
-        range_error_split(true.distance, error, -np.abs(error), header),
-        dropout_map(*range_ends(truth, measurements), measurements.range_status, header),
-        pooled_ape([ApePanel(region, ape, log=True), ApePanel("linear", ape, log=False)], header),
-        error_over_time(truth.time, list("ABCD"), ape, fixes, header),
-    ):
+@pytest.fixture(scope="module")
+def every_figure(run, made_run, tables, tmp_path_factory):
+    """All that are registered, of a run with long names and many conditions; comparisons; plots of an ocean."""
+    conditions = (*style.CONDITION_COLOURS, *(f"estimator-{i}" for i in range(style.DISTINCT)))
+    made = made_run(landmarks=2, lost=0.3, title=f"{NAME}(synthetic)", conditions=conditions)
+    results = Results(open_run(made.write(tmp_path_factory.mktemp("long") / "run")))
+    truth, fixes = results.run.truth, results.fixes
+    plates = [*run_plates(results), *comparison_plates({NAME: results, "b": Results(run)})]
+    ocean, header = synthetic_ocean("fram").isel(lat=slice(0, 75, 3), lon=slice(0, 237, 4)), results.header
+    return [plate.draw() for plate in plates] + [
+        error_over_time(truth.time, truth.name.tolist(), results.errors, fixes, header),
+        consistency_over_time(tables.consistency, header),
+        error_and_consistency(tables.errors, tables.consistency, header),
+        unknowns_before_and_after(tables.unknowns, header),
+        ocean_plots.sound_speed_sections(ocean, (78.0, 0.0), header),
+        ocean_plots.sound_speed_map(ocean, 100.0, header),
+        ocean_plots.sea_floor_map(ocean, header),
+    ]
+
+
+def test_every_figure_has_units_its_header_and_all_its_text_within_its_frame(look, every_figure):
+    for figure in every_figure:
         renderer, frame = look.draw(figure).canvas.get_renderer(), figure.bbox.padded(1.0)
         assert figure.get_figwidth() in (style.COLUMN, style.DOUBLE)
-        assert figure.get_suptitle() in (header, "header")
-        labels = [figure.get_supxlabel(), figure.get_supylabel()]
+        assert "synthetic ocean" in figure.get_suptitle()
         plane = [axes for axes in figure.axes if axes.name != "3d"]
-        drawn = [*figure.texts, figure._suptitle, *figure.legends]
+        titles = [axes._left_title for axes in plane if axes.get_title(loc="left")]
+        drawn = [*figure.texts, figure._suptitle, *figure.legends, *titles]
+        labels = [figure.get_supxlabel(), figure.get_supylabel()]
         for axes in plane:
-            drawn += [axes.xaxis.label, axes.yaxis.label, axes._left_title, *axes.texts]
             low, high = sorted(axes.get_xlim())
+            drawn += [axes.xaxis.label, axes.yaxis.label, *axes.texts]
             drawn += [t for t in axes.get_xticklabels() if low <= t.get_position()[0] <= high]
         for axes in figure.axes:
             labels += [axes.get_xlabel(), axes.get_ylabel()]
-        labels = [label for label in labels if label]
-        assert len(labels) >= 2
-        assert all("[" in label or label == "Ranges in a bin" for label in labels), labels
-        boxes = [(a, a.get_window_extent(renderer)) for a in drawn]
-        for artist, box in boxes:
-            if box.width > 0.0:
-                assert frame.containsx(box.x0), artist
-                assert frame.containsx(box.x1), artist
-                assert frame.containsy(box.y0), artist
-                assert frame.containsy(box.y1), artist
-        top = figure._suptitle.get_window_extent(renderer)
-        for artist in [*figure.legends, *(axes._left_title for axes in plane)]:
+        assert any(labels)
+        assert all("[" in label for label in labels if label and label not in WITHOUT_UNIT), labels
+        for artist in drawn:
             box = artist.get_window_extent(renderer)
-            assert not (box.width > 0.0 and top.overlaps(box)), artist
+            inside = frame.containsx(box.x0) and frame.containsx(box.x1)
+            assert box.width == 0.0 or (inside and frame.containsy(box.y0) and frame.containsy(box.y1)), (
+                artist
+            )
+        apart = [(a, a.get_window_extent(renderer)) for a in (figure._suptitle, *figure.legends, *titles)]
+        for i, (artist, box) in enumerate(apart):
+            assert not any(box.overlaps(other) for _, other in apart[:i] if box.width), artist
 
 
 def test_a_figure_that_registers_itself_is_in_the_report_where_it_says(run, monkeypatch):

@@ -9,7 +9,7 @@ from matplotlib.quiver import Quiver
 from pymantaray.errors import ReportError, WriteError
 from pymantaray.ocean import synthetic_ocean
 from pymantaray.ocean.seawater import sound_speed
-from pymantaray.report import ocean_plots, style
+from pymantaray.report import ocean_plots
 from pymantaray.report.ocean_plots import (
     sea_floor_map,
     sound_speed_map,
@@ -35,21 +35,6 @@ def floor():
         dims=("lat", "lon"),
         attrs={"source": "made.nc: z"},
     )
-
-
-def test_figures_have_units_the_header_and_a_paper_s_width(look, ocean, floor):
-    for figure in (
-        sound_speed_sections(ocean, (78.0, 0.0), HEADER),
-        sound_speed_map(ocean, 100.0, HEADER),
-        sea_floor_map(ocean, HEADER),
-        sea_floor_map(ocean, HEADER, floor),
-    ):
-        look.draw(figure)
-        assert figure.get_suptitle() == HEADER
-        labels = [t for axes in figure.axes for t in (axes.get_xlabel(), axes.get_ylabel()) if t]
-        assert len(labels) >= 3
-        assert all("[" in label for label in labels), labels
-        assert figure.get_figwidth() in (style.COLUMN, style.DOUBLE)
 
 
 def test_the_map_shows_the_level_s_sound_speed_and_currents(look, ocean):

@@ -13,6 +13,7 @@ from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
 from pymantaray.report.page import SYNTHETIC_NOTE, Picture, heading, numbers_from_text, render, show_table
+from pymantaray.report.style import short
 from pymantaray.report.write import PAGE, Progress, write_parts
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import open_run
@@ -141,7 +142,7 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
 
 def joint_header(runs: Mapping[str, Results]) -> str:
     """Line on top of figures that show several oceans; it says which of them are synthetic."""
-    synthetic, which = [name for name, r in runs.items() if r.synthetic], " and ".join(runs)
+    synthetic, which = [short(name) for name in runs if runs[name].synthetic], " and ".join(map(short, runs))
     if len(synthetic) == len(runs):
         return f"{which}, synthetic oceans"
     return f"{which}; synthetic ocean: {', '.join(synthetic)}" if synthetic else which

@@ -194,6 +194,7 @@ def _map(
     _finish_bar(bar, label)
     if invert:
         bar.ax.invert_yaxis()
+    figure.draw_without_rendering()  # a first layout, which the fixed aspect changes; the next one fits
     return figure
 
 

@@ -59,6 +59,7 @@ DISTINCT = len(_MORE_COLOURS)
 _PER_LINE = 5  # entries of a legend below the panels
 _MARKERS = "osD^v<>phd"
 _FITS = 28  # characters of a name on a figure
+_FITS_ABOVE = 19  # beside a legend of `HEADER_LINE` entries
 
 with as_file(files("pymantaray.report") / "mantaray.mplstyle") as _file:
     _STYLE: Any = ["default", mpl.rc_params_from_file(_file, use_default_template=False)]
@@ -115,7 +116,7 @@ def ocean_header(attrs: Mapping[Any, Any]) -> str:
     >>> ocean_header({"title": "Fram Strait (synthetic)", "synthetic": 1, "time": "2014-07-15T12:00:00"})
     'Fram Strait, synthetic ocean, 2014-07-15 12:00 UTC'
     """
-    parts = [short(ocean_name(attrs))]
+    parts = [short(ocean_name(attrs), _FITS_ABOVE)]
     if is_synthetic(attrs):
         parts.append("synthetic ocean")
     if attrs.get("time"):
@@ -133,9 +134,9 @@ def is_synthetic(attrs: Mapping[Any, Any]) -> bool:
     return bool(int(attrs.get("synthetic", 0)))
 
 
-def short(name: str) -> str:
+def short(name: str, fits: int = _FITS) -> str:
     """Name cut to what fits on a figure, with an ellipsis if something was cut."""
-    return name if len(name) <= _FITS else name[: _FITS - 1].rstrip() + "…"
+    return name if len(name) <= fits else name[: fits - 1].rstrip() + "…"
 
 
 def plain(text: str) -> str:
