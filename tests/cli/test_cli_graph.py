@@ -5,8 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from pymantaray.cli import main as entry
-from pymantaray.cli.graph import app
 from pymantaray.estimation import GraphSolver, read_pyfg
 
 NOISE = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
@@ -30,10 +28,16 @@ EDGE_SE3_XYZ 1 A1 L2 -5 6 7 0.1 0 0 0.1 0 0.1
 """
 
 
-@pytest.fixture(autouse=True)
-def _with_graph_commands():
-    if all(group.name != "graph" for group in entry.app.registered_groups):
-        entry.app.add_typer(app, name="graph")
+@pytest.fixture
+def graph(mantaray):
+    """A command that has to succeed."""
+
+    def run(*arguments):
+        done = mantaray("graph", *arguments)
+        assert done.code == 0, done.err
+        return done
+
+    return run
 
 
 @pytest.fixture
@@ -43,24 +47,24 @@ def file(tmp_path):
     return path
 
 
-def test_show_counts_what_is_there(mantaray, file):
-    done = mantaray("graph", "show", file)
-    assert done.code == 0, done.err
-    lines = dict(line.split(maxsplit=1) for line in done.out.replace("loop closures", "loops").splitlines())
-    assert lines["vehicles"] == "A (3 poses), B (2 poses)"
-    assert lines["landmarks"] == "L2"
-    assert lines["odometry"] == "3"
-    assert lines["loops"] == "1 of one vehicle, 1 between two"
-    assert lines["ranges"] == "1 between poses, 1 to landmarks, 0 between landmarks"
-    assert lines["priors"] == "pose priors 1, landmark priors 1"
-    assert lines["determined"] == "yes"
+def test_show_counts_what_is_there(graph, file):
+    out = graph("show", file).out.replace("loop closures", "loops")
+    expected = {
+        "vehicles": "A (3 poses), B (2 poses)",
+        "landmarks": "L2",
+        "odometry": "3",
+        "loops": "1 of one vehicle, 1 between two",
+        "ranges": "1 between poses, 1 to landmarks, 0 between landmarks",
+        "priors": "pose priors 1, landmark priors 1",
+        "determined": "yes",
+    }
+    assert dict(line.split(maxsplit=1) for line in out.splitlines()).items() >= expected.items()
 
 
 @pytest.mark.parametrize("start", ["file", "dead-reckoning"])
-def test_solve_writes_trajectories_and_a_summary(mantaray, file, tmp_path, start):
+def test_solve_writes_trajectories_and_a_summary(mantaray, graph, file, tmp_path, start):
     out = tmp_path / "out"
-    done = mantaray("graph", "solve", file, "--out", out, "--start", start)
-    assert done.code == 0, done.err
+    done = graph("solve", file, "--out", out, "--start", start)
     assert done.out.splitlines()[-1] == str(out)
     assert "RMSE" in done.out
     assert sorted(p.name for p in out.iterdir()) == [
@@ -76,18 +80,17 @@ def test_solve_writes_trajectories_and_a_summary(mantaray, file, tmp_path, start
     assert refused.err == f"error: {out}: folder is not empty; give an empty or a new one\n"
 
 
-def test_without_a_folder_nothing_is_written(mantaray, file, tmp_path):
-    assert mantaray("graph", "solve", file, "--no-truth").code == 0
+def test_without_a_folder_nothing_is_written(graph, file, tmp_path):
+    graph("solve", file, "--no-truth")
     assert [p.name for p in tmp_path.iterdir()] == ["g.pyfg"]
 
 
-def test_sightings_are_refused_or_left_out_and_counted(mantaray, tmp_path):
+def test_sightings_are_refused_or_left_out_and_counted(mantaray, graph, tmp_path):
     (tmp_path / "s.pyfg").write_text(TEXT)
     refused = mantaray("graph", "show", tmp_path / "s.pyfg")
     assert refused.code == 2
     assert "line 16: EDGE_SE3_XYZ, a landmark's place" in refused.err
-    done = mantaray("graph", "solve", tmp_path / "s.pyfg", "--leave-out", "EDGE_SE3_XYZ")
-    assert done.code == 0, done.err
+    done = graph("solve", tmp_path / "s.pyfg", "--leave-out", "EDGE_SE3_XYZ")
     assert "left out: 1 EDGE_SE3_XYZ" in done.out
 
 
@@ -104,32 +107,29 @@ def test_a_folder_that_is_taken_is_refused_before_the_solve(mantaray, file, tmp_
 
 
 @pytest.mark.parametrize("estimator", ["huber", "gnc", "incremental"])
-def test_estimators_are_chosen_by_name(mantaray, file, estimator):
-    done = mantaray("graph", "solve", file, "--estimator", estimator, "--start", "dead-reckoning")
-    assert done.code == 0, done.err
+def test_estimators_are_chosen_by_name(graph, file, estimator):
+    done = graph("solve", file, "--estimator", estimator, "--start", "dead-reckoning")
     assert done.out.startswith(f"{estimator}, start dead-reckoning: OK")
     assert "nan" not in done.out
 
 
-def test_convert_there_and_back(mantaray, file, tmp_path):
+def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     refused = mantaray("graph", "convert", file, tmp_path / "g.g2o")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert "1 landmark priors, 2 ranges" in refused.err
-    done = mantaray("graph", "convert", file, tmp_path / "g.g2o", "--leave-out", "all", "--symbols")
-    assert done.code == 0, done.err
+    done = graph("convert", file, tmp_path / "g.g2o", "--leave-out", "all", "--symbols")
     assert "left out: 2 ranges" in done.err
-    assert mantaray("graph", "convert", tmp_path / "g.g2o", tmp_path / "back.pyfg").code == 0
+    graph("convert", tmp_path / "g.g2o", tmp_path / "back.pyfg")
     back, values = read_pyfg(tmp_path / "back.pyfg")
     assert back.agent_name.tolist() == ["A", "B"]
     np.testing.assert_array_equal(values.position, read_pyfg(file)[1].position)
-    anchored = mantaray("graph", "solve", tmp_path / "g.g2o", "--anchor")
-    assert anchored.code == 0, anchored.err
+    anchored = graph("solve", tmp_path / "g.g2o", "--anchor")
     assert "given a prior at the file's value: A0" in anchored.out
     done = mantaray("graph", "convert", file, tmp_path / "t.tum")
     assert done.out.splitlines() == [str(tmp_path / "t-A.tum"), str(tmp_path / "t-B.tum")]
     again = mantaray("graph", "convert", file, tmp_path / "t.tum")
     assert again.err == f"error: {tmp_path / 't-A.tum'}: exists already; give another name or --force\n"
-    assert mantaray("graph", "convert", file, tmp_path / "t.tum", "--force").code == 0
+    graph("convert", file, tmp_path / "t.tum", "--force")
     again = mantaray("graph", "convert", file, tmp_path / "g.g2o")
     assert again.err == f"error: {tmp_path / 'g.g2o'}: exists already; give another name or --force\n"
 
@@ -151,7 +151,7 @@ def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new,
     assert said in done.err
 
 
-def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(mantaray, file, tmp_path):
+def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(mantaray, graph, file, tmp_path):
     (tmp_path / "g.names.csv").write_text("symbol,name\nA,north-wind\nB,b_2\nL2,buoy\n")
     done = mantaray("graph", "convert", file, tmp_path / "again.pyfg")
     assert done.out.splitlines() == [str(tmp_path / "again.pyfg"), str(tmp_path / "again.names.csv")]
@@ -159,6 +159,5 @@ def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(man
     (tmp_path / "new.names.csv").write_text("mine")
     refused = mantaray("graph", "convert", file, tmp_path / "new.pyfg")
     assert refused.err.endswith("new.names.csv: exists already; give another name or --force\n")
-    shown = mantaray("graph", "solve", file, "--out", tmp_path / "out")
-    assert shown.code == 0, shown.err
+    graph("solve", file, "--out", tmp_path / "out")
     assert (tmp_path / "out/estimate-north-wind.tum").is_file()

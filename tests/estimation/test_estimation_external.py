@@ -36,26 +36,17 @@ def foreign(tmp_path, make_fleet):
     return path, fleet, truth
 
 
-def test_estimate_from_a_file_is_the_estimate_from_the_measurements(foreign):
+def test_both_starts_end_at_the_optimum_of_the_measurements_far_better_than_dead_reckoning(foreign):
     path, fleet, truth = foreign
-    result = solve_graph(open_graph(path))
-    assert result.solution.status == SolveStatus.OK
+    from_file, reckoned = (solve_graph(open_graph(path), start=s) for s in ("file", "dead-reckoning"))
+    assert from_file.solution.status == SolveStatus.OK
     ours = GraphSolver().solve(build_graph(fleet.noisy, "straight"), truth)
-    np.testing.assert_array_equal(result.values.position, ours.position)
-
-
-def test_both_starts_end_at_the_same_optimum_far_better_than_dead_reckoning(foreign):
-    path, *_ = foreign
-    truth_start, reckoned = (solve_graph(open_graph(path), start=s) for s in ("file", "dead-reckoning"))
-    np.testing.assert_allclose(reckoned.values.position, truth_start.values.position, atol=1e-3)
-    errors = [
-        {name: graph_errors(r.graph, v, r.truth) for name, v in r.trajectories.items()}
-        for r in (truth_start, reckoned)
-    ]
-    before, after = (errors[1][name][POOLED]["rmse_m"] for name in ("start", "estimate"))
-    assert after < before / 2, (before, after)
-    assert errors[0]["start"][POOLED]["max_m"] == 0.0
-    assert list(errors[1]["estimate"]) == ["A", "B", POOLED]
+    np.testing.assert_array_equal(from_file.values.position, ours.position)
+    np.testing.assert_allclose(reckoned.values.position, ours.position, atol=1e-3)
+    errors = {name: graph_errors(reckoned.graph, v, truth) for name, v in reckoned.trajectories.items()}
+    assert errors["estimate"][POOLED]["rmse_m"] < errors["start"][POOLED]["rmse_m"] / 2
+    assert errors["truth"][POOLED]["max_m"] == 0.0
+    assert list(errors["estimate"]) == ["A", "B", POOLED]
 
 
 def test_results_on_disk_are_those_in_memory(foreign, tmp_path):
@@ -79,17 +70,17 @@ def test_results_on_disk_are_those_in_memory(foreign, tmp_path):
 
 
 def test_an_estimator_has_a_name_or_is_a_function(foreign):
-    path, *_ = foreign
+    file = open_graph(foreign[0])
 
     def mine(graph, initial):
         return GraphSolver().solve(graph, initial)
 
-    result = solve_graph(open_graph(path), estimator=mine)
+    result = solve_graph(file, estimator=mine)
     assert (result.estimator, result.solution.status) == ("mine", SolveStatus.OK)
     with pytest.raises(EstimationError, match="estimator 'magic'; allowed: batch"):
-        solve_graph(open_graph(path), estimator="magic")
+        solve_graph(file, estimator="magic")
     with pytest.raises(EstimationError, match="start 'truth'; allowed: file, dead-reckoning"):
-        solve_graph(open_graph(path), start="truth")
+        solve_graph(file, start="truth")
 
 
 def test_robust_losses_keep_out_a_late_range_and_least_squares_does_not(foreign):
