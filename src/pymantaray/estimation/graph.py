@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -295,11 +295,9 @@ def check_values(graph: FactorGraph, values: GraphValues) -> None:
         )
     variables = np.arange(sum(needed), dtype=np.int32)
     place = np.concatenate([values.position, values.landmark_position])
-    fine = np.asarray((np.abs(place) <= LARGEST).all(axis=1))  # NaN does not pass
+    fine = (np.abs(place) <= LARGEST).all(axis=1)  # NaN does not pass
     _refuse(graph, "position", variables, place, fine, f"finite values of at most {LARGEST:g}")
-    length = np.linalg.norm(values.quaternion, axis=1)
-    fine = np.asarray(np.abs(length - 1.0) <= QUATERNION_TOLERANCE)
-    _refuse(graph, "quaternion", variables[: needed[0]], values.quaternion, fine, "length 1")
+    _check_length(graph, "quaternion", variables[: needed[0]], values.quaternion)
 
 
 def check_anchored(graph: FactorGraph) -> None:
@@ -356,28 +354,30 @@ def _check_ends(graph: FactorGraph, factors: Factors) -> None:
     if len(kind.ends) == 2:
         first, second = factors.variables.T
         two = f"two different {'poses' if kind.ends == ('pose', 'pose') else 'variables'}"
-        _refuse(graph, kind.what, first, second[:, None], np.asarray(first != second), two)
+        _refuse(graph, kind.what, first, second[:, None], first != second, two)
         turned = (first >= n) & (second < n)
         _refuse(graph, kind.what, first, second[:, None], ~turned, "the pose named first")
 
 
 def _check_measured(graph: FactorGraph, factors: Factors) -> None:
     what, values = factors.kind.what, factors.measured
-    finite = np.asarray(np.isfinite(values).all(axis=1))
-    _refuse(graph, what, factors.subject, values, finite, "finite values")
-    small = np.asarray((np.abs(values) <= LARGEST).all(axis=1))
+    _refuse(graph, what, factors.subject, values, np.isfinite(values).all(axis=1), "finite values")
+    small = (np.abs(values) <= LARGEST).all(axis=1)
     _refuse(graph, what, factors.subject, values, small, f"values of at most {LARGEST:g}")
     if "quaternion" in factors.kind.columns_at:
-        quaternion = factors.column("quaternion")
-        fine = np.asarray(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) <= QUATERNION_TOLERANCE)
-        _refuse(graph, f"{what} quaternion", factors.subject, quaternion, fine, "length 1")
+        _check_length(graph, f"{what} quaternion", factors.subject, factors.column("quaternion"))
+
+
+def _check_length(graph: FactorGraph, what: str, variables: Indices, quaternion: Array) -> None:
+    fine = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) <= QUATERNION_TOLERANCE
+    _refuse(graph, what, variables, quaternion, fine, "length 1")
 
 
 def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
     what, variables, covariance = factors.kind.what, factors.subject, factors.covariance
     diagonal = np.diagonal(covariance, axis1=1, axis2=2)
     within = (diagonal >= VARIANCES[0]) & (diagonal <= VARIANCES[1])  # NaN does not pass
-    fine = np.asarray(within.all(axis=1))
+    fine = within.all(axis=1)
     allowed = f"positive finite variances, {VARIANCES[0]:g} to {VARIANCES[1]:g}"
     _refuse(graph, f"{what} variance", variables, diagonal, fine, allowed)
     full = np.count_nonzero(covariance, axis=(1, 2)) > covariance.shape[1]
@@ -388,20 +388,20 @@ def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
     # free of units, so that metres and radians do not pass for bad conditioning
     with np.errstate(over="ignore"):
         correlation = covariance / sigma[:, :, None] / sigma[:, None, :]
-    fine = np.asarray(np.isfinite(correlation).all(axis=(1, 2)))
-    _refuse(graph, f"{what} covariance", variables, np.asarray(sigma**2), fine, "finite entries")
+    fine = np.isfinite(correlation).all(axis=(1, 2))
+    _refuse(graph, f"{what} covariance", variables, sigma**2, fine, "finite entries")
     skew = np.abs(correlation - np.swapaxes(correlation, 1, 2)).max(axis=(1, 2))
-    _refuse(graph, f"{what} covariance's asymmetry", variables, skew[:, None], np.asarray(skew <= 1e-9), "0")
-    smallest = np.asarray(np.linalg.eigvalsh(correlation)[:, :1])
+    _refuse(graph, f"{what} covariance's asymmetry", variables, skew[:, None], skew <= 1e-9, "0")
+    smallest = np.linalg.eigvalsh(correlation)[:, :1]
     what = f"{what} covariance's eigenvalues, scaled to unit variances,"
     allowed = f"a positive definite matrix, {SMALLEST_EIGENVALUE:g} at least"
-    _refuse(graph, what, variables, smallest, np.asarray(smallest[:, 0] >= SMALLEST_EIGENVALUE), allowed)
+    _refuse(graph, what, variables, smallest, smallest[:, 0] >= SMALLEST_EIGENVALUE, allowed)
 
 
 def _refuse(
-    graph: FactorGraph, what: str, variables: Indices, values: Array, fine: NDArray[np.bool_], allowed: str
+    graph: FactorGraph, what: str, variables: Indices, values: Array, fine: Any, allowed: str
 ) -> None:
-    """Refuse values, shape (n, k), if one is not fine, in a line that names the first variable concerned."""
+    """Refuse values, shape (n, k), that are not all fine, shape (n,), in a line that names the first variable concerned."""
     if fine.all():
         return
     first = int(np.argmin(fine))

@@ -27,9 +27,8 @@ def group_marginals(
     r"""
     Covariances of groups of poses, shape (n_epochs, n_agents), at an optimum, joint within each group.
 
-    One partial elimination takes out all variables but those asked for, and landmarks that they are ranged
-    with. What is left is a small dense information matrix, whose inverse is the joint covariance of all
-    groups. GTSAM's own ``Marginals`` eliminates everything twice as long and gives the same blocks.
+    One partial elimination takes out all variables but those asked for and landmarks that they are ranged with:
+    half the time of GTSAM's own ``Marginals``, and the same blocks.
 
     With whitened residuals :math:`b` of the ranges of a group at the optimum, their Jacobian :math:`A` and the
     covariance :math:`P`, residuals have the covariance :math:`S = I - A P A^\top`, and
@@ -148,16 +147,12 @@ def _innovation(
 
 
 class Weakest(NamedTuple):
-    """
-    Variable that may stray the furthest, whether by turning, and how far at least. [m or rad]
-
-    The eigenvalue is of the information matrix scaled to a unit diagonal.
-    """
+    """Variable that may stray the furthest, whether by turning, and how far at least; eigenvalue of its direction."""
 
     variable: int
     turns: bool
-    sigma: float
-    eigenvalue: float
+    sigma: float  # m or rad
+    eigenvalue: float  # of the information matrix scaled to a unit diagonal
 
 
 def weakest_direction(graph: FactorGraph, values: GraphValues) -> Weakest:

@@ -66,12 +66,9 @@ class Ends:
 
     def at(self, values: Any) -> tuple[Array, Array, Array]:
         """Positions of transmitters and receivers, shape (n, 3) [m], and the unknowns in their standard deviations."""
-        place = np.array(
-            [
-                values.atPose3(k).translation() if k < self.n_poses else values.atPoint3(k)
-                for k in self._keys.tolist()
-            ]
-        ).reshape(-1, 3)
+        keys, n = self._keys.tolist(), self.n_poses
+        ends = [values.atPose3(k).translation() if k < n else values.atPoint3(k) for k in keys]
+        place = np.array(ends).reshape(-1, 3)
         return place[self._transmitter], place[self._receiver], self.unknowns(values)
 
     def unknowns(self, values: Any) -> Array:
@@ -83,10 +80,9 @@ class ExpandedRanges:
     """
     A graph whose ranges are travel times expanded about one place.
 
-    ``common`` has everything but the ranges, whose ends those of all rows of the expansion are; ``stock_of``
-    gives a graph of stock factors of corrected distances under a loss, and is asked only for damped steps.
-    The prior of what the ranges share is of unit covariance about zero. Under a loss the covariances of the
-    epochs have to be diagonal.
+    ``common`` has everything but the ranges; ``stock_of`` gives a graph of stock factors of corrected distances under
+    a loss, for damped steps. What the ranges share has a prior of unit covariance about zero. Under a loss the
+    covariances of the epochs have to be diagonal.
     """
 
     def __init__(
@@ -119,9 +115,8 @@ class ExpandedRanges:
             cost = 0.5 * sum(float(w @ w) for w in white)
         else:
             cost = sum(float(self.loss.cost(u).sum()) for u in self._by_epoch(residual))
-        return (
-            float(self._common.error(values)) + 0.5 * float(np.sum(self._ends.unknowns(values) ** 2)) + cost
-        )
+        shared = 0.5 * float(np.sum(self._ends.unknowns(values) ** 2))
+        return float(self._common.error(values)) + shared + cost
 
     def whitened(self, values: Any) -> Array:
         """Residuals of the ranges in their standard deviations, epoch by epoch."""
