@@ -42,27 +42,21 @@ def test_trajectory_that_is_none_is_refused_and_leaves_nothing(tmp_path, traject
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.fixture
-def graph_of_two():
-    """Two vehicles, poses in the file out of order, as a foreign graph may have them."""
-    text = "VERTEX_SE3:QUAT 5 A1 1 0 0 0 0 0 1\nVERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 0 C4 9 8 7 0 0 0.6 0.8\n"
-    return text
+GRAPH = [
+    "VERTEX_SE3:QUAT 5 A1 1 0 0 0 0 0 1",
+    "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
+    "VERTEX_SE3:QUAT 0 C4 9 8 7 0 0 0.6 0.8",
+]  # poses out of order, as a foreign graph may have them
 
 
-def test_each_vehicle_of_a_graph_gets_a_file_in_order_of_its_poses(tmp_path, graph_of_two):
+@pytest.mark.parametrize(("lines", "names"), [(GRAPH, ["run-A.tum", "run-C.tum"]), (GRAPH[:2], ["run.tum"])])
+def test_each_vehicle_of_a_graph_gets_a_file_in_order_of_its_poses(tmp_path, lines, names):
     file_interface = pytest.importorskip("evo.tools.file_interface")
-    (tmp_path / "g.pyfg").write_text(graph_of_two)
-    graph, values = read_pyfg(tmp_path / "g.pyfg")
-    files = write_graph_tum(tmp_path / "run.tum", graph, values)
-    assert [f.name for f in files] == ["run-A.tum", "run-C.tum"]
-    read = file_interface.read_tum_trajectory_file(files[0])
-    assert read.timestamps.tolist() == [0.0, 5.0]
-    assert read.positions_xyz[:, 0].tolist() == [0.0, 1.0]
-    other = file_interface.read_tum_trajectory_file(files[1])
-    assert other.orientations_quat_wxyz[0].tolist() == [0.8, 0.0, 0.0, 0.6]
-
-
-def test_graph_of_one_vehicle_gets_the_file_that_was_named(tmp_path, graph_of_two):
-    (tmp_path / "g.pyfg").write_text(graph_of_two.rsplit("VERTEX", 1)[0])
-    graph, values = read_pyfg(tmp_path / "g.pyfg")
-    assert [f.name for f in write_graph_tum(tmp_path / "run.tum", graph, values)] == ["run.tum"]
+    (tmp_path / "g.pyfg").write_text("\n".join([*lines, ""]))
+    files = write_graph_tum(tmp_path / "run.tum", *read_pyfg(tmp_path / "g.pyfg"))
+    assert [f.name for f in files] == names
+    read = [file_interface.read_tum_trajectory_file(file) for file in files]
+    assert read[0].timestamps.tolist() == [0.0, 5.0]
+    assert read[0].positions_xyz[:, 0].tolist() == [0.0, 1.0]
+    if len(read) == 2:
+        assert read[1].orientations_quat_wxyz[0].tolist() == [0.8, 0.0, 0.0, 0.6]

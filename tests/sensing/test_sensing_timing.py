@@ -4,12 +4,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from factories import range_fleet
+from factories import range_fleet, trajectories
 
 from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
-from pymantaray.records import RayStatus, Trajectories, VehicleStatus
+from pymantaray.records import RayStatus, VehicleStatus
 from pymantaray.sensing import (
     ClockModel,
     Clocks,
@@ -44,18 +44,10 @@ def in_gradient(a, b):
     return float(direct_travel_time_linear_gradient(a, b, sound_speed_surface=C0, gradient=GRADIENT))
 
 
-def fleet_in_motion(position, velocity, n_time=13, period=200.0):
-    time = period * np.arange(n_time)
-    path = np.asarray(position)[:, None] + np.asarray(velocity)[:, None] * (time - time[4])[:, None]
-    n = len(path)
-    return Trajectories(
-        name=list("ABCD"[:n]),
-        role=["float"] * n,
-        time=time,
-        position=path,
-        quaternion=np.broadcast_to([1.0, 0, 0, 0], (n, n_time, 4)),
-        status=np.zeros((n, n_time)),
-    )
+def fleet_in_motion(position, velocity):
+    """Steady motion; the places are those at sample 4."""
+    time = 200.0 * np.arange(-4, 9)
+    return trajectories(np.asarray(position)[:, None] + velocity[:, None] * time[:, None])
 
 
 @pytest.fixture(scope="module")
@@ -172,23 +164,29 @@ def test_clocks_are_drawn_by_vehicle_and_move_nothing_else(make_measurements, ma
         np.testing.assert_array_equal(np.stack([drawn.offset, drawn.skew], axis=1), units * [1e-3, 1e-6])
 
 
+IMPOSSIBLE = {
+    "turn_around is -1; it must be finite and zero or positive": lambda: TwoWay(-1.0),
+    "offset_sigma is nan; it must be finite": lambda: ClockModel(offset_sigma=np.nan),
+    r"offset has shape \(1,\), skew \(2,\)": lambda: Clocks(offset=[0.0], skew=[0.0, 1.0]),
+    "not finite; 0 is a perfect clock": lambda: Clocks(offset=[np.inf], skew=[0.0]),
+}
+
+
+@pytest.mark.parametrize("message", IMPOSSIBLE)
+def test_impossible_clocks_and_schemes_are_refused(message):
+    with pytest.raises(SensingError, match=message):
+        IMPOSSIBLE[message]()
+
+
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("n", "true", "message"),
     [
-        (lambda: TwoWay(-1.0), "turn_around is -1; it must be finite and zero or positive"),
-        (lambda: ClockModel(offset_sigma=np.nan), "offset_sigma is nan; it must be finite"),
-        (lambda: Clocks(offset=[0.0], skew=[0.0, 1.0]), r"offset has shape \(1,\), skew \(2,\)"),
-        (lambda: Clocks(offset=[np.inf], skew=[0.0]), "not finite; 0 is a perfect clock"),
+        (2, True, "clocks of 2 vehicles; the measurements have 3"),
+        (3, False, "clocks act on true travel times"),
     ],
 )
-def test_impossible_clocks_and_schemes_are_refused(make, message):
+def test_clocks_that_do_not_fit_are_refused(make_measurements, make_ranging_truth, n, true, message):
+    clocks = Clocks(offset=[0] * n, skew=[0] * n)
+    ranging_truth = make_ranging_truth() if true else None
     with pytest.raises(SensingError, match=message):
-        make()
-
-
-def test_clocks_that_do_not_fit_are_refused(make_measurements, make_ranging_truth):
-    options = {"root_seed": 1, "realization": 0, "clocks": Clocks(offset=[0, 0], skew=[0, 0])}
-    with pytest.raises(SensingError, match="clocks of 2 vehicles; the measurements have 3"):
-        perturb(make_measurements(), **options, ranging_truth=make_ranging_truth())
-    with pytest.raises(SensingError, match="clocks act on true travel times; give ranging_truth"):
-        perturb(make_measurements(), **options)
+        perturb(make_measurements(), root_seed=1, realization=0, clocks=clocks, ranging_truth=ranging_truth)
