@@ -22,12 +22,7 @@ _SMALL = 1e-4  # rad; below it Taylor series replace the closed forms
 
 
 class Water(NamedTuple):
-    """
-    Ocean as the kernels read it: uniform horizontal axes, currents and the sea floor on axes of its own.
-
-    Currents have the axes time, north, east and depth; they are linear between the instants. Water that
-    stands still in time has one.
-    """
+    """Ocean as the kernels read it: uniform horizontal axes, currents by time (one, if still), north, east and depth."""
 
     north: float
     east: float

@@ -10,19 +10,9 @@ Array = NDArray[np.float64]
 
 def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callable[[ArrayLike], Array]:
     """
-    Multilinear interpolation, constant along an axis of one point and beyond the edges of the others.
+    Values (..., ...) at coordinates (..., d), of values (n_1, ..., n_d, ...) on d rising axes.
 
-    Parameters
-    ----------
-    axes : sequence of array_like, shape (n_k,)
-        Strictly increasing.
-    values : array_like, shape (n_1, ..., n_d, ...)
-        Numbers or vectors at the grid points.
-
-    Returns
-    -------
-    callable
-        Takes coordinates (..., d), gives values (..., ...).
+    Multilinear; constant along an axis of one point and beyond the edges of the others.
     """
     from scipy.interpolate import RegularGridInterpolator
 

@@ -25,21 +25,7 @@ def eastward(west: float, east: float) -> float:
 
 
 def contiguous(lon: Array) -> tuple[NDArray[np.intp], Array]:
-    """
-    Order that puts longitudes in a row across any seam, and their values in that order.
-
-    Parameters
-    ----------
-    lon : ndarray, shape (lon,)
-        Counted in any way; one meridian may be there twice. [degrees]
-
-    Returns
-    -------
-    order : ndarray of int, shape (n,)
-        A meridian that was there twice is there once.
-    lon : ndarray, shape (n,)
-        Rising, with the middle in -180 to 180. [degrees]
-    """
+    """Order that puts longitudes in a row across any seam, each once, and so rising, their middle in -180 to 180. [degrees]"""
     turned = lon % 360.0
     order = np.argsort(turned, kind="stable")
     gaps = np.diff(turned[order], append=turned[order[0]] + 360.0)

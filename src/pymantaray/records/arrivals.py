@@ -61,14 +61,7 @@ class Arrivals(Record):
     )
 
     def first(self) -> FirstArrivals:
-        """
-        Earliest arrival of each link.
-
-        Returns
-        -------
-        FirstArrivals
-            One row per link; travel time and slowness NaN where the status is not OK.
-        """
+        """Earliest arrival of each link; travel time and slowness are NaN where the status is not OK."""
         n = self.status.size
         links, rows = np.unique(self.link, return_index=True)
         time = np.full(n, np.nan)

@@ -18,26 +18,7 @@ Column = NDArray[Any]  # the declared type of a field made by `column`
 
 
 def column(dims: str, units: str, long_name: str, dtype: str = "f8", *, may_lack: bool = False) -> Any:
-    """
-    Array field of a record.
-
-    Parameters
-    ----------
-    dims : str
-        Names of the dimensions, separated by spaces.
-    units : str
-        Units as CF writes them, "1" for none, "" for names.
-    long_name : str
-        One line for people.
-    dtype : str
-        numpy type of the array; "U" for text.
-    may_lack : bool
-        Whether a record made without it has it, of no rows.
-
-    Returns
-    -------
-    dataclasses.Field
-    """
+    """Array field of a record: dimensions separated by spaces, units as CF writes them; one that may lack has then no rows."""
     metadata = {"dims": tuple(dims.split()), "units": units, "long_name": long_name, "dtype": dtype}
     if not may_lack:
         return field(metadata=metadata)
@@ -47,17 +28,7 @@ def column(dims: str, units: str, long_name: str, dtype: str = "f8", *, may_lack
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """
-    Base of all records: every field made by `column` is an array of declared dimensions and type.
-
-    Dimensions of the same name must have the same length in all fields.
-
-    Raises
-    ------
-    RecordError
-        If a field has the wrong number of dimensions, two fields disagree on a length, or a value does not
-        fit an integer column.
-    """
+    """Base of all records: every field made by `column` is an array of declared dimensions, each of one length, and type."""
 
     kind: ClassVar[str] = "record"
 
@@ -90,13 +61,7 @@ class Record:
         return [f for f in fields(cls) if "dims" in f.metadata]
 
     def to_dataset(self) -> "xr.Dataset":
-        """
-        Give the record as an xarray data set with units and long names.
-
-        Returns
-        -------
-        xarray.Dataset
-        """
+        """Give the record as an xarray data set with units and long names."""
         import xarray as xr
 
         data = {}
@@ -109,22 +74,7 @@ class Record:
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """
-        Build the record from a data set that `to_dataset` made.
-
-        Parameters
-        ----------
-        dataset : xarray.Dataset
-
-        Returns
-        -------
-        Record
-
-        Raises
-        ------
-        RecordError
-            If the data set holds another kind of record or lacks a field.
-        """
+        """Build the record from a data set that `to_dataset` made; another kind, or one that lacks a field, is refused."""
         kind = dataset.attrs.get("mantaray_record")
         if kind != cls.kind:
             raise RecordError(f"data set holds {kind!r}; needs {cls.kind!r}")
@@ -134,33 +84,12 @@ class Record:
         return cls(**{f.name: dataset[f.name].values for f in cls._columns()})
 
     def save(self, path: Path) -> None:
-        """
-        Write the record as NetCDF-4, whole or not at all.
-
-        Parameters
-        ----------
-        path : pathlib.Path
-        """
+        """Write the record as NetCDF-4, whole or not at all."""
         write_netcdf(self.to_dataset(), path)
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """
-        Read a record that `save` wrote.
-
-        Parameters
-        ----------
-        path : pathlib.Path
-
-        Returns
-        -------
-        Record
-
-        Raises
-        ------
-        RecordError
-            If the file is missing, unreadable or of another kind.
-        """
+        """Read a record that `save` wrote; a file that is missing, unreadable or of another kind is a `RecordError`."""
         try:
             return cls.from_dataset(read_netcdf(path, decode_times=False))
         except RecordError as error:

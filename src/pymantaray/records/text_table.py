@@ -20,17 +20,7 @@ _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """
-    Cells of a table as text.
-
-    Attributes
-    ----------
-    path : pathlib.Path
-    frame : pandas.DataFrame
-        Of str, with the header's names, by the line of the file that each row stands in, from 1. An empty cell is "".
-    comments : list of str
-        Lines that begin with ``#``.
-    """
+    """Cells of a table as text, "" where empty, by the line of the file, from 1; comments are lines that begin with ``#``."""
 
     path: Path
     frame: "pd.DataFrame"
@@ -66,24 +56,7 @@ class TextTable:
 
 
 def read_text_table(path: str | Path) -> TextTable:
-    """
-    Read a table with a header, its cells separated by commas, semicolons, tabs or blanks, whichever the header has.
-
-    Empty lines and lines that begin with ``#`` are no rows; blanks about a cell are no part of it.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-
-    Returns
-    -------
-    TextTable
-
-    Raises
-    ------
-    RecordError
-        If the file is unreadable, no text, above 200 MB or without rows, or a row has more cells than the header.
-    """
+    """Read a table with a header, its cells separated by commas, semicolons, tabs or blanks, whichever the header has."""
     import pandas as pd
 
     path = Path(path)

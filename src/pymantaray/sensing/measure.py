@@ -16,9 +16,7 @@ from pymantaray.sensing.noise import SENSORS, NoiseModel
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.schedule import by_pair
 from pymantaray.sensing.sensor import Columns, Scene
-from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, clock_error
-
-_ONE_WAY = OneWay()
+from pymantaray.sensing.timing import ONE_WAY, ClockModel, Clocks, Timing, clock_error
 
 
 def assemble(
@@ -80,7 +78,7 @@ def perturb(
     *,
     root_seed: int,
     realization: int,
-    timing: Timing = _ONE_WAY,
+    timing: Timing = ONE_WAY,
     clocks: ClockModel | Clocks | None = None,
     ranging_truth: RangingTruth | None = None,
     probability: ArrayLike | None = None,

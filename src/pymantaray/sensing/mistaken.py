@@ -13,12 +13,11 @@ from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.schedule import Attempts, chances
-from pymantaray.sensing.timing import Leg, OneWay, Timing, half_round_trip, velocities
+from pymantaray.sensing.timing import ONE_WAY, Leg, OneWay, Timing, half_round_trip, velocities
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 PickRule = Literal["first-detected", "strongest-detected"]
-_ONE_WAY = OneWay()
 _SPREAD_DB = 6.0  # of an arrival's level where no sonar says another
 _FAR_DB = 1e4  # stands for an infinite loss
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
@@ -201,7 +200,7 @@ class Candidates(Record):
 
 
 def find_candidates(
-    ranging: Ranging, truth: Trajectories, picker: Picker, *, timing: Timing = _ONE_WAY
+    ranging: Ranging, truth: Trajectories, picker: Picker, *, timing: Timing = ONE_WAY
 ) -> Candidates:
     """
     List what each range attempt may take for its direct arrival.

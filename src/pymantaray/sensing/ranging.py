@@ -16,12 +16,11 @@ from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.detection import Detector
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
 from pymantaray.sensing.schedule import Attempts, PingSchedule, attempts
-from pymantaray.sensing.timing import Leg, OneWay, Timing, TwoWay, half_round_trip, velocities
+from pymantaray.sensing.timing import ONE_WAY, Leg, Timing, TwoWay, half_round_trip, velocities
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 """Told how many parts of the work are done, and how many there are."""
-_ONE_WAY = OneWay()
 _BLOCK = 512  # links whose ray paths are held at a time
 
 
@@ -96,7 +95,7 @@ def measure_ranges(
     reception: Reception = _DIRECT,
     *,
     currents: Currents | Callable[[float], Currents] | None = None,
-    timing: Timing = _ONE_WAY,
+    timing: Timing = ONE_WAY,
     progress: Progress | None = None,
 ) -> Ranging:
     """

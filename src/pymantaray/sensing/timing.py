@@ -49,6 +49,7 @@ class TwoWay:
 
 
 Timing = OneWay | TwoWay
+ONE_WAY = OneWay()
 
 
 class Leg(NamedTuple):
