@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import dataclass, fields, replace
+from functools import cache
 
 import numpy as np
 
@@ -361,3 +362,71 @@ def range_fleet(truth, landmarks, medium, *, currents=None, timing=None, progres
         timing=timing or OneWay(),
         progress=progress,
     )
+
+
+GAPS = (1500, 900, 1200, 2200, 1700, 800, 1900, 1300, 1500)
+
+
+def twisted(depth, speed=None, *, bed=900.0, noise=60.0, seed=41, gaps=GAPS, interpolation="smooth"):
+    """Cells of 0.8 to 2.2 km, none of them plane, on a slope, under water of 1500 m/s or a profile that a front crosses."""
+    north = np.cumsum([0.0, *gaps])
+    east = np.linspace(0.0, 12e3, 9)
+    relief = noise * np.random.default_rng(seed).uniform(-1.0, 1.0, (north.size, east.size))
+    c = np.full((north.size, east.size, depth.size), 1500.0)
+    if speed is not None:
+        c[:] = speed
+        c += 4.0 * np.tanh((north[:, None, None] - 6e3) / 3e3) * np.exp(-depth / 400.0)
+        c += 2.0 * np.sin(east[:, None] / 4e3) * np.exp(-depth / 300.0)
+    bathymetry = bed + 0.03 * north[:, None] - 0.015 * east + relief
+    return Medium.from_grid(north, east, depth, c, bathymetry=bathymetry, interpolation=interpolation)
+
+
+def inner_links(n, seed, *, top=20.0, east=(2e3, 10e3)):
+    """Pairs in the inner part of the twisted medium, up to 5 km apart, above its shallowest bed."""
+    rng = np.random.default_rng(seed)
+    source = rng.uniform((3e3, east[0], top), (10e3, east[1], 650.0), (n, 3))
+    bearing, distance = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(200.0, 5e3, n)
+    step = distance[:, None] * np.column_stack([np.cos(bearing), np.sin(bearing)])
+    receiver = np.column_stack([source[:, :2] + step, rng.uniform(top, 650.0, n)])
+    inside = ((receiver[:, :2] > 500.0) & (receiver[:, :2] < (12.5e3, 11.5e3))).all(axis=1)
+    return source[inside], receiver[inside]
+
+
+ARCTIC_DEPTH = np.array(
+    [0, 5, 10, 20, 30, 45, 60, 80, 100, 130, 160, 200, 300, 400, 600, 800, 1000, 1500, 2500, 4000.0]
+)
+
+
+DUCT_DEPTH = np.array([0.0, 2, 5, 10, 20, 40, 60, 100, 150, 250, 400, 700, 1200, 2000, 3000, 4000])
+DUCT = 1440.0 + 0.016 * DUCT_DEPTH + 8.0 * np.exp(-(((DUCT_DEPTH - 60) / 25.0) ** 2))
+
+
+def arctic(depth):
+    """Arctic-like: a cold cap, a warm layer at 60 m over a duct at 130 m, then pressure."""
+    return (
+        1438.0
+        + 0.016 * depth
+        + 9.0 * np.exp(-(((depth - 60.0) / 25.0) ** 2))
+        + 20.0 / (1.0 + np.exp(-(depth - 280.0) / 60.0))
+    )
+
+
+@cache
+def make_front(interpolation="smooth"):
+    """A front in the north and an eddy over a sloping sea bed."""
+    north, east = np.linspace(0.0, 40_000.0, 17), np.linspace(0.0, 30_000.0, 13)
+    n, e, z = np.meshgrid(north, east, ARCTIC_DEPTH, indexing="ij")
+    c = arctic(z) + 6.0 * np.tanh((n - 20_000.0) / 8000.0) * np.exp(-z / 400.0)
+    c += 5.0 * np.exp(-((n - 15e3) ** 2 + (e - 18e3) ** 2) / 9e3**2 - ((z - 150.0) / 120.0) ** 2)
+    bottom = 3000.0 - 0.01 * n[..., 0]
+    return Medium.from_grid(north, east, ARCTIC_DEPTH, c, bathymetry=bottom, interpolation=interpolation)
+
+
+def front_links(n, seed):
+    """Pairs about the front, from the surface to 2 km, many on levels."""
+    rng = np.random.default_rng(seed)
+    ends = []
+    for _ in range(2):
+        depth = rng.choice([0.5, 60.0, 130.0, 250.0, 500.0, 1250.0, 2000.0], n)
+        ends.append(np.column_stack([rng.uniform(14e3, 24e3, n), rng.uniform(10e3, 20e3, n), depth]))
+    return ends

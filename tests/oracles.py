@@ -7,7 +7,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.interpolate import NdBSpline, make_interp_spline
+from scipy.interpolate import CubicSpline, NdBSpline, RegularGridInterpolator, make_interp_spline
 
 from pymantaray.estimation import RangeLinks
 
@@ -265,11 +265,7 @@ class Shooting:
 
     def __init__(self, medium):
         self.medium = medium
-        # the medium's definition: cubic not-a-knot splines horizontally, a natural cubic spline in depth
-        north = make_interp_spline(medium.north, medium.sound_speed, k=3, axis=0)
-        east = make_interp_spline(medium.east, north.c, k=3, axis=1)
-        depth = make_interp_spline(medium.depth, np.moveaxis(east.c, 0, 1), k=3, axis=2, bc_type="natural")
-        self.speed = NdBSpline((north.t, east.t, depth.t), np.moveaxis(depth.c, 0, 2), 3)
+        self.speed = field_of(medium)
 
     def times(self, source, receiver, launch, walls, times):
         """Travel times of rays launched about unit vectors that meet walls (n, k), with legs of about times (n, k + 1)."""
@@ -299,13 +295,13 @@ class Shooting:
         level = np.cos(elevation)
         unit = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
         state = np.concatenate([source, unit / self.speed(source)[:, None]], axis=1)
-        total = np.zeros(len(source))
+        total, m = np.zeros(len(source)), self.medium
         for leg in range(walls.shape[1]):
             duration = times[:, leg].copy()
             state = self._run(state, duration)
             on_surface = walls[:, leg] == self.SURFACE
             for _ in range(3):
-                depth, slope = self._bed(state[:, :3])
+                depth, slope, _ = sheet_under(m.bed_north, m.bed_east, m.bathymetry, state[:, :3])
                 normal = np.column_stack([slope, -np.ones(len(slope))])
                 normal[on_surface] = [0.0, 0.0, 1.0]
                 gap = np.where(on_surface, state[:, 2], depth - state[:, 2])
@@ -337,18 +333,41 @@ class Shooting:
         )
         return ray.y[:, -1].reshape(len(state), 6)
 
-    def _bed(self, place):
-        """Depth and slopes of the bilinear bed under places (n, 3)."""
-        cells = []
-        for axis, k in ((self.medium.north, 0), (self.medium.east, 1)):
-            i = np.clip(np.searchsorted(axis, place[:, k]) - 1, 0, axis.size - 2)
-            cells.append((i, (place[:, k] - axis[i]) / (axis[i + 1] - axis[i]), axis[i + 1] - axis[i]))
-        (i, u, dn), (j, v, de) = cells
-        b = self.medium.bathymetry
-        b00, b10, b01, b11 = (b[i + p, j + q] for p, q in ((0, 0), (1, 0), (0, 1), (1, 1)))
-        depth = (b00 * (1 - u) + b10 * u) * (1 - v) + (b01 * (1 - u) + b11 * u) * v
-        slopes = (
-            ((b10 - b00) * (1 - v) + (b11 - b01) * v) / dn,
-            ((b01 - b00) * (1 - u) + (b11 - b10) * u) / de,
-        )
-        return depth, np.stack(slopes, axis=-1)
+
+def field_of(medium, values=None):
+    """Scipy's interpolator of a medium's sound speed, or of values (north, east, depth, k), by the medium's definition.
+
+    Linear, or cubic not-a-knot splines horizontally and a natural cubic spline in depth; one column is the same everywhere.
+    """
+    values = medium.sound_speed if values is None else values
+    if values.shape[0] == 1:
+        column = values[0, 0]
+        if medium.interpolation == "linear":
+            return lambda x: np.interp(x[:, 2], medium.depth, column)
+        spline = CubicSpline(medium.depth, column, bc_type="natural")
+        return lambda x: spline(x[:, 2])
+    if medium.interpolation == "linear":
+        return RegularGridInterpolator((medium.north, medium.east, medium.depth), values)
+    north = make_interp_spline(medium.north, values, k=3, axis=0)
+    east = make_interp_spline(medium.east, north.c, k=3, axis=1)
+    depth = make_interp_spline(medium.depth, np.moveaxis(east.c, 0, 1), k=3, axis=2, bc_type="natural")
+    return NdBSpline((north.t, east.t, depth.t), np.moveaxis(depth.c, 0, 2), 3)
+
+
+def sheet_under(north, east, sheet, place):
+    """Bilinear depth under places (n, 2 or more), its slopes (n, 2), and the distance to the lines of its grid."""
+    if sheet.shape == (1, 1):
+        return np.full(len(place), sheet[0, 0]), np.zeros((len(place), 2)), np.full(len(place), np.inf)
+    cells = []
+    for axis, k in ((north, 0), (east, 1)):
+        i = np.clip(np.searchsorted(axis, place[:, k]) - 1, 0, axis.size - 2)
+        cells.append((i, (place[:, k] - axis[i]) / (axis[i + 1] - axis[i]), axis[i + 1] - axis[i]))
+    (i, u, dn), (j, v, de) = cells
+    b00, b10, b01, b11 = (sheet[i + p, j + q] for p, q in ((0, 0), (1, 0), (0, 1), (1, 1)))
+    depth = (b00 * (1 - u) + b10 * u) * (1 - v) + (b01 * (1 - u) + b11 * u) * v
+    slopes = (
+        ((b10 - b00) * (1 - v) + (b11 - b01) * v) / dn,
+        ((b01 - b00) * (1 - u) + (b11 - b10) * u) / de,
+    )
+    edge = np.minimum(np.minimum(u, 1.0 - u) * dn, np.minimum(v, 1.0 - v) * de)
+    return depth, np.stack(slopes, axis=-1), edge

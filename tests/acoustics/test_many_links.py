@@ -9,14 +9,13 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from factories import DUCT
+from factories import DUCT_DEPTH as Z
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pymantaray.acoustics import Medium, eigenrays, find_eigenrays, paths, trace_fan, trace_paths
 from pymantaray.acoustics.eigenrays import in_blocks
-
-Z = np.array([0.0, 10, 30, 60, 100, 150, 250, 400, 700, 1200, 2000, 3000, 4000])
-DUCT = 1440.0 + 0.016 * Z + 8.0 * np.exp(-(((Z - 60) / 25.0) ** 2))
 
 INTERRUPTED = """
 import os, signal, sys, threading, time
@@ -138,7 +137,7 @@ def test_memory_grows_by_the_results_only():
     assert (many - few) / 8_000 < 3.5 * (kept_many - kept_few) / 8_000, (few, many, kept_few, kept_many)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_an_interrupt_stops_within_a_block(threads):
     code = INTERRUPTED.format(z=Z.tolist(), c=DUCT.tolist(), threads=threads)
     done = subprocess.run(
@@ -181,21 +180,6 @@ def test_paths_of_many_are_the_paths_of_each(monkeypatch):
     assert_same(trace_paths(medium, a, b, found, threads=2), together)
 
 
-def test_paths_run_from_the_source_to_the_receiver():
-    medium, (a, b) = uniform(), scattered(40)
-    found = find_eigenrays(medium, a, b, 1, 0)
-    rays = trace_paths(medium, a, b, found)
-    first = np.flatnonzero(np.diff(rays.arrival, prepend=-1))
-    last = np.append(first[1:], rays.arrival.size) - 1
-    np.testing.assert_array_equal(rays.arrival[first], np.arange(found.link.size))
-    np.testing.assert_array_equal(rays.position[first], a[found.link])
-    np.testing.assert_array_equal(rays.position[last], b[found.link])
-    np.testing.assert_array_equal(rays.travel_time[first], 0.0)
-    np.testing.assert_array_equal(rays.travel_time[last], found.travel_time)
-    np.testing.assert_allclose(rays.slowness[first], found.source_slowness, rtol=0, atol=1e-5 / 1500)
-    np.testing.assert_allclose(rays.slowness[last], found.receiver_slowness, rtol=0, atol=1e-5 / 1500)
-
-
 def test_a_fan_of_many_rays_is_the_fan_of_each(monkeypatch):
     medium, angles = uniform(), np.linspace(-0.4, 0.4, 9)
     options = {"max_surface_bounces": 3, "max_bottom_bounces": 2}
@@ -214,10 +198,9 @@ def test_no_paths_of_no_rays():
     assert rays.position.shape == (0, 3)
 
 
-@pytest.mark.parametrize("module", ["", ".loss", ".absorption", ".currents", ".sonar", ".selection"])
-def test_acoustics_loads_nothing_heavy(module):
+def test_acoustics_loads_nothing_heavy():
     code = (
-        f"import sys, pymantaray.acoustics{module}\n"
+        "import sys\nfrom pymantaray.acoustics import absorption, currents, loss, selection, sonar\n"
         "print(*{'xarray', 'scipy', 'pandas', 'numba', 'netCDF4'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

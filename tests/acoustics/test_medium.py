@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.errors import AcousticsError
@@ -37,32 +36,6 @@ def test_other_bad_input_is_one_line():
         Medium.from_profile(Z, [1500.0] * 6, bottom_depth=1000.0, interpolation="cubic")
     with pytest.raises(AcousticsError, match="lacks sound_speed, sea_floor_depth"):
         Medium.from_dataset(xr.Dataset(coords={"north": [0.0], "east": [0.0], "depth": Z}))
-
-
-@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-def test_sound_speed_at_the_ends_is_the_interpolated_field(interpolation):
-    rng = np.random.default_rng(4)
-    n, e = np.linspace(0, 9e3, 7), np.array([0.0, 2e3, 3e3, 5e3, 8e3])  # also an axis of unequal steps
-    c = 1480.0 + rng.normal(0.0, 3.0, (7, 5, 6))
-    medium = Medium.from_grid(n, e, Z, c, bathymetry=np.full((7, 5), 3000.0), interpolation=interpolation)
-    points = rng.uniform([0, 0, 0], [9e3, 8e3, 3e3], (40, 3))
-    speeds = find_eigenrays(medium, points, points).source_sound_speed
-    if interpolation == "linear":
-        expected = RegularGridInterpolator((n, e, Z), c)(points)
-    else:
-        from scipy.interpolate import make_interp_spline
-
-        expected = [
-            float(
-                CubicSpline(
-                    Z,
-                    make_interp_spline(e, make_interp_spline(n, c, k=3)(p[0]), k=3)(p[1]),
-                    bc_type="natural",
-                )(p[2])
-            )
-            for p in points
-        ]
-    np.testing.assert_allclose(speeds, expected, rtol=0, atol=1e-9)
 
 
 def test_axes_of_two_and_three_points_fall_back_to_lower_degree():

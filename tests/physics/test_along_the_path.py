@@ -2,17 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import (
-    CubicHermiteSpline,
-    CubicSpline,
-    NdBSpline,
-    RegularGridInterpolator,
-    make_interp_spline,
-)
+from factories import ARCTIC_DEPTH, arctic, front_links, make_front
+from oracles import field_of
+from scipy.interpolate import CubicHermiteSpline
 
 from pymantaray.acoustics import (
     Medium,
-    direct_travel_time_linear_gradient,
     find_eigenrays,
     path_integrals,
     trace_paths,
@@ -22,9 +17,9 @@ from pymantaray.records import RayAxis
 
 
 @pytest.fixture(scope="module", params=["smooth", "linear"])
-def duct(request, arctic):
+def duct(request):
     """Rays of an Arctic profile in random directions: arrivals, their paths and the profile as a function."""
-    depth, speed = arctic
+    depth, speed = ARCTIC_DEPTH, arctic(ARCTIC_DEPTH)
     medium = Medium.from_profile(depth, speed, bottom_depth=3000.0, interpolation=request.param)
     rng = np.random.default_rng(9)
     n = 60
@@ -34,45 +29,7 @@ def duct(request, arctic):
     receiver = np.column_stack([source[:, :2] + step, rng.uniform(5.0, 900.0, n)])
     arrivals = find_eigenrays(medium, source, receiver, tolerance=1e-5)
     paths = trace_paths(medium, source, receiver, arrivals, tolerance=1e-5)
-    if request.param == "smooth":
-        profile = CubicSpline(depth, speed, bc_type="natural")
-    else:
-        profile = lambda z: np.interp(z, depth, speed)
-    return medium, source, receiver, arrivals, paths, profile
-
-
-def test_horizontal_slowness_is_snells_invariant_at_every_node(duct):
-    _, _, _, arrivals, paths, profile = duct
-    at_source = arrivals.source_slowness[paths.arrival, :2]
-    np.testing.assert_allclose(paths.slowness[:, :2], at_source, rtol=0, atol=1e-10)
-    length = np.linalg.norm(paths.slowness, axis=1)
-    np.testing.assert_allclose(length * profile(paths.position[:, 2]), 1.0, rtol=0, atol=1e-7)
-    assert (paths.boundary == 0).all()
-
-
-def test_path_runs_from_source_to_receiver_in_the_travel_time(duct):
-    _, source, receiver, arrivals, paths, _ = duct
-    first = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
-    last = np.append(first[1:], len(paths.arrival)) - 1
-    assert np.array_equal(paths.arrival[first], np.arange(len(arrivals.link)))
-    np.testing.assert_array_equal(paths.position[first], source[arrivals.link])
-    np.testing.assert_array_equal(paths.position[last], receiver[arrivals.link])
-    np.testing.assert_allclose(paths.travel_time[last], arrivals.travel_time, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(paths.slowness[last], arrivals.receiver_slowness, rtol=0, atol=1e-8)
-    inside = np.diff(paths.arrival) == 0
-    assert (np.diff(paths.travel_time)[inside] >= 0.0).all()
-    turns = np.bincount(
-        paths.arrival[1:][inside],
-        weights=(np.diff(np.sign(paths.slowness[:, 2])) != 0)[inside],
-        minlength=len(arrivals.link),
-    )
-    assert np.array_equal(turns, arrivals.turning_points)
-
-
-def test_travel_time_is_the_integral_of_slowness_along_the_path(duct):
-    _, _, _, arrivals, paths, profile = duct
-    time = path_integrals(paths, lambda x: 1.0 / profile(x[:, 2]))[:, 0]
-    np.testing.assert_allclose(time, arrivals.travel_time, rtol=0, atol=1e-7)
+    return medium, source, receiver, arrivals, paths, field_of(medium)
 
 
 def test_a_ray_that_turns_back_on_a_slope_has_the_path_of_its_reflections():
@@ -143,36 +100,10 @@ def bumps(rng, n, chord):
     return shape * rng.uniform(1.0, 30.0) / np.abs(shape).max()
 
 
-def test_fermat_a_perturbed_path_is_never_faster_without_conjugate_points():
-    """With a constant gradient the metric ds/c has constant negative curvature: every ray is the one minimum."""
-    g, c0, depth = 0.05, 1450.0, np.linspace(0.0, 4000.0, 41)
-    medium = Medium.from_profile(depth, c0 + g * depth, bottom_depth=4000.0)
-    rng = np.random.default_rng(4)
-    n = 12
-    source = np.column_stack([np.zeros((n, 2)), rng.uniform(200.0, 1000.0, n)])
-    receiver = np.column_stack([rng.uniform(-4e3, 4e3, (n, 2)), rng.uniform(200.0, 2500.0, n)])
-    arrivals = find_eigenrays(medium, source, receiver, tolerance=1e-5)
-    paths = trace_paths(medium, source, receiver, arrivals, tolerance=1e-5)
-    exact = direct_travel_time_linear_gradient(source, receiver, sound_speed_surface=c0, gradient=g)
-    speed = lambda x: c0 + g * x[:, 2]
-    assert len(arrivals.link) == n
-    for ray in range(n):
-        points = dense(paths, ray)
-        least = polygon_time(points, speed)
-        assert least == pytest.approx(exact[ray], abs=2e-9)
-        for _ in range(20):
-            shift = bumps(rng, len(points), receiver[ray] - source[ray])
-            excess = [polygon_time(points + scale * shift, speed) - exact[ray] for scale in (1.0, 0.1, -0.1)]
-            assert excess[0] > 0.0, (ray, excess)
-            # and stationary: the change is of second order, alike on both sides
-            assert abs(excess[1] - excess[2]) < 0.1 * excess[0] + 2e-9, (ray, excess)
-            assert excess[1] < 0.05 * excess[0] + 2e-9, (ray, excess)
-
-
 def test_fermat_every_eigenray_is_stationary_and_the_earliest_a_minimum(duct):
     """Beyond a caustic a ray is a saddle: only the change of first order vanishes. The earliest of all is a minimum."""
-    medium, source, receiver, arrivals, paths, profile = duct
-    speed = lambda x: profile(x[:, 2])
+    medium, source, receiver, arrivals, paths, speed = duct
+
     rng = np.random.default_rng(5)
     kinks = 1e-7 if medium.interpolation == "linear" else 0.0  # the polygon cuts the corners of c(z)
     # the earliest of every ray that there is, where none is lost to the surface
@@ -208,15 +139,13 @@ SHAPES = {
 
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-def test_sensitivity_is_the_derivative_of_travel_time_by_sound_speed(
-    name, interpolation, front_medium, links
-):
+def test_sensitivity_is_the_derivative_of_travel_time_by_sound_speed(name, interpolation):
     """-integral of phi / c^2 ds against central differences of the solver in a perturbed ocean.
 
     The shape is what the medium interpolates between its grid points, as the perturbation is.
     """
-    base = front_medium(interpolation)
-    source, receiver = links(25, 31)
+    base = make_front(interpolation)
+    source, receiver = front_links(25, 31)
     source[:, 2] += 7.0
     receiver[:, 2] += 11.0
     arrivals = find_eigenrays(base, source, receiver, tolerance=1e-5)
@@ -257,14 +186,3 @@ def nearest(found, arrivals, row):
     if not gap.size or gap.min() > 3e-6:  # 4 mrad
         return np.nan
     return found.travel_time[same][np.argmin(gap)]
-
-
-def field_of(medium, values):
-    """Interpolate values (north, east, depth, k) as the medium does."""
-    if medium.interpolation == "linear":
-        return RegularGridInterpolator((medium.north, medium.east, medium.depth), values)
-    north = make_interp_spline(medium.north, values, k=3, axis=0)
-    east = make_interp_spline(medium.east, north.c, k=3, axis=1)
-    level = np.moveaxis(east.c, 0, 1)
-    depth = make_interp_spline(medium.depth, level, k=3, axis=2, bc_type="natural")
-    return NdBSpline((north.t, east.t, depth.t), np.moveaxis(depth.c, 0, 2), 3)

@@ -13,14 +13,10 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*more eigenrays:RuntimeWarning"
 SIDE = 110e3  # m; of grids
 BAR = 0.3e-6  # s; what a travel time may err by
 QUICK = settings(
-    max_examples=5,
     derandomize=True,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
-    phases=[
-        Phase.explicit,
-        Phase.generate,
-    ],  # a failure is not shrunk: 30 links an example take minutes to shrink
+    phases=[Phase.explicit, Phase.generate],  # a failure is not shrunk: 30 links an example take minutes
 )
 
 
@@ -82,21 +78,16 @@ def fastest(medium):
     return max(value.max(), *(v.max() for v in inner))  # Bezier points of the cubic in depth
 
 
+@pytest.mark.parametrize("examples", [5, pytest.param(40, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-@QUICK
-@given(data=st.data())
-def test_every_link_of_every_medium_has_a_consistent_outcome(interpolation, data):
-    medium = data.draw(media(interpolation))
-    check(medium, *places(medium, np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))))
+def test_every_link_of_every_medium_has_a_consistent_outcome(interpolation, examples):
+    @settings(QUICK, max_examples=examples)
+    @given(data=st.data())
+    def run(data):
+        medium = data.draw(media(interpolation))
+        check(medium, *places(medium, np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))))
 
-
-@pytest.mark.slow
-@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-@settings(QUICK, max_examples=40)
-@given(data=st.data())
-def test_every_link_of_many_media_has_a_consistent_outcome(interpolation, data):
-    medium = data.draw(media(interpolation))
-    check(medium, *places(medium, np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))))
+    run()
 
 
 def check(medium, source, receiver):

@@ -1,4 +1,4 @@
-"""Ice as the upper boundary: images, slopes, the mirrored ocean, both directions, and what does not get through."""
+"""Ice as the upper boundary: the mirrored ocean, and what does not get through; images are in test_wedge, laws in test_laws."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from pymantaray.records import RayStatus
 C, DEEP, DRAFT = 1500.0, 300.0, 12.0
 AXIS = np.linspace(-4e3, 4e3, 9)
 ATOL_TIME = 1e-8  # s
-KINDS = pytest.mark.parametrize("interpolation", ["smooth", "linear"])
 
 
 def water(ice_draft, interpolation="smooth", bed=DEEP, speed=C, **axes):
@@ -37,52 +36,6 @@ def rows(arrivals, link):
             strict=True,
         )
     )
-
-
-@KINDS
-@pytest.mark.parametrize("ice", [DRAFT, np.full((9, 9), DRAFT)], ids=["one value", "field"])
-def test_uniform_water_between_ice_and_bed_has_the_times_of_images(interpolation, ice):
-    medium = water(ice, interpolation)
-    source, receiver = places(12, 1)
-    arrivals = find_eigenrays(medium, source, receiver, 2, 2, None)
-    for link, (a, b) in enumerate(zip(source, receiver, strict=True)):
-        expected = []
-        horizontal, high, above = np.hypot(*(b - a)[:2]), DEEP - DRAFT, [a[2] - DRAFT, b[2] - DRAFT]
-        for n_s in range(3):
-            for n_b in range(3):
-                if n_s == n_b:  # down first or up first; without reflections both are one
-                    steps = {2 * n_s * high + s * (above[1] - above[0]) for s in (1, -1)}
-                    expected += [(n_s, n_b, np.hypot(horizontal, step) / C) for step in steps][
-                        : 1 + (n_s > 0)
-                    ]
-                elif abs(n_s - n_b) == 1:
-                    first, last = above if n_s > n_b else (high - above[0], high - above[1])
-                    step = 2 * min(n_s, n_b) * high + first + last
-                    expected.append((n_s, n_b, np.hypot(horizontal, step) / C))
-        np.testing.assert_allclose(rows(arrivals, link), sorted(expected), rtol=0, atol=ATOL_TIME)
-
-
-@KINDS
-@pytest.mark.parametrize("slope", [(0.02, 0.0), (0.0, -0.03), (0.03, 0.02)])
-def test_a_sloping_underside_reflects_like_a_mirror(interpolation, slope):
-    """One reflection at a plane: the straight line from the image of the source in it."""
-    plane = 210.0 + slope[0] * AXIS[:, None] + slope[1] * AXIS
-    medium = water(plane, interpolation, bed=900.0)
-    source, receiver = places(20, 2, top=320.0, bottom=560.0)
-    normal = np.array([*slope, -1.0]) / np.hypot(1.0, np.hypot(*slope))
-    height = (source[:, :2] @ slope + 210.0 - source[:, 2]) / np.hypot(1.0, np.hypot(*slope))
-    image = source - 2.0 * height[:, None] * normal
-    arrivals = find_eigenrays(medium, source, receiver, 1, 0, None)
-    once = arrivals.surface_bounces == 1
-    assert np.array_equal(arrivals.link[once], np.arange(20))
-    expected = np.linalg.norm(receiver - image, axis=1) / C
-    np.testing.assert_allclose(arrivals.travel_time[once], expected, rtol=0, atol=ATOL_TIME)
-    direction = (receiver - image) / np.linalg.norm(receiver - image, axis=1)[:, None]
-    np.testing.assert_allclose(C * arrivals.receiver_slowness[once], direction, rtol=0, atol=1e-6)
-    spreading = 20.0 * np.log10(
-        np.linalg.norm(receiver - image, axis=1) / np.linalg.norm(receiver - source, axis=1)
-    )
-    np.testing.assert_allclose(arrivals.spreading_db[once], spreading, atol=0.01)
 
 
 @pytest.mark.parametrize("gradient", [0.0, 0.05])
@@ -114,20 +67,6 @@ def test_the_mirrored_ocean_has_the_mirrored_rays(gradient):
         assert not unmatched  # over facets the search of the sea bed goes on cell by cell and may find more
         found += len(ours)
     assert found > 0.95 * over_bed.link.size
-
-
-@KINDS
-def test_both_directions_have_the_same_rays(interpolation):
-    medium = water(
-        20.0 + 8.0 * np.sin(AXIS[:, None] / 900.0) * np.cos(AXIS / 1100.0),
-        interpolation,
-        speed=C + 5e-4 * (AXIS[:, None, None] - AXIS[:, None]) + [0.0, 4.0],
-    )
-    ends = places(25, 9, top=30.0)
-    there = find_eigenrays(medium, *ends, 1, 1, canonical=False)
-    back = find_eigenrays(medium, *ends[::-1], 1, 1, canonical=False)
-    for link in range(25):
-        np.testing.assert_allclose(rows(there, link), rows(back, link), rtol=0, atol=1e-7)
 
 
 def test_no_direct_ray_goes_through_a_keel_and_its_path_ends_at_the_ice():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from factories import ARCTIC_DEPTH, arctic, front_links, make_front
 from oracles import Shooting
 
 from pymantaray.acoustics import Medium, find_eigenrays, trace_paths
@@ -22,9 +23,9 @@ def make_eddies():
     return Medium.from_grid(north, east, depth, c, bathymetry=2700.0 + 250.0 * np.sin(n[..., 0] / 5e3))
 
 
-def make_slope(arctic, *, plane):
+def make_slope(*, plane):
     """A front and an eddy over a bed that slopes both ways, plane or with ridges from cell to cell."""
-    depth, speed = arctic
+    depth, speed = ARCTIC_DEPTH, arctic(ARCTIC_DEPTH)
     north, east = np.linspace(0.0, 20e3, 11), np.linspace(0.0, 16e3, 9)
     n, e, z = np.meshgrid(north, east, depth, indexing="ij")
     c = speed + 6.0 * np.tanh((n - 10e3) / 4e3) * np.exp(-z / 400.0)
@@ -33,16 +34,6 @@ def make_slope(arctic, *, plane):
     if not plane:
         bed += 25.0 * np.random.default_rng(51).uniform(-1.0, 1.0, bed.shape)
     return Medium.from_grid(north, east, depth, c, bathymetry=bed)
-
-
-@pytest.fixture(scope="module", params=["front", "eddies"])
-def ocean(request, front):
-    return front if request.param == "front" else make_eddies()
-
-
-def deeper(links, n, seed):
-    """Links 20 m deeper than drawn, so that few rays are lost to the surface."""
-    return [end + np.array([0.0, 0.0, 20.0]) for end in links(n, seed)]
 
 
 def shallow_links(n, seed):
@@ -99,22 +90,26 @@ def assert_small(found, least):
         assert np.median(found[count]) < MEDIAN, (count, np.median(found[count]))
 
 
-def test_direct_travel_times_agree_on_a_few_links(ocean, links):
-    assert_small(errors(ocean, *deeper(links, 16, 21)), {0: 12})
+@pytest.mark.parametrize(
+    ("n", "seed"), [(12, 21), *(pytest.param(100, seed, marks=pytest.mark.slow) for seed in (22, 23))]
+)
+@pytest.mark.parametrize("make", [make_front, make_eddies])
+def test_direct_travel_times_agree(make, n, seed):
+    ends = (
+        end + np.array([0.0, 0.0, 20.0]) for end in front_links(n, seed)
+    )  # deeper: few are lost to the surface
+    assert_small(errors(make(), *ends), {0: 0.7 * n if n < 20 else 0.85 * n})
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [22, 23])
-def test_direct_travel_times_agree_on_many_links(ocean, links, seed):
-    assert_small(errors(ocean, *deeper(links, 100, seed)), {0: 85})
-
-
-def test_reflected_travel_times_agree_on_a_few_links(arctic):
-    assert_small(errors(make_slope(arctic, plane=False), *shallow_links(5, 52), (1, 1)), {1: 6, 2: 6})
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("plane", [True, False])
-def test_reflected_travel_times_agree_on_many_links(arctic, plane):
-    found = errors(make_slope(arctic, plane=plane), *shallow_links(60, 53), (2, 2))
-    assert_small(found, {1: 100, 2: 90, 3: 80, 4: 60})
+@pytest.mark.parametrize(
+    ("plane", "n", "seed", "most", "least"),
+    [
+        (False, 5, 52, (1, 1), {1: 6, 2: 6}),
+        *(
+            pytest.param(plane, 60, 53, (2, 2), {1: 100, 2: 90, 3: 80, 4: 60}, marks=pytest.mark.slow)
+            for plane in (True, False)
+        ),
+    ],
+)
+def test_reflected_travel_times_agree(plane, n, seed, most, least):
+    assert_small(errors(make_slope(plane=plane), *shallow_links(n, seed), most), least)

@@ -1,13 +1,12 @@
 """The traps that a two-point solver falls into, each by name and against a truth of its own."""
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from oracles import sheet_under
 
 from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient, find_eigenrays
-from pymantaray.acoustics._kernels import link as kernels
 from pymantaray.errors import AcousticsError
 from pymantaray.records import RayStatus
 
@@ -60,42 +59,13 @@ def assert_loop_is_found(turning_speed, **options):
     assert gap.min() < 1e-7, (exact, launch, arrivals.launch_angle, arrivals.travel_time)
 
 
-@pytest.mark.parametrize("turning_speed", [1463.0, 1480.0, 1514.0, 1530.0, 1570.0, 1599.0])
+@pytest.mark.parametrize(
+    "turning_speed", [1463.0, 1480.0, 1514.0, 1530.0, 1570.0, 1599.0, *SPEEDS[[5, 6, 7, 9]]]
+)
 def test_snell_bound_does_not_stop_at_the_first_level(turning_speed):
-    """Rays that turn in fast water below slower water, at 240 m to 2,000 m, from a duct whose rim is 1461 m/s."""
+    """Rays that turn in fast water below slower water, at 240 m to 2,000 m, some exactly on a level, from a duct whose rim is 1461 m/s."""
     assert_loop_is_found(turning_speed)
-
-
-@pytest.mark.parametrize("gradient", [-0.12, 0.12])
-def test_wings_reach_beyond_the_slope_of_the_chord(gradient):
-    """Arcs that leave up to 0.4 rad from the chord, on chords that are themselves 0 to 0.5 rad steep."""
-    bottom = 6000.0
-    c0 = 1450.0 if gradient > 0.0 else 2250.0
-    depth = np.array([0.0, bottom])
-    medium = Medium.from_profile(depth, c0 + gradient * depth, bottom_depth=bottom, interpolation="linear")
-    distance, rise = (v.ravel() for v in np.meshgrid(np.linspace(2e3, 9e3, 8), np.linspace(-0.5, 0.5, 11)))
-    middle = 1500.0 if gradient < 0.0 else 4500.0
-    middle = np.clip(
-        middle, 0.5 * np.abs(rise) * distance + 10.0, bottom - 0.5 * np.abs(rise) * distance - 10.0
-    )
-    source = np.column_stack([0 * distance, 0 * distance, middle - 0.5 * rise * distance])
-    receiver = np.column_stack([distance, 0 * distance, middle + 0.5 * rise * distance])
-    first = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None).first()
-    exact = direct_travel_time_linear_gradient(source, receiver, sound_speed_surface=c0, gradient=gradient)
-    speed = [c0 + gradient * p[:, 2] for p in (source, receiver)]
-    # centre of the circle at depth -c0/g; the chord's slope plus asin(g d / (2 sqrt(...))) is the launch angle
-    za, zb = speed[0] / gradient, speed[1] / gradient
-    centre = (distance**2 + zb**2 - za**2) / (2.0 * distance)
-    radius = np.hypot(za, centre)
-    reach = np.where(centre > 0.0, np.where(centre < distance, radius, np.maximum(abs(za), abs(zb))), abs(za))
-    reach = np.maximum(reach, np.maximum(abs(za), abs(zb)))
-    extreme = np.sign(gradient) * reach - c0 / gradient
-    wet = (extreme > 1.0) & (extreme < bottom - 1.0)
-    launch = np.arctan2(centre, za)
-    wings = np.abs(launch - np.arctan(rise))
-    assert np.count_nonzero(wet & (wings > 0.25)) > 8
-    assert (first.status[wet] == RayStatus.OK).all()
-    np.testing.assert_allclose(first.travel_time[wet], exact[wet], rtol=0, atol=1e-9)
+    assert_loop_is_found(turning_speed, canonical=False)
 
 
 @pytest.mark.parametrize("distance", [500.0, 1500.0, 3000.0])
@@ -137,31 +107,6 @@ def test_live_windows_between_rays_lost_to_the_surface_are_found():
     assert found == 25
 
 
-def bed_clearance(north, east, bathymetry, source, receiver):
-    """Least height of a straight segment above the bilinear sea bed: a parabola between crossings of grid lines."""
-    step = receiver - source
-    cuts = [0.0, 1.0]
-    for axis, k in ((north, 0), (east, 1)):
-        if step[k] != 0.0:
-            cuts += [t for t in (axis - source[k]) / step[k] if 0.0 < t < 1.0]
-    cuts = np.unique(cuts)
-    least = np.inf
-    for lo, hi in pairwise(cuts):
-        at = source + np.outer([lo, 0.5 * (lo + hi), hi], step)
-        i = min(max(np.searchsorted(north, at[1, 0]) - 1, 0), north.size - 2)
-        j = min(max(np.searchsorted(east, at[1, 1]) - 1, 0), east.size - 2)
-        u = (at[:, 0] - north[i]) / (north[i + 1] - north[i])
-        v = (at[:, 1] - east[j]) / (east[j + 1] - east[j])
-        b = bathymetry[i : i + 2, j : j + 2]
-        bed = (b[0, 0] * (1 - u) + b[1, 0] * u) * (1 - v) + (b[0, 1] * (1 - u) + b[1, 1] * u) * v
-        f = bed - at[:, 2]
-        slope, bend = -3.0 * f[0] + 4.0 * f[1] - f[2], 2.0 * (f[0] - 2.0 * f[1] + f[2])
-        least = min(least, f[0], f[2])
-        if bend > 0.0 and 0.0 < -slope / (2.0 * bend) < 1.0:
-            least = min(least, f[0] - slope**2 / (4.0 * bend))
-    return least
-
-
 @pytest.mark.parametrize("interpolation", ["linear", "smooth"])
 def test_rays_do_not_tunnel_through_peaks_of_the_sea_bed(interpolation):
     """Straight rays over random peaks and saddles: blocked where they dip into the bilinear bed, and only there."""
@@ -180,15 +125,14 @@ def test_rays_do_not_tunnel_through_peaks_of_the_sea_bed(interpolation):
     ends = [
         np.column_stack([rng.uniform(0.0, (10e3, 8e3), (n, 2)), rng.uniform(5.0, 900.0, n)]) for _ in "ab"
     ]
-    clearance = np.array([bed_clearance(north, east, bathymetry, *pair) for pair in zip(*ends, strict=True)])
+    share = np.linspace(0.0, 1.0, 20_001)[:, None]
+    heights = []
+    for start, end in zip(*ends, strict=True):
+        points = start + share * (end - start)
+        heights.append(sheet_under(north, east, bathymetry, points)[0] - points[:, 2])
+    heights = np.array(heights)
+    clearance, inside = heights.min(axis=1), heights[:, [0, -1]].min(axis=1) > 1e-3
     status = find_eigenrays(medium, *ends).first().status
-    place = np.array(
-        [
-            min(bed_clearance(north, east, bathymetry, p, p + np.array([1e-6, 0.0, 0.0])) for p in pair)
-            for pair in zip(*ends, strict=True)
-        ]
-    )
-    inside = place > 1e-3
     expected = np.where(clearance > 0.0, RayStatus.OK, RayStatus.BLOCKED)
     doubtful = np.abs(clearance) < 1e-3
     wrong = np.flatnonzero(inside & ~doubtful & (status != expected))
@@ -220,13 +164,6 @@ def test_rays_do_not_tunnel_through_a_ridge_inside_a_cell(interpolation, inset):
     ):
         first = find_eigenrays(medium, [*place[0], depth], [*place[1], depth]).first()
         assert first.status[0] == status, depth - crest
-
-
-@pytest.mark.parametrize("k", [5, 6, 7, 9])
-def test_turning_point_exactly_on_a_level(k):
-    """The ray that grazes a level with the source on another; its time is exact on both sides of the kink."""
-    assert_loop_is_found(SPEEDS[k])
-    assert_loop_is_found(SPEEDS[k], canonical=False)
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "smooth"])
@@ -301,11 +238,3 @@ def test_missing_values_are_data_and_stay_in_their_row():
         assert np.isfinite(getattr(arrivals, name)[proper]).all(), name
     with pytest.raises(AcousticsError, match="1 coordinates are not finite"):
         find_eigenrays(medium, [np.nan, 0.0, 50.0], good[1])
-
-
-def test_kernels_keep_ieee_arithmetic_and_numpy_errors():
-    """fastmath assumes that NaN does not exist; error_model python raises where a ray divides by zero."""
-    for kernel in (kernels.solve_link, kernels.solve_links, kernels.refine, kernels.find_brackets):
-        options = kernel.targetoptions
-        assert not options.get("fastmath", False), kernel
-        assert options["error_model"] == "numpy", kernel
