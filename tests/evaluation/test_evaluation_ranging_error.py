@@ -11,11 +11,10 @@ from pymantaray.errors import EvaluationError
 from pymantaray.evaluation import (
     ALL_LINKS,
     dropout_table,
-    link_categories,
     range_error_table,
     range_errors,
-    range_split_table,
 )
+from pymantaray.evaluation.ranging_error import link_categories
 from pymantaray.records import RangingTruth, RayStatus
 
 ROLES = ["station", "float", "float", "waypoints"]
@@ -91,13 +90,6 @@ def test_statistics_are_those_of_the_heard_links():
     kinds = table.drop(index=ALL_LINKS)
     assert kinds["n"].sum() == e.size
     assert np.average(kinds["mean_m"], weights=kinds["n"]) == pytest.approx(e.mean())
-
-
-def test_split_table_has_means_that_add():
-    o, true, truth = make_ranges(*all_pairs(40))
-    table = range_split_table(o, true, truth).set_index(["category", "part"])["mean_m"].unstack()
-    np.testing.assert_allclose(table["reference speed"] + table["bending"], table["total"], rtol=0, atol=1e-9)
-    assert set(table.index) == {*link_categories(o, truth).tolist(), ALL_LINKS}
 
 
 def test_link_that_was_never_heard_has_no_statistics_but_a_row():

@@ -1,19 +1,16 @@
 """How wrong is it: trajectory errors and range-error statistics. Truth and estimate meet only here."""
 
-from pymantaray.evaluation.comparison import comparison_table, paired_interval
-from pymantaray.evaluation.consistency import consistency_summary, consistency_table, coverage_table, nees
+from pymantaray.evaluation.comparison import comparison_table
+from pymantaray.evaluation.consistency import consistency_summary, consistency_table, coverage_table
 from pymantaray.evaluation.ranging_error import (
     ALL_LINKS,
     RangeErrors,
     dropout_table,
-    link_categories,
     range_error_table,
     range_errors,
     range_split_table,
 )
 from pymantaray.evaluation.trajectory_error import (
-    ape,
-    ate_statistics,
     attitude_table,
     error_table,
     graph_errors,
@@ -24,8 +21,6 @@ from pymantaray.evaluation.unknowns import directions_table, unknowns_table
 __all__ = [
     "ALL_LINKS",
     "RangeErrors",
-    "ape",
-    "ate_statistics",
     "attitude_table",
     "comparison_table",
     "consistency_summary",
@@ -35,9 +30,6 @@ __all__ = [
     "dropout_table",
     "error_table",
     "graph_errors",
-    "link_categories",
-    "nees",
-    "paired_interval",
     "range_error_table",
     "range_errors",
     "range_split_table",

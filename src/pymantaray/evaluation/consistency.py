@@ -28,19 +28,7 @@ class Errors(NamedTuple):
 
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
-    """
-    Normalized estimation error squared.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        ``error @ inverse(covariance) @ error``, whose expectation is n; NaN where either is not finite.
-
-    Raises
-    ------
-    EvaluationError
-        If the shapes do not fit, or a finite covariance is not positive definite.
-    """
+    """Normalized estimation error squared, whose expectation is the last axis' length; NaN where either is not finite."""
     e, p = np.asarray(error, dtype=float), np.asarray(covariance, dtype=float)
     if p.shape != (*e.shape, e.shape[-1]):
         raise EvaluationError(
@@ -60,11 +48,7 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
 
 
 def mean_chi_square_bounds(degrees_of_freedom: ArrayLike, confidence: float = 0.95) -> tuple[Array, Array]:
-    """
-    Interval that holds a chi-square variable divided by its degrees of freedom, half of the rest on either side.
-
-    NaN for no degrees of freedom.
-    """
+    """Interval that holds a chi-square variable by its degrees of freedom, half of the rest on either side; NaN for none."""
     k = np.asarray(degrees_of_freedom, dtype=float)
     k = np.where(k > 0.0, k, np.nan)
     low, high = (stats.chi2.ppf(p, k) / k for p in (0.5 - confidence / 2.0, 0.5 + confidence / 2.0))
@@ -73,12 +57,10 @@ def mean_chi_square_bounds(degrees_of_freedom: ArrayLike, confidence: float = 0.
 
 def epoch_errors(truth: Trajectories, estimates: Estimates, covariances: PoseCovariances) -> Errors:
     """
-    Errors of positions and poses at the epochs for which there are covariances.
+    Errors of positions and poses at the epochs for which there are covariances, rotation and translation apart.
 
-    To first order the twist of the whole motion has the same covariance as rotation and translation apart. To second
-    order it is their product that separates them: half the rotation error, 1e-2 rad, times metres of
-    horizontal error leans into the vertical by centimetres, where depth is known to one. So rotation and translation
-    are taken apart here; with the twist, NEES of a consistent estimator comes out up to ten times too large.
+    The twist of the whole motion has the same covariance to first order only: half the rotation error, 1e-2 rad, times metres
+    of horizontal error leans into the vertical by centimetres, where depth is known to one, and NEES is up to ten times too large.
     """
     c = covariances
     for what, a, b in (
@@ -139,7 +121,7 @@ def consistency_table(
     Raises
     ------
     EvaluationError
-        As `epoch_errors` and `nees`.
+        If the records do not belong together, or a covariance is not positive definite.
 
     Notes
     -----
@@ -232,7 +214,7 @@ def coverage_table(
     Raises
     ------
     EvaluationError
-        As `epoch_errors`.
+        If the records do not belong together.
 
     Notes
     -----

@@ -43,13 +43,7 @@ class RangeErrors:
 
 
 def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
-    """
-    Signed errors of the refracted ranges.
-
-    Returns
-    -------
-    RangeErrors
-    """
+    """Signed errors of the refracted ranges."""
     t = ranging_truth
     heard = np.isfinite(t.travel_time)
     chord = t.sound_speed * t.chord_travel_time
@@ -61,24 +55,7 @@ def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
 
 
 def link_categories(measurements: Measurements, truth: Trajectories) -> NDArray[np.str_]:
-    """
-    Kind of each range attempt, from the roles of both its ends, whichever of them transmits.
-
-    Parameters
-    ----------
-    truth : Trajectories
-        Its ``role`` is used.
-
-    Returns
-    -------
-    ndarray of str, shape (n_ranges,)
-        Such as "station-keeping to float". Vehicles that neither keep station nor float are "vehicle".
-
-    Raises
-    ------
-    EvaluationError
-        If the vehicles of both records differ.
-    """
+    """Kind of each range attempt, such as "station-keeping to float", whichever end transmits; shape (n_ranges,)."""
     if truth.name.tolist() != measurements.name.tolist():
         raise EvaluationError(
             f"measurements of vehicles {list(measurements.name)}, truth of {list(truth.name)}"
@@ -113,7 +90,7 @@ def range_error_table(
     Raises
     ------
     EvaluationError
-        For what `link_categories` refuses.
+        If the vehicles of both records differ.
     """
     errors = range_errors(ranging_truth).total
     rows = []
@@ -159,7 +136,7 @@ def range_split_table(
     Raises
     ------
     EvaluationError
-        For what `link_categories` refuses.
+        If the vehicles of both records differ.
     """
     errors = range_errors(ranging_truth)
     parts = {"total": errors.total, "reference speed": errors.reference_speed, "bending": errors.bending}
@@ -185,7 +162,7 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
     Raises
     ------
     EvaluationError
-        For what `link_categories` refuses.
+        If the vehicles of both records differ.
     """
     rows: list[dict[str, Any]] = []
     for category, mask in _groups(measurements, truth):

@@ -20,26 +20,7 @@ _AXES = {"condition": 0, "realization": 1, "agent": 2}
 
 
 def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
-    """
-    Absolute pose error, translation part: distance of each estimated position from the true one.
-
-    There is no alignment: the estimator's frame is the world's, and a shift of it is an error.
-
-    Parameters
-    ----------
-    estimate_position, truth_position : array_like, shape (..., n_times, 3)
-        Positions in the same frame at the same times; leading axes broadcast. [m]
-
-    Returns
-    -------
-    ndarray, shape (..., n_times)
-        [m]
-
-    Raises
-    ------
-    EvaluationError
-        If the shapes do not fit each other.
-    """
+    """Distance of each estimated position from the true one, not aligned: a shift of the frame is an error. [m]"""
     estimate, truth = np.asarray(estimate_position, dtype=float), np.asarray(truth_position, dtype=float)
     if estimate.ndim < 2 or truth.ndim < 2 or estimate.shape[-2:] != truth.shape[-2:] or truth.shape[-1] != 3:
         raise EvaluationError(
@@ -49,20 +30,7 @@ def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
 
 
 def ate_statistics(errors: ArrayLike) -> dict[str, float]:
-    """
-    Statistics of absolute trajectory errors, all entries taken together.
-
-    Parameters
-    ----------
-    errors : array_like
-        From `ape`; entries that are NaN are left out. [m]
-
-    Returns
-    -------
-    dict of str to float
-        ``n`` (entries used), ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``,
-        ``p95_m``, ``max_m``; NaN where no entry is left.
-    """
+    """Statistics of absolute trajectory errors, all entries together; those that are NaN are left out. [m]"""
     e = np.asarray(errors, dtype=float).ravel()
     e = e[~np.isnan(e)]
     if e.size == 0:
@@ -88,7 +56,8 @@ def graph_errors(
     Returns
     -------
     dict of str to dict
-        From each vehicle's name, and ``"(all)"``, to what `ate_statistics` gives; empty without a truth.
+        From each vehicle's name, and ``"(all)"``, to ``n``, ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``,
+        ``p95_m`` and ``max_m`` of its errors; empty without a truth.
     """
     if truth is None:
         return {}
@@ -144,7 +113,7 @@ def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = (
     -------
     pandas.DataFrame
         Columns ``condition``, those of ``by``, ``solves`` and ``failed_solves`` (how many realizations
-        enter, how many do not), and those of `ate_statistics`.
+        enter, how many do not), and those of `graph_errors`.
 
     Raises
     ------
@@ -178,11 +147,6 @@ def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = (
 def attitude_table(truth: Trajectories, estimates: Estimates) -> pd.DataFrame:
     """
     Errors of the estimated attitudes for each condition, pooled over vehicles, times and realizations.
-
-    Parameters
-    ----------
-    truth : Trajectories
-    estimates : Estimates
 
     Returns
     -------

@@ -21,7 +21,7 @@ from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.report.style import Array, is_synthetic, ocean_header, ocean_name
 from pymantaray.report.tables import TABLES
-from pymantaray.study.store import RAY_PICTURE, Run
+from pymantaray.study.store import Run
 
 
 class Results:
@@ -88,11 +88,6 @@ class Results:
         """Number of ranges that were heard."""
         return int(np.isfinite(self.ranges.total).sum())
 
-    @property
-    def has_ray_picture(self) -> bool:
-        """Whether the run holds rays to draw."""
-        return (self.run.path / RAY_PICTURE).is_file()
-
 
 @dataclass(frozen=True)
 class Plate:
@@ -123,20 +118,9 @@ def register(
     needs: Callable[[Results], bool] = lambda _: True,
 ) -> None:
     """
-    Add a figure to every report.
+    Add a figure to every report that has what it needs; ``place`` orders the page.
 
-    Parameters
-    ----------
-    name : str
-        Of its files, without their ending.
-    place : float
-        Figures stand on the page in the order of this number.
-    caption : str or callable
-        Text, in which ``{r.heard:,}`` and the like stand for what `Results` has; or what makes it of them.
-    draw : callable
-        Makes the figure.
-    needs : callable
-        Says whether a run has what is drawn; without it the figure is left out.
+    ``{r.heard:,}`` and the like in a caption stand for what `Results` has.
     """
     _REGISTER[name] = _Entry(place, caption, draw, needs)
 

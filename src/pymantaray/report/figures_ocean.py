@@ -32,6 +32,7 @@ from pymantaray.report.style import (
     short,
     styled,
 )
+from pymantaray.study.store import RAY_PICTURE
 
 _UPPER = 500.0  # m; depth of the upper panel of the profiles
 _BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest end or eigenray
@@ -170,5 +171,5 @@ register(
     place=30,
     caption=_caption_of_rays,
     draw=lambda r: ray_picture(r.run.ray_picture, r.header),
-    needs=lambda r: r.has_ray_picture,
+    needs=lambda r: (r.run.path / RAY_PICTURE).is_file(),
 )

@@ -153,14 +153,7 @@ def show_table(table: pd.DataFrame, caption: str, file: str, *, folded: bool = F
 
 
 def heading(column: str) -> str:
-    """
-    Head of a column for people, its unit in brackets.
-
-    Examples
-    --------
-    >>> heading("pooled_difference_m")
-    'pooled difference [m]'
-    """
+    """Head of a column for people, its unit in brackets."""
     if column in _WORDS:
         return _WORDS[column]
     for ending, unit in _UNITS.items():
@@ -170,14 +163,7 @@ def heading(column: str) -> str:
 
 
 def show(value: Any) -> str:
-    """
-    Value of a cell: four digits for a measured number, all of them for a count, a dash for a missing value.
-
-    Examples
-    --------
-    >>> show(4620), show(-4.9213), show(float("nan")), show("A")
-    ('4,620', '−4.921', '–', 'A')
-    """
+    """Value of a cell: four digits for a measured number, all of them for a count, a dash for a missing value."""
     if value is None:
         return "–"
     if isinstance(value, bool | np.bool_):

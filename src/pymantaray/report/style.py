@@ -108,14 +108,7 @@ def new_figure(width: float, height: float, header: str, *, layout: str | None =
 
 
 def ocean_header(attrs: Mapping[Any, Any]) -> str:
-    """
-    One line on the water that a figure shows; a synthetic ocean is always called that.
-
-    Examples
-    --------
-    >>> ocean_header({"title": "Fram Strait (synthetic)", "synthetic": 1, "time": "2014-07-15T12:00:00"})
-    'Fram Strait, synthetic ocean, 2014-07-15 12:00 UTC'
-    """
+    """One line on the water that a figure shows; a synthetic ocean is always called that."""
     parts = [short(ocean_name(attrs), _FITS_ABOVE)]
     if is_synthetic(attrs):
         parts.append("synthetic ocean")

@@ -28,25 +28,12 @@ _ERRORS = "mean_m median_m rmse_m p5_m p25_m p75_m p95_m max_m"
 
 @dataclass(frozen=True)
 class Table:
-    """
-    A table of every report.
-
-    Parameters
-    ----------
-    caption : str
-    make : callable
-        Makes the table of a run; None where the run does not have what it needs. Units are in the names of its
-        columns, which end in ``_m``, ``_s``, ``_h``, ``_deg``.
-    columns : str
-        Names of those that are shown on the page, where the CSV file has more than fit.
-    folded : bool
-        Show only the caption until it is clicked.
-    """
+    """A table of every report; columns end in their units, ``_m``, ``_s``, ``_h``, ``_deg``."""
 
     caption: str
-    make: Callable[[Run], pd.DataFrame | None]
-    columns: str = ""
-    folded: bool = False
+    make: Callable[[Run], pd.DataFrame | None]  # None where the run does not have what it needs
+    columns: str = ""  # those on the page, where the CSV file has more than fit
+    folded: bool = False  # only the caption is shown until it is clicked
 
 
 def solve_table(estimates: Estimates) -> pd.DataFrame:
