@@ -82,18 +82,13 @@ def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run
     assert {f"figures/{name}.png" for name in FIGURES} | {f"tables/{name}.csv" for name in TABLES} <= set(
         links
     )
+    for name, *size in re.findall(r'figures/(\w+).png" width="(\d+)" height="(\d+)"', reported.text):
+        rows, columns = mpl.image.imread(folder / "figures" / f"{name}.png").shape[:2]
+        assert int(size[0]) / int(size[1]) == pytest.approx(columns / rows, rel=0.01)
+        assert 400 < int(size[0]) < 1000
     assert [done for _, done, _ in reported.calls] == list(range(len(FIGURES) + 1))
     report = {"figures", "tables", "index.html"}
     assert {p.name for p in folder.iterdir()} == {p.name for p in tiny_run_folder.iterdir()} | report
-
-
-def test_figures_keep_their_shape_on_the_page(reported):
-    for name, width, height in re.findall(
-        r'src="figures/(\w+).png" width="(\d+)" height="(\d+)"', reported.text
-    ):
-        rows, columns = mpl.image.imread(reported.folder / "figures" / f"{name}.png").shape[:2]
-        assert int(width) / int(height) == pytest.approx(columns / rows, rel=0.01)
-        assert 400 < int(width) < 1000
 
 
 def test_page_needs_no_network_and_says_that_the_ocean_is_synthetic(reported):
