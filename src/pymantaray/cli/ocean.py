@@ -76,7 +76,7 @@ def check(
     equation: Equation = "teos-10",
 ) -> None:
     """List what is wrong (exit 2) or doubtful (exit 0) about an ocean."""
-    from pymantaray.ocean import check_ocean
+    from pymantaray.ocean import check_ocean, open_ocean, open_sea_floor, window_of
 
     options: dict[str, Any] = {"time": time, "equation": equation, "currents": currents}
     sources = list(files or [])
@@ -96,7 +96,12 @@ def check(
     if not sources:
         raise OceanError("no file is given; name one, or a study with --study")
     if sea_floor is not None:
-        options["sea_floor"] = _floor_beneath(sources, options["time"], options["currents"], sea_floor, crs)
+        try:
+            ocean = open_ocean(sources, time=options["time"], currents=options["currents"])
+        except OceanError:  # the findings tell why
+            pass
+        else:
+            options["sea_floor"] = open_sea_floor(sea_floor, window=window_of(ocean), crs=crs)
     findings = check_ocean(sources, **options)
     for finding in findings:
         typer.echo(str(finding))
@@ -152,12 +157,12 @@ def plot(
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress bar.")] = False,
 ) -> None:
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
-    from pymantaray.ocean import open_ocean
+    from pymantaray.ocean import open_ocean, open_sea_floor, window_of
     from pymantaray.report import write_ocean_plots
 
     place = None if at is None else _place(at)
     ocean = open_ocean(files, time=time, currents=currents)
-    floor = None if sea_floor is None else _floor_beneath(files, time, currents, sea_floor, crs)
+    floor = None if sea_floor is None else open_sea_floor(sea_floor, window=window_of(ocean), crs=crs)
     with progress_bars(quiet=quiet) as progress:
         paths = write_ocean_plots(ocean, out, depth=depth, place=place, sea_floor=floor, progress=progress)
     for path in paths:
@@ -318,19 +323,6 @@ def _check_options(method: str, options: set[str]) -> None:
         raise OceanError(f"--method {method}: --{' and --'.join(missing)} needed")
     if extra := sorted(options - needed - further):
         raise OceanError(f"--method {method}: takes no --{' and no --'.join(extra)}")
-
-
-def _floor_beneath(
-    files: list[str], time: str | None, currents: Literal["required", "rest"], path: Path, crs: str | None
-) -> "xr.DataArray | None":
-    """Sea floor of a file in the ocean's window; None if the ocean does not open, which is said elsewhere."""
-    from pymantaray.ocean import open_ocean, open_sea_floor, window_of
-
-    try:
-        ocean = open_ocean(files, time=time, currents=currents)
-    except OceanError:
-        return None
-    return open_sea_floor(path, window=window_of(ocean), crs=crs)
 
 
 def _place(text: str) -> tuple[float, float]:

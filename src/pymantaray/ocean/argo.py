@@ -1,4 +1,9 @@
-"""Argo's profile files, as the data centres deliver them or argopy writes them, as casts."""
+"""
+Argo's profile files, as the data centres deliver them or argopy writes them, as casts.
+
+Format: Argo user's manual, doi:10.13155/29825, core-Argo profile format 3.1 and reference table 2; read in excerpts and in
+the headers of files.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -15,8 +20,7 @@ from pymantaray.ocean.files import numbers, open_file, text, unreadable
 from pymantaray.records.writing import NETCDF_LOCK
 
 Array = NDArray[np.float64]
-GOOD_FLAGS = frozenset("1258")
-"""Quality flags of values that are used: good, probably good, changed, estimated."""
+_GOOD = list("1258")  # quality flags of values that are used: good, probably good, changed, estimated
 _PARAMETERS = ("PRES", "TEMP", "PSAL")
 _DIMS = ("N_PROF", "N_LEVELS")
 _FILL = 99_999.0  # the format's, also where it is not declared
@@ -39,18 +43,10 @@ def read_argo(path: str | Path) -> list[Cast]:
     """
     Profiles of an Argo file that have at least two usable levels, named by float and cycle.
 
-    The file is NetCDF with dimensions ``N_PROF`` and ``N_LEVELS``: a core profile file (``R...``, ``D...``), a float's or
-    a day's collection (``..._prof.nc``), or what argopy's ``to_netcdf`` writes of a collection of profiles. A profile in
-    real-time mode (``DATA_MODE`` R) gives its raw values, one in the modes A and D its adjusted ones; raw values never stand
-    in for missing adjusted ones, since adjustment leaves out what is bad. A level counts if pressure, temperature and
-    salinity all have a flag of `GOOD_FLAGS`; a profile, if its position and date have. Files without flags or modes, as
-    argopy's standard mode writes them after filtering, are used as they are. Each cast's notes say so, and count the levels
-    left out and the profiles of the file that had none.
-
-    References
-    ----------
-    .. [1] Argo user's manual, doi:10.13155/29825, core-Argo profile format 3.1 and reference table 2. Read in
-       excerpts and in the headers of files.
+    A profile in real-time mode (``DATA_MODE`` R) gives its raw values, one in the modes A and D its adjusted ones; raw
+    values never stand in for missing adjusted ones, since adjustment leaves out what is bad. A level counts if all flags of
+    its values are good; a profile, if those of its position and date are. Files without flags or modes, as argopy's
+    standard mode writes them after filtering, are used as they are. The casts' notes say so and count what is left out.
     """
     path = Path(path)
     with open_file(path) as data, NETCDF_LOCK:
@@ -79,7 +75,7 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
     for name in ("POSITION_QC", "JULD_QC", "TIME_QC"):
         flags = _letters(data, name, shape[:1])
         if flags is not None:
-            placed &= np.isin(flags, list(GOOD_FLAGS))
+            placed &= np.isin(flags, _GOOD)
     profiles = np.flatnonzero(placed & (usable.sum(axis=1) >= 2)).tolist()
     if not profiles:
         raise OceanError(
@@ -128,7 +124,7 @@ def _levels(data: xr.Dataset, shape: tuple[int, ...]) -> tuple[Array, NDArray[np
         if flags is None:
             notes.append(f"{name} has no quality flags in the file: all levels used")
         else:
-            usable &= np.isin(flags, list(GOOD_FLAGS))
+            usable &= np.isin(flags, _GOOD)
         usable &= np.isfinite(values[k])
     if adjusted.any():
         notes.append(

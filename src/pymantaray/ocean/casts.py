@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -48,7 +49,7 @@ def read_cast(
     *,
     lat: float | None = None,
     lon: float | None = None,
-    time: str | np.datetime64 | None = None,
+    time: Instant | None = None,
     name: str | None = None,
 ) -> Cast:
     """
@@ -95,7 +96,7 @@ def read_casts(
     *,
     lat: float | None = None,
     lon: float | None = None,
-    time: str | np.datetime64 | None = None,
+    time: Instant | None = None,
 ) -> list[Cast]:
     """
     Read all casts of one or more files.
@@ -199,8 +200,8 @@ def _kind(table: CastTable, kinds: dict[str, str]) -> str:
 
 def _packed(values: Array) -> bool:
     numbers = values[np.isfinite(values)]
-    whole = bool(numbers.size) and bool(np.all(numbers == np.round(numbers)))
-    return whole and float(np.abs(numbers).max()) > _PACKED_ABOVE
+    whole = bool(np.all(numbers == np.round(numbers)))
+    return whole and float(np.abs(numbers).max(initial=0.0)) > _PACKED_ABOVE
 
 
 def _place(table: CastTable) -> tuple[float, float]:
@@ -236,16 +237,7 @@ def _time(table: CastTable) -> tuple[np.datetime64, list[str]]:
 
 
 def cast_levels(bottom_depth: float) -> Array:
-    """
-    Levels that keep the ducts of a cast without following its noise; the last is the bottom. [m]
-
-    From 0 every 2.5 m to 100 m, 5 m to 200 m, 10 m to 500 m, 25 m to 1000 m, 50 m to 2000 m, then 100 m.
-
-    Examples
-    --------
-    >>> cast_levels(12.0)
-    array([ 0. ,  2.5,  5. ,  7.5, 10. , 12. ])
-    """
+    """Levels that keep the ducts of a cast without following its noise, wider with depth; the last is the bottom. [m]"""
     levels = [0.0]
     for until, step in _STEPS:
         while levels[-1] < until and levels[-1] + (1.0 + _SHORTEST) * step <= bottom_depth:
@@ -260,7 +252,7 @@ def cast_ocean(
     half_extent: tuple[float, float] = (60e3, 60e3),
     levels: ArrayLike | None = None,
     below: Literal["refuse", "constant"] | Cast = "refuse",
-    time: str | np.datetime64 | None = None,
+    time: Instant | None = None,
     equation: Equation = "teos-10",
 ) -> xr.Dataset:
     """
@@ -358,10 +350,9 @@ def _extended(
     cast: Cast, bottom: float, below: Literal["refuse", "constant"] | Cast
 ) -> tuple[Cast, list[str]]:
     notes = []
+    at_constant = "at constant temperature and salinity"
     if cast.depth[0] > 0.0:
-        notes.append(
-            f"extended from {cast.depth[0]:.4g} m up to the surface at constant temperature and salinity"
-        )
+        notes.append(f"extended from {cast.depth[0]:.4g} m up to the surface {at_constant}")
     last = float(cast.depth[-1])
     if bottom <= last:
         return cast, notes
@@ -372,19 +363,20 @@ def _extended(
                 f"cast {below.name}: ends at {below.depth[-1]:g} m, not below the {last:g} m of {cast.name}; a deeper"
                 " cast is needed"
             )
-        jump = [
-            float(np.interp(last, below.depth, getattr(below, q)) - getattr(cast, q)[-1])
-            for q in ("temperature", "salinity")
-        ]
-        notes.append(
-            f"below {last:.6g} m the samples of cast {below.name}, which at that depth is warmer by {jump[0]:.2g} degC,"
-            f" saltier by {jump[1]:.2g}"
+        warmer, saltier = (
+            float(np.interp(last, below.depth, theirs) - ours[-1])
+            for theirs, ours in ((below.temperature, cast.temperature), (below.salinity, cast.salinity))
         )
-        joined = [
-            np.concatenate([getattr(cast, q), getattr(below, q)[deeper]])
-            for q in ("depth", "temperature", "salinity")
-        ]
-        cast = Cast(cast.name, cast.lat, cast.lon, cast.time, joined[0], joined[1], joined[2])
+        notes.append(
+            f"below {last:.6g} m the samples of cast {below.name}, which at that depth is warmer by {warmer:.2g} degC,"
+            f" saltier by {saltier:.2g}"
+        )
+        cast = replace(
+            cast,
+            depth=np.append(cast.depth, below.depth[deeper]),
+            temperature=np.append(cast.temperature, below.temperature[deeper]),
+            salinity=np.append(cast.salinity, below.salinity[deeper]),
+        )
         last = float(cast.depth[-1])
     elif below == "refuse":
         raise OceanError(
@@ -394,9 +386,7 @@ def _extended(
     elif below != "constant":
         raise OceanError(f"below is {below!r}; allowed are 'refuse', 'constant' and a cast")
     if bottom > last:
-        notes.append(
-            f"extended from {last:.6g} m down to the bottom at {bottom:.6g} m at constant temperature and salinity"
-        )
+        notes.append(f"extended from {last:.6g} m down to the bottom at {bottom:.6g} m {at_constant}")
     return cast, notes
 
 

@@ -80,13 +80,12 @@ def correct_with_casts(
     """
     validate_ocean(ocean)
     scale = np.broadcast_to(np.asarray(horizontal_scale, dtype=float), 2)
-    _check(
-        casts,
-        horizontal_scale=scale.min(),
-        noise_ratio=noise_ratio,
-        vertical_scale=vertical_scale,
-        time_scale=np.inf if time_scale is None else time_scale,
-    )
+    if not casts:
+        raise OceanError("casts: none given; name at least one")
+    positive = {"horizontal_scale": scale.min(), "noise_ratio": noise_ratio, "vertical_scale": vertical_scale}
+    for name, value in (positive | {"time_scale": time_scale}).items():
+        if value is not None and not value > 0.0:
+            raise OceanError(f"casts: {name} is {value:g}; it must be positive")
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
     frame = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
     grid = np.stack(frame.to_local(lat[:, None], lon), axis=-1) / scale
@@ -123,14 +122,6 @@ def correct_with_casts(
         f"{np.count_nonzero(after & ~before)} density inversions above {INVERSION:g} kg/m3 introduced by the casts"
         f" ({before.sum()} before); currents unchanged",
     )
-
-
-def _check(casts: Sequence[Cast], **positive: float) -> None:
-    if not casts:
-        raise OceanError("casts: none given; name at least one")
-    for name, value in positive.items():
-        if not value > 0.0:
-            raise OceanError(f"casts: {name} is {value:g}; it must be positive")
 
 
 def density_inversions(ocean: xr.Dataset, threshold: float = INVERSION) -> NDArray[np.bool_]:

@@ -26,7 +26,6 @@ from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
 _MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
-_FLOOR_NAME = "sea_floor_depth_below_sea_surface"
 
 
 def to_local(
@@ -95,12 +94,13 @@ def to_local(
     finer, notes = _finer(sea_floor, window, half)
     added = np.empty(0) if finer is None else levels_to(depth, float(finer.depth.max()))
 
-    fields = {
-        v.name: _continued(fill_below_sea_bed(ocean[v.name].values, lat), added.size) for v in VARIABLES
-    }
+    fields = {}
+    for v in VARIABLES:
+        filled = fill_below_sea_bed(ocean[v.name].values, lat)
+        fields[v.name] = np.concatenate([filled, np.repeat(filled[-1:], added.size, axis=0)])
+    depth = np.concatenate([depth, added])
     if added.size:
         notes["levels_added"] = added
-        depth = np.concatenate([depth, added])
     if equation != "teos-10":
         notes["sound_speed_equation"] = equation
     place = (depth[:, None, None], lat[:, None], lon)
@@ -129,7 +129,7 @@ def to_local(
             "sound_speed": (grid, smooth(speed), _attrs("speed_of_sound_in_sea_water", "m s-1")),
             "current_north": (grid, current[0], _attrs("sea_water_y_velocity", "m s-1")),
             "current_east": (grid, current[1], _attrs("sea_water_x_velocity", "m s-1")),
-            "sea_floor_depth": (floor_grid, floor, _attrs(_FLOOR_NAME, "m")),
+            "sea_floor_depth": (floor_grid, floor, _attrs("sea_floor_depth_below_sea_surface", "m")),
         },
         coords=axes,
         attrs={
@@ -175,11 +175,6 @@ def _finer(
             f" mean of {finer.averaged} by {finer.averaged} points"
         )
     return finer, {"sea_floor_source": origin, "sea_floor_spacing": [north, east]}
-
-
-def _continued(field: Array, levels: int) -> Array:
-    """Repeat the deepest level so many times beneath it."""
-    return np.concatenate([field, np.repeat(field[-1:], levels, axis=0)]) if levels else field
 
 
 def _attrs(standard_name: str, units: str) -> dict[str, str]:

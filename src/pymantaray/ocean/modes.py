@@ -211,10 +211,8 @@ def _cast_columns(casts: Sequence[Cast], levels: ArrayLike | None, equation: Equ
     if not casts:
         raise OceanError("modes: no cast given; at least 2 are needed")
     first, last = max(c.depth[0] for c in casts), min(c.depth[-1] for c in casts)
-    if levels is None:
-        z = np.arange(5.0 * np.ceil(first / 5.0), last + 1e-9, 5.0)
-    else:
-        z = np.asarray(levels, dtype=float)
+    every_5_m = np.arange(5.0 * np.ceil(first / 5.0), last + 1e-9, 5.0)
+    z = every_5_m if levels is None else np.asarray(levels, dtype=float)
     if z.size < 2 or z[0] < first or z[-1] > last:
         raise OceanError(f"modes: levels must lie within the samples of all casts, {first:g} to {last:g} m")
     speed = [sound_speed(*c.cell_means(z), z, c.lat, c.lon, equation=equation) for c in casts]

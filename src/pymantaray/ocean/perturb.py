@@ -151,12 +151,9 @@ def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
     wet = np.isfinite(ocean["water_temp"].values)
     apart = np.hypot(lat[:, None] - at_lat, (lon - at_lon) * np.cos(np.radians(at_lat)))
     i, j = np.unravel_index(int(np.argmin(np.where(wet[0], apart, np.inf))), apart.shape)
-    columns = {}
     levels = int(wet[:, i, j].sum())
-    for v in VARIABLES[:2]:
-        column = np.array(ocean[v.name].values[:, i, j], dtype=float)
-        column[levels:] = column[levels - 1]
-        columns[v.name] = column
+    at_level = np.minimum(np.arange(len(wet)), levels - 1)
+    columns = {v.name: np.asarray(ocean[v.name].values[at_level, i, j], dtype=float) for v in VARIABLES[:2]}
     columns |= {v.name: np.zeros(len(wet)) for v in VARIABLES[2:]}
     deepest = float(ocean["depth"].values[levels - 1])
     return with_history(

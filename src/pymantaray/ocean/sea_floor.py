@@ -276,14 +276,14 @@ def _field_of(data: xr.Dataset) -> HorizontalField:
     where = file_name(data)
     by_standard_name: list[HorizontalField] = []
     by_name: list[HorizontalField] = []
-    for name, variable in ((str(name), variable) for name, variable in data.variables.items()):
+    for name, variable in data.variables.items():
         axes, standard_name = horizontal_axes(data, variable), text(variable, "standard_name")
         known = standard_name in _DOWN + _UP
-        if axes is None or not (known or name.lower() in _NAMED):
+        if axes is None or not (known or str(name).lower() in _NAMED):
             continue
-        usual = ("down" if standard_name in _DOWN else "up") if known else _NAMED[name.lower()]
+        usual = ("down" if standard_name in _DOWN else "up") if known else _NAMED[str(name).lower()]
         stated = text(variable, "positive").lower()
-        field = HorizontalField(data, name, *axes, stated if stated in ("up", "down") else usual)
+        field = HorizontalField(data, str(name), *axes, stated if stated in ("up", "down") else usual)
         (by_standard_name if known else by_name).append(field)
     fields = by_standard_name or by_name
     if len(fields) > 1:
@@ -374,8 +374,7 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
     """
     Coordinate reference system of the axes: what the user says, else what the file does.
 
-    The attribute ``grid_mapping`` names a variable of the file (CF conventions, section 5.6); else the only variable with
-    a grid mapping's attributes is taken.
+    That is the variable that ``grid_mapping`` names (CF conventions, section 5.6), or else the only grid mapping there is.
     """
     if crs is not None:
         try:
@@ -436,8 +435,7 @@ def _downward(values: Array, field: HorizontalField) -> Array:
     finite = values[np.isfinite(values)]
     if not finite.size:
         raise OceanError(f"{name} has no value in the window; choose another window")
-    if not positive:
-        positive = "down" if finite.min() >= 0.0 else "up" if finite.max() <= 0.0 else ""
+    positive = positive or ("down" if finite.min() >= 0.0 else "up" if finite.max() <= 0.0 else "")
     if not positive:
         raise OceanError(f"{name} has both signs and does not say which is down; set its attribute positive")
     depth = values if positive == "down" else -values
@@ -450,7 +448,6 @@ def _downward(values: Array, field: HorizontalField) -> Array:
     missing = int(np.count_nonzero(np.isnan(depth)))
     if missing and positive == "up":
         raise OceanError(
-            f"{name} has no value at {missing} of {depth.size} points of the window; choose a window that the file"
-            " fills"
+            f"{name} has no value at {missing} of {depth.size} points of the window; choose one that the file fills"
         )
     return np.where(np.isnan(depth), 0.0, np.maximum(depth, 0.0))

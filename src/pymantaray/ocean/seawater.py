@@ -1,4 +1,17 @@
-"""Sea water by TEOS-10 (gsw): sound speed and density of what ocean models deliver; two older equations of sound speed."""
+"""
+Sea water by TEOS-10 (gsw): sound speed and density of what ocean models deliver; two older equations of sound speed.
+
+References
+----------
+.. [1] McDougall, T. J. and Barker, P. M. (2011), Getting started with TEOS-10 and the Gibbs Seawater (GSW) Oceanographic
+   Toolbox, SCOR/IAPSO WG127.
+.. [2] Del Grosso, V. A. (1974), New equation for the speed of sound in natural waters, J. Acoust. Soc. Am. 56, 1084-1091.
+.. [3] Chen, C.-T. and Millero, F. J. (1977), Speed of sound in seawater at high pressures, J. Acoust. Soc. Am. 62,
+   1129-1135; UNESCO Technical Papers in Marine Science 44, whose check value and table were read second-hand.
+.. [4] Wong, G. S. K. and Zhu, S. (1995), Speed of sound in seawater as a function of salinity, temperature, and pressure,
+   J. Acoust. Soc. Am. 97, 1732-1736. Read in abstract; the coefficients are those of the National Physical Laboratory's
+   technical guide as several codes reprint it.
+"""
 
 from typing import Literal, get_args
 
@@ -14,7 +27,7 @@ Array = NDArray[np.float64]
 Equation = Literal["teos-10", "del-grosso", "unesco"]
 _DBAR_PER_KGF_CM2 = 9.80665
 
-# Wong and Zhu (1995), for ITS-90 temperatures: (power of S, of T, of P) and coefficient; P in kgf/cm2
+# of [4], for ITS-90 temperatures: (power of S, of T, of P) and coefficient; P in kgf/cm2
 _DEL_GROSSO = (
     (0, 0, 0, 1402.392),
     (0, 1, 0, 0.5012285e1),
@@ -60,17 +73,7 @@ _SQUARE = np.array([[1.727e-3], [-7.9836e-6]])
 def absolute_and_conservative(
     temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> tuple[Array, Array, Array]:
-    """
-    Absolute salinity [g/kg], conservative temperature [degC] and sea pressure [dbar] of in-situ measurements.
-
-    Temperature in situ, ITS-90 [degC], practical salinity, depth positive down [m], latitude and longitude [degrees]; they
-    broadcast together.
-
-    References
-    ----------
-    .. [1] McDougall, T. J. and Barker, P. M. (2011), Getting started with TEOS-10 and the Gibbs Seawater
-       (GSW) Oceanographic Toolbox, SCOR/IAPSO WG127.
-    """
+    """Absolute salinity [g/kg], conservative temperature [degC] and sea pressure [dbar] of what `sound_speed` takes."""
     p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
     SA = gsw.SA_from_SP(salinity, p, lon, lat)
     return SA, gsw.CT_from_t(SA, temperature, p), np.broadcast_to(p, np.shape(SA))
@@ -99,7 +102,7 @@ def sound_speed(
     lat, lon : array_like, shape (...)
         All arguments broadcast together. [degrees]
     equation : {"teos-10", "del-grosso", "unesco"}
-        The latter two as in `del_grosso` and `unesco`. Pressure comes from depth by TEOS-10 in all.
+        The latter two in Wong and Zhu's forms for ITS-90. Pressure comes from depth by TEOS-10 in all.
 
     Returns
     -------
@@ -154,24 +157,10 @@ def in_situ_temperature(
 
 def del_grosso(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike) -> Array:
     """
-    Sound speed by Del Grosso's equation of 1974 (NRL II), in Wong and Zhu's form for ITS-90. [m/s]
+    Sound speed [m/s] by Del Grosso (1974), from temperature in situ [degC], practical salinity and sea pressure [dbar].
 
-    Temperature in situ [degC], practical salinity, pressure above the atmosphere's [dbar]; NaN stays NaN.
-    Fitted for 0 to 30 degC, salinity 30 to 40 and 0 to 9807 dbar. Colder and fresher water, as under
-    Arctic ice, is extrapolated: no bound is enforced, since the polynomial stays smooth there.
-
-    References
-    ----------
-    .. [1] Del Grosso, V. A. (1974), New equation for the speed of sound in natural waters, J. Acoust. Soc.
-       Am. 56, 1084-1091, doi:10.1121/1.1903388.
-    .. [2] Wong, G. S. K. and Zhu, S. (1995), Speed of sound in seawater as a function of salinity,
-       temperature, and pressure, J. Acoust. Soc. Am. 97, 1732-1736. Read in abstract; the coefficients were
-       taken from the National Physical Laboratory's technical guide as several codes reprint it.
-
-    Examples
-    --------
-    >>> print(f"{float(del_grosso(5.0, 35.0, 10.0)):.4f}")
-    1470.8075
+    Fitted for 0 to 30 degC, salinity 30 to 40 and 0 to 9807 dbar. Colder and fresher water, as under Arctic ice, is
+    extrapolated: no bound is enforced, since the polynomial stays smooth there.
     """
     T, S, p = (np.asarray(x, dtype=float) for x in (temperature, salinity, pressure))
     P = p / _DBAR_PER_KGF_CM2
@@ -183,22 +172,9 @@ def del_grosso(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike)
 
 def unesco(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike) -> Array:
     """
-    Sound speed by the UNESCO equation (Chen and Millero 1977), in Wong and Zhu's form for ITS-90. [m/s]
+    Sound speed [m/s] by Chen and Millero (1977), from what `del_grosso` takes.
 
-    Arguments as for `del_grosso`. Fitted for 0 to 40 degC, salinity 0 to 40 and 0 to 10,000 dbar; extrapolated elsewhere.
-
-    References
-    ----------
-    .. [1] Chen, C.-T. and Millero, F. J. (1977), Speed of sound in seawater at high pressures, J. Acoust. Soc.
-       Am. 62, 1129-1135.
-    .. [2] Fofonoff, N. P. and Millard, R. C. (1983), Algorithms for computation of fundamental properties of
-       seawater, UNESCO Technical Papers in Marine Science 44. Check value and table read second-hand.
-    .. [3] Wong and Zhu (1995), see `del_grosso`.
-
-    Examples
-    --------
-    >>> print(f"{float(unesco(0.0, 35.0, 0.0)):.1f}")
-    1449.1
+    Fitted for 0 to 40 degC, salinity 0 to 40 and 0 to 10,000 dbar; extrapolated elsewhere.
     """
     T, S, p = (np.asarray(x, dtype=float) for x in (temperature, salinity, pressure))
     T, S, P = np.broadcast_arrays(T, S, 0.1 * p)  # bar

@@ -147,13 +147,11 @@ class Window:
 
     def holds(self, half_north: float, half_east: float) -> bool:
         """Whether a rectangle of these half sides [m] about the frame's centre lies inside the data set."""
-        lat, lon = self.geographic(*rectangle(half_north, half_east))
+        sides = self.geographic(*rectangle(half_north, half_east))
         tolerance = 1e-9  # degrees; a side may lie on the window's edge
-        return bool(
-            np.all(lat >= self.lat[0] - tolerance)
-            and np.all(lat <= self.lat[-1] + tolerance)
-            and np.all(lon >= self.lon[0] - tolerance)
-            and np.all(lon <= self.lon[-1] + tolerance)
+        return all(
+            bool(np.all((x >= axis[0] - tolerance) & (x <= axis[-1] + tolerance)))
+            for x, axis in zip(sides, (self.lat, self.lon), strict=True)
         )
 
     def native_spacing(self) -> tuple[float, float]:
@@ -178,10 +176,7 @@ class Window:
             return _reach(lambda east: self.holds(north, east))
 
         best = optimize.minimize_scalar(
-            lambda north: -north * width(north),
-            bounds=(0.0, tallest),
-            method="bounded",
-            options={"xatol": 1.0},
+            lambda north: -north * width(north), bounds=(0.0, tallest), options={"xatol": 1.0}
         )
         return float(best.x), width(float(best.x))
 
