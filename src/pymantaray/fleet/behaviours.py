@@ -14,10 +14,14 @@ from pymantaray.fleet.kernel import LEFT_DOMAIN, Water, floor_depth, place
 Array = NDArray[np.float64]
 
 
-def _check(owner: str, name: str, value: float, unit: str, *, positive: bool = False) -> None:
-    if not math.isfinite(value) or value < 0.0 or (positive and value == 0.0):
-        allowed = "positive" if positive else "zero or positive"
-        raise FleetError(f"{owner}: {name} is {value:g} {unit}; it must be finite and {allowed}")
+def _check(behaviour: object, unit: str, *names: str, positive: bool = False) -> None:
+    for name in names:
+        value = getattr(behaviour, name)
+        if not math.isfinite(value) or value < 0.0 or (positive and value == 0.0):
+            allowed = "positive" if positive else "zero or positive"
+            raise FleetError(
+                f"{type(behaviour).__name__}: {name} is {value:g} {unit}; it must be finite and {allowed}"
+            )
 
 
 def _frozen_array(owner: str, name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:
@@ -77,13 +81,11 @@ class FloatCycle:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        for name in ("start_delay", "hold_depth_time", "hold_surface_time"):
-            _check("FloatCycle", name, getattr(self, name), "s")
-        for name in ("target_depth", "surface_depth"):
-            _check("FloatCycle", name, getattr(self, name), "m")
-        _check("FloatCycle", "vertical_speed", self.vertical_speed, "m/s", positive=True)
-        _check("FloatCycle", "depth_gain", self.depth_gain, "1/s", positive=True)
-        _check("FloatCycle", "arrival_tolerance", self.arrival_tolerance, "m", positive=True)
+        _check(self, "s", "start_delay", "hold_depth_time", "hold_surface_time")
+        _check(self, "m", "target_depth", "surface_depth")
+        _check(self, "m/s", "vertical_speed", positive=True)
+        _check(self, "1/s", "depth_gain", positive=True)
+        _check(self, "m", "arrival_tolerance", positive=True)
         if self.target_depth <= self.surface_depth:
             raise FleetError(
                 f"FloatCycle: target_depth is {self.target_depth:g} m; it must lie below surface_depth"
@@ -113,7 +115,7 @@ class StationKeeping:
 
     def __post_init__(self) -> None:
         """Check the depth."""
-        _check("StationKeeping", "depth", self.depth, "m")
+        _check(self, "m", "depth")
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,9 +182,9 @@ class Waypoints:
     def __post_init__(self) -> None:
         """Check every value and freeze the points."""
         object.__setattr__(self, "points", _frozen_array("Waypoints", "points", self.points, (None, 3)))
-        _check("Waypoints", "speed", self.speed, "m/s", positive=True)
-        _check("Waypoints", "turn_rate", self.turn_rate, "rad/s", positive=True)
-        _check("Waypoints", "capture_radius", self.capture_radius, "m", positive=True)
+        _check(self, "m/s", "speed", positive=True)
+        _check(self, "rad/s", "turn_rate", positive=True)
+        _check(self, "m", "capture_radius", positive=True)
         shallowest = float(self.points[:, 2].min())
         if shallowest < 0.0:
             raise FleetError(

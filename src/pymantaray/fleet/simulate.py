@@ -93,7 +93,8 @@ def simulate(
     for row, vehicle in enumerate(vehicles):
         top = kernel.surface_depth(water, *map(float, vehicle.position[:2]))
         position[row] = [*vehicle.position[:2], max(vehicle.position[2], top)]
-        quaternion[row] = _start_quaternion(vehicle.heading)
+        half = 0.5 * math.remainder(vehicle.heading, 2.0 * math.pi)
+        quaternion[row] = math.cos(half), 0.0, 0.0, math.sin(half)
         _run(vehicle, water, float(physics_step), steps, position[row], quaternion[row], status[row])
     return Trajectories(
         name=np.array(names),
@@ -132,11 +133,6 @@ def _check_memory(n_vehicles: int, n_samples: int) -> None:
             f" {n_vehicles * n_samples * _POSE_BYTES / 2**30:.3g} GiB of memory; this machine has {there / 2**30:.3g}:"
             " sample less often"
         )
-
-
-def _start_quaternion(heading: float) -> tuple[float, float, float, float]:
-    half = 0.5 * math.remainder(heading, 2.0 * math.pi)
-    return math.cos(half), 0.0, 0.0, math.sin(half)
 
 
 def _run(

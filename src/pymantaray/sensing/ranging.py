@@ -306,7 +306,8 @@ def _receive(
     if follows:
         last = tell(n * (1 + looks_again))
         delay, loss = _along_rays(reception, medium, currents, (source, receiver), arrivals, last)
-    ways = [select(arrivals, reception.arrival, loss_db=loss, delay=d) for d in _both_ways(delay)]
+    delays = (None, None) if delay is None else (delay, -delay)
+    ways = [select(arrivals, reception.arrival, loss_db=loss, delay=d) for d in delays]
     status, margin = ways[0].status.copy(), ways[0].shadow_margin.copy()
     if bare is not None:
         status[lost], margin[lost] = bare.status, bare.shadow_margin
@@ -315,14 +316,10 @@ def _receive(
     if reception.detector is not None and loss is not None:
         heard = reception.detector.sonar.probability_heard(loss)
         probability = np.full((n, 2), np.nan)
-        for way, d in enumerate(_both_ways(delay)):
+        for way, d in enumerate(delays):
             link, row = choose_arrivals(arrivals, reception.arrival, loss_db=loss, delay=d)
             probability[link, way] = heard[row]
     return arrivals, there, back, probability, loss, delay
-
-
-def _both_ways(delay: Array | None) -> tuple[Array | None, Array | None]:
-    return (None, None) if delay is None else (delay, -delay)
 
 
 def _with_more(arrivals: Arrivals, more: Arrivals, links: NDArray[np.int64]) -> Arrivals:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
@@ -139,18 +139,10 @@ class Clocks:
         if not (np.isfinite(self.offset).all() and np.isfinite(self.skew).all()):
             raise SensingError("Clocks: an offset or skew is not finite; 0 is a perfect clock")
 
-    def offset_at(self, participant: ArrayLike, time: ArrayLike) -> Array:
-        """Offset of participants' clocks at times since the start; one beyond the vehicles is a landmark, with 0. [s]"""
-        return np.asarray(self._of(self.offset, participant) + self.skew_of(participant) * np.asarray(time))
-
-    def skew_of(self, participant: ArrayLike) -> Array:
-        """Skew of participants' clocks. [-]"""
-        return self._of(self.skew, participant)
-
-    def _of(self, values: Array, participant: ArrayLike) -> Array:
-        index = np.asarray(participant, dtype=np.int64)
-        n = values.size
-        return np.where(index < n, np.append(values, 0.0)[np.minimum(index, n)], 0.0)
+    def of(self, participant: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Offset at the start [s] and skew [-] of participants' clocks; one beyond the vehicles is a landmark, with 0."""
+        row = np.minimum(participant, self.offset.size)
+        return np.append(self.offset, 0.0)[row], np.append(self.skew, 0.0)[row]
 
 
 @dataclass(frozen=True)
@@ -200,11 +192,12 @@ def clock_error(measurements: Measurements, truth: RangingTruth, clocks: Clocks,
     speed = np.where(np.isnan(o.transmitter_sound_speed), _NOMINAL_SPEED, o.transmitter_sound_speed)
     time = np.where(np.isnan(truth.travel_time), truth.chord_travel_time, truth.travel_time)
     time = np.where(np.isnan(time), truth.distance / speed, time)
+    (offset, skew), (other_offset, other_skew) = (
+        clocks.of(p) for p in (o.range_transmitter, o.range_receiver)
+    )
     if isinstance(timing, TwoWay):
-        own, other = clocks.skew_of(o.range_transmitter), clocks.skew_of(o.range_receiver)
-        return np.asarray(
-            speed * 0.5 * (own * (2.0 * time + timing.turn_around) - other * timing.turn_around)
-        )
+        wait = timing.turn_around
+        return np.asarray(speed * 0.5 * (skew * (2.0 * time + wait) - other_skew * wait))
     sent = o.time[o.range_sample]
-    received = clocks.offset_at(o.range_receiver, sent + time)
-    return np.asarray(speed * (received - clocks.offset_at(o.range_transmitter, sent)))
+    received = other_offset + other_skew * (sent + time)
+    return np.asarray(speed * (received - (offset + skew * sent)))
