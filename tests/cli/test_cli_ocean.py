@@ -150,6 +150,8 @@ def test_an_ocean_from_a_cast(make):
     ("perturb ocean.nc new.nc", "--method eof: --rms and --scale needed"),
     ("perturb ocean.nc new.nc --method mean --rms 1", "--method mean: takes no --rms"),
     ("perturb ocean.nc new.nc --rms 0 --scale 10", "rms is 0; it must be positive"),
+    ("check ocean.nc --sea-floor none.nc", "none.nc: no such file"),
+    ("plot ocean.nc --out figures --sea-floor none.nc", "none.nc: no such file"),
 ])  # fmt: skip
 def test_what_is_missing_or_in_the_way_is_one_line(make, words, says):
     assert says in make(*words.split(), code=2)
