@@ -41,19 +41,7 @@ def _root(
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """
-    Run the command line.
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the process.
-
-    Raises
-    ------
-    SystemExit
-        With 0 for success, 2 for bad usage or a known error, 130 for Ctrl-C, 141 where nobody reads the output.
-    """
+    """Run the command line; exit with 0, 2 for bad usage or a known error, 130 for Ctrl-C, 141 where nobody reads."""
     if threading.current_thread() is threading.main_thread():  # no other may
         signal.signal(signal.SIGTERM, _stop)
     with standard_streams():

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 EXIT_KNOWN_ERROR = 2
 Report = Callable[[str, int, int], None]
+"""Told the name of a stage, how many of its parts are done, and how many there are."""
 
 
 class _Stream(io.TextIOBase):
@@ -109,15 +110,7 @@ def standard_streams() -> Iterator[None]:
 
 @contextmanager
 def progress_bars(*, quiet: bool) -> Iterator[Report | None]:
-    """
-    Bars on standard error, one for each stage.
-
-    Yields
-    ------
-    callable or None
-        Takes the stage's name, the parts done and the parts there are; None if nothing is to be shown
-        because of ``quiet`` or because standard error is no terminal.
-    """
+    """What shows progress as bars on standard error, one a stage; None if ``quiet`` or where that is no terminal."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
