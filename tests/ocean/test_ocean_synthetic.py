@@ -209,11 +209,16 @@ def swirl(ocean, frame, where, eddy):
     return float(np.mean(u * np.cos(outward) - v * np.sin(outward)))
 
 
-def test_eddies_return_on_the_other_side_of_the_box():
-    eddy = beaufort.EDDIES[0]
-    north, east = eddy.centre(365.0 * DAY, beaufort.HALF_BOX)
-    assert abs(north) <= beaufort.HALF_BOX[0]
-    assert abs(east) <= beaufort.HALF_BOX[1]
+@pytest.mark.parametrize("days", [9.0, 365.0])
+def test_eddies_move_with_their_drift_and_return_on_the_other_side_of_the_box(days):
+    for eddy in beaufort.EDDIES:
+        place = np.array(eddy.centre(days * DAY, beaufort.HALF_BOX))
+        moved = np.array(
+            [eddy.north + eddy.drift_north * days * DAY, eddy.east + eddy.drift_east * days * DAY]
+        )
+        turns = (place - moved) / (2.0 * np.array(beaufort.HALF_BOX))
+        np.testing.assert_allclose(turns, np.round(turns), rtol=0, atol=1e-9)
+        assert np.all(np.abs(place) <= beaufort.HALF_BOX)
 
 
 def test_unknown_regions_and_times_are_refused():
