@@ -92,7 +92,6 @@ def test_live_windows_between_rays_lost_to_the_surface_are_found():
     levels = np.array([0.0, 40.0, 80.0, 300.0, 1500.0, BOTTOM])
     speeds = np.array([1450.0, 1454.0, 1451.0, 1453.0, 1480.0, 1505.0])
     medium = Medium.from_profile(levels, speeds, bottom_depth=BOTTOM, interpolation="linear")
-    found = 0
     for turning in np.linspace(1454.05, 1478.0, 25):
         a = 1.0 / turning
         exact = loop(a, 1.0, levels=levels, speeds=speeds)
@@ -101,10 +100,8 @@ def test_live_windows_between_rays_lost_to_the_surface_are_found():
         launch = np.arccos(a * (1450.0 + 0.1))
         gap = np.abs(arrivals.launch_angle - launch) + np.abs(arrivals.travel_time - exact.travel_time)
         assert gap.min(initial=np.inf) < 1e-7, (turning, exact, arrivals.launch_angle)
-        found += 1
         # flatter and steeper neighbours that end at the same range come by way of the surface
         assert (arrivals.launch_angle > 0.0).all()
-    assert found == 25
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "smooth"])
@@ -113,14 +110,8 @@ def test_rays_do_not_tunnel_through_peaks_of_the_sea_bed(interpolation):
     rng = np.random.default_rng(12)
     north, east = np.linspace(0.0, 10e3, 11), np.linspace(0.0, 8e3, 6)
     bathymetry = rng.uniform(50.0, 2000.0, (11, 6))
-    medium = Medium.from_grid(
-        north,
-        east,
-        [0.0, 3000.0],
-        np.full((11, 6, 2), 1500.0),
-        bathymetry=bathymetry,
-        interpolation=interpolation,
-    )
+    c = np.full((11, 6, 2), 1500.0)
+    medium = Medium.from_grid(north, east, [0.0, 3e3], c, bathymetry=bathymetry, interpolation=interpolation)
     n = 400
     ends = [
         np.column_stack([rng.uniform(0.0, (10e3, 8e3), (n, 2)), rng.uniform(5.0, 900.0, n)]) for _ in "ab"
@@ -146,14 +137,8 @@ def test_rays_do_not_tunnel_through_peaks_of_the_sea_bed(interpolation):
 def test_rays_do_not_tunnel_through_a_ridge_inside_a_cell(interpolation, inset):
     """Along the diagonal of a cell the bilinear bed is a parabola with its crest between the edges."""
     axis = np.array([0.0, 20e3])
-    medium = Medium.from_grid(
-        axis,
-        axis,
-        [0.0, 3000.0],
-        np.full((2, 2, 2), 1500.0),
-        bathymetry=[[2000.0, 100.0], [100.0, 2000.0]],
-        interpolation=interpolation,
-    )
+    bed, c = [[2000.0, 100.0], [100.0, 2000.0]], np.full((2, 2, 2), 1500.0)
+    medium = Medium.from_grid(axis, axis, [0.0, 3e3], c, bathymetry=bed, interpolation=interpolation)
     ends = np.array([inset, 19e3 - 0.3 * inset])
     place = np.column_stack([ends, ends])
     crest = 1050.0  # 2000 ((1 - t)^2 + t^2) + 200 t (1 - t) at t = 1/2
@@ -217,13 +202,7 @@ def test_missing_values_are_data_and_stay_in_their_row():
     first = arrivals.first()
     alone = find_eigenrays(medium, *good).first()
     for i in (0, 2, 4, 6):
-        for name in (
-            "travel_time",
-            "source_slowness",
-            "receiver_slowness",
-            "chord_travel_time",
-            "shadow_margin",
-        ):
+        for name in vars(alone):
             assert np.array_equal(getattr(first, name)[i], getattr(alone, name)[0]), (i, name)
     assert first.status[1] == RayStatus.OK
     assert first.travel_time[1] == 0.0
