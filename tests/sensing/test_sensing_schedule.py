@@ -61,13 +61,6 @@ def test_impossible_schedules_and_landmarks_are_refused_in_one_line(message):
     assert "\n" not in str(error.value)
 
 
-def test_landmark_keeps_its_own_copy_of_the_position():
-    position = np.array([1.0, 2.0, 3.0])
-    landmark = Landmark("L", position)
-    position[:] = 0.0
-    np.testing.assert_array_equal(landmark.position, [1.0, 2.0, 3.0])
-
-
 @pytest.mark.parametrize("names", ["A", "LL"])
 def test_names_are_shared_by_no_two_participants(names, make_measurements):
     landmarks = [Landmark(name, (0, 0, k)) for k, name in enumerate(names)]
