@@ -55,16 +55,3 @@ def tiny_run_folder(once) -> Path:
     from pymantaray.study import parse_study, run_study
 
     return once("tiny", lambda folder: run_study(parse_study(TINY, "tiny"), folder, workers=1))
-
-
-@pytest.fixture(scope="session")
-def quick_run_folder(once) -> Path:
-    """Run folder of the preset `quick`, with report; not to be written to."""
-    from pymantaray.report import write_report
-    from pymantaray.study import load_study, run_study
-
-    def build(folder: Path) -> None:
-        run_study(load_study("quick"), folder, workers=1)
-        write_report(folder)
-
-    return once("quick", build)

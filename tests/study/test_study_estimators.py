@@ -40,12 +40,12 @@ def section(**values):
 
 @pytest.fixture(scope="module")
 def day(tmp_path_factory):
-    """A day in the Beaufort Sea: the fleet of the preset, a smaller window."""
+    """Half a day in the Beaufort Sea: the fleet of the preset, a smaller window."""
     tree = tomllib.loads(preset_text("quick"))
     tree["study"]["realizations"] = 2
     tree["study"]["conditions"] = ["straight", "refracted"]
     tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
-    tree["mission"]["physics_step_s"] = 1.0
+    tree["mission"] |= {"physics_step_s": 1.0, "duration_h": 12.0}
     return run_study(parse_study(tree), tmp_path_factory.mktemp("runs") / "day", workers=1)
 
 

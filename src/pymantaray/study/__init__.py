@@ -25,12 +25,7 @@ __all__ = [
     "study_toml",
 ]
 
-
-_LATER = {
-    "Run": "store",
-    "open_run": "store",
-    "run_study": "runner",
-}
+_LATER = {"Run": "store", "open_run": "store", "run_study": "runner"}
 
 
 def __getattr__(name: str) -> Any:

@@ -51,12 +51,7 @@ from pymantaray.study.varying import series_of, snapshot_at
 
 @dataclass(frozen=True, eq=False)
 class StudyOcean:
-    """
-    The water that a study takes place in, and what there is to say about where it comes from.
-
-    Where it varies in time, everything but `series` is of the first snapshot, the last one at or before the
-    mission's start.
-    """
+    """The water of a study; where it varies, all but `series` is of the last snapshot at or before the start."""
 
     geographic: xr.Dataset
     """Temperature, salinity and currents as the source has them: depth, lat, lon."""
@@ -136,16 +131,22 @@ def open_start(section: OceanSection) -> xr.Dataset:
     return _open(section, 0.0)[0][0]
 
 
+def mission_start(section: OceanSection) -> np.datetime64:
+    """Start of a mission; the first time of its source if it names none."""
+    instant = section.time
+    if instant is None:
+        return np.datetime64(ocean_times(section.source)[0], "ns")
+    if instant.tzinfo is not None:
+        instant = instant.astimezone(dt.UTC).replace(tzinfo=None)
+    return np.datetime64(instant, "ns")
+
+
 def _open(section: OceanSection, duration: float) -> tuple[list[xr.Dataset], NDArray[np.float64]]:
     """Snapshots of a mission, the only one where the ocean stands still, and when they are. [s]"""
-    instant = section.time
-    if instant is not None and instant.tzinfo is not None:
-        instant = instant.astimezone(dt.UTC).replace(tzinfo=None)
-    start = None if instant is None else np.datetime64(instant, "ns")
     if not section.time_varying:
-        return [open_ocean(section.source, time=start, currents=section.currents)], np.zeros(1)
-    if start is None:
-        start = ocean_times(section.source)[0]
+        time = None if section.time is None else mission_start(section)
+        return [open_ocean(section.source, time=time, currents=section.currents)], np.zeros(1)
+    start = mission_start(section)
     second = np.timedelta64(1_000_000_000, "ns")
     stop = start + round(duration * 1e9) * np.timedelta64(1, "ns")
     oceans = list(open_ocean_series(section.source, start, stop, currents=section.currents))
@@ -167,11 +168,7 @@ def build_fleet(config: StudyConfig) -> list[Vehicle]:
 
 
 def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
-    """
-    Points (n, 3) that each vehicle and landmark of a study starts from and plans to reach; the start first.
-
-    North, east, down; drift is not foreseen. [m]
-    """
+    """Points (n, 3) that each vehicle and landmark starts from and plans to reach, drift not foreseen. [m]"""
     plan = {vehicle.name: [tuple(vehicle.position)] for vehicle in build_fleet(config)}
     for vehicle in config.fleet.vehicles:
         if vehicle.kind == "float":

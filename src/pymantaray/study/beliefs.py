@@ -15,15 +15,21 @@ from pymantaray.ocean import (
     SoundSpeedCovariance,
     column_ocean,
     mean_ocean,
-    ocean_times,
     open_ocean,
     perturb_ocean,
     pooled_rms,
     read_casts,
     vertical_modes,
 )
-from pymantaray.study.assemble import StudyOcean, build_ocean, build_sea_floor, local_ocean, open_start
-from pymantaray.study.config import OceanSection, StationVehicle
+from pymantaray.study.assemble import (
+    StudyOcean,
+    build_ocean,
+    build_sea_floor,
+    local_ocean,
+    mission_start,
+    open_start,
+)
+from pymantaray.study.config import StationVehicle
 from pymantaray.study.config_estimators import (
     AnyBelief,
     CastBelief,
@@ -81,9 +87,8 @@ class Beliefs:
         if section not in self._over_time:
             ocean = self.config.ocean
             if isinstance(section, OtherDayBelief):
-                ocean = ocean.model_copy(
-                    update={"time": _start(ocean) - dt.timedelta(days=section.days_earlier)}
-                )
+                day = mission_start(ocean) - np.timedelta64(dt.timedelta(days=section.days_earlier))
+                ocean = ocean.model_copy(update={"time": day.astype("datetime64[us]").item()})
             self._over_time[section] = build_ocean(ocean, self.config.mission.duration_h * 3600.0)
         return self._over_time[section]
 
@@ -164,12 +169,3 @@ class Beliefs:
         frame = LocalFrame(attrs["centre_latitude_deg"], attrs["centre_longitude_deg"])
         lat, lon = frame.to_geodetic(north, east)
         return float(lat), float(lon)
-
-
-def _start(ocean: OceanSection) -> dt.datetime:
-    """Start of the mission; the first time of the source if the study names none."""
-    if ocean.time is not None:
-        return ocean.time
-    first = ocean_times(ocean.source)[0].astype("datetime64[us]").astype(dt.datetime)
-    assert isinstance(first, dt.datetime)  # for the type checker
-    return first

@@ -82,11 +82,7 @@ class CastBelief(Section):
 
 
 class OtherDayBelief(Section):
-    """
-    The ocean of the same source some days earlier.
-
-    As it was then, or with ``time_varying`` as it changed from then on.
-    """
+    """The same source some days earlier: as it was then, or with ``time_varying`` as it changed from then on."""
 
     kind: Literal["other-day"]
     days_earlier: float
@@ -224,10 +220,7 @@ class RangeEstimatorSection(Section):
     def _solver_fits(self) -> Self:
         if self.loss != "none" and self.variance == "correlated":
             raise ValueError(f'loss {self.loss} is of each range alone; set variance = "fixed" or "per-link"')
-        if self.solver == "incremental" and self.range_model not in {
-            "constant",
-            "transmitter",
-        }:
+        if self.solver == "incremental" and self.range_model not in {"constant", "transmitter"}:
             raise ValueError(
                 f'solver "incremental" takes ranges as distances; range_model is {self.range_model}'
             )
@@ -261,18 +254,10 @@ class RangeEstimatorSection(Section):
 
     @property
     def uncertainty(self) -> tuple[float, float, float | None] | None:
-        """
-        Uncertainty of sound speed.
-
-        Rms, horizontal scale and depth it is pooled down to; None if fixed. [m/s, m, m].
-        """
+        """Of sound speed: rms, horizontal scale and depth it is pooled down to; None if fixed. [m/s, m, m]"""
         if self.variance == "fixed":
             return None
         if self.uncertainty_rms is not None and self.uncertainty_horizontal_scale is not None:
-            return (
-                self.uncertainty_rms,
-                self.uncertainty_horizontal_scale,
-                self.uncertainty_down_to,
-            )
+            return self.uncertainty_rms, self.uncertainty_horizontal_scale, self.uncertainty_down_to
         assert isinstance(self.belief, PerturbedBelief)  # checked above; for the type checker
         return self.belief.rms, self.belief.horizontal_scale, self.belief.down_to

@@ -18,16 +18,12 @@ class EstimatorFactory:
         self._run, self._beliefs = run, Beliefs(run)
 
     def estimator(self, section: RangeEstimatorSection, realization: int) -> Estimator:
-        """
-        Estimator of one section, for one realization.
-
-        Its cost has to lie within its chi-square bounds where what is believed is how things are: straight
-        ranges, or eigenrays through the exact ocean.
-        """
+        """Estimator of one section, for one realization."""
         model, truth = build_range_model(section, self._beliefs, realization), self._run.truth
         uncertainty = None
         if section.uncertainty is not None and isinstance(model, EigenrayModel):
             uncertainty = RayUncertainty(model, self._beliefs.covariance(*section.uncertainty))
+        # where what is believed is how things are, the cost has to lie within its chi-square bounds
         exact = section.range_model == "eigenray" and isinstance(section.belief, ExactBelief)
         return Estimator(
             ranges=section.ranges,
@@ -42,11 +38,7 @@ class EstimatorFactory:
         )
 
     def true_unknowns(self, section: RangeEstimatorSection, realization: int) -> dict[str, float]:
-        """
-        True values of what an estimator estimates besides the poses.
-
-        By the names of `Unknowns`, in their units; more than those perhaps.
-        """
+        """True values of what an estimator estimates besides the poses, by the names of `Unknowns`."""
         run = self._run
         out: dict[str, float] = {}
         model = build_range_model(section, self._beliefs, realization)

@@ -185,11 +185,7 @@ def _alone(where: Path) -> Iterator[None]:
 
 
 def _publish(stage: Path, folder: Path) -> None:
-    """
-    Give a stage its final place.
-
-    Inside a folder that was there the manifest comes last and makes a run of it.
-    """
+    """Give a stage its final place; inside a folder that was there the manifest comes last and makes a run of it."""
     moved: list[Path] = []
     try:
         if stage.parent != folder:

@@ -77,11 +77,7 @@ def describe_run(
 
 
 def sha256(path: Path) -> str:
-    """
-    Checksum of a file's content.
-
-    A folder's (a zarr store) is that of what ``sha256sum`` says of its files, by name.
-    """
+    """Checksum of a file; that of a folder (a zarr store) is of what ``sha256sum`` says of its files, by name."""
     if path.is_dir():
         names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
         lines = "".join(f"{sha256(path / name)}  {name}\n" for name in names)
@@ -91,11 +87,7 @@ def sha256(path: Path) -> str:
 
 
 def git_commit() -> str | None:
-    """
-    Commit of the checkout that the package runs from, ``-dirty`` if it differs from it.
-
-    None without a checkout or git.
-    """
+    """Commit of the checkout that the package runs from, ``-dirty`` if it differs; None without checkout or git."""
     root = Path(__file__).resolve().parents[3]
     if not (root / ".git").exists():
         return None

@@ -133,12 +133,7 @@ def picture_of_most_bent_link(
     *,
     spreading_cutoff_db: float | None,
 ) -> xr.Dataset | None:
-    """
-    Ray picture of the link between vehicles whose direct arrival gains most on the chord; None without any.
-
-    Where the water varies it is drawn as it is at the link's ping. Attributes ``source`` and ``receiver`` are
-    the vehicles' names, ``time_h`` is the ping's time.
-    """
+    """Picture of the link between vehicles whose direct arrival gains most on the chord, in its ping's water."""
     first = select(arrivals, "direct")
     gain = first.chord_travel_time - first.travel_time
     n_agents = truth.name.size

@@ -26,11 +26,7 @@ class RealizationSolver:
         self._run, self._solver, self._factory = run, GraphSolver(), EstimatorFactory(run)
 
     def solve(self, realization: int) -> Solved:
-        """
-        Solve one realization under all conditions, then by all estimators, in the configured order.
-
-        All see one noise.
-        """
+        """Solve one realization under all conditions, then by all estimators, in the configured order."""
         config, truth, factory = self._run.config, self._run.truth, self._factory
         sections = config.estimators or ()
         solutions = solve_conditions(
@@ -46,11 +42,7 @@ class RealizationSolver:
 
 
 def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> list[Solved]:
-    """
-    Solve all realizations of a run whose mission is in its folder.
-
-    They come in their order, whatever the number of workers.
-    """
+    """Solve all realizations of a run whose mission is in its folder, in their order."""
     count, start = run.config.study.realizations, partial(_start_solver, run.path)
     if workers > 1:
         return in_processes(start, count, workers, done)

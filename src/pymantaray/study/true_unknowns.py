@@ -40,11 +40,7 @@ def true_amplitudes(
 
 
 def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict[str, float]:
-    """
-    Offsets [s] and skews of the clocks of one realization by the names of `Unknowns`.
-
-    Zero where clocks are right.
-    """
+    """Offsets [s] and skews of one realization's clocks by the names of `Unknowns`; zero where clocks are right."""
     model = build_clocks(config.ranging)
     offset = skew = np.zeros(len(names))
     if model is not None:
@@ -60,11 +56,7 @@ def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict
 def collect_unknowns(
     solutions: Sequence[Mapping[str, Solution]], truths: Sequence[Mapping[str, Mapping[str, float]]]
 ) -> SharedUnknowns | None:
-    """
-    Put the unknowns of all realizations into one record beside their true values.
-
-    None if no solution has any.
-    """
+    """Put the unknowns of all realizations into one record beside their true values; None if there are none."""
     by_condition: dict[str, list[UnknownsEstimate | None]] = {}
     for name in dict.fromkeys(name for one in solutions for name in one):
         estimates = [one[name].unknowns for one in solutions]

@@ -1,6 +1,7 @@
 """A local ocean that varies in time: snapshots on one grid, linear between their instants."""
 
 from collections.abc import Iterable
+from itertools import chain
 
 import numpy as np
 import xarray as xr
@@ -14,42 +15,25 @@ VARYING = ("sound_speed", "current_north", "current_east")
 
 
 def series_of(snapshots: Iterable[xr.Dataset], time: Array) -> xr.Dataset:
-    """
-    Put local snapshots on one grid, of which one is held at a time, after each other.
-
-    ``time`` is their instants. [s]
-    """
-    first: xr.Dataset | None = None
-    fields: dict[str, Array] = {}
-    count = 0
-    for snapshot in snapshots:
-        if first is None:
-            first = snapshot
-            fields = {name: np.empty((time.size, *snapshot[name].shape)) for name in VARYING}
-        elif not all(np.array_equal(snapshot[name], first[name]) for name in ("north", "east", "depth")):
+    """Put local snapshots at these instants [s] after each other; only one of them is held at a time."""
+    remaining = iter(snapshots)
+    first = next(remaining)
+    fields = {name: np.empty((time.size, *first[name].shape)) for name in VARYING}
+    for k, snapshot in enumerate(chain([first], remaining)):
+        if not all(np.array_equal(snapshot[name], first[name]) for name in ("north", "east", "depth")):
             raise StudyError(
                 f"ocean: the local grid at {snapshot.attrs['time']} differs from that at {first.attrs['time']};"
                 " an ocean that varies in time needs one grid"
             )
-        if count < time.size:
-            for name, values in fields.items():
-                values[count] = snapshot[name].values
-        count += 1
-    if first is None or count != time.size:
-        raise StudyError(
-            f"ocean: {count} snapshots for {time.size} instants; needs one each, and at least one"
-        )
+        for name, values in fields.items():
+            values[k] = snapshot[name].values
     return first.assign(
         {name: (("time", *first[name].dims), values, first[name].attrs) for name, values in fields.items()}
     ).assign_coords(time=("time", time, {"long_name": "time since the start of the mission", "units": "s"}))
 
 
 def snapshot_at(series: xr.Dataset, time: float) -> xr.Dataset:
-    """
-    Snapshot at a time [s], linear between the instants of a series.
-
-    At one of them, to the last digit what it holds.
-    """
+    """Snapshot at a time [s], linear between the instants of a series and on them to the last digit."""
     instants = series["time"].values
     if not instants[0] <= time <= instants[-1]:
         raise StudyError(

@@ -41,11 +41,7 @@ T = TypeVar("T")
 def in_processes(
     start: Callable[[], Callable[[int], T]], count: int, workers: int, done: Callable[[int], None]
 ) -> list[T]:
-    """
-    Do numbered tasks in fresh processes.
-
-    Each makes its task by ``start``, a function that can be pickled. If a task raises, or this process is interrupted, the others are stopped where they are.
-    """
+    """Do numbered tasks in fresh processes, each by what ``start`` makes there; if one raises, all are stopped."""
     processes: list[subprocess.Popen[bytes]] = []
     idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
 

@@ -67,11 +67,7 @@ class AdjustableEigenrays:
         return self._latest
 
     def sensitivity(self, links: RangeLinks) -> Array:
-        """
-        Derivatives of the travel times by the amplitudes (n, n_modes). [s²/m]
-
-        Zero for a link without an arrival.
-        """
+        """Derivatives of the travel times by the amplitudes (n, n_modes), zero without an arrival. [s²/m]"""
         pairs = pairs_of(links)
         paths, pair = self._model.paths(pairs)
         of_pairs = np.zeros((pairs.source.shape[0], self.amplitude_sigma.size))

@@ -1,8 +1,4 @@
-"""
-The range model that traces rays.
-
-Travel times and slowness vectors of the direct arrival in a believed medium.
-"""
+"""The range model that traces rays: travel times and slowness vectors of the direct arrival in a believed medium."""
 
 from dataclasses import fields, replace
 from typing import NamedTuple
@@ -52,24 +48,17 @@ class EigenrayModel:
         *,
         spreading_cutoff_db: float | None = 15.0,
         currents: Currents | None = None,
-        threads: int | None = None,
     ) -> None:
         self.medium = medium
-        self._cutoff, self._currents, self._threads = spreading_cutoff_db, currents, threads
+        self._cutoff, self._currents = spreading_cutoff_db, currents
         self._latest: dict[bytes, Arrivals] = {}
 
     def through(self, medium: Medium) -> "EigenrayModel":
         """Give the same model in another medium."""
-        return EigenrayModel(
-            medium, spreading_cutoff_db=self._cutoff, currents=self._currents, threads=self._threads
-        )
+        return EigenrayModel(medium, spreading_cutoff_db=self._cutoff, currents=self._currents)
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """
-        Travel times, with the slowness vectors at the ends as gradients.
-
-        The current's part in these is left out.
-        """
+        """Travel times, with the slowness vectors at the ends as gradients, the current's part in these left out."""
         pairs = pairs_of(links)
         arrivals = self._solved(pairs)
         n = pairs.source.shape[0]
@@ -101,7 +90,7 @@ class EigenrayModel:
         pair, row = choose_arrivals(arrivals, "direct")
         of_arrivals = [f.name for f in fields(arrivals) if f.metadata["dims"][0] == "arrival"]
         direct = replace(arrivals, **{name: getattr(arrivals, name)[row] for name in of_arrivals})
-        return trace_paths(self.medium, pairs.source, pairs.receiver, direct, threads=self._threads), pair
+        return trace_paths(self.medium, pairs.source, pairs.receiver, direct), pair
 
     def _solved(self, pairs: Pairs) -> Arrivals:
         key = pairs.source.tobytes() + pairs.receiver.tobytes()
@@ -113,14 +102,13 @@ class EigenrayModel:
                 pairs.source,
                 pairs.receiver,
                 spreading_cutoff_db=self._cutoff,
-                threads=self._threads,
             )
         return self._latest[key]
 
     def _delays(self, pairs: Pairs, arrivals: Arrivals) -> Array:
         if self._currents is None or not arrivals.link.size:
             return np.zeros(arrivals.link.size)
-        paths = trace_paths(self.medium, pairs.source, pairs.receiver, arrivals, threads=self._threads)
+        paths = trace_paths(self.medium, pairs.source, pairs.receiver, arrivals)
         return current_delays(quadrature(paths), self._currents, arrivals.link.size)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics.paths import quadrature
 from pymantaray.estimation import RangeLinks
 from pymantaray.ocean import SoundSpeedCovariance
-from pymantaray.study.range_models.eigenray_model import EigenrayModel, Pairs, pairs_of
+from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
 
 Array = NDArray[np.float64]
 _PER_SCALE = 8  # pieces of a ray to each horizontal scale: 0.2 % of a variance
@@ -35,13 +35,14 @@ class RayUncertainty:
         self._model, self._covariance = model, covariance
 
     def covariances(self, links: RangeLinks, epoch: NDArray[np.intp]) -> list[Array]:
-        """
-        Covariances of the links of each epoch (n_links, n_links).
-
-        Links there and back have the same ray. [s²]
-        """
+        """Covariances of the links of each epoch (n_links, n_links); there and back is the same ray. [s²]"""
         pairs = pairs_of(links)
-        weight, centre = self._pieces(*self._rays(pairs), pairs.source.shape[0])
+        paths, pair = self._model.paths(pairs)
+        points = quadrature(paths)
+        squared_slowness = np.sum(points.slowness**2, axis=1)
+        weight, centre = self._pieces(
+            pair[points.arrival], points.position, points.weight * squared_slowness, pairs.source.shape[0]
+        )
         out = []
         for e in range(int(epoch.max(initial=-1)) + 1):
             mine, at = np.unique(pairs.pair[epoch == e], return_inverse=True)
@@ -53,16 +54,6 @@ class RayUncertainty:
             of_pairs = full.reshape(n, pieces, n, pieces).sum(axis=(1, 3))
             out.append(of_pairs[np.ix_(at, at)])
         return out
-
-    def _rays(self, pairs: Pairs) -> tuple[NDArray[np.int64], Array, Array]:
-        """Points on all rays: pair, position, and what they weigh, arc length over squared sound speed."""
-        paths, pair = self._model.paths(pairs)
-        points = quadrature(paths)
-        return (
-            pair[points.arrival],
-            points.position,
-            points.weight * np.sum(points.slowness**2, axis=1),
-        )
 
     def _pieces(
         self, pair: NDArray[np.int64], position: Array, weight: Array, n_pairs: int

@@ -11,11 +11,9 @@ from pymantaray.study.range_models.eigenray_model import EigenrayModel
 
 class VaryingEigenrays:
     """
-    Travel time of the earliest direct eigenray in the water that is believed at each ping.
+    Travel time of the earliest direct eigenray in the water at each ping, by its time since the mission's start [s].
 
-    ``medium_at`` and ``currents_at`` take a time since the start of the mission [s]; without currents the
-    water is at rest. A medium is made for each ping of each prediction and let go again, so that memory does
-    not grow with the pings.
+    A medium is made for each ping of each prediction and let go again, so that memory does not grow with the pings.
     """
 
     def __init__(
@@ -24,10 +22,8 @@ class VaryingEigenrays:
         currents_at: Callable[[float], Currents] | None = None,
         *,
         spreading_cutoff_db: float | None = 15.0,
-        threads: int | None = None,
     ) -> None:
-        self._medium_at, self._currents_at = medium_at, currents_at
-        self._cutoff, self._threads = spreading_cutoff_db, threads
+        self._medium_at, self._currents_at, self._cutoff = medium_at, currents_at, spreading_cutoff_db
 
     def predict(self, links: RangeLinks) -> Prediction:
         """Travel times of the direct arrivals, ping by ping."""
@@ -41,7 +37,6 @@ class VaryingEigenrays:
                 self._medium_at(float(time)),
                 spreading_cutoff_db=self._cutoff,
                 currents=None if self._currents_at is None else self._currents_at(float(time)),
-                threads=self._threads,
             )
             of_ping = model.predict(RangeLinks(*(column[rows] for column in links)))
             for whole, part in zip(out, of_ping, strict=True):
