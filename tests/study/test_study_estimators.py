@@ -79,7 +79,8 @@ def test_exact_ocean_leads_from_dead_reckoning_to_the_truth(day):
     assert off(naive.position, day.truth.position) > 1.0
 
 
-@pytest.mark.parametrize("variance", ["fixed", pytest.param("correlated", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("variance", ["fixed", "correlated"])
 def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reckoning(day, variance):
     o, truth = day.noisy_measurements(0), day.truth
     extra = {} if variance == "fixed" else {"uncertainty_rms": 1.0, "uncertainty_horizontal_scale": 20e3}
