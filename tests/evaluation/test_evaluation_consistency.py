@@ -211,8 +211,8 @@ def test_variance_of_the_share_is_that_of_as_many_independent_draws():
 
 
 def test_straight_ranges_and_odometry_are_consistent_and_refracted_ranges_far_from_it(tmp_path):
-    """Five vehicles of the quick preset for eight hours, 12 realizations, covariances at its pings."""
-    tree = load_study("quick", realizations=12).model_dump(mode="python")
+    """Five vehicles of the quick preset for eight hours, 24 realizations, covariances at its pings."""
+    tree = load_study("quick", realizations=24).model_dump(mode="python")
     tree["fleet"]["vehicles"] = tree["fleet"]["vehicles"][:5]
     tree["mission"] |= {"duration_h": 8.0, "physics_step_s": 1.0}
     tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
