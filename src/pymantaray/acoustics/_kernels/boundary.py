@@ -6,6 +6,7 @@ of ice, the sea bed bilinear; ice that varies is bilinear too.
 
 import math
 
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import (
     bilinear_weights,
     cubic,
@@ -14,27 +15,7 @@ from pymantaray.acoustics._kernels.field import (
     move_level,
     smooth_full,
 )
-from pymantaray.acoustics._kernels.layout import (
-    AT_BOTTOM,
-    DEPTH,
-    ETA,
-    HELD,
-    LANDED,
-    N_FULL,
-    P_DEPTH,
-    P_RANGE,
-    P_SIDE,
-    RANGE,
-    SIDE,
-    SMOOTH,
-    TIME,
-    XI,
-    P,
-    Q,
-    W,
-    Walls,
-    Y,
-)
+from pymantaray.acoustics._kernels.layout import Walls
 from pymantaray.acoustics._kernels.step import step
 from pymantaray.compile import inlined, kernel
 
@@ -98,7 +79,7 @@ def floor_at(walls, r, y, r_cell):
     y *= walls.across
     n_cell, e_cell = place_at(line, r_cell, y)
     if walls.held >= 0.0:
-        cell = int(walls.cells[HELD, int(walls.held)])
+        cell = int(walls.cells[at.HELD, int(walls.held)])
         if cell < 0:
             return _NO_BED, 0.0, 0.0, 0.0, cell
         n_cell, e_cell = _middle(bed.north, cell // bed.east.size), _middle(bed.east, cell % bed.east.size)
@@ -157,13 +138,13 @@ def landed(walls, r, y, bounce):
     """
     cell = floor_at(hold(walls, -1.0), r, y, r)[4]
     last = walls.cells.shape[1] - 1
-    walls.cells[LANDED, min(bounce, last) - 1] = cell
+    walls.cells[at.LANDED, min(bounce, last) - 1] = cell
     if walls.held >= 0.0:
-        own = int(walls.cells[HELD, int(walls.held)])
+        own = int(walls.cells[at.HELD, int(walls.held)])
         n, e = place_at(walls.line, r, y * walls.across)
         n_e = walls.bed.east.size
         beyond = max(_beyond(walls.bed.north, own // n_e, n), _beyond(walls.bed.east, own % n_e, e))
-        walls.cells[LANDED, last] = max(beyond, walls.cells[LANDED, last]) if bounce > 1 else beyond
+        walls.cells[at.LANDED, last] = max(beyond, walls.cells[at.LANDED, last]) if bounce > 1 else beyond
     return cell
 
 
@@ -203,13 +184,13 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
     breaks = walls.breaks
     for i in range(steps):
         a, b = path[i], path[i + 1]
-        h = b[TIME] - a[TIME]
+        h = b[at.TIME] - a[at.TIME]
         if h <= 0.0:
             continue
-        n0 = a[P_RANGE] ** 2 + a[P_DEPTH] ** 2 + a[P_SIDE] ** 2
-        n1 = b[P_RANGE] ** 2 + b[P_DEPTH] ** 2 + b[P_SIDE] ** 2
-        r0, r1, dr0, dr1 = a[RANGE], b[RANGE], a[P_RANGE] / n0, b[P_RANGE] / n1
-        z0, z1, dz0, dz1 = a[DEPTH], b[DEPTH], a[P_DEPTH] / n0, b[P_DEPTH] / n1
+        n0 = a[at.P_RANGE] ** 2 + a[at.P_DEPTH] ** 2 + a[at.P_SIDE] ** 2
+        n1 = b[at.P_RANGE] ** 2 + b[at.P_DEPTH] ** 2 + b[at.P_SIDE] ** 2
+        r0, r1, dr0, dr1 = a[at.RANGE], b[at.RANGE], a[at.P_RANGE] / n0, b[at.P_RANGE] / n1
+        z0, z1, dz0, dz1 = a[at.DEPTH], b[at.DEPTH], a[at.P_DEPTH] / n0, b[at.P_DEPTH] / n1
         extra = 0
         first = 0
         while first < walls.n_breaks and breaks[first] <= min(r0, r1):
@@ -229,10 +210,10 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
                 t = vertex
             else:
                 continue
-            share = (a[TIME] + t * h) / path[steps, TIME]
+            share = (a[at.TIME] + t * h) / path[steps, at.TIME]
             r = cubic(t, h, r0, dr0, r1, dr1) - share * miss_r
             z = cubic(t, h, z0, dz0, z1, dz1) - share * miss_z
-            y = a[SIDE] + t * (b[SIDE] - a[SIDE]) - share * miss_y
+            y = a[at.SIDE] + t * (b[at.SIDE] - a[at.SIDE]) - share * miss_y
             below_surface = min(below_surface, z - surface_at(walls, r, y, r)[0])
             n, e = place_at(walls.line, r, y)
             bed = _bilinear(walls.bed, walls.line, bilinear_weights(walls.bed, n, e, n, e), 1.0)[0]
@@ -257,28 +238,28 @@ def reflect(s, walls, cell, pos, ray, axis, hit, new_sb):
     """
     z_source, cb, sb, c_ref = axis
     y = ray.y
-    r = pos * cb - y[W] * sb
-    z = z_source + pos * sb + y[W] * cb
-    full = ray.K.shape[1] == N_FULL
+    r = pos * cb - y[at.W] * sb
+    z = z_source + pos * sb + y[at.W] * cb
+    full = ray.K.shape[1] == at.N_FULL
     offset, q = 0.0, 0.0
     if full:
-        offset, q = y[Y], y[Q]
+        offset, q = y[at.Y], y[at.Q]
     f_r, f_y, f_rr = 0.0, 0.0, 0.0
-    if hit == AT_BOTTOM:
+    if hit == at.AT_BOTTOM:
         _, f_r, f_y, f_rr, _ = floor_at(walls, r, offset, r)
     else:
         _, f_r, f_y, f_rr, _ = surface_at(walls, r, offset, r)
     if not full:
         f_y = 0.0
     b, k = cell
-    if s.kind == SMOOTH:
+    if s.kind == at.SMOOTH:
         c, cz, cr, _, _, _, cy, cyz, cyy, _ = smooth_full(s, move_level(s.depth, k, z), r, z)
     else:
         c, cz, cr, _, _, _, cy, cyz, cyy, _ = linear_full(s, b, k, r, z)
     c += offset * (cy + 0.5 * offset * cyy)
     n = c_ref / c
     g_r, g_z = -n * n * cr / c, -n * n * (cz + offset * cyz) / c
-    p = y[P]
+    p = y[at.P]
     h = math.sqrt(max(n * n - p * p - q * q, 1e-12))
     p_r, p_z = h * cb - p * sb, h * sb + p * cb
     m2 = 1.0 + f_r * f_r + f_y * f_y
@@ -288,9 +269,9 @@ def reflect(s, walls, cell, pos, ray, axis, hit, new_sb):
     if not new_h > 1e-3:
         return False
     # variation by the launch angle, in the plane
-    x_r, x_z = -y[XI] * sb, y[XI] * cb
-    h_var = (x_r * g_r + x_z * g_z - p * y[ETA]) / h
-    v_r, v_z = h_var * cb - y[ETA] * sb, h_var * sb + y[ETA] * cb
+    x_r, x_z = -y[at.XI] * sb, y[at.XI] * cb
+    h_var = (x_r * g_r + x_z * g_z - p * y[at.ETA]) / h
+    v_r, v_z = h_var * cb - y[at.ETA] * sb, h_var * sb + y[at.ETA] * cb
     t = -(f_r * x_r - x_z) / (f_r * p_r - p_z)
     x_r, x_z = x_r + p_r * t, x_z + p_z * t
     v_r, v_z = v_r + g_r * t, v_z + g_z * t
@@ -300,12 +281,12 @@ def reflect(s, walls, cell, pos, ray, axis, hit, new_sb):
     var_dot = (f_r * v_r - v_z + bend * p_r) * norm - 2.0 * plane_dot * f_r * bend * norm
     v_r, v_z = v_r - 2.0 * (var_dot * f_r + plane_dot * bend), v_z + 2.0 * var_dot
     t = -(x_r * cb + x_z * new_sb) / new_h
-    y[W] = -r * new_sb if cb == 0.0 else y[W]
-    y[P] = new_z * cb - new_r * new_sb
-    y[XI] = (x_z + new_z * t) * cb - (x_r + new_r * t) * new_sb
-    y[ETA] = (v_z + g_z * t) * cb - (v_r + g_r * t) * new_sb
+    y[at.W] = -r * new_sb if cb == 0.0 else y[at.W]
+    y[at.P] = new_z * cb - new_r * new_sb
+    y[at.XI] = (x_z + new_z * t) * cb - (x_r + new_r * t) * new_sb
+    y[at.ETA] = (v_z + g_z * t) * cb - (v_r + g_r * t) * new_sb
     if full:
-        y[Q] = q - 2.0 * dot * f_y
+        y[at.Q] = q - 2.0 * dot * f_y
     return True
 
 
@@ -372,10 +353,10 @@ def _gap_within(walls, face, t, pos, h, ray, axis):
     """Distance from the sea bed or the surface, positive in the water, at the fraction t of a step."""
     z_source, cb, sb, _ = axis
     y, K, ynew = ray.y, ray.K, ray.ynew
-    w = cubic(t, h, y[W], K[0, W], ynew[W], K[6, W])
+    w = cubic(t, h, y[at.W], K[0, at.W], ynew[at.W], K[6, at.W])
     side = 0.0
-    if K.shape[1] == N_FULL:
-        side = cubic(t, h, y[Y], K[0, Y], ynew[Y], K[6, Y])
+    if K.shape[1] == at.N_FULL:
+        side = cubic(t, h, y[at.Y], K[0, at.Y], ynew[at.Y], K[6, at.Y])
     s = pos + t * h
     r = s * cb - w * sb
     z = z_source + s * sb + w * cb
@@ -432,7 +413,7 @@ def _first_ridge(walls, face, before, stride, ray, axis):
     Ridges are at the edges of the boundary's cells, which rays that are followed in range do not step over.
     """
     pos, h = stride
-    near, far = -ray.y[W] * axis[2], -ray.ynew[W] * axis[2]
+    near, far = -ray.y[at.W] * axis[2], -ray.ynew[at.W] * axis[2]
     first = 9.0
     for i in range(walls.n_breaks):
         r = walls.breaks[i]
@@ -480,11 +461,11 @@ def crossing(s, walls, cell, faces, pos, h, ray, axis):
     best = h
     best_face = -1
     y, K, ynew = ray.y, ray.K, ray.ynew
-    start = (pos, y[W], K[0, W], 0.0, 0.0)
-    end = (pos + h, ynew[W], K[6, W], 0.0, 0.0)
-    if K.shape[1] == N_FULL:
-        start = (pos, y[W], K[0, W], y[Y], K[0, Y])
-        end = (pos + h, ynew[W], K[6, W], ynew[Y], K[6, Y])
+    start = (pos, y[at.W], K[0, at.W], 0.0, 0.0)
+    end = (pos + h, ynew[at.W], K[6, at.W], 0.0, 0.0)
+    if K.shape[1] == at.N_FULL:
+        start = (pos, y[at.W], K[0, at.W], y[at.Y], K[0, at.Y])
+        end = (pos + h, ynew[at.W], K[6, at.W], ynew[at.Y], K[6, at.Y])
     first, past = faces
     for i in range(past - first):
         face = past - 1 - i
@@ -517,9 +498,9 @@ def land(s, walls, cell, face, pos, lengths, ray, axis):
         if not step(s, cell, pos, h, ray, axis):
             return -1.0
         side, dside = 0.0, 0.0
-        if K.shape[1] == N_FULL:
-            side, dside = ynew[Y], K[6, Y]
-        point = (pos + h, ynew[W], K[6, W], side, dside)
+        if K.shape[1] == at.N_FULL:
+            side, dside = ynew[at.Y], K[6, at.Y]
+        point = (pos + h, ynew[at.W], K[6, at.W], side, dside)
         g, slope = face_distance(s, walls, cell, face, point, axis, 0.0)
         if abs(g) < near:
             return h

@@ -8,26 +8,8 @@ cells that are there, and a ray that is found to the neighbours of its cells tha
 
 import math
 
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import floor_at, hold, place_at
-from pymantaray.acoustics._kernels.layout import (
-    ANGLE,
-    AT_BOTTOM,
-    BOUNDARY,
-    CANDIDATE_ANGLE,
-    CANDIDATE_COUNTS,
-    CANDIDATE_GENERATION,
-    CANDIDATE_Q,
-    CODE,
-    HELD,
-    LANDED,
-    MISS,
-    P_DEPTH,
-    RANGE,
-    SIDE,
-    SLOPE,
-    TIME,
-    TRIED,
-)
 from pymantaray.acoustics._kernels.refine import Launch, Trial, cubic_angle, newton
 from pymantaray.acoustics._kernels.search import fewer_bounces
 from pymantaray.acoustics._kernels.trace import fan_ray, trace
@@ -45,8 +27,11 @@ _STEEPER = 0.01  # rad
 def _find(candidates, n, cells, m, counts):
     """Row of the candidate of so many reflections in a row of cells, launched alike; -1 where there is none."""
     for i in range(n):
-        alike = _ALIKE if candidates[i, CANDIDATE_GENERATION] != _FAILED else _ALIKE_FAILED
-        if candidates[i, CANDIDATE_COUNTS] == counts and abs(candidates[i, CANDIDATE_ANGLE] - m) < alike:
+        alike = _ALIKE if candidates[i, at.CANDIDATE_GENERATION] != _FAILED else _ALIKE_FAILED
+        if (
+            candidates[i, at.CANDIDATE_COUNTS] == counts
+            and abs(candidates[i, at.CANDIDATE_ANGLE] - m) < alike
+        ):
             same = True
             for j in range(counts % 32):
                 same = same and candidates[i, j] == cells[j]
@@ -64,25 +49,25 @@ def add_candidate(candidates, n, cells, m, q, counts, generation):
         return n
     for j in range(counts % 32):
         candidates[n, j] = cells[j]
-    candidates[n, CANDIDATE_ANGLE], candidates[n, CANDIDATE_Q] = m, q
-    candidates[n, CANDIDATE_COUNTS], candidates[n, CANDIDATE_GENERATION] = counts, generation
+    candidates[n, at.CANDIDATE_ANGLE], candidates[n, at.CANDIDATE_Q] = m, q
+    candidates[n, at.CANDIDATE_COUNTS], candidates[n, at.CANDIDATE_GENERATION] = counts, generation
     return n + 1
 
 
 @kernel
 def candidate(candidates, i):
     """Reflections of a candidate, and its generation."""
-    return int(candidates[i, CANDIDATE_COUNTS]), int(candidates[i, CANDIDATE_GENERATION])
+    return int(candidates[i, at.CANDIDATE_COUNTS]), int(candidates[i, at.CANDIDATE_GENERATION])
 
 
 @kernel
 def add_of_bracket(s, walls, course, bracket, n, tol, work):
     """Append the cells of a bracket's ray; one without width is a ray at an edge of its cells."""
     inner = fewer_bounces(bracket)
-    code = int(bracket[inner, CODE])
-    angle = bracket[inner, ANGLE]
-    if bracket[0, ANGLE] == bracket[1, ANGLE]:
-        start = angle - bracket[inner, MISS] / bracket[inner, SLOPE]
+    code = int(bracket[inner, at.CODE])
+    angle = bracket[inner, at.ANGLE]
+    if bracket[0, at.ANGLE] == bracket[1, at.ANGLE]:
+        start = angle - bracket[inner, at.MISS] / bracket[inner, at.SLOPE]
         back = math.copysign(_BACK, angle - start)
     else:
         start = cubic_angle(bracket[0], bracket[1], 0.0)
@@ -90,9 +75,9 @@ def add_of_bracket(s, walls, course, bracket, n, tol, work):
     for _ in range(3):
         _, _, _, code_there = trace(s, walls, course, angle, 0.0, tol, fan_ray(work))
         if code_there == code:
-            return add_candidate(work.candidates, n, walls.cells[LANDED], start, 0.0, code % 1024, 0)
+            return add_candidate(work.candidates, n, walls.cells[at.LANDED], start, 0.0, code % 1024, 0)
         if back == 0.0:
-            angle = bracket[inner, ANGLE]
+            angle = bracket[inner, at.ANGLE]
         else:
             angle += back
             back *= 10.0
@@ -106,18 +91,18 @@ def add_neighbours(walls, n, launch, counts, generation, work):
     n_e = sheet.east.size
     bed = hold(walls, 0.0)
     for j in range(counts % 32):
-        cells[TRIED, j] = cells[LANDED, j]
+        cells[at.TRIED, j] = cells[at.LANDED, j]
     bounce, i = 0, 0
     while bounce < counts % 32 and i < steps:
         i += 1
-        if path[i, BOUNDARY] != AT_BOTTOM:
+        if path[i, at.BOUNDARY] != at.AT_BOTTOM:
             continue
-        own = int(cells[LANDED, bounce])
-        r, y = path[i, RANGE], path[i, SIDE]
+        own = int(cells[at.LANDED, bounce])
+        r, y = path[i, at.RANGE], path[i, at.SIDE]
         north, east = place_at(walls.line, r, y)
-        before, after = path[i, TIME], path[steps, TIME] - path[i, TIME]
-        lever = before * after / (before + after) / max(abs(path[i, P_DEPTH]), 0.1)
-        cells[HELD, 0] = own
+        before, after = path[i, at.TIME], path[steps, at.TIME] - path[i, at.TIME]
+        lever = before * after / (before + after) / max(abs(path[i, at.P_DEPTH]), 0.1)
+        cells[at.HELD, 0] = own
         _, f_r, f_y, _, _ = floor_at(bed, r, y, r)
         for k in range(9):
             i_n, i_e = own // n_e + k // 3 - 1, own % n_e + k % 3 - 1
@@ -129,12 +114,12 @@ def add_neighbours(walls, n, launch, counts, generation, work):
                 gap = abs(sheet.north[i_n + (1 if k // 3 == 0 else 0)] - north)
             if k % 3 != 1:
                 gap = max(gap, abs(sheet.east[i_e + (1 if k % 3 == 0 else 0)] - east))
-            cells[HELD, 0] = i_n * n_e + i_e
+            cells[at.HELD, 0] = i_n * n_e + i_e
             _, g_r, g_y, _, _ = floor_at(bed, r, y, r)
             if gap < _REACH * lever * math.hypot(g_r - f_r, g_y - f_y):
-                cells[TRIED, bounce] = cells[HELD, 0]
-                n = add_candidate(candidates, n, cells[TRIED], launch.angle, launch.q, counts, generation)
-                cells[TRIED, bounce] = own
+                cells[at.TRIED, bounce] = cells[at.HELD, 0]
+                n = add_candidate(candidates, n, cells[at.TRIED], launch.angle, launch.q, counts, generation)
+                cells[at.TRIED, bounce] = own
         bounce += 1
         i += 1  # a reflection takes two rows
     return n
@@ -150,9 +135,9 @@ def follow(s, walls, course, place, bracket, accuracy, work):
     counts, generation = candidate(candidates, i)
     n_b = counts % 32
     for j in range(walls.cells.shape[1]):
-        walls.cells[HELD, j] = candidates[i, j] if j < n_b else -1.0
-    m, q = candidates[i, CANDIDATE_ANGLE], candidates[i, CANDIDATE_Q]
-    candidates[i, CANDIDATE_GENERATION] = _FAILED
+        walls.cells[at.HELD, j] = candidates[i, j] if j < n_b else -1.0
+    m, q = candidates[i, at.CANDIDATE_ANGLE], candidates[i, at.CANDIDATE_Q]
+    candidates[i, at.CANDIDATE_GENERATION] = _FAILED
     none = (0.0, 0.0, 0.0, 0.0)
     held = hold(walls, 0.0)
     launch, jacobian, code = newton(
@@ -173,13 +158,13 @@ def follow(s, walls, course, place, bracket, accuracy, work):
         return n, lost
     same = True
     for j in range(n_b):
-        same = same and walls.cells[LANDED, j] == walls.cells[HELD, j]
+        same = same and walls.cells[at.LANDED, j] == walls.cells[at.HELD, j]
     if not same:
-        there = _find(candidates, n, walls.cells[LANDED], m, counts)
+        there = _find(candidates, n, walls.cells[at.LANDED], m, counts)
         if there < 0:
-            n = add_candidate(candidates, n, walls.cells[LANDED], m, q, counts, generation + 1)
+            n = add_candidate(candidates, n, walls.cells[at.LANDED], m, q, counts, generation + 1)
         elif (
-            candidates[there, CANDIDATE_GENERATION] != KNOWN
+            candidates[there, at.CANDIDATE_GENERATION] != KNOWN
         ):  # cells that lead to each other, round a corner
             n = add_neighbours(walls, n, launch, counts, generation + 1, work)
         return n, lost
@@ -189,5 +174,5 @@ def follow(s, walls, course, place, bracket, accuracy, work):
         s, walls, course, Trial(m, q, jacobian, 6, code, True), bracket, False, accuracy, work
     )
     if launch.ok:
-        candidates[i, CANDIDATE_GENERATION] = KNOWN
+        candidates[i, at.CANDIDATE_GENERATION] = KNOWN
     return n, launch

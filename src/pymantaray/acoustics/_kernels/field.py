@@ -12,7 +12,8 @@ distance stays a smooth function of the launch angle; such rays are rejected aft
 
 import math
 
-from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Section
+from pymantaray.acoustics._kernels import layout as at
+from pymantaray.acoustics._kernels.layout import Section
 from pymantaray.compile import entry, inlined, kernel
 
 LUT_SIZE = 2048
@@ -272,21 +273,21 @@ def _cut_linear(domain, line, breaks, n_cells, data):
 def cut_section(domain, line, horizontal, work):
     """Section of the medium along a baseline, filled into work.store."""
     store, breaks = work.store, work.breaks
-    if domain.kind == SMOOTH:
+    if domain.kind == at.SMOOTH:
         count = 2
         if domain.north.size > 1 or domain.east.size > 1:
             count = min(max(int(math.ceil(horizontal / domain.column_step)) + 1, 2), store.shape[0])
         # columns at both ends; rays of short and steep links use the first cell's polynomial beyond them
         step = max(horizontal / (count - 1), _LEAST_STEP)
         _cut_smooth(domain, line, step, count, work)
-        return Section(SMOOTH, count, 0.0, step, breaks, domain.depth, domain.lut, domain.lut_scale, store)
+        return Section(at.SMOOTH, count, 0.0, step, breaks, domain.depth, domain.lut, domain.lut_scale, store)
     reach = 1000.0  # m beyond the ends; rays of steep links stray behind the source
     breaks[0] = -reach
     count = sort_breaks(
         horizontal + reach, breaks, add_crossings(domain, line, horizontal + reach, breaks, 1)
     )
     _cut_linear(domain, line, breaks, count - 1, store)
-    return Section(LINEAR, count - 1, 0.0, 1.0, breaks, domain.depth, domain.lut, domain.lut_scale, store)
+    return Section(at.LINEAR, count - 1, 0.0, 1.0, breaks, domain.depth, domain.lut, domain.lut_scale, store)
 
 
 @inlined
@@ -446,7 +447,7 @@ def linear_full(s, b, k, r, z):
 def field_at(s, r, z):
     """Sound speed at a point of the section."""
     k = find_level(s, z)
-    if s.kind == SMOOTH:
+    if s.kind == at.SMOOTH:
         return smooth_full(s, k, r, z)[0]
     b = 0
     while b < s.n_range - 1 and r >= s.breaks[b + 1]:
@@ -461,7 +462,7 @@ def field_at(s, r, z):
 @kernel
 def level_speed(s, b, k):
     """Sound speed at a level in a column or at the near edge of a cell."""
-    if s.kind == LINEAR or k < s.depth.size - 1:
+    if s.kind == at.LINEAR or k < s.depth.size - 1:
         return s.data[b, k, 0]
     x = s.depth[k] - s.depth[k - 1]
     d = s.data

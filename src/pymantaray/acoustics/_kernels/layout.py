@@ -1,4 +1,4 @@
-"""Names of every column and every tuple that the kernels share, and the workspaces that they write to."""
+"""Names of every column and every tuple that the kernels share, `at.NAME` there, and the workspaces that they write to."""
 
 from collections import namedtuple
 from typing import Any

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import TOUCH, clearances, sheet_at
 from pymantaray.acoustics._kernels.field import (
     add_crossings,
@@ -12,36 +13,7 @@ from pymantaray.acoustics._kernels.field import (
     sort_breaks,
     sort_head,
 )
-from pymantaray.acoustics._kernels.layout import (
-    ARRIVAL_ANGLE,
-    BOTTOM_BOUNCES,
-    CHORD_TIME,
-    COMPLETE,
-    GOOD,
-    LAUNCH_ANGLE,
-    LINEAR,
-    MARGIN,
-    MISS,
-    N_ARRIVAL,
-    N_INFO,
-    RAY_AXIS,
-    RAYS,
-    RECEIVER_SLOWNESS,
-    RECEIVER_SPEED,
-    SOURCE_SLOWNESS,
-    SOURCE_SPEED,
-    SPREADING_DB,
-    SURFACE_BOUNCES,
-    TRAVEL_TIME,
-    TURNING_POINTS,
-    XI,
-    Accuracy,
-    Baseline,
-    Link,
-    W,
-    Walls,
-    Y,
-)
+from pymantaray.acoustics._kernels.layout import Accuracy, Baseline, Link, Walls
 from pymantaray.acoustics._kernels.refine import finish, polish, refine, sort_rows, unresolved_db
 from pymantaray.acoustics._kernels.search import (
     BEYOND,
@@ -130,7 +102,7 @@ def chord_travel_time(s, link, cuts):
                 n += 1
     if horizontal > 0.0:
         for i in range(s.n_range + 1):
-            r = s.breaks[i] if s.kind == LINEAR else s.r_first + i * s.r_step
+            r = s.breaks[i] if s.kind == at.LINEAR else s.r_first + i * s.r_step
             t = r / horizontal
             if 0.0 < t < 1.0 and n < cuts.size - 1:
                 cuts[n] = t
@@ -156,18 +128,18 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
 
     work.rows receives the arrivals; returns their number and the status.
     """
-    for i in range(N_INFO):
+    for i in range(at.N_INFO):
         info[i] = np.nan
-    info[RAYS], info[COMPLETE] = 0.0, 1.0
+    info[at.RAYS], info[at.COMPLETE] = 0.0, 1.0
     if _outside(domain, source) or _outside(domain, receiver):
         return 0, OUTSIDE
     s, walls, link = prepare(domain, source, receiver, work)
-    info[SOURCE_SPEED], info[RECEIVER_SPEED] = link.c0, link.c1
+    info[at.SOURCE_SPEED], info[at.RECEIVER_SPEED] = link.c0, link.c1
     if link.length == 0.0:
-        info[CHORD_TIME], info[MARGIN] = 0.0, 0.0
+        info[at.CHORD_TIME], info[at.MARGIN] = 0.0, 0.0
         _same_place(work.rows[0])
         return 1, OK
-    info[CHORD_TIME] = chord_travel_time(s, link, work.cuts)
+    info[at.CHORD_TIME] = chord_travel_time(s, link, work.cuts)
     variation = speed_extremes(s, work.extremes)
     limits = turning_limits(s, link.c0, link.z0, link.z1, link.horizontal, variation, work.extremes)
     slope = math.atan2(link.z1 - link.z0, link.horizontal)
@@ -175,7 +147,7 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
     tol = settings.tolerance * max(1.0, link.length / _LONG)
     fine, coarse = min(tol, 1e-4 * link.length), min(30.0 * tol, 1e-2 * link.length)
     spacing = _SPACING_SMOOTH
-    if s.kind == LINEAR:  # a ray that dips a centimetre into the next layer comes out metres away
+    if s.kind == at.LINEAR:  # a ray that dips a centimetre into the next layer comes out metres away
         fine = min(1e-3 * tol, 1e-8 * link.length)
         coarse = fine
         spacing = _SPACING_LINEAR
@@ -202,9 +174,9 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
         weak += more_weak
         rays += more_rays
         complete = complete and all_there
-    info[MARGIN] = 0.0 if count > 0 else margin
-    info[RAYS] = rays
-    info[COMPLETE] = 1.0 if complete else 0.0
+    info[at.MARGIN] = 0.0 if count > 0 else margin
+    info[at.RAYS] = rays
+    info[at.COMPLETE] = 1.0 if complete else 0.0
     if count > 0:
         sort_rows(work.rows, count)
         return count, OK
@@ -215,16 +187,16 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
     if blocked > 0:
         return 0, BLOCKED
     if through_surface > 0:
-        info[MARGIN] = math.nan  # rays that would come by way of the surface miss by nothing
+        info[at.MARGIN] = math.nan  # rays that would come by way of the surface miss by nothing
     return 0, SHADOW
 
 
 @kernel
 def _same_place(row):
     """Fill the row of a link whose ends are at one place."""
-    for i in range(N_ARRIVAL):
+    for i in range(at.N_ARRIVAL):
         row[i] = np.nan
-    for i in (TRAVEL_TIME, TURNING_POINTS, SURFACE_BOUNCES, BOTTOM_BOUNCES, RAY_AXIS):
+    for i in (at.TRAVEL_TIME, at.TURNING_POINTS, at.SURFACE_BOUNCES, at.BOTTOM_BOUNCES, at.RAY_AXIS):
         row[i] = 0.0
 
 
@@ -237,12 +209,12 @@ def _chord_bracket(s, walls, course, tol, work):
         shoot(s, walls, course, -half, tol, 0.0, a, work)
         shoot(s, walls, course, half, tol, 0.0, b, work)
         rays += 2
-        if a[GOOD] * b[GOOD] > 0.0 and a[MISS] * b[MISS] <= 0.0:
+        if a[at.GOOD] * b[at.GOOD] > 0.0 and a[at.MISS] * b[at.MISS] <= 0.0:
             copy_ray(a, work.brackets[0, 0])
             copy_ray(b, work.brackets[0, 1])
             return 1, 0.0, rays, True
         half *= 2.0
-    return 0, min(abs(a[MISS]), abs(b[MISS])), rays, True
+    return 0, min(abs(a[at.MISS]), abs(b[at.MISS])), rays, True
 
 
 @kernel
@@ -261,8 +233,10 @@ def _keep_direct(s, walls, link, found, cutoff_db, accuracy, work):
             launch = refine(s, walls, course, brackets[i], accuracy, work)
         if not launch.ok:
             continue
-        miss = y[W] - course.target
-        below_surface, above_bottom = clearances(work.path, launch.steps, walls, -sb * miss, cb * miss, y[Y])
+        miss = y[at.W] - course.target
+        below_surface, above_bottom = clearances(
+            work.path, launch.steps, walls, -sb * miss, cb * miss, y[at.Y]
+        )
         if below_surface < -TOUCH:
             through_surface += 1
             continue
@@ -271,19 +245,19 @@ def _keep_direct(s, walls, link, found, cutoff_db, accuracy, work):
             continue
         row = rows[count]
         finish(row, y, launch, course, link, 0.0)
-        row[SURFACE_BOUNCES], row[BOTTOM_BOUNCES] = 0.0, 0.0
-        noise = 30.0 * accuracy.fine * max(1.0, abs(y[XI]) / link.length)
-        row[SPREADING_DB] += unresolved_db(brackets[i], _RESOLUTION, noise, y[XI])
-        if row[SPREADING_DB] > cutoff_db:
+        row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
+        noise = 30.0 * accuracy.fine * max(1.0, abs(y[at.XI]) / link.length)
+        row[at.SPREADING_DB] += unresolved_db(brackets[i], _RESOLUTION, noise, y[at.XI])
+        if row[at.SPREADING_DB] > cutoff_db:
             weak += 1
             continue
         same = count
         for j in range(count):  # a caustic's two brackets may have found one ray
-            near_in_time = abs(rows[j, TRAVEL_TIME] - row[TRAVEL_TIME]) < 1e-7
-            if near_in_time and abs(rows[j, LAUNCH_ANGLE] - row[LAUNCH_ANGLE]) < 5e-6:
+            near_in_time = abs(rows[j, at.TRAVEL_TIME] - row[at.TRAVEL_TIME]) < 1e-7
+            if near_in_time and abs(rows[j, at.LAUNCH_ANGLE] - row[at.LAUNCH_ANGLE]) < 5e-6:
                 same = j
-        if same < count and row[SPREADING_DB] < rows[same, SPREADING_DB]:
-            for j in range(N_ARRIVAL):
+        if same < count and row[at.SPREADING_DB] < rows[same, at.SPREADING_DB]:
+            for j in range(at.N_ARRIVAL):
                 rows[same, j] = row[j]
         count += 1 if same == count else 0
     return count, through_surface, blocked, weak
@@ -310,16 +284,22 @@ def solve_links(domain, bounces, settings, source, receiver, share, work, result
         n, results.status[i] = solve_link(domain, bounces, settings, a, b, work, info[i])
         if n > results.rows.shape[1]:
             n = results.rows.shape[1]
-            info[i, COMPLETE] = 0.0
+            info[i, at.COMPLETE] = 0.0
         results.counts[i] = n
         for j in range(n):
             row = results.rows[i, j]
-            for k in range(N_ARRIVAL):
+            for k in range(at.N_ARRIVAL):
                 row[k] = rows[j, k]
             if turned:
-                row[LAUNCH_ANGLE], row[ARRIVAL_ANGLE] = -rows[j, ARRIVAL_ANGLE], -rows[j, LAUNCH_ANGLE]
+                row[at.LAUNCH_ANGLE], row[at.ARRIVAL_ANGLE] = (
+                    -rows[j, at.ARRIVAL_ANGLE],
+                    -rows[j, at.LAUNCH_ANGLE],
+                )
                 for k in range(3):
-                    row[SOURCE_SLOWNESS + k] = -rows[j, RECEIVER_SLOWNESS + k]
-                    row[RECEIVER_SLOWNESS + k] = -rows[j, SOURCE_SLOWNESS + k]
+                    row[at.SOURCE_SLOWNESS + k] = -rows[j, at.RECEIVER_SLOWNESS + k]
+                    row[at.RECEIVER_SLOWNESS + k] = -rows[j, at.SOURCE_SLOWNESS + k]
         if turned:
-            info[i, SOURCE_SPEED], info[i, RECEIVER_SPEED] = info[i, RECEIVER_SPEED], info[i, SOURCE_SPEED]
+            info[i, at.SOURCE_SPEED], info[i, at.RECEIVER_SPEED] = (
+                info[i, at.RECEIVER_SPEED],
+                info[i, at.SOURCE_SPEED],
+            )

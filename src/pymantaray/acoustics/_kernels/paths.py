@@ -2,30 +2,10 @@
 
 import math
 
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import sheet_at
 from pymantaray.acoustics._kernels.field import cut_section, field_at
-from pymantaray.acoustics._kernels.layout import (
-    AT_SURFACE,
-    BOUNDARY,
-    CHORD,
-    DEPTH,
-    FORWARD,
-    IN_WATER,
-    NODE_BOUNDARY,
-    NODE_POSITION,
-    NODE_SLOWNESS,
-    NODE_TIME,
-    P_DEPTH,
-    P_RANGE,
-    P_SIDE,
-    RANGE,
-    SIDE,
-    TIME,
-    VERTICAL,
-    Baseline,
-    Course,
-    Rule,
-)
+from pymantaray.acoustics._kernels.layout import Baseline, Course, Rule
 from pymantaray.acoustics._kernels.link import baseline, prepare
 from pymantaray.acoustics._kernels.trace import (
     direct_course,
@@ -52,22 +32,24 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
     forward = (slowness[0] * link.unit_north + slowness[1] * link.unit_east) * link.c0
     side = (slowness[1] * link.unit_north - slowness[0] * link.unit_east) * link.c0
     down = slowness[2] * link.c0
-    if axis == VERTICAL:
+    if axis == at.VERTICAL:
         course = legs_course(link, bounces, down > 0.0, link.z1, (bounces[0] + bounces[1] + 1) * _LEG)
     elif bounces[0] + bounces[1] > 0:
         course = forward_course(link, bounces, 0, 0, link.z1)
     else:
-        course = direct_course(link, axis == CHORD)
+        course = direct_course(link, axis == at.CHORD)
     _, cb, sb, _ = course.axis
     angle = math.asin(min(max(down * cb - forward * sb, -1.0), 1.0))
     ok, steps, _, _ = trace(s, walls, course, angle, side, tol, full_ray(work))
     if not ok:
         ok, steps, _, _ = trace(s, walls, course, angle, side, _FINER * tol, full_ray(work))
-    if not ok and work.path[steps, BOUNDARY] != IN_WATER:  # just before a receiver on a boundary it met that
+    if (
+        not ok and work.path[steps, at.BOUNDARY] != at.IN_WATER
+    ):  # just before a receiver on a boundary it met that
         last = work.path[steps]
-        gap = math.hypot(link.horizontal - last[RANGE], link.z1 - last[DEPTH])
+        gap = math.hypot(link.horizontal - last[at.RANGE], link.z1 - last[at.DEPTH])
         if gap < _NEAR_END * link.length:
-            last[BOUNDARY] = IN_WATER
+            last[at.BOUNDARY] = at.IN_WATER
             ok = True
     return ok, steps, link.c0
 
@@ -86,9 +68,9 @@ def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
         if n + work.path.shape[0] > nodes.shape[0]:
             return i
         if not math.isfinite(launch[i, 0] + launch[i, 1] + launch[i, 2]):  # the ends coincide
-            nodes[n, NODE_TIME], nodes[n, NODE_BOUNDARY] = 0.0, 0.0
+            nodes[n, at.NODE_TIME], nodes[n, at.NODE_BOUNDARY] = 0.0, 0.0
             for k in range(3):
-                nodes[n, NODE_POSITION + k], nodes[n, NODE_SLOWNESS + k] = ends[i, 0, k], math.nan
+                nodes[n, at.NODE_POSITION + k], nodes[n, at.NODE_SLOWNESS + k] = ends[i, 0, k], math.nan
             counts[i] = 1
             n += 1
             continue
@@ -105,15 +87,15 @@ def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
             row = n + m - 1 - j if turned else n + j
             _local_node(work.path[j], line, c, domain.ice.depth, nodes[row])
         last = n if turned else n + m - 1
-        nodes[last, NODE_TIME] = times[i]
+        nodes[last, at.NODE_TIME] = times[i]
         if turned:
             for j in range(n, n + m):
-                nodes[j, NODE_TIME] = times[i] - nodes[j, NODE_TIME]
+                nodes[j, at.NODE_TIME] = times[i] - nodes[j, at.NODE_TIME]
                 for k in range(3):
-                    nodes[j, NODE_SLOWNESS + k] = -nodes[j, NODE_SLOWNESS + k]
+                    nodes[j, at.NODE_SLOWNESS + k] = -nodes[j, at.NODE_SLOWNESS + k]
         for k in range(3):
-            nodes[n, NODE_POSITION + k] = ends[i, 0, k]
-            nodes[n + m - 1, NODE_POSITION + k] = ends[i, 1, k]
+            nodes[n, at.NODE_POSITION + k] = ends[i, 0, k]
+            nodes[n + m - 1, at.NODE_POSITION + k] = ends[i, 1, k]
         counts[i] = m
         n += m
     return ends.shape[0]
@@ -139,7 +121,7 @@ def trace_launches(domain, fan, angles, bounces, tol, work, out):
     nodes, counts = out
     s, walls = baseline(domain, source, unit, distance, work)
     c = field_at(s, 0.0, source[2])
-    rule = Rule(FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
+    rule = Rule(at.FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
     course = Course(rule, (source[2], 1.0, 0.0, c), distance, 0.0)
     n = 0
     for i in range(angles.size):
@@ -156,18 +138,18 @@ def trace_launches(domain, fan, angles, bounces, tol, work, out):
 @kernel
 def _local_node(row, line, c, ice, node):
     """Bring a row of a path into the local frame."""
-    r, y, p_r, p_y = row[RANGE], row[SIDE], row[P_RANGE], row[P_SIDE]
+    r, y, p_r, p_y = row[at.RANGE], row[at.SIDE], row[at.P_RANGE], row[at.P_SIDE]
     un, ue = line.unit_north, line.unit_east
-    node[NODE_TIME] = row[TIME] / c
-    node[NODE_POSITION] = line.north + r * un - y * ue
-    node[NODE_POSITION + 1] = line.east + r * ue + y * un
-    node[NODE_POSITION + 2] = row[DEPTH]
-    if row[BOUNDARY] == AT_SURFACE and ice.size == 1:  # without the last nanometres
-        node[NODE_POSITION + 2] = ice[0, 0]
-    node[NODE_SLOWNESS] = (p_r * un - p_y * ue) / c
-    node[NODE_SLOWNESS + 1] = (p_r * ue + p_y * un) / c
-    node[NODE_SLOWNESS + 2] = row[P_DEPTH] / c
-    node[NODE_BOUNDARY] = row[BOUNDARY]
+    node[at.NODE_TIME] = row[at.TIME] / c
+    node[at.NODE_POSITION] = line.north + r * un - y * ue
+    node[at.NODE_POSITION + 1] = line.east + r * ue + y * un
+    node[at.NODE_POSITION + 2] = row[at.DEPTH]
+    if row[at.BOUNDARY] == at.AT_SURFACE and ice.size == 1:  # without the last nanometres
+        node[at.NODE_POSITION + 2] = ice[0, 0]
+    node[at.NODE_SLOWNESS] = (p_r * un - p_y * ue) / c
+    node[at.NODE_SLOWNESS + 1] = (p_r * ue + p_y * un) / c
+    node[at.NODE_SLOWNESS + 2] = row[at.P_DEPTH] / c
+    node[at.NODE_BOUNDARY] = row[at.BOUNDARY]
 
 
 @entry

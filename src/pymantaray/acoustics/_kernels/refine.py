@@ -5,35 +5,10 @@ from collections import namedtuple
 
 import numpy as np
 
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import across_plane
 from pymantaray.acoustics._kernels.field import cubic_root
-from pymantaray.acoustics._kernels.layout import (
-    ANGLE,
-    ARRIVAL_ANGLE,
-    CODE,
-    DY_DQ,
-    ETA,
-    GOOD,
-    LANDED,
-    LAUNCH_ANGLE,
-    LEGS,
-    MISS,
-    N_ARRIVAL,
-    RAY_AXIS,
-    RECEIVER_SLOWNESS,
-    SLOPE,
-    SOURCE_SLOWNESS,
-    SPREADING_DB,
-    TAU,
-    TRAVEL_TIME,
-    TURNING_POINTS,
-    XI,
-    Accuracy,
-    P,
-    Q,
-    W,
-    Y,
-)
+from pymantaray.acoustics._kernels.layout import Accuracy
 from pymantaray.acoustics._kernels.search import fewer_bounces, shoot
 from pymantaray.acoustics._kernels.trace import full_ray, full_ray_end, ray_axis, trace
 from pymantaray.compile import kernel
@@ -59,8 +34,8 @@ variation in the plane. Rays with other numbers of reflections than wanted, or w
 @kernel
 def cubic_angle(a, b, level):
     """Launch angle at which the cubic between two rays of a fan has the miss level, between those of the two."""
-    h = b[ANGLE] - a[ANGLE]
-    return a[ANGLE] + h * cubic_root(h, a[MISS] - level, a[SLOPE], b[MISS] - level, b[SLOPE])
+    h = b[at.ANGLE] - a[at.ANGLE]
+    return a[at.ANGLE] + h * cubic_root(h, a[at.MISS] - level, a[at.SLOPE], b[at.MISS] - level, b[at.SLOPE])
 
 
 @kernel
@@ -70,18 +45,18 @@ def polish(s, walls, course, bracket, accuracy, work):
     Not ok where it does not converge at once, leaves the bracket, or meets a ray on the other side of a caustic.
     """
     y, a, b, q = work.y, bracket[0], bracket[1], 0.0
-    lo, hi, rise = a[ANGLE], b[ANGLE], b[MISS] - a[MISS]
+    lo, hi, rise = a[at.ANGLE], b[at.ANGLE], b[at.MISS] - a[at.MISS]
     m = cubic_angle(a, b, 0.0)
     steps, turns = 0, 0
     for _ in range(6):
         ok, steps, turns, _ = trace(s, walls, course, m, q, accuracy.fine, full_ray(work))
-        if not ok or y[XI] * rise <= 0.0 or y[DY_DQ] <= 0.0:
+        if not ok or y[at.XI] * rise <= 0.0 or y[at.DY_DQ] <= 0.0:
             break
-        f = y[W] - course.target
-        if abs(f) < accuracy.miss and abs(y[Y]) < accuracy.miss:
+        f = y[at.W] - course.target
+        if abs(f) < accuracy.miss and abs(y[at.Y]) < accuracy.miss:
             return Launch(True, m, q, steps, turns)
-        q -= y[Y] / y[DY_DQ]
-        m -= f / y[XI]
+        q -= y[at.Y] / y[at.DY_DQ]
+        m -= f / y[at.XI]
         if not 2.0 * lo - hi <= m <= 2.0 * hi - lo:
             break
     return Launch(False, m, q, steps, turns)
@@ -109,23 +84,23 @@ def refine(s, walls, course, bracket, accuracy, work):
         ok, steps, turns, _ = trace(s, walls, course, m, q, tol, ray)
         if not ok:
             return Launch(False, m, q, steps, turns)
-        f = y[W] - course.target
-        if abs(f) < miss and abs(y[Y]) < miss:
+        f = y[at.W] - course.target
+        if abs(f) < miss and abs(y[at.Y]) < miss:
             return Launch(True, m, q, steps, turns)
-        if y[DY_DQ] > 0.0:
-            q -= y[Y] / y[DY_DQ]
+        if y[at.DY_DQ] > 0.0:
+            q -= y[at.Y] / y[at.DY_DQ]
         if bracketed:
             if (f > 0.0) == (fa > 0.0):
                 lo = m
             else:
                 hi = m
-        new = m - f / y[XI] if y[XI] != 0.0 else 0.5 * (lo + hi)
+        new = m - f / y[at.XI] if y[at.XI] != 0.0 else 0.5 * (lo + hi)
         if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):
             new = 0.5 * (lo + hi)
         previous = abs(f)
         if new == m:
             # the angle has no more digits: the best there is, if near
-            return Launch(abs(f) < 1e3 * miss and abs(y[Y]) < miss, m, q, steps, turns)
+            return Launch(abs(f) < 1e3 * miss and abs(y[at.Y]) < miss, m, q, steps, turns)
         m = new
     return Launch(False, m, q, steps, turns)
 
@@ -138,21 +113,21 @@ def _widened(s, walls, course, bracket, tol, work):
     the same sign.
     """
     y, ray = work.y, full_ray(work)
-    a, b, q, fa, fb = bracket[0, ANGLE], bracket[1, ANGLE], 0.0, 0.0, 0.0
+    a, b, q, fa, fb = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0
     width = b - a
     for attempt in range(16):
         ok, _, _, _ = trace(s, walls, course, a, q, tol, ray)
         if not ok:
             return False, a, b, fa, fb, q
-        fa = y[W] - course.target
-        if y[DY_DQ] > 0.0:
-            q -= y[Y] / y[DY_DQ]
+        fa = y[at.W] - course.target
+        if y[at.DY_DQ] > 0.0:
+            q -= y[at.Y] / y[at.DY_DQ]
         ok, _, _, _ = trace(s, walls, course, b, q, tol, ray)
         if not ok:
             return False, a, b, fa, fb, q
-        fb = y[W] - course.target
-        if y[DY_DQ] > 0.0:
-            q -= y[Y] / y[DY_DQ]
+        fb = y[at.W] - course.target
+        if y[at.DY_DQ] > 0.0:
+            q -= y[at.Y] / y[at.DY_DQ]
         if attempt == 0:
             continue
         if fa * fb <= 0.0 or width > 1e-3:
@@ -171,8 +146,8 @@ def unresolved_db(bracket, resolution, noise, slope):
 
     Along a sound-speed maximum rays part faster than launch angles have digits: the slope at one of them says nothing.
     """
-    h = bracket[1, ANGLE] - bracket[0, ANGLE]
-    jump = abs(bracket[1, MISS] - bracket[0, MISS])
+    h = bracket[1, at.ANGLE] - bracket[0, at.ANGLE]
+    jump = abs(bracket[1, at.MISS] - bracket[0, at.MISS])
     mean = jump / h
     if h > resolution or jump < noise or mean <= abs(slope):
         return 0.0
@@ -182,14 +157,14 @@ def unresolved_db(bracket, resolution, noise, slope):
 @kernel
 def _in_plane(s, walls, course, bracket, accuracy, work):
     """Launch angle of the root of the miss in a bracket, in the plane of the link; ok False where it slips away."""
-    lo, hi, fa, code = bracket[0, ANGLE], bracket[1, ANGLE], bracket[0, MISS], bracket[0, CODE]
+    lo, hi, fa, code = bracket[0, at.ANGLE], bracket[1, at.ANGLE], bracket[0, at.MISS], bracket[0, at.CODE]
     m = 0.5 * (lo + hi)
     node = work.node
     previous = math.inf
     for it in range(60):
         shoot(s, walls, course, m, accuracy.fine, 0.0, node, work)
-        f, d = node[MISS], node[SLOPE]
-        if node[GOOD] == 0.0 or node[CODE] != code:
+        f, d = node[at.MISS], node[at.SLOPE]
+        if node[at.GOOD] == 0.0 or node[at.CODE] != code:
             return m, False
         if abs(f) < max(0.01, 10.0 * accuracy.fine):
             return m, True
@@ -211,11 +186,11 @@ def _in_plane(s, walls, course, bracket, accuracy, work):
 def _differences(s, walls, course, angle, q, tol, work):
     """Whether there are, and the derivatives of both end offsets by both launch parameters, from the ray in work."""
     y, ray, d = work.y, full_ray_end(work), _NEAR
-    w0, y0 = y[W], y[Y]
+    w0, y0 = y[at.W], y[at.Y]
     ok1, _, _, _ = trace(s, walls, course, angle + d, q, tol, ray)
-    w1, y1 = y[W] - w0, y[Y] - y0
+    w1, y1 = y[at.W] - w0, y[at.Y] - y0
     ok2, _, _, _ = trace(s, walls, course, angle, q + d, tol, ray)
-    w2, y2 = y[W] - w0, y[Y] - y0
+    w2, y2 = y[at.W] - w0, y[at.Y] - y0
     return ok1 and ok2, (w1 / d, w2 / d, y1 / d, y2 / d)
 
 
@@ -235,14 +210,14 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
         ok, steps, turns, code = trace(s, walls, course, m, q, fine, ray)
         if not ok or code % 1024 != wanted % 1024 or (trial.exact and code != wanted):
             if math.isinf(best) and rule.fold != 0 and it < 20:
-                m = 0.5 * (m + bracket[inner, ANGLE])
+                m = 0.5 * (m + bracket[inner, at.ANGLE])
                 continue
             if math.isinf(best):
                 break
             m, q = 0.5 * (m + last_m), 0.5 * (q + last_q)
             continue
-        f, side = y[W] - course.target, y[Y]
-        if walls.held >= 0.0 and walls.cells[LANDED, -1] > _RETURN * (abs(f) + abs(side)):
+        f, side = y[at.W] - course.target, y[at.Y]
+        if walls.held >= 0.0 and walls.cells[at.LANDED, -1] > _RETURN * (abs(f) + abs(side)):
             break
         if abs(f) < miss and abs(side) < miss:
             return Launch(True, m, q, steps, turns), (j00, j01, j10, j11), code
@@ -256,7 +231,7 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
             e1 = (side - last_y - j10 * dm - j11 * dq) / d2
             j00, j01, j10, j11 = j00 + e0 * dm, j01 + e0 * dq, j10 + e1 * dm, j11 + e1 * dq
         elif not math.isinf(best) or j00 == 0.0:
-            j00, j01, j10, j11 = y[XI], 0.0, 0.0, y[DY_DQ]
+            j00, j01, j10, j11 = y[at.XI], 0.0, 0.0, y[at.DY_DQ]
             if trial.exact or walls.across != 1.0:
                 ok, differences = _differences(s, walls, course, m, q, fine, work)
                 if ok:
@@ -271,7 +246,7 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
         shrink = min(1.0, 0.05 / max(abs(dm), 1e-300), 0.1 / max(abs(dq), 1e-300))
         m += shrink * dm
         q += shrink * dq
-        if bounded and not bracket[0, ANGLE] <= m <= bracket[1, ANGLE]:
+        if bounded and not bracket[0, at.ANGLE] <= m <= bracket[1, at.ANGLE]:
             break
     return Launch(False, m, q, steps, turns), (j00, j01, j10, j11), code
 
@@ -286,8 +261,8 @@ def refine_reflected(s, walls, course, bracket, accuracy, work):
     """
     rule = course.rule
     inner = fewer_bounces(bracket)
-    wanted = int(bracket[inner, CODE])
-    level = bracket[inner, MISS]
+    wanted = int(bracket[inner, at.CODE])
+    level = bracket[inner, at.MISS]
     level = math.copysign(min(INSET, 0.5 * abs(level)), level) if rule.fold != 0 else 0.0
     start = cubic_angle(bracket[0], bracket[1], level)
     gridded = walls.bed.depth.size > 1 or walls.ice.depth.size > 1
@@ -312,7 +287,7 @@ def refine_reflected(s, walls, course, bracket, accuracy, work):
 @kernel
 def _follow_slope(s, walls, course, start, bracket, accuracy, work):
     """Follow a reflected ray from the plane of the link while the slopes of the boundaries across it grow from nothing."""
-    wanted = int(bracket[fewer_bounces(bracket), CODE])
+    wanted = int(bracket[fewer_bounces(bracket), at.CODE])
     rough = Accuracy(accuracy.coarse, accuracy.fine, max(accuracy.miss, _ON_THE_WAY * course.length))
     m, q, share, jacobian = start, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
     ahead = _FIRST_SHARE
@@ -353,27 +328,27 @@ def finish(row, y, launch, course, link, inset):
     """
     _, cb, sb, _ = course.axis
     angle, q, c0 = launch.angle, launch.q, link.c0
-    miss = y[W] - (course.target + inset * cb)
-    rate = y[ETA] / y[XI] if y[XI] != 0.0 else 0.0
-    p1, q1 = y[P], y[Q]
-    row[TRAVEL_TIME] = (y[TAU] - p1 * miss - q1 * y[Y] + 0.5 * rate * miss * miss) / c0
-    shift = miss / y[XI] if y[XI] != 0.0 else 0.0
+    miss = y[at.W] - (course.target + inset * cb)
+    rate = y[at.ETA] / y[at.XI] if y[at.XI] != 0.0 else 0.0
+    p1, q1 = y[at.P], y[at.Q]
+    row[at.TRAVEL_TIME] = (y[at.TAU] - p1 * miss - q1 * y[at.Y] + 0.5 * rate * miss * miss) / c0
+    shift = miss / y[at.XI] if y[at.XI] != 0.0 else 0.0
     if abs(shift) < 1e-4:
         angle -= shift
         p1 -= rate * miss
-    if y[DY_DQ] > 0.0:
-        q -= y[Y] / y[DY_DQ]
-        q1 -= y[Y] / y[DY_DQ]
+    if y[at.DY_DQ] > 0.0:
+        q -= y[at.Y] / y[at.DY_DQ]
+        q1 -= y[at.Y] / y[at.DY_DQ]
     n1 = c0 / link.c1
     h1 = math.sqrt(max(n1 * n1 - p1 * p1 - q1 * q1, 0.0))
     p0 = math.sin(angle)
     h0 = math.sqrt(max(1.0 - p0 * p0 - q * q, 0.0))
-    width = abs(y[XI] * y[DY_DQ] / math.cos(angle) * (h1 / n1) * h0)
-    row[SPREADING_DB] = 10.0 * math.log10(max(width, 1e-300) * n1 / (link.length * link.length))
-    row[TURNING_POINTS], row[RAY_AXIS] = launch.turns, ray_axis(course)
-    sb_end = -sb if course.rule.kind == LEGS and course.rule.legs % 2 == 0 else sb
-    _finish_end(row, (p0, q, h0), (cb, sb), link, LAUNCH_ANGLE, SOURCE_SLOWNESS)
-    _finish_end(row, (p1, q1, h1), (cb, sb_end), link, ARRIVAL_ANGLE, RECEIVER_SLOWNESS)
+    width = abs(y[at.XI] * y[at.DY_DQ] / math.cos(angle) * (h1 / n1) * h0)
+    row[at.SPREADING_DB] = 10.0 * math.log10(max(width, 1e-300) * n1 / (link.length * link.length))
+    row[at.TURNING_POINTS], row[at.RAY_AXIS] = launch.turns, ray_axis(course)
+    sb_end = -sb if course.rule.kind == at.LEGS and course.rule.legs % 2 == 0 else sb
+    _finish_end(row, (p0, q, h0), (cb, sb), link, at.LAUNCH_ANGLE, at.SOURCE_SLOWNESS)
+    _finish_end(row, (p1, q1, h1), (cb, sb_end), link, at.ARRIVAL_ANGLE, at.RECEIVER_SLOWNESS)
 
 
 @kernel
@@ -394,7 +369,7 @@ def sort_rows(rows, count):
     """Sort the first count rows by travel time."""
     for i in range(1, count):
         j = i
-        while j > 0 and rows[j - 1, TRAVEL_TIME] > rows[j, TRAVEL_TIME]:
-            for k in range(N_ARRIVAL):
+        while j > 0 and rows[j - 1, at.TRAVEL_TIME] > rows[j, at.TRAVEL_TIME]:
+            for k in range(at.N_ARRIVAL):
                 rows[j - 1, k], rows[j, k] = rows[j, k], rows[j - 1, k]
             j -= 1

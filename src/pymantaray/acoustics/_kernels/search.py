@@ -13,31 +13,10 @@ from collections import namedtuple
 
 import numpy as np
 
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
-from pymantaray.acoustics._kernels.layout import (
-    ANGLE,
-    CODE,
-    DEFECT,
-    ETA,
-    GONE,
-    GOOD,
-    GROWN,
-    GROWTH,
-    LEFT,
-    MAX_ROOTS,
-    MISS,
-    OPEN,
-    SLOPE,
-    SLOWNESS,
-    SMOOTH,
-    TOL,
-    TURN,
-    XI,
-    Course,
-    P,
-    W,
-)
+from pymantaray.acoustics._kernels.layout import Course
 from pymantaray.acoustics._kernels.trace import append_code, fan_ray, trace
 from pymantaray.compile import inlined, kernel
 
@@ -88,48 +67,48 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
     while True:
         allowed = tol / (_AMPLIFIED * min(growth, _MOST)) if _DIVERGING < growth < _HOPELESS else tol
         ok, _, _, code = trace(s, walls, course, angle, 0.0, allowed, fan_ray(work))
-        grown = y[GROWN] / course.length
-        gone = rule.kind == OPEN and y[GONE] > 0.0
-        far = gone or grown > _HOPELESS or abs(y[W] - course.target) > _ERRING * tol * grown
+        grown = y[at.GROWN] / course.length
+        gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
+        far = gone or grown > _HOPELESS or abs(y[at.W] - course.target) > _ERRING * tol * grown
         if grown < max(_DIVERGING, 1.5 * growth) or far:
             break
         growth = grown
-    node[ANGLE], node[MISS], node[SLOPE] = angle, y[W] - course.target, y[XI]
-    node[SLOWNESS], node[TURN] = y[P], y[ETA]
-    node[GOOD], node[CODE] = 1.0 if ok else 0.0, code
-    node[LEFT], node[TOL], node[GROWTH] = y[GONE], tol, grown
+    node[at.ANGLE], node[at.MISS], node[at.SLOPE] = angle, y[at.W] - course.target, y[at.XI]
+    node[at.SLOWNESS], node[at.TURN] = y[at.P], y[at.ETA]
+    node[at.GOOD], node[at.CODE] = 1.0 if ok else 0.0, code
+    node[at.LEFT], node[at.TOL], node[at.GROWTH] = y[at.GONE], tol, grown
     if rule.fold != 0 and (code % 1024 // 32 if rule.fold <= ON_SURFACE else code % 32) % 2 == 1:
-        for i in (MISS, SLOPE, SLOWNESS, TURN):
+        for i in (at.MISS, at.SLOPE, at.SLOWNESS, at.TURN):
             node[i] = -node[i]
 
 
 @kernel
 def _same_code(a, b, fold):
     """Whether the miss is smooth between two rays: the same reflections, or one more where the receiver is."""
-    if a[CODE] == b[CODE]:
+    if a[at.CODE] == b[at.CODE]:
         return True
     return fold != 0 and (
-        append_code(int(a[CODE]), fold) == b[CODE] or append_code(int(b[CODE]), fold) == a[CODE]
+        append_code(int(a[at.CODE]), fold) == b[at.CODE] or append_code(int(b[at.CODE]), fold) == a[at.CODE]
     )
 
 
 @kernel
 def _too_many(node, rule):
     """Whether a ray was lost or reflected more often than is asked for."""
-    counts = int(node[CODE]) % 1024
-    return node[GOOD] == 0.0 or counts // 32 > rule.max_surface or counts % 32 > rule.max_bottom
+    counts = int(node[at.CODE]) % 1024
+    return node[at.GOOD] == 0.0 or counts // 32 > rule.max_surface or counts % 32 > rule.max_bottom
 
 
 @kernel
 def fewer_bounces(bracket):
     """Which of a bracket's rays has fewer reflections."""
-    return 0 if int(bracket[0, CODE]) % 1024 <= int(bracket[1, CODE]) % 1024 else 1
+    return 0 if int(bracket[0, at.CODE]) % 1024 <= int(bracket[1, at.CODE]) % 1024 else 1
 
 
 @kernel
 def _far(node, h):
     """Whether a miss cannot vanish within h, also where its derivative grows like an inverse root."""
-    return node[GOOD] == 0.0 or abs(node[MISS]) > 3.0 * abs(node[SLOPE]) * h
+    return node[at.GOOD] == 0.0 or abs(node[at.MISS]) > 3.0 * abs(node[at.SLOPE]) * h
 
 
 @kernel
@@ -138,15 +117,15 @@ def _oscillates(a, b, h):
 
     Rays that go through several cycles between neighbours may both be at the top of one, where the miss is flat.
     """
-    rise = b[SLOWNESS] - a[SLOWNESS]
-    defect = max(abs(h * a[TURN] - rise), abs(h * b[TURN] - rise))
-    return defect > _RESOLVED * max(abs(math.sin(a[ANGLE])), abs(math.sin(b[ANGLE])), 0.02)
+    rise = b[at.SLOWNESS] - a[at.SLOWNESS]
+    defect = max(abs(h * a[at.TURN] - rise), abs(h * b[at.TURN] - rise))
+    return defect > _RESOLVED * max(abs(math.sin(a[at.ANGLE])), abs(math.sin(b[at.ANGLE])), 0.02)
 
 
 @kernel
 def _window(a, b, length):
     """Whether two rays left so far apart that between them may be some that did not: that turn once more before."""
-    return a[LEFT] * b[LEFT] > 0.0 and abs(a[LEFT] - b[LEFT]) > _APART * length
+    return a[at.LEFT] * b[at.LEFT] > 0.0 and abs(a[at.LEFT] - b[at.LEFT]) > _APART * length
 
 
 @kernel
@@ -155,9 +134,9 @@ def _points_across(end, rule, overhang):
 
     Out of the plane, where slopes across it lead the ray, it may be within the edge.
     """
-    if _too_many(end, rule) or int(end[CODE]) % 32 == 0:
+    if _too_many(end, rule) or int(end[at.CODE]) % 32 == 0:
         return False
-    beyond = -end[MISS] / end[SLOPE]
+    beyond = -end[at.MISS] / end[at.SLOPE]
     return 0.0 < beyond < overhang or overhang < beyond < 0.0
 
 
@@ -183,13 +162,13 @@ def find_brackets(s, walls, course, n_nodes, search, work):
     margin = np.inf
     for i in range(n_nodes):
         shoot(s, walls, course, work.nodes[i], search.coarse, 0.0, fan[i], work)
-        fan[i, DEFECT] = 0.0
-        if fan[i, GOOD] > 0.0:
-            margin = min(margin, abs(fan[i, MISS]))
+        fan[i, at.DEFECT] = 0.0
+        if fan[i, at.GOOD] > 0.0:
+            margin = min(margin, abs(fan[i, at.MISS]))
     for i in range(1, n_nodes - 1):
         a, m, b = fan[i - 1], fan[i], fan[i + 1]
-        if a[GOOD] * m[GOOD] * b[GOOD] > 0.0 and a[CODE] == m[CODE] == b[CODE]:
-            m[DEFECT] = 2.0 * _defect(a, m, b)
+        if a[at.GOOD] * m[at.GOOD] * b[at.GOOD] > 0.0 and a[at.CODE] == m[at.CODE] == b[at.CODE]:
+            m[at.DEFECT] = 2.0 * _defect(a, m, b)
     so_far = 0, margin, n_nodes, True
     left, right = 0, n_nodes - 2
     while left <= right:  # the steepest interval first: towards the axis rays may be without number
@@ -208,19 +187,19 @@ def _search_interval(s, walls, course, i, search, so_far, work):
     """Halve interval i of the fan until each part holds one root or none; so_far is what `find_brackets` returns."""
     n_brackets, margin, rays, complete = so_far
     fan, st, m, fine = work.fan, work.stack, work.node, search.fine
-    fold, reflecting = course.rule.fold, course.rule.kind != OPEN
+    fold, reflecting = course.rule.fold, course.rule.kind != at.OPEN
     copy_ray(fan[i], st[0, 0])
     copy_ray(fan[i + 1], st[0, 1])
-    st[0, 0, DEFECT] = max(fan[i, DEFECT], fan[i + 1, DEFECT])
+    st[0, 0, at.DEFECT] = max(fan[i, at.DEFECT], fan[i + 1, at.DEFECT])
     budget = rays + MAX_RAYS_INTERVAL
-    room = min(work.brackets.shape[0], n_brackets + MAX_ROOTS // 4)
-    outwards = fan[i, ANGLE] + fan[i + 1, ANGLE] > 0.0
-    width = fan[i + 1, ANGLE] - fan[i, ANGLE]
+    room = min(work.brackets.shape[0], n_brackets + at.MAX_ROOTS // 4)
+    outwards = fan[i, at.ANGLE] + fan[i + 1, at.ANGLE] > 0.0
+    width = fan[i + 1, at.ANGLE] - fan[i, at.ANGLE]
     top = 0
     while top >= 0:
         a, b = st[top, 0], st[top, 1]
-        e, tol_here = a[DEFECT], max(a[TOL], b[TOL])
-        h = b[ANGLE] - a[ANGLE]
+        e, tol_here = a[at.DEFECT], max(a[at.TOL], b[at.TOL])
+        h = b[at.ANGLE] - a[at.ANGLE]
         verdict, same = _judge(a, b, h == width, s.n_range > 1, course, search)
         top -= 1
         if verdict == _BRACKET:
@@ -235,27 +214,29 @@ def _search_interval(s, walls, course, i, search, so_far, work):
                     n_brackets = _add_bracket(ray, ray, n_brackets, work)
         if verdict != _SPLIT:
             continue
-        doubtful = a[MISS] * b[MISS] < 0.0 and h < _NARROW  # rays part so fast that the fan's tolerance shows
-        if same and tol_here > fine and (doubtful or min(abs(a[MISS]), abs(b[MISS])) < 4.0 * tol_here):
+        doubtful = (
+            a[at.MISS] * b[at.MISS] < 0.0 and h < _NARROW
+        )  # rays part so fast that the fan's tolerance shows
+        if same and tol_here > fine and (doubtful or min(abs(a[at.MISS]), abs(b[at.MISS])) < 4.0 * tol_here):
             for end in (a, b):
-                if end[TOL] > fine:
-                    shoot(s, walls, course, end[ANGLE], fine, end[GROWTH], end, work)
+                if end[at.TOL] > fine:
+                    shoot(s, walls, course, end[at.ANGLE], fine, end[at.GROWTH], end, work)
                     rays += 1
-            a[DEFECT] = e
+            a[at.DEFECT] = e
             top += 1
             continue
-        if same and h < _NARROW and min(abs(a[SLOPE]), abs(b[SLOPE])) > search.weak:
+        if same and h < _NARROW and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak:
             continue
         if rays >= budget or rays >= MAX_RAYS or top + 3 >= st.shape[0]:
             # an edge between reflections is no ray
             complete = complete and reflecting and not same and h < _NARROW
             continue
-        growth = min(a[GROWTH], b[GROWTH]) if a[LEFT] * b[LEFT] == 0.0 else 0.0
-        shoot(s, walls, course, 0.5 * (a[ANGLE] + b[ANGLE]), tol_here, growth, m, work)
+        growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
+        shoot(s, walls, course, 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol_here, growth, m, work)
         rays += 1
-        if m[GOOD] > 0.0:
-            margin = min(margin, abs(m[MISS]))
-        if m[GOOD] > 0.0 and same and _same_code(a, m, fold) and _same_code(m, b, fold):
+        if m[at.GOOD] > 0.0:
+            margin = min(margin, abs(m[at.MISS]))
+        if m[at.GOOD] > 0.0 and same and _same_code(a, m, fold) and _same_code(m, b, fold):
             e = 4.0 * _defect(a, m, b)
         elif reflecting:
             e = 1e30  # not known: judge the halves by their own middles
@@ -270,7 +251,7 @@ def _search_interval(s, walls, course, i, search, so_far, work):
             copy_ray(m, st[top + 1, 1])
             copy_ray(m, a)
         for half in range(2):
-            st[top + half, 0, DEFECT] = e
+            st[top + half, 0, at.DEFECT] = e
         top += 1
     return n_brackets, margin, rays, complete
 
@@ -289,18 +270,18 @@ def _judge(a, b, whole, varies, course, search):
 
     whole is it if it was not halved before, varies the section if it does along its range.
     """
-    rule, h = course.rule, b[ANGLE] - a[ANGLE]
-    reflecting = rule.kind != OPEN
-    alive = a[GOOD] > 0.0 and b[GOOD] > 0.0
+    rule, h = course.rule, b[at.ANGLE] - a[at.ANGLE]
+    reflecting = rule.kind != at.OPEN
+    alive = a[at.GOOD] > 0.0 and b[at.GOOD] > 0.0
     same = alive and _same_code(a, b, rule.fold)
-    if reflecting and same and a[CODE] * b[CODE] == 0.0:  # direct
+    if reflecting and same and a[at.CODE] * b[at.CODE] == 0.0:  # direct
         return _DROP, same
-    if a[GOOD] + b[GOOD] == 0.0 or (reflecting and _too_many(a, rule) and _too_many(b, rule)):
+    if a[at.GOOD] + b[at.GOOD] == 0.0 or (reflecting and _too_many(a, rule) and _too_many(b, rule)):
         if not reflecting or h < search.trust or not _window(a, b, course.length):
             return _DROP, False
         return _SPLIT, False
     if reflecting and not same:
-        believed = h < search.trust or min(abs(a[ANGLE]), abs(b[ANGLE])) > search.steep
+        believed = h < search.trust or min(abs(a[at.ANGLE]), abs(b[at.ANGLE])) > search.steep
         return _EDGE if h < search.min_width or (believed and _far(a, h) and _far(b, h)) else _SPLIT, False
     if not alive:
         return _DROP if h < search.min_width else _SPLIT, False
@@ -310,20 +291,20 @@ def _judge(a, b, whole, varies, course, search):
 @inlined
 def _judge_smooth(a, b, whole, varies, length, search):
     """What is to become of an interval between rays with the same reflections."""
-    h, fa, fb, e = b[ANGLE] - a[ANGLE], a[MISS], b[MISS], a[DEFECT]
+    h, fa, fb, e = b[at.ANGLE] - a[at.ANGLE], a[at.MISS], b[at.MISS], a[at.DEFECT]
     rise = fb - fa
-    ea = h * a[SLOPE] - rise
-    eb = h * b[SLOPE] - rise
+    ea = h * a[at.SLOPE] - rise
+    eb = h * b[at.SLOPE] - rise
     monotonic = (
-        a[SLOPE] * rise > 0.0
-        and b[SLOPE] * rise > 0.0
+        a[at.SLOPE] * rise > 0.0
+        and b[at.SLOPE] * rise > 0.0
         and max(abs(ea), abs(eb)) < 1.5 * abs(rise)
         and e < 0.05 * abs(rise)
         and not _oscillates(a, b, h)
     )
     if fa == 0.0 or fa * fb < 0.0:
         return _BRACKET if monotonic or h < search.min_width else _SPLIT
-    tol = max(a[TOL], b[TOL])
+    tol = max(a[at.TOL], b[at.TOL])
     nearest = min(abs(fa), abs(fb))
     reach = (_WHOLE if whole else _HALVED) * _BOUND * (abs(ea) + abs(eb)) + e
     # Next to an end that is nearer to zero than the tolerance all others would be halved without end;
@@ -338,9 +319,9 @@ def _judge_smooth(a, b, whole, varies, length, search):
 @kernel
 def _defect(a, m, b):
     """Greatest departure of the cubic over the wider part of [a, b], from that of the ray between: a quartic's."""
-    h = b[ANGLE] - a[ANGLE]
-    t = (m[ANGLE] - a[ANGLE]) / h
-    departure = abs(m[MISS] - cubic(t, h, a[MISS], a[SLOPE], b[MISS], b[SLOPE]))
+    h = b[at.ANGLE] - a[at.ANGLE]
+    t = (m[at.ANGLE] - a[at.ANGLE]) / h
+    departure = abs(m[at.MISS] - cubic(t, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE]))
     shape = max((t * (1.0 - t)) ** 2, 1e-4)
     return departure / 16.0 / shape * max(t, 1.0 - t) ** 4
 
@@ -373,7 +354,7 @@ def fan_nodes(s, lo, hi, spacing, c_source, nodes):
                 if -angle > lo:
                     nodes[n] = -angle
                     n += 1
-            if s.kind == SMOOTH or (cell > 0 and abs(c - c_first) < 1e-9):
+            if s.kind == at.SMOOTH or (cell > 0 and abs(c - c_first) < 1e-9):
                 break
     sort_head(nodes, n)
     m = 1
@@ -395,7 +376,7 @@ def speed_extremes(s, extremes):
         first = 0.0
         for i in range(s.n_range):
             c0, c1 = s.data[i, k, 0], s.data[i, k + 1, 0] if k + 1 < s.data.shape[1] else 0.0
-            if s.kind == SMOOTH:
+            if s.kind == at.SMOOTH:
                 d1, d2, d3 = s.data[i, k, 1], s.data[i, k, 2], s.data[i, k, 3]
                 c1 = c0 + h * (d1 + h * (d2 + h * d3))
                 root = d2 * d2 - 3.0 * d1 * d3

@@ -10,6 +10,7 @@ across it, and over a gridded sea bed goes on cell by cell.
 import math
 from collections import namedtuple
 
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import floor_at, mark_of, surface_at
 from pymantaray.acoustics._kernels.cells import (
     KNOWN,
@@ -18,21 +19,6 @@ from pymantaray.acoustics._kernels.cells import (
     add_of_bracket,
     candidate,
     follow,
-)
-from pymantaray.acoustics._kernels.layout import (
-    ANGLE,
-    ARRIVAL_ANGLE,
-    BOTTOM_BOUNCES,
-    CODE,
-    DY_DQ,
-    LANDED,
-    LAUNCH_ANGLE,
-    LEGS,
-    RECEIVER_SLOWNESS,
-    SPREADING_DB,
-    SURFACE_BOUNCES,
-    TRAVEL_TIME,
-    XI,
 )
 from pymantaray.acoustics._kernels.refine import INSET, Launch, finish, refine_reflected, tube
 from pymantaray.acoustics._kernels.search import (
@@ -175,8 +161,8 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, so_far, work):
         launch, same, generation = Launch(False, 0.0, 0.0, 0, 0), False, 0
         if i < n_brackets:
             i += 1
-            counts = int(bracket[fewer_bounces(bracket), CODE]) % 1024
-            if bracket[0, ANGLE] < bracket[1, ANGLE]:
+            counts = int(bracket[fewer_bounces(bracket), at.CODE]) % 1024
+            if bracket[0, at.ANGLE] < bracket[1, at.ANGLE]:
                 launch, same = refine_reflected(s, walls, course, bracket, accuracy, work)
         else:
             counts, generation = candidate(work.candidates, done)
@@ -188,7 +174,7 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, so_far, work):
         if launch.ok:
             if gridded:
                 q = launch.q
-                n = add_candidate(work.candidates, n, cells[LANDED], launch.angle, q, counts, KNOWN)
+                n = add_candidate(work.candidates, n, cells[at.LANDED], launch.angle, q, counts, KNOWN)
                 n = add_neighbours(walls, n, launch, counts, generation + 1, work)
             count, too_weak = _keep(s, walls, course, launch, counts, hunt, count, work)
             weak += too_weak
@@ -205,26 +191,26 @@ def _keep(s, walls, course, launch, counts, hunt, count, work):
     if count >= rows.shape[0] or n_s > hunt.bounces[0] or n_b > hunt.bounces[1] or counts == 0:
         return count, 0
     row = rows[count]
-    plain = work.y[XI] * work.y[DY_DQ]
+    plain = work.y[at.XI] * work.y[at.DY_DQ]
     finish(row, work.y, launch, course, link, reach.inset)
-    if course.rule.kind == LEGS:
-        row[TRAVEL_TIME] += reach.inset * row[RECEIVER_SLOWNESS + 2]
-    row[SURFACE_BOUNCES], row[BOTTOM_BOUNCES] = n_s, n_b
+    if course.rule.kind == at.LEGS:
+        row[at.TRAVEL_TIME] += reach.inset * row[at.RECEIVER_SLOWNESS + 2]
+    row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = n_s, n_b
     # slopes couple both launch parameters
     if (n_b > 0 and reach.across > 1e-9) or (n_s > 0 and reach.ice_across > 1e-9):
         det = tube(s, walls, course, launch, hunt.accuracy.fine, work)
         if not math.isnan(det):
-            row[SPREADING_DB] += 10.0 * math.log10(max(abs(det), 1e-300) / max(abs(plain), 1e-300))
-    if reach.on_boundary * row[ARRIVAL_ANGLE] < 0.0:  # reflected at the receiver itself
+            row[at.SPREADING_DB] += 10.0 * math.log10(max(abs(det), 1e-300) / max(abs(plain), 1e-300))
+    if reach.on_boundary * row[at.ARRIVAL_ANGLE] < 0.0:  # reflected at the receiver itself
         return count, 0
-    if row[SPREADING_DB] > hunt.cutoff_db:
+    if row[at.SPREADING_DB] > hunt.cutoff_db:
         return count, 1
     for j in range(count):
         if (
-            rows[j, SURFACE_BOUNCES] == n_s
-            and rows[j, BOTTOM_BOUNCES] == n_b
-            and abs(rows[j, TRAVEL_TIME] - row[TRAVEL_TIME]) < _SAME_TIME
-            and abs(rows[j, LAUNCH_ANGLE] - row[LAUNCH_ANGLE])
+            rows[j, at.SURFACE_BOUNCES] == n_s
+            and rows[j, at.BOTTOM_BOUNCES] == n_b
+            and abs(rows[j, at.TRAVEL_TIME] - row[at.TRAVEL_TIME]) < _SAME_TIME
+            and abs(rows[j, at.LAUNCH_ANGLE] - row[at.LAUNCH_ANGLE])
             < _SAME_ANGLE + 10.0 * abs(reach.inset) / link.length
         ):
             return count, 0

@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import linear_full, move_level, smooth_full, smooth_planar
-from pymantaray.acoustics._kernels.layout import DY_DQ, ETA, N_FAN, N_FULL, SMOOTH, TAU, XI, P, Q, W, Y
 from pymantaray.compile import inlined, kernel
 
 TUBE = 1e-3  # accuracy of the ray tube's width: 0.004 dB
@@ -46,12 +46,12 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     axis = (z_source, cb, sb, c_ref); c_ref is the sound speed at the source, so that n = 1 there.
     """
     z_source, cb, sb, c_ref = axis
-    r = pos * cb - y[W] * sb
-    z = z_source + pos * sb + y[W] * cb
+    r = pos * cb - y[at.W] * sb
+    z = z_source + pos * sb + y[at.W] * cb
     cr, crz, crr, cy, cyz, cyy, cyyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    if s.kind == SMOOTH:
+    if s.kind == at.SMOOTH:
         k = move_level(s.depth, k, z)
-        if n_eq == N_FAN and sb == 0.0:
+        if n_eq == at.N_FAN and sb == 0.0:
             c, cz, czz = smooth_planar(s, k, r, z)
         else:
             c, cz, cr, czz, crz, crr, cy, cyz, cyy, cyyz = smooth_full(s, k, r, z)
@@ -60,13 +60,13 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     cw = cz * cb - cr * sb
     cww = czz * cb * cb - 2.0 * crz * cb * sb + crr * sb * sb
     q = 0.0
-    if n_eq == N_FULL:
-        half = 0.5 * y[Y]
-        c += y[Y] * (cy + half * cyy)
-        cw += y[Y] * cb * (cyz + half * cyyz)
-        cy += y[Y] * cyy
-        q = y[Q]
-    p = y[P]
+    if n_eq == at.N_FULL:
+        half = 0.5 * y[at.Y]
+        c += y[at.Y] * (cy + half * cyy)
+        cw += y[at.Y] * cb * (cyz + half * cyyz)
+        cy += y[at.Y] * cyy
+        q = y[at.Q]
+    p = y[at.P]
     ic = 1.0 / c
     n = c_ref * ic
     nw = -n * cw * ic
@@ -77,15 +77,15 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     ih = c / math.sqrt(square)
     ih3 = ih * ih * ih
     nnw = n * nw
-    dy[W] = p * ih
-    dy[P] = nnw * ih
-    dy[XI] = (ih + p * p * ih3) * y[ETA] - p * nnw * ih3 * y[XI]
-    dy[ETA] = ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * y[XI] + nnw * p * ih3 * y[ETA]
-    if n_eq == N_FULL:
-        dy[TAU] = n * n * ih
-        dy[Y] = q * ih
-        dy[Q] = -n * n * cy * ic * ih
-        dy[DY_DQ] = ih
+    dy[at.W] = p * ih
+    dy[at.P] = nnw * ih
+    dy[at.XI] = (ih + p * p * ih3) * y[at.ETA] - p * nnw * ih3 * y[at.XI]
+    dy[at.ETA] = ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * y[at.XI] + nnw * p * ih3 * y[at.ETA]
+    if n_eq == at.N_FULL:
+        dy[at.TAU] = n * n * ih
+        dy[at.Y] = q * ih
+        dy[at.Q] = -n * n * cy * ic * ih
+        dy[at.DY_DQ] = ih
     return True, k
 
 
@@ -127,8 +127,8 @@ def step_error(h, ray, remaining, tol, width):
     tolerance.
     """
     K = ray.K
-    total = _embedded(K, W) + remaining * _embedded(K, P)
-    if K.shape[1] == N_FULL:
-        tube = tol / (TUBE * max(abs(ray.ynew[XI]), width))
-        total += _embedded(K, TAU) + _embedded(K, Y) + tube * _embedded(K, XI)
+    total = _embedded(K, at.W) + remaining * _embedded(K, at.P)
+    if K.shape[1] == at.N_FULL:
+        tube = tol / (TUBE * max(abs(ray.ynew[at.XI]), width))
+        total += _embedded(K, at.TAU) + _embedded(K, at.Y) + tube * _embedded(K, at.XI)
     return abs(h) * total

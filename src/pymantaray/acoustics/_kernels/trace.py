@@ -7,6 +7,7 @@ A reflected one is followed along the horizontal, or in depth where it is steep 
 
 import math
 
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import (
     BOTTOM,
     FAR,
@@ -27,43 +28,7 @@ from pymantaray.acoustics._kernels.boundary import (
     surface_at,
 )
 from pymantaray.acoustics._kernels.field import find_level, move_level
-from pymantaray.acoustics._kernels.layout import (
-    AT_BOTTOM,
-    AT_SURFACE,
-    BOUNDARY,
-    CHORD,
-    DEPTH,
-    DY_DQ,
-    ETA,
-    FORWARD,
-    GONE,
-    GROWN,
-    HORIZONTAL,
-    IN_WATER,
-    LEGS,
-    LINEAR,
-    N_FAN,
-    N_FULL,
-    N_STATE,
-    OPEN,
-    P_DEPTH,
-    P_RANGE,
-    P_SIDE,
-    RANGE,
-    SIDE,
-    SMOOTH,
-    TAU,
-    TIME,
-    VERTICAL,
-    XI,
-    Course,
-    P,
-    Q,
-    Ray,
-    Rule,
-    W,
-    Y,
-)
+from pymantaray.acoustics._kernels.layout import Course, Ray, Rule
 from pymantaray.acoustics._kernels.step import derivative, step, step_error
 from pymantaray.compile import inlined, kernel, out_of_line
 
@@ -80,13 +45,13 @@ def direct_course(link, along_chord):
     if along_chord:
         slope = math.atan2(target, link.horizontal)
         cb, sb, length, target = math.cos(slope), math.sin(slope), link.length, 0.0
-    return Course(Rule(OPEN, 0, 0, 0, 0, 0.0, 0), (link.z0, cb, sb, link.c0), length, target)
+    return Course(Rule(at.OPEN, 0, 0, 0, 0, 0.0, 0), (link.z0, cb, sb, link.c0), length, target)
 
 
 @kernel
 def forward_course(link, bounces, spare, fold, z_end):
     """Follow rays along the horizontal, reflected at most so many times at the surface and at the sea bed, to a depth."""
-    rule = Rule(FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
+    rule = Rule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
     return Course(rule, (link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0)
 
 
@@ -96,16 +61,16 @@ def legs_course(link, bounces, down, z_end, length):
     legs = bounces[0] + bounces[1] + 1
     sb = 1.0 if down else -1.0
     sb_end = sb if legs % 2 == 1 else -sb
-    rule = Rule(LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
+    rule = Rule(at.LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
     return Course(rule, (link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end)
 
 
 @kernel
 def ray_axis(course):
     """What an arrival's row says of its course."""
-    if course.rule.kind == LEGS:
-        return VERTICAL
-    return CHORD if course.axis[2] != 0.0 else HORIZONTAL
+    if course.rule.kind == at.LEGS:
+        return at.VERTICAL
+    return at.CHORD if course.axis[2] != 0.0 else at.HORIZONTAL
 
 
 @inlined
@@ -158,11 +123,11 @@ def trace(s, walls, course, angle, q0, tol, ray):
     ok, cell, down = _launch(s, walls, rule, axis, angle, q0, ray)
     if not ok:
         return False, 0, 0, 0
-    record = n_eq == N_FULL and path.shape[0] > 0
+    record = n_eq == at.N_FULL and path.shape[0] > 0
     if record:
-        _record(path[0], 0.0, y, K[0], axis, IN_WATER)
-    to_levels = s.kind == SMOOTH and n_eq == N_FULL
-    span = _LONG if rule.kind == LEGS else length
+        _record(path[0], 0.0, y, K[0], axis, at.IN_WATER)
+    to_levels = s.kind == at.SMOOTH and n_eq == at.N_FULL
+    span = _LONG if rule.kind == at.LEGS else length
     turns, code, surface, bottom = 0, 0, 0, 0
     count, leg, next_break, stuck = 0, 1, 0, 0
     pos, gone = 0.0, 0.0
@@ -170,20 +135,20 @@ def trace(s, walls, course, angle, q0, tol, ray):
     if to_levels:
         h = min(h, _to_level(s, cell[1], axis[0], down))
     lowest = walls.ice.depth[0, 0] if walls.ice.depth.size == 1 else math.inf  # place of the surface
-    hit = IN_WATER
+    hit = at.IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
-    faces = 0 if s.kind == LINEAR else SURFACE, SURFACE if rule.kind == OPEN else BOTTOM + 1
+    faces = 0 if s.kind == at.LINEAR else SURFACE, SURFACE if rule.kind == at.OPEN else BOTTOM + 1
     for _ in range(MAX_STEPS):
-        if hit != IN_WATER:
-            surface += 1 if hit == AT_SURFACE else 0
-            bottom += 1 if hit == AT_BOTTOM else 0
+        if hit != at.IN_WATER:
+            surface += 1 if hit == at.AT_SURFACE else 0
+            bottom += 1 if hit == at.AT_BOTTOM else 0
             so_far = surface, bottom, code
             ok, code, new_axis = _reflected(s, walls, course.rule, axis, cell, (pos, hit), so_far, ray)
             if not ok:
                 return False, count, turns, code
-            if hit == AT_BOTTOM and walls.held >= 0.0:
+            if hit == at.AT_BOTTOM and walls.held >= 0.0:
                 walls = hold(walls, walls.held + 1.0)
-            if rule.kind == LEGS:
+            if rule.kind == at.LEGS:
                 gone += pos
                 pos = 0.0
                 leg += 1
@@ -194,7 +159,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
                         return False, count, turns, code
             if not derivative(s, cell[0], cell[1], pos, y, K[0], n_eq, axis):
                 return False, count, turns, code
-            down = axis[2] + K[0, W] * axis[1]
+            down = axis[2] + K[0, at.W] * axis[1]
             if to_levels:
                 z = _depth(axis, pos, y)
                 cell = cell[0], move_level(s.depth, cell[1], z)
@@ -204,7 +169,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 if count >= path.shape[0]:
                     return False, count, turns, code
                 _record(path[count], pos, y, K[0], axis, hit)
-            hit = IN_WATER
+            hit = at.IN_WATER
         if pos >= span:
             break
         if walls.held >= 0.0 and pos > length:  # past the continued cell, where there is no bed
@@ -212,7 +177,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         last = pos + h * (1.0 + 1e-12) >= span
         if last:
             h = span - pos
-        if rule.kind == FORWARD:  # no step across an edge of the boundaries' cells
+        if rule.kind == at.FORWARD:  # no step across an edge of the boundaries' cells
             while next_break < walls.n_breaks and walls.breaks[next_break] <= pos + 1e-9:
                 next_break += 1
             if next_break < walls.n_breaks and pos + h > walls.breaks[next_break]:
@@ -248,23 +213,23 @@ def trace(s, walls, course, angle, q0, tol, ray):
             y[i] = ray.ynew[i]
             K[0, i] = K[6, i]
         if face >= SURFACE:
-            hit = AT_SURFACE if face == SURFACE else AT_BOTTOM
+            hit = at.AT_SURFACE if face == SURFACE else at.AT_BOTTOM
             if pos >= span:  # at the receiver's plane: it is there, not reflected
-                hit = IN_WATER
+                hit = at.IN_WATER
         elif face >= 0:
             ok, cell = _next_cell(s, walls, cell, face, pos, ray, axis)
             if not ok:
                 return False, count, turns, code
         count += 1
-        new_down = axis[2] + K[0, W] * axis[1]
+        new_down = axis[2] + K[0, at.W] * axis[1]
         z = _depth(axis, pos, y)
-        if n_eq == N_FAN:
-            y[GROWN] = max(y[GROWN], abs(y[XI]))
-            if z < lowest and y[GONE] == 0.0 and rule.kind == OPEN and _above(walls, axis, pos, z, y):
-                y[GONE] = pos
-        if s.kind == SMOOTH:
+        if n_eq == at.N_FAN:
+            y[at.GROWN] = max(y[at.GROWN], abs(y[at.XI]))
+            if z < lowest and y[at.GONE] == 0.0 and rule.kind == at.OPEN and _above(walls, axis, pos, z, y):
+                y[at.GONE] = pos
+        if s.kind == at.SMOOTH:
             cell = cell[0], move_level(s.depth, cell[1], z)
-            if n_eq == N_FULL:
+            if n_eq == at.N_FULL:
                 h = min(h, _to_level(s, cell[1], z, new_down))
         if new_down * down < 0.0:
             turns += 1
@@ -280,7 +245,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
 @inlined
 def _depth(axis, pos, y):
     """Depth of a ray."""
-    return axis[0] + pos * axis[2] + y[W] * axis[1]
+    return axis[0] + pos * axis[2] + y[at.W] * axis[1]
 
 
 @inlined
@@ -288,19 +253,19 @@ def _launch(s, walls, rule, axis, angle, q0, ray):
     """Start a ray; return whether it leaves into the water, its cell, and how fast it goes down along the axis."""
     y, K = ray.y, ray.K
     z_source, cb, sb, _ = axis
-    for i in range(N_STATE):
+    for i in range(at.N_STATE):
         y[i] = 0.0
-    y[P] = math.sin(angle)
-    y[ETA] = math.cos(angle)
-    y[Q] = q0
+    y[at.P] = math.sin(angle)
+    y[at.ETA] = math.cos(angle)
+    y[at.Q] = q0
     cell = 0, find_level(s, z_source)
-    if s.kind == LINEAR:
+    if s.kind == at.LINEAR:
         cell = start_cell(s, axis, math.tan(angle))
     if not derivative(s, cell[0], cell[1], 0.0, y, K[0], K.shape[1], axis):
         return False, cell, 0.0
-    down = sb + K[0, W] * cb
-    if rule.kind != OPEN:
-        point = 0.0, 0.0, K[0, W], 0.0, 0.0
+    down = sb + K[0, at.W] * cb
+    if rule.kind != at.OPEN:
+        point = 0.0, 0.0, K[0, at.W], 0.0, 0.0
         gap, rate = face_distance(s, walls, cell, SURFACE, point, axis, 0.0)
         if gap <= 0.0 and rate < 0.0:
             return False, cell, down
@@ -319,15 +284,15 @@ def _reflected(s, walls, rule, axis, cell, place, so_far, ray):
     pos, hit = place
     surface, bottom, code = so_far
     too_many = surface > rule.max_surface or bottom > rule.max_bottom
-    if too_many and ray.K.shape[1] == N_FAN and rule.kind == FORWARD and y[GONE] == 0.0:
-        y[GONE] = pos
+    if too_many and ray.K.shape[1] == at.N_FAN and rule.kind == at.FORWARD and y[at.GONE] == 0.0:
+        y[at.GONE] = pos
     if surface > rule.max_surface + rule.spare or bottom > rule.max_bottom + rule.spare:
         return False, code, axis
     _, cb, sb, c_ref = axis
     z = _depth(axis, pos, y)
-    new_sb = -sb if rule.kind == LEGS else sb
-    r = pos * cb - y[W] * sb
-    mark = landed(walls, r, y[Y], bottom) + 2 if hit == AT_BOTTOM else mark_of(walls, r, y[Y], False)
+    new_sb = -sb if rule.kind == at.LEGS else sb
+    r = pos * cb - y[at.W] * sb
+    mark = landed(walls, r, y[at.Y], bottom) + 2 if hit == at.AT_BOTTOM else mark_of(walls, r, y[at.Y], False)
     ok = reflect(s, walls, cell, pos, ray, axis, hit, new_sb)
     return ok, append_code(code, mark), (z, cb, new_sb, c_ref)
 
@@ -340,8 +305,8 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
     """
     y, K = ray.y, ray.K
     _, cb, sb, _ = axis
-    before = K[0, P]
-    rate = face_distance(s, walls, cell, face, (pos, y[W], K[0, W], 0.0, 0.0), axis, 0.0)[1]
+    before = K[0, at.P]
+    rate = face_distance(s, walls, cell, face, (pos, y[at.W], K[0, at.W], 0.0, 0.0), axis, 0.0)[1]
     b, k = cell
     weight = cb
     if face == TOP:
@@ -358,7 +323,7 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
     if not derivative(s, b, k, pos, y, K[0], K.shape[1], axis):
         return False, (b, k)
     if rate < 0.0:
-        y[ETA] += (before - K[0, P]) * (-weight * y[XI] / rate)
+        y[at.ETA] += (before - K[0, at.P]) * (-weight * y[at.XI] / rate)
         derivative(s, b, k, pos, y, K[0], K.shape[1], axis)
     return True, (b, k)
 
@@ -366,7 +331,7 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
 @kernel
 def _above(walls, axis, pos, z, y):
     """Whether a ray of a fan is above the water."""
-    r = pos * axis[1] - y[W] * axis[2]
+    r = pos * axis[1] - y[at.W] * axis[2]
     return z < surface_at(walls, r, 0.0, r)[0]
 
 
@@ -386,12 +351,12 @@ def _to_level(s, k, z, down):
 def _record(row, pos, y, dy, axis, boundary):
     """Write one place of a full ray into a row of a path."""
     _, cb, sb, _ = axis
-    h = 1.0 / dy[DY_DQ]
-    row[TIME] = y[TAU]
-    row[RANGE] = pos * cb - y[W] * sb
-    row[DEPTH] = _depth(axis, pos, y)
-    row[SIDE] = y[Y]
-    row[P_RANGE] = h * cb - y[P] * sb
-    row[P_DEPTH] = h * sb + y[P] * cb
-    row[P_SIDE] = y[Q]
-    row[BOUNDARY] = boundary
+    h = 1.0 / dy[at.DY_DQ]
+    row[at.TIME] = y[at.TAU]
+    row[at.RANGE] = pos * cb - y[at.W] * sb
+    row[at.DEPTH] = _depth(axis, pos, y)
+    row[at.SIDE] = y[at.Y]
+    row[at.P_RANGE] = h * cb - y[at.P] * sb
+    row[at.P_DEPTH] = h * sb + y[at.P] * cb
+    row[at.P_SIDE] = y[at.Q]
+    row[at.BOUNDARY] = boundary
