@@ -232,13 +232,13 @@ def build_clocks(section: RangingSection) -> ClockModel | None:
     return ClockModel(offset_sigma=section.clock_offset_sigma, skew_sigma=section.clock_skew_sigma)
 
 
-def build_picker(section: RangingSection, detector: Detector | None) -> Picker | None:
+def build_picker(section: RangingSection, sonar: Sonar | None) -> Picker | None:
     """Rule by which a study's receivers take an arrival for the direct one; None if they never err."""
     if section.mistaken == "off":
         return None
     return Picker(
         rule=section.mistaken,
-        sonar=None if detector is None else detector.sonar,
+        sonar=sonar,
         below_strongest_db=section.below_strongest_db,
     )
 
@@ -265,7 +265,19 @@ def build_currents(config: StudyConfig, ocean: StudyOcean) -> Currents | Callabl
 
 def build_detector(config: StudyConfig, ocean: StudyOcean) -> Detector | None:
     """Sonar and losses of a study, absorption by its first snapshot; None if every arrival is heard."""
-    s = config.detection
+    s, sonar = config.detection, build_sonar(config.detection)
+    if s is None or sonar is None:
+        return None
+    return Detector(
+        sonar=sonar,
+        absorption=_absorption(s, ocean.geographic, config.ocean.centre),
+        bottom=None if s.sediment == "none" else FluidBottom.standard(s.sediment),
+        surface=_surface(s),
+    )
+
+
+def build_sonar(s: DetectionSection | None) -> Sonar | None:
+    """Modems of a study; None if every arrival is heard."""
     if s is None:
         return None
     noise: WenzNoise | float
@@ -273,19 +285,14 @@ def build_detector(config: StudyConfig, ocean: StudyOcean) -> Detector | None:
         noise = WenzNoise(wind_speed=s.wind_speed, shipping=0.5 if s.shipping is None else s.shipping)
     else:
         noise = s.noise_spectral_level_db
-    return Detector(
-        sonar=Sonar(
-            source_level_db=s.source_level_db,
-            frequency_hz=s.frequency_hz,
-            bandwidth_hz=s.bandwidth_hz,
-            noise=noise,
-            processing_gain_db=s.processing_gain_db,
-            threshold_db=s.threshold_db,
-            spread_db=s.spread_db,
-        ),
-        absorption=_absorption(s, ocean.geographic, config.ocean.centre),
-        bottom=None if s.sediment == "none" else FluidBottom.standard(s.sediment),
-        surface=_surface(s),
+    return Sonar(
+        source_level_db=s.source_level_db,
+        frequency_hz=s.frequency_hz,
+        bandwidth_hz=s.bandwidth_hz,
+        noise=noise,
+        processing_gain_db=s.processing_gain_db,
+        threshold_db=s.threshold_db,
+        spread_db=s.spread_db,
     )
 
 

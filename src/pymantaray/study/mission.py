@@ -1,7 +1,7 @@
 """One mission without noise: ocean, fleet, rays and measurements, each a timed stage."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -15,6 +15,7 @@ from pymantaray.sensing import (
     Links,
     NoiseModel,
     PingSchedule,
+    Ranging,
     Reception,
     assemble,
     find_candidates,
@@ -29,6 +30,7 @@ from pymantaray.study.assemble import (
     build_medium,
     build_ocean,
     build_picker,
+    build_sonar,
     build_timing,
     gnss_depth,
 )
@@ -51,7 +53,7 @@ class Mission:
     ranging_truth: RangingTruth
     hearing: Hearing | None
     """Probability of each attempt to be heard; None if every arrival is."""
-    picture: xr.Dataset | None
+    picture: xr.Dataset | None = None
     """Section through the water along one link, with its rays; None if no ray arrives anywhere."""
     candidates: Candidates | None = None
     """What each attempt may take for its direct arrival; None if no receiver errs."""
@@ -59,65 +61,108 @@ class Mission:
 
 def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) -> Mission:
     """Run a mission up to its measurements without noise; the watch gets the duration of each stage."""
-    vehicles, landmarks = build_fleet(config), build_landmarks(config)
-    mission, noise = config.mission, NoiseModel(**config.noise.model_dump())
-
     progress("ocean", 0, 1)
     with watch.stage("ocean"):
-        ocean = build_ocean(config.ocean, mission.duration_h * 3600.0)
+        ocean = mission_ocean(config)
     progress("ocean", 1, 1)
 
     progress("fleet", 0, 1)
     with watch.stage("fleet"):
-        truth = simulate(
-            vehicles,
-            ocean.drift,
-            duration=mission.duration_h * 3600.0,
-            physics_step=mission.physics_step_s,
-            sampling_period=mission.sampling_period_s,
-        )
+        truth = simulate_fleet(config, ocean)
     progress("fleet", 1, 1)
 
     progress("rays", 0, 1)
     with watch.stage("medium"):
-        medium, currents = build_medium(config, ocean), build_currents(config, ocean)
-        timing, detector = build_timing(config.ranging), build_detector(config, ocean)
-        picker = build_picker(config.ranging, detector)
+        medium = build_medium(config, ocean)
     with watch.stage("rays"):
-        ranging = measure_ranges(
-            truth,
-            landmarks,
-            medium,
-            PingSchedule(interval=mission.ping_interval_h * 3600.0),
-            Reception(
-                spreading_cutoff_db=config.acoustics.cutoff_db,
-                max_surface_bounces=config.acoustics.max_surface_bounces,
-                max_bottom_bounces=config.acoustics.max_bottom_bounces,
-                arrival=config.acoustics.arrival,
-                detector=detector,
-            ),
-            currents=currents,
-            timing=timing,
-            progress=lambda done, total: progress("rays", done, max(total, 1)),
+        ranging = range_fleet(
+            config, ocean, medium, truth, lambda done, total: progress("rays", done, max(total, 1))
         )
-        measurements = assemble(truth, landmarks, ranging, noise, gnss_depth=gnss_depth(config, ocean, truth))
-        candidates = None if picker is None else find_candidates(ranging, truth, picker, timing=timing)
+        mission = assemble_mission(config, ocean, truth, ranging)
     with watch.stage("picture"):
-        picture = picture_of_most_bent_link(
-            medium, truth, ranging.links, ranging.arrivals, spreading_cutoff_db=config.acoustics.cutoff_db
-        )
+        mission = replace(mission, picture=mission_picture(config, mission, medium))
     if not ranging.status.size:  # no pair
         progress("rays", 1, 1)
+    return mission
+
+
+def mission_ocean(config: StudyConfig) -> StudyOcean:
+    """Ocean of a mission, over its duration where it varies."""
+    section = config.ocean
+    return build_ocean(section, config.mission.duration_h * 3600.0 if section.time_varying else 0.0)
+
+
+def simulate_fleet(config: StudyConfig, ocean: StudyOcean) -> Trajectories:
+    """Where the vehicles of a mission go."""
+    mission = config.mission
+    return simulate(
+        build_fleet(config),
+        ocean.drift,
+        duration=mission.duration_h * 3600.0,
+        physics_step=mission.physics_step_s,
+        sampling_period=mission.sampling_period_s,
+    )
+
+
+def range_fleet(
+    config: StudyConfig,
+    ocean: StudyOcean,
+    medium: Medium | Callable[[float], Medium],
+    truth: Trajectories,
+    progress: Callable[[int, int], None] | None = None,
+) -> Ranging:
+    """Ranges of a mission without noise: all of its rays."""
+    acoustics = config.acoustics
+    return measure_ranges(
+        truth,
+        build_landmarks(config),
+        medium,
+        PingSchedule(interval=config.mission.ping_interval_h * 3600.0),
+        Reception(
+            spreading_cutoff_db=acoustics.cutoff_db,
+            max_surface_bounces=acoustics.max_surface_bounces,
+            max_bottom_bounces=acoustics.max_bottom_bounces,
+            arrival=acoustics.arrival,
+            detector=build_detector(config, ocean),
+        ),
+        currents=build_currents(config, ocean),
+        timing=build_timing(config.ranging),
+        progress=progress,
+    )
+
+
+def assemble_mission(
+    config: StudyConfig, ocean: StudyOcean, truth: Trajectories, ranging: Ranging
+) -> Mission:
+    """What all realizations of a study share, from its ranges, and no picture."""
+    noise = NoiseModel(**config.noise.model_dump())
+    picker = build_picker(config.ranging, build_sonar(config.detection))
     return Mission(
         ocean=ocean,
         truth=truth,
         links=ranging.links,
         arrivals=ranging.arrivals,
-        measurements=measurements,
+        measurements=assemble(
+            truth, build_landmarks(config), ranging, noise, gnss_depth=gnss_depth(config, ocean, truth)
+        ),
         ranging_truth=ranging.truth,
         hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),
-        picture=picture,
-        candidates=candidates,
+        candidates=None
+        if picker is None
+        else find_candidates(ranging, truth, picker, timing=build_timing(config.ranging)),
+    )
+
+
+def mission_picture(
+    config: StudyConfig, mission: Mission, medium: Medium | Callable[[float], Medium]
+) -> xr.Dataset | None:
+    """Picture of a mission's most bent link."""
+    return picture_of_most_bent_link(
+        medium,
+        mission.truth,
+        mission.links,
+        mission.arrivals,
+        spreading_cutoff_db=config.acoustics.cutoff_db,
     )
 
 

@@ -1,13 +1,22 @@
 """Noise realizations, each solved under every condition and by every estimator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from pymantaray.estimation import GraphSolver, Solution, fixed_epochs, solve_conditions
+from pymantaray.estimation import (
+    GraphSolver,
+    Solution,
+    collect_covariances,
+    collect_estimates,
+    fixed_epochs,
+    solve_conditions,
+)
+from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.store import Run
+from pymantaray.study.true_unknowns import collect_unknowns
 from pymantaray.study.workers import in_processes
 
 
@@ -19,8 +28,16 @@ class Solved(NamedTuple):
     """For each solution with unknowns besides the poses: their true values by name."""
 
 
+class Results(NamedTuple):
+    """All realizations of a study, by condition."""
+
+    estimates: Estimates
+    covariances: PoseCovariances
+    unknowns: SharedUnknowns | None
+
+
 class RealizationSolver:
-    """Solves realizations of a run whose mission is in its folder; what they share is built once."""
+    """Solves realizations of a run; what they share is built once."""
 
     def __init__(self, run: Run) -> None:
         self._run, self._solver, self._factory = run, GraphSolver(), EstimatorFactory(run)
@@ -51,6 +68,18 @@ def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> l
         results.append(solve(realization))
         done(realization + 1)
     return results
+
+
+def collect_results(run: Run, solved: Sequence[Solved]) -> Results:
+    """Put all realizations of a run into its records."""
+    solutions = [one.solutions for one in solved]
+    epochs = fixed_epochs(run.truth.time, run.config.estimator.covariance_interval_h * 3600.0)
+    covariances = [{name: s.covariances for name, s in one.items()} for one in solutions]
+    return Results(
+        collect_estimates(run.measurements, solutions),
+        collect_covariances(run.measurements, epochs, covariances),
+        collect_unknowns(solutions, [one.true_unknowns for one in solved]),
+    )
 
 
 def _start_solver(folder: Path) -> Callable[[int], Solved]:

@@ -4,25 +4,16 @@ import os
 from pathlib import Path
 
 from pymantaray.errors import StudyError
-from pymantaray.estimation import (
-    CONDITIONS,
-    GraphValues,
-    build_graph,
-    collect_covariances,
-    collect_estimates,
-    fixed_epochs,
-    write_pyfg,
-)
-from pymantaray.records import Estimates, whole_file, write_netcdf
+from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, write_pyfg
+from pymantaray.records import whole_file, write_netcdf
 from pymantaray.study import store
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.folder import MANIFEST, staged_folder
 from pymantaray.study.load import study_toml
 from pymantaray.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
-from pymantaray.study.realization import solve_realizations
-from pymantaray.study.store import Run, open_run, summarize, write_json
-from pymantaray.study.true_unknowns import collect_unknowns
+from pymantaray.study.realization import Results, collect_results, solve_realizations
+from pymantaray.study.store import Run, open_run, run_in_memory, summarize, write_json
 
 _REALIZATIONS_PER_WORKER = 3
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
@@ -85,17 +76,10 @@ def run_study(
             solved = solve_realizations(Run(stage), workers, lambda done: report("realizations", done, count))
         report("files", 0, 1)
         with watch.stage("files"):
-            solutions = [one.solutions for one in solved]
-            estimates = collect_estimates(mission.measurements, solutions)
-            _write_results(config, mission, estimates, stage)
-            epochs = fixed_epochs(mission.truth.time, config.estimator.covariance_interval_h * 3600.0)
-            covariances = [{name: s.covariances for name, s in one.items()} for one in solutions]
-            collect_covariances(mission.measurements, epochs, covariances).save(stage / store.COVARIANCES)
-            unknowns = collect_unknowns(solutions, [one.true_unknowns for one in solved])
-            if unknowns is not None:
-                unknowns.save(stage / store.UNKNOWNS)
+            results = collect_results(run_in_memory(config, mission), solved)
+            _write_results(config, mission, results, stage)
         content = describe_run(config, inputs, watch.seconds, workers=workers)
-        content["outcome"] = summarize(mission, estimates)
+        content["outcome"] = summarize(mission, results.estimates)
         write_json(content, stage / MANIFEST)
         report("files", 1, 1)
     return open_run(folder)
@@ -148,8 +132,11 @@ def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
         write_netcdf(mission.picture, folder / store.RAY_PICTURE)
 
 
-def _write_results(config: StudyConfig, mission: Mission, estimates: Estimates, folder: Path) -> None:
-    estimates.save(folder / store.ESTIMATES)
+def _write_results(config: StudyConfig, mission: Mission, results: Results, folder: Path) -> None:
+    results.estimates.save(folder / store.ESTIMATES)
+    results.covariances.save(folder / store.COVARIANCES)
+    if results.unknowns is not None:
+        results.unknowns.save(folder / store.UNKNOWNS)
     (folder / store.PYFG).mkdir()
     noisy = Run(folder).noisy_measurements(0)
     initial = GraphValues(

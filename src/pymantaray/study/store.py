@@ -218,6 +218,25 @@ class Run:
             raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
 
 
+def run_in_memory(config: StudyConfig, mission: "Mission") -> Run:
+    """Run without a folder: what a mission is, before any estimate."""
+    run = Run(Path())
+    vars(run).update(  # what would be read from files
+        config=config,
+        ocean=mission.ocean.local,
+        profile=mission.ocean.profile,
+        region=mission.ocean.region,
+        truth=mission.truth,
+        links=mission.links,
+        arrivals=mission.arrivals,
+        measurements=mission.measurements,
+        ranging_truth=mission.ranging_truth,
+        hearing=mission.hearing,
+        candidates=mission.candidates,
+    )
+    return run
+
+
 def open_run(path: str | Path) -> Run:
     """
     Results of a study that was run before.
