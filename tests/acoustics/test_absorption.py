@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from pymantaray.acoustics import Absorption
 from pymantaray.acoustics.absorption import (
@@ -10,7 +9,6 @@ from pymantaray.acoustics.absorption import (
     francois_garrison_db_per_km,
     thorp_db_per_km,
 )
-from pymantaray.errors import AcousticsError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean
 
@@ -126,19 +124,3 @@ def test_geographic_ocean_is_looked_up_where_the_local_frame_puts_it():
         12e3, temperature=column["water_temp"].values, salinity=column["salinity"].values, depth=depths
     )
     np.testing.assert_allclose(Absorption.from_dataset(ocean).db_per_km(at, 12e3), expected, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: Absorption.from_dataset(xr.Dataset(coords={"north": [0.0]})), "lacks water_temp, salinity; give the"),
-        (lambda: Absorption.from_profile([0.0], [5.0], [35.0], formula="urick"), "'urick'; allowed are francois-"),
-        (lambda: Absorption.from_profile([0.0, 1.0], [5.0], [35.0, 35.0]), r"shapes \(2,\), \(1,\), \(2,\)"),
-        (lambda: Absorption.from_profile([0.0, 0.0], [5.0, 5.0], [35.0, 35.0]), "depth strictly increasing"),
-        (lambda: Absorption.from_profile([0.0], [5.0], [-2.0]), "salinity not negative"),
-        (lambda: Absorption.constant(-1.0), r"-1\.0 dB/km; must be finite and not negative"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_used_is_refused(call, message):
-    with pytest.raises(AcousticsError, match=message):
-        call()

@@ -6,7 +6,6 @@ import xarray as xr
 
 from pymantaray.acoustics import Medium, find_eigenrays, trace_paths
 from pymantaray.acoustics.bellhop import linear_medium
-from pymantaray.errors import AcousticsError
 from pymantaray.records import RayStatus
 
 AXIS = np.linspace(-10e3, 10e3, 5)
@@ -86,8 +85,3 @@ def test_a_local_data_set_with_its_own_floor_axes():
     halved = linear_medium(water, horizontal=2)
     place = np.stack([fine[20:60] + 60.0, np.full(40, 210.0)], axis=-1)
     np.testing.assert_allclose(halved.bottom_depth(place), water.bottom_depth(place))
-
-
-def test_a_floor_that_does_not_reach_over_the_water_is_refused():
-    with pytest.raises(AcousticsError, match=r"bed_north: -9000 to 9000 m; must reach over the water"):
-        medium(np.linspace(-9e3, 9e3, 30))

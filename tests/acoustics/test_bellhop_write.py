@@ -7,6 +7,7 @@ import pytest
 from bellhop_stand_in import read_boundary, read_env, read_grids
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics.bellhop import BellhopOptions, HalfSpace, linear_medium, write_bellhop
@@ -131,17 +132,6 @@ def test_what_bellhop_would_move_or_lose_is_not_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("beams", 1), ("beams", 10**9), ("cone", 4.0), ("run", "tl"), ("bottom", "mud"), ("frequency", 0.0), ("step", -1)],
-)  # fmt: skip
-def test_impossible_options_are_refused(name, value):
-    with pytest.raises(AcousticsError, match=name):
-        BellhopOptions(**{name: value})
-    with pytest.raises(AcousticsError, match="sound_speed is -1"):
-        HalfSpace(sound_speed=-1.0, density_g_per_cm3=1.0)
-
-
 @pytest.mark.parametrize("interpolation", ["linear", "smooth"])
 def test_a_finer_linear_medium_nears_the_same_ocean(interpolation):
     axis, z = np.linspace(0.0, 8000.0, 5), np.linspace(0.0, 1000.0, 11)
@@ -157,8 +147,7 @@ def test_a_finer_linear_medium_nears_the_same_ocean(interpolation):
         assert fine.bathymetry[parts, 0] == pytest.approx(1020.0)
         return np.abs(find_eigenrays(fine, points, points).source_sound_speed - exact).max()
 
-    with pytest.raises(AcousticsError, match=r"horizontal 1000, vertical 1000: .* points; at most 100,"):
-        error(1000)
+    refused(AcousticsError, r"horizontal 1000, vertical 1000: .* points; at most 100,", error, 1000)
     errors = [error(parts) for parts in (1, 2, 4, 8)]
     if interpolation == "linear":
         assert max(errors) < 1e-9, errors

@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 
 from pymantaray.acoustics import Currents, Medium, current_delays, find_eigenrays, quadrature, trace_paths
 from pymantaray.acoustics.paths import Quadrature
-from pymantaray.errors import AcousticsError
 
 C = 1480.0
 
@@ -128,21 +127,3 @@ def test_arrivals_without_a_way_have_no_delay():
     )
     delay = current_delays(nodes, Currents.uniform(1.0, 0.0), 4)
     np.testing.assert_allclose(delay, [0.0, -1e3 / C**2, 0.0, 0.0], rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"velocity": np.zeros((1, 1, 2, 2))}, r"shape \(1, 1, 2, 2\); the axes ask for \(1, 1, 1, 2\)"),
-        ({"velocity": np.full((1, 1, 1, 2), np.nan)}, "2 components are not finite or above 10 m/s"),
-        ({"velocity": np.full((1, 1, 1, 2), 20.0)}, "2 components are not finite or above 10 m/s"),
-        ({"depth": np.array([1.0, 1.0])}, "axis 'depth' must be one-dimensional and strictly increasing"),
-    ],
-)
-def test_impossible_currents_are_refused(change, message):
-    zero = np.zeros(1)
-    good = {"north": zero, "east": zero, "depth": zero, "velocity": np.zeros((1, 1, 1, 2))}
-    with pytest.raises(AcousticsError, match=message):
-        Currents(**good | change)
-    with pytest.raises(AcousticsError, match="lacks current_north, current_east"):
-        Currents.from_dataset(xr.Dataset(coords={"north": zero, "east": zero, "depth": zero}))

@@ -13,7 +13,6 @@ from scipy.interpolate import CubicSpline
 
 from pymantaray.acoustics import Medium, find_eigenrays, read_profile, smooth_profile, thin_profile
 from pymantaray.acoustics.profiles import is_raw_cast
-from pymantaray.errors import AcousticsError
 from pymantaray.ocean.seawater import sound_speed
 
 CASTS = Path(__file__).parents[3] / "shared" / "data" / "casts"
@@ -170,18 +169,3 @@ def test_travel_times_of_a_thinned_cast_differ_within_the_tolerance(name):
         assert np.count_nonzero(both) >= 9
         assert np.all(change[both] <= (1.0 + slack) * raw[both] * tolerance / (c.min() - tolerance)), change
         assert change[both].max() > 1e-7  # s; it is another medium
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: thin_profile([0.0, 2.0, 1.0], [1500.0] * 3), "depth must increase; it does not after 2 m"),
-        (lambda: thin_profile([0.0, 1.0], [1500.0, np.nan]), "not finite; leave those levels out"),
-        (lambda: thin_profile([0.0], [1500.0]), "at least 2"),
-        (lambda: thin_profile([0.0, 1.0], [1500.0] * 2, tolerance=0.0), "tolerance: 0.0; a positive"),
-        (lambda: smooth_profile(np.r_[0:50, 70:100], np.full(80, 1500.0)), "allows 21 m, its widest gap, to 49.5"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_done_is_refused(call, message):
-    with pytest.raises(AcousticsError, match=message):
-        call()

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pymantaray.acoustics import choose_arrivals, select
-from pymantaray.errors import AcousticsError
 from pymantaray.records import RayStatus
 
 # link, travel time [s], surface and bottom bounces, spreading [dB]; link 2 has no arrival, link 3 only bounced ones
@@ -74,19 +73,6 @@ def test_losses_and_delays_count_before_the_choice():
     first = select(ARRIVALS, "first", delay=delay)
     np.testing.assert_array_equal(first.travel_time, [1.01, 1.75, np.nan, 4.0])
     np.testing.assert_array_equal(choose_arrivals(ARRIVALS, "first", delay=delay).row, [1, 4, 5])
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"rule": "loudest"}, "arrival rule 'loudest'; allowed are direct, first, strongest"),
-        ({"rule": "strongest", "loss_db": [1.0]}, r"loss_db: shape \(1,\); 7 arrivals need one value each"),
-        ({"rule": "first", "delay": np.zeros((7, 1))}, r"delay: shape \(7, 1\); 7 arrivals"),
-    ],
-)
-def test_what_does_not_fit_is_refused(options, message):
-    with pytest.raises(AcousticsError, match=message):
-        select(ARRIVALS, **options)
 
 
 bounces = st.integers(0, 1)

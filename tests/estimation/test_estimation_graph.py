@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from factories import without
+from refusals import refused
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import FactorGraph, GraphSolver, build_graph, dead_reckon
@@ -95,15 +96,12 @@ def test_a_graph_goes_to_disk_and_back(whole, tmp_path):
 )
 def test_unusable_measurements_are_refused_by_name(fleet, field, index, value, message):
     broken = replace(fleet.noisy, **{field: put(getattr(fleet.noisy, field), index, value)})
-    with pytest.raises(EstimationError, match=message) as caught:
-        build_graph(broken, "refracted")
-    assert "\n" not in str(caught.value)
+    refused(EstimationError, message, build_graph, broken, "refracted")
 
 
 def test_a_range_of_a_vehicle_to_itself_is_refused(fleet):
     itself = replace(fleet.noisy, range_receiver=fleet.noisy.range_transmitter)
-    with pytest.raises(EstimationError, match=r"^A5: range is .5..*two different variables"):
-        build_graph(itself, "refracted")
+    refused(EstimationError, r"^A5: range is .5..*two different variables", build_graph, itself, "refracted")
 
 
 @pytest.mark.parametrize(
@@ -115,8 +113,7 @@ def test_a_range_of_a_vehicle_to_itself_is_refused(fleet):
     ],
 )
 def test_contradictory_conditions_are_refused(fleet, ranges, links, message):
-    with pytest.raises(EstimationError, match=message):
-        build_graph(fleet.noisy, ranges, links)
+    refused(EstimationError, message, build_graph, fleet.noisy, ranges, links)
 
 
 def without_first_pose(o, agent):
@@ -126,8 +123,7 @@ def without_first_pose(o, agent):
 
 def test_vehicle_that_nothing_ties_to_the_world_is_refused_by_name(make_fleet):
     floating = without_first_pose(make_fleet(n_agents=2).noisy, 1)
-    with pytest.raises(EstimationError, match=r"^B0: no first-pose prior, GNSS fix or landmark prior"):
-        build_graph(floating)
+    refused(EstimationError, r"^B0: no first-pose prior, GNSS fix or landmark prior", build_graph, floating)
     # ranges tie it to vehicle A
     assert build_graph(floating, "straight")["prior"].subject.tolist() == [0]
 
@@ -178,9 +174,7 @@ def test_numbers_that_gtsam_would_choke_on_or_misread_are_refused_first(whole, c
     _, graph, values = whole
     bad = change(graph)
     for check in (check_graph, lambda g: GraphSolver().solve(g, values)):
-        with pytest.raises(EstimationError, match=message) as caught:
-            check(bad)
-        assert "\n" not in str(caught.value)
+        refused(EstimationError, message, check, bad)
 
 
 @pytest.mark.parametrize(
@@ -196,8 +190,7 @@ def test_numbers_that_gtsam_would_choke_on_or_misread_are_refused_first(whole, c
 def test_values_that_cannot_be_a_start_are_refused(whole, change, message):
     _, graph, values = whole
     for check in (check_values, GraphSolver().solve):
-        with pytest.raises(EstimationError, match=message):
-            check(graph, replace(values, **change))
+        refused(EstimationError, message, check, graph, replace(values, **change))
 
 
 @pytest.mark.parametrize(
@@ -316,8 +309,7 @@ def test_dead_reckoning_goes_backwards_and_starts_where_the_file_says_for_want_o
 def test_anchors_go_to_the_first_pose_of_each_loose_part_and_make_it_solvable(whole):
     _, graph, values = whole
     loose = without(graph, "prior", "survey")
-    with pytest.raises(EstimationError, match=r"^A0: no first-pose prior"):
-        check_anchored(loose)
+    refused(EstimationError, r"^A0: no first-pose prior", check_anchored, loose)
     anchored, poses = anchor_loose_parts(loose, values)
     assert poses.tolist() == [0]
     check_anchored(anchored)

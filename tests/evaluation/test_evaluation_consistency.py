@@ -5,6 +5,7 @@ from dataclasses import replace
 import factories
 import numpy as np
 import pytest
+from refusals import refused
 from scipy import stats
 
 from pymantaray.errors import EvaluationError
@@ -77,10 +78,8 @@ def test_nees_of_a_known_error():
 
 @pytest.mark.parametrize("bad", [np.diag([1.0, 0.0]), np.diag([1.0, -1.0]), [[1.0, 2.0], [2.0, 1.0]]])
 def test_covariance_that_is_none_is_refused(bad):
-    with pytest.raises(EvaluationError, match="not positive definite"):
-        nees([1.0, 1.0], bad)
-    with pytest.raises(EvaluationError, match=r"\(3, 3\) for errors of \(2,\)"):
-        nees([1.0, 1.0], np.eye(3))
+    refused(EvaluationError, "not positive definite", nees, [1.0, 1.0], bad)
+    refused(EvaluationError, r"\(3, 3\) for errors of \(2,\)", nees, [1.0, 1.0], np.eye(3))
 
 
 def test_bounds_hold_ninety_five_percent_and_shrink_with_realizations():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import factories
 import numpy as np
 import pytest
+from refusals import refused
 from scipy import stats
 
 from pymantaray.errors import EvaluationError
@@ -38,8 +39,7 @@ def with_failure(estimates, condition, realization):
 def test_ape_is_a_distance_and_is_not_aligned():
     truth = np.random.default_rng(0).normal(size=(2, 5, 3))
     np.testing.assert_allclose(ape(truth + np.array([3.0, 4.0, 12.0]), truth), 13.0, rtol=1e-12)
-    with pytest.raises(EvaluationError, match=r"\(2, 4, 3\) against \(2, 5, 3\)"):
-        ape(truth[:, :4], truth)
+    refused(EvaluationError, r"\(2, 4, 3\) against \(2, 5, 3\)", ape, truth[:, :4], truth)
 
 
 def test_statistics_of_a_known_set():
@@ -102,18 +102,14 @@ def test_failed_solve_is_left_out_and_counted():
 def test_records_that_do_not_belong_together_are_refused():
     truth, estimates = make_run()
     lying = replace(with_failure(estimates, 1, 2), solve_status=estimates.solve_status)
-    for refused, said in (
-        (lambda: error_table(replace(truth, name=np.array(["X", "Y", "Z"])), estimates), "are of vehicles"),
-        (lambda: error_table(replace(truth, time=truth.time + 1.0), estimates), "different sample times"),
-        (lambda: error_table(truth, estimates, by=["hour"]), "allowed are 'realization' and 'agent'"),
-        (lambda: error_table(truth, lying), "refracted, realization 2: status is good but poses are NaN"),
-        (
-            lambda: comparison_table(truth, estimates, [("bent", "straight")]),
-            "'bent' was not run; there are straight, refracted",
-        ),
-    ):
-        with pytest.raises(EvaluationError, match=said):
-            refused()
+    other = replace(truth, name=np.array(["X", "Y", "Z"])), estimates
+    later = replace(truth, time=truth.time + 1.0), estimates
+    refused(EvaluationError, "are of vehicles", error_table, *other)
+    refused(EvaluationError, "different sample times", error_table, *later)
+    refused(EvaluationError, "allowed are 'realization' and 'agent'", error_table, truth, estimates, ["hour"])
+    refused(EvaluationError, "refracted, realization 2: status is good but poses", error_table, truth, lying)
+    says = "'bent' was not run; there are straight, refracted"
+    refused(EvaluationError, says, comparison_table, truth, estimates, [("bent", "straight")])
 
 
 @pytest.mark.parametrize(("options", "confidence"), [({}, 0.95), ({"confidence": 0.8}, 0.8)])

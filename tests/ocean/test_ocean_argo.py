@@ -5,6 +5,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from refusals import refused
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean.casts import read_cast, read_casts
@@ -82,17 +83,14 @@ def test_a_position_under_ice_is_a_good_one(tmp_path):
     ({"modes": "DD", "position": "9"}, "none of 2 profiles"),
 ])  # fmt: skip
 def test_a_file_without_a_usable_profile_is_refused(tmp_path, options, message):
-    with pytest.raises(OceanError, match=message):
-        read_casts(write_gdac(tmp_path / "bad.nc", **options))
+    refused(OceanError, message, read_casts, write_gdac(tmp_path / "bad.nc", **options))
 
 
 def test_one_profile_of_many_is_taken_by_its_name(tmp_path):
     path = write_gdac(tmp_path / "many.nc", modes="DDD")
     assert read_cast(path, name="6901234_002").lat == 41.0
-    with pytest.raises(OceanError, match="holds 3 casts"):
-        read_cast(path)
-    with pytest.raises(OceanError, match="have their own places and times"):
-        read_cast(path, lat=1.0)
+    refused(OceanError, "holds 3 casts", read_cast, path)
+    refused(OceanError, "have their own places and times", read_cast, path, lat=1.0)
 
 
 def test_what_argopy_writes_is_read(tmp_path):
@@ -127,11 +125,9 @@ def test_what_argopy_writes_is_read(tmp_path):
 
 def test_files_that_are_not_argos_are_refused_in_one_line(tmp_path):
     xr.Dataset({"PRES": ("N_POINTS", P)}).to_netcdf(tmp_path / "points.nc")
-    with pytest.raises(OceanError, match="point2profile"):
-        read_casts(tmp_path / "points.nc")
+    refused(OceanError, "point2profile", read_casts, tmp_path / "points.nc")
     xr.Dataset({"a": ("x", P)}).to_netcdf(tmp_path / "other.nc")
-    with pytest.raises(OceanError, match="no PRES over N_PROF and N_LEVELS"):
-        read_casts(tmp_path / "other.nc")
+    refused(OceanError, "no PRES over N_PROF and N_LEVELS", read_casts, tmp_path / "other.nc")
     with netCDF4.Dataset(tmp_path / "huge.nc", "w") as data:
         data.createDimension("N_PROF", 2_000_000_000)
         data.createDimension("N_LEVELS", 2_000_000)
@@ -139,14 +135,11 @@ def test_files_that_are_not_argos_are_refused_in_one_line(tmp_path):
             data.createVariable(name, "f4", ("N_PROF", "N_LEVELS"), chunksizes=(1000, 1000))
         for name in ("LATITUDE", "LONGITUDE"):
             data.createVariable(name, "f8", ("N_PROF",), chunksizes=(1000,))
-    with pytest.raises(OceanError, match="LATITUDE alone takes"):
-        read_casts(tmp_path / "huge.nc")
+    refused(OceanError, "LATITUDE alone takes", read_casts, tmp_path / "huge.nc")
     for fmt in ("NETCDF4", "NETCDF3_CLASSIC"):
         whole = write_gdac(tmp_path / "whole.nc", fmt=fmt).read_bytes()
         (tmp_path / "cut.nc").write_bytes(whole[: len(whole) // 2])
-        with pytest.raises(OceanError, match="cut") as caught:
-            read_casts(tmp_path / "cut.nc")
-        assert "\n" not in str(caught.value)
+        refused(OceanError, "cut", read_casts, tmp_path / "cut.nc")
 
 
 @pytest.mark.parametrize("fmt", ["NETCDF4", "NETCDF3_CLASSIC"])

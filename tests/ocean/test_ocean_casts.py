@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import OceanError
@@ -118,8 +119,7 @@ def test_a_table_of_stations_holds_a_cast_for_each(tmp_path):
     assert [(c.name, c.lat) for c in casts] == [("30", 77.5), ("41", 78.5)]
     np.testing.assert_array_equal(casts[1].temperature, T + 1.0)
     np.testing.assert_array_equal(read_cast(path, name="41").temperature, T + 1.0)
-    with pytest.raises(OceanError, match=r"holds 2 casts \(30, 41\); choose one by its name"):
-        read_cast(path)
+    refused(OceanError, r"holds 2 casts \(30, 41\); choose one by its name", read_cast, path)
 
 
 @pytest.mark.parametrize(("comment", "time"), [
@@ -159,9 +159,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("text", "message"), REFUSED.items(), ids=range(len(REFUSED)))
 def test_bad_tables_are_refused_in_one_line(tmp_path, text, message):
-    with pytest.raises(OceanError, match=message) as caught:
-        read_cast(write(tmp_path, "# lat 74, lon -140, 2014-07-24\n" + text))
-    assert "\n" not in str(caught.value)
+    refused(OceanError, message, read_cast, write(tmp_path, "# lat 74, lon -140, 2014-07-24\n" + text))
 
 
 UNREADABLE = {
@@ -179,8 +177,7 @@ def test_a_file_without_a_place_or_a_table_is_refused(tmp_path, message):
             file.truncate(content)
         else:
             file.write(content.encode() if isinstance(content, str) else content)
-    with pytest.raises(OceanError, match=message):
-        read_cast(path)
+    refused(OceanError, message, read_cast, path)
 
 
 @pytest.mark.parametrize(("path", "message"), [
@@ -188,13 +185,11 @@ def test_a_file_without_a_place_or_a_table_is_refused(tmp_path, message):
     ("none.csv", "cannot be read: No such file"), (os.fsdecode(b"\xff.csv"), "cannot be read: No such file"),
 ])  # fmt: skip
 def test_what_is_no_ordinary_file_is_refused_before_it_is_read(path, message):
-    with pytest.raises(OceanError, match=message):
-        read_cast(path)
+    refused(OceanError, message, read_cast, path)
 
 
 def test_a_place_that_is_none_is_refused(tmp_path):
-    with pytest.raises(OceanError, match="latitude lies in -90 to 90"):
-        read_cast(write(tmp_path, PLAIN), lat=100.0, lon=0.0)
+    refused(OceanError, "latitude lies in -90 to 90", read_cast, write(tmp_path, PLAIN), lat=100.0, lon=0.0)
 
 
 def test_the_subset_services_packed_point_table_is_unpacked(shared_data):
@@ -379,8 +374,7 @@ NO_BED = "give the sea bed's depth, beneath the shallowest sample at 5 m"
     ({}, {"levels": [5.0, 10.0]}, "levels must rise strictly from 0 m"),
 ])  # fmt: skip
 def test_what_makes_no_ocean_is_refused_with_the_remedy(change, options, message):
-    with pytest.raises(OceanError, match=message):
-        cast_ocean(replace(LINEAR, **change), **{"bottom_depth": 300.0} | options)
+    refused(OceanError, message, cast_ocean, replace(LINEAR, **change), **{"bottom_depth": 300.0} | options)
 
 
 @pytest.mark.parametrize("bottom", [1.0, 2.5, 3.0, 99.0, 101.0, 512.3, 3761.0, 11_000.0])

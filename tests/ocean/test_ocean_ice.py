@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from refusals import refused
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
@@ -51,8 +52,7 @@ def test_no_value_is_no_ice(tmp_path, local):
 
 def test_one_value_stays_one_and_a_negative_one_is_refused(local):
     assert with_ice(local, 2)["sea_ice_draft"].item() == 2.0
-    with pytest.raises(OceanError, match="ice: a draft of -1 m"):
-        with_ice(local, -1.0)
+    refused(OceanError, "ice: a draft of -1 m", with_ice, local, -1.0)
 
 
 @pytest.mark.parametrize(("draft", "attrs", "message"), [
@@ -62,5 +62,4 @@ def test_one_value_stays_one_and_a_negative_one_is_refused(local):
 ])  # fmt: skip
 def test_what_is_no_ice_is_one_line(tmp_path, local, draft, attrs, message):
     path = ice_file(tmp_path / "ice.nc", local, lambda y, x: draft + 0 * y * x, **attrs)
-    with pytest.raises(OceanError, match=message):
-        with_ice(local, path)
+    refused(OceanError, message, with_ice, local, path)

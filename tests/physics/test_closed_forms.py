@@ -9,7 +9,6 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
 from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient, find_eigenrays
-from pymantaray.errors import AcousticsError
 from pymantaray.records import RayStatus
 
 BOTTOM = 5000.0
@@ -75,11 +74,6 @@ def test_direct_eigenray_of_a_constant_gradient_is_a_circular_arc(gradient, inte
     speeds = (arrivals.source_sound_speed * arrivals.receiver_sound_speed)[arrivals.link]
     area = speeds * (np.sinh(gradient * arrivals.travel_time) / gradient) ** 2  # tube, made reciprocal
     np.testing.assert_allclose(arrivals.spreading_db, 10 * np.log10(area / distance**2), atol=1e-5)
-
-
-def test_closed_form_needs_a_positive_sound_speed():
-    with pytest.raises(AcousticsError, match=r"falls to -50 m/s; it must be positive"):
-        direct_travel_time_linear_gradient([0, 0, 0], [0, 0, 1000], sound_speed_surface=950.0, gradient=-1.0)
 
 
 class Parabolas(NamedTuple):

@@ -7,6 +7,7 @@ import pytest
 from factories import HIDDEN, range_fleet, ridged
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 from scipy.stats import norm
 
 from pymantaray.acoustics import Currents, Medium, Sonar
@@ -248,8 +249,7 @@ PICKERS = {
 @pytest.mark.parametrize("message", PICKERS)
 def test_rules_without_the_threshold_that_they_need_are_refused(message):
     rule, below = PICKERS[message]
-    with pytest.raises(SensingError, match=message):
-        Picker(rule, below_strongest_db=below)
+    refused(SensingError, message, Picker, rule, below_strongest_db=below)
 
 
 def test_candidates_that_do_not_fit_are_refused(truth):
@@ -258,8 +258,7 @@ def test_candidates_that_do_not_fit_are_refused(truth):
         SensingError, match="a picker with a sonar needs ranges that were measured with a det"
     ):
         find_candidates(ranging, truth, CERTAIN)
-    with pytest.raises(SensingError, match=r"candidates of attempt \d+; the measurements have 2"):
-        candidates.picks([0.5, 0.5])
+    refused(SensingError, r"candidates of attempt \d+; the measurements have 2", candidates.picks, [0.5, 0.5])
     both = {"candidates": candidates, "probability": np.ones(o.range_status.size)}
     with pytest.raises(SensingError, match="candidates hold both, give them alone"):
         perturb(o, root_seed=1, realization=0, **both)

@@ -7,6 +7,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from pymantaray.errors import FleetError, StudyError
 from pymantaray.estimation import CONDITIONS, dead_reckon, read_pyfg
@@ -86,8 +87,7 @@ def test_noise_of_a_realization_can_be_drawn_again(tiny_run):
     for realization in (0, 1):
         position, _ = dead_reckon(tiny_run.noisy_measurements(realization))
         np.testing.assert_array_equal(position, tiny_run.estimates.position[0, realization])
-    with pytest.raises(StudyError, match="realization 2: the run has 0 to 1"):
-        tiny_run.noisy_measurements(2)
+    refused(StudyError, "realization 2: the run has 0 to 1", tiny_run.noisy_measurements, 2)
 
 
 def test_pyfg_of_the_first_realization_starts_at_the_truth(tiny_run):
@@ -145,8 +145,7 @@ def test_ray_picture_is_of_a_link_that_was_heard(tiny_run):
 def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypatch):
     (tmp_path / "mine").write_text("x")
     monkeypatch.setattr(runner, "simulate_mission", lambda *_: pytest.fail("work was begun"))
-    with pytest.raises(StudyError, match="folder is not empty"):
-        run_study(tiny_config, tmp_path)
+    refused(StudyError, "folder is not empty", run_study, tiny_config, tmp_path)
     assert names_in(tmp_path) == ["mine"]
 
 
@@ -182,11 +181,9 @@ def test_impossible_fleet_is_refused_by_name(tiny_tree, tmp_path):
 
 
 def test_not_a_run_is_refused(tmp_path):
-    with pytest.raises(StudyError, match=r"not a run folder: it has no manifest\.json"):
-        open_run(tmp_path)
+    refused(StudyError, r"not a run folder: it has no manifest\.json", open_run, tmp_path)
     (tmp_path / "manifest.json").write_text('{"format": 99}')
-    with pytest.raises(StudyError, match="run format 99; this version reads 2"):
-        open_run(tmp_path)
+    refused(StudyError, "run format 99; this version reads 2", open_run, tmp_path)
 
 
 def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path):

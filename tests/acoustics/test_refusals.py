@@ -1,0 +1,133 @@
+"""What acoustics cannot do is refused in one line that names the value and what is allowed."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from factories import DUCT, make_arrivals
+from factories import DUCT_DEPTH as Z
+from refusals import refused
+
+from pymantaray.acoustics import (
+    Absorption,
+    Currents,
+    FluidBottom,
+    IceCover,
+    Medium,
+    SeaSurface,
+    Sonar,
+    WenzNoise,
+    direct_travel_time_linear_gradient,
+    find_eigenrays,
+    link_loss_db,
+    ray_picture,
+    select,
+    smooth_profile,
+    thin_profile,
+)
+from pymantaray.acoustics.bellhop import BellhopOptions, HalfSpace
+from pymantaray.errors import AcousticsError
+
+LINK = (Medium.from_profile(Z, DUCT, bottom_depth=3500.0), [0.0, 0.0, 10.0], [1e3, 0.0, 10.0])
+BED = {"bottom_depth": 1000.0}
+ARRIVALS = make_arrivals([0, 0, 0])
+AXIS = np.linspace(-10e3, 10e3, 5)
+
+
+def links(source=LINK[1], receiver=LINK[2], **options):
+    return find_eigenrays(LINK[0], source, receiver, **options)
+
+
+def profile(speed, depth=Z[:3], **options):
+    return Medium.from_profile(depth, speed, **BED | options)
+
+
+def current(velocity=((((0.0, 0.0),),),), **axes):
+    axes = {"north": np.zeros(1), "east": np.zeros(1), "depth": np.zeros(1)} | axes
+    return Currents(**axes, velocity=np.array(velocity))
+
+
+def short_bed():
+    """A bed on axes of its own that do not reach over the water."""
+    own, c = np.linspace(-9e3, 9e3, 3), np.full((5, 5, 2), 1500.0)
+    axes = {"bed_north": own, "bed_east": own}
+    return Medium.from_grid(AXIS, AXIS, [0.0, 4e3], c, bathymetry=np.full((3, 3), 2e3), **axes)
+
+
+def falling_to_nothing():
+    direct_travel_time_linear_gradient([0, 0, 0], [0, 0, 1e3], sound_speed_surface=950.0, gradient=-1.0)
+
+
+def salty(depth=(0.0,), temperature=(5.0,), salinity=(35.0,), **options):
+    return Absorption.from_profile(depth, temperature, salinity, **options)
+
+
+NOWHERE = xr.Dataset(coords={"north": [0.0], "east": [0.0], "depth": [0.0, 1.0]})
+REFUSED = {
+    "depth: axis must be finite and strictly increasing": lambda: profile([1500.0] * 3, [0.0, 10.0, 10.0]),
+    "depth: 1 level; a medium needs at least 2": lambda: profile([1500.0], [0.0]),
+    r"1\.5 to 1\.5 m/s; sea water lies in 1000 to 2500, check the units": lambda: profile([1.5] * 3),
+    "1 values are not finite; fill them before tracing": lambda: profile([1500.0, 1500.0, np.nan]),
+    r"shape \(1, 1, 2\); the axes ask for \(1, 1, 3\)": lambda: profile([1500.0] * 2),
+    "a profile has one dimension": lambda: profile([[1500.0] * 3]),
+    "'cubic'; allowed are 'smooth' and 'linear'": lambda: profile([1500.0] * 3, interpolation="cubic"),
+    "lacks sound_speed, sea_floor_depth": lambda: Medium.from_dataset(NOWHERE),
+    r"bed_north: -9000 to 9000 m; must reach over the water": short_bed,
+    "max_surface_bounces: -1; a whole number from 0 to 15": lambda: links(max_surface_bounces=-1),
+    r"max_bottom_bounces: 1\.5; a whole number": lambda: links(max_bottom_bounces=1.5),
+    r"source has shape \(2, 3\), receiver \(1, 3\)": lambda: links([LINK[1]] * 2),
+    r"source: shape \(1, 2\); needs \(n_links, 3\)": lambda: links([0.0, 0.0]),
+    "receiver: 1 coordinates are not finite": lambda: links(receiver=[np.nan, 0.0, 10.0]),
+    "tolerance: 0": lambda: links(tolerance=0.0),
+    "device: 'tpu'; allowed are 'auto', 'cpu' and 'cuda'": lambda: links(device="tpu"),
+    "coincide": lambda: ray_picture(LINK[0], LINK[1], LINK[1]),
+    "falls to -50 m/s; it must be positive": falling_to_nothing,
+    "lacks water_temp, salinity; give the": lambda: Absorption.from_dataset(NOWHERE),
+    "'urick'; allowed are francois-": lambda: salty(formula="urick"),
+    r"shapes \(2,\), \(1,\), \(2,\)": lambda: salty([0.0, 1.0], [5.0], [35.0, 35.0]),
+    "depth strictly increasing": lambda: salty([0.0, 0.0], [5.0, 5.0], [35.0, 35.0]),
+    "salinity not negative": lambda: salty(salinity=[-2.0]),
+    r"-1\.0 dB/km; must be finite and not negative": lambda: Absorption.constant(-1.0),
+    r"shape \(1, 1, 2, 2\); the axes ask for \(1, 1, 1, 2\)": lambda: current(np.zeros((1, 1, 2, 2))),
+    "2 components are not finite or above 10 m/s": lambda: current(np.full((1, 1, 1, 2), np.nan)),
+    "2 components .* above 10 m/s": lambda: current(np.full((1, 1, 1, 2), 20.0)),
+    "axis 'depth' must be one-dimensional and strictly increasing": lambda: current(depth=np.ones(2)),
+    "lacks current_north, current_east": lambda: Currents.from_dataset(NOWHERE),
+    "FluidBottom: density is -1; must be finite and positive": lambda: FluidBottom(1600.0, -1.0),
+    "attenuation_db_per_wavelength is nan; must be": lambda: FluidBottom(1600.0, 1800.0, np.nan),
+    "'mud' is unknown; there are clay, silt": lambda: FluidBottom.standard("mud"),
+    "wind_speed is -3 m/s": lambda: SeaSurface(-3.0),
+    "IceCover: -1 dB a bounce": lambda: IceCover(-1.0),
+    "'eckart'; allowed are 'bubbles' and 'coherent'": lambda: SeaSurface(3.0, "eckart"),
+    "depth must increase; it does not after 2 m": lambda: thin_profile([0.0, 2.0, 1.0], [1500.0] * 3),
+    "not finite; leave those levels out": lambda: thin_profile([0.0, 1.0], [1500.0, np.nan]),
+    "at least 2": lambda: thin_profile([0.0], [1500.0]),
+    "tolerance: 0.0; a positive": lambda: thin_profile([0.0, 1.0], [1500.0] * 2, tolerance=0.0),
+    "allows 21 m, its widest gap, to 49.5": lambda: smooth_profile(np.r_[0:50, 70:100], np.full(80, 1500.0)),
+    "arrival rule 'loudest'; allowed are direct, first, strongest": lambda: select(ARRIVALS, "loudest"),
+    r"loss_db: shape \(1,\); 3 arrivals need one value each": lambda: select(ARRIVALS, "strongest", loss_db=[1.0]),
+    r"delay: shape \(3, 1\); 3 arrivals": lambda: select(ARRIVALS, "first", delay=np.zeros((3, 1))),
+    "wind_speed is -1 m/s": lambda: WenzNoise(wind_speed=-1.0),
+    r"shipping is 1\.5; must lie in 0 to 1": lambda: WenzNoise(shipping=1.5),
+    "frequency_hz: 0; must be positive": lambda: WenzNoise().level_db([10.0, 0.0]),
+    "band of 20 Hz about 10 Hz": lambda: WenzNoise().band_level_db(10.0, 20.0),
+    "source_level_db is inf; must be finite": lambda: Sonar(np.inf, 25e3, 5e3),
+    "Sonar: noise is nan": lambda: Sonar(185.0, 25e3, 5e3, np.nan),
+    "spread_db is -1; must not be negative": lambda: Sonar(185.0, 25e3, 5e3, spread_db=-1.0),
+    "band of 60000 Hz about 25000 Hz": lambda: Sonar(185.0, 25e3, 60e3),
+    r"loss_db has shape \(2,\), link \(1,\)": lambda: link_loss_db([1.0, 2.0], [0], 1),
+    "link: 0 to 3; must lie in 0 to 2": lambda: link_loss_db([1.0, 2.0], [0, 3], 3),
+    "'rms'; allowed are 'strongest' and 'sum'": lambda: link_loss_db([1.0], [0], 1, combine="rms"),
+    "sound_speed is -1": lambda: HalfSpace(sound_speed=-1.0, density_g_per_cm3=1.0),
+    "beams 1, cone": lambda: BellhopOptions(beams=1),
+    "beams 1000000000, cone": lambda: BellhopOptions(beams=10**9),
+    "cone 4 rad": lambda: BellhopOptions(cone=4.0),
+    "run: .tl.; allowed": lambda: BellhopOptions(run="tl"),
+    "bottom: .mud.; allowed": lambda: BellhopOptions(bottom="mud"),
+    "frequency 0.0 Hz": lambda: BellhopOptions(frequency=0.0),
+    "step -1 m": lambda: BellhopOptions(step=-1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_cannot_be_is_refused(message):
+    refused(AcousticsError, message, REFUSED[message])
