@@ -135,15 +135,7 @@ def far_from(fleet, seed=0):
 
 
 def make_fleet(
-    seed=0,
-    *,
-    n_agents=3,
-    n_times=30,
-    turn=0.3,
-    n_landmarks=0,
-    range_error=0.0,
-    dropouts=0.0,
-    gnss_every=0,
+    seed=0, *, n_agents=3, n_times=30, turn=0.3, n_landmarks=0, range_error=0.0, dropouts=0.0, gnss_every=0
 ):
     """Build a fleet; `turn` is the sigma of each body's rotation per step [rad]."""
     rng = np.random.default_rng(seed)

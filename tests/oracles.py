@@ -365,9 +365,6 @@ def sheet_under(north, east, sheet, place):
     (i, u, dn), (j, v, de) = cells
     b00, b10, b01, b11 = (sheet[i + p, j + q] for p, q in ((0, 0), (1, 0), (0, 1), (1, 1)))
     depth = (b00 * (1 - u) + b10 * u) * (1 - v) + (b01 * (1 - u) + b11 * u) * v
-    slopes = (
-        ((b10 - b00) * (1 - v) + (b11 - b01) * v) / dn,
-        ((b01 - b00) * (1 - u) + (b11 - b10) * u) / de,
-    )
+    slopes = (((b10 - b00) * (1 - v) + (b11 - b01) * v) / dn, ((b01 - b00) * (1 - u) + (b11 - b10) * u) / de)
     edge = np.minimum(np.minimum(u, 1.0 - u) * dn, np.minimum(v, 1.0 - v) * de)
     return depth, np.stack(slopes, axis=-1), edge

@@ -16,22 +16,19 @@ FORMULAS = {"francois-garrison": francois_garrison_db_per_km, "ainslie-mccolm": 
 both = pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS)
 
 
-@pytest.mark.parametrize(
-    ("khz", "t", "s", "z", "pH", "expected", "tolerance"),
-    [
-        # calculator of the National Physical Laboratory, as users noted its answers (to the digits they kept)
-        (130.0, 8.0, 35.0, 15.0, 8.0, 38.0, 0.5),
-        (15.0, 25.0, 35.0, 11.6, 8.0, 1.26, 0.005),
-        # R package "sonar" 1.0.2, printed example; it takes 273.15 where the paper takes 273, hence 0.2 %
-        (50.0, 0.0, 35.0, 0.0, 6.0, 13.96602, 0.028),
-        # test suite of UnderwaterAcoustics.jl, values to half a decibel over 1 km
-        (50.0, 27.0, 35.0, 10.0, 8.1, 11.0, 0.5),
-        (100.0, 27.0, 35.0, 10.0, 8.1, 36.0, 0.5),
-        (100.0, 14.0, 38.5, 0.0, 8.1, 40.0, 0.5),
-        (100.0, 14.0, 38.5, 2000.0, 8.1, 30.0, 0.5),
-        (100.0, 14.0, 38.5, 6000.0, 8.1, 16.0, 0.5),
-    ],
-)
+@pytest.mark.parametrize(("khz", "t", "s", "z", "pH", "expected", "tolerance"), [
+    # calculator of the National Physical Laboratory, as users noted its answers (to the digits they kept)
+    (130.0, 8.0, 35.0, 15.0, 8.0, 38.0, 0.5),
+    (15.0, 25.0, 35.0, 11.6, 8.0, 1.26, 0.005),
+    # R package "sonar" 1.0.2, printed example; it takes 273.15 where the paper takes 273, hence 0.2 %
+    (50.0, 0.0, 35.0, 0.0, 6.0, 13.96602, 0.028),
+    # test suite of UnderwaterAcoustics.jl, values to half a decibel over 1 km
+    (50.0, 27.0, 35.0, 10.0, 8.1, 11.0, 0.5),
+    (100.0, 27.0, 35.0, 10.0, 8.1, 36.0, 0.5),
+    (100.0, 14.0, 38.5, 0.0, 8.1, 40.0, 0.5),
+    (100.0, 14.0, 38.5, 2000.0, 8.1, 30.0, 0.5),
+    (100.0, 14.0, 38.5, 6000.0, 8.1, 16.0, 0.5),
+])  # fmt: skip
 def test_francois_garrison_gives_the_values_others_published(khz, t, s, z, pH, expected, tolerance):
     alpha = francois_garrison_db_per_km(khz * 1e3, temperature=t, salinity=s, depth=z, pH=pH)
     assert alpha == pytest.approx(expected, abs=tolerance)
@@ -45,15 +42,12 @@ def test_pressure_effect_is_that_of_fisher_and_simmons(formula):
     assert alpha == pytest.approx(0.52, rel=0.10)
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),  # one quantity at a time, the others at 10 degC, 35, 0 m, 8
-    [
-        ("temperature", [-1.8, 0.0, 5.0, 15.0, 20.0, 25.0]),
-        ("salinity", [25.0, 30.0, 38.0]),
-        ("depth", [0.0, 1000.0, 4000.0]),
-        ("pH", [7.7, 8.3]),
-    ],
-)
+@pytest.mark.parametrize(("name", "values"), [
+    ("temperature", [-1.8, 0.0, 5.0, 15.0, 20.0, 25.0]),
+    ("salinity", [25.0, 30.0, 38.0]),
+    ("depth", [0.0, 1000.0, 4000.0]),
+    ("pH", [7.7, 8.3]),
+])  # fmt: skip
 def test_the_two_formulas_agree_within_their_stated_tenth(name, values):
     hz = 1e3 * np.array([0.2, 0.5, 1, 2, 5, 10, 12, 25, 30, 70, 100, 200, 500, 1000])
     water = {"temperature": 10.0, "salinity": 35.0, "depth": 0.0, "pH": 8.0, name: np.array(values)[:, None]}

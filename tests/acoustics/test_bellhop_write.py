@@ -109,15 +109,12 @@ def test_ice_is_bellhops_altimetry(tmp_path):
     assert not env.with_suffix(".ati").exists()
 
 
-@pytest.mark.parametrize(
-    ("bottom", "letter", "expected"),
-    [
-        ("rigid", "R", None),
-        ("vacuum", "V", None),
-        ("matching", "A", [1000.0, 1467.0, 0.0, 1.0, 0.0, 0.0]),
-        (HalfSpace(1650.0, 1.9, 0.8, 300.0, 1.5), "A", [1000.0, 1650.0, 300.0, 1.9, 0.8, 1.5]),
-    ],
-)
+@pytest.mark.parametrize(("bottom", "letter", "expected"), [
+    ("rigid", "R", None),
+    ("vacuum", "V", None),
+    ("matching", "A", [1000.0, 1467.0, 0.0, 1.0, 0.0, 0.0]),
+    (HalfSpace(1650.0, 1.9, 0.8, 300.0, 1.5), "A", [1000.0, 1650.0, 300.0, 1.9, 0.8, 1.5]),
+])  # fmt: skip
 def test_bottoms(tmp_path, bottom, letter, expected):
     (env,) = write_bellhop(tmp_path, PROFILE, [0, 0, 10], [500.0, 0, 20], BellhopOptions(bottom=bottom))
     assert (read_env(env).bottom, read_env(env).half_space) == (letter, expected)

@@ -13,15 +13,12 @@ def uniform(interpolation="smooth", speed=DUCT, bottom=3500.0):
     return Medium.from_profile(Z, speed, bottom_depth=bottom, interpolation=interpolation)
 
 
-@pytest.mark.parametrize(
-    ("receiver", "status"),
-    [
-        ([6e3, 6e3, -1.0], RayStatus.OUTSIDE),  # in the air
-        ([6e3, 6e3, 3501.0], RayStatus.OUTSIDE),  # in the sea bed
-        ([1.1e4, 5e3, 10.0], RayStatus.OUTSIDE),  # beyond the grid
-        ([6e3, 6e3, 10.0], RayStatus.OK),
-    ],
-)
+@pytest.mark.parametrize(("receiver", "status"), [
+    ([6e3, 6e3, -1.0], RayStatus.OUTSIDE),  # in the air
+    ([6e3, 6e3, 3501.0], RayStatus.OUTSIDE),  # in the sea bed
+    ([1.1e4, 5e3, 10.0], RayStatus.OUTSIDE),  # beyond the grid
+    ([6e3, 6e3, 10.0], RayStatus.OK),
+])  # fmt: skip
 def test_positions_outside_the_water_are_a_status(receiver, status):
     n = np.linspace(0, 1e4, 5)
     medium = Medium.from_grid(n, n, Z, np.broadcast_to(DUCT, (5, 5, 16)), bathymetry=np.full((5, 5), 3500.0))

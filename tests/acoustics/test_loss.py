@@ -266,15 +266,12 @@ def test_attenuation_takes_energy_and_small_ones_what_perturbation_says():
     )
 
 
-@pytest.mark.parametrize(
-    ("gamma", "m", "ratio", "tangent", "expected", "tolerance"),
-    [  # test suite of UnderwaterAcoustics.jl: ratios of density and speed, loss tangent; normal and 20 deg grazing
-        (np.pi / 2, 2.5, 2.5, 0.01374, -2.8, 0.1),
-        (np.pi / 2, 2.492, 1.3370, 0.01705, -5.0, 0.5),
-        (np.pi / 2, 1.195, 1.0179, 0.02158, -20.0, 0.5),
-        (np.pi / 2 - 1.22, 1.149, 0.9873, 0.00386, -32.0, 0.5),
-    ],
-)
+@pytest.mark.parametrize(("gamma", "m", "ratio", "tangent", "expected", "tolerance"), [
+    (np.pi / 2, 2.5, 2.5, 0.01374, -2.8, 0.1),
+    (np.pi / 2, 2.492, 1.3370, 0.01705, -5.0, 0.5),
+    (np.pi / 2, 1.195, 1.0179, 0.02158, -20.0, 0.5),
+    (np.pi / 2 - 1.22, 1.149, 0.9873, 0.00386, -32.0, 0.5),
+])  # fmt: skip
 def test_reflection_coefficient_has_published_values(gamma, m, ratio, tangent, expected, tolerance):
     bottom = FluidBottom(1500.0 * ratio, RHO * m, tangent * 40.0 * np.pi / np.log(10.0))
     r = reflected(gamma, bottom, speed=1500.0)

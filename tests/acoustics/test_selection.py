@@ -44,14 +44,11 @@ def arrivals_of(table, status):
 ARRIVALS = arrivals_of(TABLE, STATUS)
 
 
-@pytest.mark.parametrize(
-    ("rule", "times", "last", "margin"),
-    [
-        ("direct", [1.01, 2.0, np.nan, np.nan], RayStatus.SHADOW, np.nan),  # bounced arrivals only
-        ("first", [1.0, 2.0, np.nan, 4.0], RayStatus.OK, 0.0),
-        ("strongest", [1.5, 2.0, np.nan, 4.25], RayStatus.OK, 0.0),
-    ],
-)
+@pytest.mark.parametrize(("rule", "times", "last", "margin"), [
+    ("direct", [1.01, 2.0, np.nan, np.nan], RayStatus.SHADOW, np.nan),  # bounced arrivals only
+    ("first", [1.0, 2.0, np.nan, 4.0], RayStatus.OK, 0.0),
+    ("strongest", [1.5, 2.0, np.nan, 4.25], RayStatus.OK, 0.0),
+])  # fmt: skip
 def test_each_rule_picks_its_arrival_with_time_slowness_and_status(rule, times, last, margin):
     found = select(ARRIVALS, rule)
     np.testing.assert_array_equal(found.travel_time, times)

@@ -134,15 +134,11 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     assert again.err == f"error: {tmp_path / 'g.g2o'}: exists already; give another name or --force\n"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}\n", "", "B0: priors, odometry and ranges do not"),
-        ("A0 A1 10.1 0 0 0 0 0 1 0.01", "A0 A1 10.1 0 0 0 0 0 1 0", "A1: odometry variance is"),
-        ("VERTEX_SE3:QUAT 0 B0", "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2, a graph in two dimensions"),
-    ],
-    ids=["no prior", "no variance", "two dimensions"],
-)
+@pytest.mark.parametrize(("old", "new", "said"), [
+    (f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}\n", "", "B0: priors, odometry and ranges do not"),
+    ("A0 A1 10.1 0 0 0 0 0 1 0.01", "A0 A1 10.1 0 0 0 0 0 1 0", "A1: odometry variance is"),
+    ("VERTEX_SE3:QUAT 0 B0", "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2, a graph in two dimensions"),
+], ids=["no prior", "no variance", "two dimensions"])  # fmt: skip
 def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new, said):
     assert old in file.read_text()
     file.write_text(file.read_text().replace(old, new))

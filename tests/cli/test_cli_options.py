@@ -23,21 +23,18 @@ def two(
     typer.echo(f"{links} {out} {ocean} {pair}")
 
 
-@pytest.mark.parametrize(
-    ("words", "ocean"),
-    [
-        ("--ocean synthetic:fram IN OUT", ["synthetic:fram"]),
-        ("IN --ocean a OUT", ["a"]),
-        ("IN OUT --ocean a", ["a"]),
-        ("IN OUT --ocean a b c", ["a", "b", "c"]),
-        ("--ocean a b IN OUT", ["a", "b"]),
-        ("IN --ocean=a b OUT", ["a", "b"]),
-        ("--ocean a --ocean b IN OUT", ["a", "b"]),
-        ("--ocean a b --pair 1 -2 IN OUT", ["a", "b"]),
-        ("IN --pair 1 -2 OUT --ocean a b", ["a", "b"]),
-        ("IN OUT", None),
-    ],
-)
+@pytest.mark.parametrize(("words", "ocean"), [
+    ("--ocean synthetic:fram IN OUT", ["synthetic:fram"]),
+    ("IN --ocean a OUT", ["a"]),
+    ("IN OUT --ocean a", ["a"]),
+    ("IN OUT --ocean a b c", ["a", "b", "c"]),
+    ("--ocean a b IN OUT", ["a", "b"]),
+    ("IN --ocean=a b OUT", ["a", "b"]),
+    ("--ocean a --ocean b IN OUT", ["a", "b"]),
+    ("--ocean a b --pair 1 -2 IN OUT", ["a", "b"]),
+    ("IN --pair 1 -2 OUT --ocean a b", ["a", "b"]),
+    ("IN OUT", None),
+])  # fmt: skip
 def test_files_are_files_and_arguments_arguments(words, ocean):
     done = CliRunner().invoke(app, words.split())
     pair = (1.0, -2.0) if "--pair" in words else None

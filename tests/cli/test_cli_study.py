@@ -116,26 +116,15 @@ def check_refusal(done, expected, left=("small.toml",)):
     assert names_in(Path()) == sorted(left)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (
-            "[noise]\n",
-            "[noise]\nrange_sigm = 2.0\n",
-            "noise.range_sigm: unknown key; did you mean range_sigma?",
-        ),
-        ("target_depth = 250.0", "target_depth = -250.0", "found -250.0; allowed: 0 or more"),
-        ("target_depth = 250.0", "target_depth = 6000.0", "'G': target_depth is 6000 m deep; the sea floor"),
-        (
-            "east = 6000.0",
-            "east = 60000.0",
-            "'H': the start position is at north 0, east 60000 m, outside the",
-        ),
-        ("half_extent_north = 15000.0", "half_extent_north = 9e6", "does not fit into the data"),
-        ("synthetic:beaufort", "synthetic:atlantis", "atlantis"),
-        ("[noise]", "[noise", "not valid TOML"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ("[noise]\n", "[noise]\nrange_sigm = 2.0\n", "noise.range_sigm: unknown key; did you mean range_sigma?"),
+    ("target_depth = 250.0", "target_depth = -250.0", "found -250.0; allowed: 0 or more"),
+    ("target_depth = 250.0", "target_depth = 6000.0", "'G': target_depth is 6000 m deep; the sea floor"),
+    ("east = 6000.0", "east = 60000.0", "'H': the start position is at north 0, east 60000 m, outside the"),
+    ("half_extent_north = 15000.0", "half_extent_north = 9e6", "does not fit into the data"),
+    ("synthetic:beaufort", "synthetic:atlantis", "atlantis"),
+    ("[noise]", "[noise", "not valid TOML"),
+])  # fmt: skip
 def test_bad_configuration_is_one_line_and_leaves_nothing(mantaray, small, old, new, said):
     text = small.read_text()
     assert old in text
@@ -161,16 +150,13 @@ def test_full_output_folder_is_refused_untouched(mantaray, small):
     check_refusal(mantaray("study", "run", small, "--out", "."), "is not empty; give an empty or a new one")
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("run", "quick", "--realizations", "0"), "quick: study.realizations: found 0; allowed: 1 or more"),
-        (("run", "fast"), f"no preset 'fast'; there are {PRESETS}"),
-        (("run", "no.toml"), "no.toml: cannot be read: No such file or directory"),
-        (("show", "fast"), "no preset 'fast'"),
-        (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
-    ],
-)
+@pytest.mark.parametrize(("words", "expected"), [
+    (("run", "quick", "--realizations", "0"), "quick: study.realizations: found 0; allowed: 1 or more"),
+    (("run", "fast"), f"no preset 'fast'; there are {PRESETS}"),
+    (("run", "no.toml"), "no.toml: cannot be read: No such file or directory"),
+    (("show", "fast"), "no preset 'fast'"),
+    (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
+])  # fmt: skip
 def test_known_errors_are_one_line(mantaray, small, words, expected):
     check_refusal(mantaray("study", *words), expected)
 

@@ -165,15 +165,11 @@ def anywhere(prior):
     return replace(prior, covariance=wide)
 
 
-@pytest.mark.parametrize(
-    ("change", "vehicles"),
-    [
-        (lambda prior: prior[:0], slice(None)),
-        (lambda prior: prior[1:], slice(1, None)),  # the free one's poses are eliminated
-        (anywhere, slice(1, None)),
-    ],
-    ids=["none", "one", "anywhere"],
-)
+@pytest.mark.parametrize(("change", "vehicles"), [
+    (lambda prior: prior[:0], slice(None)),
+    (lambda prior: prior[1:], slice(1, None)),  # the free one's poses are eliminated
+    (anywhere, slice(1, None)),
+], ids=["none", "one", "anywhere"])  # fmt: skip
 def test_singular_graph_has_no_covariance_and_stops_nothing(make_fleet, change, vehicles):
     fleet = make_fleet(seed=18)
     graph = build_graph(fleet.noise_free)

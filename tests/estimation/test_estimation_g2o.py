@@ -113,27 +113,24 @@ def test_what_the_format_cannot_hold_is_refused_or_counted(tmp_path, pose_graph)
     assert ", ".join(f"{count} {what}" for what, count in lost.items()) == all_of_them
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT 3", "line 4: second vertex 3"),
-        ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT -7", "line 4: id '-7'; allowed: integers up to 2147483647"),
-        ("VERTEX_SE3:QUAT 7", f"VERTEX_SE3:QUAT {'7' * 5000}", "line 4: id '7+'"),
-        ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT 2147483648", "line 4: id '2147483648'"),
-        ("VERTEX_SE3:QUAT 7", "VERTEX_TRACKXYZ 7", "line 4: begins with 'VERTEX_TRACKXYZ'"),
-        ("EDGE_SE3:QUAT 3 7", "EDGE_SE3:QUAT 3 8", "line 5: id 8; allowed: ids of the file's vertices"),
-        ("EDGE_SE3:QUAT 3 7", "EDGE_SE3:QUAT 3 3", "line 5: EDGE_SE3:QUAT from 3 to itself"),
-        ("0 0 0.6 0.8 4", "0 0 0.6 0.9 4", r"line 5: EDGE_SE3:QUAT: quaternion"),
-        ("0.8 4", "0.8 0", "line 5: EDGE_SE3:QUAT with information 0; allowed: a positive diagonal"),
-        ("0.8 4", "0.8 1e-4", "line 5: EDGE_SE3:QUAT with singular information"),
-        ("200 0 400", "200 0 nan", "line 5: EDGE_SE3:QUAT with a value that is not finite"),
-        ("200 0 400", "200 0 x", "line 5: EDGE_SE3:QUAT: could not convert"),
-        ("200 0 400", "200 0", "line 5: EDGE_SE3:QUAT with 30 fields; allowed: 31"),
-        ("200 0 400", "200 0 1e-200", "line 5: EDGE_SE3:QUAT with singular information; allowed: a positive"),
-        (HAND, "", "no VERTEX_SE3:QUAT in the file"),
-        (HAND, "FIX 3\n", "line 1: begins with 'FIX'"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT 3", "line 4: second vertex 3"),
+    ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT -7", "line 4: id '-7'; allowed: integers up to 2147483647"),
+    ("VERTEX_SE3:QUAT 7", f"VERTEX_SE3:QUAT {'7' * 5000}", "line 4: id '7+'"),
+    ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT 2147483648", "line 4: id '2147483648'"),
+    ("VERTEX_SE3:QUAT 7", "VERTEX_TRACKXYZ 7", "line 4: begins with 'VERTEX_TRACKXYZ'"),
+    ("EDGE_SE3:QUAT 3 7", "EDGE_SE3:QUAT 3 8", "line 5: id 8; allowed: ids of the file's vertices"),
+    ("EDGE_SE3:QUAT 3 7", "EDGE_SE3:QUAT 3 3", "line 5: EDGE_SE3:QUAT from 3 to itself"),
+    ("0 0 0.6 0.8 4", "0 0 0.6 0.9 4", r"line 5: EDGE_SE3:QUAT: quaternion"),
+    ("0.8 4", "0.8 0", "line 5: EDGE_SE3:QUAT with information 0; allowed: a positive diagonal"),
+    ("0.8 4", "0.8 1e-4", "line 5: EDGE_SE3:QUAT with singular information"),
+    ("200 0 400", "200 0 nan", "line 5: EDGE_SE3:QUAT with a value that is not finite"),
+    ("200 0 400", "200 0 x", "line 5: EDGE_SE3:QUAT: could not convert"),
+    ("200 0 400", "200 0", "line 5: EDGE_SE3:QUAT with 30 fields; allowed: 31"),
+    ("200 0 400", "200 0 1e-200", "line 5: EDGE_SE3:QUAT with singular information; allowed: a positive"),
+    (HAND, "", "no VERTEX_SE3:QUAT in the file"),
+    (HAND, "FIX 3\n", "line 1: begins with 'FIX'"),
+])  # fmt: skip
 def test_fault_is_one_line_that_names_the_place(tmp_path, old, new, message):
     assert old in HAND
     (tmp_path / "g.g2o").write_text(HAND.replace(old, new, 1))

@@ -79,21 +79,18 @@ def test_a_graph_goes_to_disk_and_back(whole, tmp_path):
             np.testing.assert_array_equal(getattr(again[kind], part), getattr(graph[kind], part))
 
 
-@pytest.mark.parametrize(
-    ("field", "index", "value", "message"),
-    [
-        ("odometry_translation", (1, 4, 2), np.nan, "^B5: odometry is .*nan"),
-        ("odometry_sigma", (2, 0, 0), 0.0, "^C1: odometry sigma is .0,"),
-        ("odometry_sigma", slice(None), -1.0, "^A1: odometry sigma is .*positive finite"),
-        ("depth", (0, 7), np.nan, "^A7: depth is .nan."),
-        ("depth_sigma", 1, 0.0, "^B0: depth sigma is .0."),
-        ("gnss_position", (1, 0), np.nan, "^A10: GNSS fix is .nan,"),
-        ("range_sigma", slice(None), 0.0, "^[ABC]5: range sigma is .0."),
-        ("refracted_range", slice(None), np.nan, "^[ABC]5: range is .nan."),
-        ("first_quaternion", 1, np.nan, "^B0: first-pose prior is .*nan"),
-        ("range_sample", slice(None), 10005, "^range: refers to variable"),
-    ],
-)
+@pytest.mark.parametrize(("field", "index", "value", "message"), [
+    ("odometry_translation", (1, 4, 2), np.nan, "^B5: odometry is .*nan"),
+    ("odometry_sigma", (2, 0, 0), 0.0, "^C1: odometry sigma is .0,"),
+    ("odometry_sigma", slice(None), -1.0, "^A1: odometry sigma is .*positive finite"),
+    ("depth", (0, 7), np.nan, "^A7: depth is .nan."),
+    ("depth_sigma", 1, 0.0, "^B0: depth sigma is .0."),
+    ("gnss_position", (1, 0), np.nan, "^A10: GNSS fix is .nan,"),
+    ("range_sigma", slice(None), 0.0, "^[ABC]5: range sigma is .0."),
+    ("refracted_range", slice(None), np.nan, "^[ABC]5: range is .nan."),
+    ("first_quaternion", 1, np.nan, "^B0: first-pose prior is .*nan"),
+    ("range_sample", slice(None), 10005, "^range: refers to variable"),
+])  # fmt: skip
 def test_unusable_measurements_are_refused_by_name(fleet, field, index, value, message):
     broken = replace(fleet.noisy, **{field: put(getattr(fleet.noisy, field), index, value)})
     refused(EstimationError, message, build_graph, broken, "refracted")
@@ -104,14 +101,11 @@ def test_a_range_of_a_vehicle_to_itself_is_refused(fleet):
     refused(EstimationError, r"^A5: range is .5..*two different variables", build_graph, itself, "refracted")
 
 
-@pytest.mark.parametrize(
-    ("ranges", "links", "message"),
-    [
-        ("refracted", "all", "a dropout has none"),
-        ("curved", "all", "allowed are"),
-        (None, "some", "allowed are"),
-    ],
-)
+@pytest.mark.parametrize(("ranges", "links", "message"), [
+    ("refracted", "all", "a dropout has none"),
+    ("curved", "all", "allowed are"),
+    (None, "some", "allowed are"),
+])  # fmt: skip
 def test_contradictory_conditions_are_refused(fleet, ranges, links, message):
     refused(EstimationError, message, build_graph, fleet.noisy, ranges, links)
 
@@ -193,15 +187,12 @@ def test_values_that_cannot_be_a_start_are_refused(whole, change, message):
         refused(EstimationError, message, check, graph, replace(values, **change))
 
 
-@pytest.mark.parametrize(
-    "gone",
-    [
-        ("prior",),  # a landmark and depths hold the fleet, which may still turn about the landmark
-        ("prior", "survey"),
-        ("range", "prior"),  # depths hold nothing across
-        ("edge",),  # poses that only depth and some ranges know
-    ],
-)
+@pytest.mark.parametrize("gone", [
+    ("prior",),  # a landmark and depths hold the fleet, which may still turn about the landmark
+    ("prior", "survey"),
+    ("range", "prior"),  # depths hold nothing across
+    ("edge",),  # poses that only depth and some ranges know
+])  # fmt: skip
 @pytest.mark.parametrize("noise", ["noisy", "noise_free"])
 def test_singular_graphs_started_at_the_truth_fail_and_are_diagnosed_by_name(whole, gone, noise):
     fleet, _, values = whole

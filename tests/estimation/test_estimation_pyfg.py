@@ -93,42 +93,34 @@ def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
     np.testing.assert_allclose(graph["fix"].variance[0], [0.36, 0.25, 0.49], rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("line", "old", "new", "message"),
-    [
-        (1, "VERTEX_SE3:QUAT", "EDGE_RANGE", r"line 1: begins with 'EDGE_RANGE'; .*in the first line"),
-        (1, "VERTEX_SE3:QUAT", "VERTEX_SE2", r"line 1: VERTEX_SE2, a graph in two dimensions"),
-        (1, "A0", "A2147483648", r"line 1: VERTEX_SE3:QUAT: number of A2147483648"),
-        (2, "11 2 3", "11  2 3", r"line 2: VERTEX_SE3:QUAT with 11 fields; allowed: 10"),
-        (2, "11 2 3", "11 two 3", r"line 2: .*could not convert string to float: 'two'"),
-        (2, "11 2 3", "11 nan 3", r"line 2: .*not finite"),
-        (2, "11 2 3", "1_1 2 3", r"line 2: .*an underscore or a tab"),
-        (2, "11 2 3", "1.1e9 2 3", r"line 2: VERTEX_SE3:QUAT with 1.1e\+09; .* at most 1e\+09 m"),
-        (2, "0.6 0.8", "0.6 0.9", r"line 2: .*quaternion .*x y z w of length 1"),
-        (2, "A1", "A00", r"line 2: second vertex named A0"),
-        (2, "A1", "alpha1", r"line 2: name 'alpha1'; allowed: a capital letter"),
-        (2, "A1", "L1", r"line 2: VERTEX_SE3:QUAT with landmark L1"),
-        (3, "L0", "B0", r"line 3: VERTEX_XYZ with pose B0"),
-        (4, " 3e-4", "", r"line 4: VERTEX_SE3:QUAT:PRIOR with 30 fields; allowed: 31"),
-        (4, "0.01 0.001", "0.01 0.02", r"A0: first-pose prior covariance's eigenvalues, scaled .*is .-0.4"),
-        (5, "0.49 0", "1e12 0", r"line 5: pose prior with free axes z rx ry rz"),
-        (6, "3.5 0 0 0 1", "3.5 0.6 0 0 0.8", r"line 6: pose prior with free axes .*level axes"),
-        (8, "A1", "A7", r"line 8: name A7; allowed: names of the file's vertices"),
-        (8, "1 0 0 0 0 0.001", "0 0 0 0 0 0.001", r"A1: odometry variance is .*0,.*positive finite"),
-        (9, "A1 L0", "L0 A1", r"line 9: .*the pose first"),
-        (9, "A1 L0", "A1 A1", r"line 9: .*from A1 to itself"),
-        (9, "A1 L0", "A0001 L99999999999999999999", r"line 9: EDGE_RANGE: number of L9+; .* 2147483647"),
-        (
-            9,
-            "RANGE 200 A1 L0 8.5 4",
-            "SE3_XYZ 200 A1 L0 1 2 3 1 0 0 1 0 1",
-            "line 9: EDGE_SE3_XYZ, a .*no factor",
-        ),
-        (9, "EDGE_RANGE", "EDGE_SE2_XY", r"line 9: EDGE_SE2_XY, a graph in two dimensions"),
-        (9, "8.5 4", "8.5 -4", r"A1: range variance is .-4."),
-        (9, "8.5 4", "8.5 4\n", r"line 10: begins with ''"),
-    ],
-)
+@pytest.mark.parametrize(("line", "old", "new", "message"), [
+    (1, "VERTEX_SE3:QUAT", "EDGE_RANGE", r"line 1: begins with 'EDGE_RANGE'; .*in the first line"),
+    (1, "VERTEX_SE3:QUAT", "VERTEX_SE2", r"line 1: VERTEX_SE2, a graph in two dimensions"),
+    (1, "A0", "A2147483648", r"line 1: VERTEX_SE3:QUAT: number of A2147483648"),
+    (2, "11 2 3", "11  2 3", r"line 2: VERTEX_SE3:QUAT with 11 fields; allowed: 10"),
+    (2, "11 2 3", "11 two 3", r"line 2: .*could not convert string to float: 'two'"),
+    (2, "11 2 3", "11 nan 3", r"line 2: .*not finite"),
+    (2, "11 2 3", "1_1 2 3", r"line 2: .*an underscore or a tab"),
+    (2, "11 2 3", "1.1e9 2 3", r"line 2: VERTEX_SE3:QUAT with 1.1e\+09; .* at most 1e\+09 m"),
+    (2, "0.6 0.8", "0.6 0.9", r"line 2: .*quaternion .*x y z w of length 1"),
+    (2, "A1", "A00", r"line 2: second vertex named A0"),
+    (2, "A1", "alpha1", r"line 2: name 'alpha1'; allowed: a capital letter"),
+    (2, "A1", "L1", r"line 2: VERTEX_SE3:QUAT with landmark L1"),
+    (3, "L0", "B0", r"line 3: VERTEX_XYZ with pose B0"),
+    (4, " 3e-4", "", r"line 4: VERTEX_SE3:QUAT:PRIOR with 30 fields; allowed: 31"),
+    (4, "0.01 0.001", "0.01 0.02", r"A0: first-pose prior covariance's eigenvalues, scaled .*is .-0.4"),
+    (5, "0.49 0", "1e12 0", r"line 5: pose prior with free axes z rx ry rz"),
+    (6, "3.5 0 0 0 1", "3.5 0.6 0 0 0.8", r"line 6: pose prior with free axes .*level axes"),
+    (8, "A1", "A7", r"line 8: name A7; allowed: names of the file's vertices"),
+    (8, "1 0 0 0 0 0.001", "0 0 0 0 0 0.001", r"A1: odometry variance is .*0,.*positive finite"),
+    (9, "A1 L0", "L0 A1", r"line 9: .*the pose first"),
+    (9, "A1 L0", "A1 A1", r"line 9: .*from A1 to itself"),
+    (9, "A1 L0", "A0001 L99999999999999999999", r"line 9: EDGE_RANGE: number of L9+; .* 2147483647"),
+    (9, "RANGE 200 A1 L0 8.5 4", "SE3_XYZ 200 A1 L0 1 2 3 1 0 0 1 0 1", "line 9: EDGE_SE3_XYZ, a .*no factor"),
+    (9, "EDGE_RANGE", "EDGE_SE2_XY", r"line 9: EDGE_SE2_XY, a graph in two dimensions"),
+    (9, "8.5 4", "8.5 -4", r"A1: range variance is .-4."),
+    (9, "8.5 4", "8.5 4\n", r"line 10: begins with ''"),
+])  # fmt: skip
 def test_fault_is_one_line_that_names_the_place(tmp_path, line, old, new, message):
     lines = HAND.splitlines(keepends=True)
     assert old in lines[line - 1]
@@ -174,17 +166,14 @@ def test_names_that_are_no_letters_are_kept_in_a_table_beside_the_file(tmp_path,
             write_pyfg(named(graph, "beacon", odd, "x"), path, initial=fleet.truth)
 
 
-@pytest.mark.parametrize(
-    "rows",
-    [
-        "",
-        "symbol,name A",
-        "symbol,name A,x,y",
-        "name,symbol A,x",
-        "symbol,name A,x B,x",
-        "symbol,name A,../x",
-    ],
-)
+@pytest.mark.parametrize("rows", [
+    "",
+    "symbol,name A",
+    "symbol,name A,x,y",
+    "name,symbol A,x",
+    "symbol,name A,x B,x",
+    "symbol,name A,../x",
+])  # fmt: skip
 def test_a_table_of_names_that_is_none_is_refused_by_its_name(tmp_path, rows):
     (tmp_path / "graph.names.csv").write_text("".join(row + "\n" for row in rows.split(" ") if row))
     refused(EstimationError, r"graph\.names\.csv: (needs a line|not a readable)", read_text, tmp_path, HAND)

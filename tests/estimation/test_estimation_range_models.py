@@ -97,15 +97,12 @@ def test_nearly_level_chords_join_level_ones():
     assert 1450.0 * np.ptp(found.travel_time) < 1e-2  # m, over 2 cm of depth in a gradient of 0.2 per second
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: ConstantSpeed(0.0), "sound speed 0.0 m/s"),
-        (lambda: MeanSlowness([0.0], [1500.0]), "two or more increasing"),
-        (lambda: MeanSlowness([0.0, 0.0], [1500.0, 1500.0]), "increasing depths"),
-        (lambda: MeanSlowness([0.0, 10.0], [1500.0, -1.0]), "sound speed -1 m/s"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda: ConstantSpeed(0.0), "sound speed 0.0 m/s"),
+    (lambda: MeanSlowness([0.0], [1500.0]), "two or more increasing"),
+    (lambda: MeanSlowness([0.0, 0.0], [1500.0, 1500.0]), "increasing depths"),
+    (lambda: MeanSlowness([0.0, 10.0], [1500.0, -1.0]), "sound speed -1 m/s"),
+])  # fmt: skip
 def test_impossible_models_are_refused(make, message):
     with pytest.raises(EstimationError, match=message):
         make()

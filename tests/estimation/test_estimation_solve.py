@@ -193,23 +193,20 @@ GOOD = Progress(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("change", "status"),
-    [
-        ({}, SolveStatus.OK),
-        ({"iterations": 0}, SolveStatus.NO_ITERATION),
-        ({"final_cost": 901.0}, SolveStatus.COST_ROSE),
-        ({"last_step": 1.0}, SolveStatus.NOT_CONVERGED),
-        ({"last_step": np.nan}, SolveStatus.NOT_CONVERGED),
-        ({"newton_decrement": 0.1}, SolveStatus.NOT_CONVERGED),
-        ({"newton_decrement": np.nan}, SolveStatus.NOT_CONVERGED),
-        ({"singular": True}, SolveStatus.FAILED),
-        ({"final_cost": np.nan}, SolveStatus.FAILED),
-        ({"final_cost": 151.0}, SolveStatus.OVER_CHI_SQUARE),  # expected 100, standard deviation 10
-        ({"final_cost": 49.0}, SolveStatus.OVER_CHI_SQUARE),
-        ({"final_cost": 149.0}, SolveStatus.OK),
-    ],
-)
+@pytest.mark.parametrize(("change", "status"), [
+    ({}, SolveStatus.OK),
+    ({"iterations": 0}, SolveStatus.NO_ITERATION),
+    ({"final_cost": 901.0}, SolveStatus.COST_ROSE),
+    ({"last_step": 1.0}, SolveStatus.NOT_CONVERGED),
+    ({"last_step": np.nan}, SolveStatus.NOT_CONVERGED),
+    ({"newton_decrement": 0.1}, SolveStatus.NOT_CONVERGED),
+    ({"newton_decrement": np.nan}, SolveStatus.NOT_CONVERGED),
+    ({"singular": True}, SolveStatus.FAILED),
+    ({"final_cost": np.nan}, SolveStatus.FAILED),
+    ({"final_cost": 151.0}, SolveStatus.OVER_CHI_SQUARE),  # expected 100, standard deviation 10
+    ({"final_cost": 49.0}, SolveStatus.OVER_CHI_SQUARE),
+    ({"final_cost": 149.0}, SolveStatus.OK),
+])  # fmt: skip
 def test_gate_has_a_verdict_for_each_way_to_end(change, status):
     assert gate(replace(GOOD, **change), SolveOptions(), expected_cost=100.0) == status
 

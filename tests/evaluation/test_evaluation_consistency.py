@@ -168,15 +168,12 @@ def test_failed_solves_leave_the_sum_and_its_degrees_of_freedom():
     assert set(none.loc[none["statistic"] == "ranges", "condition"]) == {"refracted"}
 
 
-@pytest.mark.parametrize(
-    ("field", "values", "said"),
-    [
-        ("name", ["A", "B", "C", "X"], "different vehicles"),
-        ("condition", ["straight", "other"], "different conditions"),
-        ("realization", np.arange(40) + 1, "different realizations"),
-        ("sample", [4, 99], "sample 99; the truth has 10"),
-    ],
-)
+@pytest.mark.parametrize(("field", "values", "said"), [
+    ("name", ["A", "B", "C", "X"], "different vehicles"),
+    ("condition", ["straight", "other"], "different conditions"),
+    ("realization", np.arange(40) + 1, "different realizations"),
+    ("sample", [4, 99], "sample 99; the truth has 10"),
+])  # fmt: skip
 def test_records_that_do_not_belong_together_are_refused(field, values, said):
     truth, estimates, covariances = make_case(seed=6)
     with pytest.raises(EvaluationError, match=said):

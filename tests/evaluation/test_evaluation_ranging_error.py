@@ -8,12 +8,7 @@ from factories import ranges, trajectories
 from scipy import stats
 
 from pymantaray.errors import EvaluationError
-from pymantaray.evaluation import (
-    ALL_LINKS,
-    dropout_table,
-    range_error_table,
-    range_errors,
-)
+from pymantaray.evaluation import ALL_LINKS, dropout_table, range_error_table, range_errors
 from pymantaray.evaluation.ranging_error import link_categories
 from pymantaray.records import RangingTruth, RayStatus
 

@@ -36,15 +36,12 @@ def warmth(oceans):
     return [float(o["water_temp"].mean()) - 5.0 for o in oceans]
 
 
-@pytest.mark.parametrize(
-    ("start", "stop", "expected"),
-    [
-        ("2020-01-01T00:00", "2020-01-01T09:00", [0, 1, 2, 3]),
-        ("2020-01-01T03:00", "2020-01-01T03:00", [1]),
-        ("2020-01-01T03:01", "2020-01-01T05:59", [1, 2]),
-        ("2020-01-01T02:59", "2020-01-01T03:01", [0, 1, 2]),
-    ],
-)
+@pytest.mark.parametrize(("start", "stop", "expected"), [
+    ("2020-01-01T00:00", "2020-01-01T09:00", [0, 1, 2, 3]),
+    ("2020-01-01T03:00", "2020-01-01T03:00", [1]),
+    ("2020-01-01T03:01", "2020-01-01T05:59", [1, 2]),
+    ("2020-01-01T02:59", "2020-01-01T03:01", [0, 1, 2]),
+])  # fmt: skip
 def test_the_instants_that_enclose_a_span(file, start, stop, expected):
     assert warmth(open_ocean_series(file, start, stop)) == pytest.approx(expected)
 

@@ -6,13 +6,7 @@ from factories import ARCTIC_DEPTH, arctic, front_links, make_front
 from oracles import field_of
 from scipy.interpolate import CubicHermiteSpline
 
-from pymantaray.acoustics import (
-    Medium,
-    find_eigenrays,
-    path_integrals,
-    trace_paths,
-    travel_time_sensitivity,
-)
+from pymantaray.acoustics import Medium, find_eigenrays, path_integrals, trace_paths, travel_time_sensitivity
 from pymantaray.records import RayAxis
 
 

@@ -249,19 +249,11 @@ def pick(seed, links):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("links", "bed", "least", "limit"),
-    [
-        ((120, 8), (), 700, 0),
-        ((120, 18), (), 700, 0),
-        (
-            (100, 28),
-            (150.0, 1000.0, 9),
-            500,
-            1,
-        ),  # known limit over slopes of a fifth: one of 584, from one end
-    ],
-)
+@pytest.mark.parametrize(("links", "bed", "least", "limit"), [
+    ((120, 8), (), 700, 0),
+    ((120, 18), (), 700, 0),
+    ((100, 28), (150.0, 1000.0, 9), 500, 1),  # known limit over slopes of a fifth: one of 584, from one end
+])  # fmt: skip
 def test_every_ray_is_found_and_none_invented(links, bed, least, limit):
     missed, invented, count = compare(twisted_medium(*bed), *draw_links(*links))
     assert count > least

@@ -103,19 +103,16 @@ def test_fields_are_converted_copied_and_frozen():
         record.size = size
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"size": ["one", "two"]}, "pair: size is not an array of type f8"),
-        ({"size": [[1], [1, 2]]}, "pair: size is not an array of type f8"),
-        ({"size": 1.0}, r"pair: size has shape \(\); needs dimensions \('item',\)"),
-        ({"count": [1, 2]}, r"pair: count has shape \(2,\); needs dimensions \('item', 'axis'\)"),
-        ({"size": [1, 2, 3]}, "pair: size has 3 along 'item', other fields have 2"),
-        ({"count": np.full((2, 3), 40_000)}, "pair: count holds values that do not fit type i2"),
-        ({"count": np.full((2, 3), np.nan)}, "pair: count holds values that do not fit type i2"),
-        ({"count": np.full((2, 3), 0.5)}, "pair: count holds values that do not fit type i2"),
-    ],
-)
+@pytest.mark.parametrize(("changed", "message"), [
+    ({"size": ["one", "two"]}, "pair: size is not an array of type f8"),
+    ({"size": [[1], [1, 2]]}, "pair: size is not an array of type f8"),
+    ({"size": 1.0}, r"pair: size has shape \(\); needs dimensions \('item',\)"),
+    ({"count": [1, 2]}, r"pair: count has shape \(2,\); needs dimensions \('item', 'axis'\)"),
+    ({"size": [1, 2, 3]}, "pair: size has 3 along 'item', other fields have 2"),
+    ({"count": np.full((2, 3), 40_000)}, "pair: count holds values that do not fit type i2"),
+    ({"count": np.full((2, 3), np.nan)}, "pair: count holds values that do not fit type i2"),
+    ({"count": np.full((2, 3), 0.5)}, "pair: count holds values that do not fit type i2"),
+])  # fmt: skip
 def test_bad_columns_are_refused_in_one_line(changed, message):
     refused(RecordError, message, pair, **changed)
 

@@ -93,17 +93,14 @@ def test_a_file_that_is_there_is_refused_if_asked(make, tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("absent/a.txt", r"a\.txt: cannot be written: No such file or directory$"),
-        ("folder", "folder: cannot be written: not an ordinary file$"),
-        ("/dev/null", "/dev/null: cannot be written: not an ordinary file$"),
-        ("a\0b", "cannot be written: .*null"),
-        ("n" * 300, "cannot be written: File name too long$"),
-        ("n" * 255, None),
-    ],
-)
+@pytest.mark.parametrize(("name", "message"), [
+    ("absent/a.txt", r"a\.txt: cannot be written: No such file or directory$"),
+    ("folder", "folder: cannot be written: not an ordinary file$"),
+    ("/dev/null", "/dev/null: cannot be written: not an ordinary file$"),
+    ("a\0b", "cannot be written: .*null"),
+    ("n" * 300, "cannot be written: File name too long$"),
+    ("n" * 255, None),
+])  # fmt: skip
 def test_names_that_cannot_be_written(name, message, tmp_path):
     (tmp_path / "folder").mkdir()
     if message is None:
@@ -114,11 +111,10 @@ def test_names_that_cannot_be_written(name, message, tmp_path):
 
 
 @pytest.mark.usefixtures("small_files")
-@pytest.mark.parametrize(
-    "write",
-    [lambda path: write_text(path, "x" * 2 * LIMIT), lambda path: write_netcdf(FULL, path)],
-    ids=["text", "netcdf"],
-)
+@pytest.mark.parametrize("write", [
+    lambda path: write_text(path, "x" * 2 * LIMIT),
+    lambda path: write_netcdf(FULL, path),
+], ids=["text", "netcdf"])  # fmt: skip
 def test_what_does_not_fit_is_one_line_with_name_and_cause(write, tmp_path):
     path = tmp_path / "a.nc"
     path.write_text("old")

@@ -48,14 +48,11 @@ def test_a_figure_that_cannot_be_drawn_leaves_no_file(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("attrs", "expected"),
-    [
-        ({"title": "Fram Strait (synthetic)", "synthetic": 1}, "Fram Strait, synthetic ocean"),
-        ({"title": "Fram Strait", "synthetic": np.int64(1)}, "Fram Strait, synthetic ocean"),
-        ({"title": "HYCOM", "synthetic": 0, "time": "2014-07-15T12:00:00"}, "HYCOM, 2014-07-15 12:00 UTC"),
-        ({}, "unnamed ocean"),
-    ],
-)
+@pytest.mark.parametrize(("attrs", "expected"), [
+    ({"title": "Fram Strait (synthetic)", "synthetic": 1}, "Fram Strait, synthetic ocean"),
+    ({"title": "Fram Strait", "synthetic": np.int64(1)}, "Fram Strait, synthetic ocean"),
+    ({"title": "HYCOM", "synthetic": 0, "time": "2014-07-15T12:00:00"}, "HYCOM, 2014-07-15 12:00 UTC"),
+    ({}, "unnamed ocean"),
+])  # fmt: skip
 def test_header_says_synthetic_exactly_when_the_ocean_is(attrs, expected):
     assert ocean_header(attrs) == expected

@@ -18,15 +18,7 @@ from pymantaray.acoustics import (
 )
 from pymantaray.records import RayStatus, VehicleStatus
 from pymantaray.records.base import Record
-from pymantaray.sensing import (
-    Detector,
-    Landmark,
-    Links,
-    NoiseModel,
-    OneWay,
-    TwoWay,
-    assemble,
-)
+from pymantaray.sensing import Detector, Landmark, Links, NoiseModel, OneWay, TwoWay, assemble
 
 PINGS = np.array([800.0, 1600.0, 2400.0])  # s; samples 4, 8 and 12
 C0, GRADIENT, BOTTOM = 1450.0, 0.016, 3000.0

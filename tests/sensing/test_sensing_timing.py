@@ -10,13 +10,7 @@ from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
 from pymantaray.records import RayStatus, VehicleStatus
-from pymantaray.sensing import (
-    ClockModel,
-    Clocks,
-    Landmark,
-    TwoWay,
-    perturb,
-)
+from pymantaray.sensing import ClockModel, Clocks, Landmark, TwoWay, perturb
 from pymantaray.sensing.timing import velocities
 
 C0, GRADIENT = 1450.0, 0.016
@@ -178,13 +172,10 @@ def test_impossible_clocks_and_schemes_are_refused(message):
         IMPOSSIBLE[message]()
 
 
-@pytest.mark.parametrize(
-    ("n", "true", "message"),
-    [
-        (2, True, "clocks of 2 vehicles; the measurements have 3"),
-        (3, False, "clocks act on true travel times"),
-    ],
-)
+@pytest.mark.parametrize(("n", "true", "message"), [
+    (2, True, "clocks of 2 vehicles; the measurements have 3"),
+    (3, False, "clocks act on true travel times"),
+])  # fmt: skip
 def test_clocks_that_do_not_fit_are_refused(make_measurements, make_ranging_truth, n, true, message):
     clocks = Clocks(offset=[0] * n, skew=[0] * n)
     ranging_truth = make_ranging_truth() if true else None

@@ -80,26 +80,23 @@ def test_resolved_presets_read_back_equal(name):
     assert parse_study(tomllib.loads(study_toml(config))) == config
 
 
-@pytest.mark.parametrize(
-    "sections",
-    [
-        {"detection": {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}},
-        {"ranging": {"timing": "two-way", "turn_around_s": 0.5, "clock_skew_sigma": 1e-6}},
-        {"ranging": {"mistaken": "first-detected", "below_strongest_db": 9.0}},
-        {
-            "estimators": [
-                {"name": "a", "range_model": "constant", "sound_speed": 1450.0, "loss": "huber"},
-                {
-                    "name": "b",
-                    "range_model": "eigenray",
-                    "belief": {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0},
-                    "variance": "correlated",
-                    "start": "dead-reckoning",
-                },
-            ]
-        },
-    ],
-)
+@pytest.mark.parametrize("sections", [
+    {"detection": {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}},
+    {"ranging": {"timing": "two-way", "turn_around_s": 0.5, "clock_skew_sigma": 1e-6}},
+    {"ranging": {"mistaken": "first-detected", "below_strongest_db": 9.0}},
+    {
+        "estimators": [
+            {"name": "a", "range_model": "constant", "sound_speed": 1450.0, "loss": "huber"},
+            {
+                "name": "b",
+                "range_model": "eigenray",
+                "belief": {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0},
+                "variance": "correlated",
+                "start": "dead-reckoning",
+            },
+        ]
+    },
+])  # fmt: skip
 def test_resolved_configuration_reads_back_equal(tiny_tree, sections, tmp_path):
     config = parse_study(tiny_tree | sections)
     (tmp_path / "config.toml").write_text(study_toml(config))
@@ -234,21 +231,17 @@ def test_unknown_preset_lists_those_there_are():
         load_study("fast")
 
 
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        (None, "cannot be read: No such file"),
-        (b"\xff", "cannot be read: not UTF-8 text"),
-        (b"[study\n", "not valid TOML: Expected"),
-        (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: a number is too long, or tables are nested"),
-        (b"a = " + b"9" * 5000, "not valid TOML: a number is too long, or tables are nested"),
-        (b".".join([b"a"] * 3000) + b" = 1", "a: unknown key"),
-        (b"[study]\nname = " + b"[" * 90 + b"]" * 90, "study.name: found [[[[[[[...]]]]]]]"),
-        (b'[study]\nname = "' + b"/" * 9999 + b'"', "study.name: found '///////"),
-        (b"[study]\nseed = -" + b"9" * 4000, "study.seed: found -99999"),
-    ],
-    ids=range(9),
-)
+@pytest.mark.parametrize(("content", "expected"), [
+    (None, "cannot be read: No such file"),
+    (b"\xff", "cannot be read: not UTF-8 text"),
+    (b"[study\n", "not valid TOML: Expected"),
+    (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: a number is too long, or tables are nested"),
+    (b"a = " + b"9" * 5000, "not valid TOML: a number is too long, or tables are nested"),
+    (b".".join([b"a"] * 3000) + b" = 1", "a: unknown key"),
+    (b"[study]\nname = " + b"[" * 90 + b"]" * 90, "study.name: found [[[[[[[...]]]]]]]"),
+    (b'[study]\nname = "' + b"/" * 9999 + b'"', "study.name: found '///////"),
+    (b"[study]\nseed = -" + b"9" * 4000, "study.seed: found -99999"),
+], ids=range(9))  # fmt: skip
 def test_files_that_are_no_configuration_are_named_in_short_lines(tmp_path, content, expected):
     if content is not None:
         (tmp_path / "mine.toml").write_bytes(content)

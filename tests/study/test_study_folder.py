@@ -92,17 +92,13 @@ def test_link_to_a_place_that_is_not_there_yet_is_followed(tmp_path):
     assert names_in(tmp_path / "there") == ["data", "manifest.json"]
 
 
-@pytest.mark.parametrize(
-    ("name", "match"),
-    [
-        ("file", "file: is a file"),
-        ("file/below", "cannot be written: (Not a directory|File exists)"),
-        (os.fsdecode(b"\xff"), r"not a name in UTF-8; choose another with --out"),
-        ("a\0b", "cannot be written: .*null"),
-        ("x" * 300, "cannot be written: File name too long"),
-    ],
-    ids=["file", "below a file", "not UTF-8", "null", "long"],
-)
+@pytest.mark.parametrize(("name", "match"), [
+    ("file", "file: is a file"),
+    ("file/below", "cannot be written: (Not a directory|File exists)"),
+    (os.fsdecode(b"\xff"), r"not a name in UTF-8; choose another with --out"),
+    ("a\0b", "cannot be written: .*null"),
+    ("x" * 300, "cannot be written: File name too long"),
+], ids=["file", "below a file", "not UTF-8", "null", "long"])  # fmt: skip
 def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, name, match):
     (tmp_path / "file").write_text("mine")
     assert_refused(f"{tmp_path}/{name}", match)

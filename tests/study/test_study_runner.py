@@ -149,17 +149,14 @@ def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypat
     assert names_in(tmp_path) == ["mine"]
 
 
-@pytest.mark.parametrize(
-    ("section", "values", "expected"),
-    [
-        ("mission", {"duration_h": 1e9}, "4 vehicles x 1.8e+10 samples x 5 solves x 160 bytes"),
-        ("mission", {"duration_h": 1e308}, "duration_h is inf s; it must be a whole multiple"),
-        ("mission", {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}, "4 vehicles x 1.44e+10 samples"),
-        ("mission", {"physics_step_s": 1e-300}, "4 vehicles x 1.44e+304 physics steps are more than 1e+13"),
-        ("study", {"realizations": 10**9}, "4 vehicles x 72 samples x 5e+09 solves x 160 bytes"),
-        ("study", {"realizations": int("9" * 4000)}, "study.realizations: found 99999"),
-    ],
-)
+@pytest.mark.parametrize(("section", "values", "expected"), [
+    ("mission", {"duration_h": 1e9}, "4 vehicles x 1.8e+10 samples x 5 solves x 160 bytes"),
+    ("mission", {"duration_h": 1e308}, "duration_h is inf s; it must be a whole multiple"),
+    ("mission", {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}, "4 vehicles x 1.44e+10 samples"),
+    ("mission", {"physics_step_s": 1e-300}, "4 vehicles x 1.44e+304 physics steps are more than 1e+13"),
+    ("study", {"realizations": 10**9}, "4 vehicles x 72 samples x 5e+09 solves x 160 bytes"),
+    ("study", {"realizations": int("9" * 4000)}, "study.realizations: found 99999"),
+])  # fmt: skip
 def test_what_no_machine_can_hold_or_finish_is_refused_at_once_in_one_line(
     tiny_tree, tmp_path, section, values, expected
 ):

@@ -83,13 +83,10 @@ def test_a_process_that_is_killed_is_told_in_one_line():
         in_processes(partial(task, die), 3, 2, lambda _: None)
 
 
-@pytest.mark.parametrize(
-    ("function", "error", "match"),
-    [
-        (return_unsendable, AttributeError, "local object"),
-        (raise_unsendable, StudyError, "ended early, with code 1"),
-    ],
-)
+@pytest.mark.parametrize(("function", "error", "match"), [
+    (return_unsendable, AttributeError, "local object"),
+    (raise_unsendable, StudyError, "ended early, with code 1"),
+])  # fmt: skip
 def test_what_cannot_be_sent_back_ends_the_work_and_not_the_patience(function, error, match):
     with pytest.raises(error, match=match):
         in_processes(partial(task, function), 3, 2, lambda _: None)

@@ -12,21 +12,18 @@ def _no_environment(monkeypatch):
     monkeypatch.delenv("MANTARAY_OCEAN_SERVERS", raising=False)
 
 
-@pytest.mark.parametrize(
-    ("time", "names"),
-    [
-        ("2014-07-15T12", ("expt_53.X", "expt_56.3")),
-        ("2016-04-01", ("expt_56.3",)),
-        ("2016-08-01", ("expt_57.2", "expt_56.3")),
-        ("2017-03-01", ("expt_92.8",)),
-        ("2017-08-01", ("expt_57.7",)),
-        ("2017-12-01", ("expt_92.9",)),
-        ("2018-02-01", ("GLBv-93.0", "expt_92.9")),
-        ("2019-03-07", ("GLBy-93.0", "GLBv-93.0")),
-        ("2024-09-01", ("GLBy-93.0", "ESPC-D-V02")),
-        ("2030-01-01", ("ESPC-D-V02",)),
-    ],
-)
+@pytest.mark.parametrize(("time", "names"), [
+    ("2014-07-15T12", ("expt_53.X", "expt_56.3")),
+    ("2016-04-01", ("expt_56.3",)),
+    ("2016-08-01", ("expt_57.2", "expt_56.3")),
+    ("2017-03-01", ("expt_92.8",)),
+    ("2017-08-01", ("expt_57.7",)),
+    ("2017-12-01", ("expt_92.9",)),
+    ("2018-02-01", ("GLBv-93.0", "expt_92.9")),
+    ("2019-03-07", ("GLBy-93.0", "GLBv-93.0")),
+    ("2024-09-01", ("GLBy-93.0", "ESPC-D-V02")),
+    ("2030-01-01", ("ESPC-D-V02",)),
+])  # fmt: skip
 def test_every_time_since_1994_has_an_experiment(time, names):
     experiments = covering(load_catalogue().experiments, np.datetime64(time, "s"), None, "experiment")
     assert tuple(e.name for e in experiments) == names
@@ -58,18 +55,15 @@ datasets = [{ path = "mine", variables = ["water_temp", "salinity", "water_u", "
 """
 
 
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ("not = [toml", "mine.toml: not TOML"),
-        ("[servers]\nopendap = 'http://a'", "mine.toml: servers: Extra inputs are not permitted"),
-        ("[addresses]", "mine.toml: addresses.opendap: Field required"),
-        ("[addresses]\nopendap = 'file:///etc/passwd'", "is not an address"),
-        (EXPERIMENT.replace("2020-01-01T00:00:00", "'soon'"), "mine.toml: experiments.0.first"),
-        (EXPERIMENT.replace('"water_v"', '"water_u"'), "water_u, water_u; needs each of"),
-        (None, "mine.toml: cannot be read"),
-    ],
-)
+@pytest.mark.parametrize(("text", "line"), [
+    ("not = [toml", "mine.toml: not TOML"),
+    ("[servers]\nopendap = 'http://a'", "mine.toml: servers: Extra inputs are not permitted"),
+    ("[addresses]", "mine.toml: addresses.opendap: Field required"),
+    ("[addresses]\nopendap = 'file:///etc/passwd'", "is not an address"),
+    (EXPERIMENT.replace("2020-01-01T00:00:00", "'soon'"), "mine.toml: experiments.0.first"),
+    (EXPERIMENT.replace('"water_v"', '"water_u"'), "water_u, water_u; needs each of"),
+    (None, "mine.toml: cannot be read"),
+])  # fmt: skip
 def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, line):
     if text is not None:
         (tmp_path / "mine.toml").write_text(text)

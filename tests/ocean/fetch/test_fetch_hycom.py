@@ -37,18 +37,15 @@ def test_only_the_window_is_read_in_blocks_of_levels(fetch, is_true, thredds):
     assert not any("bottom" in a for a in thredds.app.asked)
 
 
-@pytest.mark.parametrize(
-    ("lon", "time", "seam"),
-    [
-        ((210.0, 211.0), "2014-07-15T12", False),  # axis begins at -180
-        ((-150.0, 211.0), "2014-07-15T12", False),
-        ((359.5, 0.5), "2014-07-15T12", False),
-        ((179.5, -179.5), "2014-07-15T12", True),
-        ((-150.0, -149.0), "2019-03-07T15", False),  # axis begins at 0
-        ((179.5, 180.5), "2019-03-07T15", False),
-        ((-0.5, 0.5), "2019-03-07T15", True),
-    ],
-)
+@pytest.mark.parametrize(("lon", "time", "seam"), [
+    ((210.0, 211.0), "2014-07-15T12", False),  # axis begins at -180
+    ((-150.0, 211.0), "2014-07-15T12", False),
+    ((359.5, 0.5), "2014-07-15T12", False),
+    ((179.5, -179.5), "2014-07-15T12", True),
+    ((-150.0, -149.0), "2019-03-07T15", False),  # axis begins at 0
+    ((179.5, 180.5), "2019-03-07T15", False),
+    ((-0.5, 0.5), "2019-03-07T15", True),
+])  # fmt: skip
 def test_any_longitudes_from_any_server_and_across_its_seam(fetch, is_true, thredds, lon, time, seam):
     _, ocean = fetch(lon=lon, time=time, lat=(-30.0, -29.0))
     is_true(ocean, time)
@@ -60,18 +57,15 @@ def test_any_longitudes_from_any_server_and_across_its_seam(fetch, is_true, thre
     assert abs((middle - lon[0] - 0.5 + 180.0) % 360.0 - 180.0) < 0.09
 
 
-@pytest.mark.parametrize(
-    ("time", "dataset", "n_sets"),
-    [
-        ("2014-01-01T12", "data/2014.", 1),
-        ("2015-01-01T06", "data/2014.", 1),  # the file of a year runs from 12Z
-        ("2015-01-01T12", "data/2015.", 1),
-        ("2016-01-15T00", "expt_56.3.", 1),
-        ("2016-06-01T00", "expt_57.2.", 1),
-        ("2018-12-04T12", "GLBy0.08/expt_93.0/uv3z.", 2),
-        ("2025-01-15T03", "ESPC-D-V02/v3z/2025.", 4),
-    ],
-)
+@pytest.mark.parametrize(("time", "dataset", "n_sets"), [
+    ("2014-01-01T12", "data/2014.", 1),
+    ("2015-01-01T06", "data/2014.", 1),  # the file of a year runs from 12Z
+    ("2015-01-01T12", "data/2015.", 1),
+    ("2016-01-15T00", "expt_56.3.", 1),
+    ("2016-06-01T00", "expt_57.2.", 1),
+    ("2018-12-04T12", "GLBy0.08/expt_93.0/uv3z.", 2),
+    ("2025-01-15T03", "ESPC-D-V02/v3z/2025.", 4),
+])  # fmt: skip
 def test_the_data_sets_that_hold_the_time_are_found(fetch, is_true, thredds, time, dataset, n_sets):
     _, ocean = fetch(time=time)
     is_true(ocean, time)
@@ -154,31 +148,22 @@ def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
         np.testing.assert_allclose(fetched[name], expected[name], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("options", "line"),
-    [
-        ({"lat": (73.0, 73.0)}, "lat is 73,73; the window is empty"),
-        ({"lat": (73.0, 95.0)}, "lat is 73,95; needs two numbers from -90 to 90"),
-        ({"lat": (float("nan"), 1.0)}, "lat is nan,1; needs"),
-        (
-            {"lon": (-130.0, -150.0)},
-            "lon is -130,-150; it goes 340 degrees eastwards; allowed are 180; write west,east",
-        ),
-        ({"lat": (-85.0, -82.0)}, "data cover latitude -80 to 90; -85 to -82 were asked for"),
-        ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, "points; allowed are 20,000,000, make it smaller"),
-        ({"lon": (-150.0, -149.99)}, "axis too short (lon): 2 points; allowed 4 or more"),
-        ({"out": "nowhere/ocean.nc"}, "no such folder; make it first"),
-        ({"servers": "ftp://example.org"}, "cannot be read"),
-        ({"servers": "http://"}, "is not an address"),
-        ({"time": "last summer"}, "is not an instant"),
-        ({"time": "1980-01-01"}, "no experiment covers 1980-01-01T00:00; there is expt_53.X 1994-01-01"),
-        ({"experiment": "mine"}, "no experiment is called 'mine'"),
-        (
-            {"lat": (0.0, 0.4), "lon": (-49.3, -48.9)},
-            "lat 0 to 0.4, lon -49.3 to -48.9: ocean: no valid value (water_temp)",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("options", "line"), [
+    ({"lat": (73.0, 73.0)}, "lat is 73,73; the window is empty"),
+    ({"lat": (73.0, 95.0)}, "lat is 73,95; needs two numbers from -90 to 90"),
+    ({"lat": (float("nan"), 1.0)}, "lat is nan,1; needs"),
+    ({"lon": (-130.0, -150.0)}, "lon is -130,-150; it goes 340 degrees eastwards; allowed are 180; write west,east"),
+    ({"lat": (-85.0, -82.0)}, "data cover latitude -80 to 90; -85 to -82 were asked for"),
+    ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, "points; allowed are 20,000,000, make it smaller"),
+    ({"lon": (-150.0, -149.99)}, "axis too short (lon): 2 points; allowed 4 or more"),
+    ({"out": "nowhere/ocean.nc"}, "no such folder; make it first"),
+    ({"servers": "ftp://example.org"}, "cannot be read"),
+    ({"servers": "http://"}, "is not an address"),
+    ({"time": "last summer"}, "is not an instant"),
+    ({"time": "1980-01-01"}, "no experiment covers 1980-01-01T00:00; there is expt_53.X 1994-01-01"),
+    ({"experiment": "mine"}, "no experiment is called 'mine'"),
+    ({"lat": (0.0, 0.4), "lon": (-49.3, -48.9)}, "lat 0 to 0.4, lon -49.3 to -48.9: ocean: no valid value (water_temp)"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line(refusal, options, line):
     assert line in refusal(**options)
 
