@@ -1,7 +1,7 @@
 """
-Numbered tasks in parallel: fresh processes, one thread each, results in order whoever was first.
+Tasks in parallel: fresh processes, one thread each.
 
-Numbers go to a process through its standard input, results come back through its standard output. A process
+Tasks go to a process through its standard input, results come back through its standard output. A process
 never imports the script that started it, so that this works from anywhere: a script, a notebook, standard
 input, a daemonic process. It ends when its standard input does, which is when the process that started it
 ends, however that comes about. (loky's outlive a parent that is killed, and one that is interrupted waits
@@ -17,9 +17,9 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from queue import SimpleQueue
-from typing import BinaryIO, NoReturn, TypeVar, cast
+from typing import Any, BinaryIO, NoReturn, Self, TypeVar
 
 from pymantaray.errors import StudyError
 
@@ -38,37 +38,80 @@ _SERVE = (
 T = TypeVar("T")
 
 
+class WorkerEndedError(StudyError):
+    """A worker process ended before its task did."""
+
+
+class Workers:
+    """
+    Processes that work at what is submitted, each by what ``start`` makes there.
+
+    They end with the block, and one that ends before is replaced.
+    """
+
+    def __init__(self, start: Callable[[], Callable[[Any], Any]], count: int) -> None:
+        self._start, self._count = start, count
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
+        self._pool, self._lock, self._over = ThreadPoolExecutor(count), threading.Lock(), False
+
+    def __enter__(self) -> Self:
+        """Start the processes."""
+        try:
+            for _ in range(self._count):
+                self._idle.put(self._begin())
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop them, whatever they are at."""
+        self._end()
+
+    def submit(self, message: object) -> Future[Any]:
+        """Have the next idle process work at a message."""
+        return self._pool.submit(self._ask, message)
+
+    def _ask(self, message: object) -> Any:
+        process = self._idle.get()
+        try:
+            return _answer(process, message)
+        finally:
+            with self._lock:
+                if process.poll() is not None and not self._over:
+                    self._processes.remove(process)
+                    process.communicate()
+                    process = self._begin()
+            self._idle.put(process)
+
+    def _begin(self) -> "subprocess.Popen[bytes]":
+        process = _start_process()
+        self._processes.append(process)
+        _tell(process, sys.path)
+        _tell(process, self._start)
+        return process
+
+    def _end(self) -> None:
+        with self._lock:
+            self._over = True
+            for process in self._processes:
+                process.kill()  # one that is idle holds nothing
+        self._pool.shutdown(cancel_futures=True)
+        for process in self._processes:
+            process.communicate()
+
+
 def in_processes(
     start: Callable[[], Callable[[int], T]], count: int, workers: int, done: Callable[[int], None]
 ) -> list[T]:
     """Do numbered tasks in fresh processes, each by what ``start`` makes there; if one raises, all are stopped."""
-    processes: list[subprocess.Popen[bytes]] = []
-    idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
-
-    def ask(number: int) -> T:
-        process = idle.get()
-        try:
-            return cast("T", _answer(process, number))
-        finally:
-            idle.put(process)
-
-    pool, results = ThreadPoolExecutor(workers), dict[int, T]()
-    try:
-        for _ in range(workers):
-            processes.append(_start_process())
-            _tell(processes[-1], sys.path)
-            _tell(processes[-1], start)
-            idle.put(processes[-1])
-        futures = {pool.submit(ask, number): number for number in range(count)}
+    results: dict[int, T] = {}
+    with Workers(start, workers) as pool:
+        futures = {pool.submit(number): number for number in range(count)}
         for future in as_completed(futures):
             results[futures[future]] = future.result()
             done(len(results))
-    finally:
-        for process in processes:
-            process.kill()  # one that is idle holds nothing
-        pool.shutdown(cancel_futures=True)
-        for process in processes:
-            process.communicate()
     return [results[number] for number in range(count)]
 
 
@@ -91,52 +134,52 @@ def _tell(process: "subprocess.Popen[bytes]", message: object) -> None:
         pass  # it ended; reading its answer tells how
 
 
-def _answer(process: "subprocess.Popen[bytes]", number: int) -> object:
+def _answer(process: "subprocess.Popen[bytes]", message: object) -> object:
     assert process.stdout is not None  # for the type checker
-    _tell(process, number)
+    _tell(process, message)
     try:
         result = pickle.load(process.stdout)
     except (EOFError, pickle.UnpicklingError):
         code = process.wait()
         how = f"by {signal.Signals(-code).name}, perhaps out of memory" if code < 0 else f"with code {code}"
-        raise StudyError(f"a worker process ended early, {how}; try fewer workers") from None
+        raise WorkerEndedError(f"a worker process ended early, {how}; try fewer workers") from None
     if isinstance(result, Exception):
         raise result
     return result
 
 
 def serve() -> NoReturn:
-    """Work as a process of `in_processes`."""
+    """Work as a process of `Workers`."""
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what is printed here must not get among the results
     logging.getLogger("pymantaray").setLevel(logging.ERROR)  # who asked has warned already
-    requests, numbers = sys.stdin.buffer, SimpleQueue[int]()
-    start: Callable[[], Callable[[int], object]] = pickle.load(requests)
+    requests, messages = sys.stdin.buffer, SimpleQueue[object]()
+    start: Callable[[], Callable[[object], object]] = pickle.load(requests)
 
     def listen() -> None:
         try:
             while True:
-                numbers.put(pickle.load(requests))
+                messages.put(pickle.load(requests))
         finally:
             os._exit(0)  # whoever asked has ended; what is being worked at is for nobody
 
     threading.Thread(target=listen, daemon=True).start()
     try:
-        _work(start, numbers, results)
+        _work(start, messages, results)
     finally:  # whatever ends it: the thread that listens would wait for who waits for this
         traceback.print_exc()
         os._exit(1)
 
 
 def _work(
-    start: Callable[[], Callable[[int], object]], numbers: SimpleQueue[int], results: BinaryIO
+    start: Callable[[], Callable[[object], object]], messages: SimpleQueue[object], results: BinaryIO
 ) -> NoReturn:
     task = None
     while True:
-        number = numbers.get()
+        message = messages.get()
         try:
             task = task or start()
-            result = pickle.dumps(task(number))
+            result = pickle.dumps(task(message))
         except Exception as error:  # noqa: BLE001  raised again where it was asked for
             error.add_note(traceback.format_exc())
             result = pickle.dumps(error)
