@@ -174,34 +174,25 @@ def make_fleet(
     status = np.where(rng.random(sample.size) < dropouts, RayStatus.SHADOW, RayStatus.OK)
     c = 1450.0 + 0.01 * where[transmitter, sample, 2]
     time = (distance + range_error) / c
-    truth = Measurements(
-        name=np.array(list("ABCDEFGHIJKMNOPQRSTUVWXYZ")[:n_agents]),
-        time=np.arange(n_times) * PERIOD,
+    truth = trajectories(
+        position, time=np.arange(n_times) * PERIOD, quaternion=quaternion_from_matrix(rotation)
+    )
+    measured = measure(
+        truth,
+        landmark,
+        (gnss_agent, gnss_sample),
+        (transmitter, receiver, sample),
         odometry_rotation=quaternion_from_matrix(step),
         odometry_translation=moved,
         odometry_sigma=odometry_sigma,
-        depth=position[..., 2],
-        depth_sigma=np.full(n_agents, 0.01),
-        gnss_agent=gnss_agent,
-        gnss_sample=gnss_sample,
-        gnss_position=position[gnss_agent, gnss_sample],
-        gnss_sigma=np.full(gnss_agent.size, 0.1),
-        landmark_name=np.array([f"L{i}" for i in range(n_landmarks)], dtype=str),
-        landmark_position=landmark,
         landmark_sigma=np.full(n_landmarks, 0.5),
-        first_position=position[:, 0],
-        first_quaternion=quaternion_from_matrix(rotation[:, 0]),
         first_sigma=np.tile([1e-3] * 3 + [0.1] * 3, (n_agents, 1)),
-        range_transmitter=transmitter,
-        range_receiver=receiver,
-        range_sample=sample,
         range_status=status,
         transmitter_sound_speed=c,
         straight_range=distance,
         refracted_range=np.where(status == RayStatus.OK, c * time, np.nan),
-        range_sigma=np.ones(sample.size),
     )
-    return Fleet(position, quaternion_from_matrix(rotation), truth, add_noise(truth, seed + 1000))
+    return Fleet(position, truth.quaternion, measured, add_noise(measured, seed + 1000))
 
 
 def add_noise(o, seed):
@@ -231,12 +222,34 @@ def trajectories(position, *, names=None, roles=None, time=None, quaternion=None
     """Truth of shape (vehicles, times, 3): a station and floats called A, B, ..., level and awake unless said otherwise."""
     n, n_times, _ = position.shape
     return Trajectories(
-        name=np.array(list("ABCDEFGHIJK"[:n]) if names is None else names),
+        name=np.array(list("ABCDEFGHIJKMNOPQRSTUVWXYZ"[:n]) if names is None else names),
         role=np.array(["station", *["float"] * (n - 1)] if roles is None else roles),
         time=200.0 * np.arange(n_times) if time is None else time,
         position=position,
         quaternion=np.broadcast_to([1.0, 0, 0, 0], (n, n_times, 4)) if quaternion is None else quaternion,
         status=np.zeros((n, n_times)),
+    )
+
+
+def measure(truth, landmarks, fixes, attempts, **columns):
+    """Measurements without noise by a fleet, less those of odometry and of ranges: fixes and attempts are given."""
+    n, (agent, sample) = len(truth.name), fixes
+    return Measurements(
+        name=truth.name,
+        time=truth.time,
+        depth=truth.position[..., 2],
+        depth_sigma=np.full(n, 0.01),
+        gnss_agent=agent,
+        gnss_sample=sample,
+        gnss_position=truth.position[agent, sample],
+        gnss_sigma=np.full(len(agent), 0.1),
+        landmark_name=np.array([f"L{i}" for i in range(len(landmarks))], dtype=str),
+        landmark_position=landmarks,
+        first_position=truth.position[:, 0],
+        first_quaternion=truth.quaternion[:, 0],
+        **dict(zip(("range_transmitter", "range_receiver", "range_sample"), attempts, strict=True)),
+        range_sigma=np.ones(len(attempts[0])),
+        **columns,
     )
 
 
@@ -280,33 +293,20 @@ def ranges(truth, rng, attempts, *, status=None, landmarks=()):
     speed = 1440.0 + 0.017 * place[who, sample, 2]
     chord = distance / rng.uniform(1440.0, 1460.0, who.size)
     time = np.where(status == RayStatus.OK, chord - rng.exponential(1e-3, who.size), np.nan)
-    surface = np.argwhere(truth.position[..., 2] < 1.0)
-    measurements = Measurements(
-        name=truth.name,
-        time=truth.time,
+    measurements = measure(
+        truth,
+        marks,
+        np.argwhere(truth.position[..., 2] < 1.0).T,
+        (who, to, sample),
         odometry_rotation=np.zeros((n, n_times - 1, 4)),
         odometry_translation=np.zeros((n, n_times - 1, 3)),
         odometry_sigma=np.ones((n, n_times - 1, 6)),
-        depth=truth.position[..., 2],
-        depth_sigma=np.full(n, 0.01),
-        gnss_agent=surface[:, 0],
-        gnss_sample=surface[:, 1],
-        gnss_position=truth.position[tuple(surface.T)],
-        gnss_sigma=np.full(len(surface), 0.1),
-        landmark_name=np.array([f"L{i}" for i in range(len(marks))], dtype=str),
-        landmark_position=marks,
         landmark_sigma=np.full(len(marks), 0.1),
-        first_position=truth.position[:, 0],
-        first_quaternion=truth.quaternion[:, 0],
         first_sigma=np.ones((n, 6)),
-        range_transmitter=who,
-        range_receiver=to,
-        range_sample=sample,
         range_status=status,
         transmitter_sound_speed=speed,
         straight_range=distance,
         refracted_range=speed * time,
-        range_sigma=np.ones(who.size),
     )
     return measurements, RangingTruth(
         distance=distance, sound_speed=speed, travel_time=time, chord_travel_time=chord

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pymantaray.estimation import GraphSolver, read_pyfg
+from pymantaray.estimation.solve import METHODS
 
 NOISE = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
 TEXT = f"""\
@@ -106,7 +107,7 @@ def test_a_folder_that_is_taken_is_refused_before_the_solve(mantaray, file, tmp_
     assert mantaray("graph", "solve", file, "--out", tmp_path / "out").code == 2
 
 
-@pytest.mark.parametrize("estimator", ["huber", "gnc", "incremental"])
+@pytest.mark.parametrize("estimator", METHODS)
 def test_estimators_are_chosen_by_name(graph, file, estimator):
     done = graph("solve", file, "--estimator", estimator, "--start", "dead-reckoning")
     assert done.out.startswith(f"{estimator}, start dead-reckoning: OK")

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymantaray.ocean import cast_ocean, read_cast
+from pymantaray.geometry import stream
+from pymantaray.ocean import (
+    cast_ocean,
+    column_ocean,
+    mean_ocean,
+    open_ocean,
+    perturb_ocean,
+    read_cast,
+    read_casts,
+    vertical_modes,
+)
+from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.schema import validate_ocean
 from pymantaray.records import write_netcdf
 from pymantaray.study import load_study
@@ -128,15 +139,52 @@ def load(path):
     return ocean
 
 
-def test_an_ocean_from_a_cast(make):
-    line = make("from-cast", "cast.csv", "new.nc", "--below", "constant", "--half-extent", 20, 30)
+def of_cast(**options):
+    return cast_ocean(read_cast("cast.csv"), **{"half_extent": (20e3, 30e3)} | options)
+
+
+def member(seed):
+    rng, casts = stream(seed, 0, "ocean", "perturb"), read_casts(["cast.csv", "warmer.csv"])
+    options = {"rms": 0.5, "horizontal_scale": np.inf, "modes": vertical_modes(casts)}
+    return perturb_ocean(open_ocean("ocean.nc"), rng=rng, **options)
+
+
+BY_MODES = "perturb ocean.nc new.nc --rms 0.5 --scale inf --mode-cast cast.csv --mode-cast warmer.csv"
+MADE = {  # what is told, the command and what it calls
+    "450 m; cast cast: 4 samples averaged onto": (
+        "from-cast cast.csv new.nc --below constant --half-extent 20 30", lambda: of_cast(below="constant")
+    ),
+    "300 m; cast cast": (
+        "from-cast cast.csv new.nc --bottom 300 --half-extent 20 30 --force", lambda: of_cast(bottom_depth=300.0)
+    ),
+    "corrected by 2 casts (warmer, cast)": (
+        "correct ocean.nc warmer.csv cast.csv new.nc --scale 3 --noise-ratio 0.01",
+        lambda: correct_with_casts(
+            open_ocean("ocean.nc"), read_casts(["warmer.csv", "cast.csv"]), horizontal_scale=3e3, noise_ratio=0.01
+        ),
+    ),
+    "sound speed perturbed by 1 vertical modes": (BY_MODES, lambda: member(0)),
+    "perturbed by 1 vertical": (f"{BY_MODES} --seed 1", lambda: member(1)),
+    "replaced by the horizontal mean": (
+        "perturb ocean.nc new.nc --method mean", lambda: mean_ocean(open_ocean("ocean.nc"))
+    ),
+    "replaced by the column at 74 N -140 E": (
+        "perturb ocean.nc new.nc --method column --place 74 -140",
+        lambda: column_ocean(open_ocean("ocean.nc"), (74.0, -140.0)),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("says", MADE)
+def test_oceans_are_made_by_commands_as_by_functions(make, says):
+    words, function = MADE[says]
+    line = make(*words.split())
     assert line.startswith("new.nc: ")
-    assert "450 m; cast cast: 4 samples averaged onto" in line
-    ocean = load("new.nc")
-    assert ocean["depth"].values[-1] == 450.0
-    assert "extended from 400 m down to the bottom at 450 m" in ocean.attrs["history"]
-    make("from-cast", "cast.csv", "new.nc", "--bottom", 300, "--force")
-    assert load("new.nc")["depth"].values[-1] == 300.0
+    assert says in line
+    found, expected = load("new.nc"), function()
+    xr.testing.assert_equal(found, expected)
+    seed = [f"seed {words.split()[-1] if '--seed' in words else 0}"] if BY_MODES in words else []
+    assert found.attrs["history"].splitlines() == expected.attrs["history"].splitlines() + seed
 
 
 @pytest.mark.parametrize(("words", "says"), [
@@ -155,39 +203,6 @@ def test_an_ocean_from_a_cast(make):
 ])  # fmt: skip
 def test_what_is_missing_or_in_the_way_is_one_line(make, words, says):
     assert says in make(*words.split(), code=2)
-
-
-def test_an_ocean_is_corrected_by_casts(make):
-    make("correct", "ocean.nc", "warmer.csv", "cast.csv", "new.nc", "--scale", 3, "--noise-ratio", 0.01)
-    before, after = load("ocean.nc"), load("new.nc")
-    change = (after["water_temp"] - before["water_temp"]).sel(depth=50.0)
-    assert 0.3 < float(change.interp(lat=74.05, lon=-140.0)) < 1.1
-    assert abs(float(change.interp(lat=74.0, lon=-140.0))) < 0.05
-    assert "corrected by 2 casts (warmer, cast)" in after.attrs["history"]
-
-
-def test_members_of_casts_modes_are_repeatable_by_their_seed(make):
-    modes = ("--rms", 0.5, "--scale", "inf", "--mode-cast", "cast.csv", "--mode-cast", "warmer.csv")
-    members = []
-    for name, seed in (("a.nc", 1), ("b.nc", 1), ("c.nc", 2)):
-        assert "sound speed perturbed by 1 vertical modes" in make(
-            "perturb", "ocean.nc", name, *modes, "--seed", seed
-        )
-        members.append(load(name))
-    assert members[0].identical(members[1])
-    assert not np.allclose(members[0]["water_temp"], members[2]["water_temp"], atol=1e-3)
-    assert members[0].attrs["history"].endswith("seed 1")
-    change = members[0]["water_temp"] - load("ocean.nc")["water_temp"]
-    assert float(np.abs(change).max("depth").std()) < 1e-3  # the same everywhere
-    assert int(np.abs(change.values[:, 0, 0]).argmax()) == 2  # at 50 m, where the casts differ
-
-
-@pytest.mark.parametrize(("words", "says"), [
-    ("--method mean", "replaced by the horizontal mean"),
-    ("--method column --place 74 -140", "replaced by the column at 74 N -140 E"),
-])  # fmt: skip
-def test_the_mean_and_one_column(make, words, says):
-    assert says in make("perturb", "ocean.nc", "new.nc", *words.split())
 
 
 def test_help_tells_the_units(mantaray):

@@ -239,13 +239,6 @@ def test_worst_misfit_is_where_the_start_is_wrong(whole):
     assert "L0" in worst_misfit(graph, away)
 
 
-def test_noise_free_odometry_leads_back_to_the_truth(fleet):
-    position, quaternion = dead_reckon(fleet.noise_free)
-    np.testing.assert_allclose(position, fleet.position, rtol=0, atol=1e-6)
-    turns = (matrix_from_quaternion(q) for q in (quaternion, fleet.quaternion))
-    np.testing.assert_allclose(*turns, rtol=0, atol=1e-12)
-
-
 def test_constant_twist_composes_to_its_exponential(make_fleet):
     o = make_fleet(n_agents=1, n_times=41).noise_free
     twist = np.array([0.01, -0.02, 0.05, 30.0, 1.0, -2.0])

@@ -12,13 +12,10 @@ from pymantaray.acoustics import Medium
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import to_local
-from pymantaray.ocean.local import TensorSpline
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.window import Window
 
 GEOD = pyproj.Geod(ellps="WGS84")
-CENTRES = [(0.0, 20.0), (45.0, -30.0), (78.0, 5.0), (-70.0, 150.0), (60.0, 180.0), (60.0, -180.0)]
-WAVELENGTH = 60e3  # m; about seven of HYCOM's points at the equator
 
 LEVELS = [0.0, 100.0, *np.arange(200.0, 2_001.0, 200.0)]
 DEPTH_SPLINE = 0.002  # m/s; twice what a natural cubic spline through these levels loses of isothermal water
@@ -30,52 +27,6 @@ def nodes(local):
     north, east = np.meshgrid(local["north"], local["east"], indexing="ij")
     lon, lat = pyproj.Proj(local.attrs["proj_string"])(east, north, inverse=True)
     return lat, lon
-
-
-def waves(amplitude, lat_0, lon_0):
-    """Waves of `WAVELENGTH` in both directions, as a function of depth, lat and lon."""
-    per_degree = 2.0 * np.pi * 111.2e3 / WAVELENGTH
-
-    def field(z, lat, lon):
-        x = per_degree * np.cos(np.radians(lat_0)) * ((lon - lon_0 + 180.0) % 360.0 - 180.0)
-        return amplitude * np.cos(x) * np.sin(per_degree * (lat - lat_0) + z / 400.0)
-
-    return field
-
-
-@pytest.mark.parametrize("centre", CENTRES, ids=str)
-def test_a_field_in_closed_form_survives_the_trip(closed_form_ocean, centre):
-    lat_0, lon_0 = centre
-    temperature = waves(1.0, *centre)
-    current = waves(0.2, *centre)
-    ocean = closed_form_ocean(
-        lat_0,
-        lon_0,
-        temperature=lambda z, lat, lon: 3.0 - z / 2_000.0 + temperature(z, lat, lon),
-        u=current,
-        v=lambda z, lat, lon: 0.5 * current(z, lat, lon),
-        depth=[0.0, 50.0, 200.0, 1_000.0],
-    )
-    local = to_local(ocean, centre=(lat_0 + 0.013, lon_0 + 0.031))  # no node falls on a grid point
-    lat, lon = (a[..., None] for a in nodes(local))
-    z = local["depth"].values
-    expected = sound_speed(3.0 - z / 2_000.0 + temperature(z, lat, lon), 34.0, z, lat, lon)
-    error = np.abs(local["sound_speed"].values - expected)
-    inside = (slice(4, -4), slice(4, -4))
-    # of 4.6 m/s, with seven points a wavelength at the equator; not-a-knot ends cost most near the edge
-    assert np.max(error[inside]) < 0.02, np.max(error[inside])
-    assert np.max(error) < 0.05, np.max(error)
-    speed = np.hypot(local["current_north"], local["current_east"]).values
-    expected_speed = np.abs(current(z, lat, lon)) * np.hypot(1.0, 0.5)
-    assert np.max(np.abs(speed - expected_speed)[inside]) < 1e-3
-
-
-def test_a_bilinear_field_is_exact_with_degree_one():
-    rows, columns = np.array([0.0, 1.0, 3.0, 4.0]), np.array([0.0, 2.0, 3.0, 7.0])
-    at_rows, at_columns = np.array([0.5, 2.2, 4.0]), np.array([0.1, 2.5, 7.0])
-    field = 1.0 + 2.0 * rows[:, None] - 0.5 * columns
-    found = TensorSpline(rows, columns, at_rows, at_columns, degree=1)(field[None])[..., 0]
-    np.testing.assert_allclose(found, 1.0 + 2.0 * at_rows - 0.5 * at_columns, atol=1e-12)
 
 
 @pytest.mark.parametrize("centre", [(78.0, 0.0), (45.0, 180.0), (-70.0, 150.0)], ids=str)

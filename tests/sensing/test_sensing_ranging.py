@@ -166,20 +166,6 @@ def test_assembled_measurements_hold_the_measured_ranges(truth, landmarks, rangi
     assert_same([m.landmark_position], [np.array([mark.position for mark in landmarks])])
 
 
-def test_one_way_a_current_carries_the_sound_there_and_holds_it_up_on_the_way_back(few, landmarks):
-    """Closed form of a constant current; what is of second order is below a millimetre."""
-    found = range_fleet(few, landmarks, STILL, currents=CURRENT)
-    step = np.subtract(*ends(few, landmarks, found.attempts)[::-1])
-    velocity = np.array([0.3, -0.4, 0.0])
-    along, slower = step @ velocity, C0**2 - velocity @ velocity
-    exact = (np.sqrt(along**2 + slower * np.einsum("ij,ij->i", step, step)) - along) / slower
-    np.testing.assert_allclose(found.truth.travel_time, exact, rtol=0, atol=5e-7)
-    assert np.abs(found.truth.refracted_range - found.truth.distance).max() > 0.3
-    still = range_fleet(few, landmarks, STILL)
-    np.testing.assert_array_equal(found.arrivals.travel_time, still.arrivals.travel_time)
-    assert still.probability is None
-
-
 def test_two_way_the_current_cancels(few, landmarks):
     """Of the delay u/c t what moves with the vehicles, v/c of it, does not cancel."""
     still, moving = (

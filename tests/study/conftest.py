@@ -6,6 +6,9 @@ import pytest
 from factories import TINY
 
 from pymantaray.study import open_run, parse_study, run_study
+from pymantaray.study.manifest import Stopwatch
+from pymantaray.study.mission import simulate_mission
+from pymantaray.study.store import run_in_memory
 
 
 def changed(tree, sections):
@@ -50,3 +53,15 @@ def run_tiny(tiny, tmp_path_factory):
         return run_study(tiny(**sections), tmp_path_factory.mktemp("run") / "tiny", workers=workers)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def fly_tiny(tiny):
+    """The mission of TINY with other sections, and as a run without estimates."""
+
+    def fly(**sections):
+        config = tiny(**sections)
+        mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+        return mission, run_in_memory(config, mission)
+
+    return fly

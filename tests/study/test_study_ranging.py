@@ -1,4 +1,4 @@
-"""Timing, currents, detection and mistaken arrivals as a study configures them, from the file to noisy measurements."""
+"""What a study says of timing, currents, detection, ice and mistaken arrivals reaches its measurements."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from pymantaray.acoustics import WenzNoise
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.records import RayStatus
-from pymantaray.sensing import ClockModel, Picker, TwoWay
+from pymantaray.sensing import ClockModel, Picker, TwoWay, perturb
 from pymantaray.study import open_run
 from pymantaray.study.assemble import (
     build_clocks,
@@ -48,12 +48,17 @@ def test_sections_become_what_ranging_takes(tiny):
     assert detector.sonar.noise == WenzNoise(wind_speed=12.0, shipping=0.5)
     assert (detector.surface.wind_speed, detector.surface.model) == (12.0, "coherent")
     assert detector.bottom is not None
+    assert build_picker(config.ranging, None) is None
+    early = RangingSection(mistaken="first-detected", below_strongest_db=9.0)
+    assert build_picker(early, None) == Picker("first-detected", below_strongest_db=9.0)
+    strongest = RangingSection(mistaken="strongest-detected")
+    assert build_picker(strongest, None) == Picker("strongest-detected")
     deep, shallow = detector.absorption.db_per_km(np.array([[0, 0, 2000.0], [0, 0, 10.0]]), 25e3)
     assert 0.5 < deep < shallow < 10.0  # dB/km; pressure takes absorption away
 
 
 @pytest.fixture(scope="module")
-def two_way_run(run_tiny):
+def two_way(run_tiny):
     """Two-way with bad clocks and a sonar that misses some pings."""
     clocks = {"clock_offset_sigma": 10.0, "clock_skew_sigma": 1e-4}
     timing = {"timing": "two-way", "turn_around_s": 2.0}
@@ -61,107 +66,96 @@ def two_way_run(run_tiny):
 
 
 @pytest.fixture(scope="module")
-def one_way_run(run_tiny):
+def one_way(fly_tiny):
     """One-way in moving water with clocks that are a millisecond apart."""
-    return run_tiny(study=STUDY, ranging={"clock_offset_sigma": 1e-3}, acoustics={"currents": True})
-
-
-def test_two_way_ranges_move_with_the_vehicles_and_their_clocks_skew(two_way_run, tiny_run):
-    one, two = tiny_run.measurements, two_way_run.measurements
-    np.testing.assert_array_equal(two.straight_range, one.straight_range)
-    np.testing.assert_array_equal(two.range_status, one.range_status)
-    moved = np.abs(two.refracted_range - one.refracted_range)[two.range_status == RayStatus.OK]
-    assert 0.05 < moved.max() < 20.0  # m: up to a metre a second for the 2 s and the way
-    noisy, plain = (run.noisy_measurements(0) for run in (two_way_run, tiny_run))
-    clocks = np.abs(noisy.straight_range - plain.straight_range)
-    assert 0.05 < clocks.max() < 5.0  # m: 1e-4 of some kilometres; of the 10 s of offset nothing
-
-
-def test_detection_drops_pings_by_chance_and_says_how_many(two_way_run):
-    run, again = two_way_run, open_run(two_way_run.path)
-    ok = run.measurements.range_status == RayStatus.OK
-    np.testing.assert_array_equal(again.hearing.probability, run.hearing.probability)
-    np.testing.assert_array_equal(np.isfinite(run.hearing.probability), ok)
-    expected = run.manifest["outcome"]["expected_unheard"]
-    assert expected == pytest.approx(np.sum(1.0 - run.hearing.probability[ok]))
-    assert 1.0 < expected < ok.sum() - 1.0
-    lost = again.noisy_measurements(0).range_status == RayStatus.UNHEARD
-    assert 0 < lost.sum() < ok.sum()
-    np.testing.assert_array_equal(run.noisy_measurements(0).range_status == RayStatus.UNHEARD, lost)
-    graph, _ = read_pyfg(run.path / "pyfg" / "realization-0-refracted.pyfg")
-    assert len(graph["range"]) == ok.sum() - lost.sum()
-    assert np.isfinite(run.estimates.position[0]).all()
-
-
-def test_one_way_clocks_make_pseudoranges(one_way_run, tiny_run):
-    o = one_way_run.measurements
-    np.testing.assert_array_equal(o.straight_range, tiny_run.measurements.straight_range)
-    noisy, plain = (run.noisy_measurements(0) for run in (one_way_run, tiny_run))
-    early = (noisy.straight_range - plain.straight_range) / o.transmitter_sound_speed  # s
-    at_landmarks = {
-        (int(i), round(e, 12))
-        for i, j, e in zip(o.range_transmitter, o.range_receiver, early, strict=True)
-        if j >= 4
-    }
-    assert len(at_landmarks) == 4  # landmarks keep true time, each vehicle has one clock, and its own
-    assert max(abs(e) for _, e in at_landmarks) > 1e-4
-    np.testing.assert_array_equal(noisy.depth, plain.depth)
-    assert one_way_run.hearing is None
-
-
-def test_currents_change_the_two_directions_by_opposite_amounts(one_way_run, tiny_run):
-    o, still = one_way_run.measurements, tiny_run.measurements
-    np.testing.assert_array_equal(o.range_status, still.range_status)
-    change = one_way_run.ranging_truth.travel_time - tiny_run.ranging_truth.travel_time
-    who = zip(o.range_sample, o.range_transmitter, o.range_receiver, strict=True)
-    rows = {key: row for row, key in enumerate(who)}
-    forth, back = np.array([(row, rows[k, j, i]) for (k, i, j), row in rows.items() if i < j < 4]).T
-    heard = o.range_status[forth] == RayStatus.OK
-    np.testing.assert_allclose(change[forth][heard], -change[back][heard], rtol=0, atol=2e-15)
-    assert np.nanmax(np.abs(change)) * 1450.0 > 0.01  # m
-
-
-def test_sections_become_a_picker(tiny):
-    ranging = tiny(ranging={"mistaken": "first-detected", "below_strongest_db": 9.0}).ranging
-    assert build_picker(ranging, None) == Picker("first-detected", below_strongest_db=9.0)
-    assert build_picker(RangingSection(mistaken="strongest-detected"), None) == Picker("strongest-detected")
-    assert build_picker(RangingSection(), None) is None
+    return fly_tiny(study=STUDY, ranging={"clock_offset_sigma": 1e-3}, acoustics={"currents": True})[1]
 
 
 @pytest.fixture(scope="module")
-def erring_run(run_tiny):
+def erring(run_tiny):
     return run_tiny(**ERRING)
 
 
-def test_mistakes_are_counted_and_become_ranges(erring_run, tiny_run):
-    run, o = erring_run, erring_run.measurements
-    outcome = run.manifest["outcome"]
-    drawn = [run.mistaken(r) for r in range(4)]
-    expected = outcome["expected_mistaken"]
-    assert 3.0 < expected < o.range_status.size
-    spread = np.sqrt(expected)  # no more than independent attempts have
-    assert abs(np.mean([m.sum() for m in drawn]) - expected) < 4.0 * spread / 2.0
-    time = run.ranging_truth.travel_time
-    np.testing.assert_array_equal(time, tiny_run.ranging_truth.travel_time)
-    for realization, mistaken in enumerate(drawn):
-        noisy = run.noisy_measurements(realization)
-        assert (noisy.range_status[mistaken] == RayStatus.OK).all()
-        right = (noisy.range_status == RayStatus.OK) & ~mistaken
-        late = noisy.refracted_range - run.ranging_truth.refracted_range
-        assert np.abs(late[right]).max() < 5.0  # the noise has a sigma of 1 m
-        assert (late[mistaken & np.isfinite(late)] > -5.0).all()
-        assert np.isfinite(noisy.refracted_range[mistaken]).all()
-    lost = [np.count_nonzero(run.noisy_measurements(r).range_status == RayStatus.UNHEARD) for r in range(4)]
-    assert np.mean(lost) == pytest.approx(outcome["expected_unheard"], rel=0.4)
+@pytest.mark.parametrize(("name", "options"), [
+    ("two_way", {"timing": TwoWay(2.0), "clocks": ClockModel(10.0, 1e-4)}),
+    ("one_way", {"clocks": ClockModel(1e-3)}),
+    ("erring", {}),
+])  # fmt: skip
+def test_noise_is_that_of_sensing_with_what_the_sections_say(request, name, options):
+    run = request.getfixturevalue(name)
+    if run.candidates is not None:
+        options = options | {"candidates": run.candidates}
+    elif run.hearing is not None:
+        options = options | {"probability": run.hearing.probability}
+    seed = {"root_seed": run.config.study.seed, "realization": 0}
+    expected = perturb(run.measurements, **seed, **options, ranging_truth=run.ranging_truth)
+    assert run.noisy_measurements(0).to_dataset().identical(expected.to_dataset())
 
 
-def test_results_do_not_depend_on_the_number_of_workers(erring_run):
-    by_two = solve_realizations(erring_run, 2, lambda _: None)
-    stored = erring_run.estimates.position[0]
-    for realization, solved in enumerate(by_two):
-        position = solved.solutions["refracted"].position.astype(stored.dtype)
-        np.testing.assert_array_equal(position, stored[realization])
-    assert np.unique([erring_run.mistaken(r).sum() for r in range(4)]).size > 1
+def test_two_way_ranges_move_with_the_vehicles_and_a_current_turns_its_sign_with_the_direction(
+    two_way, one_way, tiny_run
+):
+    o = tiny_run.measurements
+    still, moved, drifted = (run.ranging_truth.travel_time for run in (tiny_run, two_way, one_way))
+    ok = o.range_status == RayStatus.OK
+    assert (
+        0.05 < 1450.0 * np.abs(moved - still)[ok].max() < 20.0
+    )  # m: up to a metre a second for 2 s and the way
+    rows = {
+        key: row
+        for row, key in enumerate(zip(o.range_sample, o.range_transmitter, o.range_receiver, strict=True))
+    }
+    forth, back = np.array(
+        [(row, rows[k, j, i]) for (k, i, j), row in rows.items() if i < j < 4 and ok[row]]
+    ).T
+    change = drifted - still
+    np.testing.assert_allclose(change[forth], -change[back], rtol=0, atol=2e-15)
+    assert np.nanmax(np.abs(change)) * 1450.0 > 0.01  # m
+    assert one_way.hearing is None
+
+
+def test_detection_drops_pings_by_chance_and_says_how_many(two_way):
+    again, ok = open_run(two_way.path), two_way.measurements.range_status == RayStatus.OK
+    np.testing.assert_array_equal(again.hearing.probability, two_way.hearing.probability)
+    np.testing.assert_array_equal(np.isfinite(two_way.hearing.probability), ok)
+    expected = two_way.manifest["outcome"]["expected_unheard"]
+    assert expected == pytest.approx(np.sum(1.0 - two_way.hearing.probability[ok]))
+    lost = again.noisy_measurements(0).range_status == RayStatus.UNHEARD
+    assert 0 < lost.sum() < ok.sum()
+    graph, _ = read_pyfg(two_way.path / "pyfg" / "realization-0-refracted.pyfg")
+    assert len(graph["range"]) == ok.sum() - lost.sum()
+    assert np.isfinite(two_way.estimates.position[0]).all()
+
+
+def test_loss_at_the_ice_is_heard_and_no_vehicle_is_in_it_or_has_a_fix(fly_tiny, tiny_run):
+    bounces = {"acoustics": {"max_surface_bounces": 1, "arrival": "strongest"}, "ocean": {"ice": 0.8}}
+    (loud, _), (quiet, _) = (
+        fly_tiny(**bounces, detection=DETECTION | {"source_level_db": 185.0, "ice_loss_db": loss})
+        for loss in (0.0, 60.0)
+    )
+    less = loud.hearing.probability - quiet.hearing.probability
+    assert np.nanmin(less) > -1e-12
+    assert np.nanmax(less) > 0.5
+    assert tiny_run.measurements.gnss_agent.size
+    assert loud.measurements.gnss_agent.size == 0  # though 0.8 m is shallower than the antenna reaches
+    assert loud.truth.position[..., 2].min() >= 0.8
+    assert (loud.truth.status == tiny_run.truth.status).all()
+    np.testing.assert_array_equal(loud.picture["sea_ice_draft"], 0.8)
+
+
+def test_mistakes_are_counted_and_become_ranges_whatever_the_number_of_workers(erring, tiny_run):
+    drawn = [erring.mistaken(r) for r in range(4)]
+    expected = erring.manifest["outcome"]["expected_mistaken"]
+    assert 3.0 < expected < drawn[0].size
+    assert abs(np.mean([m.sum() for m in drawn]) - expected) < 4.0 * np.sqrt(expected) / 2.0
+    assert np.unique([m.sum() for m in drawn]).size > 1
+    np.testing.assert_array_equal(erring.ranging_truth.travel_time, tiny_run.ranging_truth.travel_time)
+    stored = erring.estimates.position[0]
+    for r, solved in enumerate(solve_realizations(erring, 2, lambda _: None)):
+        np.testing.assert_array_equal(solved.solutions["refracted"].position.astype(stored.dtype), stored[r])
+        noisy = erring.noisy_measurements(r)
+        assert (noisy.range_status[drawn[r]] == RayStatus.OK).all()
+        assert np.isfinite(noisy.refracted_range[drawn[r]]).all()
 
 
 def test_without_mistakes_there_is_no_file_and_none_is_mistaken(tiny_run):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics import find_eigenrays
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import solve_conditions
 from pymantaray.fleet import simulate
@@ -17,8 +17,7 @@ from pymantaray.records import write_netcdf
 from pymantaray.study import open_run, run_study
 from pymantaray.study.assemble import build_currents, build_fleet, build_medium
 from pymantaray.study.estimators import EstimatorFactory
-from pymantaray.study.manifest import Stopwatch, sha256
-from pymantaray.study.mission import simulate_mission
+from pymantaray.study.manifest import sha256
 from pymantaray.study.varying import VARYING, series_of, snapshot_at
 
 WINDOW = (74.2, 74.8, -141.2, -138.8)
@@ -136,14 +135,19 @@ MOVING = {
 
 
 @pytest.fixture(scope="module")
-def moving_config(tiny):
+def moving_run(fly_tiny):
     """Four hours, which pass a snapshot."""
-    return tiny(ocean=MOVING, acoustics={"currents": True})
+    return fly_tiny(ocean=MOVING, acoustics={"currents": True})
 
 
 @pytest.fixture(scope="module")
-def moving(moving_config):
-    return simulate_mission(moving_config, Stopwatch(), lambda *_: None)
+def moving(moving_run):
+    return moving_run[0]
+
+
+@pytest.fixture(scope="module")
+def moving_config(moving_run):
+    return moving_run[1].config
 
 
 def test_the_series_encloses_the_mission_and_is_the_sources_own_water(moving_config, moving):
@@ -163,25 +167,18 @@ def test_the_series_encloses_the_mission_and_is_the_sources_own_water(moving_con
 
 
 def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, moving):
-    """Arrivals and chords, solved again in media that are interpolated by hand."""
-    truth, links, series = moving.truth, moving.links, moving.ocean.series
-    marks = np.array([[m.north, m.east, m.depth] for m in moving_config.landmarks])
-    found, chord = moving.arrivals.first().travel_time, moving.arrivals.chord_travel_time
-    first = Medium.from_dataset(moving.ocean.local)
+    truth, links, found = moving.truth, moving.links, moving.arrivals.first()
+    marks, medium = moving.measurements.landmark_position, build_medium(moving_config, moving.ocean)
     assert set(truth.time[links.sample]) == {HOUR, 2 * HOUR, 3 * HOUR, 4 * HOUR}
     changed = []
     for sample in set(links.sample):
-        now, time = links.sample == sample, truth.time[sample]
-        k = int(np.searchsorted(series["time"], time)) - 1
-        share = (time - series["time"].values[k]) / (3.0 * HOUR)
-        c = (1.0 - share) * series["sound_speed"][k] + share * series["sound_speed"][k + 1]
-        places = np.concatenate([truth.position[:, sample], marks])
+        now, places = links.sample == sample, np.concatenate([truth.position[:, sample], marks])
         ends = places[links.first[now]], places[links.second[now]]
-        own = find_eigenrays(Medium.from_dataset(moving.ocean.local.assign(sound_speed=c)), *ends).first()
-        np.testing.assert_allclose(found[now], own.travel_time, rtol=0, atol=1e-10)
-        np.testing.assert_allclose(chord[now], own.chord_travel_time, rtol=0, atol=1e-10)
-        changed.append(found[now] - find_eigenrays(first, *ends).first().travel_time)
-    assert np.nanmax(np.abs(np.concatenate(changed))) > 1e-6  # s
+        own, early = (find_eigenrays(medium(t), *ends).first() for t in (truth.time[sample], 0.0))
+        np.testing.assert_allclose(found.travel_time[now], own.travel_time, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(found.chord_travel_time[now], own.chord_travel_time, rtol=0, atol=1e-10)
+        changed.append(np.nanmax(np.abs(own.travel_time - early.travel_time)))
+    assert max(changed) > 1e-6  # s
     assert moving.picture["ray_arrives"].sum() > 0
 
 
