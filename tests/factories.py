@@ -8,6 +8,9 @@ import numpy as np
 
 from pymantaray.acoustics import Medium
 from pymantaray.estimation import GraphValues, dead_reckon
+from pymantaray.estimation.marginals import epoch_groups, group_marginals
+from pymantaray.estimation.optimize import prove
+from pymantaray.estimation.problems import State, distance_problem
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
 from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import Landmark, OneWay, PingSchedule, Reception, measure_ranges
@@ -113,12 +116,9 @@ def values_at(o, position, quaternion):
 
 def graph_covariances(graph, values, poses):
     """Covariances of poses, (n_epochs, n_agents), of a graph at any values."""
-    from pymantaray.estimation._gtsam.factors import FactorBuilder
-    from pymantaray.estimation.covariance import factor_covariances
-
-    builder = FactorBuilder()
-    first_range = builder.common(graph).size()
-    return factor_covariances(builder.factors(graph), builder.values(values), graph, poses, first_range)
+    groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, np.empty(0, dtype=int))
+    problem = distance_problem(graph, groups=groups)
+    return group_marginals(problem, prove(problem, State.of(values)).last, poses, groups)
 
 
 def without(graph, *kinds):

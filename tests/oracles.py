@@ -22,18 +22,14 @@ def nonlinear_vector_factors(graph, believed, initial):
     Variances that depend on the rays are those of the start. A link that is not possible has no residual and no
     gradient.
     """
-    from pymantaray.estimation._gtsam.factors import FactorBuilder, to_graph_values, with_shared
-    from pymantaray.estimation._gtsam.optimize import optimize
-    from pymantaray.estimation.solution import SolveOptions
+    from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
 
-    builder, r = FactorBuilder(), believed.ranges
-    values, ordering = builder.values(initial), builder.ordering(graph)
-    factors = gtsam.NonlinearFactorGraph()
-    factors.push_back(builder.common(graph))
+    values, r = values_of(initial), believed.ranges
+    factors = graph_factors(graph.with_factors(range=graph["range"][:0]))
     shared = []
     if believed.n_unknowns:
         shared, size = [graph.n_variables], believed.n_unknowns
-        values, ordering = with_shared(values, ordering, shared[0], size)
+        values.insert(shared[0], np.zeros(size))
         unit = gtsam.noiseModel.Unit.Create(size)
         factors.add(gtsam.PriorFactorVector(shared[0], np.zeros(size), unit))
     extra = None
@@ -49,12 +45,14 @@ def nonlinear_vector_factors(graph, believed, initial):
         keys = np.unique([r.transmitter[rows], r.receiver[rows]]).tolist() + shared
         error = _asking(believed, rows, keys, np.linalg.cholesky(covariance), graph)
         factors.add(gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows.size), keys, error))
-    problem = SimpleNamespace(loss=None, error=factors.error, linearize=factors.linearize, stock=factors)
-    end, progress = optimize(problem, values, ordering, SolveOptions())
+    parameters = gtsam.GaussNewtonParams()
+    parameters.setRelativeErrorTol(0.0)
+    parameters.setAbsoluteErrorTol(1e-9)
+    end = gtsam.GaussNewtonOptimizer(factors, values, parameters).optimize()
     return SimpleNamespace(
-        **vars(to_graph_values(end, graph)),
-        initial_cost=progress.initial_cost,
-        final_cost=progress.final_cost,
+        **vars(graph_values(end, graph)),
+        initial_cost=factors.error(values),
+        final_cost=factors.error(end),
         unknowns=np.array(end.atVector(shared[0])) if shared else None,
         unknowns_covariance=gtsam.Marginals(factors, end).marginalCovariance(shared[0]) if shared else None,
     )

@@ -275,7 +275,7 @@ def test_start_far_away_falls_back_on_damping_and_finds_the_same_optimum(make_fl
     o, model, clocks = known_or_joint(fleet, joint)
     near = estimate(o, model, fleet.start, clocks=clocks)
     assert not damped
-    far = estimate(o, model, far_from(fleet), clocks=clocks)
+    far = estimate(o, model, far_from(fleet, 9), clocks=clocks)
     assert damped
     assert near.status == far.status == SolveStatus.OK
     assert off(far.position, near.position) < 1e-3

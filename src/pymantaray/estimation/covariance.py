@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import KINDS, FactorGraph
 from pymantaray.estimation.starts import dead_reckon
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion
 from pymantaray.records import Measurements, PoseCovariances
@@ -55,19 +54,6 @@ def fixed_epochs(time: Array, interval: float) -> Indices:
     multiple = np.arange(interval, time[-1] * (1.0 + 1e-12), interval)
     nearest = np.abs(time[None, :] - multiple[:, None]).argmin(axis=1)
     return np.unique([*nearest, time.size - 1])
-
-
-def factor_covariances(
-    factors: Any, values: Any, graph: FactorGraph, poses: Indices, first_range: int | None = None
-) -> EpochCovariances:
-    """Covariances of poses, (n_epochs, n_agents), at an optimum; ranges come from a factor on, if they are to be judged."""
-    from pymantaray.estimation._gtsam.marginals import group_marginals
-
-    used = [graph[name].variables.ravel() for name, kind in KINDS.items() if set(kind.ends) == {"pose"}]
-    if np.unique(poses).size != poses.size or not np.isin(poses, np.concatenate(used)).all():
-        # GTSAM would stop at a variable that no factor knows
-        raise EstimationError("covariances: needs poses with a prior or odometry, each once")
-    return group_marginals(factors, values, poses, graph.n_poses, first_range)
 
 
 def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochCovariances:

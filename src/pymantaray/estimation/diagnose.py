@@ -1,16 +1,22 @@
 """Why a graph cannot be solved: one line that names a variable."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import diags_array, eye_array
+from scipy.sparse.linalg import splu
 
-from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
+from pymantaray.estimation.normal_equations import SIZE
+from pymantaray.estimation.problems import State, distance_problem
 
 Array = NDArray[np.float64]
 
 _FREE = 1e6  # m or rad; what may stray so far counts as undetermined, here as in the solver
 _SINGULAR = 1e-15  # eigenvalue of the scaled information; rounding leaves some 1e-17 of zero
-_PIVOTS = 4096.0  # ratio of standard deviations that GTSAM's Cholesky takes for singular
+_DAMPING = 1e-15  # of the scaled information matrix, whose diagonal is 1: a singular one stays solvable
+_STEPS = 6  # of inverse iteration; each takes away what is not the weakest by the ratio of the eigenvalues
 _SPREAD = 1e-12  # variances this far below the median leave no digits for the others
 
 
@@ -21,8 +27,6 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     Judged by the weakest direction of the information matrix, scaled to a unit diagonal, and by the smallest variance
     of metres or radians against the median.
     """
-    from pymantaray.estimation._gtsam.marginals import weakest_direction
-
     tightest = _tightest(graph)
     if tightest is not None:
         what, variable, variance, median = tightest
@@ -30,7 +34,7 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
             f"{graph.variable_name(variable)}: {what} variance {variance:g} is {variance / median:.0e} of the median,"
             f" {median:g}: badly conditioned; needs variances of more like size"
         )
-    weakest = weakest_direction(graph, values)
+    weakest = _weakest_direction(graph, values)
     if weakest.eigenvalue >= _SINGULAR and weakest.sigma < _FREE:
         return None
     if np.isinf(weakest.sigma):
@@ -45,32 +49,13 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     )
 
 
-def refuse_sharp_depths(graph: FactorGraph, values: GraphValues) -> None:
-    """
-    Refuse depths too good for the solver, in a graph that it takes for singular and that is not.
-
-    GTSAM's Cholesky gives up where the last two pivots of a pose differ by 4,096, as those of a rolled
-    vehicle do whose depth is so much better known than where its odometry leads to.
-    """
-    depth, edge = graph["depth"], graph["edge"]
-    largest = np.zeros(graph.n_poses)
-    for end in edge.variables.T:
-        np.maximum.at(largest, end, np.sqrt(edge.variance[:, 3:].max(axis=1)))
-    sigma, odometry = np.sqrt(depth.variance), largest[depth.subject]
-    sharp = sigma < odometry / _PIVOTS
-    if sharp.any() and diagnose(graph, values) is None:
-        row = int(np.argmax(sharp))
-        raise EstimationError(
-            f"{graph.variable_name(int(depth.subject[row]))}: depth sigma is {sigma[row]:g} m where odometry has"
-            f" {odometry[row]:.3g} m, too much better for the solver: needs {odometry[row] / _PIVOTS:.2g} m or more"
-        )
-
-
 def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
     """Say which measurement fits the values worst, such as ``A17 and L0 (cost 3e+04)``."""
-    from pymantaray.estimation._gtsam.marginals import worst_factor
-
-    variables, cost = worst_factor(graph, values)
+    problem, state = distance_problem(graph), State.of(values)
+    variables, cost = problem.fixed.worst(state)
+    ranges = 0.5 * problem.whitened(state) ** 2
+    if ranges.max(initial=-1.0) > cost:
+        variables, cost = graph["range"].variables[ranges.argmax()].tolist(), float(ranges.max())
     return f"{' and '.join(graph.variable_name(v) for v in variables)} (cost {cost:.3g})"
 
 
@@ -90,3 +75,32 @@ def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
                 row = int(np.argmin(variance))
                 return factors.kind.what, int(factors.subject[row]), float(variance[row]), median
     return None
+
+
+class _Weakest(NamedTuple):
+    """Variable that may stray the furthest, whether by turning, and how far at least; eigenvalue of its direction."""
+
+    variable: int
+    turns: bool
+    sigma: float  # m or rad
+    eigenvalue: float  # of the information matrix scaled to a unit diagonal
+
+
+def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
+    """Find what is determined least at some values, by inverse iteration; infinite for what is not measured at all."""
+    information = distance_problem(graph).linearize(State.of(values)).information()
+    diagonal = information.diagonal()
+    if not (diagonal > 0.0).all():
+        free = int(np.argmin(diagonal > 0.0))
+        return _Weakest(free // SIZE, free % SIZE < 3, np.inf, 0.0)
+    scale = 1.0 / np.sqrt(diagonal)
+    scaled = diags_array(scale) @ information @ diags_array(scale)
+    factors = splu((scaled + _DAMPING * eye_array(scale.size)).tocsc())
+    x = np.random.default_rng(0).standard_normal(scale.size)
+    for _ in range(_STEPS):
+        x = factors.solve(x)
+        x /= np.linalg.norm(x)
+    eigenvalue = float(np.dot(x, np.asarray(scaled @ x)))
+    stray = np.abs(x * scale) / np.sqrt(max(eigenvalue, _DAMPING))
+    furthest = int(np.argmax(stray > 0.999 * stray.max()))
+    return _Weakest(furthest // SIZE, furthest % SIZE < 3, float(stray[furthest]), eigenvalue)

@@ -1,7 +1,6 @@
 """Outer iterations: travel times of a range model, expanded about the estimate and expanded again where it moved."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +9,12 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.expansion import Block, Expansion, RangeWeights, whiten
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.range_models import BelievedRanges, Prediction, chord
+from pymantaray.estimation.marginals import epoch_groups
+from pymantaray.estimation.normal_equations import SIZE, Indices
+from pymantaray.estimation.optimize import Optimum
+from pymantaray.estimation.problems import ExpandedRanges, Parts, Problem, State
+from pymantaray.estimation.range_models import BelievedRanges, Prediction
+from pymantaray.estimation.robust import optimize_robust
 from pymantaray.estimation.solution import Progress, SolveOptions
 
 Array = NDArray[np.float64]
@@ -27,12 +31,11 @@ _FEW = 0.05  # of the links, gated at a time
 class Outcome:
     """End of a batch solve, with ranges as distances or of a model."""
 
-    values: Any
-    progress: Progress
-    problem: Any  # what has its optimum at the values, the ranges last; for covariances
+    optimum: Optimum
+    problem: Problem  # what has its optimum there
+    groups: list[Indices]  # whose covariances are wanted
     possible: NDArray[np.bool_] | None = None  # whether each range was used; the others were gated
     expansions: int = 0
-    shared: int | None = None  # key of the unknowns that ranges share
 
 
 class OuterIterations:
@@ -45,70 +48,65 @@ class OuterIterations:
     expansions, those that are corrected most: their first arrival is now of one family of rays, now of another.
     """
 
-    def __init__(self, builder: Any, graph: FactorGraph, believed: BelievedRanges, loss: Loss | None) -> None:
-        from pymantaray.estimation._gtsam.problems import Ends
-
+    def __init__(
+        self, parts: Parts, graph: FactorGraph, believed: BelievedRanges, loss: Loss | None, poses: Indices
+    ) -> None:
         _check_rows(graph, believed)
         if loss is not None and believed.correlated:
             raise EstimationError(
                 "a robust loss on correlated ranges: each has a loss of its own; leave one of them out"
             )
-        self._builder, self._graph, self._believed, self._loss = builder, graph, believed, loss
-        self._common = builder.common(graph)
-        shared = None if believed.unknowns is None else graph.n_variables
-        self._ends = Ends(believed.ranges, graph.n_poses, shared)
+        self._believed, self._loss = believed, loss
+        r, n = believed.ranges, graph.n_variables
+        self._shared = n + np.arange(-(-believed.n_unknowns // SIZE))
+        self._fixed = parts.fixed(graph)
+        self.groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, self._shared)
+        ends = np.stack([r.transmitter, r.receiver], axis=1)
+        epochs = [np.unique(ends[r.epoch == e]) for e in range(int(r.epoch.max(initial=-1)) + 1)]
+        cliques = [*self.groups, *(np.concatenate([e, self._shared]) for e in epochs)]
+        self._structure = parts.structure(n + self._shared.size, self._fixed.pairs, cliques)
         self._weights = RangeWeights(believed, graph["range"].variance)
-        n = believed.ranges.time.size
-        self._rows = np.arange(n)
-        self._used, self._gated = np.ones(n, dtype=bool), np.zeros(n, dtype=int)
+        self._rows = np.arange(r.time.size)
+        self._used, self._gated = np.ones(r.time.size, dtype=bool), np.zeros(r.time.size, dtype=int)
         self._expansion: Expansion | None = None
         self._first: tuple[Prediction, Array] | None = None
 
     def solve(self, initial: GraphValues, options: SolveOptions) -> Outcome:
         """Outcome from a start; if the expansions do not settle its last step is NaN, which no gate passes."""
-        from pymantaray.estimation._gtsam.robust import optimize_robust
-
-        start, ordering = self._start(initial)
-        values, problem = start, None
+        start = State.of(initial, self._believed.n_unknowns)
+        end, problem = Optimum(start, Progress(0, np.nan, np.nan)), None
         iterations, count, settled = 0, 0, False
-        progress = Progress(iterations=0, initial_cost=np.nan, final_cost=np.nan)
         while True:
-            place = self._ends.at(values)
-            tight = count > 1
-            if self._expansion is not None and tight and self._expansion.is_good_at(*place):
+            place = self._ends(end.state)
+            if self._expansion is not None and count > 1 and self._expansion.is_good_at(*place):
                 settled = True
                 break
             if count == _MOST:
                 break
-            asked = self._ask(place, count)
-            if asked is None:
+            expansion = self._ask(place, count)
+            if expansion is None:
                 settled = True
                 break
-            self._expansion, distance = asked
-            problem = self._problem(self._expansion, distance, graduated=count == 0)
+            self._expansion = expansion
+            problem = self._problem(expansion, graduated=count == 0)
             tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
-            values, progress = optimize_robust(
-                problem, values, ordering, replace(options, step_tolerance=tolerance)
-            )
-            iterations, count = iterations + progress.iterations, count + 1
-            if progress.singular or not np.isfinite(progress.final_cost):
+            end = optimize_robust(problem, end.state, replace(options, step_tolerance=tolerance))
+            iterations, count = iterations + end.progress.iterations, count + 1
+            if end.progress.singular or not np.isfinite(end.progress.final_cost):
                 break
-        progress = replace(progress, iterations=iterations, initial_cost=self._initial_cost(start, place))
+        cost = self._initial_cost(start, place)
+        progress = replace(end.progress, iterations=iterations, initial_cost=cost)
         if not settled:
             progress = replace(progress, last_step=np.nan)
-        return Outcome(values, progress, problem, self._used, count, self._ends.shared)
+        assert problem is not None  # the model was asked once at least
+        return Outcome(end._replace(progress=progress), problem, self.groups, self._used, count)
 
-    def _start(self, initial: GraphValues) -> tuple[Any, Any]:
-        """Starting values and ordering; the unknowns start at zero and are eliminated last."""
-        from pymantaray.estimation._gtsam.factors import with_shared
+    def _ends(self, state: State) -> tuple[Array, Array, Array]:
+        r = self._believed.ranges
+        return state.place[r.transmitter], state.place[r.receiver], state.shared
 
-        values, ordering = self._builder.values(initial), self._builder.ordering(self._graph)
-        if self._ends.shared is None:
-            return values, ordering
-        return with_shared(values, ordering, self._ends.shared, self._believed.n_unknowns)
-
-    def _ask(self, place: tuple[Array, Array, Array], count: int) -> tuple[Expansion, Array] | None:
-        """Ask the model, and gate: an expansion and distances corrected by it, or None if nothing has changed."""
+    def _ask(self, place: tuple[Array, Array, Array], count: int) -> Expansion | None:
+        """Ask the model, and gate: an expansion, or None if nothing has changed."""
         r = self._believed.ranges
         a, b, u = place
         links = r.links(a, b)
@@ -131,33 +129,25 @@ class OuterIterations:
                 if np.count_nonzero(restless) <= _FEW * np.count_nonzero(self._used):
                     self._gated[restless], self._used = _RETURNS, self._used & ~restless
         self._weights.at(links)
-        expansion = Expansion(prediction, links, r.travel_time, u, by_unknowns)
-        return expansion, chord(a, b)[0] - residual
+        return Expansion(prediction, links, r.travel_time, u, by_unknowns)
 
-    def _problem(self, expansion: Expansion, distance: Array, *, graduated: bool) -> Any:
+    def _problem(self, expansion: Expansion, *, graduated: bool) -> Problem:
         """What is to be minimized about an expansion; a loss is graduated in the first one only."""
-        from pymantaray.estimation._gtsam.problems import ExpandedRanges, epoch_terms
-
-        terms = epoch_terms(self._believed.ranges, self._weights.blocks(self._used))
-        corrected = self._graph["range"].with_columns(distance=distance)[self._used]
-        graph = self._graph.with_factors(range=corrected)
+        blocks = self._weights.blocks(self._used)
+        ranges = ExpandedRanges(self._believed.ranges, blocks, expansion, self._shared)
         loss = self._loss
         if loss is not None and not graduated:
             loss = replace(loss, graduated=False)
+        return Problem(self._fixed, ranges, self._structure, loss)
 
-        def stock_of(under: Loss | None) -> Any:
-            return self._builder.factors(graph, under)
-
-        return ExpandedRanges(self._common, self._ends, terms, expansion, stock_of, loss)
-
-    def _initial_cost(self, start: Any, place: tuple[Array, Array, Array]) -> float:
+    def _initial_cost(self, start: State, place: tuple[Array, Array, Array]) -> float:
         """Cost at the start of the links used in the end; those not possible at the start count as they end."""
         assert self._first is not None  # the model was asked once at least
         assert self._expansion is not None
         prediction, residual = self._first
         comparable = np.where(prediction.possible, residual, self._expansion(*place)[0])
         ranges = _cost(self._weights.blocks(self._used), comparable, self._loss)
-        return float(self._common.error(start)) + ranges
+        return self._fixed.cost(start) + ranges
 
 
 def _cost(blocks: list[Block], residual: Array, loss: Loss | None) -> float:

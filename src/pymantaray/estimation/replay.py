@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss
+from pymantaray.estimation.optimize import Optimum, prove
+from pymantaray.estimation.problems import Problem, State, distance_problem
 from pymantaray.estimation.solution import Progress, Solution, SolveOptions, gate, judged
 from pymantaray.geometry.se3 import quaternion_from_matrix
 
@@ -20,6 +22,7 @@ class Replay:
     """What an on-line estimator knew and when, and what it ended with."""
 
     solution: Solution  # after the last update, gated without bounds on the cost; its iterations are updates
+    proof: Optimum  # its end, with a step of a batch solver that was not taken
     update_time: Array  # since the start of the mission, (n_updates,) [s]
     seconds: Array  # that each update took; NaN for those not reached because one failed
     relinearized: NDArray[np.intp]  # variables linearized again in each update
@@ -36,7 +39,7 @@ def replay(
     *,
     loss: Loss | None = None,
     options: SolveOptions | None = None,
-    builder: Any = None,
+    problem: Problem | None = None,
 ) -> Replay:
     """
     Feed the factors of a graph, whose ranges are distances, to iSAM2 in the order of their latest pose.
@@ -44,18 +47,15 @@ def replay(
     Variables that have no prior and no edge from a pose that is there already enter at their initial value, and have to
     be determined by what is known then: a landmark without a prior is not, by its first range.
     """
-    from pymantaray.estimation._gtsam.factors import FactorBuilder, to_graph_values
+    from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
     from pymantaray.estimation._gtsam.incremental import Entering, IncrementalSmoother, timeline
-    from pymantaray.estimation._gtsam.optimize import optimize
-    from pymantaray.estimation._gtsam.problems import Distances
 
     options = options or SolveOptions()
     _check(graph, initial, loss, options)
-    builder = builder or FactorBuilder()
-    problem, start = Distances(builder, graph, loss), builder.values(initial)
+    factors, start = graph_factors(graph, loss), values_of(initial)
     moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
     update_time = _update_times(graph, moment, options.replay.every)
-    line = timeline(problem.stock, moment, update_time)
+    line = timeline(factors, moment, update_time)
     if (line.variable_update < 0).any():
         name = graph.variable_name(int(np.argmin(line.variable_update)))
         raise EstimationError(f"{name}: no factor mentions it; a replay needs a prior or an edge for it")
@@ -66,29 +66,31 @@ def replay(
     for k in range(update_time.size):
         variables = np.flatnonzero(line.variable_update == k)
         new = entering.values(variables, smoother)
-        done = smoother.update(problem.stock, np.flatnonzero(line.factor_update == k), new)
+        done = smoother.update(factors, np.flatnonzero(line.factor_update == k), new)
         steps += 1
         if done is None:
             failed = True
             break
         log.note(k, variables[variables < graph.n_poses], new, smoother, done)
     for _ in range(0 if failed else options.replay.final_updates):
-        done = smoother.update(problem.stock, none, entering.values(none, smoother))
+        done = smoother.update(factors, none, entering.values(none, smoother))
         steps += 1
         if done is None or done[1] == 0:
             failed = done is None
             break
-    cost = float(problem.error(start))
+    problem = problem or distance_problem(graph, loss)
+    cost = problem.cost(State.of(initial))
     if failed:
         progress = Progress(steps, cost, np.nan, singular=True)
-        return log.replay(judged(initial, progress, gate(progress, options)))
-    values = smoother.values()
+        proof = Optimum(State.of(initial), progress)
+        return log.replay(judged(initial, progress, gate(progress, options)), proof)
     # one step of a batch solver, not taken: it says how far the end is from the optimum
-    _, proof = optimize(problem, values, builder.ordering(graph), replace(options, max_iterations=1))
-    end = replace(proof, iterations=steps, initial_cost=cost, final_cost=proof.initial_cost)
+    proof = prove(problem, State.of(graph_values(smoother.values(), graph)))
+    end = replace(proof.progress, iterations=steps, initial_cost=cost)
     limits = replace(options, end_tolerance=options.replay.end_tolerance)
     expected = np.nan if loss is not None else graph.degrees_of_freedom / 2.0
-    return log.replay(judged(to_graph_values(values, graph), end, gate(end, limits), expected))
+    solution = judged(proof.state.values(graph), end, gate(end, limits), expected)
+    return log.replay(solution, proof)
 
 
 class _Log:
@@ -113,12 +115,19 @@ class _Log:
             self._before[key] = before.translation()
             self._position[key], self._rotation[key] = pose.translation(), pose.rotation().matrix()
 
-    def replay(self, solution: Solution) -> Replay:
+    def replay(self, solution: Solution, proof: Optimum) -> Replay:
         quaternion = np.full((self._rotation.shape[0], 4), np.nan)
         reached = ~np.isnan(self._rotation[:, 0, 0])
         quaternion[reached] = quaternion_from_matrix(self._rotation[reached])
         return Replay(
-            solution, self._time, self._seconds, self._relinearized, self._position, quaternion, self._before
+            solution,
+            proof,
+            self._time,
+            self._seconds,
+            self._relinearized,
+            self._position,
+            quaternion,
+            self._before,
         )
 
 

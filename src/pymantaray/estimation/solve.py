@@ -1,4 +1,4 @@
-"""Solves of factor graphs, each passed through the health gate; gtsam is loaded at first use."""
+"""Solves of factor graphs, each passed through the health gate."""
 
 import math
 from collections.abc import Mapping
@@ -6,32 +6,30 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.covariance import factor_covariances
-from pymantaray.estimation.diagnose import refuse_sharp_depths
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import LOSSES, Loss
+from pymantaray.estimation.marginals import check_poses, epoch_groups, group_marginals
+from pymantaray.estimation.normal_equations import Indices
 from pymantaray.estimation.outer import Outcome, OuterIterations
-from pymantaray.estimation.range_models import BelievedRanges, UnknownsEstimate
+from pymantaray.estimation.problems import Parts, Problem, State, distance_problem
+from pymantaray.estimation.range_models import BelievedRanges, Unknowns, UnknownsEstimate
 from pymantaray.estimation.replay import replay
-from pymantaray.estimation.solution import Method, Progress, Solution, SolveOptions, gate, judged
-from pymantaray.records import SolveStatus
+from pymantaray.estimation.robust import optimize_robust
+from pymantaray.estimation.solution import Method, Solution, SolveOptions, gate, judged
 
 
 class GraphSolver:
     """
-    Solves factor graphs; keeps noise models, orderings and starting values that successive graphs share.
+    Solves factor graphs; keeps what successive graphs share: orders of elimination, and factors.
 
     One solver belongs to one process. Results do not depend on what it has solved before.
     """
 
     def __init__(self, options: SolveOptions | None = None) -> None:
-        from pymantaray.estimation._gtsam.factors import FactorBuilder
-
         self.options = options or SolveOptions()
-        self._builder = FactorBuilder()
+        self._parts = Parts()
 
     def solve(
         self,
@@ -41,7 +39,7 @@ class GraphSolver:
         method: Method | None = None,
         model_is_right: bool = True,
         believed: BelievedRanges | None = None,
-        covariance_poses: NDArray[np.intp] | None = None,
+        covariance_poses: Indices | None = None,
     ) -> Solution:
         """
         Solve one graph.
@@ -72,64 +70,70 @@ class GraphSolver:
         ------
         EstimationError
             If a measurement or a noise level of the graph cannot be used, or the starting point does not fit
-            the graph or is not finite, or what is believed is of other ranges; or if the solver fails for
-            depths that are too well known, with the least standard deviation that it needs.
+            the graph or is not finite, or what is believed is of other ranges.
         """
         check_graph(graph)
         check_values(graph, initial)
         method = method or Method()
-        loss = method.loss
+        loss, poses = method.loss, np.empty((0, 0), dtype=np.intp)
+        if covariance_poses is not None:
+            poses = check_poses(graph, covariance_poses)
         if method.incremental:
-            solution, end = self._replayed(graph, initial, loss, believed)
+            solution, end = self._replayed(graph, initial, loss, believed, poses)
         else:
-            end = self._batch(graph, initial, loss, believed)
+            end = self._batch(graph, initial, loss, believed, poses)
             solution = self._judged(graph, end, model_is_right=model_is_right, believed=believed)
-        if solution.status == SolveStatus.FAILED:
-            refuse_sharp_depths(graph, initial)
-        if covariance_poses is not None and solution.usable:
-            first_range = self._builder.common(graph).size() if loss is None else None
-            covariances = factor_covariances(end.problem, end.values, graph, covariance_poses, first_range)
-            solution = replace(solution, covariances=covariances)
+        last = end.optimum.last
+        if covariance_poses is not None and solution.usable and last is not None:
+            solution = replace(solution, covariances=group_marginals(end.problem, last, poses, end.groups))
         return solution
 
     def _batch(
-        self, graph: FactorGraph, initial: GraphValues, loss: Loss | None, believed: BelievedRanges | None
+        self,
+        graph: FactorGraph,
+        initial: GraphValues,
+        loss: Loss | None,
+        believed: BelievedRanges | None,
+        poses: Indices,
     ) -> Outcome:
-        from pymantaray.estimation._gtsam.problems import Distances
-        from pymantaray.estimation._gtsam.robust import optimize_robust
-
         if believed is not None:
-            return OuterIterations(self._builder, graph, believed, loss).solve(initial, self.options)
-        problem = Distances(self._builder, graph, loss)
-        start, ordering = self._builder.values(initial), self._builder.ordering(graph)
-        values, progress = optimize_robust(problem, start, ordering, self.options)
-        return Outcome(values, progress, problem)
+            return OuterIterations(self._parts, graph, believed, loss, poses).solve(initial, self.options)
+        problem, groups = self._distances(graph, loss, poses)
+        return Outcome(optimize_robust(problem, State.of(initial), self.options), problem, groups)
+
+    def _distances(
+        self, graph: FactorGraph, loss: Loss | None, poses: Indices
+    ) -> tuple[Problem, list[Indices]]:
+        """What is minimized where ranges are distances, and the groups whose covariances are wanted."""
+        groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, np.empty(0, dtype=np.intp))
+        return distance_problem(graph, loss, parts=self._parts, groups=groups), groups
 
     def _replayed(
-        self, graph: FactorGraph, initial: GraphValues, loss: Loss | None, believed: BelievedRanges | None
+        self,
+        graph: FactorGraph,
+        initial: GraphValues,
+        loss: Loss | None,
+        believed: BelievedRanges | None,
+        poses: Indices,
     ) -> tuple[Solution, Outcome]:
-        from pymantaray.estimation._gtsam.problems import Distances
-
         if believed is not None:
             raise EstimationError("a replay takes ranges as distances; choose constant or transmitter")
-        solution = replay(graph, initial, loss=loss, options=self.options, builder=self._builder).solution
-        values = self._builder.values(solution.values) if solution.usable else None
-        progress = Progress(solution.iterations, solution.initial_cost, solution.final_cost)
-        return solution, Outcome(values, progress, Distances(self._builder, graph, loss))
+        problem, groups = self._distances(graph, loss, poses)
+        end = replay(graph, initial, loss=loss, options=self.options, problem=problem)
+        return end.solution, Outcome(end.proof, problem, groups)
 
     def _judged(
         self, graph: FactorGraph, end: Outcome, *, model_is_right: bool, believed: BelievedRanges | None
     ) -> Solution:
         """Values and verdict of a batch; a robust cost has no chi-square distribution, whether there are outliers or not."""
-        from pymantaray.estimation._gtsam.factors import to_graph_values
-
         gated = 0 if end.possible is None else int(np.count_nonzero(~end.possible))
         expected = math.nan if end.problem.loss is not None else (graph.degrees_of_freedom - gated) / 2.0
-        status = gate(end.progress, self.options, expected_cost=expected if model_is_right else math.nan)
-        solution = judged(to_graph_values(end.values, graph), end.progress, status, expected)
+        progress = end.optimum.progress
+        status = gate(progress, self.options, expected_cost=expected if model_is_right else math.nan)
+        solution = judged(end.optimum.state.values(graph), progress, status, expected)
         solution = replace(solution, gated_links=gated, expansions=end.expansions)
-        if solution.usable and believed is not None:
-            solution = replace(solution, unknowns=_unknowns(believed, end))
+        if solution.usable and believed is not None and believed.unknowns is not None:
+            solution = replace(solution, unknowns=_unknowns(believed.unknowns, end))
         return solution
 
 
@@ -143,14 +147,11 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 """Ways to solve a graph whose ranges are distances, by name."""
 
 
-def _unknowns(believed: BelievedRanges, end: Outcome) -> UnknownsEstimate | None:
+def _unknowns(unknowns: Unknowns, end: Outcome) -> UnknownsEstimate:
     """What the solve says of the unknowns, in their units."""
-    unknowns = believed.unknowns
-    if unknowns is None or end.shared is None:
-        return None
-    from pymantaray.estimation._gtsam.marginals import vector_marginal
-
-    sigma = unknowns.sigma
-    covariance = sigma[:, None] * vector_marginal(end.problem, end.values, end.shared) * sigma
-    value = sigma * np.array(end.values.atVector(end.shared), dtype=float)
-    return UnknownsEstimate(unknowns.name, unknowns.unit, sigma, value, covariance)
+    sigma, optimum, fixed = unknowns.sigma, end.optimum, end.problem.fixed
+    assert optimum.last is not None  # or it would not be usable
+    shared = np.arange(fixed.n_variables, end.problem.structure.row.size)
+    (inverse,) = optimum.last.factor.inverse([shared])
+    covariance = sigma[:, None] * inverse[: sigma.size, : sigma.size] * sigma
+    return UnknownsEstimate(unknowns.name, unknowns.unit, sigma, sigma * optimum.state.shared, covariance)

@@ -1,5 +1,5 @@
 """
-From a solver-free graph to GTSAM factors, values and orderings.
+From a solver-free graph to GTSAM factors and values, for replays.
 
 A kind of factor of `graph.KINDS` has its constructor in `_MAKERS`, which gives the factors of a table one by
 one; and, where its noise is not that of its covariance as it stands, its noise model in `_NOISE`.
@@ -19,85 +19,40 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 Array = NDArray[np.float64]
 
 
-class FactorBuilder:
-    """
-    Builds GTSAM graphs, and keeps noise models, orderings and values, to use them again where their inputs are equal.
-
-    Variable ``i`` of the graph has the GTSAM key ``i``.
-    """
-
-    def __init__(self) -> None:
-        self._noise: dict[str, tuple[Array, list[Any]]] = {}
-        self._ordering: dict[tuple[Any, ...], Any] = {}
-        self._values: tuple[GraphValues, Any] | None = None
-        self._common: tuple[dict[str, Factors], Any] | None = None
-
-    def common(self, graph: FactorGraph) -> Any:
-        """All factors but the ranges; the same object, not to be changed, while those are the same tables."""
-        tables = {name: graph[name] for name in KINDS if name != "range"}
-        if self._common is None or any(
-            factors is not self._common[0][name] and len(factors) + len(self._common[0][name])
-            for name, factors in tables.items()
-        ):
-            out = gtsam.NonlinearFactorGraph()
-            for name, factors in tables.items():
-                self._add(out, name, factors, graph.n_poses)
-            self._common = tables, out
-        return self._common[1]
-
-    def factors(self, graph: FactorGraph, loss: Loss | None = None) -> Any:
-        """All factors, the ranges last and under a loss."""
-        out = gtsam.NonlinearFactorGraph()
-        out.push_back(self.common(graph))
-        self._add(out, "range", graph["range"], graph.n_poses, loss)
-        return out
-
-    def ordering(self, graph: FactorGraph) -> Any:
-        """COLAMD elimination ordering, computed once for each structure."""
-        pairs = [graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2]
-        size = sum(len(graph[name]) for name in KINDS)
-        key = (size, graph.n_poses, graph.n_variables, *(p.tobytes() for p in pairs))
-        if key not in self._ordering:
-            self._ordering[key] = gtsam.Ordering.ColamdNonlinearFactorGraph(self.factors(graph))
-        return self._ordering[key]
-
-    def values(self, initial: GraphValues) -> Any:
-        """GTSAM values of a starting point; shared between calls, not to be changed."""
-        if self._values is not None and _same(self._values[0], initial):
-            return self._values[1]
-        out = gtsam.Values()
-        for key, pose in enumerate(poses_of(initial.quaternion, initial.position)):
-            out.insert(key, pose)
-        for key, point in enumerate(initial.landmark_position, start=initial.position.shape[0]):
-            out.insertPoint3(key, point)
-        self._values = (initial, out)
-        return out
-
-    def _add(self, out: Any, name: str, factors: Factors, n_poses: int, loss: Loss | None = None) -> None:
-        if not len(factors):
-            return
-        noise = self._models(name, factors.covariance)
-        if loss is not None:
+def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
+    """All factors, the ranges last and under a loss; variable ``i`` of the graph has the key ``i``."""
+    out = gtsam.NonlinearFactorGraph()
+    for name in KINDS:
+        factors = graph[name]
+        noise = _models(_NOISE.get(name, _gaussian), factors.covariance)
+        if loss is not None and name == "range":
             robust = _m_estimator(loss)
-            under = {id(model): gtsam.noiseModel.Robust.Create(robust, model) for model in noise}
-            noise = [under[id(model)] for model in noise]
-        for factor in _MAKERS[name](factors, noise, n_poses):
+            noise = [gtsam.noiseModel.Robust.Create(robust, model) for model in noise]
+        for factor in _MAKERS[name](factors, noise, graph.n_poses):
             out.add(factor)
+    return out
 
-    def _models(self, name: str, covariance: Array) -> list[Any]:
-        """One model for each matrix; equal ones share theirs."""
-        last = self._noise.get(name)
-        if last is None or not np.array_equal(last[0], covariance):
-            make = _NOISE.get(name, _gaussian)
-            models: dict[bytes, Any] = {}
-            out = []
-            for matrix in covariance:
-                key = matrix.tobytes()
-                if key not in models:
-                    models[key] = make(matrix)
-                out.append(models[key])
-            self._noise[name] = last = (covariance, out)
-        return last[1]
+
+def values_of(initial: GraphValues) -> Any:
+    """GTSAM values of a starting point."""
+    out = gtsam.Values()
+    for key, pose in enumerate(poses_of(initial.quaternion, initial.position)):
+        out.insert(key, pose)
+    for key, point in enumerate(initial.landmark_position, start=initial.position.shape[0]):
+        out.insertPoint3(key, point)
+    return out
+
+
+def _models(make: Callable[[Array], Any], covariance: Array) -> list[Any]:
+    """One noise model for each matrix; equal ones share theirs."""
+    models: dict[bytes, Any] = {}
+    out = []
+    for matrix in covariance:
+        key = matrix.tobytes()
+        if key not in models:
+            models[key] = make(matrix)
+        out.append(models[key])
+    return out
 
 
 def _priors(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
@@ -178,18 +133,7 @@ def _m_estimator(loss: Loss) -> Any:
     return kind.Create(loss.scale)
 
 
-def with_shared(values: Any, ordering: Any, key: int, dimension: int) -> tuple[Any, Any]:
-    """Copies of values and ordering with a vector that all ranges share: zero, and eliminated last."""
-    more = gtsam.Values(values)
-    more.insert(key, np.zeros(dimension))
-    longer = gtsam.Ordering()
-    for i in range(ordering.size()):
-        longer.push_back(ordering.at(i))
-    longer.push_back(key)
-    return more, longer
-
-
-def to_graph_values(values: Any, graph: FactorGraph) -> GraphValues:
+def graph_values(values: Any, graph: FactorGraph) -> GraphValues:
     """Numbers of GTSAM values, in the order of the graph's variables."""
     table = gtsam.utilities.extractPose3(values)
     landmarks = [values.atPoint3(key) for key in range(graph.n_poses, graph.n_variables)]
@@ -207,8 +151,3 @@ def poses_of(quaternion: Array, translation: Array) -> list[Any]:
     matrix[:, :3, 3] = translation
     matrix[:, 3, 3] = 1.0
     return [gtsam.Pose3(m) for m in matrix]
-
-
-def _same(a: GraphValues, b: GraphValues) -> bool:
-    names = "position", "quaternion", "landmark_position"
-    return a is b or all(np.array_equal(getattr(a, name), getattr(b, name)) for name in names)

@@ -1,11 +1,12 @@
 """Descent under a robust loss: re-weighted steps with a line search, graduated or not."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pymantaray.estimation._gtsam.optimize import Problem, largest_of, optimize, step
+from pymantaray.estimation.optimize import Optimum, optimize
+from pymantaray.estimation.problems import Problem, State
 from pymantaray.estimation.solution import Progress, SolveOptions
 
 ROBUST_STEPS = 300  # allowed at least: re-weighting takes more of them than least squares
@@ -17,9 +18,7 @@ _ROUGH = SolveOptions(step_tolerance=1.0, max_iterations=1)  # of one surrogate
 _FIRST = SolveOptions(step_tolerance=1.0)
 
 
-def optimize_robust(
-    problem: Problem, initial: Any, ordering: Any, options: SolveOptions
-) -> tuple[Any, Progress]:
+def optimize_robust(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
     """
     Values that minimize the cost of a problem under its loss, by graduated non-convexity if that says so, and how it went.
 
@@ -32,77 +31,78 @@ def optimize_robust(
     """
     loss = problem.loss
     if loss is None:
-        return optimize(problem, initial, ordering, options)
+        return optimize(problem, initial, options)
     options = replace(options, max_iterations=max(options.max_iterations, ROBUST_STEPS))
     if not loss.graduated:
-        return _descend(problem, initial, ordering, options)
-    progress, values = _descend_steps(problem.under(None), initial, ordering, _FIRST)
+        return _descend(problem, initial, options)
+    progress, state = _descend_steps(problem.under(None), initial, _FIRST)
     steps = progress.iterations
-    largest = float(np.abs(problem.whitened(values)).max(initial=0.0))
+    largest = float(np.abs(problem.whitened(state)).max(initial=0.0))
     control = 2.0 * (largest / loss.scale) ** 2
     while control > 1.0 and not progress.singular:
         surrogate = problem.under(replace(loss, scale=loss.scale * np.sqrt(control)))
-        progress, values = _descend_steps(surrogate, values, ordering, _ROUGH)
+        progress, state = _descend_steps(surrogate, state, _ROUGH)
         steps += progress.iterations
         control /= _NARROW
-    values, progress = _descend(problem, values, ordering, options)
-    return values, replace(
-        progress, iterations=steps + progress.iterations, initial_cost=float(problem.error(initial))
-    )
+    end = _descend(problem, state, options)
+    taken, cost = steps + end.progress.iterations, problem.cost(initial)
+    return end._replace(progress=replace(end.progress, iterations=taken, initial_cost=cost))
 
 
-def _descend(problem: Problem, initial: Any, ordering: Any, options: SolveOptions) -> tuple[Any, Progress]:
+def _descend(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
     """Steps along the line search, then a proof of convergence or of the want of it."""
-    progress, values = _descend_steps(problem, initial, ordering, options)
+    progress, state = _descend_steps(problem, initial, options)
     if progress.singular or not np.isfinite(progress.final_cost):
-        return values, progress
+        return Optimum(state, progress)
     # one full step more is the proof; some more where costs no longer differ, but steps do
-    end, proof = optimize(problem, values, ordering, replace(options, max_iterations=_POLISH))
+    end = optimize(problem, state, replace(options, max_iterations=_POLISH))
+    proof = end.progress
     if not proof.final_cost <= proof.initial_cost + 1e-9 * (1.0 + proof.initial_cost):
-        end, proof = values, replace(proof, final_cost=proof.initial_cost, last_step=np.nan)
-    return end, replace(
-        proof, iterations=progress.iterations + proof.iterations, initial_cost=progress.initial_cost
-    )
+        end, proof = Optimum(state, proof), replace(proof, final_cost=proof.initial_cost, last_step=np.nan)
+    taken = progress.iterations + proof.iterations
+    return end._replace(progress=replace(proof, iterations=taken, initial_cost=progress.initial_cost))
 
 
-def _descend_steps(
-    problem: Problem, initial: Any, ordering: Any, options: SolveOptions
-) -> tuple[Progress, Any]:
+def _descend_steps(problem: Problem, initial: State, options: SolveOptions) -> tuple[Progress, State]:
     """Steps along the line search; their progress is without gradient and decrement."""
-    values, cost = initial, float(problem.error(initial))
+    state, cost = initial, problem.cost(initial)
     progress = Progress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
-        solved = step(problem.linearize(values), ordering)
-        if solved is None:
-            return replace(progress, singular=True), values
-        lower, lower_cost = _along(problem, values, solved[0], cost)
+        equations = problem.linearize(state)
+        factor = equations.factorize()
+        if factor is None:
+            return replace(progress, singular=True), state
+        step = factor.solve(-equations.gradient)
+        lower, lower_cost = _along(problem, state, step, cost)
         if lower is None:
             break
-        values, cost = lower, lower_cost
-        largest = largest_of(solved[0])
+        state, cost = lower, lower_cost
+        largest = float(np.abs(step).max())
         progress = replace(progress, iterations=iteration, final_cost=cost, last_step=largest)
         if largest <= options.step_tolerance:
             break
-    return progress, values
+    return progress, state
 
 
-def _along(problem: Problem, values: Any, delta: Any, cost: float) -> tuple[Any, float]:
-    """Values of lowest cost among multiples of a step that are powers of two; None if none lowers it."""
-    factor, best = 1.0, values.retract(delta)
-    lowest = float(problem.error(best))
+def _along(
+    problem: Problem, state: State, step: NDArray[np.float64], cost: float
+) -> tuple[State | None, float]:
+    """State of lowest cost among multiples of a step that are powers of two; None if none lowers it."""
+    factor, best = 1.0, state.moved(problem.structure, step)
+    lowest = problem.cost(best)
     if lowest < cost:
         while factor < _LONGEST:
             factor *= 2.0
-            trial = values.retract(delta.scale(factor))
-            trial_cost = float(problem.error(trial))
+            trial = state.moved(problem.structure, factor * step)
+            trial_cost = problem.cost(trial)
             if not trial_cost < lowest:
                 break
             best, lowest = trial, trial_cost
         return best, lowest
     while factor > _SHORTEST:
         factor *= 0.5
-        trial = values.retract(delta.scale(factor))
-        trial_cost = float(problem.error(trial))
+        trial = state.moved(problem.structure, factor * step)
+        trial_cost = problem.cost(trial)
         if trial_cost < cost:
             return trial, trial_cost
     return None, cost

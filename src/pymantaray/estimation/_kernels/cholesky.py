@@ -1,0 +1,178 @@
+"""
+Sparse Cholesky factors in blocks of six by six, row by row of the upper triangle.
+
+Row k has a diagonal block and, from ``start[k]`` to ``start[k + 1]``, blocks of the rising columns ``column``. A row's
+columns are all connected by its elimination, so that each pair of them has its block.
+"""
+
+import math
+
+from pymantaray.compile import entry, inlined
+
+# Part of its diagonal element that is left to a pivot when rounding has taken its digits.
+NO_DIGITS = 1e-12
+# Least information: some direction may stray by 1,000 km, or as many radians, given all that are eliminated after it.
+LEAST_PIVOT = 1e-12
+
+
+@entry
+def join_rows(first, neighbour, parent, mark, count, start, column):  # type: ignore[no-untyped-def]
+    """
+    Count the blocks of each row, or write their columns if there is room for them.
+
+    ``neighbour[first[i]:first[i + 1]]`` are the rows before i that it shares a factor with. Each climbs the tree of
+    ``parent`` up to i: all on its way have a block of column i.
+    """
+    for i in range(mark.size):
+        mark[i] = i
+        count[i] = 0
+        for p in range(first[i], first[i + 1]):
+            j = neighbour[p]
+            while mark[j] != i:
+                if parent[j] < 0:
+                    parent[j] = i
+                if column.size:
+                    column[start[j] + count[j]] = i
+                count[j] += 1
+                mark[j] = i
+                j = parent[j]
+
+
+@inlined
+def add_product(out, i, sign, a, p, b, q):  # type: ignore[no-untyped-def]
+    """Add or subtract a transposed block times a block."""
+    for r in range(6):
+        a0, a1, a2 = sign * a[p, 0, r], sign * a[p, 1, r], sign * a[p, 2, r]
+        a3, a4, a5 = sign * a[p, 3, r], sign * a[p, 4, r], sign * a[p, 5, r]
+        for c in range(6):
+            out[i, r, c] += (
+                a0 * b[q, 0, c]
+                + a1 * b[q, 1, c]
+                + a2 * b[q, 2, c]
+                + a3 * b[q, 3, c]
+                + a4 * b[q, 4, c]
+                + a5 * b[q, 5, c]
+            )
+
+
+@entry
+def factorize(start, column, diagonal, above, element):  # type: ignore[no-untyped-def]
+    """Turn a matrix, of these diagonal elements (n, 6), into its upper factor; a row without digits left, -1 for none."""
+    for k in range(diagonal.shape[0]):
+        for r in range(6):
+            pivot = diagonal[k, r, r]
+            if not pivot > max(NO_DIGITS * element[k, r], LEAST_PIVOT):
+                return k
+            root = math.sqrt(pivot)
+            diagonal[k, r, r] = root
+            for c in range(r + 1, 6):
+                diagonal[k, r, c] /= root
+            for i in range(r + 1, 6):
+                for c in range(i, 6):
+                    diagonal[k, i, c] -= diagonal[k, r, i] * diagonal[k, r, c]
+        for p in range(start[k], start[k + 1]):
+            for r in range(6):
+                for i in range(r):
+                    share = diagonal[k, i, r]
+                    for c in range(6):
+                        above[p, r, c] -= share * above[p, i, c]
+                inverse = 1.0 / diagonal[k, r, r]
+                for c in range(6):
+                    above[p, r, c] *= inverse
+        for p in range(start[k], start[k + 1]):
+            i = column[p]
+            add_product(diagonal, i, -1.0, above, p, above, p)
+            at = start[i]
+            for q in range(p + 1, start[k + 1]):
+                while column[at] != column[q]:
+                    at += 1
+                add_product(above, at, -1.0, above, p, above, q)
+    return -1
+
+
+@entry
+def substitute(start, column, diagonal, above, x):  # type: ignore[no-untyped-def]
+    """Solve for a right-hand side (n, 6) in place, down the transposed factor and up the factor."""
+    n = diagonal.shape[0]
+    for k in range(n):
+        for r in range(6):
+            for i in range(r):
+                x[k, r] -= diagonal[k, i, r] * x[k, i]
+            x[k, r] /= diagonal[k, r, r]
+        for p in range(start[k], start[k + 1]):
+            j = column[p]
+            for r in range(6):
+                for c in range(6):
+                    x[j, c] -= above[p, r, c] * x[k, r]
+    for k in range(n - 1, -1, -1):
+        for p in range(start[k], start[k + 1]):
+            j = column[p]
+            for r in range(6):
+                for c in range(6):
+                    x[k, r] -= above[p, r, c] * x[j, c]
+        for r in range(5, -1, -1):
+            for c in range(r + 1, 6):
+                x[k, r] -= diagonal[k, r, c] * x[k, c]
+            x[k, r] /= diagonal[k, r, r]
+
+
+@entry
+def invert(start, column, diagonal, above, wanted, inverse_diagonal, inverse_above, work):  # type: ignore[no-untyped-def]
+    """
+    Blocks of the inverse in the rows wanted and in all that their elimination joined them to, which are marked as well.
+
+    By Takahashi's recursion from the last row: with U_kk X = I, ``Z_kj = -X sum_i U_ki Z_ij`` and
+    ``Z_kk = X (X^T - sum_i U_ki Z_ik)``. Inverse blocks have to come in as zero.
+    """
+    for k in range(wanted.size):
+        if wanted[k]:
+            for p in range(start[k], start[k + 1]):
+                wanted[column[p]] = True
+    for k in range(wanted.size - 1, -1, -1):
+        if not wanted[k]:
+            continue
+        begin, end = start[k], start[k + 1]
+        for p in range(begin, end):
+            i = column[p]
+            _subtract_times(inverse_above, p, above, p, inverse_diagonal, i, False)
+            at = start[i]
+            for q in range(p + 1, end):
+                while column[at] != column[q]:
+                    at += 1
+                _subtract_times(inverse_above, q, above, p, inverse_above, at, False)
+                _subtract_times(inverse_above, p, above, q, inverse_above, at, True)
+        for p in range(begin, end):
+            _solve_upper(diagonal, k, inverse_above, p)
+        for r in range(6):  # X^T, from U^T
+            for c in range(6):
+                total = 1.0 if r == c else 0.0
+                for i in range(r):
+                    total -= diagonal[k, i, r] * work[0, i, c]
+                work[0, r, c] = total / diagonal[k, r, r]
+        for p in range(begin, end):
+            _subtract_times(work, 0, above, p, inverse_above, p, True)
+        _solve_upper(diagonal, k, work, 0)
+        for r in range(6):
+            for c in range(6):
+                inverse_diagonal[k, r, c] = 0.5 * (work[0, r, c] + work[0, c, r])
+
+
+@inlined
+def _subtract_times(out, i, a, p, b, q, transposed):  # type: ignore[no-untyped-def]
+    """Subtract a block times a block or its transpose."""
+    for r in range(6):
+        for c in range(6):
+            total = 0.0
+            for j in range(6):
+                total += a[p, r, j] * (b[q, c, j] if transposed else b[q, j, c])
+            out[i, r, c] -= total
+
+
+@inlined
+def _solve_upper(diagonal, k, out, p):  # type: ignore[no-untyped-def]
+    for r in range(5, -1, -1):
+        for c in range(6):
+            total = out[p, r, c]
+            for i in range(r + 1, 6):
+                total -= diagonal[k, r, i] * out[p, i, c]
+            out[p, r, c] = total / diagonal[k, r, r]

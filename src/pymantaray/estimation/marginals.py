@@ -1,0 +1,101 @@
+"""Joint covariances at the optimum, and how ranges fit them."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.covariance import EpochCovariances
+from pymantaray.estimation.graph import KINDS, FactorGraph
+from pymantaray.estimation.normal_equations import SIZE, Indices
+from pymantaray.estimation.optimize import LastStep
+from pymantaray.estimation.problems import LinearTerm, Problem
+
+Array = NDArray[np.float64]
+
+_EXPLAINED = 1e-8  # a direction whose residual keeps less of its variance is not predicted by anything else
+
+
+def check_poses(graph: FactorGraph, poses: Indices) -> Indices:
+    """Poses whose covariances can be asked for: each once, and with a prior or odometry."""
+    used = [graph[name].variables.ravel() for name, kind in KINDS.items() if set(kind.ends) == {"pose"}]
+    if np.unique(poses).size != poses.size or not np.isin(poses, np.concatenate(used)).all():
+        raise EstimationError("covariances: needs poses with a prior or odometry, each once")
+    return poses.astype(np.intp)
+
+
+def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indices) -> list[Indices]:
+    """For each epoch its poses, landmarks that any of them is ranged with, and what all ranges share: to be connected."""
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    return [
+        np.concatenate([epoch, np.unique(ends[ends >= n_poses]), shared])
+        for epoch in poses
+        for ends in [pairs[np.isin(pairs[:, 0], epoch), 1]]
+    ]
+
+
+def group_marginals(
+    problem: Problem, last: LastStep, poses: Indices, groups: list[Indices]
+) -> EpochCovariances:
+    r"""
+    Covariances of poses, shape (n_epochs, n_agents), joint within each epoch, from the factor of the last step.
+
+    With whitened residuals :math:`b` of the ranges of a group at the optimum, their Jacobian :math:`A` and the
+    covariance :math:`P`, residuals have the covariance :math:`S = I - A P A^\top`, and
+    :math:`b^\top S^{-1} b` is the squared innovation :math:`\nu^\top (I + A P_- A^\top)^{-1} \nu` of the same ranges
+    predicted from everything else, past and future: :math:`P^{-1} = P_-^{-1} + A^\top A` gives
+    :math:`S = (I + A P_- A^\top)^{-1}` and :math:`b = S \nu`. Under a loss there are none.
+    """
+    n_epochs, members = poses.shape
+    inverse = last.factor.inverse(groups)
+    joint = np.stack([p[: SIZE * members, : SIZE * members] for p in inverse])
+    joint = joint.reshape(n_epochs, members, SIZE, members, SIZE)
+    agents = np.arange(members)
+    own = np.moveaxis(joint[:, agents, :, agents, :], 0, 1)
+    turn = np.tile(np.eye(SIZE), (n_epochs, members, 1, 1))
+    turn[..., 3:, 3:] = last.state.rotation[poses]  # from the world's axes to the body's
+    fits = [(np.nan, 0)] * n_epochs
+    if problem.loss is None:
+        terms = _by_group(problem.ranges.linear(last.state), poses, problem.fixed.n_poses)
+        step = last.step[problem.structure.row]
+        fits = [_innovation(*each, step) for each in zip(terms, inverse, groups, strict=True)]
+    return EpochCovariances(
+        position=joint[:, :, 3:, :, 3:],
+        pose=np.swapaxes(turn, -1, -2) @ own @ turn,
+        range_nis=np.array([nis for nis, _ in fits]),
+        range_dimension=np.array([dimension for _, dimension in fits], dtype=np.intp),
+    )
+
+
+def _by_group(terms: list[LinearTerm], poses: Indices, n_poses: int) -> list[list[LinearTerm]]:
+    """Terms of ranges between the poses of each group, or from these to landmarks."""
+    out: list[list[LinearTerm]] = [[] for _ in poses]
+    group = {pose: g for g, members in enumerate(poses.tolist()) for pose in members}
+    for term in terms:
+        ends = {group.get(v, -1) for v in term.variables.tolist() if v < n_poses}
+        if len(ends) == 1 and (g := ends.pop()) >= 0:
+            out[g].append(term)
+    return out
+
+
+def _innovation(terms: list[LinearTerm], covariance: Array, group: Indices, step: Array) -> tuple[float, int]:
+    """Squared innovation of the ranges of a group and its dimension."""
+    if not terms:
+        return np.nan, 0
+    place = {variable: SIZE * i for i, variable in enumerate(group.tolist())}
+    residual = np.concatenate([term.residual for term in terms])
+    jacobian = np.zeros((residual.size, covariance.shape[0]))
+    top = 0
+    for term in terms:
+        below = top + term.residual.size
+        for i, variable in enumerate(term.variables.tolist()):
+            left = place[variable]
+            jacobian[top:below, left : left + SIZE] = term.jacobian[:, SIZE * i : SIZE * (i + 1)]
+        top = below
+    values, vectors = np.linalg.eigh(np.eye(residual.size) - jacobian @ covariance @ jacobian.T)
+    usable = values > _EXPLAINED
+    if not usable.any():
+        return np.nan, 0
+    along = (residual + jacobian @ step[group].ravel()) @ vectors[:, usable]
+    return float(np.sum(along**2 / values[usable])), int(usable.sum())

@@ -1,0 +1,159 @@
+"""Normal equations of a graph in blocks of six: their order of elimination, factorization and inverse."""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
+
+from pymantaray.estimation._kernels import cholesky
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+SIZE = 6
+
+
+class Blocks(NamedTuple):
+    """Where the blocks of pairs of variables are, and whether they have the pair the other way round."""
+
+    block: Indices
+    turned: NDArray[np.bool_]
+
+
+class Structure:
+    """
+    Which variables, pairs (n, 2), share a factor: an order of elimination and the blocks that are not zero.
+
+    Row ``row[i]`` is that of variable i; off the diagonal there are ``column`` from ``start``.
+    """
+
+    def __init__(self, size: int, pairs: Indices) -> None:
+        a, b = pairs.T
+        links = coo_array((np.full(a.size, -1.0), (a, b)), shape=(size, size)).tocsc()
+        links = (links + links.T).tocsc()
+        links.data[:] = -1.0
+        links.setdiag(1.0 - links.sum(axis=0))
+        # scipy has minimum degree only as a part of this; weakly dominant, so that it does not exchange rows
+        self.row = np.asarray(
+            splu(
+                links.tocsc(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            ).perm_c,
+            dtype=np.intp,
+        )
+        low, high = np.sort(self.row[pairs], axis=1).T
+        before = coo_array((np.ones(low.size), (high, low)), shape=(size, size)).tocsr()
+        parent, count = np.full(size, -1), np.zeros(size, dtype=np.intp)
+        walk = (before.indptr.astype(np.intp), before.indices.astype(np.intp), parent)
+        none = np.empty(0, dtype=np.intp)
+        cholesky.join_rows(*walk, np.empty(size, dtype=np.intp), count, none, none)
+        self.start = np.concatenate([[0], np.cumsum(count)])
+        self.column = np.empty(self.start[-1], dtype=np.intp)
+        cholesky.join_rows(*walk, np.empty(size, dtype=np.intp), count, self.start, self.column)
+
+    @cached_property
+    def _keys(self) -> Indices:
+        rows = np.repeat(np.arange(self.row.size), np.diff(self.start))
+        return rows * self.row.size + self.column
+
+    def blocks(self, pairs: Indices) -> Blocks:
+        """Blocks of pairs (n, 2) of variables that are connected."""
+        first, second = self.row[pairs.reshape(-1, 2)].T
+        keys = np.minimum(first, second) * self.row.size + np.maximum(first, second)
+        return Blocks(np.searchsorted(self._keys, keys), first > second)
+
+
+class Factor:
+    """Cholesky factor of normal equations."""
+
+    def __init__(self, structure: Structure, diagonal: Array, above: Array) -> None:
+        self._structure, self._diagonal, self._above = structure, diagonal, above
+
+    def solve(self, vector: Array) -> Array:
+        """Solution for a right-hand side, both in the order of rows, (n, 6)."""
+        x = vector.copy()
+        cholesky.substitute(self._structure.start, self._structure.column, self._diagonal, self._above, x)
+        return x
+
+    def inverse(self, groups: list[Indices]) -> list[Array]:
+        """Dense blocks of the inverse, one for each group of variables that are all connected."""
+        s = self._structure
+        wanted = np.zeros(s.row.size, dtype=np.bool_)
+        for group in groups:
+            wanted[s.row[group]] = True
+        diagonal, above = np.zeros_like(self._diagonal), np.zeros_like(self._above)
+        work = np.empty((1, SIZE, SIZE))
+        cholesky.invert(s.start, s.column, self._diagonal, self._above, wanted, diagonal, above, work)
+        return [self._joint(group, diagonal, above) for group in groups]
+
+    def _joint(self, group: Indices, diagonal: Array, above: Array) -> Array:
+        s, n = self._structure, len(group)
+        out = np.empty((n, n, SIZE, SIZE))
+        i = np.arange(n)
+        out[i, i] = diagonal[s.row[group]]
+        a, b = np.triu_indices(n, 1)
+        block, turned = s.blocks(np.stack([group[a], group[b]], axis=1))
+        between = above[block]
+        between[turned] = np.swapaxes(between[turned], 1, 2)
+        out[a, b], out[b, a] = between, np.swapaxes(between, 1, 2)
+        return np.moveaxis(out, 2, 1).reshape(n * SIZE, n * SIZE)
+
+
+class NormalEquations:
+    """Matrix, gradient and cost of residuals linearized at one place; ``factorize`` uses the matrix up."""
+
+    def __init__(self, structure: Structure) -> None:
+        self.structure = structure
+        n = structure.row.size
+        self.diagonal, self.above = np.zeros((n, SIZE, SIZE)), np.zeros((structure.column.size, SIZE, SIZE))
+        self.gradient, self.cost = np.zeros((n, SIZE)), 0.0
+
+    def factorize(self) -> Factor | None:
+        """Cholesky factor in place of the matrix; None if some direction is not determined."""
+        s = self.structure
+        element = np.ascontiguousarray(np.diagonal(self.diagonal, axis1=1, axis2=2))
+        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, element) >= 0:
+            return None
+        return Factor(s, self.diagonal, self.above)
+
+    def damped(self, factor: float) -> "NormalEquations":
+        """A copy with a multiple of its diagonal added."""
+        copy = NormalEquations(self.structure)
+        copy.diagonal, copy.above = self.diagonal.copy(), self.above.copy()
+        copy.gradient, copy.cost = self.gradient, self.cost
+        i = np.arange(SIZE)
+        copy.diagonal[:, i, i] *= 1.0 + factor
+        return copy
+
+    def add(self, variables: Indices, matrix: Array, gradient: Array) -> None:
+        """Add a dense term of variables that are all connected."""
+        s, n = self.structure, len(variables)
+        blocks = np.swapaxes(matrix.reshape(n, SIZE, n, SIZE), 1, 2)
+        rows, i = s.row[variables], np.arange(n)
+        self.gradient[rows] += gradient.reshape(n, SIZE)
+        self.diagonal[rows] += blocks[i, i]
+        a, b = np.triu_indices(n, 1)
+        block, turned = s.blocks(np.stack([variables[a], variables[b]], axis=1))
+        between = blocks[a, b]
+        between[turned] = np.swapaxes(between[turned], 1, 2)
+        self.above[block] += between
+
+    def information(self) -> csc_array:
+        """The matrix in the order of the variables."""
+        s, n = self.structure, self.structure.row.size
+        variable = np.argsort(s.row)
+        row = np.repeat(variable, np.diff(s.start))
+        upper = _matrix(row, variable[s.column], self.above, n)
+        return csc_array(upper + upper.T + _matrix(variable, variable, self.diagonal, n))
+
+
+def _matrix(row: Indices, column: Indices, blocks: Array, size: int) -> csc_array:
+    """Sparse matrix of blocks at block rows and columns."""
+    i, j = np.indices((SIZE, SIZE))
+    at = SIZE * row[:, None, None] + i, SIZE * column[:, None, None] + j
+    entries = blocks.ravel(), (at[0].ravel(), at[1].ravel())
+    return csc_array(coo_array(entries, shape=(size * SIZE, size * SIZE)))

@@ -1,0 +1,129 @@
+"""Gauss-Newton on normal equations, with Levenberg-Marquardt where it does not descend."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.estimation.normal_equations import Factor, NormalEquations
+from pymantaray.estimation.problems import Problem, State
+from pymantaray.estimation.solution import Progress, SolveOptions
+
+Array = NDArray[np.float64]
+
+_RISE = 1e-9  # relative; a smaller rise of the cost is rounding
+# Steps in a row that may leave the cost above its lowest: a full step from afar overshoots the rotations,
+# and the next one more than makes up for it. (A damped solve from there costs ten full steps.)
+_PATIENCE = 2
+_CRAWL = 1e-9  # relative fall of the cost at which damped steps from a singular start end
+_FIRST_DAMPING, _MOST_DAMPING = 1e-5, 1e5  # of the diagonal
+
+
+class LastStep(NamedTuple):
+    """The last undamped step: where it started, the factor and the step, in the order of rows."""
+
+    state: State
+    factor: Factor
+    step: Array
+
+
+class Optimum(NamedTuple):
+    """Where an optimization ended, and how it went."""
+
+    state: State
+    progress: Progress
+    last: LastStep | None = None
+
+
+def optimize(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
+    """
+    Values that minimize a cost of squares, and how it went.
+
+    Where Gauss-Newton does not get below its lowest cost within three steps or meets a singular system,
+    Levenberg-Marquardt takes over from the start; Gauss-Newton polishes its end, unless that moves away again,
+    where large residuals make the optimum repel it. The last system solved is undamped, and proves convergence.
+    """
+    first = _gauss_newton(problem, initial, options)
+    progress = first.progress
+    if not (progress.singular or np.isnan(progress.last_step)):
+        return first
+    damped, iterations = _levenberg_marquardt(problem, initial, options, singular=progress.singular)
+    if iterations == 0:
+        return Optimum(initial, replace(progress, iterations=0, final_cost=progress.initial_cost))
+    end = _gauss_newton(problem, damped, options)
+    if not (
+        end.progress.singular or end.progress.last_step <= options.step_tolerance
+    ):  # repelled, or about to be
+        end = prove(problem, damped)
+    taken = iterations + end.progress.iterations
+    return end._replace(progress=replace(end.progress, iterations=taken, initial_cost=progress.initial_cost))
+
+
+def prove(problem: Problem, state: State) -> Optimum:
+    """A state as it is, with what an undamped step from it, not taken, says of convergence."""
+    equations = problem.linearize(state)
+    progress = Progress(iterations=0, initial_cost=equations.cost, final_cost=equations.cost)
+    factor = equations.factorize()
+    if factor is None:
+        return Optimum(state, replace(progress, singular=True))
+    return _proven(state, progress, equations, LastStep(state, factor, factor.solve(-equations.gradient)))
+
+
+def _gauss_newton(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
+    """Run undamped; a cost that stays above its lowest for too long leaves ``last_step`` NaN."""
+    state, equations = initial, problem.linearize(initial)
+    lowest, above = equations.cost, 0
+    progress = Progress(iterations=0, initial_cost=lowest, final_cost=lowest)
+    for iteration in range(1, options.max_iterations + 1):
+        factor = equations.factorize()
+        if factor is None:
+            return Optimum(state, replace(progress, singular=True, last_step=np.nan))
+        last = LastStep(state, factor, factor.solve(-equations.gradient))
+        trial = state.moved(problem.structure, last.step)
+        small = bool(np.abs(last.step).max() <= options.step_tolerance)
+        ahead = None if small else problem.linearize(trial)
+        cost = problem.cost(trial) if ahead is None else ahead.cost
+        above = 0 if cost <= lowest + _RISE * (1.0 + lowest) else above + 1
+        if above > _PATIENCE or not np.isfinite(cost):
+            return Optimum(state, replace(progress, last_step=np.nan))
+        state, lowest = trial, min(lowest, cost)
+        progress = replace(progress, iterations=iteration, final_cost=cost)
+        if (small and above == 0) or iteration == options.max_iterations:
+            break
+        equations = ahead or problem.linearize(trial)
+    return _proven(state, progress, equations, last)
+
+
+def _proven(state: State, progress: Progress, equations: NormalEquations, last: LastStep) -> Optimum:
+    """Add what the last undamped system says of convergence."""
+    progress = replace(
+        progress,
+        last_step=float(np.abs(last.step).max()),
+        gradient_norm=float(np.abs(equations.gradient).max()),
+        newton_decrement=-0.5 * float(np.sum(equations.gradient * last.step)),
+    )
+    return Optimum(state, progress, last)
+
+
+def _levenberg_marquardt(
+    problem: Problem, initial: State, options: SolveOptions, *, singular: bool
+) -> tuple[State, int]:
+    """End of damped steps and their number: where no damping lowers the cost, or a singular graph begins to crawl."""
+    state, equations, damping = initial, problem.linearize(initial), _FIRST_DAMPING
+    for iteration in range(10 * options.max_iterations):
+        while True:
+            factor = equations.damped(damping).factorize()
+            if factor is not None:
+                trial = state.moved(problem.structure, factor.solve(-equations.gradient))
+                cost = problem.cost(trial)
+                if cost < equations.cost:
+                    break
+            damping *= 10.0
+            if damping > _MOST_DAMPING:
+                return state, iteration
+        crawls = singular and equations.cost - cost <= _CRAWL * equations.cost
+        state, equations, damping = trial, problem.linearize(trial), 0.1 * damping
+        if crawls:
+            return state, iteration + 1
+    return state, 10 * options.max_iterations

@@ -1,0 +1,365 @@
+"""What is minimized: poses seen from each other and from the world, and ranges as distances or expanded travel times."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.estimation._kernels import residuals
+from pymantaray.estimation.expansion import Block, Expansion, whiten
+from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, GraphValues
+from pymantaray.estimation.losses import Loss
+from pymantaray.estimation.normal_equations import SIZE, Blocks, Indices, NormalEquations, Structure
+from pymantaray.estimation.range_models import Rows, TimedRanges, chord
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
+
+Array = NDArray[np.float64]
+_MIN_WEIGHT = 1e-12  # of a range under a loss; less would leave its rows without digits
+
+
+class State(NamedTuple):
+    """Values of all variables; a landmark is a pose that does not turn."""
+
+    rotation: Array  # (n_variables, 3, 3)
+    place: Array  # (n_variables, 3) [m]
+    shared: Array  # what all ranges share, in its prior standard deviations
+
+    @classmethod
+    def of(cls, values: GraphValues, n_shared: int = 0) -> "State":
+        """State of a graph's values; what is shared is zero."""
+        level = np.tile(np.eye(3), (len(values.landmark_position), 1, 1))
+        rotation = np.concatenate([matrix_from_quaternion(values.quaternion), level])
+        place = np.concatenate([values.position, values.landmark_position])
+        return cls(np.ascontiguousarray(rotation), np.ascontiguousarray(place), np.zeros(n_shared))
+
+    def values(self, graph: FactorGraph) -> GraphValues:
+        """Values of a graph's variables."""
+        n = graph.n_poses
+        return GraphValues(self.place[:n], quaternion_from_matrix(self.rotation[:n]), self.place[n:])
+
+    def moved(self, structure: Structure, step: Array) -> "State":
+        """State after a step in the order of rows, (n, 6)."""
+        rotation, place = np.empty_like(self.rotation), np.empty_like(self.place)
+        residuals.move(self.rotation, self.place, structure.row, step, rotation, place)
+        shared = step[structure.row[len(place) :]].ravel()[: self.shared.size]
+        return State(rotation, place, self.shared + shared)
+
+
+class Fixed:
+    """All factors of a graph but its ranges: poses seen from other poses or from the world, and measured positions."""
+
+    def __init__(self, graph: FactorGraph) -> None:
+        tables = [graph[name] for name in KINDS if name != "range"]
+        self._tables, self.n_poses, self.n_variables = tables, graph.n_poses, graph.n_variables
+        turned = ["quaternion" in t.kind.columns_at for t in tables]
+        self._seen = [t for t, seen in zip(tables, turned, strict=True) if seen]
+        self._placed = [t for t, seen in zip(tables, turned, strict=True) if not seen]
+        self.first, self.second, self._turn, self._step, self._root = _stacked(_relative, self._seen)
+        self._variable, self._measured, self._information = _stacked(_place, self._placed)
+        self.pairs = np.stack([self.first, self.second], axis=1)[self.first >= 0]
+
+    def is_of(self, graph: FactorGraph) -> bool:
+        """Whether a graph has the same tables."""
+        tables = [graph[name] for name in KINDS if name != "range"]
+        return (self.n_poses, self.n_variables) == (graph.n_poses, graph.n_variables) and all(
+            a is b or len(a) == len(b) == 0 for a, b in zip(self._tables, tables, strict=True)
+        )
+
+    def blocks(self, structure: Structure) -> Blocks:
+        """Blocks of pairs of poses, of which those seen from the world have none."""
+        out = Blocks(np.zeros(self.first.size, dtype=np.intp), np.zeros(self.first.size, dtype=np.bool_))
+        inner = self.first >= 0
+        out.block[inner], out.turned[inner] = structure.blocks(self.pairs)
+        return out
+
+    def add(self, state: State, blocks: Blocks, out: NormalEquations) -> None:
+        """Add cost, gradient and blocks."""
+        matrix = out.structure.row, True, out.diagonal
+        cost, other = np.empty(self.first.size), np.empty(self._variable.size)
+        residuals.add_relative(
+            *(self.first, self.second, self._turn, self._step, self._root, *blocks, *state[:2]),
+            *(*matrix, out.above, out.gradient, cost, np.empty((5, SIZE, SIZE))),
+        )
+        residuals.add_places(
+            self._variable, self._measured, self._information, state.place, *matrix, out.gradient, other
+        )
+        out.cost += float(cost.sum()) + float(other.sum())
+
+    def cost(self, state: State) -> float:
+        """Half the sum of squares."""
+        return sum(float(cost.sum()) for cost in self._costs(state))
+
+    def worst(self, state: State) -> tuple[list[int], float]:
+        """Variables and cost of the factor that fits worst."""
+        costs = zip(self._costs(state), (self._seen, self._placed), strict=True)
+        each = [(float(c.max()), int(c.argmax()), tables) for c, tables in costs if c.size]
+        if not each:
+            return [], -1.0
+        cost, row, tables = max(each)
+        return [v for t in tables for v in t.variables.tolist()][row], cost
+
+    def _costs(self, state: State) -> tuple[Array, Array]:
+        """Cost of each factor with a rotation, and of each without."""
+        cost, other = np.empty(self.first.size), np.empty(self._variable.size)
+        none, nothing = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE))
+        residuals.add_relative(
+            *(self.first, self.second, self._turn, self._step, self._root, none, none > 0, *state[:2]),
+            *(none, False, nothing, nothing, nothing[:, 0], cost, np.empty((5, SIZE, SIZE))),
+        )
+        residuals.add_places(
+            *(self._variable, self._measured, self._information, state.place, np.zeros(0, dtype=np.intp)),
+            *(False, nothing, nothing[:, 0], other),
+        )
+        return cost, other
+
+
+def _stacked(columns: Callable[[Factors], tuple[Array, ...]], tables: list[Factors]) -> list[Any]:
+    """Columns of several tables, one below the other."""
+    joined = zip(*map(columns, tables), strict=True)
+    return [np.ascontiguousarray(np.concatenate(parts)) for parts in joined]
+
+
+def _relative(table: Factors) -> tuple[Any, ...]:
+    """First pose, -1 for the world, second pose, measured rotation and translation, root of the information."""
+    n, kind = len(table), table.kind
+    first = table.variables[:, 0] if len(kind.ends) == 2 else np.full(n, -1)
+    step = table.column("position") if "position" in kind.columns_at else np.zeros((n, 3))
+    root = np.zeros((n, SIZE, SIZE))
+    root[:, : kind.rows, : kind.rows] = _information_root(table.covariance)
+    turn = matrix_from_quaternion(table.column("quaternion"))
+    return first.astype(np.intp), table.variables[:, -1].astype(np.intp), turn, step, root
+
+
+def _place(table: Factors) -> tuple[Any, ...]:
+    """Variable, measured position and its information; a depth has none across."""
+    n = len(table)
+    if "position" in table.kind.columns_at:
+        root = _information_root(table.covariance)
+        return table.subject.astype(np.intp), table.column("position"), np.swapaxes(root, 1, 2) @ root
+    place, information = np.zeros((n, 3)), np.zeros((n, 3, 3))
+    place[:, 2], information[:, 2, 2] = table.column("depth"), 1.0 / table.variance
+    return table.subject.astype(np.intp), place, information
+
+
+def _information_root(covariance: Array) -> Array:
+    """Lower triangular W with W^T W the inverse of each covariance."""
+    n = covariance.shape[1]
+    if np.count_nonzero(covariance) <= len(covariance) * n:
+        return np.asarray(np.eye(n) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, None])
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+
+
+class Distances:
+    """Ranges of a graph as distances."""
+
+    def __init__(self, graph: FactorGraph) -> None:
+        ranges = graph["range"]
+        self.pairs = ranges.variables.astype(np.intp)
+        self._distance, self._sigma = np.array(ranges.column("distance")), np.sqrt(ranges.variance)
+
+    def whitened(self, state: State) -> Array:
+        """Residuals in their standard deviations."""
+        return self._at(state)[0]
+
+    def cost(self, state: State, loss: Loss | None) -> float:
+        """Half the sum of squares, or of losses."""
+        return _cost(self.whitened(state), loss)
+
+    def add(self, state: State, blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
+        """Add cost, gradient and blocks, under a loss with its weights."""
+        white, slope = self._at(state)
+        out.cost += _cost(white, loss)
+        if loss is not None:
+            weight = np.sqrt(loss.weight(white))
+            white, slope = weight * white, weight[:, None] * slope
+        first, second = np.ascontiguousarray(self.pairs.T)
+        matrix = out.structure.row, out.diagonal, out.above, out.gradient
+        residuals.add_pairs(first, second, white, slope, *blocks, *matrix)
+
+    def linear(self, state: State) -> list["LinearTerm"]:
+        """Each range by itself."""
+        white, slope = self._at(state)
+        jacobian = np.zeros((white.size, 1, 2 * SIZE))
+        jacobian[:, 0, 3:6], jacobian[:, 0, 9:12] = slope[:, :3], slope[:, 3:]
+        return list(map(LinearTerm, self.pairs, white[:, None], jacobian))
+
+    def _at(self, state: State) -> tuple[Array, Array]:
+        distance, unit = chord(*state.place[self.pairs.T])
+        slope = np.concatenate([-unit, unit], axis=1) / self._sigma[:, None]
+        return (distance - self._distance) / self._sigma, slope
+
+
+class LinearTerm(NamedTuple):
+    """Whitened residuals (m,), and their derivatives (m, 6 k) by the blocks of k variables."""
+
+    variables: Indices
+    residual: Array
+    jacobian: Array
+
+
+class EpochTerms(NamedTuple):
+    """Ranges of one epoch: which rows of the tables, between which variables, and how their residuals are whitened."""
+
+    rows: Rows
+    variables: Indices  # ends, then what is shared
+    transmitter: Rows  # index into the variables
+    receiver: Rows
+    root: Array  # lower triangular root of the covariance
+
+
+class ExpandedRanges:
+    """
+    Ranges of a graph as travel times expanded about one place.
+
+    What they share has a prior of unit covariance about zero. Under a loss the covariances of the epochs have to be
+    diagonal.
+    """
+
+    def __init__(
+        self,
+        ranges: TimedRanges,
+        blocks: Sequence[Block],
+        expansion: Expansion,
+        shared: Indices,
+    ) -> None:
+        self._ranges, self._expansion = ranges, expansion
+        self.pairs = np.empty((0, 2), dtype=np.intp)  # blocks are looked up epoch by epoch
+        self._terms = []
+        for rows, covariance in blocks:
+            if rows.size:
+                ends = np.concatenate([ranges.transmitter[rows], ranges.receiver[rows]])
+                variables, at = np.unique(ends, return_inverse=True)
+                variables = np.concatenate([variables, shared])
+                root = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+                self._terms.append(EpochTerms(rows, variables, at[: rows.size], at[rows.size :], root))
+
+    def whitened(self, state: State) -> Array:
+        """Residuals in their standard deviations, epoch by epoch."""
+        return np.concatenate([np.empty(0), *self._by_epoch(self._at(state)[0])])
+
+    def cost(self, state: State, loss: Loss | None) -> float:
+        """Half the sum of squares, or of losses, and the cost of what is shared."""
+        residual, _, _ = self._at(state)
+        if loss is None:
+            white = [whiten(t.root, residual[t.rows]) for t in self._terms]
+        else:
+            white = self._by_epoch(residual)
+        return sum(_cost(w, loss) for w in white) + 0.5 * float(state.shared @ state.shared)
+
+    def add(self, state: State, _blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
+        """Add cost, gradient and blocks, under a loss with its weights."""
+        out.cost += self.cost(state, loss)
+        for term in self.linear(state, loss):
+            jacobian = term.jacobian
+            out.add(term.variables, jacobian.T @ jacobian, jacobian.T @ term.residual)
+        if state.shared.size:
+            rows = out.structure.row[state.place.shape[0] :]
+            prior = np.zeros(rows.size * SIZE)
+            prior[: state.shared.size] = state.shared
+            out.gradient[rows] += prior.reshape(-1, SIZE)
+
+    def linear(self, state: State, loss: Loss | None = None) -> list[LinearTerm]:
+        """One term for each epoch."""
+        residual, by_transmitter, by_receiver = self._at(state)
+        terms = self._terms
+        if loss is not None:
+            weights = (np.maximum(loss.weight(u), _MIN_WEIGHT) for u in self._by_epoch(residual))
+            terms = [t._replace(root=t.root / np.sqrt(w)) for t, w in zip(terms, weights, strict=True)]
+        return [self._linear(t, residual, by_transmitter, by_receiver) for t in terms]
+
+    def _linear(
+        self, t: EpochTerms, residual: Array, by_transmitter: Array, by_receiver: Array
+    ) -> LinearTerm:
+        m, row = t.rows.size, np.arange(t.rows.size)
+        by = np.zeros((m, len(t.variables), SIZE))
+        np.add.at(by[..., 3:], (row, t.transmitter), by_transmitter[t.rows])
+        np.add.at(by[..., 3:], (row, t.receiver), by_receiver[t.rows])
+        flat = by.reshape(m, -1)
+        by_unknowns = self._expansion.by_unknowns[t.rows]
+        first = SIZE * (int(max(t.transmitter.max(), t.receiver.max())) + 1)
+        flat[:, first : first + by_unknowns.shape[1]] = by_unknowns
+        return LinearTerm(t.variables, whiten(t.root, residual[t.rows]), whiten(t.root, flat))
+
+    def _at(self, state: State) -> tuple[Array, Array, Array]:
+        r = self._ranges
+        return self._expansion(state.place[r.transmitter], state.place[r.receiver], state.shared)
+
+    def _by_epoch(self, residual: Array) -> list[Array]:
+        return [residual[t.rows] / np.diagonal(t.root) for t in self._terms]
+
+
+class Problem:
+    """A cost to be minimized, of a graph whose ranges are under a loss or, for None, squared."""
+
+    def __init__(
+        self, fixed: Fixed, ranges: Distances | ExpandedRanges, structure: Structure, loss: Loss | None = None
+    ) -> None:
+        self.fixed, self.ranges, self.structure, self.loss = fixed, ranges, structure, loss
+        self._blocks = fixed.blocks(structure)
+        self._range_blocks = structure.blocks(ranges.pairs)
+
+    def under(self, loss: Loss | None) -> "Problem":
+        """The same ranges under another loss."""
+        return Problem(self.fixed, self.ranges, self.structure, loss)
+
+    def cost(self, state: State) -> float:
+        """Cost at a state."""
+        return self.fixed.cost(state) + self.ranges.cost(state, self.loss)
+
+    def linearize(self, state: State) -> NormalEquations:
+        """Normal equations at a state, ranges weighted as the loss has it there."""
+        out = NormalEquations(self.structure)
+        i, n, m = np.arange(SIZE), self.fixed.n_poses, self.fixed.n_variables
+        row = self.structure.row
+        out.diagonal[row[n:m, None], i[:3], i[:3]] = 1.0  # a landmark does not turn
+        out.diagonal[row[m:, None], i, i] = 1.0  # prior of what is shared
+        self.fixed.add(state, self._blocks, out)
+        self.ranges.add(state, self._range_blocks, self.loss, out)
+        return out
+
+    def whitened(self, state: State) -> Array:
+        """Residuals of the ranges in their standard deviations."""
+        return self.ranges.whitened(state)
+
+
+class Parts:
+    """Parts of problems, kept to be used again where their inputs are equal."""
+
+    def __init__(self) -> None:
+        self._fixed: Fixed | None = None
+        self._structures: dict[tuple[int, bytes], Structure] = {}
+
+    def fixed(self, graph: FactorGraph) -> Fixed:
+        """All factors of a graph but its ranges."""
+        if self._fixed is None or not self._fixed.is_of(graph):
+            self._fixed = Fixed(graph)
+        return self._fixed
+
+    def structure(self, size: int, pairs: Indices, groups: Sequence[Indices]) -> Structure:
+        """Structure of variables that are connected by pairs, or all within a group."""
+        within = [np.stack(np.triu_indices(len(group), 1), axis=1) for group in groups]
+        every = [pairs, *(group[inner] for group, inner in zip(groups, within, strict=True))]
+        joined = np.concatenate(every).astype(np.intp)
+        key = size, joined.tobytes()
+        if key not in self._structures:
+            self._structures[key] = Structure(size, joined)
+        return self._structures[key]
+
+
+def distance_problem(
+    graph: FactorGraph,
+    loss: Loss | None = None,
+    *,
+    parts: Parts | None = None,
+    groups: Sequence[Indices] = (),
+) -> Problem:
+    """Problem of a graph whose ranges are distances; the variables of each group are connected besides."""
+    parts = parts or Parts()
+    fixed, ranges = parts.fixed(graph), Distances(graph)
+    pairs = np.concatenate([fixed.pairs, ranges.pairs])
+    return Problem(fixed, ranges, parts.structure(graph.n_variables, pairs, groups), loss)
+
+
+def _cost(white: Array, loss: Loss | None) -> float:
+    return 0.5 * float(white @ white) if loss is None else float(loss.cost(white).sum())
