@@ -101,3 +101,21 @@ def test_axes_of_two_and_three_points_fall_back_to_lower_degree():
     expected = 1500.0 + 1e-3 * points[:, 0] + 1e-8 * points[:, 1] ** 2
     speeds = find_eigenrays(medium, points, points[::-1]).source_sound_speed
     np.testing.assert_allclose(speeds, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+def test_sound_speed_at_grid_points_is_the_grids(interpolation):
+    n, e, z = np.linspace(0.0, 8e3, 5), np.linspace(0.0, 9e3, 4), np.array([0.0, 10.0, 200.0, 1e3, 3e3])
+    c = 1500.0 + np.random.default_rng(1).normal(size=(5, 4, 5))
+    medium = Medium.from_grid(n, e, z, c, bathymetry=3000.0, interpolation=interpolation)
+    nodes = np.stack(np.meshgrid(n, e, z, indexing="ij"), axis=-1).reshape(-1, 3)
+    np.testing.assert_allclose(medium.sound_speed_at(nodes), c.ravel(), rtol=0, atol=1e-9)
+    assert np.isnan(medium.sound_speed_at([[4e3, 4e3, 3001.0], [-1.0, 4e3, 10.0]])).all()
+
+
+def test_repr_of_a_medium_is_one_line_without_the_field():
+    iced = Medium.from_profile([0.0, 3e3], [1500.0, 1510.0], bottom_depth=1000.0, ice_draft=2.0)
+    assert repr(iced) == (
+        "<Medium 1 x 1 x 2: north 0 to 0 m, east 0 to 0 m, depth 0 to 3000 m, 1500.0 to 1510.0 m/s,"
+        " sea bed 1000 to 1000 m, ice to 2 m, smooth>"
+    )

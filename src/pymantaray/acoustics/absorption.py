@@ -65,12 +65,8 @@ class Absorption:
             Levels, strictly increasing [m], in-situ temperature [degC], practical salinity; linear between
             the levels, constant beyond them. One level is uniform water.
         pH : float
-            [-]
+            On the NBS scale. [-]
         formula : {"francois-garrison", "ainslie-mccolm"}
-
-        Returns
-        -------
-        Absorption
 
         Raises
         ------
@@ -109,13 +105,8 @@ class Absorption:
         centre : tuple of float, optional
             Latitude and longitude of the local frame, as for `to_local`: the window's middle by default.
             [degrees]
-        pH : float
-            [-]
-        formula : {"francois-garrison", "ainslie-mccolm"}
-
-        Returns
-        -------
-        Absorption
+        pH, formula
+            As in `from_profile`.
 
         Raises
         ------

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics.medium import require_local
 from pymantaray.acoustics.paths import Quadrature
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.grid import linear_interpolator
@@ -87,11 +88,7 @@ class Currents:
             If a variable or axis is missing, or for what `Currents` refuses.
         """
         names = ("current_north", "current_east")
-        missing = [name for name in (*names, *_GRID) if name not in ocean.variables]
-        if missing:
-            raise AcousticsError(
-                f"ocean data set lacks {', '.join(missing)}; make it with open_ocean and to_local"
-            )
+        require_local(ocean, *names, *_GRID)
         velocity = np.stack([ocean[name].transpose(*_GRID).values for name in names], axis=-1)
         north, east, depth = (ocean[name].values for name in _GRID)
         return cls(north, east, depth, velocity)

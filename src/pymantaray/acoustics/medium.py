@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
+Sheet = tuple[Array, Array, Array]  # depth of a boundary (n_north, n_east) and its axes
 _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; outside this a unit is wrong
 _MOST_ADDED = 100  # levels above the first
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
@@ -112,34 +113,14 @@ class Medium:
             If an axis does not increase, a shape does not fit, sea bed or ice do not cover the water, ice is below the sea
             bed or above the surface, or a sound speed is not finite or outside 1000 to 2500 m/s.
         """
-        axes = [_axis(name, values) for name, values in (("north", north), ("east", east), ("depth", depth))]
-        n, e, z = axes
-        bed_n = n if bed_north is None else _axis("bed_north", bed_north)
-        bed_e = e if bed_east is None else _axis("bed_east", bed_east)
-        draft = np.array(ice_draft, dtype=float, order="C")
-        ice_n, ice_e = np.zeros(1), np.zeros(1)
-        if draft.ndim:
-            ice_n = n if ice_north is None else _axis("ice_north", ice_north)
-            ice_e = e if ice_east is None else _axis("ice_east", ice_east)
-        draft = np.atleast_2d(draft)
-        _check_cover(
-            ("bed_north", bed_n, n), ("bed_east", bed_e, e), ("ice_north", ice_n, n), ("ice_east", ice_e, e)
+        n, e, z = (
+            _axis(name, values) for name, values in (("north", north), ("east", east), ("depth", depth))
         )
+        bed = _sheet("bathymetry", bathymetry, ("bed_north", bed_north, n), ("bed_east", bed_east, e))
+        ice = _sheet("ice_draft", ice_draft, ("ice_north", ice_north, n), ("ice_east", ice_east, e))
         if z.size < 2:
             raise AcousticsError(f"depth: {z.size} level; a medium needs at least 2")
-        c = np.array(sound_speed, dtype=float, order="C")
-        bottom = np.array(bathymetry, dtype=float, order="C")
-        for name, array, shape in (
-            ("sound_speed", c, (n.size, e.size, z.size)),
-            ("bathymetry", bottom, (bed_n.size, bed_e.size)),
-            ("ice_draft", draft, (ice_n.size, ice_e.size)),
-        ):
-            if array.shape != shape:
-                raise AcousticsError(f"{name}: shape {array.shape}; the axes ask for {shape}")
-            if not np.all(np.isfinite(array)):
-                raise AcousticsError(
-                    f"{name}: {np.count_nonzero(~np.isfinite(array))} values are not finite; fill them before tracing"
-                )
+        c = _filled("sound_speed", sound_speed, (n.size, e.size, z.size))
         z, c = up_to_surface(z, c)
         if c.min() < _SLOWEST or c.max() > _FASTEST:
             raise AcousticsError(
@@ -165,11 +146,10 @@ class Medium:
             field = c
         lut = np.zeros(LUT_SIZE, dtype=np.int32)
         scale = float(depth_lut(z, lut))
-        _check_ice(draft, ice_n, ice_e, (bed_n, bed_e, bottom))
-        ice = (draft, ice_n, ice_e)
-        for array in (n, e, z, c, bottom, bed_n, bed_e, *ice, field, knots_n, knots_e, lut):
+        _check_ice(ice, bed)
+        for array in (n, e, z, c, *bed, *ice, field, knots_n, knots_e, lut):
             array.setflags(write=False)
-        return cls(n, e, z, c, bottom, bed_n, bed_e, interpolation, *ice, field, knots_n, knots_e, lut, scale)
+        return cls(n, e, z, c, *bed, interpolation, *ice, field, knots_n, knots_e, lut, scale)
 
     def __repr__(self) -> str:
         """Size, extents and kind in one line."""
@@ -255,11 +235,7 @@ class Medium:
             from pymantaray.ocean import to_local
 
             ocean = to_local(ocean)
-        missing = [v for v in ("sound_speed", "sea_floor_depth", "north", "east", "depth") if v not in ocean]
-        if missing:
-            raise AcousticsError(
-                f"ocean data set lacks {', '.join(missing)}; make it with open_ocean and to_local"
-            )
+        require_local(ocean, "sound_speed", "sea_floor_depth", "north", "east", "depth")
         bed = ocean["sea_floor_depth"]
         axes = ("floor_north", "floor_east") if "floor_north" in bed.dims else ("north", "east")
         return cls.from_grid(
@@ -288,23 +264,36 @@ class Medium:
         ndarray, shape (n,)
             Bilinear between the grid points, at the edge's depth outside. [m]
         """
-        return _sheet_depth(self.bed_north, self.bed_east, self.bathymetry, position)
+        return _sheet_depth((self.bathymetry, self.bed_north, self.bed_east), position)
 
     def surface_depth(self, position: ArrayLike) -> Array:
+        """Depth of the ice's underside above positions, 0 without ice, otherwise as `bottom_depth`. [m]"""
+        return _sheet_depth((self.ice_draft, self.ice_north, self.ice_east), position)
+
+    def sound_speed_at(self, position: ArrayLike) -> Array:
         """
-        Depth of the ice's underside above positions, 0 without ice.
+        Sound speed at positions, as rays meet it.
 
         Parameters
         ----------
-        position : array_like, shape (n, 2) or (n, 3)
-            North, east; a third coordinate is ignored. [m]
+        position : array_like, shape (n, 3) or (3,)
+            North, east, down. [m]
 
         Returns
         -------
         ndarray, shape (n,)
-            Bilinear between the grid points, at the edge's depth outside. [m]
+            By the medium's interpolation; NaN outside the water. [m s⁻¹]
         """
-        return _sheet_depth(self.ice_north, self.ice_east, self.ice_draft, position)
+        from pymantaray.acoustics.eigenrays import find_eigenrays
+
+        speed: Array = find_eigenrays(self, position, position).source_sound_speed
+        return speed
+
+    @property
+    def boundaries(self) -> dict[str, Array]:
+        """Sea bed and ice as `from_grid` takes them, for another medium between the same two."""
+        names = ("bathymetry", "bed_north", "bed_east", "ice_draft", "ice_north", "ice_east")
+        return {name: getattr(self, name) for name in names}
 
     def domain(self) -> "Domain":
         """Give the medium as the kernels take it; columns of a section at an eighth of a cell."""
@@ -353,31 +342,63 @@ def _axis(name: str, values: ArrayLike) -> Array:
     return axis
 
 
-def _check_cover(*axes: tuple[str, Array, Array]) -> None:
-    """The sea bed must lie under all of the water; one point means that it does not vary along the axis."""
-    for name, own, water in axes:
+def _filled(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Values as an array of the shape that its axes have, all finite."""
+    array = np.array(values, dtype=float, order="C")
+    if array.shape != shape:
+        raise AcousticsError(f"{name}: shape {array.shape}; the axes ask for {shape}")
+    if not np.all(np.isfinite(array)):
+        raise AcousticsError(
+            f"{name}: {np.count_nonzero(~np.isfinite(array))} values are not finite; fill them before tracing"
+        )
+    return array
+
+
+def _sheet(name: str, depth: ArrayLike, *axes: tuple[str, ArrayLike | None, Array]) -> Sheet:
+    """
+    A boundary on axes of its own, by default the water's, which it must cover; one number is the same everywhere.
+
+    One point of an axis means that the boundary does not vary along it.
+    """
+    if np.ndim(depth) == 0:
+        return _filled(name, [[depth]], (1, 1)), np.zeros(1), np.zeros(1)
+    sides = []
+    for axis_name, values, water in axes:
+        own = water if values is None else _axis(axis_name, values)
         slack = 1e-6 * max(np.ptp(water), 1.0)
         if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
             raise AcousticsError(
-                f"{name}: {own[0]:g} to {own[-1]:g} m; must reach over the water, {water[0]:g} to {water[-1]:g} m"
+                f"{axis_name}: {own[0]:g} to {own[-1]:g} m; must reach over the water, {water[0]:g} to {water[-1]:g} m"
             )
+        sides.append(own)
+    north, east = sides
+    return _filled(name, depth, (north.size, east.size)), north, east
 
 
-def _sheet_depth(north: Array, east: Array, depth: Array, position: ArrayLike) -> Array:
+def _sheet_depth(sheet: Sheet, position: ArrayLike) -> Array:
+    depth, north, east = sheet
     place = np.atleast_2d(np.asarray(position, dtype=float))
     return linear_interpolator((north, east), depth)(place[:, :2])
 
 
-def _check_ice(draft: Array, north: Array, east: Array, bed: tuple[Array, Array, Array]) -> None:
+def _check_ice(ice: Sheet, bed: Sheet) -> None:
     """Ice must float: below the surface and, at the grid points of both, above the sea bed."""
-    if draft.min() < 0.0:
-        raise AcousticsError(f"ice_draft: {draft.min():g} m; a draft is a depth, 0 or more")
-    if not draft.any():
+    if ice[0].min() < 0.0:
+        raise AcousticsError(f"ice_draft: {ice[0].min():g} m; a draft is a depth, 0 or more")
+    if not ice[0].any():
         return
-    for n, e in ((north, east), bed[:2]):
-        places = np.stack(np.meshgrid(n, e, indexing="ij"), axis=-1).reshape(-1, 2)
-        gap = _sheet_depth(*bed, places) - _sheet_depth(north, east, draft, places)
+    for _, north, east in (ice, bed):
+        places = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
+        gap = _sheet_depth(bed, places) - _sheet_depth(ice, places)
         if gap.min() <= 0.0:
             raise AcousticsError(
                 f"ice_draft: the ice reaches {-gap.min():g} m into the sea bed; sound needs water"
             )
+
+
+def require_local(ocean: "xr.Dataset", *names: str) -> None:
+    """Refuse a data set that lacks variables of a local ocean."""
+    if missing := [name for name in names if name not in ocean.variables]:
+        raise AcousticsError(
+            f"ocean data set lacks {', '.join(missing)}; make it with open_ocean and to_local"
+        )

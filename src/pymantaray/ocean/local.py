@@ -3,11 +3,10 @@
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.interpolate import BSpline, NdBSpline, make_interp_spline
+from scipy.sparse.linalg import splu
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
@@ -206,78 +205,52 @@ class TensorSpline:
     Tensor-product spline through values on a rectangular grid, evaluated at fixed points of any shape inside it.
 
     Degree 1 is bilinear, 3 the C2 cubic spline with not-a-knot ends. The weights of the points are worked out once; a
-    field is then interpolated by one sparse product for all its levels. SciPy's `NdBSpline` and `make_interp_spline`
-    take as long here and differ in the last digits.
+    field is then interpolated by one sparse product for all its levels.
     """
 
     def __init__(
         self, rows: Array, columns: Array, at_rows: Array, at_columns: Array, *, degree: int = 3
     ) -> None:
-        self._solvers = [splu(_collocation(axis, axis, degree).tocsc()) for axis in (rows, columns)]
-        self._shape = at_rows.shape
-        self._weights = _face_splitting_product(
-            _basis(rows, at_rows.ravel(), degree), _basis(columns, at_columns.ravel(), degree)
-        )
+        self._axes, self._degree, self._shape = (rows, columns), degree, at_rows.shape
+        places = np.stack([_on_axis(rows, at_rows), _on_axis(columns, at_columns)], axis=-1).reshape(-1, 2)
+        knots = tuple(make_interp_spline(axis, axis, k=degree).t for axis in self._axes)
+        self._weights = NdBSpline.design_matrix(places, knots, (degree, degree))
+        self._weights.resize((len(places), rows.size * columns.size))
 
     def __call__(self, field: Array) -> Array:
         """Values (..., levels) at the points, from a field (levels, rows, columns) without NaN."""
         coefficients = field
-        for axis, solver in enumerate(self._solvers, start=1):
-            coefficients = _solve_along(solver, coefficients, axis)
+        for k, axis in enumerate(self._axes, start=1):
+            coefficients, _ = spline_coefficients(axis, coefficients, axis=k, degree=self._degree)
         flat = coefficients.reshape(len(field), -1)
         return np.asarray(self._weights @ flat.T).reshape(*self._shape, len(field))
 
 
-def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
+def spline_coefficients(points: Array, values: Array, *, axis: int, degree: int = 3) -> tuple[Array, Array]:
     """
     Coefficients and knots of the B-spline through values along one axis, with not-a-knot ends.
 
-    Cubic where there are points enough: the degree is min(3, n - 1). With one point, whose knots are 0 and 1, nothing
-    varies along the axis.
+    Of the degree where there are points enough, else n - 1. With one point, whose knots are 0 and 1, nothing varies along
+    the axis. By a sparse factorization: LAPACK's banded solver waits for its own threads.
     """
     if points.size == 1:
         return values, np.array([0.0, 1.0])
-    degree = min(3, points.size - 1)
+    degree = min(degree, points.size - 1)
     knots = make_interp_spline(points, points, k=degree).t
     solver = splu(BSpline.design_matrix(points, knots, degree).tocsc())
-    return np.ascontiguousarray(_solve_along(solver, values, axis)), np.ascontiguousarray(knots)
-
-
-def _solve_along(solver: SuperLU, values: Array, axis: int) -> Array:
-    """Coefficients along an axis. By a sparse factorization: LAPACK's banded solver waits for its own threads."""
     lines = np.moveaxis(values, axis, 0)
     solved = solver.solve(np.ascontiguousarray(lines.reshape(len(lines), -1)))
-    return np.asarray(np.moveaxis(solved.reshape(lines.shape), 0, axis))
+    coefficients = np.moveaxis(solved.reshape(lines.shape), 0, axis)
+    return np.ascontiguousarray(coefficients), np.ascontiguousarray(knots)
 
 
-def _basis(axis: Array, points: Array, degree: int) -> sp.csr_array:
-    """Values of the axis' B-splines at points, which must lie on the axis."""
-    slack = 1e-6 * (axis[-1] - axis[0])  # a domain's side may lie on the window's edge
+def _on_axis(axis: Array, points: Array) -> Array:
+    """Points of a domain, whose side may lie on the window's edge, on the axis."""
+    slack = 1e-6 * (axis[-1] - axis[0])
     outside = np.count_nonzero((points < axis[0] - slack) | (points > axis[-1] + slack))
     if outside:
         raise OceanError(
             f"regridding: {outside} of {points.size} points lie outside {axis[0]:g} to {axis[-1]:g} degrees;"
             " shrink the domain"
         )
-    return _collocation(axis, np.clip(points, axis[0], axis[-1]), degree)
-
-
-def _collocation(axis: Array, points: Array, degree: int) -> sp.csr_array:
-    """Matrix from B-spline coefficients to values at points, ``degree + 1`` entries a row."""
-    # not-a-knot: the knots next to the ends of the axis are left out
-    interior = axis[1:-1] if degree == 1 else axis[2:-2]
-    knots = np.concatenate([[axis[0]] * (degree + 1), interior, [axis[-1]] * (degree + 1)])
-    return sp.csr_array(BSpline.design_matrix(points, knots, degree))
-
-
-def _face_splitting_product(left: sp.csr_array, right: sp.csr_array) -> sp.csr_array:
-    """Row-wise Kronecker product: row i is ``kron(left[i], right[i])``."""
-    n = left.shape[0]
-    a = np.asarray(left.data).reshape(n, -1, 1)
-    b = np.asarray(right.data).reshape(n, 1, -1)
-    column = left.indices.reshape(n, -1, 1) * right.shape[1] + right.indices.reshape(n, 1, -1)
-    per_row = a.shape[1] * b.shape[2]
-    return sp.csr_array(
-        ((a * b).ravel(), column.ravel(), np.arange(n + 1) * per_row),
-        shape=(n, left.shape[1] * right.shape[1]),
-    )
+    return np.clip(points, axis[0], axis[-1])

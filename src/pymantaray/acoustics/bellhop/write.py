@@ -209,18 +209,14 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
     else:
         c = _on_grid(axes, c, (north, east, depth))
     bed = (_cut(medium.bed_north, horizontal), _cut(medium.bed_east, horizontal))
+    floor = _on_grid((medium.bed_north, medium.bed_east), medium.bathymetry, bed)
     return Medium.from_grid(
         north,
         east,
         depth,
         c,
-        bathymetry=_on_grid((medium.bed_north, medium.bed_east), medium.bathymetry, bed),
-        bed_north=bed[0],
-        bed_east=bed[1],
         interpolation="linear",
-        ice_draft=medium.ice_draft,
-        ice_north=medium.ice_north,
-        ice_east=medium.ice_east,
+        **medium.boundaries | {"bathymetry": floor, "bed_north": bed[0], "bed_east": bed[1]},
     )
 
 
