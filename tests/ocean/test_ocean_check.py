@@ -33,7 +33,7 @@ def test_real_files_have_nothing_wrong(gulf_stream_files):
     findings = check_ocean(gulf_stream_files)
     assert findings.ok
     inversions = findings.named("density inversions")
-    assert "1345 of 16345 pairs" in inversions.value
+    assert "1347 of 16345 pairs" in inversions.value
     assert "8 and 10 m" in inversions.value
 
 

@@ -10,8 +10,8 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import validate_ocean
 from pymantaray.ocean.casts import Cast, cast_ocean, read_cast
-from pymantaray.ocean.corrections import column_at, correct_with_casts, density_inversions
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.corrections import INVERSION, column_at, correct_with_casts
+from pymantaray.ocean.seawater import density_fall, sound_speed
 from pymantaray.ocean.synthetic import HYCOM_DEPTHS
 
 LEVELS = np.array([0.0, 20.0, 50.0, 100.0, 200.0, 400.0])
@@ -117,11 +117,11 @@ def test_a_cast_of_another_day_counts_less(background):
 
 
 def test_inversions_are_counted_and_told(background):
-    assert not density_inversions(background).any()
+    assert not (density_fall(background) > INVERSION).any()
     light = cast_at(74.6, -140.0, 0.0, -8.0, deepest=400.0)
     upper = replace(light, salinity=light.salinity + np.where(light.depth < 30.0, 16.0, 8.0))  # salty cap
     corrected = correct_with_casts(background, [upper], horizontal_scale=10e3)
-    count = int(np.count_nonzero(density_inversions(corrected)))
+    count = int(np.count_nonzero(density_fall(corrected) > INVERSION))
     assert count > 3
     assert re.search(
         rf"^{count} density inversions .* introduced by the casts \(0 before\)",

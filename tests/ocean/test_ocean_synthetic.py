@@ -9,8 +9,7 @@ from scipy.interpolate import RegularGridInterpolator
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, read_cast, synthetic_ocean, to_local
-from pymantaray.ocean.corrections import density_inversions
-from pymantaray.ocean.seawater import ocean_sound_speed
+from pymantaray.ocean.seawater import density_fall, ocean_sound_speed
 from pymantaray.ocean.synthetic import HYCOM_DEPTHS, REGIONS, beaufort
 from pymantaray.ocean.synthetic.geostrophy import GRAVITY, coriolis, geostrophic_currents
 
@@ -43,7 +42,7 @@ def test_the_levels_are_those_of_hycom_s_files(gulf_stream_files):
 
 def test_density_rises_with_depth_everywhere(ocean):
     assert np.isfinite(ocean["water_temp"].values).sum() > 4e5
-    assert not density_inversions(ocean, threshold=0.0).any()
+    assert not (density_fall(ocean) > 0.0).any()
 
 
 @pytest.mark.parametrize("component", ["water_u", "water_v"])

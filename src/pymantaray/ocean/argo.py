@@ -25,18 +25,6 @@ _PARAMETERS = ("PRES", "TEMP", "PSAL")
 _DIMS = ("N_PROF", "N_LEVELS")
 _FILL = 99_999.0  # the format's, also where it is not declared
 _LATEST = np.datetime64("2200-01-01")  # later is the fill value, 999999 days
-_MAGIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
-
-
-def is_netcdf(path: Path) -> bool:
-    """Whether a file begins as NetCDF does; not for what is no ordinary file."""
-    try:
-        if not path.is_file():
-            return False
-        with path.open("rb") as stream:
-            return stream.read(4) in _MAGIC
-    except OSError:
-        return False
 
 
 def read_argo(path: str | Path) -> list[Cast]:
@@ -145,24 +133,20 @@ def _check_shape(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> None:
 
 
 def _letters(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
-    """
-    First letter of each cell, None without the variable.
-
-    The data centres write characters, which xarray joins along the last dimension; argopy writes integers or texts.
-    """
+    """First letter of each cell, None without the variable."""
     if name not in data.variables:
         return None
+    _check_shape(data, name, shape)
+    return _texts(data, name).astype("U1")
+
+
+def _texts(data: xr.Dataset, name: str) -> NDArray[Any]:
+    """Cells as text: the data centres write letters, argopy integers or texts."""
     raw = np.asarray(data.variables[name].values)
     if raw.dtype.kind in "iuf":
-        _check_shape(data, name, shape)
-        return np.where(np.isfinite(raw), raw, 9).astype(int).astype(str).astype("U1")
-    joined = raw.dtype.kind == "S" and raw.shape == shape[:-1]
-    cells = [c.decode("latin-1") if isinstance(c, bytes) else str(c) for c in raw.ravel().tolist()]
-    if joined:
-        cells = [letter for cell in cells for letter in cell.ljust(shape[-1])[: shape[-1]]]
-    else:
-        _check_shape(data, name, shape)
-    return np.array([cell[:1] or " " for cell in cells], dtype="U1").reshape(shape)
+        raw = np.where(np.isfinite(raw), raw, 9).astype(int)
+    cells = [c.decode("latin-1") if isinstance(c, bytes) else str(c).replace("nan", "") for c in raw.flat]
+    return np.array(cells).reshape(raw.shape)
 
 
 def _times(data: xr.Dataset, count: int) -> NDArray[np.datetime64]:
@@ -183,13 +167,9 @@ def _times(data: xr.Dataset, count: int) -> NDArray[np.datetime64]:
 def _names(data: xr.Dataset, count: int, stem: str) -> list[str]:
     """Float and cycle, as in ``6901234_012``; a D is added for a descending profile."""
     floats, cycles = [stem] * count, [f"{i}" for i in range(count)]
-    if "PLATFORM_NUMBER" in data.variables and data.variables["PLATFORM_NUMBER"].shape == (count,):
-        raw = data.variables["PLATFORM_NUMBER"].values.tolist()
-        texts = [
-            c.decode("latin-1") if isinstance(c, bytes) else f"{c:.0f}" if isinstance(c, float) else str(c)
-            for c in raw
-        ]
-        floats = [words.strip("\0 ") or stem for words in texts]
+    if "PLATFORM_NUMBER" in data.variables and len(data.variables["PLATFORM_NUMBER"]) == count:
+        letters = _texts(data, "PLATFORM_NUMBER").reshape(count, -1)
+        floats = ["".join(row).strip("\0 ") or stem for row in letters]
     if "CYCLE_NUMBER" in data.variables:
         cycles = [f"{int(c):03d}" for c in np.nan_to_num(_values(data, "CYCLE_NUMBER", (count,)))]
     direction = _letters(data, "DIRECTION", (count,))

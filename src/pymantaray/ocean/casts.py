@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import convert
-from pymantaray.ocean.argo import is_netcdf, read_argo
+from pymantaray.ocean.argo import read_argo
 from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.files import is_netcdf
 from pymantaray.ocean.schema import assemble_ocean, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
 from pymantaray.ocean.window import rectangle

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-import gsw
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.open import Currents, read_ocean
 from pymantaray.ocean.schema import Finding, place_of, violations
 from pymantaray.ocean.sea_floor import is_finer, local_floor, sea_floor_depth
-from pymantaray.ocean.seawater import Equation, absolute_and_conservative, ocean_sound_speed
+from pymantaray.ocean.seawater import Equation, density_fall, ocean_sound_speed
 from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
@@ -23,13 +22,10 @@ _DENSITY_NOISE = 2e-3  # kg/m3; a fall of density with depth that is not worth a
 _SPIKE, _JUMP = 10.0, 40.0  # m/s; by which a point may differ from all its neighbours, and from one
 _STEEPEST = 5.0  # s-1; vertical gradient of sound speed: 1 K/m or so
 _MIN_LEVELS, _UPPER, _MIN_UPPER = 15, 200.0, 6  # levels in all, and in the upper so many metres
-_COARSE = (
-    12e3  # m; beyond it eddies and fronts are not resolved; HYCOM's and GLORYS's spacing is 9 km at most
-)
+_COARSE = 12e3  # m; beyond it eddies and fronts are lost; HYCOM's and GLORYS's spacing is 9 km at most
 _MIN_NODES = 10  # across the domain
 _SCALE_ERROR = 1e-3  # distortion of lengths by the projection: 1 m in 1 km
-_GRAVITY = 9.81
-_CHANGES = (
+_CHANGES = [
     "carried",
     "extended",
     "extension",
@@ -39,7 +35,34 @@ _CHANGES = (
     "replaced",
     "at rest",
     "set to 0",
-)
+]
+_DOUBTS = {  # what is allowed, and what to do
+    "made up": ("", "do not report it as a model's or a measurement's ocean"),
+    "currents at rest": ("", "floats do not drift; give u and v if they should"),
+    "changed": ("", "see that the change is meant"),
+    "density inversions": (
+        f"{_DENSITY_NOISE:g} kg/m3, which is rounding",
+        "interpolation or assimilation can do this; look at a section there",
+    ),
+    "isolated wet points": ("", "a hole of one point in the sea bed; interpolation across it is guesswork"),
+    "land of one point": ("", "an islet, or a gap in the data"),
+    "spikes": (f"{_SPIKE:g} m/s", "no front does this; look for a wrong value"),
+    "jumps between neighbours": (
+        f"{_JUMP:g} m/s",
+        "a front this sharp is not resolved; look for a wrong value",
+    ),
+    "jumps between levels": (f"{_STEEPEST:g} s-1", "look for a wrong value or a level out of place"),
+    "few levels": (
+        f"{_MIN_LEVELS} and {_MIN_UPPER}",
+        "ducts between the levels are lost; take a source with more",
+    ),
+    "first level carried up": ("", "nothing was known above; ducts at the surface depend on it"),
+    "coarse grid": (
+        f"{_COARSE / 1e3:g} km and {_MIN_NODES} cells",
+        "fronts and eddies are lost; take a finer source or a larger domain",
+    ),
+    "projection error": (f"{1e3 * _SCALE_ERROR:g} m in 1 km", "set half_extent to what the fleet needs"),
+}
 
 
 class Findings(tuple[Finding, ...]):
@@ -125,40 +148,35 @@ def check_ocean(
     return Findings(sorted(findings, key=lambda f: f.severity != "wrong"))
 
 
-def _doubtful(what: str, value: str, allowed: str, remedy: str, where: str = "") -> Finding:
-    return Finding("doubtful", what, value, allowed, remedy, where)
+def _doubt(what: str, value: str, where: str = "") -> Finding:
+    return Finding("doubtful", what, value, *_DOUBTS[what], where)
 
 
 def _largest(
-    ocean: xr.Dataset, what: str, quantity: str, size: Array, limit: tuple[float, str], remedy: str
+    ocean: xr.Dataset, what: str, quantity: str, size: Array, limit: float, unit: str
 ) -> Iterator[Finding]:
-    """Doubt about the points where something is above a limit with its unit, placed where it is largest."""
-    count = np.count_nonzero(size > limit[0])
-    if count:
+    """Doubt about the points where something is above a limit, placed where it is largest."""
+    if count := np.count_nonzero(size > limit):
         at = np.unravel_index(int(np.nanargmax(size)), size.shape)
-        value = f"{quantity} at {count} points, the largest {size[at]:.3g} {limit[1]}"
-        yield _doubtful(what, value, f"{limit[0]:g} {limit[1]}", remedy, place_of(ocean, at))
+        value = f"{quantity} at {count} points, the largest {size[at]:.3g} {unit}"
+        yield _doubt(what, value, place_of(ocean, at))
 
 
 def _provenance(ocean: xr.Dataset) -> Iterator[Finding]:
     """Doubts from what the ocean says about itself."""
     if ocean.attrs["synthetic"]:
-        yield _doubtful(
-            "made up", "synthetic = 1", "", "do not report it as a model's or a measurement's ocean"
-        )
+        yield _doubt("made up", "synthetic = 1")
     still = not any(np.any(np.nan_to_num(ocean[name].values)) for name in ("water_u", "water_v"))
     if still:
-        yield _doubtful(
-            "currents at rest", "0 m/s everywhere", "", "floats do not drift; give u and v if they should"
-        )
+        yield _doubt("currents at rest", "0 m/s everywhere")
     for line in str(ocean.attrs.get("history", "")).splitlines():
         if any(word in line.lower() for word in _CHANGES) and not (still and "rest" in line.lower()):
-            yield _doubtful("changed", line.strip(), "", "see that the change is meant")
+            yield _doubt("changed", line.strip())
 
 
 def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
     """Is it sea water: sound speed, stability, gaps and jumps."""
-    depth, lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("depth", "lat", "lon"))
+    depth = np.asarray(ocean["depth"].values, dtype=float)
     water = (ocean["water_temp"].values, ocean["salinity"].values)
     speed = ocean_sound_speed(ocean, equation=equation)
     wet = np.isfinite(water[0])
@@ -174,58 +192,28 @@ def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
             "check units and fill values of temperature and salinity",
             place_of(ocean, at),
         )
-    yield from _inversions(ocean, absolute_and_conservative(*water, depth[:, None, None], lat[:, None], lon))
+    fall = density_fall(ocean)
+    if (unstable := fall > _DENSITY_NOISE).any():
+        at = np.unravel_index(int(np.nanargmax(fall)), fall.shape)
+        count = f"{np.count_nonzero(unstable)} of {np.count_nonzero(np.isfinite(fall))} pairs of levels"
+        between = f"between {depth[at[0]]:g} and {depth[at[0] + 1]:g} m"
+        value = f"{count}, the largest {fall[at]:.3f} kg/m3 {between}"
+        yield _doubt("density inversions", value, place_of(ocean, at))
     yield from _islands(ocean, wet)
     yield from _jumps(ocean, speed, depth)
     yield from _levels(depth, wet, water)
-
-
-def _inversions(ocean: xr.Dataset, water: tuple[Array, Array, Array]) -> Iterator[Finding]:
-    """
-    Density that falls with depth, by the square of the buoyancy frequency between neighbouring levels.
-
-    See the documentation of ``gsw_Nsquared`` in the Gibbs SeaWater toolbox (as reproduced in the manual of its R
-    package).
-    """
-    SA, CT, p = water
-    lat = np.broadcast_to(ocean["lat"].values[:, None], SA.shape)
-    squared, _ = gsw.Nsquared(SA, CT, p, lat=lat, axis=0)
-    depth = np.asarray(ocean["depth"].values, dtype=float)
-    rise = np.asarray(squared * 1_027.0 * np.diff(depth)[:, None, None] / _GRAVITY)  # kg/m3
-    unstable = rise < -_DENSITY_NOISE
-    if unstable.any():
-        k, i, j = np.unravel_index(int(np.nanargmin(rise)), rise.shape)
-        yield _doubtful(
-            "density inversions",
-            f"{np.count_nonzero(unstable)} of {np.count_nonzero(np.isfinite(rise))} pairs of levels, the largest"
-            f" {-rise[k, i, j]:.3f} kg/m3 between {depth[k]:g} and {depth[k + 1]:g} m (N2 ="
-            f" {squared[k, i, j]:.1e} s-2)",
-            f"{_DENSITY_NOISE:g} kg/m3, which is rounding",
-            "interpolation or assimilation can do this; look at a section there",
-            place_of(ocean, (k, i, j)),
-        )
 
 
 def _islands(ocean: xr.Dataset, wet: NDArray[np.bool_]) -> Iterator[Finding]:
     beside = np.nansum(_around(wet.astype(float)), axis=0)
     lone = wet & (beside == 0)
     if lone.any():
-        yield _doubtful(
-            "isolated wet points",
-            f"{np.count_nonzero(lone)} points without a wet neighbour at their level",
-            "",
-            "a hole of one point in the sea bed; interpolation across it is guesswork",
-            place_of(ocean, np.argwhere(lone)[0]),
-        )
+        value = f"{np.count_nonzero(lone)} points without a wet neighbour at their level"
+        yield _doubt("isolated wet points", value, place_of(ocean, np.argwhere(lone)[0]))
     land = ~wet[0] & (beside[0] == 4)
     if land.any():
-        yield _doubtful(
-            "land of one point",
-            f"{np.count_nonzero(land)} columns",
-            "",
-            "an islet, or a gap in the data",
-            place_of(ocean, (0, *np.argwhere(land)[0])),
-        )
+        value = f"{np.count_nonzero(land)} columns"
+        yield _doubt("land of one point", value, place_of(ocean, (0, *np.argwhere(land)[0])))
 
 
 def _around(field: Array) -> Array:
@@ -240,35 +228,23 @@ def _jumps(ocean: xr.Dataset, speed: Array, depth: Array) -> Iterator[Finding]:
     above = np.where(known, step, np.inf).min(axis=0)
     below = np.where(known, step, -np.inf).max(axis=0)
     lone = np.where(known.sum(axis=0) >= 3, np.maximum(above, -below), 0.0)
-    remedy = "no front does this; look for a wrong value"
-    yield from _largest(ocean, "spikes", "sound speed", lone, (_SPIKE, "m/s"), remedy)
     steps = np.where(known, np.abs(step), 0.0).max(axis=0)
-    remedy = "a front this sharp is not resolved; look for a wrong value"
-    yield from _largest(ocean, "jumps between neighbours", "sound speed", steps, (_JUMP, "m/s"), remedy)
     slope = np.abs(np.diff(speed, axis=0)) / np.diff(depth)[:, None, None]
-    remedy = "look for a wrong value or a level out of place"
-    quantity = "gradient of sound speed"
-    yield from _largest(ocean, "jumps between levels", quantity, slope, (_STEEPEST, "s-1"), remedy)
+    yield from _largest(ocean, "spikes", "sound speed", lone, _SPIKE, "m/s")
+    yield from _largest(ocean, "jumps between neighbours", "sound speed", steps, _JUMP, "m/s")
+    yield from _largest(ocean, "jumps between levels", "gradient of sound speed", slope, _STEEPEST, "s-1")
 
 
 def _levels(depth: Array, wet: NDArray[np.bool_], water: tuple[Array, Array]) -> Iterator[Finding]:
     used = depth[wet.any(axis=(1, 2))]
     upper = int(np.count_nonzero(used <= _UPPER))
     if used.size < _MIN_LEVELS or (used[-1] > _UPPER and upper < _MIN_UPPER):
-        yield _doubtful(
-            "few levels",
-            f"{used.size} down to {used[-1]:g} m, {upper} in the upper {_UPPER:g} m",
-            f"{_MIN_LEVELS} and {_MIN_UPPER}",
-            "ducts between the levels are lost; take a source with more",
-        )
+        value = f"{used.size} down to {used[-1]:g} m, {upper} in the upper {_UPPER:g} m"
+        yield _doubt("few levels", value)
     both = wet[0] & wet[1]
     if both.any() and all(np.array_equal(field[0][both], field[1][both]) for field in water):
-        yield _doubtful(
-            "first level carried up",
-            f"temperature and salinity at 0 m equal those at {depth[1]:g} m everywhere",
-            "",
-            "nothing was known above; ducts at the surface depend on it",
-        )
+        value = f"temperature and salinity at 0 m equal those at {depth[1]:g} m everywhere"
+        yield _doubt("first level carried up", value)
 
 
 def _place(
@@ -308,23 +284,14 @@ def _grid(window: Window, half: tuple[float, float]) -> Iterator[Finding]:
     spacing = window.native_spacing()
     nodes = [2.0 * h / s for h, s in zip(half, spacing, strict=True)]
     if max(spacing) > _COARSE or min(nodes) < _MIN_NODES:
-        yield _doubtful(
-            "coarse grid",
-            f"{spacing[0] / 1e3:.1f} km by {spacing[1] / 1e3:.1f} km, {nodes[0]:.0f} by {nodes[1]:.0f} cells"
-            " across the domain",
-            f"{_COARSE / 1e3:g} km and {_MIN_NODES} cells",
-            "fronts and eddies are lost; take a finer source or a larger domain",
-        )
+        size = f"{spacing[0] / 1e3:.1f} km by {spacing[1] / 1e3:.1f} km"
+        yield _doubt("coarse grid", f"{size}, {nodes[0]:.0f} by {nodes[1]:.0f} cells across the domain")
     side = np.linspace(-1.0, 1.0, 21)
     north, east = half[0] * side[:, None], half[1] * side[None, :]
     error = float(np.max(np.abs(window.frame.scale_factor(north, east) - 1.0)))
     if error > _SCALE_ERROR:
-        yield _doubtful(
-            "projection error",
-            f"lengths up to {1e3 * error:.2g} m in 1 km too long at the domain's edge",
-            f"{1e3 * _SCALE_ERROR:g} m in 1 km",
-            "set half_extent to what the fleet needs",
-        )
+        value = f"lengths up to {1e3 * error:.2g} m in 1 km too long at the domain's edge"
+        yield _doubt("projection error", value)
 
 
 def _fleet(

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import gsw
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.schema import validate_ocean, with_history
-from pymantaray.ocean.seawater import absolute_and_conservative
+from pymantaray.ocean.seawater import density_fall
 from pymantaray.ocean.window import counted_place
 
 Array = NDArray[np.float64]
@@ -116,27 +115,12 @@ def correct_with_casts(
         f" {rms[1]:.2g} in salinity rms: Gaussian scale {span}, noise ratio {noise_ratio:g}, vertical decay"
         f" {vertical_scale:g} m" + (f", time scale {time_scale:g} s" if time_scale else ""),
     )
-    before, after = density_inversions(ocean), density_inversions(corrected)
+    before, after = (density_fall(x) > INVERSION for x in (ocean, corrected))
     return with_history(
         corrected,
         f"{np.count_nonzero(after & ~before)} density inversions above {INVERSION:g} kg/m3 introduced by the casts"
         f" ({before.sum()} before); currents unchanged",
     )
-
-
-def density_inversions(ocean: xr.Dataset, threshold: float = INVERSION) -> NDArray[np.bool_]:
-    """
-    Pairs of levels (depth - 1, lat, lon) whose upper water is heavier than the lower at the pressure between them.
-
-    An excess of density above the threshold [kg/m3] counts; nothing does below the sea bed.
-    """
-    depth, lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("depth", "lat", "lon"))
-    SA, CT, p = absolute_and_conservative(
-        ocean["water_temp"].values, ocean["salinity"].values, depth[:, None, None], lat[:, None], lon
-    )
-    between = 0.5 * (p[1:] + p[:-1])
-    excess = gsw.rho(SA[:-1], CT[:-1], between) - gsw.rho(SA[1:], CT[1:], between)
-    return np.asarray(np.nan_to_num(excess, nan=-1.0) > threshold)
 
 
 def _ages(ocean: xr.Dataset, casts: Sequence[Cast]) -> Array:

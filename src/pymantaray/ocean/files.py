@@ -74,7 +74,9 @@ def decoded(raw: xr.Dataset) -> xr.Dataset:
             variable.attrs["_FillValue"] = _NEVER_WRITTEN[kind]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of fill values that differ from each other: all are
-        return xr.decode_cf(raw, decode_times=False, decode_coords=False, decode_timedelta=False)
+        return xr.decode_cf(
+            raw, decode_times=False, decode_coords=False, decode_timedelta=False, concat_characters=False
+        )
 
 
 def numbers(data: xr.Dataset, name: str, selection: Mapping[str, slice] | None = None) -> Array:
@@ -120,15 +122,22 @@ def unreadable(path: str | Path, error: Exception) -> OceanError:
     return OceanError(f"{Path(path).name}: cannot be read, perhaps cut short or damaged ({reason})")
 
 
+def is_netcdf(path: Path) -> bool:
+    """Whether a file begins as NetCDF does; not for what is no ordinary file."""
+    with suppress(OSError, ValueError):  # a name with a null character is a ValueError
+        if path.is_file():
+            with path.open("rb") as stream:
+                return stream.read(4) in (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
+    return False
+
+
 def _engine(path: Path) -> str:
     if path.is_dir():
         return _zarr_engine(path)
     if not path.is_file():
         what = "not an ordinary file" if path.exists() else "no such file"
         raise OceanError(f"{path}: {what}; name an existing NetCDF file")
-    with path.open("rb") as stream:
-        start = stream.read(4)
-    if start in (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF"):
+    if is_netcdf(path):
         return "netcdf4"
     raise OceanError(f"{path.name}: neither NetCDF-3 nor NetCDF-4; was an error page saved instead?")
 

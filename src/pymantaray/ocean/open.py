@@ -257,7 +257,7 @@ class Part:
         whole = np.concatenate(columns, axis=dims.index(lon))
         whole = np.moveaxis(whole, [dims.index(d) for d in (depth, lat, lon)], (-3, -2, -1))
         whole = whole.reshape(whole.shape[-3:])  # what is left has one element
-        whole = whole[:: -1 if self.upward else 1, :: -1 if self.grid.falling else 1, self.grid.order]
+        whole = self.grid.in_order(whole[:: -1 if self.upward else 1])
         return without_scaled_fill(field.variable, np.ascontiguousarray(whole))
 
 

@@ -194,8 +194,8 @@ def open_sea_floor(
     Returns
     -------
     xarray.DataArray, shape (lat, lon)
-        Positive down, 0 on land; latitudes and longitudes rise. One point beyond the window on each side
-        is kept where the file has it. Attribute ``source`` names file and variable. [m]
+        Positive down, 0 on land; latitudes and longitudes rise. The points that enclose the window are
+        there where the file has them. Attribute ``source`` names file and variable. [m]
 
     Raises
     ------
@@ -260,7 +260,7 @@ class HorizontalField(NamedTuple):
         return False
 
     def on_geographic(self, window: GeographicWindow | None, crs: str | None) -> tuple[Array, Array, Array]:
-        """Latitudes and longitudes, both rising, and values of a window and one point around it."""
+        """Latitudes and longitudes, both rising, that enclose a window, and values there."""
         return _projected(self, window, crs) if self.is_projected() else _cut(self, window)
 
     def read(self, rows: slice, columns: slice) -> Array:
@@ -322,15 +322,9 @@ def horizontal_axes(data: xr.Dataset, variable: xr.Variable) -> tuple[str, str] 
 
 
 def _cut(field: HorizontalField, window: GeographicWindow | None) -> tuple[Array, Array, Array]:
-    """Latitudes, longitudes and values of a window and one point around it."""
+    """Latitudes, longitudes and values of the grid points that enclose a window."""
     lat, lon = field.axis(field.lat), field.axis(field.lon)
-    wider = None
-    if window is not None:
-        south, north, west, east = checked_window(window)
-        d_lat, d_lon = (1.000001 * float(np.max(np.abs(np.diff(axis)))) for axis in (lat, lon))
-        west, east = west - d_lon, eastward(west, east) + d_lon
-        wider = (max(south - d_lat, -90.0), min(north + d_lat, 90.0), west, east)
-    part = select(lat, lon, wider, file_name(field.data))
+    part = select(lat, lon, window, file_name(field.data), enclose=True)
     if min(part.lat.size, part.lon.size) < 2:
         raise OceanError(
             f"{file_name(field.data)}: covers latitude {lat.min():g} to {lat.max():g}, longitude {lon.min():g} to"
@@ -342,7 +336,7 @@ def _cut(field: HorizontalField, window: GeographicWindow | None) -> tuple[Array
             " are read, name a window (south, north, west, east)"
         )
     values = np.concatenate([field.read(part.rows, block) for block in part.blocks], axis=1)
-    return part.lat, part.lon, values[:: -1 if part.falling else 1, part.order]
+    return part.lat, part.lon, part.in_order(values)
 
 
 def _projected(

@@ -137,6 +137,19 @@ def ocean_sound_speed(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> A
     return sound_speed(*water, depth[:, None, None], lat[:, None], lon, equation=equation)
 
 
+def density_fall(ocean: xr.Dataset) -> Array:
+    """
+    Density of the upper water of each pair of levels (depth - 1, lat, lon) of a valid ocean minus that of the lower.
+
+    Both are taken at the pressure between them; above 0 the pair is unstable. NaN below the sea bed. [kg/m3]
+    """
+    depth, lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("depth", "lat", "lon"))
+    water = (ocean["water_temp"].values, ocean["salinity"].values)
+    SA, CT, p = absolute_and_conservative(*water, depth[:, None, None], lat[:, None], lon)
+    between = 0.5 * (p[1:] + p[:-1])
+    return np.asarray(gsw.rho(SA[:-1], CT[:-1], between) - gsw.rho(SA[1:], CT[1:], between))
+
+
 def density(
     temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> Array:

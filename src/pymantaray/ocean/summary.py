@@ -6,7 +6,7 @@ import pyproj
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.ocean.schema import VARIABLES, validate_ocean
+from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import sea_floor_depth
 from pymantaray.ocean.seawater import Equation, ocean_sound_speed
 
@@ -81,21 +81,13 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
         wet. The mean is over grid points, each counting the same.
     """
     validate_ocean(ocean)
-    speed = ocean_sound_speed(ocean, equation=equation)
-    wet = np.isfinite(speed)
-    count = wet.sum(axis=(1, 2))
-    total = np.where(wet, speed, 0.0).reshape(len(speed), -1).sum(axis=1)
-    lowest = np.where(wet, speed, np.inf).min(axis=(1, 2))
-    highest = np.where(wet, speed, -np.inf).max(axis=(1, 2))
-    with np.errstate(invalid="ignore"):
-        spread = {"mean": total / count, "min": lowest, "max": highest}
     attrs = {"standard_name": "speed_of_sound_in_sea_water", "units": "m s-1"}
+    speed = xr.DataArray(ocean_sound_speed(ocean, equation=equation), {"depth": ocean["depth"]}, DIMS)
+    over = ("lat", "lon")
+    spread = {"mean": speed.mean(over), "min": speed.min(over), "max": speed.max(over)}
+    count = speed.count(over).assign_attrs(long_name="wet grid points", units="1")
     return xr.Dataset(
-        {
-            **{name: ("depth", np.where(count > 0, v, np.nan), attrs) for name, v in spread.items()},
-            "count": ("depth", count, {"long_name": "wet grid points", "units": "1"}),
-        },
-        coords={"depth": ocean["depth"]},
+        {name: values.assign_attrs(attrs) for name, values in spread.items()} | {"count": count},
         attrs={name: ocean.attrs[name] for name in ("title", "source", "synthetic")},
     )
 

@@ -10,13 +10,15 @@ from scipy import optimize
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.longitude import contiguous, wrapped
+from pymantaray.geometry.longitude import contiguous, whole_turns, wrapped
 
 Array = NDArray[np.float64]
 GeographicWindow = tuple[float, float, float, float]
 """South, north, west, east. [degrees]"""
 SAME_DEGREES = 1e-3
 """HYCOM's coordinates are off the exact grid by 3e-5. [degrees]"""
+_HAIR = 1e-4  # degrees, by which a grid point may miss the side of a window that it is on
+_ON = 1e-9  # the same, where the window has to be enclosed
 _MOST_BLOCKS = 8
 _SIDE_POINTS = 101  # of a rectangle, where containment is checked
 
@@ -38,6 +40,10 @@ class Selection:
     order: NDArray[np.intp]
     """Puts the columns of the blocks, one after the other, in a row."""
 
+    def in_order(self, values: Array) -> Array:
+        """What the file has in the rows and blocks, (..., lat, lon), with both axes rising."""
+        return values[..., :: -1 if self.falling else 1, self.order]
+
 
 def checked_window(window: GeographicWindow) -> GeographicWindow:
     """South, north, west and east as numbers; west may be the greater, across the antimeridian. [degrees]"""
@@ -54,9 +60,11 @@ def checked_window(window: GeographicWindow) -> GeographicWindow:
     return south, north, west, east
 
 
-def select(lat: Array, lon: Array, window: GeographicWindow | None, where: str) -> Selection:
+def select(
+    lat: Array, lon: Array, window: GeographicWindow | None, where: str, *, enclose: bool = False
+) -> Selection:
     """
-    Grid points of a window, by default all of them.
+    Grid points of a window, by default all of them; on request those too that enclose it, where the axes have them.
 
     Latitudes [degrees] rise or fall, longitudes are counted in any way; ``where`` names the file in messages.
     """
@@ -68,22 +76,24 @@ def select(lat: Array, lon: Array, window: GeographicWindow | None, where: str) 
     steps = np.diff(lat)
     if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
         raise OceanError(f"{where}: latitude neither rises nor falls throughout; sort it and drop duplicates")
-    rows, columns = np.arange(lat.size), np.arange(lon.size)
-    if window is not None:
+    if window is None:
+        rows = np.arange(lat.size)
+        columns, rising = contiguous(lon)
+    else:
         south, north, west, east = checked_window(window)
-        rows = rows[(lat >= south - SAME_DEGREES) & (lat <= north + SAME_DEGREES)]
-        width = 360.0 if east - west >= 360.0 else (east - west) % 360.0
-        columns = columns[(lon - west + SAME_DEGREES) % 360.0 <= width + 2.0 * SAME_DEGREES]
+        rows = _rows(lat, south, north, enclose=enclose)
+        columns, rising = _columns(
+            lon, west, 360.0 if east - west >= 360.0 else (east - west) % 360.0, enclose=enclose
+        )
         if rows.size == 0 or columns.size == 0:
             raise OceanError(
                 f"{where}: no grid point in the window {south:g} to {north:g} N, {west:g} to {east:g} E; the data"
                 f" reach from {lat.min():g} to {lat.max():g} N and {lon.min():g} to {lon.max():g} E"
             )
-    runs = np.split(columns, np.flatnonzero(np.diff(columns) != 1) + 1)
+    stored = np.sort(columns)
+    runs = np.split(stored, np.flatnonzero(np.diff(stored) != 1) + 1)
     if len(runs) > _MOST_BLOCKS:  # longitudes in no order: read all between the outermost
-        runs = [np.arange(columns[0], columns[-1] + 1)]
-    read = np.concatenate(runs)
-    order, rising = contiguous(lon[columns])
+        runs = [np.arange(stored[0], stored[-1] + 1)]
     falling = bool(steps.size and steps[0] < 0.0)
     inside = lat[rows[0] : rows[-1] + 1]
     return Selection(
@@ -92,8 +102,38 @@ def select(lat: Array, lon: Array, window: GeographicWindow | None, where: str) 
         slice(int(rows[0]), int(rows[-1]) + 1),
         falling,
         tuple(slice(int(run[0]), int(run[-1]) + 1) for run in runs),
-        np.searchsorted(read, columns)[order],
+        np.searchsorted(np.concatenate(runs), columns),
     )
+
+
+def _rows(lat: Array, south: float, north: float, *, enclose: bool) -> NDArray[np.intp]:
+    from_south, to_north = lat >= south - _HAIR, lat <= north + _HAIR
+    inside = from_south & to_north
+    if enclose:
+        below, above = lat[lat <= south + _ON], lat[lat >= north - _ON]
+        inside |= (lat >= below.max(initial=-90.0)) & to_north & (below.size > 0)
+        inside |= (lat <= above.min(initial=90.0)) & from_south & (above.size > 0)
+    return np.flatnonzero(inside)
+
+
+def _columns(lon: Array, west: float, width: float, *, enclose: bool) -> tuple[NDArray[np.intp], Array]:
+    """Columns from west eastwards across any seam, each meridian once; and these, rising, their middle in -180 to 180."""
+    # degrees east of the western side; a hair beyond it counts as on it
+    east = (lon - west + _HAIR) % 360.0 - _HAIR
+    order = np.argsort(east, kind="stable")
+    order = order[np.diff(east[order], prepend=-1.0) > 1e-6]
+    east = east[order]
+    last = int(np.searchsorted(east, width + _HAIR, side="right"))
+    columns, reached = order[:last], east[:last]
+    if enclose and order.size > 1:
+        gaps = np.diff(east, append=east[0] + 360.0)
+        widest = 1.5 * np.sort(gaps)[-2]  # wider is no cell, but where the data end
+        if last < order.size and gaps[last - 1] <= widest and not (last and east[last - 1] >= width - _ON):
+            columns, reached = order[: last + 1], east[: last + 1]
+        if reached.size < order.size and gaps[-1] <= widest and east[0] > _ON:
+            columns, reached = np.append(order[-1], columns), np.append(east[-1] - 360.0, reached)
+    rising = lon[columns] + 360.0 * np.round((west + reached - lon[columns]) / 360.0)
+    return columns, rising - (whole_turns(0.5 * (rising[0] + rising[-1])) if rising.size else 0.0)
 
 
 def crop(ocean: xr.Dataset, window: GeographicWindow | None) -> xr.Dataset:

@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.fetch.region import Region, runs
+from pymantaray.ocean.fetch.region import Region
 
 STEP = 0.08
+LAT = np.arange(-90.0, 91.0)
 AXES = {first: first + STEP * np.arange(4500) for first in (-180.0, 0.0, 74.16)}
 
 
@@ -22,7 +23,8 @@ def test_any_window_of_a_circle_is_enclosed_by_at_most_one_point(first, west, wi
     east = west + width
     east -= 360.0 if east > 360.0 else 0.0
     axis = (AXES[first] + 180.0) % 360.0 - 180.0 if turns else AXES[first]
-    indices, lon = Region.of((0.0, 1.0), (west, east)).longitudes(axis)
+    grid = Region.of((0.0, 1.0), (west, east)).of_grid(LAT, axis, "server")
+    lon, indices = grid.lon, np.concatenate([np.r_[block] for block in grid.blocks])[grid.order]
     np.testing.assert_allclose(np.diff(lon), STEP, atol=1e-9)
     np.testing.assert_allclose((lon - axis[indices] + 180.0) % 360.0 - 180.0, 0.0, atol=1e-9)
     middle = 0.5 * (lon[0] + lon[-1])
@@ -31,32 +33,29 @@ def test_any_window_of_a_circle_is_enclosed_by_at_most_one_point(first, west, wi
     right = lon[-1] - lon[0] - left - width
     assert -1.1e-4 <= left < STEP
     assert -1.1e-4 <= right < STEP
-    assert len(runs(indices)) <= 2
+    assert len(grid.blocks) <= 2
 
 
 @given(south=st.floats(-79.9, 89.0), height=st.floats(0.01, 1.0))
 def test_latitudes_are_enclosed_by_at_most_one_point(south, height):
     axis = -80.0 + 0.04 * np.arange(4251)
-    rows = Region.of((south, south + height), (0.0, 1.0)).latitudes(axis)
-    assert np.all(np.diff(rows) == 1)
-    assert -1.1e-4 <= south - axis[rows[0]] < 0.04 + 1e-9
-    assert -1.1e-4 <= axis[rows[-1]] - south - height < 0.04 + 1e-9
+    for lat in (axis, axis[::-1]):
+        grid = Region.of((south, south + height), (0.0, 1.0)).of_grid(lat, AXES[0.0], "server")
+        np.testing.assert_array_equal(np.sort(lat[grid.rows]), grid.lat)
+        assert -1.1e-4 <= south - grid.lat[0] < 0.04 + 1e-9
+        assert -1.1e-4 <= grid.lat[-1] - south - height < 0.04 + 1e-9
 
 
 def test_a_regional_axis_covers_only_itself():
     axis = -75.68 + STEP * np.arange(18)
-    indices, lon = Region.of((0.0, 1.0), (284.4, 285.2)).longitudes(axis)
-    np.testing.assert_allclose(lon, axis[indices])
+    grid = Region.of((0.0, 1.0), (284.4, 285.2)).of_grid(LAT, axis, "server")
+    np.testing.assert_allclose(grid.lon, axis[grid.blocks[0]])
     for lon in ((-76.0, -75.0), (-75.0, -74.0), (10.0, 11.0), (-80.0, -70.0)):
-        with pytest.raises(OceanError, match=r"data cover longitude -75\.68 to -74\.32"):
-            Region.of((0.0, 1.0), lon).longitudes(axis)
+        with pytest.raises(OceanError, match=r"the data reach .*-75\.68 to -74\.32 E"):
+            Region.of((0.0, 1.0), lon).of_grid(LAT, axis, "server")
 
 
-@pytest.mark.parametrize("axis", [[0.0], [0.0, 1.0, 1.0, 2.0], [3.0, 2.0, 1.0, 0.0]])
+@pytest.mark.parametrize("axis", [[0.0], [0.0, 1.0, 1.0, 2.0]])
 def test_axes_that_are_none_are_refused(axis):
-    region = Region.of((0.5, 1.5), (0.5, 1.5))
     with pytest.raises(OceanError):
-        region.latitudes(np.array(axis))
-    if axis[0] != 3.0:  # longitudes may come in any order
-        with pytest.raises(OceanError):
-            region.longitudes(np.array(axis))
+        Region.of((0.5, 1.5), (0.5, 1.5)).of_grid(np.array(axis), AXES[0.0], "server")

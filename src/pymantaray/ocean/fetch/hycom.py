@@ -14,7 +14,7 @@ from pymantaray.errors import OceanError
 from pymantaray.ocean.convert import Instants, decoded_times, minute, parse_instant, without_scaled_fill
 from pymantaray.ocean.fetch.catalogue import Experiment, covering, load_catalogue
 from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError
-from pymantaray.ocean.fetch.region import LARGEST_VALUES, Region, runs
+from pymantaray.ocean.fetch.region import LARGEST_VALUES, Region
 from pymantaray.ocean.files import decoded
 from pymantaray.ocean.schema import DIMS, assemble_ocean, with_history
 from pymantaray.records.writing import write_netcdf
@@ -236,38 +236,36 @@ def _read_window(
             a, b = remote.axes[name], first.axes[name]
             if a.shape != b.shape or np.any(np.abs(a - b) > _SAME):
                 raise ServerError(f"{remote.url}: {name} differs from that of {first.url}")
-    rows = region.latitudes(first.axes["lat"])
-    columns, lon = region.longitudes(first.axes["lon"])
-    depth = first.axes["depth"]
-    shape = (depth.size, rows.size, columns.size)
-    if np.prod(shape) > LARGEST_VALUES:
+    depth, grid = first.axes["depth"], region.of_grid(first.axes["lat"], first.axes["lon"], first.url)
+    if depth.size * grid.lat.size * grid.lon.size > LARGEST_VALUES:
         raise OceanError(
-            f"fetch: the window has {shape[1]} x {shape[2]} x {shape[0]} points; allowed are"
+            f"fetch: the window has {grid.lat.size} x {grid.lon.size} x {depth.size} points; allowed are"
             f" {LARGEST_VALUES:,}, make it smaller"
         )
     blocks = []
     for name in datasets:
         at = 0
-        for west, east in runs(columns):
-            width = east - west + 1
-            height = max(1, BLOCK_VALUES // (rows.size * width))
+        for columns in grid.blocks:
+            width = columns.stop - columns.start
+            height = max(1, BLOCK_VALUES // (grid.lat.size * width))
             for top in range(0, depth.size, height):
                 levels = slice(top, min(top + height, depth.size))
-                blocks.append((name, levels, slice(west, east + 1), slice(at, at + width)))
+                blocks.append((name, levels, columns, slice(at, at + width)))
             at += width
-    fields = {name: np.full(shape, np.nan) for name in datasets}
-    for done, (name, levels, stored, place) in enumerate(blocks):
+    fields = {name: np.full((depth.size, grid.lat.size, at), np.nan) for name in datasets}
+    for done, (name, levels, columns, place) in enumerate(blocks):
         report("fetch", done, len(blocks))
         remote = datasets[name]
         index = remote.index(instant)
-        key = (slice(index, index + 1), levels, slice(int(rows[0]), int(rows[-1]) + 1), stored)
+        key = (slice(index, index + 1), levels, grid.rows, columns)
         fields[name][levels, :, place] = connection.ask(
             remote.url, partial(_read_block, remote.data, name, key)
         )
     report("fetch", len(blocks), len(blocks))
     for remote in {d.url: d for d in datasets.values()}.values():
         connection.ask(remote.url, partial(_check_unmoved, remote, instant))
-    return {"depth": depth, "lat": first.axes["lat"][rows], "lon": lon}, fields
+    coordinates = {"depth": depth, "lat": grid.lat, "lon": grid.lon}
+    return coordinates, {name: grid.in_order(values) for name, values in fields.items()}
 
 
 def _check_unmoved(remote: _Remote, instant: np.datetime64) -> None:

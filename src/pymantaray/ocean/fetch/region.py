@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.geometry.longitude import whole_turns, wrapped
+from pymantaray.geometry.longitude import wrapped
+from pymantaray.ocean.window import GeographicWindow, Selection, select
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 LARGEST_VALUES = 20_000_000
 """Of one variable of a window."""
-_SAME_DEGREES = 1e-4  # HYCOM's coordinates are off the exact grid by 3e-5
+_HAIR = 1.1e-4  # degrees; HYCOM's coordinates are off the exact grid by 3e-5
 _WIDEST = 180.0  # degrees; more is a west and an east exchanged
 
 
@@ -49,48 +49,24 @@ class Region:
         east = wrapped(self.west + self.width)
         return f"lat {self.south:g} to {self.north:g}, lon {self.west:g} to {east:g}"
 
-    def latitudes(self, axis: Array) -> Indices:
-        """Where the region lies on a rising axis: what is inside, and one point beyond each side."""
-        if axis.size < 2 or not np.all(np.diff(axis) > 0.0):
-            raise OceanError("latitudes of the server do not rise strictly")
-        if self.south < axis[0] - _SAME_DEGREES or self.north > axis[-1] + _SAME_DEGREES:
+    @property
+    def window(self) -> GeographicWindow:
+        """South, north, west and, maybe beyond 180, east. [degrees]"""
+        return self.south, self.north, self.west, self.west + self.width
+
+    def of_grid(self, lat: Array, lon: Array, where: str) -> Selection:
+        """What encloses the region of a server's grid, which must reach as far."""
+        grid = select(lat, lon, self.window, where, enclose=True)
+        west = wrapped(self.west - grid.lon[0])  # how far the region's sides lie inside
+        sides = (
+            self.south - grid.lat[0],
+            grid.lat[-1] - self.north,
+            west,
+            np.ptp(grid.lon) - west - self.width,
+        )
+        if min(sides) < -_HAIR:
             raise OceanError(
-                f"data cover latitude {axis[0]:g} to {axis[-1]:g}; {self.south:g} to {self.north:g} were asked for"
+                f"{where}: {self.text} is not all in it; the data reach from {lat.min():g} to {lat.max():g} N and"
+                f" {lon.min():g} to {lon.max():g} E"
             )
-        first = max(int(np.searchsorted(axis, self.south + _SAME_DEGREES, side="right")) - 1, 0)
-        last = min(int(np.searchsorted(axis, self.north - _SAME_DEGREES, side="left")), axis.size - 1)
-        return np.arange(first, last + 1)
-
-    def longitudes(self, axis: Array) -> tuple[Indices, Array]:
-        """
-        Where the region lies on an axis of any convention and order, from west to east across any seam.
-
-        What is inside, and one point beyond each side; then these longitudes, rising, their middle in -180 to 180.
-        """
-        # degrees east of the western side; a hair beyond it counts as on it
-        east = (axis - self.west + _SAME_DEGREES) % 360.0 - _SAME_DEGREES
-        order = np.argsort(east, kind="stable")
-        east = east[order]
-        if axis.size < 2 or not np.all(np.diff(east) > 0.0):
-            raise OceanError("longitudes of the server repeat or are not numbers")
-        n = int(np.searchsorted(east, self.width - _SAME_DEGREES, side="left")) + 1
-        indices, reached = order[:n], east[:n]
-        if reached[0] > _SAME_DEGREES:  # the point before the western side, the long way round
-            indices = np.concatenate([order[-1:], indices])
-            reached = np.concatenate([east[-1:] - 360.0, reached])
-        covered = reached[0] <= _SAME_DEGREES and reached[-1] >= self.width - _SAME_DEGREES
-        holes = np.any(np.diff(reached) > 1.5 * np.median(np.diff(east)))
-        if not covered or holes or len(set(indices.tolist())) != len(indices):
-            raise OceanError(
-                f"data cover longitude {axis.min():g} to {axis.max():g}; {self.west:g} to"
-                f" {self.west + self.width:g} were asked for"
-            )
-        lon = axis[indices]
-        lon = lon + 360.0 * np.round((self.west + reached - lon) / 360.0)
-        return indices, lon - whole_turns(0.5 * (lon[0] + lon[-1]))
-
-
-def runs(indices: Indices) -> list[tuple[int, int]]:
-    """Indices as first and last, both inclusive, of runs that rise by one."""
-    cuts = np.flatnonzero(np.diff(indices) != 1) + 1
-    return [(int(part[0]), int(part[-1])) for part in np.split(indices, cuts)]
+        return grid
