@@ -69,24 +69,7 @@ class Currents:
 
     @classmethod
     def from_dataset(cls, ocean: "xr.Dataset") -> Self:
-        """
-        Currents of a local ocean data set.
-
-        Parameters
-        ----------
-        ocean : xarray.Dataset
-            ``current_north``, ``current_east`` (north, east, depth), as `pymantaray.ocean.to_local` makes
-            them. [m s⁻¹]
-
-        Returns
-        -------
-        Currents
-
-        Raises
-        ------
-        AcousticsError
-            If a variable or axis is missing, or for what `Currents` refuses.
-        """
+        """Currents ``current_north``, ``current_east`` (north, east, depth) of a local ocean, as `pymantaray.ocean.to_local` makes it."""
         names = ("current_north", "current_east")
         require_local(ocean, *names, *_GRID)
         velocity = np.stack([ocean[name].transpose(*_GRID).values for name in names], axis=-1)
@@ -107,24 +90,11 @@ class Currents:
 
 def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Array:
     r"""
-    First-order change of each arrival's travel time by the current along its ray.
+    First-order change of each arrival's travel time by the current along its ray, by the quadrature of its path. [s]
 
-    Parameters
-    ----------
-    nodes : Quadrature
-        Quadrature points of the rays, ``quadrature(trace_paths(...))``.
-    currents : Currents
-    n_arrivals : int
-        One whose points stand for no length (equal positions) has no delay.
+    To be added to ``travel_time``, from source to receiver; from receiver to source the change has the opposite sign. Between
+    equal positions it is 0.
 
-    Returns
-    -------
-    ndarray, shape (n_arrivals,)
-        To be added to ``travel_time``, from source to receiver. From receiver to source the change has
-        the opposite sign. [s]
-
-    Notes
-    -----
     :math:`\delta t = -\int u \cdot p \, dt`, with the slowness :math:`p`, along the ray of the water at rest; derived, with
     what is neglected, on the theory page on timing. A boundary reflects without a change in time, the water beside it
     moves along it.

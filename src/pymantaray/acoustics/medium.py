@@ -361,7 +361,7 @@ def _sheet(name: str, depth: ArrayLike, *axes: tuple[str, ArrayLike | None, Arra
     One point of an axis means that the boundary does not vary along it.
     """
     if np.ndim(depth) == 0:
-        return _filled(name, [[depth]], (1, 1)), np.zeros(1), np.zeros(1)
+        return _filled(name, np.full((1, 1), depth), (1, 1)), np.zeros(1), np.zeros(1)
     sides = []
     for axis_name, values, water in axes:
         own = water if values is None else _axis(axis_name, values)

@@ -57,22 +57,9 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
     """
     Sound speed of a profile or a cast in a table, by TEOS-10 if the file does not have it.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        CSV with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical
-        ``salinity``; the names may end in their units as in ``depth_m``.
-    position : tuple of float, optional
-        Latitude and longitude. Default: from a comment line with ``lat ...`` and ``lon ...``. [degrees]
-
-    Returns
-    -------
-    Profile
-
-    Raises
-    ------
-    AcousticsError
-        If columns, numbers or a position that is needed are missing, or depth does not increase.
+    A CSV with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical ``salinity``; the names
+    may end in their units as in ``depth_m``. The position, latitude and longitude [degrees], is by default that of a comment
+    line with ``lat ...`` and ``lon ...``. What is missing, or a depth that does not increase, is refused by its line.
     """
     import gsw
 

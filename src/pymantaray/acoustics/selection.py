@@ -25,26 +25,10 @@ def choose_arrivals(
     """
     Pick at most one arrival of each link.
 
-    Parameters
-    ----------
-    arrivals : Arrivals
-    rule : {"direct", "first", "strongest"}
-        ``direct``: the earliest that met no boundary. ``first``: the earliest of all. ``strongest``: the
-        one of least loss; of equals, the earliest.
-    loss_db : array_like, shape (n_arrivals,), optional
-        Loss that ``strongest`` goes by, such as the transmission loss. Default: ``spreading_db``, which
-        knows neither reflection nor absorption nor distance. A loss of NaN counts as greater than any other. [dB]
-    delay : array_like, shape (n_arrivals,), optional
-        Added to the travel times before they are compared, see `current_delays`. [s]
-
-    Returns
-    -------
-    Chosen
-
-    Raises
-    ------
-    AcousticsError
-        If the rule is unknown, or an array does not have one value for each arrival.
+    ``direct``: the earliest that met no boundary. ``first``: the earliest of all. ``strongest``: the one of least loss; of
+    equals, the earliest. Its loss (n_arrivals,) [dB] is by default ``spreading_db``, which knows neither reflection nor
+    absorption nor distance; NaN counts as greater than any other. A delay (n_arrivals,) [s], see `current_delays`, is added
+    to the travel times before they are compared.
     """
     if rule not in get_args(Rule):
         raise AcousticsError(f"arrival rule {rule!r}; allowed are {', '.join(get_args(Rule))}")
@@ -65,26 +49,12 @@ def select(
     arrivals: Arrivals, rule: Rule, *, loss_db: ArrayLike | None = None, delay: ArrayLike | None = None
 ) -> FirstArrivals:
     """
-    Give the one arrival of each link that a rule picks.
+    Give the one arrival of each link that a rule of `choose_arrivals` picks, a row a link; its travel time includes the delay.
 
-    Parameters
-    ----------
-    arrivals, rule, loss_db, delay
-        As in `choose_arrivals`.
-
-    Returns
-    -------
-    FirstArrivals
-        One row per link; ``travel_time`` includes the delay. By ``first`` and without a delay it is what
-        `Arrivals.first` returns. A link all of whose arrivals have bounced has none by ``direct``: its
-        status is SHADOW, since no ray within the bounces that the rule allows reaches the receiver, and
-        its shadow margin is NaN, since the solver gives that of all families together. Whether the direct
-        rays were rather blocked or weak, the solver says when it is asked for no bounces.
-
-    Raises
-    ------
-    AcousticsError
-        As `choose_arrivals`.
+    By ``first`` and without a delay it is what `Arrivals.first` returns. A link all of whose arrivals have bounced has none by
+    ``direct``: its status is SHADOW, since no ray within the bounces that the rule allows reaches the receiver, and its shadow
+    margin is NaN, since the solver gives that of all families together. Whether the direct rays were rather blocked or weak,
+    the solver says when it is asked for no bounces.
     """
     link, row = choose_arrivals(arrivals, rule, loss_db=loss_db, delay=delay)
     n = arrivals.status.size

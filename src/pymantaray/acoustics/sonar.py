@@ -170,18 +170,9 @@ class Sonar:
 
 def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
     """
-    Probability that a level normal about its prediction lies above the threshold.
+    Probability that a level, normal about a prediction so far above the threshold [dB], is above it.
 
-    Parameters
-    ----------
-    excess_db : array_like, shape (...)
-        Predicted level above the threshold. [dB]
-    spread_db : float
-        Standard deviation; 0 makes a step, 1 at no excess and above. [dB]
-
-    Returns
-    -------
-    ndarray, shape (...)
+    With a standard deviation of 0 a step, 1 at no excess and above.
     """
     excess = np.asarray(excess_db, dtype=float)
     if spread_db == 0.0:

@@ -62,19 +62,7 @@ class LocalFrame:
         return pyproj.Proj(self.proj_string)
 
     def to_local(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> tuple[Array, Array]:
-        """
-        Local coordinates of geographic positions.
-
-        Parameters
-        ----------
-        latitude_deg, longitude_deg : array_like, shape (...)
-            Geographic positions; longitudes in any 360 degree window. [degrees]
-
-        Returns
-        -------
-        north, east : ndarray, shape (...)
-            Coordinates in the local frame. [m]
-        """
+        """North and east [m] of positions [degrees] that broadcast, longitudes in any 360 degree window."""
         longitude, latitude = np.broadcast_arrays(
             np.asarray(longitude_deg, dtype=float), np.asarray(latitude_deg, dtype=float)
         )
@@ -82,19 +70,7 @@ class LocalFrame:
         return np.asarray(y, dtype=float), np.asarray(x, dtype=float)
 
     def to_geodetic(self, north: ArrayLike, east: ArrayLike) -> tuple[Array, Array]:
-        """
-        Geographic positions of local coordinates.
-
-        Parameters
-        ----------
-        north, east : array_like, shape (...)
-            Coordinates in the local frame. [m]
-
-        Returns
-        -------
-        latitude_deg, longitude_deg : ndarray, shape (...)
-            Longitudes lie within 180 degrees of the frame's centre. [degrees]
-        """
+        """Latitudes and longitudes [degrees] of points north and east [m], longitudes within 180 degrees of the centre."""
         n, e = np.broadcast_arrays(np.asarray(north, dtype=float), np.asarray(east, dtype=float))
         longitude, latitude = self._proj(e, n, inverse=True)
         offset = wrapped(np.asarray(longitude, dtype=float) - self.longitude_deg)
@@ -102,20 +78,8 @@ class LocalFrame:
 
     def convergence(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Array:
         """
-        Angle from grid north to true north, clockwise positive: the bearing of true north in the frame.
+        Bearing of true north in the frame, clockwise from grid north, at positions [degrees]. [rad]
 
-        Parameters
-        ----------
-        latitude_deg, longitude_deg : array_like, shape (...)
-            Geographic positions. [degrees]
-
-        Returns
-        -------
-        ndarray, shape (...)
-            Bearing of true north in the local frame. [rad]
-
-        Notes
-        -----
         A vector with components ``(v_east, v_north)`` on the sphere has local components
         ``north = v_north cos(g) - v_east sin(g)`` and ``east = v_north sin(g) + v_east cos(g)``.
         Computed by central differences of the projection along the meridian; the step of 1e-4
@@ -129,19 +93,7 @@ class LocalFrame:
         return np.asarray(np.arctan2(e1 - e0, n1 - n0))
 
     def scale_factor(self, north: ArrayLike, east: ArrayLike) -> Array:
-        """
-        Local metres per metre on the ellipsoid at a position of the frame.
-
-        Parameters
-        ----------
-        north, east : array_like, shape (...)
-            Coordinates in the local frame. [m]
-
-        Returns
-        -------
-        ndarray, shape (...)
-            Scale of the projection, 1 at the centre. [-]
-        """
+        """Local metres per metre on the ellipsoid at points north and east [m], 1 at the centre."""
         latitude, longitude = self.to_geodetic(north, east)
         factors = self._proj.get_factors(longitude, latitude, errcheck=False)
         return np.asarray(factors.meridional_scale, dtype=float)

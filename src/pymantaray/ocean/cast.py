@@ -138,37 +138,15 @@ class Cast:
         )
 
     def sound_speed(self, equation: Equation = "teos-10") -> Array:
-        """
-        Sound speed at the samples.
-
-        Parameters
-        ----------
-        equation : {"teos-10", "del-grosso", "unesco"}
-
-        Returns
-        -------
-        ndarray, shape (n_levels,)
-            [m/s]
-        """
+        """Sound speed at the samples by one of the equations of `pymantaray.ocean.sound_speed`. [m/s]"""
         return sound_speed(self.temperature, self.salinity, self.depth, self.lat, self.lon, equation=equation)
 
     def cell_means(self, levels: ArrayLike) -> tuple[Array, Array]:
         """
-        Temperature and salinity averaged over the cells of levels.
+        Temperature [degC] and salinity averaged over the cells of strictly increasing levels (n,) [m].
 
-        A cell reaches half-way to the next level on either side, that of the first level up to it, that of
-        the last down to it. Between samples the profile is linear; beyond the first and last sample it is
-        constant. The average is exact for that.
-
-        Parameters
-        ----------
-        levels : array_like, shape (n,)
-            Strictly increasing. [m]
-
-        Returns
-        -------
-        temperature, salinity : ndarray, shape (n,)
-            [degC], [-]
+        A cell reaches half-way to the next level on either side, that of the first level up to it, that of the last down to it.
+        Between samples the profile is linear; beyond the first and last sample it is constant. The average is exact for that.
         """
         edges = layer_edges(np.asarray(levels, dtype=float))
         return self._means(edges, self.temperature), self._means(edges, self.salinity)

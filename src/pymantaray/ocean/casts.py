@@ -100,25 +100,15 @@ def read_casts(
     time: Instant | None = None,
 ) -> list[Cast]:
     """
-    Read all casts of one or more files.
+    Read all casts of one or more files, at least one, in the files' order.
 
     Parameters
     ----------
     paths : str, pathlib.Path or sequence of them
         As `read_cast` takes. A table with a station column holds a cast for each station, one of the NetCDF
-        Subset Service one for each time and place.
+        Subset Service one for each time and place. One bad cast of a table refuses the table.
     lat, lon, time
         As in `read_cast`, for all casts.
-
-    Returns
-    -------
-    list of Cast
-        In the files' order; at least one.
-
-    Raises
-    ------
-    OceanError
-        As `read_cast` does; one bad cast of a table refuses the table.
     """
     files = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
     if not files:

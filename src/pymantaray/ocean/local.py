@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, NdBSpline, make_interp_spline
@@ -214,8 +215,10 @@ class TensorSpline:
         self._axes, self._degree, self._shape = (rows, columns), degree, at_rows.shape
         places = np.stack([_on_axis(rows, at_rows), _on_axis(columns, at_columns)], axis=-1).reshape(-1, 2)
         knots = tuple(make_interp_spline(axis, axis, k=degree).t for axis in self._axes)
-        self._weights = NdBSpline.design_matrix(places, knots, (degree, degree))
-        self._weights.resize((len(places), rows.size * columns.size))
+        weights = NdBSpline.design_matrix(places, knots, (degree, degree))
+        self._weights = sp.csr_array(  # whose last columns may have no entry
+            (weights.data, weights.indices, weights.indptr), shape=(len(places), rows.size * columns.size)
+        )
 
     def __call__(self, field: Array) -> Array:
         """Values (..., levels) at the points, from a field (levels, rows, columns) without NaN."""

@@ -63,19 +63,7 @@ class SoundSpeedCovariance:
 
 
 def layer_weights(depth: ArrayLike) -> Array:
-    """
-    Share of the water column that each level stands for.
-
-    Parameters
-    ----------
-    depth : array_like, shape (n_levels,)
-        Strictly increasing. [m]
-
-    Returns
-    -------
-    ndarray, shape (n_levels,)
-        Of the layers half-way to their neighbours; their sum is 1.
-    """
+    """Share of the water column that each of rising levels [m] stands for, half-way to its neighbours; their sum is 1."""
     z = np.asarray(depth, dtype=float)
     return np.asarray(np.diff(layer_edges(z)) / (z[-1] - z[0]))
 

@@ -102,28 +102,10 @@ def open_ocean_series(
     currents: Currents = "required",
 ) -> tuple[xr.Dataset, ...]:
     """
-    Open the oceans at a source's own instants that enclose a span of time.
+    Open the oceans at a source's own instants that enclose a span of time (UTC); otherwise as `open_ocean`.
 
-    Parameters
-    ----------
-    source : str, Path or sequence of them
-        As in `open_ocean`. Synthetic oceans are given every 3 h.
-    start, stop : str or numpy.datetime64
-        The span (UTC).
-    window : tuple of float, optional
-        South, north, west, east; only grid points inside are read. [degrees]
-    currents : {"required", "rest"}
-
-    Returns
-    -------
-    tuple of xarray.Dataset
-        Valid oceans on one grid, times rising: the last at or before the start, the first at or after the
-        stop, and all between.
-
-    Raises
-    ------
-    OceanError
-        If the source does not cover the span, or its grid changes.
+    They are valid, on one grid, times rising: the last at or before the start, the first at or after the stop, and all
+    between. Synthetic oceans are given every 3 h. A source that does not cover the span is refused.
     """
     first, last = parse_instant(start), parse_instant(stop)
     if last < first:
@@ -150,23 +132,10 @@ def open_ocean_series(
 
 def ocean_times(source: Source) -> NDArray[np.datetime64]:
     """
-    Instants at which a source has an ocean.
+    Instants (UTC), rising, at which a source of `open_ocean` has an ocean, shape (time,).
 
-    Parameters
-    ----------
-    source : str, Path or sequence of them
-        As in `open_ocean`.
-
-    Returns
-    -------
-    ndarray of datetime64[ns], shape (time,)
-        Rising; those at which temperature and salinity are there, and currents where the source has any.
-        Synthetic oceans exist at all times: their epoch.
-
-    Raises
-    ------
-    OceanError
-        If the source cannot be opened.
+    Those at which temperature and salinity are there, and currents where the source has any. Synthetic oceans exist at all
+    times: their epoch.
     """
     sources, region = _sources(source)
     if region is not None:

@@ -97,19 +97,7 @@ def perturb_ocean(
 
 
 def mean_ocean(ocean: xr.Dataset) -> xr.Dataset:
-    """
-    Ocean that has the horizontal mean of each level everywhere, of the currents too.
-
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-
-    Returns
-    -------
-    xarray.Dataset
-        A valid ocean on the same grid and down to the same sea bed.
-    """
+    """Ocean that has the horizontal mean of each level of a valid one everywhere, of the currents too, down to the same sea bed."""
     validate_ocean(ocean)
     columns = {}
     for v in VARIABLES:
@@ -130,20 +118,10 @@ def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
     Parameters
     ----------
     ocean : xarray.Dataset
-        A valid ocean.
+        A valid ocean, whose grid and sea bed are kept; where that is deeper than the column, its deepest value is carried
+        down.
     place : tuple of float
-        Latitude and longitude; the nearest wet grid point is taken. [degrees]
-
-    Returns
-    -------
-    xarray.Dataset
-        A valid ocean on the same grid and down to the same sea bed; where that is deeper than the column, its deepest
-        value is carried down.
-
-    Raises
-    ------
-    OceanError
-        If the place is outside the window.
+        Latitude and longitude inside the window, else `OceanError`; the nearest wet grid point is taken. [degrees]
     """
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
@@ -214,26 +192,9 @@ def _factor(axis: Array, scale: float) -> Array:
 
 def pooled_rms(ocean: xr.Dataset, variance: Array, down_to: float | None) -> float:
     """
-    Root of the mean over the water of a variance that depends on depth. [m/s]
+    Root of the mean over the water of a variance (depth,) [m²/s²] that depends on depth, down to one [m] or all the way. [m/s]
 
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-    variance : ndarray, shape (depth,)
-        [m²/s²]
-    down_to : float or None
-        Depth down to which it is taken; None for all of the water. [m]
-
-    Returns
-    -------
-    float
-        Levels count by the thickness of their layers and their wet points.
-
-    Raises
-    ------
-    OceanError
-        If it is zero.
+    Levels count by the thickness of their layers and their wet points. A mean of zero is refused.
     """
     z = np.asarray(ocean["depth"].values, dtype=float)
     edges = np.minimum(layer_edges(z), np.inf if down_to is None else down_to)

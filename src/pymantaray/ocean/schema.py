@@ -127,23 +127,13 @@ def assemble_ocean(
 
 def with_history(ocean: xr.Dataset, line: str) -> xr.Dataset:
     """
-    Record in the attribute ``history`` what was done to an ocean; the newest line is the last.
+    Record in the attribute ``history`` of a copy of an ocean what was done to it; the newest line is the last.
 
     Parameters
     ----------
     ocean : xarray.Dataset
     line : str
-        One line of text.
-
-    Returns
-    -------
-    xarray.Dataset
-        Another data set with the same values.
-
-    Raises
-    ------
-    OceanError
-        If the text is empty or more than a line.
+        One line of text, else `OceanError`.
     """
     if not line.strip() or len(line.splitlines()) != 1:
         raise OceanError(f"ocean: history takes one line of text, not {line[:40]!r}")

@@ -53,17 +53,9 @@ _CRS_REMEDY = 'name it with crs, "EPSG:3996" for IBCAO, or use the geographic ve
 
 def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     """
-    Sea floor that the levels of a model imply: half-way from the deepest valid level to the next.
+    Sea floor (lat, lon) that the levels of a valid ocean imply: half-way from the deepest valid level to the next. [m]
 
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-
-    Returns
-    -------
-    xarray.DataArray, shape (lat, lon)
-        Depth of the sea floor; 0 on land, the deepest level itself where that is valid. [m]
+    0 on land, the deepest level itself where that is valid.
     """
     depth = np.asarray(ocean["depth"].values, dtype=float)
     levels = np.isfinite(ocean["water_temp"].values).sum(axis=0)

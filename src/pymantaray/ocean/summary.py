@@ -16,21 +16,10 @@ _EARTH = pyproj.Geod(ellps="WGS84")
 
 def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.DataFrame:
     """
-    Table of a region's place, size, grid and values (the paper's Table I of this ocean).
+    Table of a region's place, size, grid and values (the paper's Table I of a valid ocean).
 
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-    equation : {"teos-10", "del-grosso", "unesco"}
-        Of sound speed.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row a property, named with its unit, and one column named after the ocean's title; columns of
-        several oceans go side by side with ``pandas.concat(axis=1)``. Widths are along the parallels of
-        the WGS 84 ellipsoid, the height is along the meridian.
+    One row a property, named with its unit, and one column named after the ocean's title, so that several oceans go side by
+    side. Widths are along the parallels of the WGS 84 ellipsoid, the height is along the meridian.
     """
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
@@ -65,20 +54,9 @@ def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.Dat
 
 def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> xr.Dataset:
     """
-    Mean, least and greatest sound speed at each level over the wet points.
+    ``mean``, ``min`` and ``max`` sound speed [m/s] at each level (depth) of a valid ocean, and ``count`` of the wet points.
 
-    Parameters
-    ----------
-    ocean : xarray.Dataset
-        A valid ocean.
-    equation : {"teos-10", "del-grosso", "unesco"}
-        Of sound speed.
-
-    Returns
-    -------
-    xarray.Dataset
-        Variables ``mean``, ``min``, ``max`` [m/s] and ``count`` over ``depth`` [m]; NaN where no point is
-        wet. The mean is over grid points, each counting the same.
+    Each grid point counts the same; NaN where none is wet.
     """
     validate_ocean(ocean)
     attrs = {"standard_name": "speed_of_sound_in_sea_water", "units": "m s-1"}

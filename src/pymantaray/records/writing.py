@@ -24,27 +24,10 @@ _OVERHEAD_BYTES = 4000  # of a NetCDF file and of each of its variables
 @contextmanager
 def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
     """
-    Temporary name for a file that takes its final name only when all of it is written.
+    Temporary name for a file that takes its final name only when all of it is written; a `WriteError` says why it was not.
 
     The temporary file is new, empty, in the same folder and of a name that nobody can foresee. It is renamed when
-    the block ends and removed when the block raises.
-
-    Parameters
-    ----------
-    path : pathlib.Path or str
-        Final name; its folder must exist.
-    replace : bool
-        Whether a file that has the final name is replaced, or refused.
-
-    Yields
-    ------
-    pathlib.Path
-        Where to write.
-
-    Raises
-    ------
-    WriteError
-        If the file cannot be written, in one line with its name and the cause; any `OSError` of the block counts.
+    the block ends and removed when the block raises. A file of the final name is replaced, or refused.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.part")
@@ -90,22 +73,7 @@ def _cause(error: OSError, temporary: Path) -> str:
 
 
 def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = True) -> None:
-    """
-    Write a data set as NetCDF-4, whole or not at all.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-    path : pathlib.Path or str
-        Final name; its folder must exist.
-    replace : bool
-        Whether a file that has the final name is replaced, or refused.
-
-    Raises
-    ------
-    WriteError
-        If the file cannot be written.
-    """
+    """Write a data set as NetCDF-4, whole or not at all, as `whole_file` has it."""
     with whole_file(path, replace=replace) as temporary, NETCDF_LOCK:
         _check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:
@@ -128,24 +96,7 @@ def _check_room(temporary: Path, size: int) -> None:
 
 
 def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
-    """
-    Read a NetCDF file into memory.
-
-    Parameters
-    ----------
-    path : pathlib.Path or str
-    **options
-        Passed to `xarray.open_dataset`.
-
-    Returns
-    -------
-    xarray.Dataset
-
-    Raises
-    ------
-    RecordError
-        If the file is missing or unreadable.
-    """
+    """Read a NetCDF file into memory, by options of `xarray.open_dataset`; one that is missing or unreadable is a `RecordError`."""
     import xarray as xr
 
     try:

@@ -205,30 +205,10 @@ def find_candidates(
     """
     List what each range attempt may take for its direct arrival.
 
-    Parameters
-    ----------
-    ranging : Ranging
-        What `measure_ranges` returned, by the rule ``direct``, with a detector if the picker has a sonar.
-    truth : Trajectories
-        That was ranged.
-    picker : Picker
-    timing : OneWay or TwoWay
-        As the ranges were measured.
-
-    Returns
-    -------
-    Candidates
-        A link without a direct arrival has its reflected ones. A stopped vehicle's attempts have none.
-
-    Raises
-    ------
-    SensingError
-        If the picker has a sonar, but the arrivals have no loss.
-
-    Notes
-    -----
-    Without a sonar the losses are the arrivals' spreading alone: reflection and absorption lose nothing. Two-way, ping
-    and answer are picked independently.
+    ``ranging`` was measured by the rule ``direct``, with a detector if the picker has a sonar, and by the same timing. A
+    link without a direct arrival has its reflected ones; a stopped vehicle's attempts have none. Without a sonar the losses
+    are the arrivals' spreading alone: reflection and absorption lose nothing. Two-way, ping and answer are picked
+    independently.
     """
     arrivals, table, delay = ranging.arrivals, ranging.attempts, ranging.delay
     if picker.sonar is not None and ranging.loss_db is None:
@@ -293,28 +273,8 @@ def draw_picks(
     measurements: Measurements, candidates: Candidates, *, root_seed: int, realization: int
 ) -> Indices:
     """
-    Let chance decide what each attempt of one realization takes for the direct arrival.
+    Let chance decide what each attempt of one realization takes for the direct arrival: rows of candidates, -1 for nothing.
 
-    Parameters
-    ----------
-    measurements : Measurements
-    candidates : Candidates
-        Of its range table.
-    root_seed, realization : int
-        As for `pymantaray.geometry.stream`.
-
-    Returns
-    -------
-    ndarray of int, shape (n_ranges,)
-        Rows of the candidates, -1 where nothing is taken.
-
-    Raises
-    ------
-    SensingError
-        If the candidates are not those of the measurements.
-
-    Notes
-    -----
     The draws are those of `draw_unheard`. Since the direct candidate comes first, an attempt whose direct arrival is
     the earliest and is heard without mistakes is heard with them too, by ``first-detected``: mistakes come
     in the place of what was not heard.

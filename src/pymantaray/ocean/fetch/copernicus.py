@@ -36,39 +36,21 @@ def fetch_copernicus(
     """
     Fetch a window of GLORYS12's daily means and write it as a valid ocean.
 
-    Needs an account of Copernicus Marine, which the package asks for or finds where its own login has
-    stored it. Retries and time limits are the package's.
-
     Parameters
     ----------
-    lat : tuple of float
-        South and north. [degrees]
-    lon : tuple of float
-        West and east in any convention. [degrees]
+    lat, lon, out, servers, overwrite
+        As in `fetch_hycom`.
     time : str or numpy.datetime64
         UTC; the mean of its day is taken.
-    out : str or Path
-        File to write; its folder must exist.
     product : str, optional
         Name of a product of the catalogue; by default the first that covers the time.
-    servers : str or Path, optional
-        See `fetch_hycom`.
-    overwrite : bool, optional
-        Replace an existing file.
-
-    Returns
-    -------
-    Fetched
-
-    Raises
-    ------
-    OceanError
-        If the package is not installed, the service refuses, or what it returns is not an ocean.
 
     Notes
     -----
-    The service returns potential temperature ``thetao``, practical salinity ``so`` and currents ``uo`` and
-    ``vo`` on model levels ``depth``; the reader of CF files makes them in-situ temperature on a valid ocean.
+    Needs an account of Copernicus Marine, which the package asks for or finds where its own login has stored it. Retries
+    and time limits are the package's. The service returns potential temperature ``thetao``, practical salinity ``so`` and
+    currents ``uo`` and ``vo`` on model levels ``depth``; the reader of CF files makes them in-situ temperature on a valid
+    ocean.
     """
     region = Region.of(lat, lon)
     day = parse_instant(time).astype("datetime64[D]").astype("datetime64[s]")

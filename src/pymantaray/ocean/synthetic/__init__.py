@@ -60,31 +60,15 @@ REGIONS = {
 
 def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Dataset:
     """
-    Synthetic ocean of one of the paper's regions at a given time.
+    Synthetic ocean of one of the paper's regions, ``beaufort`` or ``fram``, at an instant (UTC), by default the paper's.
 
     The grid is HYCOM's: 40 levels, 0.08 degree in longitude, 0.04 in latitude, 251 x 76 points around
     74.5 N 140 W (Beaufort Sea) and 237 x 75 around 78 N 0 E (Fram Strait). The widths that the paper's
     Table I gives, 650 and 490 km, are those of the windows' south edges; at the centres they are 595 and
-    437 km (597 and 438 km on the ellipsoid). Temperature and salinity are sums of smooth functions of place and time built from published
-    water masses (see `beaufort` and `fram`); eddies drift and fronts meander with time, nothing is drawn
-    at random. Currents balance the density of the finished fields geostrophically, on top of a weak
+    437 km (597 and 438 km on the ellipsoid). Temperature and salinity are sums of smooth functions of place and time
+    built from published water masses (see `beaufort` and `fram`); eddies drift and fronts meander with time, nothing is
+    drawn at random. Currents balance the density of the finished fields geostrophically, on top of a weak
     current that is the same at all depths.
-
-    Parameters
-    ----------
-    region : {"beaufort", "fram"}
-    time : str or numpy.datetime64
-        Instant (UTC), by default the paper's, 15 July 2014.
-
-    Returns
-    -------
-    xarray.Dataset
-        A valid ocean with ``synthetic = 1``.
-
-    Raises
-    ------
-    OceanError
-        If the region is unknown or the time cannot be read.
     """
     if region not in REGIONS:
         raise OceanError(f"synthetic ocean {region!r} is unknown; there are {', '.join(sorted(REGIONS))}")
