@@ -288,7 +288,7 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times links.csv out.csv W --thin 0.1 --smooth 9": "--thin and --smooth exclude each other",
     "times links.csv out.csv W --cutoff-db x": "--cutoff-db x: a positive number of decibels or off",
     "times links.csv out.csv W --cutoff-db nan": "--cutoff-db nan: a positive number of decibels or off",
-    "times links.csv out.csv W --tolerance 0": "--tolerance 0: a positive length",
+    "times links.csv out.csv W --tolerance 0": "--tolerance is 0 m; it must be finite and positive",
     "times links.csv out.csv --profile nothing.csv --bottom 9": "nothing.csv: cannot be read: No such file",
     "times links.csv out.csv --profile falls.csv --bottom 9": "falls.csv, line 4: depth is 5 after 10",
     "times links.csv out.csv --profile holes.csv --bottom 9": "holes.csv, line 3: sound_speed needs a number; it is ''",

@@ -79,8 +79,8 @@ def own_floor_from(north, depth):
 BAD = {
     "currents are given from 0 to 1000 s; the mission takes 0 to 4000 s: give": lambda o: o.isel(time=[0, 1]),
     "currents are given from 1 to 5001 s": lambda o: o.assign_coords(time=o.time + 1.0),
-    "axis 'time' has 3 values; it needs at least 2, finite and incr": lambda o: o.isel(time=[1, 0, 2]),
-    "axis 'time' has 1 values": lambda o: o.isel(time=[0]),
+    "axis 'time': it must strictly increase": lambda o: o.isel(time=[1, 0, 2]),
+    "axis 'time' has 1 value;": lambda o: o.isel(time=[0]),
     "time is of type datetime64": lambda o: o.assign_coords(time=o.time.astype("datetime64[ns]")),
     "current_east has dimensions": lambda o: o.assign(current_east=o.current_east[0]),
     "missing values": lambda o: o.where(o.time < 2000.0).assign(sea_floor_depth=o.sea_floor_depth),

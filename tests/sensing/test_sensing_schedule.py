@@ -45,8 +45,8 @@ IMPOSSIBLE = {
     "interval is 0 s; it must be finite and positive": lambda: ping(0.0),
     "interval is nan s": lambda: ping(np.nan),
     "Landmark: the name is empty": lambda: Landmark("", (0, 0, 1)),
-    r"landmark 'L': position is \[0.0, 0.0\]; it needs three finite numbers": lambda: Landmark("L", (0, 0)),
-    "landmark 'L': position .* three finite numbers": lambda: Landmark("L", (0, 0, np.nan)),
+    r"landmark 'L': position: shape \(2,\); it needs \(3,\)": lambda: Landmark("L", (0, 0)),
+    "landmark 'L': position: 1 values are not finite": lambda: Landmark("L", (0, 0, np.nan)),
     "landmark 'L': depth is -4 m; .*: place it in the water": lambda: Landmark("L", (0, 0, -4.0)),
 }
 

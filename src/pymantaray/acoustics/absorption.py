@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.geometry.grid import linear_interpolator
 
 if TYPE_CHECKING:
@@ -37,8 +38,7 @@ class Absorption:
     @classmethod
     def constant(cls, db_per_km: float) -> Self:
         """One coefficient everywhere, at every frequency. [dB/km]"""
-        if not 0.0 <= db_per_km < np.inf:
-            raise AcousticsError(f"absorption: {db_per_km} dB/km; must be finite and not negative")
+        check_number(AcousticsError, "absorption", db_per_km, "dB/km")
         return cls(lambda position, _frequency: np.full(len(position), float(db_per_km)))
 
     @classmethod
@@ -74,15 +74,10 @@ class Absorption:
             If the shapes differ, a value is not finite, a salinity negative, the levels do not increase or the
             formula is unknown.
         """
-        z, T, S = (np.atleast_1d(np.array(v, dtype=float)) for v in (depth, temperature, salinity))
-        if z.ndim != 1 or not z.shape == T.shape == S.shape:
-            raise AcousticsError(
-                f"depth, temperature, salinity: shapes {z.shape}, {T.shape}, {S.shape}; need (n_depth,)"
-            )
-        if not np.all(np.isfinite([z, T, S])) or np.any(np.diff(z) <= 0.0) or np.any(S < 0.0):
-            raise AcousticsError(
-                "depth, temperature, salinity: must be finite, depth strictly increasing, salinity not negative"
-            )
+        z = checked_array(AcousticsError, "depth", np.atleast_1d(depth), (None,), rising=True)
+        T = checked_array(AcousticsError, "temperature", np.atleast_1d(temperature), z.shape)
+        S = checked_array(AcousticsError, "salinity", np.atleast_1d(salinity), z.shape)
+        check_number(AcousticsError, "salinity", S.min())
         column = linear_interpolator([z], np.stack([T, S], axis=-1))
         return cls._of_water(lambda x: column(x[:, 2:]), pH=pH, formula=formula)
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.medium import require_local
 from pymantaray.acoustics.paths import Quadrature
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.checks import checked_array
 from pymantaray.geometry.grid import linear_interpolator
 
 if TYPE_CHECKING:
@@ -43,24 +44,18 @@ class Currents:
     velocity: Array
 
     def __post_init__(self) -> None:
-        for name in (*_GRID, "velocity"):
-            array = np.array(getattr(self, name), dtype=float)
-            if name in _GRID and (array.ndim != 1 or not array.size or not (np.diff(array) > 0.0).all()):
-                raise AcousticsError(
-                    f"currents: axis {name!r} must be one-dimensional and strictly increasing"
-                )
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        needed = (self.north.size, self.east.size, self.depth.size, 2)
-        if self.velocity.shape != needed:
-            raise AcousticsError(
-                f"currents: velocity has shape {self.velocity.shape}; the axes ask for {needed}"
+        for name in _GRID:
+            axis = checked_array(
+                AcousticsError, f"currents: {name}", getattr(self, name), (None,), rising=True
             )
+            object.__setattr__(self, name, axis)
+        shape = (self.north.size, self.east.size, self.depth.size, 2)
+        velocity = checked_array(AcousticsError, "currents: velocity", self.velocity, shape)
+        object.__setattr__(self, "velocity", velocity)
         wrong = ~(np.abs(self.velocity) <= _SWIFTEST)
         if wrong.any():
             raise AcousticsError(
-                f"currents: {np.count_nonzero(wrong)} components are not finite or above {_SWIFTEST:g} m/s;"
-                " fill what is missing and check the units"
+                f"currents: {np.count_nonzero(wrong)} components are above {_SWIFTEST:g} m/s; check the units"
             )
 
     def __repr__(self) -> str:

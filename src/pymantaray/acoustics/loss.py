@@ -15,6 +15,7 @@ from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.paths import quadrature, trace_paths
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.checks import check_fields, check_number
 from pymantaray.records import Arrivals, RayPaths
 from pymantaray.records.base import Column, Record, column
 
@@ -72,11 +73,8 @@ class FluidBottom:
     attenuation_db_per_wavelength: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            zero_allowed = name.startswith("attenuation")
-            if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero_allowed):
-                allowed = "finite and not negative" if zero_allowed else "finite and positive"
-                raise AcousticsError(f"FluidBottom: {name} is {value:g}; must be {allowed}")
+        check_fields(AcousticsError, self, "", "sound_speed", "density", positive=True)
+        check_fields(AcousticsError, self, "dB", "attenuation_db_per_wavelength")
 
     @classmethod
     def standard(cls, name: str) -> Self:
@@ -113,10 +111,7 @@ class SeaSurface:
     model: Literal["bubbles", "coherent"] = "bubbles"
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.wind_speed < math.inf:
-            raise AcousticsError(
-                f"SeaSurface: wind_speed is {self.wind_speed:g} m/s; must be finite and not negative"
-            )
+        check_fields(AcousticsError, self, "m/s", "wind_speed")
         if self.model not in ("bubbles", "coherent"):
             raise AcousticsError(f"SeaSurface: model {self.model!r}; allowed are 'bubbles' and 'coherent'")
 
@@ -156,10 +151,7 @@ class IceCover:
     db_per_bounce: float
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.db_per_bounce < math.inf:
-            raise AcousticsError(
-                f"IceCover: {self.db_per_bounce:g} dB a bounce; it must be zero or positive and finite"
-            )
+        check_fields(AcousticsError, self, "dB", "db_per_bounce")
 
     def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:  # noqa: ARG002
         """Loss of one bounce, as `SeaSurface.loss_db`. [dB]"""
@@ -219,8 +211,7 @@ def transmission_loss(
         If the frequency is not positive, positions, arrivals and paths do not belong together, or a path's
         bounces are not those of its arrival.
     """
-    if not 0.0 < frequency_hz < np.inf:
-        raise AcousticsError(f"frequency_hz: {frequency_hz:g}; must be positive and finite")
+    check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
     geometric = geometric_loss_db(source, receiver, arrivals)
     n = geometric.size
     absorbed, surface_db, bottom_db = np.zeros(n), np.zeros(n), np.zeros(n)

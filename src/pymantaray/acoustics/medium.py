@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.checks import checked_array
 from pymantaray.geometry.grid import linear_interpolator
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ class Medium:
         ice = _sheet("ice_draft", ice_draft, ("ice_north", ice_north, n), ("ice_east", ice_east, e))
         if z.size < 2:
             raise AcousticsError(f"depth: {z.size} level; a medium needs at least 2")
-        c = _filled("sound_speed", sound_speed, (n.size, e.size, z.size))
+        c = checked_array(AcousticsError, "sound_speed", sound_speed, (n.size, e.size, z.size))
         z, c = up_to_surface(z, c)
         if c.min() < _SLOWEST or c.max() > _FASTEST:
             raise AcousticsError(
@@ -334,24 +335,7 @@ def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
 
 
 def _axis(name: str, values: ArrayLike) -> Array:
-    axis = np.array(values, dtype=float)
-    if axis.ndim != 1 or axis.size == 0:
-        raise AcousticsError(f"{name}: shape {axis.shape}; an axis has one dimension and at least one point")
-    if not np.all(np.isfinite(axis)) or np.any(np.diff(axis) <= 0.0):
-        raise AcousticsError(f"{name}: axis must be finite and strictly increasing")
-    return axis
-
-
-def _filled(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Values as an array of the shape that its axes have, all finite."""
-    array = np.array(values, dtype=float, order="C")
-    if array.shape != shape:
-        raise AcousticsError(f"{name}: shape {array.shape}; the axes ask for {shape}")
-    if not np.all(np.isfinite(array)):
-        raise AcousticsError(
-            f"{name}: {np.count_nonzero(~np.isfinite(array))} values are not finite; fill them before tracing"
-        )
-    return array
+    return checked_array(AcousticsError, name, values, (None,), rising=True)
 
 
 def _sheet(name: str, depth: ArrayLike, *axes: tuple[str, ArrayLike | None, Array]) -> Sheet:
@@ -361,7 +345,7 @@ def _sheet(name: str, depth: ArrayLike, *axes: tuple[str, ArrayLike | None, Arra
     One point of an axis means that the boundary does not vary along it.
     """
     if np.ndim(depth) == 0:
-        return _filled(name, np.full((1, 1), depth), (1, 1)), np.zeros(1), np.zeros(1)
+        return checked_array(AcousticsError, name, np.full((1, 1), depth), (1, 1)), np.zeros(1), np.zeros(1)
     sides = []
     for axis_name, values, water in axes:
         own = water if values is None else _axis(axis_name, values)
@@ -372,7 +356,7 @@ def _sheet(name: str, depth: ArrayLike, *axes: tuple[str, ArrayLike | None, Arra
             )
         sides.append(own)
     north, east = sides
-    return _filled(name, depth, (north.size, east.size)), north, east
+    return checked_array(AcousticsError, name, depth, (north.size, east.size)), north, east
 
 
 def _sheet_depth(sheet: Sheet, position: ArrayLike) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
 from pymantaray.errors import AcousticsError, OceanError
+from pymantaray.geometry.checks import check_number, checked_array
 
 if TYPE_CHECKING:
     from pymantaray.ocean.cast import CastTable
@@ -161,8 +162,7 @@ def thin_profile(
     """
     cast = _checked(depth, sound_speed)
     z, c = up_to_surface(*cast)
-    if not (tolerance > 0.0 and math.isfinite(tolerance)):
-        raise AcousticsError(f"tolerance: {tolerance}; a positive sound speed in m/s is needed")
+    check_number(AcousticsError, "tolerance", tolerance, "m/s", positive=True)
     rows = _fewest_chords(z, c, tolerance) if interpolation == "linear" else _spline_levels(z, c, tolerance)
     return _record(*cast, z[rows], c[rows], "thinned", tolerance, interpolation)
 
@@ -232,18 +232,10 @@ def _place(table: "CastTable", position: tuple[float, float] | None) -> tuple[fl
 
 
 def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:
-    z, c = np.array(depth, dtype=float), np.array(sound_speed, dtype=float)
-    if z.ndim != 1 or z.shape != c.shape or z.size < 2:
-        raise AcousticsError(
-            f"profile: depth has shape {z.shape}, sound_speed {c.shape}; both need (n_levels,), at least 2"
-        )
-    if not np.all(np.isfinite([z, c])):
-        raise AcousticsError("profile: values are not finite; leave those levels out")
-    if np.any(np.diff(z) <= 0.0):
-        raise AcousticsError(
-            f"profile: depth must increase; it does not after {z[:-1][np.diff(z) <= 0][0]:g} m"
-        )
-    return z, c
+    z = checked_array(AcousticsError, "profile: depth", depth, (None,), rising=True)
+    if z.size < 2:
+        raise AcousticsError("profile: one level; at least 2 are needed")
+    return z, checked_array(AcousticsError, "profile: sound_speed", sound_speed, z.shape)
 
 
 def _interpolated(levels: Array, values: Array, at: Array, interpolation: Interpolation) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.checks import check_fields, check_number
 
 Array = NDArray[np.float64]
 _LEVELS = ("source_level_db", "processing_gain_db", "threshold_db", "spread_db")
@@ -52,18 +53,14 @@ class WenzNoise:
     shipping: float = 0.5
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.wind_speed) and self.wind_speed >= 0.0):
-            raise AcousticsError(
-                f"WenzNoise: wind_speed is {self.wind_speed:g} m/s; must be finite and not negative"
-            )
+        check_fields(AcousticsError, self, "m/s", "wind_speed")
         if not 0.0 <= self.shipping <= 1.0:
             raise AcousticsError(f"WenzNoise: shipping is {self.shipping:g}; must lie in 0 to 1")
 
     def components_db(self, frequency_hz: ArrayLike) -> Array:
         """Spectral level (4, ...) of turbulence, shipping, wind and thermal agitation. [dB re 1 µPa²/Hz]"""
         f = np.asarray(frequency_hz, dtype=float) / 1000.0
-        if np.any(~(f > 0.0)):
-            raise AcousticsError(f"frequency_hz: {np.min(f) * 1000.0:g}; must be positive")
+        check_number(AcousticsError, "frequency_hz", 1000.0 * float(f.min()), "Hz", positive=True)
         lg = np.log10(f)
         return np.stack(
             [
@@ -144,8 +141,7 @@ class Sonar:
         for name, value in values.items():
             if not math.isfinite(value):
                 raise AcousticsError(f"Sonar: {name} is {value}; must be finite")
-        if self.spread_db < 0.0:
-            raise AcousticsError(f"Sonar: spread_db is {self.spread_db:g}; must not be negative")
+        check_fields(AcousticsError, self, "dB", "spread_db")
 
     @property
     def noise_level_db(self) -> float:

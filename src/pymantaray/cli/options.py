@@ -2,7 +2,6 @@
 
 import functools
 import inspect
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import typer
 from typer.core import TyperCommand
 
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.checks import check_number
 
 _OCEAN = "--ocean"
 Pair = tuple[float, float]
@@ -166,8 +166,7 @@ class SearchOptions:
     ] = 1e-3
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.tolerance < math.inf:
-            raise AcousticsError(f"--tolerance {self.tolerance:g}: a positive length in metres is needed")
+        check_number(AcousticsError, "--tolerance", self.tolerance, "m", positive=True)
         try:
             cutoff = self.spreading_cutoff_db
         except ValueError:

@@ -6,34 +6,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pymantaray.errors import FleetError
 from pymantaray.fleet.kernel import LEFT_DOMAIN, Water, floor_depth, place
+from pymantaray.geometry.checks import check_fields, checked_array
 
 Array = NDArray[np.float64]
-
-
-def _check(behaviour: object, unit: str, *names: str, positive: bool = False) -> None:
-    for name in names:
-        value = getattr(behaviour, name)
-        if not math.isfinite(value) or value < 0.0 or (positive and value == 0.0):
-            allowed = "positive" if positive else "zero or positive"
-            raise FleetError(
-                f"{type(behaviour).__name__}: {name} is {value:g} {unit}; it must be finite and {allowed}"
-            )
-
-
-def _frozen_array(owner: str, name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:
-    array = np.array(value, dtype=float)
-    fits = array.ndim == len(shape) and all(
-        want in (None, got) for want, got in zip(shape, array.shape, strict=True)
-    )
-    if not fits or array.size == 0 or not np.isfinite(array).all():
-        needed = tuple("n" if size is None else size for size in shape)
-        raise FleetError(f"{owner}: {name} has shape {array.shape}; it needs shape {needed}, all finite")
-    array.setflags(write=False)
-    return array
 
 
 @dataclass(frozen=True)
@@ -81,11 +60,11 @@ class FloatCycle:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        _check(self, "s", "start_delay", "hold_depth_time", "hold_surface_time")
-        _check(self, "m", "target_depth", "surface_depth")
-        _check(self, "m/s", "vertical_speed", positive=True)
-        _check(self, "1/s", "depth_gain", positive=True)
-        _check(self, "m", "arrival_tolerance", positive=True)
+        check_fields(FleetError, self, "s", "start_delay", "hold_depth_time", "hold_surface_time")
+        check_fields(FleetError, self, "m", "target_depth", "surface_depth")
+        check_fields(FleetError, self, "m/s", "vertical_speed", positive=True)
+        check_fields(FleetError, self, "1/s", "depth_gain", positive=True)
+        check_fields(FleetError, self, "m", "arrival_tolerance", positive=True)
         if self.target_depth <= self.surface_depth:
             raise FleetError(
                 f"FloatCycle: target_depth is {self.target_depth:g} m; it must lie below surface_depth"
@@ -115,7 +94,7 @@ class StationKeeping:
 
     def __post_init__(self) -> None:
         """Check the depth."""
-        _check(self, "m", "depth")
+        check_fields(FleetError, self, "m", "depth")
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +119,7 @@ class ConstantTwist:
 
     def __post_init__(self) -> None:
         """Check and freeze the twist."""
-        object.__setattr__(self, "twist", _frozen_array("ConstantTwist", "twist", self.twist, (6,)))
+        object.__setattr__(self, "twist", checked_array(FleetError, "ConstantTwist: twist", self.twist, (6,)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,10 +160,11 @@ class Waypoints:
 
     def __post_init__(self) -> None:
         """Check every value and freeze the points."""
-        object.__setattr__(self, "points", _frozen_array("Waypoints", "points", self.points, (None, 3)))
-        _check(self, "m/s", "speed", positive=True)
-        _check(self, "rad/s", "turn_rate", positive=True)
-        _check(self, "m", "capture_radius", positive=True)
+        points = checked_array(FleetError, "Waypoints: points", self.points, (None, 3))
+        object.__setattr__(self, "points", points)
+        check_fields(FleetError, self, "m/s", "speed", positive=True)
+        check_fields(FleetError, self, "rad/s", "turn_rate", positive=True)
+        check_fields(FleetError, self, "m", "capture_radius", positive=True)
         shallowest = float(self.points[:, 2].min())
         if shallowest < 0.0:
             raise FleetError(
@@ -233,7 +213,8 @@ class Vehicle:
         if not self.name:
             raise FleetError("Vehicle: the name is empty; every vehicle needs its own name")
         owner = f"vehicle {self.name!r}"
-        object.__setattr__(self, "position", _frozen_array(owner, "position", self.position, (3,)))
+        position = checked_array(FleetError, f"{owner}: position", self.position, (3,))
+        object.__setattr__(self, "position", position)
         depth = float(self.position[2])
         if depth < 0.0:
             raise FleetError(

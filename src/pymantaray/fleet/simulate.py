@@ -19,6 +19,7 @@ from pymantaray.fleet.behaviours import (
     check_step,
     unique_names,
 )
+from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.records import Trajectories
 
 Array = NDArray[np.float64]
@@ -110,8 +111,7 @@ def _counts(duration: float, physics_step: float, sampling_period: float) -> tup
     """Steps in a sampling period and sampling periods in the mission, exactly."""
     named = {"duration": duration, "physics_step": physics_step, "sampling_period": sampling_period}
     for name, value in named.items():
-        if not math.isfinite(value) or value <= 0.0:
-            raise FleetError(f"simulate: {name} is {value:g} s; it must be finite and positive")
+        check_number(FleetError, f"simulate: {name}", value, "s", positive=True)
     counts = []
     for name, unit_name in (("sampling_period", "physics_step"), ("duration", "sampling_period")):
         value, unit = named[name], named[unit_name]
@@ -212,12 +212,10 @@ def _per_metre(axis: Array) -> float:
 
 
 def _axis(ocean: xr.Dataset, name: str, *, uniform: bool) -> Array:
-    axis = np.asarray(ocean[name].values, dtype=float)
+    axis = checked_array(FleetError, f"ocean: axis {name!r}", ocean[name].values, (None,), rising=True)
+    if axis.size < 2:
+        raise FleetError(f"ocean: axis {name!r} has 1 value; it needs at least 2")
     steps = np.diff(axis)
-    if axis.size < 2 or not np.isfinite(axis).all() or (steps <= 0.0).any():
-        raise FleetError(
-            f"ocean: axis {name!r} has {axis.size} values; it needs at least 2, finite and increasing"
-        )
     if uniform and np.ptp(steps) > 1e-6 * steps.mean():
         raise FleetError(
             f"ocean: axis {name!r} has steps from {steps.min():g} to {steps.max():g} m; they must be equal:"
@@ -230,10 +228,9 @@ def _variable(ocean: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
     if set(ocean[name].dims) != set(dims):
         raise FleetError(f"ocean: {name} has dimensions {ocean[name].dims}; it needs {dims}")
     values = np.ascontiguousarray(ocean[name].transpose(*dims).values, dtype=float)
-    if not np.isfinite(values).all():
+    if missing := np.count_nonzero(~np.isfinite(values)):
         raise FleetError(
-            f"ocean: {name} has {np.count_nonzero(~np.isfinite(values))} missing values; none are allowed:"
-            " fill it with pymantaray.ocean.to_local"
+            f"ocean: {name} has {missing} missing values; none are allowed: fill it with pymantaray.ocean.to_local"
         )
     return values
 

@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import OceanError, RecordError
+from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
 from pymantaray.ocean.schema import VARIABLES, layer_edges
 from pymantaray.ocean.seawater import Equation, sound_speed
@@ -104,18 +105,14 @@ class Cast:
         """Convert, check and freeze the arrays."""
         object.__setattr__(self, "name", " ".join(self.name.split()))  # goes into lines of text
         for field in ("depth", "temperature", "salinity"):
-            array = np.array(getattr(self, field), dtype=float)
-            if array.shape != (np.size(self.depth),) or array.size < 2:
-                raise OceanError(
-                    f"cast {self.name}: {field} has shape {array.shape}; needs {(np.size(self.depth),)}, at least 2"
-                )
-            if not np.all(np.isfinite(array)):
-                raise OceanError(f"cast {self.name}: {field} is not finite; leave those levels out")
-            array.setflags(write=False)
+            where = f"cast {self.name}: {field}"
+            array = checked_array(OceanError, where, getattr(self, field), (np.size(self.depth),))
             object.__setattr__(self, field, array)
         object.__setattr__(self, "time", self.time.astype("datetime64[ns]"))
-        if self.depth[0] < 0.0 or np.any(np.diff(self.depth) <= 0.0):
-            raise OceanError(f"cast {self.name}: depth must increase from 0 m or below, positive down")
+        if self.depth.size < 2 or self.depth[0] < 0.0 or np.any(np.diff(self.depth) <= 0.0):
+            raise OceanError(
+                f"cast {self.name}: depth must increase from 0 m or below, positive down, over at least 2 levels"
+            )
         for field, name in (("temperature", "water_temp"), ("salinity", "salinity")):
             low, high = _SPAN[name]
             values = getattr(self, field)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
+from pymantaray.geometry.checks import checked_array
 from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
@@ -38,18 +39,12 @@ class Landmark:
         """Check and freeze the position."""
         if not self.name:
             raise SensingError("Landmark: the name is empty; every landmark needs its own name")
-        position = np.array(self.position, dtype=float)
-        if position.shape != (3,) or not np.isfinite(position).all():
-            raise SensingError(
-                f"landmark {self.name!r}: position is {position.tolist()}; it needs three finite numbers,"
-                " north, east and down [m]"
-            )
+        position = checked_array(SensingError, f"landmark {self.name!r}: position", self.position, (3,))
         if position[2] < 0.0:
             raise SensingError(
                 f"landmark {self.name!r}: depth is {position[2]:g} m; depth is positive down, 0 at the"
                 " surface: place it in the water"
             )
-        position.setflags(write=False)
         object.__setattr__(self, "position", position)
 
 

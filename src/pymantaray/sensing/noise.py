@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass
 
+from pymantaray.errors import SensingError
+from pymantaray.geometry.checks import check_fields
 from pymantaray.sensing import attitude, depth, first_pose, gnss, landmarks, odometry
-from pymantaray.sensing.sensor import Sensor, level, refuse_negative
+from pymantaray.sensing.sensor import Sensor, level
 
 SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose, attitude)
 """All but the ranges, which `pymantaray.sensing.ranging` measures."""
@@ -44,5 +46,5 @@ class NoiseModel(
 
     def __post_init__(self) -> None:
         """Check every value."""
-        refuse_negative(self)
+        check_fields(SensingError, self, "", *vars(self))
         super().__post_init__()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
+from pymantaray.geometry.checks import check_fields
 from pymantaray.records import Measurements
 
 Array = NDArray[np.float64]
@@ -44,10 +45,7 @@ class PingSchedule:
 
     def __post_init__(self) -> None:
         """Check the interval."""
-        if not math.isfinite(self.interval) or self.interval <= 0.0:
-            raise SensingError(
-                f"PingSchedule: interval is {self.interval:g} s; it must be finite and positive"
-            )
+        check_fields(SensingError, self, "s", "interval", positive=True)
 
     def samples(self, time: NDArray[np.float64]) -> Indices:
         """Sample index of each epoch, for increasing sample times from 0. [s]"""

@@ -1,13 +1,11 @@
 """What the module of a sensor has: levels of its noise, what it measures of the truth, and how chance perturbs that."""
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import field, fields
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from numpy.typing import NDArray
 
-from pymantaray.errors import SensingError
 from pymantaray.records import Measurements, Trajectories
 
 if TYPE_CHECKING:
@@ -36,16 +34,6 @@ class Sensor(Protocol):
 
     def perturb(self, measurements: Measurements, normal: Normal, /) -> Columns:
         """Those of its columns that noise changes."""
-
-
-def refuse_negative(model: Any) -> None:
-    """Check that every field of a dataclass is finite and zero or positive."""
-    for f in fields(model):
-        value = getattr(model, f.name)
-        if not math.isfinite(value) or value < 0.0:
-            raise SensingError(
-                f"{type(model).__name__}: {f.name} is {value:g}; it must be finite and zero or positive"
-            )
 
 
 def level(default: float, *, may_be_zero: bool = False) -> Any:

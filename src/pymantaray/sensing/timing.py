@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
+from pymantaray.geometry.checks import check_fields, checked_array
 from pymantaray.records import Measurements, RangingTruth, Trajectories
-from pymantaray.sensing.sensor import refuse_negative
 
 Array = NDArray[np.float64]
 _NOMINAL_SPEED = 1500.0  # m/s; where an end lies outside the water and c is unknown
@@ -45,7 +45,7 @@ class TwoWay:
 
     def __post_init__(self) -> None:
         """Check the turn-around time."""
-        refuse_negative(self)
+        check_fields(SensingError, self, "", *vars(self))
 
 
 Timing = OneWay | TwoWay
@@ -129,15 +129,10 @@ class Clocks:
     def __post_init__(self) -> None:
         """Check and freeze both arrays."""
         for name in ("offset", "skew"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        if self.offset.ndim != 1 or self.offset.shape != self.skew.shape:
-            raise SensingError(
-                f"Clocks: offset has shape {self.offset.shape}, skew {self.skew.shape}; both must be (n_agents,)"
+            array = checked_array(
+                SensingError, f"Clocks: {name}", getattr(self, name), (np.size(self.offset),)
             )
-        if not (np.isfinite(self.offset).all() and np.isfinite(self.skew).all()):
-            raise SensingError("Clocks: an offset or skew is not finite; 0 is a perfect clock")
+            object.__setattr__(self, name, array)
 
     def of(self, participant: NDArray[np.int64]) -> tuple[Array, Array]:
         """Offset at the start [s] and skew [-] of participants' clocks; one beyond the vehicles is a landmark, with 0."""
@@ -168,7 +163,7 @@ class ClockModel:
 
     def __post_init__(self) -> None:
         """Check both values."""
-        refuse_negative(self)
+        check_fields(SensingError, self, "", *vars(self))
 
     def draw(self, names: Sequence[str], *, root_seed: int, realization: int) -> Clocks:
         """Draw one realization's clocks, each from its vehicle's own stream."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.checks import check_fields
 
 
 class ServerError(OceanError):
@@ -44,11 +45,9 @@ class Limits:
 
     def __post_init__(self) -> None:
         """Refuse limits that could not be kept."""
-        for name in ("connect_s", "idle_s", "request_s", "total_s"):
-            if not getattr(self, name) > 0.0:
-                raise OceanError(f"fetch: {name} is {getattr(self, name)}; must be positive")
-        if self.attempts < 1 or not self.backoff_s >= 0.0 or not self.longest_backoff_s >= 0.0:
-            raise OceanError("fetch: attempts must be at least 1 and backoff_s at least 0")
+        waits = ("connect_s", "idle_s", "request_s", "total_s", "attempts")
+        check_fields(OceanError, self, "", *waits, positive=True)
+        check_fields(OceanError, self, "", "backoff_s", "longest_backoff_s")
 
 
 def one_line(text: object, longest: int = 160) -> str:
