@@ -190,8 +190,6 @@ def test_oceans_are_made_by_commands_as_by_functions(make, says):
 @pytest.mark.parametrize(("words", "says"), [
     ("from-cast cast.csv new.nc", "above the bottom at 450 m"),
     ("from-cast cast.csv ocean.nc", "exists already; give another name or --force"),
-    ("from-cast cast.csv new.txt", "must end in .nc"),
-    ("from-cast cast.csv no/new.nc", "there is no folder no; make it first"),
     ("from-cast none.csv new.nc --bottom 300", "cannot be read: No such file"),
     ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv", "--below and --below-cast exclude each other"),
     ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),

@@ -3,7 +3,6 @@
 import json
 import os
 import pickle
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -199,12 +198,3 @@ def test_addresses_are_not_files_and_their_passwords_are_not_told(message_of):
         (finding,) = check_ocean(address)
         assert "an address" in finding.value
         assert "secret" not in finding.value
-
-
-def test_the_paper_s_region_opens_fast(tmp_path, beaufort_sea):
-    encoding = dict.fromkeys(beaufort_sea.data_vars, PACKING | {"zlib": True, "complevel": 1})
-    beaufort_sea.to_netcdf(tmp_path / "sea.nc", engine="netcdf4", encoding=encoding)
-    begin = time.perf_counter()
-    opened = open_ocean(tmp_path / "sea.nc")
-    assert time.perf_counter() - begin < 2.0
-    assert opened.sizes == {"depth": 40, "lat": 76, "lon": 251}

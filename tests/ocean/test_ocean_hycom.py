@@ -1,7 +1,6 @@
 """HYCOM's files as they come: packed or not, apart or together, whole or broken."""
 
 import resource
-import time
 
 import gsw
 import netCDF4
@@ -228,11 +227,8 @@ def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path):
             file[name][:] = values
     assert path.stat().st_size > 6e9
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    begin = time.perf_counter()
     ocean = open_ocean(path, window=(70.0, 71.0, -150.0, -148.0))
-    seconds = time.perf_counter() - begin
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
     assert ocean.sizes["lon"] == 26
     assert (ocean["water_temp"] == 20.0).all()  # zero bytes are the offset
-    assert seconds < 2.0
     assert grown < 100e6

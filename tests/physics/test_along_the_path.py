@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from factories import ARCTIC_DEPTH, arctic, front_links, make_front
+from factories import ARCTIC_DEPTH, HIDDEN, arctic, front_links, make_front, ridged
 from oracles import field_of
 from scipy.interpolate import CubicHermiteSpline
 
@@ -49,15 +49,9 @@ def test_a_ray_that_turns_back_on_a_slope_has_the_path_of_its_reflections():
 
 def test_no_steep_ray_steps_over_a_ridge():
     """A ridge up to 150 m, 200 m wide: followed in depth, rays of a leg that is one step went through it."""
-    north, east = np.array([-5e3, 1.9e3, 2e3, 2.1e3, 8e3]), np.array([-5e3, 5e3])
-    bed = np.full((5, 2), 1000.0)
-    bed[2] = 150.0
-    medium = Medium.from_grid(
-        north, east, [0.0, 2e3], np.full((5, 2, 2), 1480.0), bathymetry=bed, interpolation="linear"
-    )
-    rng = np.random.default_rng(1)
+    medium, rng = ridged(150.0, speed=1480.0), np.random.default_rng(1)
     source = np.column_stack([rng.uniform(-1500.0, 1500.0, (300, 2)), rng.uniform(1.0, 400.0, 300)])
-    receiver = np.tile([4000.0, 0.0, 250.0], (300, 1))
+    receiver = np.tile(HIDDEN.position, (300, 1))
     arrivals = find_eigenrays(medium, source, receiver, 1, 1)
     paths = trace_paths(medium, source, receiver, arrivals)
     same = np.diff(paths.arrival) == 0

@@ -2,8 +2,10 @@
 
 import os
 import threading
+from pathlib import Path
 
 import pytest
+from refusals import refused
 
 from pymantaray.errors import RecordError
 from pymantaray.records.text_table import read_text_table
@@ -32,3 +34,29 @@ def test_a_pipe_is_read_as_a_file_is(tmp_path):
     writer.start()
     assert read_text_table(tmp_path / "pipe").numbers(["y", "x"]).tolist() == [[2.0, 1.0]]
     writer.join()
+
+
+REFUSED = {  # a file's content, its size or a name
+    "needs a header with names of columns, and rows": "depth\n",
+    "a.csv, line 3: 4 cells under a header of 3; is a separator missing": "x,y,z\n1,2,3\n1,2,3,4\n",
+    "2 lines make 1 rows; a quote is not closed|not a readable table": 'x,y\n"1,2\n3,4\n',
+    "a.csv: not a table of text": b"\x80\x04\x95\0pickle",
+    "more than 200,000,000 bytes; no table": 200_000_001,
+    "/dev/zero: not an ordinary file": Path("/dev/zero"),
+    "/: not an ordinary file": Path("/"),
+    "cannot be read: embedded null": Path("a\0b.csv"),
+    "none.csv: cannot be read: No such file": Path("none.csv"),
+    r"\.csv: cannot be read: No such file": Path(os.fsdecode(b"\xff.csv")),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_is_no_table_is_refused_before_its_numbers_are_asked_for(tmp_path, message):
+    case = REFUSED[message]
+    path = case if isinstance(case, Path) else tmp_path / "a.csv"
+    if isinstance(case, int):
+        with path.open("wb") as file:
+            file.truncate(case)
+    elif not isinstance(case, Path):
+        path.write_bytes(case if isinstance(case, bytes) else case.encode())
+    refused(RecordError, message, read_text_table, path)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from factories import trajectories
 
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
-from pymantaray.records import RangingTruth, Trajectories
+from pymantaray.records import RangingTruth
 from pymantaray.sensing import Landmark, NoiseModel, Ranging, assemble
 from pymantaray.sensing.schedule import attempts
 
@@ -20,14 +21,8 @@ def build_truth(names="ABC", n_time=13, seed=0):
         steps = rng.uniform(-20, 20, (n_time, 3)) * [1, 1, 0.3]
         position.append(start + np.cumsum(steps, axis=0))
         quaternion.append(quaternion_from_matrix(so3_exp(rng.uniform(-2, 2, (n_time, 3)))))
-    return Trajectories(
-        name=list(names),
-        role=["float"] * len(names),
-        time=200.0 * np.arange(n_time),
-        position=position,
-        quaternion=quaternion,
-        status=np.zeros((len(names), n_time)),
-    )
+    roles = ["float"] * len(names)
+    return trajectories(np.array(position), names=list(names), roles=roles, quaternion=np.array(quaternion))
 
 
 def build_ranging(truth, landmarks=LANDMARKS, epochs=(4, 8, 12)):

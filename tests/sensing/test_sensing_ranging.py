@@ -18,7 +18,7 @@ from pymantaray.acoustics import (
 )
 from pymantaray.records import RayStatus, VehicleStatus
 from pymantaray.records.base import Record
-from pymantaray.sensing import Detector, Landmark, Links, NoiseModel, OneWay, TwoWay, assemble
+from pymantaray.sensing import Detector, Landmark, NoiseModel, OneWay, TwoWay, assemble
 
 PINGS = np.array([800.0, 1600.0, 2400.0])  # s; samples 4, 8 and 12
 C0, GRADIENT, BOTTOM = 1450.0, 0.016, 3000.0
@@ -88,7 +88,7 @@ def test_every_attempt_by_closed_form(truth, landmarks, ranging):
     np.testing.assert_array_equal(true.refracted_range, true.sound_speed * true.travel_time)
 
 
-def test_links_are_the_unordered_pairs_row_by_row_those_of_the_arrivals(truth, landmarks, ranging, tmp_path):
+def test_links_are_the_unordered_pairs_row_by_row_those_of_the_arrivals(truth, landmarks, ranging):
     links, first = ranging.links, ranging.arrivals.first()
     assert links.sample.size == first.status.size == 3 * (6 + 4 * 2)
     assert (links.first < links.second).all()
@@ -97,8 +97,6 @@ def test_links_are_the_unordered_pairs_row_by_row_those_of_the_arrivals(truth, l
     depth = np.concatenate([truth.position, fixed])[..., 2]
     for end, speed in ((links.first, first.source_sound_speed), (links.second, first.receiver_sound_speed)):
         np.testing.assert_allclose(speed, C0 + GRADIENT * depth[end, links.sample], rtol=1e-12)
-    links.save(tmp_path / "links.nc")
-    assert_same(Links.load(tmp_path / "links.nc"), links)
 
 
 def test_a_stopped_vehicle_is_silent_and_the_others_are_not(truth, landmarks, ranging):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import xarray as xr
+from factories import trajectories
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, quadrature
 from pymantaray.estimation import AdjustableModel, RangeLinks
 from pymantaray.ocean import SoundSpeedCovariance
-from pymantaray.records import Trajectories
 from pymantaray.study.range_models import eigenray_model
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
@@ -215,16 +215,7 @@ def test_true_amplitudes_are_those_of_the_difference_where_the_fleet_is():
             coords={"north": NORTH, "east": EAST, "depth": DEPTH},
         )
 
-    n = 4
-    place = np.tile([[[-7e3, 0.0, 100.0]]], (2, n, 1))
-    fleet = Trajectories(
-        name=np.array(["A", "B"]),
-        role=np.array(["station", "station"]),
-        time=np.arange(n) * 60.0,
-        position=place,
-        quaternion=np.tile([1.0, 0, 0, 0], (2, n, 1)),
-        status=np.zeros((2, n), dtype=int),
-    )
+    fleet = trajectories(np.tile([[[-7e3, 0.0, 100.0]]], (2, 4, 1)))
     true, believed = local(np.array([1.5, -0.5])), local(np.array([0.5, 0.25]))
     found = true_amplitudes(adjustable(), true, believed, fleet)
     assert found == pytest.approx({"mode 1": 1.0, "mode 2": -0.75}, abs=1e-9)
