@@ -1,4 +1,9 @@
-"""Errors that MantaRay raises on purpose: one base class, one subclass per folder."""
+"""
+Errors that MantaRay raises on purpose: one base class, one subclass per folder.
+
+What a function cannot take it refuses by its folder's error, in one line with the value and what is allowed. Docstrings
+list refusals only where they do not follow from what is said of the arguments.
+"""
 
 
 class MantaRayError(Exception):

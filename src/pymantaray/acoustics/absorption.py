@@ -67,12 +67,6 @@ class Absorption:
         pH : float
             On the NBS scale. [-]
         formula : {"francois-garrison", "ainslie-mccolm"}
-
-        Raises
-        ------
-        AcousticsError
-            If the shapes differ, a value is not finite, a salinity negative, the levels do not increase or the
-            formula is unknown.
         """
         z = checked_array(AcousticsError, "depth", np.atleast_1d(depth), (None,), rising=True)
         T = checked_array(AcousticsError, "temperature", np.atleast_1d(temperature), z.shape)
@@ -102,11 +96,6 @@ class Absorption:
             [degrees]
         pH, formula
             As in `from_profile`.
-
-        Raises
-        ------
-        AcousticsError
-            If the data set lacks temperature or salinity, or the formula is unknown.
         """
         from pymantaray.geometry import LocalFrame
         from pymantaray.ocean.sea_floor import fill_below_sea_bed

@@ -26,11 +26,6 @@ def direct_travel_time_linear_gradient(
     ndarray, shape (...)
         Travel time. [s]
 
-    Raises
-    ------
-    AcousticsError
-        If the sound speed is not positive at an end point.
-
     Notes
     -----
     In a medium with :math:`c = c_0 + g z` the metric :math:`ds / c` is that of the hyperbolic half-space,

@@ -31,11 +31,6 @@ class Currents:
         Axes, strictly increasing; an axis of one point means no variation along it. [m]
     velocity : ndarray, shape (n_north, n_east, n_depth, 2)
         Components to the north and to the east. [m s⁻¹]
-
-    Raises
-    ------
-    AcousticsError
-        If an axis does not increase, the shape does not fit, or a value is not finite or above 10 m/s.
     """
 
     north: Array

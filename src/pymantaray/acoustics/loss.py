@@ -61,11 +61,6 @@ class FluidBottom:
         [kg/m3]
     attenuation_db_per_wavelength : float
         Of compressional waves in the sediment.
-
-    Raises
-    ------
-    AcousticsError
-        If speed or density is not positive, or the attenuation negative.
     """
 
     sound_speed: float
@@ -100,11 +95,6 @@ class SeaSurface:
         At 10 m. [m/s]
     model : {"bubbles", "coherent"}
         What is lost: the energy that bubbles absorb, or all that is not reflected specularly and in phase.
-
-    Raises
-    ------
-    AcousticsError
-        If the wind is negative or not finite, or the model unknown.
     """
 
     wind_speed: float
@@ -134,11 +124,6 @@ class IceCover:
     db_per_bounce : float
         Measured were some 20 dB at steep angles, falling beyond 30 degrees from the vertical [1]_, and 15 dB now and then at
         grazing angles up to 30 degrees under undulating ice [2]_. [dB]
-
-    Raises
-    ------
-    AcousticsError
-        If the loss is negative or not finite.
 
     References
     ----------

@@ -174,28 +174,10 @@ class Medium:
         ice_draft: float = 0.0,
     ) -> Self:
         """
-        Horizontally uniform and unbounded medium from one profile.
+        Horizontally uniform and unbounded medium from one profile, over a flat sea bed.
 
-        Parameters
-        ----------
-        depth, sound_speed : array_like, shape (n_depth,)
-            Levels, strictly increasing, and the sound speed there; that of a first level below the surface holds up
-            to it. [m, m s⁻¹]
-        bottom_depth : float
-            Depth of the flat sea bed. [m]
-        interpolation : {"smooth", "linear"}
-            What lies between the levels.
-        ice_draft : float
-            Depth of the underside of an ice cover, which takes the place of the surface. [m]
-
-        Returns
-        -------
-        Medium
-
-        Raises
-        ------
-        AcousticsError
-            As `from_grid`.
+        Levels (n_depth,) [m] increase strictly; the sound speed [m s⁻¹] of a first level below the surface holds up to it.
+        Bottom and draft of ice, which takes the place of the surface, are depths [m]; otherwise as `from_grid`.
         """
         c = np.asarray(sound_speed, dtype=float)
         if c.ndim != 1:
@@ -213,24 +195,9 @@ class Medium:
     @classmethod
     def from_dataset(cls, ocean: "xr.Dataset", *, interpolation: Interpolation = "smooth") -> Self:
         """
-        Medium of an ocean data set, geographic as `open_ocean` returns it or already local.
+        Medium of an ocean data set, local or geographic as `open_ocean` returns it.
 
-        Parameters
-        ----------
-        ocean : xarray.Dataset
-            With dimensions (north, east, depth), or (depth, lat, lon), which is then regridded about the
-            middle of its window. Ice as `pymantaray.ocean.with_ice` puts it there is taken.
-        interpolation : {"smooth", "linear"}
-            What lies between the grid points.
-
-        Returns
-        -------
-        Medium
-
-        Raises
-        ------
-        AcousticsError
-            As `from_grid`, or if the data set is of neither kind.
+        A geographic one is regridded about the middle of its window. Ice as `pymantaray.ocean.with_ice` puts it there is taken.
         """
         if "lat" in ocean.dims:
             from pymantaray.ocean import to_local
@@ -252,19 +219,7 @@ class Medium:
         )
 
     def bottom_depth(self, position: ArrayLike) -> Array:
-        """
-        Depth of the sea bed under positions.
-
-        Parameters
-        ----------
-        position : array_like, shape (n, 2) or (n, 3)
-            North, east; a third coordinate is ignored. [m]
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Bilinear between the grid points, at the edge's depth outside. [m]
-        """
+        """Depth of the sea bed under positions (n, 2) or (n, 3) [m], bilinear between its grid points, the edge's outside. [m]"""
         return _sheet_depth((self.bathymetry, self.bed_north, self.bed_east), position)
 
     def surface_depth(self, position: ArrayLike) -> Array:

@@ -138,12 +138,6 @@ def trace_fan(
     -------
     RayPaths
         ``arrival`` is the number of the ray. Horizontal refraction takes rays out of the plane.
-
-    Raises
-    ------
-    AcousticsError
-        If the source or the end of the plane is outside the medium, an angle is too steep, or the distance is not
-        positive.
     """
     from pymantaray.acoustics._kernels.paths import trace_launches
 
@@ -212,21 +206,10 @@ class Quadrature(NamedTuple):
 
 def quadrature(paths: RayPaths) -> Quadrature:
     """
-    Gauss-Legendre points on every segment of paths.
+    Gauss-Legendre points on every segment of paths, four a segment; between nodes a path is a cubic Hermite polynomial in time.
 
-    Parameters
-    ----------
-    paths : RayPaths
-
-    Returns
-    -------
-    Quadrature
-        ``arrival`` (n,), ``position`` (n, 3) [m], ``slowness`` (n, 3), along the ray [s m⁻¹], and ``weight`` (n,), the arc
-        length that each point stands for [m].
-
-    Notes
-    -----
-    Between nodes a path is a cubic Hermite polynomial in travel time; four points a segment.
+    ``position`` (n, 3) [m], ``slowness`` (n, 3), along the ray [s m⁻¹], and ``weight`` (n,), the arc length that each point
+    stands for [m].
     """
     first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
     a, b = first, first + 1
@@ -274,23 +257,9 @@ def resample(paths: RayPaths, n_points: int) -> Array:
 
 def path_integrals(paths: RayPaths, integrand: Callable[[Array], Array]) -> Array:
     """
-    Integral over arc length of functions of place, along every ray.
+    Integral over arc length (n_rays, k) of functions of place, along every ray; its unit is the integrand's times m.
 
-    Parameters
-    ----------
-    paths : RayPaths
-    integrand : callable
-        Takes positions (n, 3) [m], gives values (n,) or (n, k).
-
-    Returns
-    -------
-    ndarray, shape (n_rays, k)
-        [unit of the integrand times m]
-
-    Raises
-    ------
-    AcousticsError
-        If the integrand gives another number of values than it got positions.
+    The integrand takes positions (n, 3) [m] and gives values (n,) or (n, k).
     """
     points = quadrature(paths)
     return _gather(paths, points, _values(integrand, points.position) * points.weight[:, None])
@@ -300,24 +269,9 @@ def travel_time_sensitivity(paths: RayPaths, basis: Callable[[Array], Array]) ->
     r"""
     Change of travel time by a small change of the sound speed, to first order.
 
-    Parameters
-    ----------
-    paths : RayPaths
-    basis : callable
-        Shapes of the change of sound speed: takes positions (n, 3) [m], gives values (n,) or (n, k).
+    The basis, shapes of the change, takes positions (n, 3) [m] and gives values (n,) or (n, k). The result (n_rays, k) is
+    the derivative of the travel time by the amplitude of each shape. [s per unit of amplitude in m s⁻¹]
 
-    Returns
-    -------
-    ndarray, shape (n_rays, k)
-        Derivative of the travel time by the amplitude of each shape. [s per unit of amplitude in m s⁻¹]
-
-    Raises
-    ------
-    AcousticsError
-        As `path_integrals`.
-
-    Notes
-    -----
     For :math:`c + \epsilon \phi`, :math:`\partial t / \partial \epsilon = -\int \phi / c^2 \, ds` along the
     unperturbed ray: by Fermat's principle the ray's displacement has no first-order effect.
     """
@@ -364,11 +318,6 @@ def ray_picture(
         Section ``sound_speed (range, depth)``, ``sea_floor_depth`` and ``sea_ice_draft (range)``; rays ``ray_range``,
         ``ray_depth (ray, point)`` and ``ray_arrives (ray)``; the chord
         ``chord_range``, ``chord_depth (end)``. All lengths in metres.
-
-    Raises
-    ------
-    AcousticsError
-        If the positions coincide or a position is not finite.
     """
     import xarray as xr
 

@@ -132,11 +132,6 @@ def thin_profile(
     ReducedProfile
         Its levels are the surface and levels of the cast, the last among them.
 
-    Raises
-    ------
-    AcousticsError
-        If the levels do not increase, a value is not finite or the tolerance is not positive.
-
     Notes
     -----
     ``linear`` keeps the fewest levels that the tolerance allows: the shortest chain of chords, each within

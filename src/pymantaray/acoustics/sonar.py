@@ -31,11 +31,6 @@ class WenzNoise:
     shipping : float
         Activity, 0 (none near) to 1 (heavy). [-]
 
-    Raises
-    ------
-    AcousticsError
-        If the wind is negative or not finite, or the activity outside 0 to 1.
-
     Notes
     -----
     Levels in dB re 1 µPa²/Hz, f in kHz, s the shipping and w the wind: :math:`17 - 30 \lg f`;
@@ -105,11 +100,6 @@ class Sonar:
     spread_db : float
         Standard deviation of the level about the predicted one (fading, aspect, what the model lacks). With
         0 a ping is heard or not.
-
-    Raises
-    ------
-    AcousticsError
-        If a value is not finite, the band is impossible or the spread negative.
 
     Notes
     -----
@@ -182,32 +172,9 @@ def link_loss_db(
     loss_db: ArrayLike, link: ArrayLike, n_links: int, *, combine: Literal["strongest", "sum"] = "strongest"
 ) -> Array:
     r"""
-    One transmission loss for each link.
+    One transmission loss (n_links,) for each link, from those of its arrivals (n_arrivals,), infinite where nothing arrives. [dB]
 
-    Parameters
-    ----------
-    loss_db : array_like, shape (n_arrivals,)
-        Of each arrival. [dB]
-    link : array_like of int, shape (n_arrivals,)
-        Link of each arrival.
-    n_links : int
-        Number of links.
-    combine : {"strongest", "sum"}
-        The strongest arrival alone, or the powers of all arrivals added.
-
-    Returns
-    -------
-    ndarray, shape (n_links,)
-        Infinite where nothing arrives; NaN where a loss is NaN. [dB]
-
-    Raises
-    ------
-    AcousticsError
-        If the shapes differ, a link is outside 0 to n_links - 1 or the combination is unknown.
-
-    Notes
-    -----
-    The strongest by default: a ranging modem's band of kilohertz tells arrivals apart that are a millisecond
+    The strongest arrival by default: a ranging modem's band of kilohertz tells arrivals apart that are a millisecond
     apart, so each has to be heard on its own. Where they overlap, "sum" is the mean power over their phases,
     :math:`-10 \lg \sum 10^{-TL/10}`.
     """

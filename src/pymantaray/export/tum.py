@@ -27,11 +27,6 @@ def write_tum(path: Path | str, time: ArrayLike, position: ArrayLike, quaternion
         North, east, down in the local frame. [m]
     quaternion : array_like, shape (n_times, 4)
         Rotation body to world, (w, x, y, z).
-
-    Raises
-    ------
-    MantaRayError
-        If the shapes disagree or a value is not finite.
     """
     path = Path(path)
     t, p, q = (np.asarray(a, dtype=float) for a in (time, position, quaternion))
@@ -64,11 +59,6 @@ def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -
     -------
     list of pathlib.Path
         Files made or replaced.
-
-    Raises
-    ------
-    MantaRayError
-        If a pose is not finite.
     """
     files = graph_tum_files(path, graph)
     for agent, file in enumerate(files):

@@ -40,11 +40,6 @@ class FloatCycle:
     arrival_tolerance : float
         Distance from the depth aimed at at which a hold begins: the controller's approach is
         exponential and never ends. [m]
-
-    Raises
-    ------
-    FleetError
-        If a value is not finite, negative, or the target is not below the surface depth.
     """
 
     role: ClassVar[str] = "float"
@@ -74,19 +69,7 @@ class FloatCycle:
 
 @dataclass(frozen=True)
 class StationKeeping:
-    """
-    Stay at the start position, whatever the current.
-
-    Parameters
-    ----------
-    depth : float
-        Depth that is kept; the vehicle's start position must have it. [m]
-
-    Raises
-    ------
-    FleetError
-        If the depth is negative or not finite.
-    """
+    """Stay at the start position, whatever the current; the depth that is kept [m] is the vehicle's at the start."""
 
     role: ClassVar[str] = "station"
 
@@ -99,19 +82,7 @@ class StationKeeping:
 
 @dataclass(frozen=True, eq=False)
 class ConstantTwist:
-    """
-    Move with one body twist for ever: a helix. The current does not act.
-
-    Parameters
-    ----------
-    twist : array_like, shape (6,)
-        ``[omega, v]`` in the body frame. [rad s⁻¹, m s⁻¹]
-
-    Raises
-    ------
-    FleetError
-        If the twist has another shape or is not finite.
-    """
+    """Move with one body twist ``[omega, v]`` [rad s⁻¹, m s⁻¹] for ever: a helix. The current does not act."""
 
     role: ClassVar[str] = "twist"
 
@@ -142,12 +113,6 @@ class Waypoints:
         Distance at which a point counts as reached. [m]
     loop : bool
         After the last point go on to the first; otherwise stop there.
-
-    Raises
-    ------
-    FleetError
-        If a value is not finite or positive, a point lies above the surface, or the capture radius is
-        smaller than the turning radius ``speed / turn_rate``.
     """
 
     role: ClassVar[str] = "waypoints"
@@ -195,12 +160,6 @@ class Vehicle:
     behaviour : FloatCycle, StationKeeping, ConstantTwist or Waypoints
     heading : float
         Bearing of body x at the start, clockwise from grid north; pitch and roll are zero. [rad]
-
-    Raises
-    ------
-    FleetError
-        If the name is empty, the position is not three finite numbers or above the surface, or a
-        station keeper's start is not at its depth.
     """
 
     name: str

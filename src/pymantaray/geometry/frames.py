@@ -27,11 +27,6 @@ class LocalFrame:
     latitude_deg, longitude_deg : float
         Centre of the frame, where the scale is 1 and grid north is true north. [degrees]
 
-    Raises
-    ------
-    GeometryError
-        If the latitude is outside -90 to 90 or a value is not finite.
-
     Examples
     --------
     >>> frame = LocalFrame(78.0, 0.0)

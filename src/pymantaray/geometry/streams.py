@@ -28,11 +28,6 @@ def stream(root_seed: int, realization: int, *names: str) -> np.random.Generator
     numpy.random.Generator
         PCG64 generator; the same arguments always give the same draws.
 
-    Raises
-    ------
-    GeometryError
-        If the seed or the realization is negative.
-
     Examples
     --------
     >>> a = stream(1, 0, "sensing", "A", "depth").standard_normal()

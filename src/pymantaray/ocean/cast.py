@@ -82,12 +82,6 @@ class Cast:
         Rows of the file that were not used.
     notes : tuple of str
         What was dropped and converted.
-
-    Raises
-    ------
-    OceanError
-        If there are fewer than two levels, they do not increase, a value is not finite or physically
-        impossible, or the place is none on Earth.
     """
 
     name: str

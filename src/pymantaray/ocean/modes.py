@@ -22,19 +22,8 @@ class SoundSpeedCovariance:
     """
     Covariance C(z, z') exp(-d²/2L²) of a sound-speed error between two places.
 
-    Attributes
-    ----------
-    depth : ndarray, shape (n_levels,)
-        [m]
-    matrix : ndarray, shape (n_levels, n_levels)
-        C at the levels; bilinear between them and constant beyond. [m²/s²]
-    horizontal_scale : float
-        L. [m]
-
-    Raises
-    ------
-    OceanError
-        If shapes do not fit, the matrix is not symmetric, or the scale is not positive.
+    C is a symmetric ``matrix`` (n_levels, n_levels) [m²/s²] at the levels ``depth`` [m], bilinear between them and constant
+    beyond; L is the ``horizontal_scale`` [m].
     """
 
     depth: Array

@@ -62,11 +62,6 @@ def perturb_ocean(
     xarray.Dataset
         A valid ocean on the same grid; its history says what was done.
 
-    Raises
-    ------
-    OceanError
-        If an argument is not positive, nothing varies, or the result is no valid ocean.
-
     Notes
     -----
     A member has sound speed c + s Σ a_k φ_k(z), the a_k being independent Gaussian fields of variance v_k, φ_k and v_k

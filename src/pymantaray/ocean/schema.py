@@ -103,11 +103,6 @@ def assemble_ocean(
     Returns
     -------
     xarray.Dataset
-
-    Raises
-    ------
-    OceanError
-        If the result does not satisfy `validate_ocean`.
     """
     ocean = xr.Dataset(
         {

@@ -109,11 +109,6 @@ def sound_speed(
     ndarray, shape (...)
         [m/s]
 
-    Raises
-    ------
-    OceanError
-        If the equation is unknown.
-
     Examples
     --------
     >>> print(f"{float(sound_speed(-1.2, 27.4, 10.0, 74.5, -140.0)):.1f}")

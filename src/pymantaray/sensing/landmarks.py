@@ -19,17 +19,7 @@ class Landmark:
     """
     A fixed point that receives the vehicles' pings.
 
-    Parameters
-    ----------
-    name : str
-        Unique among landmarks and vehicles.
-    position : array_like, shape (3,)
-        True place ``(north, east, down)`` in the local frame. [m]
-
-    Raises
-    ------
-    SensingError
-        If the name is empty, or the position is not three finite numbers in the water.
+    Its name is unique among landmarks and vehicles; its true place is ``(north, east, down)`` in the local frame. [m]
     """
 
     name: str

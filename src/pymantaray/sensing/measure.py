@@ -28,30 +28,11 @@ def assemble(
     gnss_depth: float | NDArray[np.float64] = 1.0,
 ) -> Measurements:
     """
-    Measurements of a mission whose ranges are already measured.
+    Measurements of a mission whose ranges are already measured, without noise.
 
-    Parameters
-    ----------
-    truth : Trajectories
-        Where the vehicles are.
-    landmarks : sequence of Landmark
-        The same as were ranged.
-    ranging : Ranging
-        What `measure_ranges` returned for the same truth.
-    noise : NoiseModel
-        Fills the standard deviations; nothing is perturbed.
-    gnss_depth : float or ndarray, shape (n_vehicles, n_samples)
-        A vehicle has a GNSS fix while it is shallower; 0 where there is none, as under ice. [m]
-
-    Returns
-    -------
-    Measurements
-        Without noise.
-
-    Raises
-    ------
-    SensingError
-        If a name is used twice or the GNSS depth is negative.
+    Ranging is what `measure_ranges` returned for the same truth and landmarks; the noise model fills the standard
+    deviations. A vehicle has a GNSS fix while it is shallower than ``gnss_depth``, one value or (n_vehicles, n_samples) [m]; 0
+    where there is none, as under ice.
     """
     check_names(truth.name.tolist(), landmarks)
     scene = Scene(truth, landmarks, gnss_depth)

@@ -39,11 +39,6 @@ class Picker:
         Without a sonar, for ``first-detected``: an arrival predicted to be so much weaker than the link's strongest
         is detected half the time. [dB]
 
-    Raises
-    ------
-    SensingError
-        If the rule is unknown, or there is not exactly one threshold where the rule needs one.
-
     Notes
     -----
     The level of each arrival is normal in decibels about the predicted one with standard deviation

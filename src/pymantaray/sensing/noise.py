@@ -33,11 +33,6 @@ class NoiseModel(
 
     Lengths are in metres, angles in radians, drifts per second; fractions are of an edge's length or angle.
 
-    Raises
-    ------
-    SensingError
-        If a value is negative or not finite.
-
     Examples
     --------
     >>> NoiseModel(range_sigma=0.5).depth_sigma

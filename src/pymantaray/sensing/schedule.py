@@ -27,19 +27,7 @@ class Attempts(NamedTuple):
 
 @dataclass(frozen=True)
 class PingSchedule:
-    """
-    All vehicles ping at every whole multiple of an interval, the first time after one interval.
-
-    Parameters
-    ----------
-    interval : float
-        Time between epochs. [s]
-
-    Raises
-    ------
-    SensingError
-        If the interval is not finite and positive.
-    """
+    """All vehicles ping at every whole multiple of an interval [s], the first time after one interval."""
 
     interval: float
 

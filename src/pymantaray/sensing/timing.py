@@ -30,15 +30,7 @@ class TwoWay:
     """
     The responder answers each ping after a known time; the initiator notes the round trip on its own clock.
 
-    Parameters
-    ----------
-    turn_around : float
-        From the ping's arrival to the answer, on the responder's clock. [s]
-
-    Raises
-    ------
-    SensingError
-        If the turn-around time is negative or not finite.
+    ``turn_around`` is from the ping's arrival to the answer, on the responder's clock. [s]
     """
 
     turn_around: float = 0.0
@@ -110,17 +102,7 @@ class Clocks:
     """
     One realization's clocks, one of each vehicle; landmarks keep true time.
 
-    Parameters
-    ----------
-    offset : array_like, shape (n_agents,)
-        Clock minus true time at the start of the mission. [s]
-    skew : array_like, shape (n_agents,)
-        Growth of the offset with time. [-]
-
-    Raises
-    ------
-    SensingError
-        If the shapes differ or a value is not finite.
+    ``offset`` (n_agents,) is clock minus true time at the start of the mission [s], ``skew`` (n_agents,) its growth with time.
     """
 
     offset: Array
@@ -145,17 +127,7 @@ class ClockModel:
     """
     How far apart the vehicles' clocks are.
 
-    Parameters
-    ----------
-    offset_sigma : float
-        Standard deviation of a clock's offset at the start of the mission. [s]
-    skew_sigma : float
-        Standard deviation of its skew. [-]
-
-    Raises
-    ------
-    SensingError
-        If a value is negative or not finite.
+    Standard deviations of a clock's offset at the start of the mission [s] and of its skew [-].
     """
 
     offset_sigma: float = 0.0

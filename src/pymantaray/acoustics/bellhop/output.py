@@ -71,26 +71,10 @@ class BellhopRays(Record):
 
 def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
     """
-    Read a `.arr` file of BELLHOP or BELLHOP3D, text or binary.
+    Read a `.arr` file of BELLHOP or BELLHOP3D, text or binary, arrivals in the file's order, which is not that of time.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-
-    Returns
-    -------
-    BellhopArrivals
-        Arrivals in the file's order, which is not that of time.
-
-    Raises
-    ------
-    AcousticsError
-        If the file is missing, damaged, without the mark 2D or 3D on top (as before 2018), or of an
-        irregular grid of receivers.
-
-    Notes
-    -----
-    Bellhop keeps travel times in single precision: 0.24 us from 2 to 4 s, 0.48 us from 4 to 8 s.
+    A file without the mark 2D or 3D on top (as before 2018), or of an irregular grid of receivers, is refused. Bellhop keeps
+    travel times in single precision: 0.24 us from 2 to 4 s, 0.48 us from 4 to 8 s.
     """
     file = Path(path)
     content = _content(file)
@@ -112,24 +96,8 @@ def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
 
 def read_bellhop_rays(path: str | Path) -> BellhopRays:
     """
-    Read a `.ray` file of BELLHOP or BELLHOP3D.
+    Read a `.ray` file of BELLHOP or BELLHOP3D, rays in the file's order.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-
-    Returns
-    -------
-    BellhopRays
-        Rays in the file's order.
-
-    Raises
-    ------
-    AcousticsError
-        If the file is missing or damaged.
-
-    Notes
-    -----
     The launch angle on a ray's first line is in degrees from some programs and in radians from others: the
     one nearer to the direction of the first step is taken.
     """

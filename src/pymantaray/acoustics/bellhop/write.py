@@ -29,14 +29,8 @@ class HalfSpace:
     """
     Sea bed as an acousto-elastic half-space.
 
-    Attributes
-    ----------
-    sound_speed, shear_speed : float
-        Of compressional waves, and of shear waves, 0 in a fluid. [m s⁻¹]
-    density_g_per_cm3 : float
-        In Bellhop's unit. [g cm⁻³]
-    attenuation_db_per_wavelength, shear_attenuation_db_per_wavelength : float
-        Of either kind of waves. [dB per wavelength]
+    Speeds of compressional waves, and of shear waves, 0 in a fluid [m s⁻¹]; density in Bellhop's unit; attenuations of either
+    kind of waves.
     """
 
     sound_speed: float
@@ -71,11 +65,6 @@ class BellhopOptions:
         Sea bed: lossless with or without a change of sign, without a contrast to the water, or given.
     step : float
         Step along the rays; 0 leaves it to Bellhop, a tenth of the last level, which can cost milliseconds. [m]
-
-    Raises
-    ------
-    AcousticsError
-        If one is impossible.
     """
 
     run: Run = "arrivals"
@@ -182,11 +171,6 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
     -------
     Medium
         With ``linear`` interpolation. Its difference from a smooth medium falls as the square of the parts.
-
-    Raises
-    ------
-    AcousticsError
-        If a number of parts is below 1, or the grid would have more than 100 million points.
     """
     from scipy.interpolate import CubicSpline, make_interp_spline
 
