@@ -1,5 +1,6 @@
 """Which of a link's arrivals a receiver ranges on: the direct one, the first or the strongest."""
 
+from dataclasses import replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -57,21 +58,12 @@ def select(
     the solver says when it is asked for no bounces.
     """
     link, row = choose_arrivals(arrivals, rule, loss_db=loss_db, delay=delay)
-    n = arrivals.status.size
-    time = np.full(n, np.nan)
-    source, receiver = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
-    time[link] = _delayed(arrivals, delay)[row]
-    source[link], receiver[link] = arrivals.source_slowness[row], arrivals.receiver_slowness[row]
-    passed_over = (arrivals.status == RayStatus.OK) & ~np.isin(np.arange(n), link)
-    return FirstArrivals(
+    picked = arrivals.of_links(link, row, _delayed(arrivals, delay)[row])
+    passed_over = (arrivals.status == RayStatus.OK) & np.isnan(picked.travel_time)
+    return replace(
+        picked,
         status=np.where(passed_over, np.int8(RayStatus.SHADOW), arrivals.status),
-        travel_time=time,
-        chord_travel_time=arrivals.chord_travel_time,
-        source_sound_speed=arrivals.source_sound_speed,
-        receiver_sound_speed=arrivals.receiver_sound_speed,
         shadow_margin=np.where(passed_over, np.nan, arrivals.shadow_margin),
-        source_slowness=source,
-        receiver_slowness=receiver,
     )
 
 

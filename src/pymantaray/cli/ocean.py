@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pymantaray.cli import ocean_fetch
-from pymantaray.cli.options import Force
+from pymantaray.cli.options import Force, parse_pair
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.errors import OceanError
 
@@ -160,7 +160,7 @@ def plot(
     from pymantaray.ocean import open_ocean, open_sea_floor, window_of
     from pymantaray.report import write_ocean_plots
 
-    place = None if at is None else _place(at)
+    place = None if at is None else parse_pair("--at", at)
     ocean = open_ocean(files, time=time, currents=currents)
     floor = None if sea_floor is None else open_sea_floor(sea_floor, window=window_of(ocean), crs=crs)
     with progress_bars(quiet=quiet) as progress:
@@ -323,14 +323,6 @@ def _check_options(method: str, options: set[str]) -> None:
         raise OceanError(f"--method {method}: --{' and --'.join(missing)} needed")
     if extra := sorted(options - needed - further):
         raise OceanError(f"--method {method}: takes no --{' and no --'.join(extra)}")
-
-
-def _place(text: str) -> tuple[float, float]:
-    try:
-        lat, lon = (float(part) for part in text.split(","))
-    except ValueError:
-        raise OceanError(f"--at {text!r} is not a place; write it as 74.5,-140") from None
-    return lat, lon
 
 
 def _write(ocean: "xr.Dataset", out: Path) -> None:

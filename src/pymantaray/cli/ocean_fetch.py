@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pymantaray.cli.options import parse_pair
+
 if TYPE_CHECKING:
     from pymantaray.ocean.fetch import Fetched
 
@@ -97,17 +99,6 @@ def copernicus(
         overwrite=overwrite,
     )
     _tell(fetched, quiet=quiet)
-
-
-def parse_pair(option: str, text: str) -> tuple[float, float]:
-    """Two numbers with a comma between."""
-    from pymantaray.errors import OceanError
-
-    try:
-        first, second = (float(word) for word in text.split(","))
-    except ValueError:
-        raise OceanError(f"{option} is {text!r}; needs two numbers with a comma between, as 73,76") from None
-    return first, second
 
 
 def _tell(fetched: "Fetched", *, quiet: bool) -> None:

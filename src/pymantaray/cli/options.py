@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 import typer
 from typer.core import TyperCommand
 
-from pymantaray.errors import AcousticsError
+from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry.checks import check_number
 
 _OCEAN = "--ocean"
@@ -23,6 +23,15 @@ LINKS = typer.Argument(
 )
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no summary.")]
+
+
+def parse_pair(option: str, text: str) -> Pair:
+    """Two numbers with a comma between."""
+    try:
+        first, second = (float(word) for word in text.split(","))
+    except ValueError:
+        raise OceanError(f"{option} is {text!r}; needs two numbers with a comma between, as 73,76") from None
+    return first, second
 
 
 class OceanCommand(TyperCommand):

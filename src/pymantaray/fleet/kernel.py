@@ -57,11 +57,9 @@ def place(water, north, east, depth):
 @entry
 def floor_depth(water, north, east):
     """Interpolate the depth of the sea floor bilinearly; constant outside the domain."""
-    i, x = cell_of((north - water.floor_north) * water.floor_per_north, water.floor.shape[0])
-    j, y = cell_of((east - water.floor_east) * water.floor_per_east, water.floor.shape[1])
-    near = water.floor[i, j] * (1.0 - y) + water.floor[i, j + 1] * y
-    far = water.floor[i + 1, j] * (1.0 - y) + water.floor[i + 1, j + 1] * y
-    return near * (1.0 - x) + far * x
+    x = (north - water.floor_north) * water.floor_per_north
+    y = (east - water.floor_east) * water.floor_per_east
+    return _bilinear(water.floor, x, y)
 
 
 @entry
@@ -69,10 +67,16 @@ def surface_depth(water, north, east):
     """Depth of the surface, or of the ice's underside, bilinear; constant outside the domain."""
     if water.ice.size == 1:
         return water.ice[0, 0]
-    i, x = cell_of((north - water.north) * water.per_north, water.ice.shape[0])
-    j, y = cell_of((east - water.east) * water.per_east, water.ice.shape[1])
-    near = water.ice[i, j] * (1.0 - y) + water.ice[i, j + 1] * y
-    far = water.ice[i + 1, j] * (1.0 - y) + water.ice[i + 1, j + 1] * y
+    return _bilinear(water.ice, (north - water.north) * water.per_north, (east - water.east) * water.per_east)
+
+
+@kernel
+def _bilinear(sheet, x, y):
+    """Depth of a sheet at a place counted in cells; constant beyond its edges."""
+    i, x = cell_of(x, sheet.shape[0])
+    j, y = cell_of(y, sheet.shape[1])
+    near = sheet[i, j] * (1.0 - y) + sheet[i, j + 1] * y
+    far = sheet[i + 1, j] * (1.0 - y) + sheet[i + 1, j + 1] * y
     return near * (1.0 - x) + far * x
 
 

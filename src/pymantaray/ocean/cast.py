@@ -245,7 +245,9 @@ class CastTable:
         try:
             values = cells.to_numpy(dtype=object).astype(float)
         except ValueError:
-            raise self._no_number(quantity, int(np.argmin([_is_number(cell) for cell in cells]))) from None
+            raise self._no_number(
+                quantity, int(np.argmax(pd.to_numeric(cells.replace("nan", "0"), errors="coerce").isna()))
+            ) from None
         missing = ~np.isfinite(values) | (np.abs(values) > 1e30)
         if quantity not in ("lat", "lon"):  # -99 is a longitude
             missing |= np.isin(values, _FILLS)
@@ -276,14 +278,6 @@ class CastTable:
         return OceanError(
             f"{self.path}, line {self.lines[row]}: {self.name(quantity)} needs a number; it is {cell!r}"
         )
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def read_cast_table(path: str | Path) -> CastTable:

@@ -62,15 +62,18 @@ class Arrivals(Record):
 
     def first(self) -> FirstArrivals:
         """Earliest arrival of each link; travel time and slowness are NaN where the status is not OK."""
-        n = self.status.size
         links, rows = np.unique(self.link, return_index=True)
-        time = np.full(n, np.nan)
-        source, receiver = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
-        time[links] = self.travel_time[rows]
-        source[links] = self.source_slowness[rows]
-        receiver[links] = self.receiver_slowness[rows]
-        if np.any(np.isnan(time) != (self.status != RayStatus.OK)):
+        first = self.of_links(links, rows, self.travel_time[rows])
+        if np.any(np.isnan(first.travel_time) != (self.status != RayStatus.OK)):
             raise AssertionError("a link's status and its arrivals disagree")
+        return first
+
+    def of_links(self, links: Column, rows: Column, travel_time: Column) -> FirstArrivals:
+        """One arrival of each of some links, by its row, with these travel times [s]; of the others what needs none."""
+        n = self.status.size
+        time, source, receiver = np.full(n, np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+        time[links] = travel_time
+        source[links], receiver[links] = self.source_slowness[rows], self.receiver_slowness[rows]
         return FirstArrivals(
             status=self.status,
             travel_time=time,

@@ -47,14 +47,15 @@ class _Span(_Table):
 Span = TypeVar("Span", bound=_Span)
 
 
+class Dataset(_Table):
+    """A data set, by its path on a server, ``{year}`` standing for the year, or its identifier, and what it holds."""
+
+    path: Annotated[str, pydantic.Field(validation_alias=pydantic.AliasChoices("path", "id"))]
+    variables: tuple[str, ...]
+
+
 class Experiment(_Span):
     """A run of HYCOM as its server holds it."""
-
-    class Dataset(_Table):
-        """A data set, ``{year}`` in its path standing for the year, and what it holds."""
-
-        path: str
-        variables: tuple[str, ...]
 
     year_starts_h: Annotated[int, pydantic.Field(ge=0, le=48)] = 0
     """Hours after midnight of 1 January at which the data set of a year begins."""
@@ -72,13 +73,7 @@ class Experiment(_Span):
 
 
 class Product(_Span):
-    """A product of Copernicus Marine: its data sets' identifiers and what they hold."""
-
-    class Dataset(_Table):
-        """One data set."""
-
-        id: str
-        variables: tuple[str, ...]
+    """A product of Copernicus Marine."""
 
     datasets: tuple[Dataset, ...]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean.convert import minute, parse_instant
-from pymantaray.ocean.fetch.catalogue import Product, covering, load_catalogue
+from pymantaray.ocean.fetch.catalogue import Dataset, covering, load_catalogue
 from pymantaray.ocean.fetch.hycom import Fetched, check_out
 from pymantaray.ocean.fetch.limits import one_line
 from pymantaray.ocean.fetch.region import LARGEST_VALUES, Region
@@ -70,18 +70,18 @@ def fetch_copernicus(
         except OceanError as error:
             raise OceanError(f"copernicus: what the service returned is no ocean: {error}") from None
     title = f"{chosen.title}, {minute(day)[:10]}"
-    ids = ", ".join(part.id for part in chosen.datasets)
+    ids = ", ".join(part.path for part in chosen.datasets)
     ocean = ocean.assign_attrs(title=title, source=chosen.title)
     ocean = with_history(ocean, f"fetched from Copernicus Marine ({ids}): {region.text}")
     write_netcdf(ocean, path, replace=overwrite)
     return Fetched(path, title, day, len(files))
 
 
-def _request(part: Product.Dataset, region: Region, day: np.datetime64, file: Path) -> dict[str, Any]:
+def _request(part: Dataset, region: Region, day: np.datetime64, file: Path) -> dict[str, Any]:
     """Arguments of ``copernicusmarine.subset`` for one data set, whose daily means have their time at midnight."""
     instant = dt.datetime.fromisoformat(str(day)).replace(tzinfo=dt.UTC)
     return {
-        "dataset_id": part.id,
+        "dataset_id": part.path,
         "variables": list(part.variables),
         "minimum_latitude": region.south,
         "maximum_latitude": region.north,
