@@ -1,5 +1,7 @@
 """What a study says of timing, currents, detection, ice and mistaken arrivals reaches its measurements."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,8 @@ from pymantaray.study.assemble import (
     build_timing,
 )
 from pymantaray.study.config import RangingSection
-from pymantaray.study.realization import solve_realizations
+from pymantaray.study.realization import solve_realizations, start_solver
+from pymantaray.study.workers import Workers
 
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 
@@ -151,7 +154,9 @@ def test_mistakes_are_counted_and_become_ranges_whatever_the_number_of_workers(e
     assert np.unique([m.sum() for m in drawn]).size > 1
     np.testing.assert_array_equal(erring.ranging_truth.travel_time, tiny_run.ranging_truth.travel_time)
     stored = erring.estimates.position[0]
-    for r, solved in enumerate(solve_realizations(erring, 2, lambda _: None)):
+    with Workers(partial(start_solver, erring.path), 2) as workers:
+        by_two = dict(solve_realizations(erring, workers))
+    for r, solved in by_two.items():
         np.testing.assert_array_equal(solved.solutions["refracted"].position.astype(stored.dtype), stored[r])
         noisy = erring.noisy_measurements(r)
         assert (noisy.range_status[drawn[r]] == RayStatus.OK).all()

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pymantaray.errors import StudyError
-from pymantaray.study.workers import in_processes
+from pymantaray.study.workers import Workers
 
 
 def square(number):
@@ -44,8 +44,13 @@ def return_unsendable(number):
     return lambda: number
 
 
-def task(function, *arguments):
-    return partial(function, *arguments)
+def task(function):
+    return function
+
+
+def in_two_processes(function, count):
+    with Workers(partial(task, function), 2) as workers:
+        return [future.result() for future in [workers.submit(number) for number in range(count)]]
 
 
 def gone(pid):
@@ -64,14 +69,12 @@ def wait_for(condition, seconds=30.0):
 
 
 def test_results_are_in_the_order_of_the_tasks_whoever_was_first():
-    told = []
-    assert in_processes(partial(task, square), 7, 2, told.append) == [(n**2, "1") for n in range(7)]
-    assert told == list(range(1, 8))
+    assert in_two_processes(square, 7) == [(n**2, "1") for n in range(7)]
 
 
 def test_a_task_that_fails_stops_the_others(tmp_path):
     with pytest.raises(ValueError, match="the first one") as caught:
-        in_processes(partial(task, fail_first_then_take_long, tmp_path), 9, 2, lambda _: None)
+        in_two_processes(partial(fail_first_then_take_long, tmp_path), 9)
     assert "in fail_first_then_take_long" in caught.value.__notes__[0]
     pids = [int(path.name.split("-")[0]) for path in tmp_path.iterdir()]
     assert len(pids) <= 3  # one each, and one that was taken meanwhile
@@ -80,7 +83,7 @@ def test_a_task_that_fails_stops_the_others(tmp_path):
 
 def test_a_process_that_is_killed_is_told_in_one_line():
     with pytest.raises(StudyError, match="ended early, by SIGKILL, perhaps out of memory; try fewer workers"):
-        in_processes(partial(task, die), 3, 2, lambda _: None)
+        in_two_processes(die, 3)
 
 
 @pytest.mark.parametrize(("function", "error", "match"), [
@@ -89,19 +92,18 @@ def test_a_process_that_is_killed_is_told_in_one_line():
 ])  # fmt: skip
 def test_what_cannot_be_sent_back_ends_the_work_and_not_the_patience(function, error, match):
     with pytest.raises(error, match=match):
-        in_processes(partial(task, function), 3, 2, lambda _: None)
+        in_two_processes(function, 3)
 
 
 SCRIPT = """
 import sys; sys.path.insert(0, {here!r})
 from functools import partial
 from pathlib import Path
-from pymantaray.study.workers import in_processes
-from test_study_workers import fail_first_then_take_long, square, task
+from test_study_workers import fail_first_then_take_long, in_two_processes, square
 if {square}:
-    print([n for n, _ in in_processes(partial(task, square), 4, 2, lambda _: None)])
+    print([n for n, _ in in_two_processes(square, 4)])
 else:
-    in_processes(partial(task, partial(fail_first_then_take_long, fail=False), Path(sys.argv[1])), 9, 2, lambda _: None)
+    in_two_processes(partial(fail_first_then_take_long, Path(sys.argv[1]), fail=False), 9)
 """
 DAEMON = """
 import multiprocessing, sys

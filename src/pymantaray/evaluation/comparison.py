@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 from pymantaray.errors import EvaluationError
 from pymantaray.evaluation.trajectory_error import trajectory_errors
@@ -33,7 +33,7 @@ def paired_interval(differences: ArrayLike, confidence: float = 0.95) -> tuple[f
     d = np.asarray(differences, dtype=float)
     if d.size < 2:
         return float("nan"), float("nan")
-    half = float(stats.t.ppf(0.5 + confidence / 2.0, d.size - 1) * d.std(ddof=1) / np.sqrt(d.size))
+    half = float(stdtrit(d.size - 1, 0.5 + confidence / 2.0) * d.std(ddof=1) / np.sqrt(d.size))
     return float(d.mean()) - half, float(d.mean()) + half
 
 

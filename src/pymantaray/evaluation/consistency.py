@@ -1,11 +1,12 @@
 """Is the estimator as good as it thinks: NEES, range innovations and coverage, each in its 95 % bounds."""
 
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special
 
 from pymantaray.errors import EvaluationError
 from pymantaray.evaluation.trajectory_error import USABLE
@@ -51,7 +52,7 @@ def mean_chi_square_bounds(degrees_of_freedom: ArrayLike, confidence: float = 0.
     """Interval that holds a chi-square variable by its degrees of freedom, half of the rest on either side; NaN for none."""
     k = np.asarray(degrees_of_freedom, dtype=float)
     k = np.where(k > 0.0, k, np.nan)
-    low, high = (stats.chi2.ppf(p, k) / k for p in (0.5 - confidence / 2.0, 0.5 + confidence / 2.0))
+    low, high = (2.0 * special.gammaincinv(k / 2.0, p) / k for p in _ends(confidence))
     return np.asarray(low), np.asarray(high)
 
 
@@ -136,7 +137,7 @@ def consistency_table(
         freedom = np.sum(np.where(good, dimension, 0), axis=1)
         place = np.nonzero(freedom)  # condition, epoch and, if asked, vehicle
         k, total = freedom[place], np.sum(np.where(good, value, 0.0), axis=1)[place]
-        ratio, upper = total / k, stats.chi2.sf(total, k)
+        ratio, upper = total / k, special.chdtrc(k, total)
         low, high = mean_chi_square_bounds(k, confidence)
         columns = {
             "order": place[0],
@@ -236,12 +237,10 @@ def coverage_table(
         z = np.abs(error[good]) / sigma
         rho = np.mean(block[good] / (sigma[:, :, None] * sigma[:, None, :]), axis=0)
         for k in _SIGMAS:
-            p = float(stats.chi2.cdf(k * k, 1))
+            p = float(special.chdtr(1, k * k))
             effect = float(np.sum(_hit_covariance(rho, k)) / (p * (1.0 - p) * len(rho)))
             n = max(int(z.size / effect + 1e-9), 1)
-            low, high = (
-                stats.binom.ppf(q, n, p) / n for q in (0.5 - confidence / 2.0, 0.5 + confidence / 2.0)
-            )
+            low, high = np.searchsorted(special.bdtr(np.arange(n + 1), n, p), _ends(confidence)) / n
             share = float(np.mean(z <= k))
             keys = (str(c.condition[i]), float(c.time[e] / 3600.0), _AXES[axis], k, z.size, n)
             rows.append((*keys, share, p, float(low), float(high), bool(low <= share <= high)))
@@ -275,13 +274,23 @@ def _by_agent(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDAr
     return {name: (value, np.full(value.shape, dimension[name])) for name, value in statistics.items()}
 
 
+def _ends(confidence: float) -> tuple[float, float]:
+    """Probabilities below the ends of an interval."""
+    return 0.5 - confidence / 2.0, 0.5 + confidence / 2.0
+
+
+@cache
+def _quadrature() -> tuple[Array, Array]:
+    """Nodes and weights of Gauss and Legendre, whose making takes longer than their use."""
+    return np.polynomial.legendre.leggauss(200)
+
+
 def _hit_covariance(rho: Array, k: float) -> Array:
     """Covariance of two normal variables' being within k sigma, by their correlation."""
-    x, weight = np.polynomial.legendre.leggauss(200)
-    x, weight = k * x, k * weight
-    p = stats.chi2.cdf(k * k, 1)
+    x, weight = (k * values for values in _quadrature())
+    p = special.chdtr(1, k * k)
     r = np.minimum(np.abs(rho), 1.0)[..., None]
     s = np.sqrt(np.maximum(1.0 - r * r, 1e-12))
-    within = stats.norm.cdf((k - r * x) / s) - stats.norm.cdf((-k - r * x) / s)
-    both = np.sum(weight * stats.norm.pdf(x) * within, axis=-1)
+    within = special.ndtr((k - r * x) / s) - special.ndtr((-k - r * x) / s)
+    both = np.sum(weight * np.exp(-(x**2) / 2.0) / np.sqrt(2.0 * np.pi) * within, axis=-1)
     return np.asarray(np.where(r[..., 0] > 1.0 - 1e-12, p, both) - p * p)

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from pymantaray.errors import EvaluationError
 from pymantaray.records import Measurements, RangingTruth, RayStatus, Trajectories
@@ -99,15 +98,13 @@ def range_error_table(
         heard = ~np.isnan(e)
         beyond = np.abs(e[heard]) > 3.0 * sigma[heard]
         e = e[heard]
-        spread = e.size > 1 and np.ptp(e) > 0.0
         rows.append(
             {
                 "category": category,
                 "attempts": int(mask.sum()),
                 "n": int(e.size),
                 **_moments(e),
-                "skewness": float(stats.skew(e)) if spread else np.nan,
-                "excess_kurtosis": float(stats.kurtosis(e)) if spread else np.nan,
+                **_shape(e),
                 **_tails(e),
                 "percent_beyond_3_sigma": 100.0 * float(beyond.mean()) if e.size else np.nan,
             }
@@ -195,6 +192,19 @@ def _moments(e: Array) -> dict[str, float]:
     return {
         "mean_m": float(e.mean()) if e.size else np.nan,
         "sd_m": float(e.std(ddof=1)) if e.size > 1 else np.nan,
+    }
+
+
+def _shape(e: Array) -> dict[str, float]:
+    """Third and fourth moment about the mean by powers of the second; what is all the same has none."""
+    if not (e.size > 1 and np.ptp(e) > 0.0):
+        return {"skewness": np.nan, "excess_kurtosis": np.nan}
+    square = (e - e.mean()) ** 2
+    variance = square.mean()
+    third, fourth = (square * (e - e.mean())).mean(), (square**2).mean()
+    return {
+        "skewness": float(third / variance**1.5),
+        "excess_kurtosis": float(fourth / variance**2.0 - 3.0),
     }
 
 

@@ -1,7 +1,7 @@
 """Noise realizations, each solved under every condition and by every estimator."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.store import Run
 from pymantaray.study.true_unknowns import collect_unknowns
-from pymantaray.study.workers import in_processes
+from pymantaray.study.workers import Workers
 
 
 class Solved(NamedTuple):
@@ -58,16 +58,19 @@ class RealizationSolver:
         return Solved(solutions, {s.name: factory.true_unknowns(s, realization) for s in joint})
 
 
-def solve_realizations(run: Run, workers: int, done: Callable[[int], None]) -> list[Solved]:
-    """Solve all realizations of a run whose mission is in its folder, in their order."""
-    count, start = run.config.study.realizations, partial(_start_solver, run.path)
-    if workers > 1:
-        return in_processes(start, count, workers, done)
-    solve, results = start(), []
-    for realization in range(count):
-        results.append(solve(realization))
-        done(realization + 1)
-    return results
+def solve_realizations(run: Run, workers: Workers | None) -> Iterator[tuple[int, Solved]]:
+    """Solve all realizations of a run, each with its number: by workers, who begin at once, or one by one as they are asked for."""
+    numbers = range(run.config.study.realizations)
+    if workers is None:
+        solver = RealizationSolver(run)
+        return ((number, solver.solve(number)) for number in numbers)
+    futures = {workers.submit(number): number for number in numbers}
+    return ((futures[future], future.result()) for future in as_completed(futures))
+
+
+def start_solver(folder: Path) -> Callable[[int], Solved]:
+    """What a worker does to solve realizations of the run in a folder."""
+    return RealizationSolver(Run(folder)).solve
 
 
 def collect_results(run: Run, solved: Sequence[Solved]) -> Results:
@@ -80,7 +83,3 @@ def collect_results(run: Run, solved: Sequence[Solved]) -> Results:
         collect_covariances(run.measurements, epochs, covariances),
         collect_unknowns(solutions, [one.true_unknowns for one in solved]),
     )
-
-
-def _start_solver(folder: Path) -> Callable[[int], Solved]:
-    return RealizationSolver(Run(folder)).solve

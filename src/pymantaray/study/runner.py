@@ -1,7 +1,12 @@
 """A whole study: mission, realizations, and everything on disk."""
 
 import os
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, write_pyfg
@@ -12,8 +17,9 @@ from pymantaray.study.folder import MANIFEST, staged_folder
 from pymantaray.study.load import study_toml
 from pymantaray.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
-from pymantaray.study.realization import Results, collect_results, solve_realizations
+from pymantaray.study.realization import Solved, collect_results, solve_realizations, start_solver
 from pymantaray.study.store import Run, open_run, run_in_memory, summarize, write_json
+from pymantaray.study.workers import Workers
 
 _REALIZATIONS_PER_WORKER = 3
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
@@ -27,6 +33,7 @@ def run_study(
     *,
     workers: int | None = None,
     progress: Progress | None = None,
+    mission_ready: Callable[[Path], Future[Any]] | None = None,
 ) -> Run:
     """
     Run a study and write its data.
@@ -43,6 +50,9 @@ def run_study(
         The results do not depend on it.
     progress : callable, optional
         Called with the name of a stage, the parts done and the parts there are.
+    mission_ready : callable, optional
+        Called before realizations are solved, with the folder in which all is that they do not change. That folder
+        becomes the run's when the future it returns is done.
 
     Returns
     -------
@@ -66,21 +76,35 @@ def run_study(
     workers = min(workers, count)
     _refuse_too_large(config, workers)
     report, watch = progress or _silent, Stopwatch()
-    with staged_folder(out, config.study.name) as (stage, folder):
+    with (
+        staged_folder(out, config.study.name) as (stage, folder),
+        Workers(partial(start_solver, stage), workers) if workers > 1 else nullcontext() as processes,
+    ):
         mission = simulate_mission(config, watch, report)
         with watch.stage("files"):
             inputs = checksums(config)  # of what was read, whatever becomes of the files
             _write_mission(config, mission, stage)
+        drawing = None if mission_ready is None else mission_ready(stage)
         report("realizations", 0, count)
         with watch.stage("realizations"):
-            solved = solve_realizations(Run(stage), workers, lambda done: report("realizations", done, count))
+            run, solved = Run(stage), dict[int, Solved]()
+            solving = solve_realizations(run, processes)
+            _write_graphs(run)  # while workers solve
+            for number, one in solving:
+                solved[number] = one
+                report("realizations", len(solved), count)
         report("files", 0, 1)
         with watch.stage("files"):
-            results = collect_results(run_in_memory(config, mission), solved)
-            _write_results(config, mission, results, stage)
+            results = collect_results(run_in_memory(config, mission), [solved[n] for n in range(count)])
+            results.estimates.save(stage / store.ESTIMATES)
+            results.covariances.save(stage / store.COVARIANCES)
+            if results.unknowns is not None:
+                results.unknowns.save(stage / store.UNKNOWNS)
         content = describe_run(config, inputs, watch.seconds, workers=workers)
         content["outcome"] = summarize(mission, results.estimates)
         write_json(content, stage / MANIFEST)
+        if drawing is not None:
+            wait([drawing])
         report("files", 1, 1)
     return open_run(folder)
 
@@ -132,23 +156,21 @@ def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
         write_netcdf(mission.picture, folder / store.RAY_PICTURE)
 
 
-def _write_results(config: StudyConfig, mission: Mission, results: Results, folder: Path) -> None:
-    results.estimates.save(folder / store.ESTIMATES)
-    results.covariances.save(folder / store.COVARIANCES)
-    if results.unknowns is not None:
-        results.unknowns.save(folder / store.UNKNOWNS)
-    (folder / store.PYFG).mkdir()
-    noisy = Run(folder).noisy_measurements(0)
+def _write_graphs(run: Run) -> None:
+    """Write the factor graphs of the first realization."""
+    folder = run.path / store.PYFG
+    folder.mkdir()
+    noisy = run.noisy_measurements(0)
     initial = GraphValues(
-        position=mission.truth.position.reshape(-1, 3),
-        quaternion=mission.truth.quaternion.reshape(-1, 4),
-        landmark_position=mission.measurements.landmark_position,
+        position=run.truth.position.reshape(-1, 3),
+        quaternion=run.truth.quaternion.reshape(-1, 4),
+        landmark_position=noisy.landmark_position,
     )
-    for name in config.study.conditions:
+    for name in run.config.study.conditions:
         condition = CONDITIONS[name]
         if condition.ranges is not None:
             graph = build_graph(noisy, condition.ranges, condition.links)
-            write_pyfg(graph, folder / store.PYFG / f"realization-0-{name}.pyfg", initial=initial)
+            write_pyfg(graph, folder / f"realization-0-{name}.pyfg", initial=initial)
 
 
 def _silent(_stage: str, _done: int, _total: int) -> None:

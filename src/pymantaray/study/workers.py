@@ -17,9 +17,9 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
-from typing import Any, BinaryIO, NoReturn, Self, TypeVar
+from typing import Any, BinaryIO, NoReturn, Self
 
 from pymantaray.errors import StudyError
 
@@ -35,7 +35,6 @@ _SERVE = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer);"
     " from pymantaray.study.workers import serve; serve()"
 )
-T = TypeVar("T")
 
 
 class WorkerEndedError(StudyError):
@@ -46,7 +45,7 @@ class Workers:
     """
     Processes that work at what is submitted, each by what ``start`` makes there.
 
-    They end with the block, and one that ends before is replaced.
+    They are started with the block, import what ``start`` needs, and end with it; one that ends before is replaced.
     """
 
     def __init__(self, start: Callable[[], Callable[[Any], Any]], count: int) -> None:
@@ -100,19 +99,6 @@ class Workers:
         self._pool.shutdown(cancel_futures=True)
         for process in self._processes:
             process.communicate()
-
-
-def in_processes(
-    start: Callable[[], Callable[[int], T]], count: int, workers: int, done: Callable[[int], None]
-) -> list[T]:
-    """Do numbered tasks in fresh processes, each by what ``start`` makes there; if one raises, all are stopped."""
-    results: dict[int, T] = {}
-    with Workers(start, workers) as pool:
-        futures = {pool.submit(number): number for number in range(count)}
-        for future in as_completed(futures):
-            results[futures[future]] = future.result()
-            done(len(results))
-    return [results[number] for number in range(count)]
 
 
 def _start_process() -> "subprocess.Popen[bytes]":
