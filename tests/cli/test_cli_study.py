@@ -64,7 +64,7 @@ def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("pymantaray.report.write_report", interrupt)
+        patch.setattr("pymantaray.report.parts.write_files", interrupt)
         done = mantaray("study", "run", small, "--out", "run", "--workers", 1)
     run = small.parent / "run"
     assert done.code == 130

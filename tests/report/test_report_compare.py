@@ -21,13 +21,13 @@ def other_folder(made_run, tmp_path_factory):
 
 
 def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path, monkeypatch):
-    saved = []
-    monkeypatch.setattr(write_module, "save_figure", lambda _, folder, name: saved.append(folder / name))
+    monkeypatch.setattr(write_module, "rendered", lambda _, kinds: dict.fromkeys(kinds, b"drawn"))
     page = write_comparison(run_folder, other_folder, tmp_path / "both")
     assert page == tmp_path / "both" / "index.html"
     text = page.read_text(encoding="utf-8")
-    assert [path.name for path in saved] == ["sound_speed", "range_error", "ape_pooled", "ape_pooled_linear"]
-    assert all(f'src="figures/{path.name}.png"' in text for path in saved)
+    names = sorted(path.name for path in (tmp_path / "both" / "figures").iterdir())
+    assert names == ["ape_pooled.png", "ape_pooled_linear.png", "range_error.png", "sound_speed.png"]
+    assert all(f'src="figures/{name}"' in text for name in names)
     assert len(list((tmp_path / "both" / "tables").iterdir())) == 5
     assert "Test Sea and Other {Sea}" in text
     assert "Test Sea: The ocean of this study is synthetic" in text
@@ -81,7 +81,7 @@ def test_a_comparison_that_fails_leaves_nothing(run_folder, other_folder, tmp_pa
     def fail(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(write_module, "save_figure", fail)
+    monkeypatch.setattr(write_module, "rendered", fail)
     with pytest.raises(KeyboardInterrupt):
         write_comparison(run_folder, other_folder, tmp_path / "deep" / "both")
     assert list(tmp_path.iterdir()) == []

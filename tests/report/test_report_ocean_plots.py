@@ -96,12 +96,11 @@ def test_uniform_water_at_rest_and_a_flat_bed_can_be_drawn(look, ocean):
 
 
 def test_all_are_written_or_the_reason_is_given(ocean, tmp_path, monkeypatch):
-    monkeypatch.setattr(ocean_plots, "save_figure", lambda _, folder, name: [folder / name])
+    monkeypatch.setattr(ocean_plots, "rendered", lambda _, kinds: dict.fromkeys(kinds, b"drawn"))
     names = ["ocean_profiles", "ocean_sections", "ocean_map", "ocean_sea_floor"]
-    assert write_ocean_plots(ocean, tmp_path / "a", place=(78.0, 361.0)) == [
-        tmp_path / "a" / n for n in names
-    ]
-    assert (tmp_path / "a").is_dir()
+    written = write_ocean_plots(ocean, tmp_path / "a", place=(78.0, 361.0))
+    assert written == [tmp_path / "a" / f"{n}.{kind}" for n in names for kind in ("png", "pdf")]
+    assert sorted((tmp_path / "a").iterdir()) == sorted(written)
     for options, said in (
         ({"place": (70.0, 0.0)}, "outside the ocean"),
         ({"depth": 4e3}, "allowed 0 to 3000 m"),

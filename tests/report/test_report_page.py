@@ -19,6 +19,7 @@ from pymantaray.evaluation import comparison_table, dropout_table, error_table, 
 from pymantaray.report import write, write_report
 from pymantaray.report.figures import Results
 from pymantaray.report.page import heading, run_page, show
+from pymantaray.report.parts import ReportProcess
 from pymantaray.study import open_run
 from pymantaray.study.folder import staged_parts
 
@@ -30,6 +31,7 @@ TABLES = {
     "ate_difference", "ate_per_agent", "ate_per_realization", "ate_pooled", "consistency", "consistency_per_agent",
     "consistency_per_epoch", "coverage", "dropouts", "range_error", "range_error_split", "region", "solves",
 }  # fmt: skip
+LATER = ("covariances.nc", "estimates.nc", "manifest.json")  # written when realizations are solved
 VOID = {"meta", "img", "br"}
 
 
@@ -56,7 +58,7 @@ class Page(HTMLParser):
 
 def without_drawing(monkeypatch):
     """Let a report be written without its figures, which other tests look at."""
-    monkeypatch.setattr(write, "save_figure", lambda *_: None)
+    monkeypatch.setattr(write, "rendered", lambda _, kinds: dict.fromkeys(kinds, b"drawn"))
     plates = write.run_plates
     monkeypatch.setattr(write, "run_plates", lambda r: [replace(p, draw=Figure) for p in plates(r)])
 
@@ -66,7 +68,7 @@ def reported(tiny_run_folder, tmp_path_factory):
     """Folder of a run with its report, the page's text, and what was told of the progress."""
     folder, calls = tmp_path_factory.mktemp("report") / "run", []
     shutil.copytree(tiny_run_folder, folder)
-    page = write_report(folder, progress=lambda *call: calls.append(call))
+    page = write_report(folder, pdf=True, progress=lambda *call: calls.append(call))
     assert page == folder / "index.html"
     return SimpleNamespace(folder=folder, text=page.read_text(encoding="utf-8"), calls=calls)
 
@@ -159,16 +161,43 @@ def test_a_new_report_replaces_the_old_one_or_leaves_it_as_it_was(made_run, tmp_
     (folder / "tables" / "old.csv").touch()
     before = sorted(folder.rglob("*"))
 
-    def fail(_figure, _target, name):
-        if name == "factor_graph":
-            raise ReportError("disk full")
+    def fail(*_):
+        raise ReportError("disk full")
 
     with monkeypatch.context() as patch:
-        patch.setattr(write, "save_figure", fail)
+        patch.setattr(write, "rendered", fail)
         refused(ReportError, "disk full", write_report, folder)
     assert sorted(folder.rglob("*")) == before
     write_report(folder)
     assert set(before) - set(folder.rglob("*")) == {folder / "tables" / "old.csv"}
+
+
+def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_same(
+    reported, tiny_run_folder, tmp_path
+):
+    """Without PDF, to which the page then does not refer."""
+    stage, folder = tmp_path / "stage", tmp_path / "run"
+    shutil.copytree(tiny_run_folder, stage)
+    later = {p.name: p.read_bytes() for p in map(stage.joinpath, LATER)}
+    for name in later:
+        (stage / name).unlink()
+    with ReportProcess(pdf=False) as report:
+        report.begin(stage).result()
+        for name, content in later.items():
+            (stage / name).write_bytes(content)
+        stage.rename(folder)
+        report.write(folder)
+    for path in sorted((*reported.folder.glob("figures/*.png"), *reported.folder.glob("tables/*.csv"))):
+        assert (folder / path.relative_to(reported.folder)).read_bytes() == path.read_bytes(), path.name
+    assert not list(folder.glob("figures/*.pdf"))
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    assert text == re.sub(r' <a href="figures/\w+.pdf">PDF</a>', "", reported.text).replace(".pdf", ".png")
+
+
+def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
+    """Drawn while realizations are solved: all that are not of them must be, or they are seconds later on the page."""
+    mission = {p.name for p in write.run_plates(Results(run), of_mission=True)}
+    assert mission == FIGURES - {"ape_pooled", "error_over_time", "consistency"}
 
 
 @pytest.mark.parametrize("before", [False, True])

@@ -21,8 +21,8 @@ import resource
 from factories import TINY
 from pymantaray.errors import WriteError
 from pymantaray.study import parse_study, run_study
-def fill(stage, done, total):  # no file can grow beyond this from the end of the mission on
-    if stage == "realizations":
+def fill(stage, done, total):  # no file can grow beyond this once realizations are solved
+    if stage == "realizations" and done == total:
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 try:
     run_study(parse_study(TINY), "run", workers=1, progress=fill)

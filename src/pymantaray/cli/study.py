@@ -1,5 +1,6 @@
 """Commands of `mantaray study`; what they need is imported when they run, so that help is quick."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Run the paper's study, or one of your own.", no_args_is_help=True)
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
+Pdf = Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")]
 NameOrFile = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, or a TOML file.")]
 
 
@@ -73,26 +75,36 @@ def run(
     no_figures: Annotated[
         bool, typer.Option("--no-figures", help="Data only: no tables and figures.")
     ] = False,
+    pdf: Pdf = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a study: data, tables and figures go into one folder."""
     from pymantaray.study import load_study
 
     config = load_study(study, realizations=realizations, ocean=ocean)
-    from pymantaray.study import run_study  # takes seconds, and not before the file is read
+    from pymantaray.report.parts import ReportProcess
 
-    with progress_bars(quiet=quiet) as progress:
-        results = run_study(config, out, workers=workers, progress=progress)
-        if not no_figures:
-            from pymantaray.report import write_report
+    # it starts beside what takes seconds to import here, and not before the file is read
+    with nullcontext() if no_figures else ReportProcess(pdf=pdf) as report:
+        from pymantaray.study import run_study
 
-            try:
-                write_report(results.path, progress=progress)
-            except BaseException:
-                typer.echo(
-                    f"the data are complete; for their report: mantaray study report {results.path}", err=True
-                )
-                raise
+        with progress_bars(quiet=quiet) as progress:
+            results = run_study(
+                config,
+                out,
+                workers=workers,
+                progress=progress,
+                mission_ready=None if report is None else report.begin,
+            )
+            if report is not None:
+                try:
+                    report.write(results.path, progress)
+                except BaseException:
+                    typer.echo(
+                        f"the data are complete; for their report: mantaray study report {results.path}",
+                        err=True,
+                    )
+                    raise
     if not quiet:
         _print_summary(results)
     typer.echo(str(results.path))
@@ -100,13 +112,15 @@ def run(
 
 @app.command()
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")], quiet: Quiet = False
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    pdf: Pdf = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write tables, figures and page of a run: those that it has again, or those that an interrupted one lacks."""
     from pymantaray.report import write_report
 
     with progress_bars(quiet=quiet) as progress:
-        page = write_report(folder, progress=progress)
+        page = write_report(folder, pdf=pdf, progress=progress)
     typer.echo(str(page))
 
 
@@ -115,13 +129,14 @@ def compare(
     first: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
     second: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of another run.")],
     out: Out = None,
+    pdf: Pdf = False,
     quiet: Quiet = False,
 ) -> None:
     """Set two runs side by side: tables, figures and a page in a folder of their own."""
     from pymantaray.report import write_comparison
 
     with progress_bars(quiet=quiet) as progress:
-        page = write_comparison(first, second, out, progress=progress)
+        page = write_comparison(first, second, out, pdf=pdf, progress=progress)
     if not quiet:
         _print_comparison(page.parent)
     typer.echo(str(page))

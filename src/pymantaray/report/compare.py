@@ -1,7 +1,6 @@
 """Two runs side by side: sound speed, range errors, dropouts and position errors of both."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -13,8 +12,9 @@ from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
 from pymantaray.report.page import SYNTHETIC_NOTE, Picture, heading, numbers_from_text, render, show_table
+from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.style import short
-from pymantaray.report.write import PAGE, Progress, write_parts
+from pymantaray.report.write import Progress, all_files, draw
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import open_run
 
@@ -33,6 +33,7 @@ def write_comparison(
     run_dir_b: str | Path,
     out: str | Path | None = None,
     *,
+    pdf: bool = False,
     progress: Progress | None = None,
 ) -> Path:
     """
@@ -44,25 +45,26 @@ def write_comparison(
         Folders of the runs.
     out : str or pathlib.Path, optional
         Folder for the comparison, new or empty; by default a dated one in ``runs``.
+    pdf : bool
+        Whether figures are written as PDF too, for a paper.
     progress : callable, optional
         Called with ``"report"``, the parts done and the parts there are.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG and PDF).
+        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG, and PDF if asked for).
 
     Raises
     ------
     MantaRayError
         If a folder is no run, ``out`` is not free, or nothing can be written; then nothing is left behind.
     """
-    if progress is not None:
-        progress("report", 0, 1)
     runs = by_name([Results(open_run(run_dir)) for run_dir in (run_dir_a, run_dir_b)])
     tables, plates = comparison_tables(runs), comparison_plates(runs)
     with staged_folder(out, "comparison", latest=False) as (stage, folder):
-        write_parts(stage, tables, plates, partial(_page, runs, tables), progress)
+        pictures = draw(plates, pdf=pdf, progress=progress)
+        write_files(stage, all_files(tables, pictures, _page(runs, tables, pictures)))
     return folder / PAGE
 
 

@@ -33,7 +33,7 @@ class Results:
     @cached_property
     def tables(self) -> dict[str, pd.DataFrame]:
         """Those that the run has the records for, by name, in the order of the page."""
-        _find_figures()  # which may bring tables
+        find_figures()  # which may bring tables
         frames = {name: table.make(self.run) for name, table in TABLES.items()}
         return {name: frame for name, frame in frames.items() if frame is not None}
 
@@ -104,6 +104,7 @@ class _Entry:
     caption: str | Callable[[Results], str]
     draw: Callable[[Results], Figure]
     needs: Callable[[Results], bool]
+    of_mission: bool
 
 
 _REGISTER: dict[str, _Entry] = {}
@@ -116,27 +117,30 @@ def register(
     caption: str | Callable[[Results], str],
     draw: Callable[[Results], Figure],
     needs: Callable[[Results], bool] = lambda _: True,
+    of_mission: bool = False,
 ) -> None:
     """
     Add a figure to every report that has what it needs; ``place`` orders the page.
 
-    ``{r.heard:,}`` and the like in a caption stand for what `Results` has.
+    ``{r.heard:,}`` and the like in a caption stand for what `Results` has. One that is ``of_mission`` shows and says
+    nothing that realizations change, and may be drawn before they are solved.
     """
-    _REGISTER[name] = _Entry(place, caption, draw, needs)
+    _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission)
 
 
-def run_plates(results: Results) -> list[Plate]:
-    """Figures of a run, in the order of the page."""
-    _find_figures()
+def run_plates(results: Results, *, of_mission: bool = False) -> list[Plate]:
+    """Figures of a run, in the order of the page; all, or those of its mission."""
+    find_figures()
     entries = sorted(_REGISTER.items(), key=lambda item: item[1].place)
     return [
         Plate(name, _caption(entry, results), partial(entry.draw, results))
         for name, entry in entries
-        if entry.needs(results)
+        if (entry.of_mission or not of_mission) and entry.needs(results)
     ]
 
 
-def _find_figures() -> None:
+def find_figures() -> None:
+    """Import all modules that have figures; whatever each registers is then there."""
     for module in iter_modules(pymantaray.report.__path__):
         if module.name.startswith("figures_"):
             import_module(f"pymantaray.report.{module.name}")

@@ -204,6 +204,7 @@ def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements) -> No
 register(
     "fleet_layout",
     place=20,
+    of_mission=True,
     caption="Fleet layout: (a) start positions and drift in plan, (b) start (dotted line downward to the vehicle's"
     " greatest depth) and track, (c) depth against time. Colour is each vehicle's greatest depth; a vehicle that"
     " stays at the surface is black.",
@@ -212,6 +213,7 @@ register(
 register(
     "factor_graph",
     place=40,
+    of_mission=True,
     caption="Factor graph at the true positions: chains of poses coloured by the vehicle's greatest depth, the"
     " {r.heard:,} ranges that were heard in grey.",
     draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),

@@ -162,6 +162,7 @@ def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) ->
 register(
     "sound_speed",
     place=10,
+    of_mission=True,
     caption="Sound speed against depth over the whole region: mean of each level (line), least to greatest (shaded);"
     " (a) all depths, (b) the upper part.",
     draw=lambda r: sound_speed_profiles([(r.region, r.run.profile)], r.header),
@@ -169,6 +170,7 @@ register(
 register(
     "ray_picture",
     place=30,
+    of_mission=True,
     caption=_caption_of_rays,
     draw=lambda r: ray_picture(r.run.ray_picture, r.header),
     needs=lambda r: (r.run.path / RAY_PICTURE).is_file(),

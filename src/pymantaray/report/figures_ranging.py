@@ -184,6 +184,7 @@ def _histogram(axes: Axes, errors: Array) -> None:
 register(
     "range_error",
     place=50,
+    of_mission=True,
     caption="Signed range error, refracted minus straight, of {r.heard:,} ranges: mean (orange), zero (dashed) and"
     " fitted normal (black), with linear and logarithmic counts.",
     draw=lambda r: range_error_histogram([(r.region, r.ranges.total)], r.header),
@@ -191,6 +192,7 @@ register(
 register(
     "range_error_split",
     place=60,
+    of_mission=True,
     caption="Exact split of the range error: (a, b) the part from the reference speed, because the sound speed at the"
     " transmitter is not the path's mean, and the part from the bending of the ray; (c) bending at its own scale.",
     draw=lambda r: range_error_split(
@@ -200,6 +202,7 @@ register(
 register(
     "dropouts",
     place=70,
+    of_mission=True,
     caption="All {r.attempts:,} range attempts by (a) distance and depth difference and (b) the depths of both ends;"
     " dropouts coloured by their cause.",
     draw=lambda r: dropout_map(

@@ -18,6 +18,7 @@ from pymantaray.geometry.longitude import whole_turns, wrapped
 from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
+from pymantaray.records import whole_file
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.style import (
     BED,
@@ -32,7 +33,7 @@ from pymantaray.report.style import (
     ocean_header,
     ocean_name,
     panel_title,
-    save_figure,
+    rendered,
     styled,
 )
 
@@ -115,7 +116,10 @@ def write_ocean_plots(
     except OSError as error:
         raise WriteError(f"{folder}: cannot be made: {error.strerror or error}") from None
     for i, (name, figure) in enumerate(draw.items()):
-        written.extend(save_figure(figure(), target, name))
+        for kind, content in rendered(figure(), ("png", "pdf")).items():
+            written.append(target / f"{name}.{kind}")
+            with whole_file(written[-1]) as temporary:
+                temporary.write_bytes(content)
         if progress is not None:
             progress("figures", i + 1, len(draw))
     return written

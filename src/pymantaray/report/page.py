@@ -1,6 +1,6 @@
 """The page of a run: what is told of it, and numbers and tables as people read them; the templates lay it out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,12 +36,13 @@ _LONG = 40  # characters of a cell that may be broken
 
 
 class Picture(NamedTuple):
-    """A figure that was saved, and its size on the page. [px]"""
+    """A figure that was drawn, its size on the page [px], and its files by their kinds."""
 
     name: str
     caption: str
     width: int
     height: int
+    files: Mapping[str, bytes]
 
 
 class ShownTable(NamedTuple):

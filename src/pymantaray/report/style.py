@@ -1,11 +1,11 @@
-"""One look for all figures: colours, words and pieces that they share, under ``mantaray.mplstyle``; and saving them."""
+"""One look for all figures: colours, words and pieces that they share, under ``mantaray.mplstyle``; and their files."""
 
 import functools
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import as_file, files
+from io import BytesIO
 from itertools import cycle
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -21,8 +21,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
-
-from pymantaray.records import whole_file
 
 with warnings.catch_warnings():
     # cmocean 4.0 makes its maps in a way that matplotlib 3.11 has deprecated
@@ -199,21 +197,23 @@ def halo() -> list[AbstractPathEffect]:
 
 def freeze_layout(figure: Figure) -> None:
     """Lay a figure out once and for all, so that drawing it again does not."""
-    if figure.get_layout_engine() is not None:
-        figure.draw_without_rendering()
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
         figure.set_layout_engine("none")
 
 
 @styled
-def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write a figure as PNG and PDF, each whole or not at all, the same bytes each time."""
+def rendered(figure: Figure, kinds: Sequence[str]) -> dict[str, bytes]:
+    """Figure as files of these kinds, ``png`` and ``pdf``, the same bytes each time."""
     metadata: dict[str, dict[str, Any]] = {
         "png": {"Software": None},
         "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     }
     freeze_layout(figure)
-    paths = [folder / f"{name}.{kind}" for kind in metadata]
-    for path, (kind, entries) in zip(paths, metadata.items(), strict=True):
-        with whole_file(path) as temporary:
-            figure.savefig(temporary, format=kind, metadata=entries)
-    return paths
+    content = {}
+    for kind in kinds:
+        with BytesIO() as file:
+            figure.savefig(file, format=kind, metadata=metadata[kind])
+            content[kind] = file.getvalue()
+    return content

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -20,7 +19,7 @@ from pymantaray.evaluation import (
     range_split_table,
     unknowns_table,
 )
-from pymantaray.records import Estimates, SolveStatus, whole_file
+from pymantaray.records import Estimates, SolveStatus
 from pymantaray.study.store import Run
 
 _ERRORS = "mean_m median_m rmse_m p5_m p25_m p75_m p95_m max_m"
@@ -134,9 +133,3 @@ TABLES: dict[str, Table] = {
     "solves": Table("Health of each solve", lambda run: solve_table(run.estimates), folded=True),
 }
 """By the name of the CSV file; whatever adds one adds it to every report."""
-
-
-def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV with all its digits."""
-    with whole_file(path) as temporary:
-        table.to_csv(temporary, index=False, lineterminator="\n")

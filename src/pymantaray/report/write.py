@@ -1,27 +1,25 @@
 """A run's report in its folder: tables, figures and page, all new or all as they were."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import pandas as pd
 
-from pymantaray.records import whole_file
-from pymantaray.report.figures import Plate, Results, run_plates
+from pymantaray.report.figures import Plate, Results, find_figures, run_plates
 from pymantaray.report.page import Picture, run_page
-from pymantaray.report.style import save_figure
-from pymantaray.report.tables import write_table
+from pymantaray.report.parts import PAGE, PARTS, write_files
+from pymantaray.report.style import rendered
 from pymantaray.study.folder import staged_parts
-from pymantaray.study.store import FIGURES, TABLES, open_run
+from pymantaray.study.store import FIGURES, TABLES, Run, open_run
 
 Progress = Callable[[str, int, int], None]
 """Told the name of a stage, how many of its parts are done, and how many there are."""
 
-PAGE = "index.html"
 _PIXELS_PER_INCH = 133.0  # of figures on the page
 
 
-def write_report(run_dir: str | Path, *, progress: Progress | None = None) -> Path:
+def write_report(run_dir: str | Path, *, pdf: bool = False, progress: Progress | None = None) -> Path:
     """
     Write tables, figures and page of a run into its folder; an earlier report there is replaced.
 
@@ -29,13 +27,15 @@ def write_report(run_dir: str | Path, *, progress: Progress | None = None) -> Pa
     ----------
     run_dir : str or pathlib.Path
         Folder of a run.
+    pdf : bool
+        Whether figures are written as PDF too, for a paper.
     progress : callable, optional
         Called with ``"report"``, the parts done and the parts there are.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG and PDF).
+        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG, and PDF if asked for).
 
     Raises
     ------
@@ -44,33 +44,64 @@ def write_report(run_dir: str | Path, *, progress: Progress | None = None) -> Pa
         it was.
     """
     run = open_run(run_dir)
-    if progress is not None:
-        progress("report", 0, 1)
-    results = Results(run)
-    with staged_parts(run.path, (TABLES, FIGURES, PAGE)) as stage:
-        write_parts(stage, results.tables, run_plates(results), partial(run_page, results), progress)
+    with staged_parts(run.path, PARTS) as stage:
+        write_files(stage, ReportMaker(pdf=pdf).make(run.path, progress))
     return run.path / PAGE
 
 
-def write_parts(
-    folder: Path,
-    tables: Mapping[str, pd.DataFrame],
+class ReportMaker:
+    """Makes a run's report in pieces: what realizations do not change from the folder that the run is written in, then the rest."""
+
+    def __init__(self, *, pdf: bool) -> None:
+        self._pdf, self._drawn = pdf, dict[str, Picture]()
+
+    def import_all(self) -> None:
+        """Find the figures, which import what they need."""
+        find_figures()
+
+    def draw_mission(self, folder: Path) -> None:
+        """Draw what realizations do not change."""
+        plates = run_plates(Results(Run(folder)), of_mission=True)
+        self._drawn = {picture.name: picture for picture in draw(plates, pdf=self._pdf)}
+
+    def make(self, folder: Path, progress: Progress | None = None) -> dict[str, bytes]:
+        """Files of the report of a run that is whole, by their names."""
+        results = Results(open_run(folder))
+        pictures = draw(run_plates(results), pdf=self._pdf, drawn=self._drawn, progress=progress)
+        return all_files(results.tables, pictures, run_page(results, pictures))
+
+
+def draw(
     plates: Sequence[Plate],
-    page: Callable[[Sequence[Picture]], str],
-    progress: Progress | None,
-) -> None:
-    """Write tables, figures and page into an empty folder; figures one by one, so that only one is in memory."""
-    (folder / TABLES).mkdir()
-    for name, table in tables.items():
-        write_table(table, folder / TABLES / f"{name}.csv")
-    (folder / FIGURES).mkdir()
+    *,
+    pdf: bool,
+    drawn: Mapping[str, Picture] = MappingProxyType({}),
+    progress: Progress | None = None,
+) -> list[Picture]:
+    """Draw figures one by one, so that only one is in memory."""
     pictures = []
+    told = progress or (lambda *_: None)
+    told("report", 0, len(plates) or 1)
     for i, plate in enumerate(plates):
-        figure = plate.draw()
-        save_figure(figure, folder / FIGURES, plate.name)
-        width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
-        pictures.append(Picture(plate.name, plate.caption, width, height))
-        if progress is not None:
-            progress("report", i + 1, len(plates))
-    with whole_file(folder / PAGE) as file:
-        file.write_text(page(pictures), encoding="utf-8", newline="")
+        pictures.append(drawn.get(plate.name) or _picture(plate, pdf=pdf))
+        told("report", i + 1, len(plates))
+    return pictures
+
+
+def _picture(plate: Plate, *, pdf: bool) -> Picture:
+    figure = plate.draw()
+    width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
+    return Picture(
+        plate.name, plate.caption, width, height, rendered(figure, ("png", "pdf") if pdf else ("png",))
+    )
+
+
+def all_files(tables: Mapping[str, pd.DataFrame], pictures: Sequence[Picture], page: str) -> dict[str, bytes]:
+    """Files of a report by their names: tables with all their digits, figures, page."""
+    content = {
+        f"{TABLES}/{name}.csv": table.to_csv(index=False, lineterminator="\n").encode()
+        for name, table in tables.items()
+    }
+    for picture in pictures:
+        content |= {f"{FIGURES}/{picture.name}.{kind}": file for kind, file in picture.files.items()}
+    return content | {PAGE: page.encode()}

@@ -1,0 +1,70 @@
+"""The parts of a report in a folder, and what makes them in another process while a study is still running."""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from contextlib import ExitStack
+from functools import partial
+from operator import methodcaller
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from pymantaray.study.workers import Workers
+
+if TYPE_CHECKING:
+    from pymantaray.report.write import ReportMaker
+
+PAGE = "index.html"
+PARTS = ("tables", "figures", PAGE)
+
+
+class ReportProcess(ExitStack):
+    """
+    Process that makes the report of a study: what realizations do not change while they are solved, the rest after.
+
+    It is started with the block and ends with it. Nothing but this process writes.
+    """
+
+    def __init__(self, *, pdf: bool) -> None:
+        super().__init__()
+        self._pdf = pdf
+
+    def __enter__(self) -> Self:
+        self._process = self.enter_context(Workers(partial(_start, self._pdf), 1))
+        self._process.submit(methodcaller("import_all"))
+        return self
+
+    def begin(self, stage: Path) -> Future[None]:
+        """Draw what the mission in a folder shows."""
+        self._drawn = self._process.submit(methodcaller("draw_mission", stage))
+        return self._drawn
+
+    def write(self, folder: Path, progress: Callable[[str, int, int], None] | None = None) -> None:
+        """Write the report of the run that the folder has become, as `write_report` does."""
+        from pymantaray.study.folder import staged_parts
+
+        if progress is not None:
+            progress("report", 0, 1)
+        self._drawn.result()
+        files = self._process.submit(methodcaller("make", folder)).result()
+        with staged_parts(folder, PARTS) as stage:
+            write_files(stage, files)
+        if progress is not None:
+            progress("report", 1, 1)
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write the files of a report, by their names, into an empty folder."""
+    from pymantaray.records import whole_file
+
+    for part in PARTS[:-1]:
+        (folder / part).mkdir()
+    for name, content in files.items():
+        with whole_file(folder / name) as file:
+            file.write_bytes(content)
+
+
+def _start(pdf: bool) -> Callable[[Callable[["ReportMaker"], Any]], Any]:
+    from pymantaray.report.write import ReportMaker
+
+    maker = ReportMaker(pdf=pdf)
+    return lambda call: call(maker)
