@@ -28,16 +28,14 @@ BAD = {
     "a point has depth -2 m; depth is positive down": lambda: Waypoints([[0, 0, -2.0]], 1.0, 0.1),
     "speed is 0 m/s": lambda: Waypoints(POINT, 0.0, 0.1),
     "turn_rate is -0.1 rad/s": lambda: Waypoints(POINT, 1.0, -0.1),
-    "capture_radius is 5 m; .* radius speed / turn_rate = 20 m: enlarge": lambda: Waypoints(
-        POINT, 2.0, 0.1, 5.0
-    ),
+    "capture_radius is 5 m; .* radius speed / turn_rate = 20 m: enlarge": lambda: Waypoints(POINT, 2.0, 0.1, 5.0),
     "Vehicle: the name is empty": lambda: Vehicle("", (0, 0, 0.5), STATION),
     r"vehicle 'A': position: shape \(2,\)": lambda: Vehicle("A", (0, 0), STATION),
     "vehicle 'A': position: 1 values are not finite": lambda: Vehicle("A", (0, np.nan, 0), STATION),
     "vehicle 'A': start depth is -3 m; .*: start deeper": lambda: Vehicle("A", (0, 0, -3.0), STATION),
     "vehicle 'A': heading is nan rad": lambda: Vehicle("A", (0, 0, 0.5), STATION, heading=np.nan),
     "vehicle 'A': start depth is 9 m, its station is at 0.5 m": lambda: Vehicle("A", (0, 0, 9.0), STATION),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("message", BAD)

@@ -91,16 +91,12 @@ TIMES = {
     "physics_step is 0 s; it must be finite and positive": {"physics_step": 0.0},
     "duration is nan s; it must be finite and positive": {"duration": np.nan},
     "sampling_period is 1e.300 s, inf times": {"physics_step": 1e-300, "sampling_period": 1e300},
-    r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine has": {
-        "duration": 5e14
-    },
-}
+    r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine has": {"duration": 5e14},
+}  # fmt: skip
 FLEETS = {
     "there are no vehicles": [],
     "vehicle 'B': the name is used twice; .* rename one": [floating("B"), floating("C"), floating("B")],
-    "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*: move it": [
-        floating(north=6000.0)
-    ],
+    "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*: move it": [floating(north=6000.0)],
     "vehicle 'B': the start position is 1200 m deep; .* at 1000 m: choose": [floating(depth=1200.0)],
     "vehicle 'B': target_depth is 2500 m deep; .* at 1000 m: choose": [floating(target_depth=2500.0)],
     "vehicle 'W': waypoint 1 is at north 0, east 9000 m, outside the ocean": [
@@ -110,7 +106,7 @@ FLEETS = {
     "vehicle 'W': physics_step is 0.5 s; it may be at most 0.2 s, .* jump over a waypoint": [
         Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9)], 100.0, 100.0))
     ],
-}
+}  # fmt: skip
 OCEANS = {
     "the data set lacks current_east; a local data set has": lambda o: o.drop_vars("current_east"),
     "missing values; none are": lambda o: o.assign(current_north=o.current_north.where(o.depth < 500)),

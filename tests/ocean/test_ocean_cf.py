@@ -197,15 +197,9 @@ GRID_RELATIVE = attrs(
     uo={"standard_name": "sea_water_x_velocity"}, vo={"standard_name": "sea_water_y_velocity"}
 )
 REFUSED = {
-    "terrain": (
-        attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}),
-        "follows the sea bed",
-    ),
+    "terrain": (attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}), "follows the sea bed"),
     "sigma": (attrs(deptht={"formula_terms": "sigma: s eta: zeta"}), "follows the sea bed"),
-    "layers of density": (
-        attrs(deptht={"standard_name": "sea_water_potential_density", "units": "kg m-3"}),
-        "is no depth",
-    ),
+    "layers of density": (attrs(deptht={"standard_name": "sea_water_potential_density", "units": "kg m-3"}), "is no depth"),
     "curvilinear": (curvilinear, "the grid is curvilinear; regrid"),
     "rotated pole": (
         lambda d: d.assign(pole=((), 0, {"grid_mapping_name": "rotated_latitude_longitude"})),
@@ -239,7 +233,7 @@ REFUSED = {
         "latitude is empty or has values that are missing",
     ),
     "no currents": (lambda d: d[["thetao", "so"]], 'or open it with currents="rest"'),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFUSED)

@@ -64,19 +64,10 @@ WRONG = {  # how, and the finding or how it begins
     "time a number": (lambda o: o.assign_coords(time=3.0), "axis (time): 1 of float64"),
     "depth from 5 m": (lambda o: axis(o, "depth", o["depth"] + 5.0), "axis (depth): starts at 5 m"),
     "depth upward": (lambda o: axis(o, "depth", -o["depth"]), "axis not monotone (depth): 39 of 39"),
-    "depth in cm": (
-        lambda o: axis(o, "depth", 100 * o["depth"], units="cm"),
-        "units (depth): cm; allowed m;",
-    ),
+    "depth in cm": (lambda o: axis(o, "depth", 100 * o["depth"], units="cm"), "units (depth): cm; allowed m;"),
     "latitude falls": (lambda o: o.isel(lat=SOUTHWARD), "axis not monotone (lat): 29 of 29"),
-    "beyond the pole": (
-        lambda o: axis(o, "lat", o["lat"] + 12.0),
-        "axis (lat): spans 89.32 to 90.48; allowed -90 to 90",
-    ),
-    "round the Earth": (
-        lambda o: axis(o, "lon", np.linspace(-180, 180, 60)),
-        "axis (lon): spans 360 degrees",
-    ),
+    "beyond the pole": (lambda o: axis(o, "lat", o["lat"] + 12.0), "axis (lat): spans 89.32 to 90.48; allowed -90 to 90"),
+    "round the Earth": (lambda o: axis(o, "lon", np.linspace(-180, 180, 60)), "axis (lon): spans 360 degrees"),
     "too narrow": (lambda o: o.isel(lon=slice(0, 3)), "axis too short (lon): 3 points"),
     "transposed": (lambda o: o.transpose("lat", "lon", "depth"), "dimensions (water_v): ('lat',"),
     "text": (lambda o: o.assign(water_u=o["water_u"].astype(str)), "type (water_u): <U"),
@@ -94,7 +85,7 @@ WRONG = {  # how, and the finding or how it begins
     ),
     "no title": (lambda o: o.drop_attrs(deep=False), "attributes missing: title, source, synthetic"),
     "perhaps": (lambda o: o.assign_attrs(synthetic="perhaps"), "attribute (synthetic): 'perhaps'"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRONG)

@@ -147,15 +147,13 @@ STRANGE = {
     "no times": lambda o: o.expand_dims("time").isel(time=slice(0, 0)),
     "nothing but attributes": lambda o: o[[]],
     "units that are a number": with_attribute("water_u", units=3),
-    "a standard_name that is a list": lambda o: with_attribute("s", standard_name=[1, 2])(
-        o.rename(salinity="s")
-    ),
+    "a standard_name that is a list": lambda o: with_attribute("s", standard_name=[1, 2])(o.rename(salinity="s")),
     "values beyond numbers": lambda o: o.assign(salinity=o["salinity"] * 1e300),
     "infinite scale": with_attribute("salinity", scale_factor=np.inf),
     "time beyond years": with_time(1e300, "days since 2000-01-01"),
     "time since never": with_time(1.0, "days since never"),
     "time of text": lambda o: o.assign_coords(time="yesterday"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", STRANGE)

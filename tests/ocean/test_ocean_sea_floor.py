@@ -249,11 +249,9 @@ REFUSED = {
     "grdconvert": lambda path: xr.Dataset(
         {"z": ("xysize", Z[:4].ravel()), "spacing": ("side", [0.05, 0.05])}
     ).to_netcdf(path),
-    "cut short": lambda path: path.write_bytes(
-        save(path, "elevation", Z, engine="scipy").read_bytes()[: Z.nbytes // 2]
-    ),
+    "cut short": lambda path: path.write_bytes(save(path, "elevation", Z, engine="scipy").read_bytes()[: Z.nbytes // 2]),
     "neither NetCDF-3 nor NetCDF-4": lambda path: path.write_bytes(b"<html>not found</html>"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("says", REFUSED)

@@ -38,9 +38,7 @@ def test_rounding_of_the_times_loses_no_epoch(period):
 
 
 IMPOSSIBLE = {
-    "epoch at 300 s is no sample time; with interval 300 s and samples every 200 s .* make the": lambda: ping(
-        300.0
-    ),
+    "epoch at 300 s is no sample time; with interval 300 s and samples every 200 s .* make the": lambda: ping(300.0),
     "interval is 1e.06 s, the mission lasts 604800 s; .* shorten the interval or lengthen": lambda: ping(1e6),
     "interval is 0 s; it must be finite and positive": lambda: ping(0.0),
     "interval is nan s": lambda: ping(np.nan),
@@ -48,7 +46,7 @@ IMPOSSIBLE = {
     r"landmark 'L': position: shape \(2,\); it needs \(3,\)": lambda: Landmark("L", (0, 0)),
     "landmark 'L': position: 1 values are not finite": lambda: Landmark("L", (0, 0, np.nan)),
     "landmark 'L': depth is -4 m; .*: place it in the water": lambda: Landmark("L", (0, 0, -4.0)),
-}
+}  # fmt: skip
 
 
 def ping(interval):

@@ -136,11 +136,7 @@ REFUSED = [
     ("noise.range_sigma", "1", "noise.range_sigma: found '1'"),
     ("ocean.source", ["a\0.nc"], r"ocean.source[0]: found 'a\x00.nc', which no file can be named"),
     ("ocean.source", ["synthetic:fram", "a.nc"], "a synthetic source stands alone"),
-    (
-        "ocean.centre_latitude_deg",
-        None,
-        "centre_latitude_deg and centre_longitude_deg must be given together",
-    ),
+    ("ocean.centre_latitude_deg", None, "centre_latitude_deg and centre_longitude_deg must be given together"),
     ("ocean.half_extent_north", None, "half_extent_north and half_extent_east must be given together"),
     ("ranging.turn_around_s", 2.0, "ranging: turn_around_s is 2 s, but timing is one-way"),
     ("ranging.below_strongest_db", 6.0, "ranging: below_strongest_db is 6, but mistaken is off"),
@@ -152,11 +148,7 @@ REFUSED = [
     ("detection", {"frequency_hz": 1e4, "bandwidth_hz": 1e3}, "detection.source_level_db: missing"),
     ("detection", DETECTION | {"bandwidth_hz": 6e4}, "detection: bandwidth_hz is 60000, but frequency_hz"),
     ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}, "exclude each other"),
-    (
-        "detection",
-        DETECTION | {"surface_loss": "bubbles"},
-        "is bubbles, but acoustics.max_surface_bounces is 0",
-    ),
+    ("detection", DETECTION | {"surface_loss": "bubbles"}, "is bubbles, but acoustics.max_surface_bounces is 0"),
     ("detection", DETECTION | {"sediment": "sand"}, "is sand, but acoustics.max_bottom_bounces is 0"),
     ("", ICE | BOUNCE, "there is no ice"),
     ("", ICE | {"ocean": {"ice": 2.0}}, "max_surface_bounces is 0"),
@@ -165,11 +157,8 @@ REFUSED = [
         BOUNCE | {"ocean": {"ice": 2.0}, "detection": ICE["detection"] | {"surface_loss": "bubbles"}},
         "exclude each other",
     ),
-    *(
-        (f"{s}.surprise", 1, f"{s}.surprise: unknown key")
-        for s in ("study", "ocean", "ranging", "noise", "fleet")
-    ),
-]
+    *((f"{s}.surprise", 1, f"{s}.surprise: unknown key") for s in ("study", "ocean", "ranging", "noise", "fleet")),
+]  # fmt: skip
 VARYING = {"belief": EXACT | {"time_varying": True}}
 CAST = {"kind": "cast", "north": 1.0}
 REFUSED_ESTIMATORS = [
