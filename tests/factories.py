@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 
 import numpy as np
+from hypothesis import HealthCheck, Phase, settings
 
 from pymantaray.acoustics import Medium
 from pymantaray.estimation import GraphValues, dead_reckon
@@ -81,6 +82,12 @@ depth = 900.0
 """)
 
 
+QUICK = settings(
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+    phases=[Phase.explicit, Phase.generate],  # a failure is not shrunk: some links an example take minutes
+)
 PERIOD = 200.0
 
 
@@ -311,6 +318,18 @@ def ranges(truth, rng, attempts, *, status=None, landmarks=()):
     return measurements, RangingTruth(
         distance=distance, sound_speed=speed, travel_time=time, chord_travel_time=chord
     )
+
+
+def assert_same(one, other, *, but=()):
+    """Two records are equal in every column, but for some."""
+    for f in fields(one):
+        if f.name not in but:
+            np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name), err_msg=f.name)
+
+
+def names_in(folder):
+    """Names of what is in a folder, in order."""
+    return sorted(path.name for path in folder.iterdir())
 
 
 def make_arrivals(link, status=(RayStatus.OK,), **columns):

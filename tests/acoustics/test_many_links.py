@@ -9,7 +9,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from factories import DUCT
+from factories import DUCT, assert_same
 from factories import DUCT_DEPTH as Z
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -47,11 +47,6 @@ def uniform(speed=DUCT):
 def scattered(n, side=5e3, seed=3):
     rng = np.random.default_rng(seed)
     return [np.column_stack([rng.uniform(0, side, (n, 2)), rng.uniform(0, 500, n)]) for _ in range(2)]
-
-
-def assert_same(one, other):
-    for f in fields(one):
-        np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name), err_msg=f.name)
 
 
 @settings(max_examples=25, deadline=None)

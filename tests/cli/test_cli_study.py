@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from factories import names_in
 
 import pymantaray
 from pymantaray.cli import study as study_commands
@@ -20,10 +21,6 @@ def small(small_text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(small_text)
     return tmp_path / "small.toml"
-
-
-def names_in(folder):
-    return sorted(path.name for path in folder.iterdir())
 
 
 def test_version(mantaray):

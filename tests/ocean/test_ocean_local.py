@@ -3,7 +3,8 @@
 import numpy as np
 import pyproj
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
+from factories import QUICK
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 from scipy.interpolate import BSpline, CubicHermiteSpline
@@ -130,13 +131,7 @@ def interpolant(local, points):
     return np.array(at)
 
 
-@settings(
-    max_examples=8,
-    derandomize=True,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
-    phases=[Phase.explicit, Phase.generate],
-)
+@settings(QUICK, max_examples=8)
 @given(
     place=st.sampled_from([(0.0, 20.0), (45.0, -30.0), (78.0, 179.97), (85.0, -179.5), (45.0, 180.0)]),
     points_a_wave=st.sampled_from([10.0, 16.0, 40.0]),

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
+from factories import QUICK
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pymantaray.acoustics import Medium, find_eigenrays
@@ -12,12 +13,6 @@ from pymantaray.records import RayStatus
 pytestmark = pytest.mark.filterwarnings("ignore:.*more eigenrays:RuntimeWarning")
 SIDE = 110e3  # m; of grids
 BAR = 0.3e-6  # s; what a travel time may err by
-QUICK = settings(
-    derandomize=True,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow],
-    phases=[Phase.explicit, Phase.generate],  # a failure is not shrunk: 30 links an example take minutes
-)
 
 
 @st.composite

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
+from factories import QUICK
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -25,13 +26,6 @@ INSET = (
 )
 ATOL_SPREADING = 0.01  # dB
 DOUBT = 2e-3  # m; a corner this near to an end, to the beach or to the edge of the grid may be there or not
-QUICK = settings(
-    max_examples=8,
-    derandomize=True,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow],
-    phases=[Phase.explicit, Phase.generate],
-)
 
 
 class Bed(NamedTuple):
@@ -226,7 +220,7 @@ def guide_links(depth, rng):
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-@QUICK
+@settings(QUICK, max_examples=8)
 @given(
     depth=st.sampled_from([30.0, 200.0, 1000.0, 4000.0]),
     seed=st.integers(0, 2**32 - 1),
@@ -292,7 +286,7 @@ def test_wedge_has_every_image_in_the_plane_and_across_it(slope_deg, direction):
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-@QUICK
+@settings(QUICK, max_examples=8)
 @given(
     depth=st.floats(100.0, 4000.0),
     slope_deg=st.floats(0.0, 4.0),

@@ -1,10 +1,10 @@
 """Arrivals taken for the direct one: with what probability, by which draw, and what the range becomes."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from factories import HIDDEN, range_fleet, ridged
+from factories import HIDDEN, assert_same, range_fleet, ridged
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
@@ -123,11 +123,6 @@ def mission(truth, water, picker, timing=ONE_WAY, **options):
     ranging = range_fleet(truth, [HIDDEN], water, timing=timing, detector=detector, **BOUNCES, **options)
     measurements = assemble(truth, [HIDDEN], ranging, NoiseModel())
     return ranging, measurements, find_candidates(ranging, truth, picker, timing=timing)
-
-
-def assert_same(one, two):
-    for f in fields(one):
-        np.testing.assert_array_equal(getattr(one, f.name), getattr(two, f.name), err_msg=f.name)
 
 
 @pytest.mark.parametrize("currents", [None, CURRENT])

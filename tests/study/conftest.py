@@ -24,11 +24,6 @@ def changed(tree, sections):
     return tree
 
 
-@pytest.fixture
-def tiny_tree():
-    return copy.deepcopy(TINY)
-
-
 @pytest.fixture(scope="session")
 def tiny():
     """Configuration of TINY with other sections."""

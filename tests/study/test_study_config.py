@@ -74,34 +74,23 @@ def test_defaults_are_the_presets_values():
     assert parse_study(tree) == full
 
 
-@pytest.mark.parametrize("name", list_presets())
-def test_resolved_presets_read_back_equal(name):
-    config = load_study(name)
-    assert parse_study(tomllib.loads(study_toml(config))) == config
+PERTURBED = {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0}
+LONG = {"range_model": "eigenray", "belief": PERTURBED, "variance": "correlated", "start": "dead-reckoning"}
+SHORT = {"range_model": "constant", "sound_speed": 1450.0, "loss": "huber"}
 
 
 @pytest.mark.parametrize("sections", [
+    *list_presets(),
     {"detection": {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}},
     {"ranging": {"timing": "two-way", "turn_around_s": 0.5, "clock_skew_sigma": 1e-6}},
     {"ranging": {"mistaken": "first-detected", "below_strongest_db": 9.0}},
-    {
-        "estimators": [
-            {"name": "a", "range_model": "constant", "sound_speed": 1450.0, "loss": "huber"},
-            {
-                "name": "b",
-                "range_model": "eigenray",
-                "belief": {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0},
-                "variance": "correlated",
-                "start": "dead-reckoning",
-            },
-        ]
-    },
-])  # fmt: skip
-def test_resolved_configuration_reads_back_equal(tiny_tree, sections, tmp_path):
-    config = parse_study(tiny_tree | sections)
+    {"estimators": [{"name": "a"} | SHORT, {"name": "b"} | LONG]},
+], ids=str)  # fmt: skip
+def test_resolved_configuration_reads_back_equal(tiny, sections, tmp_path):
+    config = load_study(sections) if isinstance(sections, str) else tiny(**sections)
     (tmp_path / "config.toml").write_text(study_toml(config))
     assert load_study(tmp_path / "config.toml") == config
-    if config.estimators:
+    if isinstance(sections, dict) and config.estimators:
         assert config.estimators[1].uncertainty == (1.0, 2e4, 300.0)
 
 

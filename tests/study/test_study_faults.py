@@ -12,7 +12,7 @@ import pytest
 from pymantaray.errors import StudyError
 from pymantaray.ocean import open_ocean
 from pymantaray.records import write_netcdf
-from pymantaray.study import assemble, open_run, parse_study, run_study
+from pymantaray.study import assemble, open_run, run_study
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import ModesSection
 
@@ -90,13 +90,12 @@ def window_file(tmp_path):
     return tmp_path
 
 
-def test_files_named_relative_to_the_working_folder_are_found_by_beliefs(tiny_tree, window_file, monkeypatch):
+def test_files_named_relative_to_the_working_folder_are_found_by_beliefs(tiny, window_file, monkeypatch):
     """The configuration is read again in the run's folder, and the ocean for the cast from its source."""
     monkeypatch.chdir(window_file)
-    tiny_tree["study"].update(realizations=2, conditions=["odometry"])
-    tiny_tree["ocean"]["source"] = "0.nc"
-    tiny_tree["estimators"] = [{"name": "cast", "range_model": "mean-slowness", "belief": {"kind": "cast"}}]
-    run = run_study(parse_study(tiny_tree), "run", workers=1)
+    cast = {"name": "cast", "range_model": "mean-slowness", "belief": {"kind": "cast"}}
+    config = tiny(study={"conditions": ["odometry"]}, ocean={"source": "0.nc"}, estimators=[cast])
+    run = run_study(config, "run", workers=1)
     assert run.estimates.condition.tolist() == ["odometry", "cast"]
     assert np.isfinite(run.estimates.position).all()
 
@@ -113,11 +112,10 @@ def test_input_file_that_goes_away_once_it_is_read_costs_no_work(tiny, window_fi
     assert list(run.manifest["ocean"]["sha256"]) == [str(file)]
 
 
-def test_what_beliefs_need_of_a_varying_ocean_is_its_start(tiny_tree, window_file, monkeypatch):
+def test_what_beliefs_need_of_a_varying_ocean_is_its_start(run_tiny, window_file, monkeypatch):
     """Not all of its snapshots brought to the local grid, in every worker."""
-    tiny_tree["study"].update(realizations=1, conditions=["odometry"])
-    tiny_tree["ocean"].update(source=[str(window_file / f"{h}.nc") for h in (0, 3, 6)], time_varying=True)
-    run = run_study(parse_study(tiny_tree), window_file / "run", workers=1)
+    files = {"source": [str(window_file / f"{h}.nc") for h in (0, 3, 6)], "time_varying": True}
+    run = run_tiny(study={"realizations": 1, "conditions": ["odometry"]}, ocean=files)
     monkeypatch.setattr(assemble, "to_local", lambda *_a, **_k: pytest.fail("regridded"))
     depth, shapes, sigma = Beliefs(run).modes(ModesSection(count=2))
     assert shapes.shape == (2, depth.size)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from factories import names_in
 from refusals import refused
 
 from pymantaray.errors import StudyError
@@ -20,10 +21,6 @@ with staged_folder(sys.argv[1] if len(sys.argv) > 1 else None, "quick") as (stag
     print(folder, flush=True)
     sys.stdin.read()
 """
-
-
-def names_in(folder):
-    return sorted(path.name for path in folder.iterdir())
 
 
 def holding(*arguments):

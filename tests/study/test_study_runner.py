@@ -7,25 +7,18 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from factories import assert_same, names_in
 from refusals import refused
 
 from pymantaray.errors import FleetError, StudyError
 from pymantaray.estimation import CONDITIONS, dead_reckon, read_pyfg
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
-from pymantaray.study import open_run, parse_study, run_study, runner
+from pymantaray.study import open_run, run_study, runner
 from pymantaray.study.config import Condition
 from pymantaray.study.manifest import checksums, describe_run
 from pymantaray.study.store import summarize
 
 DEAD_RECKONING = {"conditions": ["odometry"], "realizations": 1}
-
-
-def names_in(folder):
-    return sorted(path.name for path in folder.iterdir())
-
-
-def same(a, b):
-    return a.to_dataset().identical(b.to_dataset())
 
 
 def test_the_configurations_conditions_are_the_estimators():
@@ -46,7 +39,7 @@ def test_opened_again_a_run_gives_the_same(tiny_run, tiny_config):
     again = open_run(tiny_run.path)
     assert again.config == tiny_config
     assert "range_sigma = 1.0" in (tiny_run.path / "config.toml").read_text()  # defaults are written out
-    assert same(again.estimates, tiny_run.estimates)
+    assert_same(again.estimates, tiny_run.estimates)
     assert again.region.loc["synthetic"].item() == "yes"
     assert again.synthetic
 
@@ -118,10 +111,10 @@ def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage
     assert all(done == total for done, total in last.values())
 
 
-def test_vehicle_that_leaves_stops_and_the_study_goes_on(tiny_tree, tmp_path):
-    tiny_tree["study"].update(conditions=["odometry", "straight"], realizations=1)
-    tiny_tree["fleet"]["vehicles"][3].update(twist=[0, 0, 0, 3.0, 0, 0], heading_deg=90.0)
-    run = run_study(parse_study(tiny_tree), tmp_path / "run", workers=1)
+def test_vehicle_that_leaves_stops_and_the_study_goes_on(run_tiny):
+    away = {"twist": [0, 0, 0, 3.0, 0, 0], "heading_deg": 90.0}
+    study = {"conditions": ["odometry", "straight"], "realizations": 1}
+    run = run_tiny(study=study, fleet={"vehicles": {"3": away}})
     outcome = run.manifest["outcome"]
     assert outcome["stopped_vehicles"]["D"]["status"] == "LEFT_DOMAIN"
     stop = outcome["stopped_vehicles"]["D"]["time_s"]
@@ -149,31 +142,23 @@ def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypat
     assert names_in(tmp_path) == ["mine"]
 
 
-@pytest.mark.parametrize(("section", "values", "expected"), [
-    ("mission", {"duration_h": 1e9}, "4 vehicles x 1.8e+10 samples x 5 solves x 160 bytes"),
-    ("mission", {"duration_h": 1e308}, "duration_h is inf s; it must be a whole multiple"),
-    ("mission", {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}, "4 vehicles x 1.44e+10 samples"),
-    ("mission", {"physics_step_s": 1e-300}, "4 vehicles x 1.44e+304 physics steps are more than 1e+13"),
-    ("study", {"realizations": 10**9}, "4 vehicles x 72 samples x 5e+09 solves x 160 bytes"),
-    ("study", {"realizations": int("9" * 4000)}, "study.realizations: found 99999"),
-])  # fmt: skip
-def test_what_no_machine_can_hold_or_finish_is_refused_at_once_in_one_line(
-    tiny_tree, tmp_path, section, values, expected
+@pytest.mark.parametrize(("sections", "expected"), [
+    ({"mission": {"duration_h": 1e9}}, "4 vehicles x 1.8e+10 samples x 5 solves x 160 bytes"),
+    ({"mission": {"duration_h": 1e308}}, "duration_h is inf s; it must be a whole multiple"),
+    ({"mission": {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}}, "4 vehicles x 1.44e+10 samples"),
+    ({"mission": {"physics_step_s": 1e-300}}, "4 vehicles x 1.44e+304 physics steps are more than 1e+13"),
+    ({"study": {"realizations": 10**9}}, "4 vehicles x 72 samples x 5e+09 solves x 160 bytes"),
+    ({"study": {"realizations": int("9" * 4000)}}, "study.realizations: found 99999"),
+    ({"fleet": {"vehicles": {"1": {"target_depth": 9e3}}}}, "'B': target_depth is 9000 m deep; the sea floor"),
+], ids=range(7))  # fmt: skip
+def test_what_cannot_be_held_finished_or_dived_is_refused_at_once_in_one_line(
+    tiny, tmp_path, sections, expected
 ):
-    tiny_tree["study"]["realizations"] = 1
-    tiny_tree[section].update(values)
-    with pytest.raises(StudyError) as caught:
-        run_study(parse_study(tiny_tree, "tiny"), tmp_path / "run", workers=1)
+    with pytest.raises((StudyError, FleetError)) as caught:
+        run_study(tiny(**{"study": {"realizations": 1}} | sections), tmp_path / "run", workers=1)
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_impossible_fleet_is_refused_by_name(tiny_tree, tmp_path):
-    tiny_tree["fleet"]["vehicles"][1]["target_depth"] = 9000.0
-    with pytest.raises(FleetError, match="vehicle 'B': target_depth is 9000 m deep; the sea floor"):
-        run_study(parse_study(tiny_tree), tmp_path / "run")
     assert list(tmp_path.iterdir()) == []
 
 

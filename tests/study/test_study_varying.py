@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from factories import assert_same
 
 from pymantaray.acoustics import find_eigenrays
 from pymantaray.errors import OceanError, StudyError
@@ -22,10 +23,6 @@ from pymantaray.study.varying import VARYING, series_of, snapshot_at
 
 WINDOW = (74.2, 74.8, -141.2, -138.8)
 HOUR = 3600.0
-
-
-def same(a, b):
-    return a.to_dataset().identical(b.to_dataset())
 
 
 STUDY = {"conditions": ["odometry", "refracted"], "realizations": 1}
@@ -105,7 +102,7 @@ def test_equal_snapshots_are_the_study_in_still_water(run_tiny, tmp_path):
         for ocean in ({"source": files[:1]}, {"source": files, "time_varying": True})
     )
     for name in ("truth", "links", "arrivals", "measurements", "estimates"):
-        assert same(getattr(varying, name), getattr(still, name)), name
+        assert_same(getattr(varying, name), getattr(still, name))
     assert varying.ocean.identical(still.ocean)
     assert varying.ray_picture.identical(still.ray_picture)
     assert varying.profile.identical(still.profile)
@@ -115,7 +112,7 @@ def test_equal_snapshots_are_the_study_in_still_water(run_tiny, tmp_path):
     again = open_run(varying.path)
     assert again.config == varying.config
     assert again.config.ocean.time_varying
-    assert same(again.noisy_measurements(0), still.noisy_measurements(0))
+    assert_same(again.noisy_measurements(0), still.noisy_measurements(0))
 
 
 def test_files_that_end_before_the_mission_are_refused(tiny, tmp_path):
