@@ -16,7 +16,7 @@ import numba
 from numba import config, njit, types
 from numba.extending import intrinsic
 
-_PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
+PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
 _SHARED_SOURCES = (Path(__file__), Path(__file__).parent / "records" / "status.py")
 
 # Arrays come in from outside and outlive the call, so that counting references to them in inner loops
@@ -109,7 +109,7 @@ def kept_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], **o
         return decorate(**options)(function)
     finally:
         function.__qualname__ = name
-    if not _PLAIN:
+    if not PLAIN:
         _discard_stale(
             Path(compiled.stats.cache_path), f"{Path(function.__code__.co_filename).stem}.{name}", digest
         )
@@ -150,12 +150,12 @@ def _discard_stale(folder: Path, stem: str, digest: str) -> None:
 
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls."""
-    return function if _PLAIN else kept_on_disk(njit, function, **_OPTIONS)
+    return function if PLAIN else kept_on_disk(njit, function, **_OPTIONS)
 
 
 def kernel(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a function that entries and kernels call."""
-    if _PLAIN:
+    if PLAIN:
         return function
     if _LINKED_ONLY:
         return njit(**_LINKED_ONLY, **_OPTIONS, **options)(function)
@@ -182,4 +182,4 @@ def _nothing() -> None:
 
 # Keeps the calling function out of line: NVVM inlines every call that it may, and the tracer's copies alone made the CUDA
 # kernel three times as large.
-out_of_line = _nothing if _PLAIN else _noinline
+out_of_line = _nothing if PLAIN else _noinline

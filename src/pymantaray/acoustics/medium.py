@@ -64,7 +64,7 @@ class Medium:
     field: Array
     knots_north: Array
     knots_east: Array
-    lut: NDArray[np.int32]
+    lut: Array
     lut_scale: float
 
     @classmethod
@@ -145,7 +145,7 @@ class Medium:
             field = np.ascontiguousarray(both)
         else:
             field = c
-        lut = np.zeros(LUT_SIZE, dtype=np.int32)
+        lut = np.zeros((LUT_SIZE, 4))
         scale = float(depth_lut(z, lut))
         _check_ice(ice, bed)
         for array in (n, e, z, c, *bed, *ice, field, knots_n, knots_e, lut):

@@ -59,6 +59,7 @@ def _solve_wave(domain, bounces, settings, source, receiver, work, results):
         work.stack[t],
         work.brackets[t],
         work.rows[t],
+        None,
     )
     solve_links(domain, bounces, settings, source, receiver, (t, work.path.shape[0]), own, results)
 

@@ -16,10 +16,10 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.layout import Section
 from pymantaray.compile import entry, inlined, kernel
 
-LUT_SIZE = 2048
+LUT_SIZE = 512
 _LEAST_STEP = 50.0  # m; between columns
-_ABOVE_SCALE = 20.0  # m; length over which the continuation above the surface bends to a constant
-_BELOW_SCALE = 200.0  # m; the same below the deepest level
+ABOVE_SCALE = 20.0  # m; length over which the continuation above the surface bends to a constant
+BELOW_SCALE = 200.0  # m; the same below the deepest level
 
 
 @inlined
@@ -62,7 +62,10 @@ def sort_head(values, count):
 
 @entry
 def depth_lut(depth, lut):
-    """Fill a table from which `find_level` starts its search; return the entries per metre."""
+    """Fill a table from which `find_level` starts its search; return the entries per metre.
+
+    A row holds a layer's number, the depth of the level above it, and of the two below, infinite beyond the last layer.
+    """
     n = depth.size
     scale = LUT_SIZE / (depth[n - 1] - depth[0])
     k = 0
@@ -70,7 +73,9 @@ def depth_lut(depth, lut):
         z = depth[0] + i / scale
         while k < n - 2 and depth[k + 1] <= z:
             k += 1
-        lut[i] = k
+        lut[i, 0], lut[i, 1] = k, depth[k]
+        for j in range(2):
+            lut[i, 2 + j] = depth[k + 1 + j] if k + 1 + j < n - 1 else math.inf
     return scale
 
 
@@ -83,7 +88,7 @@ def find_level(s, z):
         return 0
     if i >= LUT_SIZE:
         return depth.size - 2
-    k = int(s.lut[i])
+    k = int(s.lut[i, 0])
     while k < depth.size - 2 and z >= depth[k + 1]:
         k += 1
     return k
@@ -316,9 +321,10 @@ def hermite(u, h):
 @inlined
 def _beyond(x, scale):
     """Weight on the slope at the edge, and its two derivatives, at a distance x beyond the edge."""
-    t = math.tanh(x / scale)
-    s = 1.0 - t * t
-    return scale * t, s, -2.0 * t * s / scale
+    q = x / scale
+    f = 1.0 / (1.0 + q * q)
+    g = math.sqrt(f)
+    return x * g, f * g, -3.0 * q * f * f * g / scale
 
 
 @inlined
@@ -334,10 +340,10 @@ def _smooth_place(s, k, r, z):
 def _continue(s, z, c, cz, czz):
     """Value and derivatives of the continuation where z is beyond the levels, else as given."""
     if z < s.depth[0]:
-        a, b, e = _beyond(z - s.depth[0], _ABOVE_SCALE)
+        a, b, e = _beyond(z - s.depth[0], ABOVE_SCALE)
         return c + a * cz, b * cz, e * cz
     if z > s.depth[s.depth.size - 1]:
-        a, b, e = _beyond(z - s.depth[s.depth.size - 1], _BELOW_SCALE)
+        a, b, e = _beyond(z - s.depth[s.depth.size - 1], BELOW_SCALE)
         return c + a * cz, b * cz, e * cz
     return c, cz, czz
 
@@ -420,12 +426,12 @@ def linear_full(s, b, k, r, z):
         g = 1.0 / dz
         gg = 0.0
     elif k < 0:
-        a, b1, c2 = _beyond(z - s.depth[0], _ABOVE_SCALE)
+        a, b1, c2 = _beyond(z - s.depth[0], ABOVE_SCALE)
         u = a / dz
         g = b1 / dz
         gg = c2 / dz
     else:
-        a, b1, c2 = _beyond(z - s.depth[n - 1], _BELOW_SCALE)
+        a, b1, c2 = _beyond(z - s.depth[n - 1], BELOW_SCALE)
         u = 1.0 + a / dz
         g = b1 / dz
         gg = c2 / dz

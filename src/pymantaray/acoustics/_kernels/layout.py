@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from pymantaray.compile import PLAIN
+
 # State y of a ray, see `step`. A fan integrates the first N_FAN numbers only.
 W, P, XI, ETA, TAU, Y, Q, DY_DQ = range(8)
 N_FAN, N_FULL = 4, 8
@@ -123,6 +125,7 @@ Ray.__doc__ = """What one ray is integrated in; K (7, N_FULL) asks for the full 
 path (n, N_PATH) takes every accepted step of a full ray when it has rows.
 """
 
+N_LANES = 39  # rows of eight numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_PATH = 32_768
 MAX_NODES = 4096
@@ -133,11 +136,12 @@ _ANGLES = 768  # nodes of a first fan besides those of the levels: twice the wid
 
 Work = namedtuple(
     "Work",
-    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts nodes node fan extremes stack brackets rows",
+    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts nodes node fan extremes stack brackets rows lanes",
 )
-Work.__doc__ = (
-    "Workspaces of one thread, shared by all kernels; never read before they are written for a link."
-)
+Work.__doc__ = """Workspaces of one thread, shared by all kernels; never read before they are written for a link.
+
+Without lanes, None on CUDA and in plain Python, the rays of a fan are traced one after the other.
+"""
 
 
 def shapes(
@@ -170,6 +174,7 @@ def shapes(
         stack=(MAX_STACK, 2, N_RAY),
         brackets=(MAX_ROOTS, 2, N_BRACKET),
         rows=(MAX_ROOTS, N_ARRIVAL),
+        lanes=(N_LANES, 8),
     )
 
 
@@ -187,4 +192,5 @@ def least_shapes(domain: Any, longest: float) -> Work:
 
 def workspace(n_depth: int) -> Work:
     """Workspaces of one thread for any link."""
-    return Work(*(np.empty(shape) for shape in shapes(n_depth)))
+    work = Work(*(np.empty(shape) for shape in shapes(n_depth)))
+    return work._replace(lanes=None) if PLAIN else work

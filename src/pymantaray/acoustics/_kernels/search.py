@@ -17,6 +17,7 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.layout import Course
+from pymantaray.acoustics._kernels.march import march
 from pymantaray.acoustics._kernels.trace import append_code, fan_ray, trace
 from pymantaray.compile import inlined, kernel
 
@@ -148,6 +149,20 @@ def copy_ray(source, target):
 
 
 @kernel
+def _shoot_fan(s, walls, course, n_nodes, search, work, lanes):
+    """Trace rays at all of work.nodes into the fan: direct ones side by side, those that are then left one by one."""
+    fan = work.fan
+    for i in range(n_nodes):
+        fan[i, at.ANGLE], fan[i, at.GOOD], fan[i, at.GROWTH], fan[i, at.DEFECT] = work.nodes[i], 0.0, 0.0, 0.0
+    if lanes is not None and s.kind == at.SMOOTH and course.rule.kind == at.OPEN:  # None on CUDA: left out
+        march(s, walls, course, fan, n_nodes, search.coarse, lanes)
+    for i in range(n_nodes):
+        growth = fan[i, at.GROWTH]
+        if fan[i, at.GOOD] == 0.0 or (fan[i, at.LEFT] == 0.0 and _DIVERGING < growth < _HOPELESS):
+            shoot(s, walls, course, work.nodes[i], search.coarse, growth, fan[i], work)
+
+
+@kernel
 def find_brackets(s, walls, course, n_nodes, search, work):
     """Brackets of all roots of the miss between the first and the last of work.nodes.
 
@@ -160,9 +175,8 @@ def find_brackets(s, walls, course, n_nodes, search, work):
     """
     fan = work.fan
     margin = np.inf
+    _shoot_fan(s, walls, course, n_nodes, search, work, work.lanes)
     for i in range(n_nodes):
-        shoot(s, walls, course, work.nodes[i], search.coarse, 0.0, fan[i], work)
-        fan[i, at.DEFECT] = 0.0
         if fan[i, at.GOOD] > 0.0:
             margin = min(margin, abs(fan[i, at.MISS]))
     for i in range(1, n_nodes - 1):

@@ -1,0 +1,218 @@
+"""Eight numbers in one of the processor's vector registers: arithmetic on `Lanes`, for rays that march side by side.
+
+Comparisons give a mask, which `choose` and `any_lane` take. Products and sums may be contracted to one rounding. There is no
+plain Python of it.
+"""
+
+import operator
+
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core.cgutils import get_or_insert_function
+from numba.core.imputils import lower_builtin
+from numba.core.typing import signature
+from numba.core.typing.templates import ConcreteTemplate, infer_global
+from numba.extending import intrinsic, models, register_model
+
+WIDTH = 8
+_VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
+_QUAD = ir.VectorType(ir.DoubleType(), 4)
+
+
+def _kind(name, element):
+    """Numba's type of eight numbers or truths, held in a vector register."""
+    kind = type(name, (types.Type,), {})
+
+    def of_vectors(self, manager, own):
+        models.PrimitiveModel.__init__(self, manager, own, ir.VectorType(element, WIDTH))
+
+    register_model(kind)(type(f"{name}Model", (models.PrimitiveModel,), {"__init__": of_vectors}))
+    return kind(name)
+
+
+LANES, MASK = _kind("Lanes", ir.DoubleType()), _kind("Mask", ir.IntType(1))
+
+
+def _splat(builder, value):
+    """Vector of one number."""
+    if isinstance(value.type, ir.VectorType):
+        return value
+    empty = ir.Constant(_VECTOR, ir.Undefined)
+    first = builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), None))
+
+
+_PAIRS = (LANES, LANES), (LANES, types.float64), (types.float64, LANES)
+
+
+def _define(op, result, emit, pairs=_PAIRS):
+    """Define an operator of two numbers, one of which may be a single one."""
+
+    def lower(_context, builder, _signature, args):
+        return emit(builder, *(_splat(builder, x) for x in args))
+
+    cases = {"cases": [signature(result, *pair) for pair in pairs]}
+    infer_global(op)(type(f"Lanes_{op.__name__}", (ConcreteTemplate,), cases))
+    for pair in pairs:
+        lower_builtin(op, *pair)(lower)
+
+
+_define(operator.add, LANES, lambda builder, a, b: builder.fadd(a, b, flags=("contract",)))
+_define(operator.sub, LANES, lambda builder, a, b: builder.fsub(a, b, flags=("contract",)))
+_define(operator.mul, LANES, lambda builder, a, b: builder.fmul(a, b, flags=("contract",)))
+_define(operator.truediv, LANES, lambda builder, a, b: builder.fdiv(a, b))
+_define(operator.gt, MASK, lambda builder, a, b: builder.fcmp_ordered(">", a, b))
+_define(operator.lt, MASK, lambda builder, a, b: builder.fcmp_ordered("<", a, b))
+_define(operator.and_, MASK, lambda builder, a, b: builder.and_(a, b), ((MASK, MASK),))
+
+
+def _unary(name):
+    """Intrinsic of LLVM on eight numbers."""
+
+    @intrinsic
+    def function(_context, _x):
+        def generate(_context, builder, _signature, args):
+            kind = ir.FunctionType(_VECTOR, [_VECTOR])
+            own = get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f64")
+            return builder.call(own, args)
+
+        return LANES(LANES), generate
+
+    return function
+
+
+root, floor, absolute = (_unary(name) for name in ("sqrt", "floor", "fabs"))
+
+
+@intrinsic
+def any_lane(_context, _mask):
+    """Whether any of a mask is true."""
+
+    def generate(_context, builder, _signature, args):
+        byte = ir.IntType(WIDTH)
+        return builder.icmp_unsigned("!=", builder.bitcast(args[0], byte), byte(0))
+
+    return types.boolean(MASK), generate
+
+
+@intrinsic
+def choose(_context, _mask, a, b):
+    """One number where a mask is true, else another."""
+
+    def generate(_context, builder, _signature, args):
+        return builder.select(args[0], _splat(builder, args[1]), _splat(builder, args[2]))
+
+    return LANES(
+        MASK, LANES if a == LANES else types.float64, LANES if b == LANES else types.float64
+    ), generate
+
+
+def _pointer(context, builder, kind, array, index):
+    """Pointer to an element of a contiguous array."""
+    return builder.gep(context.make_array(kind)(context, builder, array).data, [index])
+
+
+@intrinsic
+def load(_context, rows, _i):
+    """Numbers of a row of an array (n, 8)."""
+
+    def generate(context, builder, signature, args):
+        at = builder.mul(args[1], args[1].type(WIDTH))
+        place = _pointer(context, builder, signature.args[0], args[0], at)
+        return builder.load(builder.bitcast(place, _VECTOR.as_pointer()), align=8)
+
+    return LANES(rows, types.int64), generate
+
+
+@intrinsic
+def store(_context, rows, _i, value):
+    """Put numbers into a row of an array (n, 8)."""
+
+    def generate(context, builder, signature, args):
+        at = builder.mul(args[1], args[1].type(WIDTH))
+        place = _pointer(context, builder, signature.args[0], args[0], at)
+        builder.store(_splat(builder, args[2]), builder.bitcast(place, _VECTOR.as_pointer()), align=8)
+        return context.get_dummy_value()
+
+    return types.none(rows, types.int64, LANES if value == LANES else types.float64), generate
+
+
+def _shuffled(builder, a, b, order):
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), list(order))
+    return builder.shuffle_vector(a, b, mask)
+
+
+def _transposed(context, builder, quads):
+    """Four times eight numbers from eight times four."""
+    pairs = [_shuffled(builder, quads[i], quads[i + 1], (0, 4, 1, 5, 2, 6, 3, 7)) for i in range(0, WIDTH, 2)]
+    low, high = (0, 1, 8, 9, 2, 3, 10, 11), (4, 5, 12, 13, 6, 7, 14, 15)
+    columns = []
+    for half in (low, high):
+        left, right = (_shuffled(builder, pairs[i], pairs[i + 1], half) for i in (0, 2))
+        columns += [
+            _shuffled(builder, left, right, (*range(k, k + 4), *range(k + 8, k + 12))) for k in (0, 4)
+        ]
+    return context.make_tuple(builder, types.UniTuple(LANES, 4), columns)
+
+
+def _indices(builder, lanes):
+    """Whole numbers, one by one, of eight that are not negative."""
+    long, short = ir.IntType(64), ir.IntType(32)
+    whole = builder.fptosi(lanes, ir.VectorType(long, WIDTH))
+    return [builder.extract_element(whole, short(i)) for i in range(WIDTH)]
+
+
+@intrinsic
+def take(_context, array, index):
+    """Eight elements of an array."""
+
+    def generate(context, builder, signature, args):
+        kind, total = signature.args[0], ir.Constant(_VECTOR, ir.Undefined)
+        for lane, i in enumerate(_indices(builder, args[1])):
+            value = builder.load(_pointer(context, builder, kind, args[0], i))
+            value = context.cast(builder, value, kind.dtype, types.float64)
+            total = builder.insert_element(total, value, ir.IntType(32)(lane))
+        return total
+
+    return LANES(array, index), generate
+
+
+def _quad(context, builder, kind, array, index):
+    """Four successive elements of an array."""
+    place = _pointer(context, builder, kind, array, index)
+    return builder.load(builder.bitcast(place, _QUAD.as_pointer()), align=8)
+
+
+@intrinsic
+def gather(_context, data, place):
+    """Four successive numbers from each of eight places in data."""
+
+    def generate(context, builder, signature, args):
+        kind = signature.args[0]
+        quads = [_quad(context, builder, kind, args[0], begin) for begin in _indices(builder, args[1])]
+        return _transposed(context, builder, quads)
+
+    return types.UniTuple(LANES, 4)(data, place), generate
+
+
+@intrinsic
+def blend(_context, data, place, _stride, weights):
+    """As `gather`, of sums by weights: those four, the next four, and both again a stride further on."""
+
+    def generate(context, builder, signature, args):
+        long, short = ir.IntType(64), ir.IntType(32)
+        ahead = long(0), long(4), args[2], builder.add(args[2], long(4))
+        sums = []
+        for lane, begin in enumerate(_indices(builder, args[1])):
+            total = ir.Constant(_QUAD, 4 * [0.0])
+            for k in range(4):
+                quad = _quad(context, builder, signature.args[0], args[0], builder.add(begin, ahead[k]))
+                weight = builder.extract_element(builder.extract_value(args[3], k), short(lane))
+                first = builder.insert_element(ir.Constant(_QUAD, ir.Undefined), weight, short(0))
+                weight = builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(short, 4), None))
+                product = builder.fmul(quad, weight, flags=("contract",))
+                total = builder.fadd(total, product, flags=("contract",))
+            sums.append(total)
+        return _transposed(context, builder, sums)
+
+    return types.UniTuple(LANES, 4)(data, place, types.int64, weights), generate

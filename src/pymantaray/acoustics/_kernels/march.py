@@ -1,0 +1,258 @@
+"""Direct rays of a fan through a SMOOTH section, eight side by side, each with steps of its own.
+
+The same equations, formula and control of error as in `step` and `trace`; a ray that has come makes room for the next.
+What eight rays share is only the instruction. Rays that do not get through at once are left to `trace`.
+"""
+
+import math
+
+from pymantaray.acoustics._kernels import layout as at
+from pymantaray.acoustics._kernels.boundary import surface_at
+from pymantaray.acoustics._kernels.field import ABOVE_SCALE, BELOW_SCALE, LUT_SIZE
+from pymantaray.acoustics._kernels.lanes import (
+    WIDTH,
+    absolute,
+    any_lane,
+    blend,
+    choose,
+    floor,
+    gather,
+    load,
+    root,
+    store,
+    take,
+)
+from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, A, C
+from pymantaray.compile import inlined, kernel
+
+# Rows of the workspace: state, its derivatives at the seven stages of a step, and what belongs to each ray
+_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT = 4, 32, 33, 34, 35, 36, 37, 38
+FIRST_STEP = 60.0  # m
+_COME, _FAILED = 1.0, 2.0
+
+
+@inlined
+def _level(s, z):
+    """Number of the layer that each of eight rays is in, and its depth in it; as `field.find_level`."""
+    i = floor((z - s.depth[0]) * s.lut_scale)
+    k, top, below, after = gather(s.lut, 4.0 * choose(i < LUT_SIZE - 1.0, i, LUT_SIZE - 1.0))
+    deeper = below < z
+    k, top = choose(deeper, k + 1.0, k), choose(deeper, below, top)
+    deeper = after < z
+    while any_lane(deeper):  # levels nearer to each other than the table's entries
+        k = choose(deeper, k + 1.0, k)
+        top = take(s.depth, k)
+        deeper = (take(s.depth, k + 1.0) < z) & (k < s.depth.size - 2.5)
+    return k, z - top
+
+
+@inlined
+def _derivative(s, rows, slopes, pos, state, axis):
+    """Put the right-hand side of eight rays from row slopes on; return (h c)^2 less what it must be more than."""
+    w, p, xi, eta = state
+    z_source, c_ref = axis
+    last = s.depth.size - 1
+    top, low = s.depth[0], s.depth[last]
+    z = w + z_source
+    inside = choose(z < top, top, z)
+    inside = choose(inside < low, inside, low)
+    k, x = _level(s, inside)
+    t = pos * (1.0 / s.r_step)
+    column = floor(t)
+    column = choose(column < s.n_range - 2.0, column, s.n_range - 2.0)
+    t = t - column
+    stride = s.data.shape[1] * 16
+    u = 1.0 - t
+    weights = (
+        u * u * (1.0 + 2.0 * t),
+        u * u * t * s.r_step,
+        t * t * (3.0 - 2.0 * t),
+        t * t * u * (-s.r_step),
+    )
+    a0, a1, a2, a3 = blend(s.data, column * float(stride) + 16.0 * k, stride, weights)
+    c = a0 + x * (a1 + x * (a2 + x * a3))
+    cz = a1 + x * (2.0 * a2 + 3.0 * x * a3)
+    czz = 2.0 * a2 + 6.0 * x * a3
+    beyond = z - inside
+    if any_lane(absolute(beyond) > 0.0):
+        scale = choose(beyond < 0.0, ABOVE_SCALE, BELOW_SCALE)
+        q = beyond / scale
+        f = 1.0 / (1.0 + q * q)
+        g = root(f)
+        czz = choose(absolute(beyond) > 0.0, -3.0 * q * f * f * g * cz / scale, czz)
+        c = c + beyond * g * cz
+        cz = f * g * cz
+    least = 1e-6 * c * c
+    square = c_ref * c_ref - c * c * (p * p)
+    room = square - least
+    hc = root(choose(room > 0.0, square, least))
+    inverse = 1.0 / (c * hc)
+    ic, ih = hc * inverse, c * c * inverse
+    n = c_ref * ic
+    nw = -1.0 * n * cz * ic
+    nww = n * ic * (2.0 * cz * cz * ic - czz)
+    ih3 = ih * ih * ih
+    nnw = n * nw
+    store(rows, slopes, p * ih)
+    store(rows, slopes + 1, nnw * ih)
+    store(rows, slopes + 2, (ih + p * p * ih3) * eta - p * nnw * ih3 * xi)
+    store(rows, slopes + 3, ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta)
+    return room
+
+
+@inlined
+def _embedded(rows, i):
+    """As `step.step_error`, for number i of the state."""
+    k = _SLOPES + i
+    return absolute(
+        E1 * load(rows, k)
+        + E3 * load(rows, k + 8)
+        + E4 * load(rows, k + 12)
+        + E5 * load(rows, k + 16)
+        + E6 * load(rows, k + 20)
+        + E7 * load(rows, k + 24)
+    )
+
+
+@inlined
+def _step(s, rows, pos, h, state, first_stage, axis):
+    """One step of Dormand and Prince; return the state after it and the least of what `_derivative` returns."""
+    w, p, xi, eta = state
+    w1, p1, xi1, eta1, room = w, p, xi, eta, pos + 1.0
+    for stage in range(first_stage, 7):
+        dw, dp, dxi, deta = 0.0 * w, 0.0 * w, 0.0 * w, 0.0 * w
+        for j in range(stage):
+            a, k = A[stage, j], _SLOPES + 4 * j
+            dw, dp = dw + a * load(rows, k), dp + a * load(rows, k + 1)
+            dxi, deta = dxi + a * load(rows, k + 2), deta + a * load(rows, k + 3)
+        w1, p1, xi1, eta1 = w + h * dw, p + h * dp, xi + h * dxi, eta + h * deta
+        here = _derivative(s, rows, _SLOPES + 4 * stage, pos + C[stage] * h, (w1, p1, xi1, eta1), axis)
+        room = choose(here < room, here, room)
+    return w1, p1, xi1, eta1, room
+
+
+@kernel
+def _launch(rows, lane, fan, n_rays, length):
+    """Start the next ray of the fan in a lane; one beyond the last is the first again. Return whether it counts."""
+    ray = int(rows[_NEXT, 0])
+    rows[_NEXT, 0] += 1.0
+    angle = fan[ray if ray < n_rays else 0, at.ANGLE]
+    for row in (at.W, at.XI, _POS, _GONE, _GROWN):
+        rows[row, lane] = 0.0
+    rows[at.P, lane], rows[at.ETA, lane] = math.sin(angle), math.cos(angle)
+    rows[_LENGTH, lane], rows[_RAY, lane] = min(length, FIRST_STEP), ray
+    return ray < n_rays
+
+
+@kernel
+def _relay(rows, fan, n_rays, course, tol):
+    """Write rays that have come, or failed, into their nodes and start the next in their lanes; return the change of their number."""
+    change = 0
+    for lane in range(WIDTH):
+        if rows[_DONE, lane] == 0.0:
+            continue
+        if rows[_RAY, lane] < n_rays:
+            node = fan[int(rows[_RAY, lane])]
+            node[at.MISS], node[at.SLOPE] = rows[at.W, lane] - course.target, rows[at.XI, lane]
+            node[at.SLOWNESS], node[at.TURN] = rows[at.P, lane], rows[at.ETA, lane]
+            node[at.GOOD], node[at.CODE] = 1.0 if rows[_DONE, lane] == _COME else 0.0, 0.0
+            node[at.LEFT], node[at.TOL] = rows[_GONE, lane], tol
+            node[at.GROWTH] = rows[_GROWN, lane] / course.length
+            change -= 1
+        if _launch(rows, lane, fan, n_rays, course.length):
+            change += 1
+    return change
+
+
+@kernel
+def _under_ice(walls, rows, z_source):
+    """Take the mark DONE from those of eight rays that are below ice that varies."""
+    for lane in range(WIDTH):
+        r = rows[_POS, lane]
+        if z_source + rows[at.W, lane] >= surface_at(walls, r, 0.0, r)[0]:
+            rows[_DONE, lane] = 0.0
+
+
+@inlined
+def _loaded(rows):
+    """State, place, step and what is kept of eight rays."""
+    state = load(rows, at.W), load(rows, at.P), load(rows, at.XI), load(rows, at.ETA)
+    return state, load(rows, _POS), load(rows, _LENGTH), load(rows, _GONE), load(rows, _GROWN)
+
+
+@inlined
+def _stored(rows, state, pos, h, gone, grown):
+    """Put the same back."""
+    for i in range(4):
+        store(rows, i, state[i])
+    store(rows, _POS, pos)
+    store(rows, _LENGTH, h)
+    store(rows, _GONE, gone)
+    store(rows, _GROWN, grown)
+
+
+@inlined
+def _controlled(rows, h, left, room, tol):
+    """Whether steps are good enough, with what their length is to be multiplied, and whether they are too short to go on.
+
+    Derivatives at the end of a good step become those at the beginning of the next.
+    """
+    error = h * (_embedded(rows, at.W) + left * _embedded(rows, at.P)) + 1e-300
+    allowed = tol * h
+    factor = root(root(allowed / error))
+    forward = room > 0.0
+    good = forward & (error < allowed)
+    larger, smaller = 0.75 * factor, 0.9 * factor
+    larger = choose(larger < 4.0, larger, 4.0)
+    smaller = choose(forward & (smaller > 0.2), smaller, 0.2)
+    for i in range(4):
+        k = _SLOPES + i
+        store(rows, k, choose(good, load(rows, k + 24), load(rows, k)))
+    return good, choose(good, larger, smaller)
+
+
+@kernel
+def march(s, walls, course, fan, n_rays, tol, rows):
+    """Trace rays of a fan, given by their angles, into its rows as `search.shoot` does; GOOD is 0 for those left to it."""
+    z_source, _, _, c_ref = course.axis
+    length = course.length
+    flat = walls.ice.depth.size == 1
+    lowest = walls.ice.depth[0, 0] if flat else math.inf
+    running = 0
+    rows[_NEXT, 0] = 0.0
+    for lane in range(WIDTH):
+        running += 1 if _launch(rows, lane, fan, n_rays, length) else 0
+    state, pos, h, gone, grown = _loaded(rows)
+    first_stage = 0
+    while running > 0:
+        left = length - pos
+        last = left < h * (1.0 + 1e-12)
+        h = choose(last, left, h)
+        w, p, xi, eta, room = _step(s, rows, pos, h, state, first_stage, (z_source, c_ref))
+        good, factor = _controlled(rows, h, left, room, tol / length)
+        failed = h < 1e-9 * length
+        state = (
+            choose(good, w, state[0]),
+            choose(good, p, state[1]),
+            choose(good, xi, state[2]),
+            choose(good, eta, state[3]),
+        )
+        pos = choose(good, choose(last, length, pos + h), pos)
+        h = h * factor
+        grown = choose(grown < absolute(state[2]), absolute(state[2]), grown)
+        above = (state[0] < lowest - z_source) & (gone < 1e-300) & good
+        if any_lane(above):
+            if not flat:
+                _stored(rows, state, pos, h, gone, grown)
+                store(rows, _DONE, choose(above, _COME, 0.0))
+                _under_ice(walls, rows, z_source)
+                above = load(rows, _DONE) > 0.0
+            gone = choose(above, pos, gone)
+        done = choose(good & last, _COME, choose(failed, _FAILED, 0.0))
+        first_stage = 1
+        if any_lane(done > 0.0):
+            _stored(rows, state, pos, h, gone, grown)
+            store(rows, _DONE, done)
+            running += _relay(rows, fan, n_rays, course, tol)
+            state, pos, h, gone, grown = _loaded(rows)
+            first_stage = 0
