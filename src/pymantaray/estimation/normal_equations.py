@@ -106,8 +106,8 @@ class Factor:
 class NormalEquations:
     """Matrix, gradient and cost of residuals linearized at one place; ``factorize`` uses the matrix up."""
 
-    def __init__(self, structure: Structure) -> None:
-        self.structure = structure
+    def __init__(self, structure: Structure, *, curved: bool = False) -> None:
+        self.structure, self.curved = structure, curved
         n = structure.row.size
         self.diagonal, self.above = np.zeros((n, SIZE, SIZE)), np.zeros((structure.column.size, SIZE, SIZE))
         self.gradient, self.cost = np.zeros((n, SIZE)), 0.0

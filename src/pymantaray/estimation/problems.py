@@ -74,15 +74,16 @@ class Fixed:
         return out
 
     def add(self, state: State, blocks: Blocks, out: NormalEquations) -> None:
-        """Add cost, gradient and blocks."""
-        matrix = out.structure.row, True, out.diagonal
+        """Add cost, gradient and blocks, and the curvature of odometry if the equations are to have it."""
+        row, order = out.structure.row, 2 if out.curved else 1
         cost, other = np.empty(self.first.size), np.empty(self._variable.size)
         residuals.add_relative(
-            *(self.first, self.second, self._turn, self._step, self._root, *blocks, *state[:2]),
-            *(*matrix, out.above, out.gradient, cost, np.empty((5, SIZE, SIZE))),
+            *(self.first, self.second, self._turn, self._step, self._root, *blocks, *state[:2], row),
+            *(order, out.diagonal, out.above, out.gradient, cost, np.empty((5, SIZE, SIZE))),
         )
         residuals.add_places(
-            self._variable, self._measured, self._information, state.place, *matrix, out.gradient, other
+            *(self._variable, self._measured, self._information, state.place, row),
+            *(True, out.diagonal, out.gradient, other),
         )
         out.cost += float(cost.sum()) + float(other.sum())
 
@@ -105,7 +106,7 @@ class Fixed:
         none, nothing = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE))
         residuals.add_relative(
             *(self.first, self.second, self._turn, self._step, self._root, none, none > 0, *state[:2]),
-            *(none, False, nothing, nothing, nothing[:, 0], cost, np.empty((5, SIZE, SIZE))),
+            *(none, 0, nothing, nothing, nothing[:, 0], cost, np.empty((5, SIZE, SIZE))),
         )
         residuals.add_places(
             *(self._variable, self._measured, self._information, state.place, np.zeros(0, dtype=np.intp)),
@@ -307,9 +308,9 @@ class Problem:
         """Cost at a state."""
         return self.fixed.cost(state) + self.ranges.cost(state, self.loss)
 
-    def linearize(self, state: State) -> NormalEquations:
-        """Normal equations at a state, ranges weighted as the loss has it there."""
-        out = NormalEquations(self.structure)
+    def linearize(self, state: State, *, curved: bool = False) -> NormalEquations:
+        """Normal equations at a state, ranges weighted as the loss has it there, with the curvature of odometry or without."""
+        out = NormalEquations(self.structure, curved=curved)
         i, n, m = np.arange(SIZE), self.fixed.n_poses, self.fixed.n_variables
         row = self.structure.row
         out.diagonal[row[n:m, None], i[:3], i[:3]] = 1.0  # a landmark does not turn

@@ -26,7 +26,7 @@ def add_relative(  # type: ignore[no-untyped-def]
     rotation,
     place,
     row,
-    wanted,
+    order,
     diagonal,
     above,
     gradient,
@@ -34,7 +34,7 @@ def add_relative(  # type: ignore[no-untyped-def]
     work,
 ):
     """
-    Costs (n,) of poses seen from others, and if wanted their blocks and gradient.
+    Costs (n,) of poses seen from others; of order 1 their blocks and gradient as well, of order 2 also their curvature.
 
     Residuals ``root Log(Z^-1 T1^-1 T2)``; where ``first`` is negative T1 is the world. ``work`` has room for 5 blocks.
     """
@@ -48,10 +48,14 @@ def add_relative(  # type: ignore[no-untyped-def]
             work[4, 1, r] = white
             total += white * white
         cost[i] = 0.5 * total
-        if not wanted:
+        if order == 0:
             continue
         _relative_slopes(first[i], second[i], turn, i, rotation, work)
         k = row[second[i]]
+        if order == 2 and first[i] >= 0:
+            _add_curvature(
+                first[i], row[first[i]], turn, root, i, rotation, block[i], turned[i], diagonal, above, work
+            )
         _whiten(root, i, work, 3, 1)
         add_product(diagonal, k, 1.0, work, 1, work, 1)
         _add_gradient(gradient, k, work, 1)
@@ -207,6 +211,37 @@ def _relative_slopes(first, second, turn, i, rotation, work):  # type: ignore[no
 
 
 @inlined
+def _add_curvature(first, j, turn, root, i, rotation, block, turned, diagonal, above, work):  # type: ignore[no-untyped-def]
+    """
+    Add how the pull on the translation turns with the first pose, the largest part of the curvature.
+
+    The residual's translation is linear in ``R1^T (p2 - p1)``: with its pull q there, ``[q] R1^T`` between turning the first
+    pose and moving one against the other.
+    """
+    for r in range(3):
+        work[4, 2, r] = 0.0
+        for c in range(3, 6):
+            work[4, 2, r] += root[i, c, 3 + r] * work[4, 1, c]
+    for r in range(3):
+        work[4, 3, r] = (
+            work[1, r, 0] * work[4, 2, 0] + work[1, r, 1] * work[4, 2, 1] + work[1, r, 2] * work[4, 2, 2]
+        )
+    q0 = turn[i, 0, 0] * work[4, 3, 0] + turn[i, 0, 1] * work[4, 3, 1] + turn[i, 0, 2] * work[4, 3, 2]
+    q1 = turn[i, 1, 0] * work[4, 3, 0] + turn[i, 1, 1] * work[4, 3, 1] + turn[i, 1, 2] * work[4, 3, 2]
+    q2 = turn[i, 2, 0] * work[4, 3, 0] + turn[i, 2, 1] * work[4, 3, 1] + turn[i, 2, 2] * work[4, 3, 2]
+    for c in range(3):
+        r0, r1, r2 = rotation[first, c, 0], rotation[first, c, 1], rotation[first, c, 2]
+        work[4, 4, 0], work[4, 4, 1], work[4, 4, 2] = q1 * r2 - q2 * r1, q2 * r0 - q0 * r2, q0 * r1 - q1 * r0
+        for r in range(3):
+            diagonal[j, r, 3 + c] -= work[4, 4, r]
+            diagonal[j, 3 + c, r] -= work[4, 4, r]
+            if turned:
+                above[block, 3 + c, r] += work[4, 4, r]
+            else:
+                above[block, r, 3 + c] += work[4, 4, r]
+
+
+@inlined
 def _column_between(rotation, first, second, c):  # type: ignore[no-untyped-def]
     r0, r1, r2 = rotation[first, 0, c], rotation[first, 1, c], rotation[first, 2, c]
     return (
@@ -232,13 +267,19 @@ def _inverse_right(work, x, y, z, bend):  # type: ignore[no-untyped-def]
 
 @inlined
 def _whiten(root, i, work, p, q):  # type: ignore[no-untyped-def]
-    """Multiply a block by the lower triangular root of an information matrix."""
+    """Multiply a block by the root of an information matrix."""
     for r in range(6):
+        a0, a1, a2 = root[i, r, 0], root[i, r, 1], root[i, r, 2]
+        a3, a4, a5 = root[i, r, 3], root[i, r, 4], root[i, r, 5]
         for c in range(6):
-            total = 0.0
-            for k in range(r + 1):
-                total += root[i, r, k] * work[p, k, c]
-            work[q, r, c] = total
+            work[q, r, c] = (
+                a0 * work[p, 0, c]
+                + a1 * work[p, 1, c]
+                + a2 * work[p, 2, c]
+                + a3 * work[p, 3, c]
+                + a4 * work[p, 4, c]
+                + a5 * work[p, 5, c]
+            )
 
 
 @inlined
