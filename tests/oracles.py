@@ -105,10 +105,8 @@ class DenseFan:
     ``profile`` gives the sound speed as a `PPoly` of depth, by range; with reflections it must be the same everywhere. [m]
     """
 
-    DIVISION, GRAZING = (
-        8,
-        0.02,
-    )  # m; a ray that turns this near a boundary may count as in the water, or reflected, or not
+    # m; a ray that turns this near a boundary may count as in the water, or reflected, or not
+    DIVISION, GRAZING = (8, 0.02)
 
     class Rays(NamedTuple):
         """One row per eigenray; slope is the change of the miss by the launch angle [m/rad]."""

@@ -89,9 +89,8 @@ def test_a_thinned_profile_stays_within_its_tolerance(raw, tolerance, interpolat
 @pytest.mark.parametrize("reduce", [None, thin_profile, smooth_profile])
 def test_sound_speed_holds_above_a_first_level_below_the_surface(interpolation, reduce):
     z = np.arange(10.0, 301.0, 5.0)
-    c = 1480.0 + 0.39 * (z - 10.0) * np.exp(
-        -z / 60.0
-    )  # its slope at 10 m would take off 3.3 m/s at the surface
+    # its slope at 10 m would take off 3.3 m/s at the surface
+    c = 1480.0 + 0.39 * (z - 10.0) * np.exp(-z / 60.0)
     if reduce is not None:
         profile = reduce(z, c, interpolation=interpolation)
         assert profile.raw_levels == z.size

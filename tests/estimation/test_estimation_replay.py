@@ -131,9 +131,8 @@ def test_starting_values_of_what_odometry_reaches_do_not_matter(mission):
 def test_undetermined_variables_fail_at_their_update_and_the_interpreter_lives(mission):
     _, graph, start = mission
     of_landmark = np.flatnonzero((graph["range"].variables >= graph.n_poses).any(axis=1))
-    once = np.delete(
-        np.arange(len(graph["range"])), of_landmark[1:]
-    )  # a landmark without a prior, ranged once
+    # a landmark without a prior, ranged once
+    once = np.delete(np.arange(len(graph["range"])), of_landmark[1:])
     unknown = without(graph, "survey").with_factors(range=graph["range"][once])
     failed = replay(unknown, start)
     assert failed.solution.status == SolveStatus.FAILED

@@ -12,11 +12,8 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient, find_eigenrays
 
 BOTTOM, SHALLOW = 3000.0, 350.0  # m; of direct rays, and of reflected ones
-MISS, ANGLE, TIME = (
-    3e-2,
-    1e-5,
-    1e-6,
-)  # m, rad, s; the angle at the far end of a ray that diverges is worse than its time
+# m, rad, s; the angle at the far end of a ray that diverges is worse than its time
+MISS, ANGLE, TIME = (3e-2, 1e-5, 1e-6)
 
 
 class Section(NamedTuple):

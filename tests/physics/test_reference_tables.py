@@ -62,9 +62,8 @@ def compare_with_the_multipath_table(name, bounces, links):
     """Rows that are missed or invented among those with so many reflections at most, and the errors of time."""
     rows, arrivals = solve(name, bounces, bounces, links=links)
     table = pd.read_csv(REFERENCE / "multipath.csv").query("medium == @name")
-    most = (
-        min(bounces, 2) if name == "a_iso" else bounces
-    )  # that table's rows of three reflections are missing
+    # that table's rows of three reflections are missing
+    most = min(bounces, 2) if name == "a_iso" else bounces
     if bounces == 0:
         table = table.query("surface_bounces == 0 and bottom_bounces == 0")
     missed, errors = [], []

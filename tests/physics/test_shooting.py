@@ -95,9 +95,8 @@ def assert_small(found, least):
 )
 @pytest.mark.parametrize("make", [make_front, make_eddies])
 def test_direct_travel_times_agree(make, n, seed):
-    ends = (
-        end + np.array([0.0, 0.0, 20.0]) for end in front_links(n, seed)
-    )  # deeper: few are lost to the surface
+    # deeper: few are lost to the surface
+    ends = (end + np.array([0.0, 0.0, 20.0]) for end in front_links(n, seed))
     assert_small(errors(make(), *ends), {0: 0.7 * n if n < 20 else 0.85 * n})
 
 

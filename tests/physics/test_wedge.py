@@ -17,13 +17,11 @@ from pymantaray.acoustics import Medium, find_eigenrays
 
 Array = NDArray[np.float64]
 C = 1500.0
-ATOL_TIME = (
-    1e-9  # s; for the ray and for each reflection, which takes place within a micrometre of the boundary
-)
+# s; for the ray and for each reflection, which takes place within a micrometre of the boundary
+ATOL_TIME = 1e-9
 ATOL_ANGLE = 2e-6  # of slowness times sound speed
-INSET = (
-    1e-3  # m; a receiver on a boundary is met this far inside, which turns the ray and not its travel time
-)
+# m; a receiver on a boundary is met this far inside, which turns the ray and not its travel time
+INSET = 1e-3
 ATOL_SPREADING = 0.01  # dB
 DOUBT = 2e-3  # m; a corner this near to an end, to the beach or to the edge of the grid may be there or not
 

@@ -17,9 +17,8 @@ from pymantaray.estimation import FactorGraph
 from pymantaray.records import Arrivals, Estimates, Measurements, RayStatus, Trajectories, read_netcdf
 from pymantaray.records.base import Column, Record, column
 
-KINDS = sorted(
-    {*Record.__subclasses__()} - {FactorGraph}, key=lambda kind: kind.kind
-)  # its tables are its own
+# its tables are its own
+KINDS = sorted({*Record.__subclasses__()} - {FactorGraph}, key=lambda kind: kind.kind)
 FIXED = {"axis": 3, "quat": 4, "tangent": 6}
 NAMES = ["A", "Zoë", "a longer name", "浮", "E"]
 

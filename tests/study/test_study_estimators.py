@@ -144,9 +144,8 @@ def test_perturbed_oceans_are_members_by_realization_in_proportion_to_rms(day, b
     other = beliefs.believed(one, 1).medium.sound_speed - true
     again = beliefs.believed(one, 0).medium.sound_speed - true
     np.testing.assert_array_equal(half, again)  # made anew, after that of the other realization
-    np.testing.assert_allclose(
-        whole, 2.0 * half, rtol=0, atol=0.02
-    )  # a cubic spline of what is exact at nodes
+    # a cubic spline of what is exact at nodes
+    np.testing.assert_allclose(whole, 2.0 * half, rtol=0, atol=0.02)
     assert off(half, other) > 0.1
     assert 0.1 < np.sqrt(np.mean(half[..., day.ocean["depth"].values <= 300.0] ** 2)) < 1.5
 
@@ -154,13 +153,11 @@ def test_perturbed_oceans_are_members_by_realization_in_proportion_to_rms(day, b
 def test_mean_and_cast_are_the_same_everywhere_and_the_cast_the_column_of_the_beacon(day, beliefs):
     mean, cast = (beliefs.believed(s, 0) for s in (MeanBelief(kind="mean"), CastBelief(kind="cast")))
     for belief in (mean, cast):
-        assert (
-            np.ptp(belief.medium.sound_speed, axis=(0, 1)).max() < 0.15
-        )  # pressure and gravity with latitude
+        # pressure and gravity with latitude
+        assert np.ptp(belief.medium.sound_speed, axis=(0, 1)).max() < 0.15
     here = day.ocean["sound_speed"].interp(north=0.0, east=0.0).values
-    np.testing.assert_allclose(
-        cast.profile()[1][:20], here[:20], rtol=0, atol=0.3
-    )  # nearest grid point, 2 km
+    # nearest grid point, 2 km
+    np.testing.assert_allclose(cast.profile()[1][:20], here[:20], rtol=0, atol=0.3)
     assert beliefs.believed(MeanBelief(kind="mean"), 1) is mean
     elsewhere = beliefs.believed(CastBelief(kind="cast", north=12e3, east=-12e3), 0)
     assert off(elsewhere.profile()[1], cast.profile()[1]) > 0.1

@@ -39,9 +39,8 @@ def test_survey_is_a_driven_fleet_with_clocks_and_landmarks():
 def test_survey_mows_its_lawn(survey_run):
     truth, o = survey_run.truth, survey_run.measurements
     assert survey_run.manifest["outcome"]["stopped_vehicles"] == {}
-    turned = 2.0 * np.linalg.norm(o.odometry_rotation[..., 1:], axis=-1).max(
-        axis=1
-    )  # sin of half the angle, twice
+    # sin of half the angle, twice
+    turned = 2.0 * np.linalg.norm(o.odometry_rotation[..., 1:], axis=-1).max(axis=1)
     assert turned[0] == 0.0
     assert (turned[1:] > 1.0).all()
     field = np.ptp(truth.position[1:], axis=1)
