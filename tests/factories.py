@@ -1,5 +1,8 @@
 """Small oceans, media, fleets and studies that tests of several folders are made of."""
 
+import os
+import subprocess
+import sys
 import tomllib
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -318,6 +321,13 @@ def ranges(truth, rng, attempts, *, status=None, landmarks=()):
     return measurements, RangingTruth(
         distance=distance, sound_speed=speed, travel_time=time, chord_travel_time=chord
     )
+
+
+def python(code, *arguments, environment=None, **options):
+    """Run code in a process of its own; what it printed and said is text."""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    options = {"env": os.environ | (environment or {}), "capture_output": True, "text": True} | options
+    return subprocess.run(command, check=False, **options)
 
 
 def assert_same(one, other, *, but=()):

@@ -1,11 +1,8 @@
 """How kernels are compiled: linked into entries, kept on disk only as long as no source changes, in memory where no disk can be written."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
+from factories import python
 from numba import njit
 
 from pymantaray.compile import kernel
@@ -35,15 +32,8 @@ def two_files(tmp_path):
     def run(factor, before="", **environment):
         (tmp_path / "inner.py").write_text(INNER.format(factor=factor))
         code = f"{before}\nfrom outer import scaled\nprint(scaled(1.0), scaled.stats.cache_path is not None)"
-        command = [sys.executable, "-B", "-c", code]
-        done = subprocess.run(
-            command,
-            cwd=tmp_path,
-            env={**os.environ, **environment},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        environment |= {"PYTHONDONTWRITEBYTECODE": "1"}
+        done = python(code, environment=environment, cwd=tmp_path)
         return done.stdout.split(), done.stderr
 
     return run

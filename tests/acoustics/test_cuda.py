@@ -1,13 +1,10 @@
 """The kernels on CUDA: the simulator's digits, compilation without a device, and workspaces no larger than needed."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from factories import DUCT
+from factories import DUCT, python
 from factories import DUCT_DEPTH as Z
 from refusals import refused
 
@@ -93,20 +90,10 @@ def solve(device):
     return solved
 
 
-def run(script, *arguments, **environment):
-    return subprocess.run(
-        [sys.executable, "-c", script, *arguments],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 @pytest.mark.slow
 def test_simulated_device_gives_the_digits_of_the_processor(tmp_path):
     file = tmp_path / "cuda.npz"
-    done = run(SIMULATE, str(file), *map(str, Path(__file__).parents[:2]), NUMBA_ENABLE_CUDASIM="1")
+    done = python(SIMULATE, file, *Path(__file__).parents[:2], environment={"NUMBA_ENABLE_CUDASIM": "1"})
     assert done.returncode == 0, done.stderr[-2000:]
     simulated = np.load(file)
     for name, expected in solve("cpu").items():
@@ -118,7 +105,7 @@ def test_simulated_device_gives_the_digits_of_the_processor(tmp_path):
 @pytest.mark.slow
 def test_kernel_compiles_for_a_device_without_one():
     pytest.importorskip("numba_cuda", reason="needs numba-cuda")
-    done = run(COMPILE)
+    done = python(COMPILE)
     if done.returncode == 77:
         pytest.skip(done.stdout)
     assert done.returncode == 0, done.stderr[-2000:]

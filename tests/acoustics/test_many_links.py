@@ -1,7 +1,5 @@
 """Many links: the same in any number of threads and blocks, in flat memory, counted, and stopped when asked to."""
 
-import subprocess
-import sys
 import threading
 import time
 import tracemalloc
@@ -9,7 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from factories import DUCT, assert_same
+from factories import DUCT, assert_same, python
 from factories import DUCT_DEPTH as Z
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -135,9 +133,7 @@ def test_memory_grows_by_the_results_only():
 @pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_an_interrupt_stops_within_a_block(threads):
     code = INTERRUPTED.format(z=Z.tolist(), c=DUCT.tolist(), threads=threads)
-    done = subprocess.run(
-        [sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=300
-    )
+    done = python(code, timeout=300)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     seconds, solved, alive = (float(word) for word in done.stdout.split())
@@ -191,12 +187,3 @@ def test_no_paths_of_no_rays():
     a[:, 2] = -1.0  # in the air
     rays = trace_paths(medium, a, b, find_eigenrays(medium, a, b))
     assert rays.position.shape == (0, 3)
-
-
-def test_acoustics_loads_nothing_heavy():
-    code = (
-        "import sys\nfrom pymantaray.acoustics import absorption, currents, loss, selection, sonar\n"
-        "print(*{'xarray', 'scipy', 'pandas', 'numba', 'netCDF4'} & set(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == []

@@ -3,8 +3,6 @@
 import json
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import gsw
@@ -316,17 +314,6 @@ def test_what_cannot_be_is_one_line_and_writes_nothing(mantaray, folder, words):
     assert done.err.count("\n") == 1
     assert re.search(REFUSED[words], done.err), done.err
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
-
-
-def test_help_of_rays_imports_nothing_heavy():
-    code = (
-        "import sys\nfrom pymantaray.cli.main import main\n"
-        "try:\n    main(['rays', 'times', '--help'])\nexcept SystemExit: pass\n"
-        "print([m for m in ('numba', 'pandas', 'xarray', 'scipy', 'gsw') if m in sys.modules])\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"
-    assert "--max-surface-bounces" in done.stdout
 
 
 def test_the_how_to_runs_as_it_stands(rays):

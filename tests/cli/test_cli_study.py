@@ -1,7 +1,5 @@
 """The command `mantaray`: what it prints, what it refuses in one line, and that refusal leaves nothing behind."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -42,18 +40,6 @@ def test_init_copies_a_preset_and_never_overwrites(mantaray, tmp_path):
     refused = mantaray("study", "init", "quick", file)
     assert (refused.code, refused.err) == (2, f"error: {file}: exists already; give another name\n")
     assert file.read_text() == "# mine"
-
-
-@pytest.mark.parametrize("words", [["list"], ["run", "nosuch"], ["run", "broken.toml"]])
-def test_what_needs_no_run_imports_nothing_heavy(small, words):
-    Path("broken.toml").write_text("[study")
-    code = (
-        f"import sys\nfrom pymantaray.cli.main import main\ntry:\n    main(['study', *{words}])\n"
-        "except SystemExit: pass\n"
-        "print([m for m in ('numba', 'gtsam', 'xarray', 'matplotlib', 'scipy') if m in sys.modules])\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"
 
 
 def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(mantaray, small, monkeypatch):

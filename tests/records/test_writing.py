@@ -3,12 +3,12 @@
 import resource
 import signal
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import xarray as xr
+from factories import python
 from refusals import refused
 
 from pymantaray.errors import RecordError, WriteError
@@ -145,8 +145,7 @@ def test_full_disk(tmp_path):
     if not mounted:
         pytest.skip("no small file system can be mounted here")
     try:
-        command = [sys.executable, "-c", FULL_DISK, str(tmp_path)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = python(FULL_DISK, tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.splitlines() == [
             f"{tmp_path}/{name}: cannot be written: No space left on device" for name in "ab"

@@ -1,13 +1,12 @@
 """What happens to runs: full disks, folders that go away, other threads; one line each, and nothing half-written."""
 
-import os
 import shutil
-import subprocess
 import sys
 import threading
 
 import numpy as np
 import pytest
+from factories import python
 
 from pymantaray.errors import StudyError
 from pymantaray.ocean import open_ocean
@@ -33,14 +32,8 @@ except WriteError as error:
 
 def test_full_disk_is_one_line_with_the_file_and_the_cause(tmp_path):
     """In a process of its own, which HDF5 leaves with the file open, and which must not write half of Python's caches."""
-    done = subprocess.run(
-        [sys.executable, "-B", "-c", FULL],
-        env=os.environ | {"PYTHONPATH": ":".join(sys.path)},
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-    )
+    environment = {"PYTHONPATH": ":".join(sys.path), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = python(FULL, environment=environment, cwd=tmp_path)
     assert done.stderr == ""
     assert done.stdout.endswith("/estimates.nc: cannot be written: File too large\n")
     assert list(tmp_path.iterdir()) == []

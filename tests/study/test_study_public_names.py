@@ -1,9 +1,7 @@
 """The package's public names: all there, and nothing heavy until one is used."""
 
-import subprocess
-import sys
-
 import pytest
+from factories import python
 
 import pymantaray
 
@@ -20,7 +18,29 @@ def test_unknown_names_are_unknown():
         _ = pymantaray.nonsense
 
 
-def test_importing_the_package_imports_nothing_heavy():
-    code = "import sys, pymantaray; print([m for m in ('numpy', 'xarray', 'numba', 'gtsam') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+COMMAND = """
+from pymantaray.cli.main import main
+try:
+    main({!r})
+except SystemExit:
+    pass
+"""
+LIGHT = {  # what is done, and what is not imported for it
+    "import pymantaray": "numpy xarray numba gtsam",
+    "import pymantaray.estimation": "gtsam",
+    "import pymantaray.ocean.fetch": "requests pydap copernicusmarine",
+    "from pymantaray.acoustics import absorption, currents, loss, selection, sonar": "xarray scipy pandas numba netCDF4",
+    "rays times --help": "numba pandas xarray scipy gsw",
+    "study list": "numba gtsam xarray matplotlib scipy",
+    "study run nosuch": "numba gtsam xarray matplotlib scipy",
+    "study run broken.toml": "numba gtsam xarray matplotlib scipy",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", LIGHT)
+def test_nothing_heavy_is_imported_before_it_is_used(tmp_path, what):
+    (tmp_path / "broken.toml").write_text("[study")
+    code = what if "import" in what else COMMAND.format(what.split())
+    code += f"\nimport sys\nprint('imported:', *set({LIGHT[what].split()}) & set(sys.modules))"
+    done = python(code, cwd=tmp_path)
+    assert done.stdout.splitlines()[-1] == "imported:", done.stderr

@@ -1,7 +1,6 @@
 """A server that misbehaves: every fault ends in the right water after a retry, or in one line that says what happened."""
 
 import base64
-import subprocess
 import sys
 import threading
 import time
@@ -147,16 +146,6 @@ def test_without_the_extra_s_packages_it_is_named(refusal, monkeypatch, name):
     monkeypatch.delitem(sys.modules, "pymantaray.ocean.fetch.transport", raising=False)
     monkeypatch.setitem(sys.modules, name, None)
     assert 'pip install "pymantaray[fetch]"' in refusal()
-
-
-@pytest.mark.slow
-def test_importing_takes_no_client_and_warns_of_nothing():
-    """Network clients are imported when a fetch begins."""
-    script = (
-        "import sys; import pymantaray.ocean.fetch as f; names = ('requests', 'pydap', 'copernicusmarine');"
-        " assert not [n for n in names if n in sys.modules]; import pymantaray.ocean.fetch.transport"
-    )
-    subprocess.run([sys.executable, "-W", "error", "-c", script], check=True)
 
 
 def test_a_fetch_that_is_interrupted_leaves_no_file(fetch, tmp_path, thredds):
