@@ -12,7 +12,7 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.open import Currents, read_ocean
 from pymantaray.ocean.schema import Finding, place_of, violations
-from pymantaray.ocean.sea_floor import is_finer, local_floor, sea_floor_depth
+from pymantaray.ocean.sea_floor import local_floor, sea_floor_depth
 from pymantaray.ocean.seawater import Equation, density_fall, ocean_sound_speed
 from pymantaray.ocean.window import Window
 
@@ -301,16 +301,15 @@ def _fleet(
     fleet: Mapping[str, Array],
     sea_floor: xr.DataArray | None,
 ) -> Iterator[Finding]:
-    finer = sea_floor is not None and is_finer(sea_floor, window)
-    if sea_floor is not None and finer:
-        try:
-            local = local_floor(sea_floor, window, half)
-        except OceanError as error:
-            yield Finding("wrong", "sea floor", str(error), "the whole domain", "fetch a larger window of it")
-            return
-        bed = linear_interpolator((local.north, local.east), local.depth)
-    else:
+    try:
+        local = None if sea_floor is None else local_floor(sea_floor, window, half)
+    except OceanError as error:
+        yield Finding("wrong", "sea floor", str(error), "the whole domain", "fetch a larger window of it")
+        return
+    if local is None:
         bed = linear_interpolator((window.lat, window.lon), sea_floor_depth(ocean).values)
+    else:
+        bed = linear_interpolator((local["floor_north"].values, local["floor_east"].values), local.values)
     for name, plan in fleet.items():
         where = f"vehicle {name}"
         points = np.atleast_2d(np.asarray(plan, dtype=float))
@@ -327,8 +326,8 @@ def _fleet(
                 where,
             )
             continue
-        at = points[:, :2] if finer else np.stack(window.geographic(points[:, 0], points[:, 1]), axis=-1)
-        beds = bed(at)
+        geographic = np.stack(window.geographic(points[:, 0], points[:, 1]), axis=-1)
+        beds = bed(geographic if local is None else points[:, :2])
         short = points[:, 2] - beds
         if np.any(short > 0.0):
             worst = 0 if short[0] > 0.0 else int(np.argmax(short))

@@ -13,10 +13,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import (
-    MAX_FLOOR_NODES,
-    FinerFloor,
     fill_below_sea_bed,
-    is_finer,
     levels_to,
     local_floor,
     sea_floor_depth,
@@ -91,8 +88,14 @@ def to_local(
     window = Window(lat, lon, LocalFrame(*(middle if centre is None else centre)))
     half = window.largest_rectangle() if half_extent is None else _checked(half_extent, window)
     north, east = (_axis(h, step) for h, step in zip(half, window.native_spacing(), strict=True))
-    finer, notes = _finer(sea_floor, window, half)
-    added = np.empty(0) if finer is None else levels_to(depth, float(finer.depth.max()))
+    notes: dict[str, object] = {}
+    finer = None if sea_floor is None else local_floor(sea_floor, window, half)
+    if finer is not None:
+        notes = {f"sea_floor_{name}": finer.attrs[name] for name in ("source", "spacing")}
+    elif sea_floor is not None:
+        name = sea_floor.attrs.get("source", "sea_floor")
+        notes["sea_floor_source"] = f"where the ocean's levels end; the grid of {name} is coarser"
+    added = np.empty(0) if finer is None else levels_to(depth, float(finer.max()))
 
     fields = {}
     for v in VARIABLES:
@@ -121,9 +124,9 @@ def to_local(
         floor = TensorSpline(lat, lon, at_lat, at_lon, degree=1)(own[None])[..., 0]
         floor = np.clip(floor, own.min(), own.max())  # not even by rounding below the deepest level
     else:
-        floor, floor_grid = finer.depth, ("floor_north", "floor_east")
-        axes["floor_north"] = ("floor_north", finer.north, _attrs("projection_y_coordinate", "m"))
-        axes["floor_east"] = ("floor_east", finer.east, _attrs("projection_x_coordinate", "m"))
+        floor, floor_grid = finer.values, ("floor_north", "floor_east")
+        for name, letter in zip(floor_grid, "yx", strict=True):
+            axes[name] = (name, finer[name].values, _attrs(f"projection_{letter}_coordinate", "m"))
     return xr.Dataset(
         {
             "sound_speed": (grid, smooth(speed), _attrs("speed_of_sound_in_sea_water", "m s-1")),
@@ -149,32 +152,6 @@ def _along_axes(u: Array, v: Array, bearing: Array) -> tuple[Array, Array]:
     """Components along the frame's north and east of true eastward and northward ones; bearing of true north. [rad]"""
     cos, sin = np.cos(bearing), np.sin(bearing)
     return v * cos - u * sin, v * sin + u * cos
-
-
-def _finer(
-    sea_floor: xr.DataArray | None, window: Window, half: tuple[float, float]
-) -> tuple[FinerFloor | None, dict[str, object]]:
-    """Sea floor of a file if it is to be taken, and what there is to record about that."""
-    if sea_floor is None:
-        return None, {}
-    if sea_floor.dims != ("lat", "lon") or min(sea_floor.shape) < 2:
-        raise OceanError(
-            f"sea_floor has dimensions {sea_floor.dims}, shape {sea_floor.shape}; needs (lat, lon) with at least"
-            " 2 points each, as open_sea_floor returns it"
-        )
-    name = str(sea_floor.attrs.get("source", "sea_floor"))
-    if not is_finer(sea_floor, window):
-        return None, {"sea_floor_source": f"where the ocean's levels end; the grid of {name} is coarser"}
-    finer = local_floor(sea_floor, window, half)
-    north, east = finer.spacing
-    origin = f"{name}, {north:.0f} m by {east:.0f} m"
-    if finer.widened:
-        step = finer.north[1] - finer.north[0], finer.east[1] - finer.east[0]
-        origin += (
-            f", on nodes {step[0]:.0f} m by {step[1]:.0f} m apart because at most {MAX_FLOOR_NODES:,} are kept,"
-            f" mean of {finer.averaged} by {finer.averaged} points"
-        )
-    return finer, {"sea_floor_source": origin, "sea_floor_spacing": [north, east]}
 
 
 def _attrs(standard_name: str, units: str) -> dict[str, str]:

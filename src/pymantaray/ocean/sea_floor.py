@@ -1,6 +1,5 @@
 """Sea floor: what an ocean's levels imply, or a file of depths or heights, and values below it for the interpolants."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,47 +89,32 @@ def fill_below_sea_bed(field: NDArray[np.floating], lat: Array) -> Array:
     return np.ascontiguousarray(filled[:, rows, columns])
 
 
-@dataclass(frozen=True, eq=False)
-class FinerFloor:
-    """Sea floor of a file on a grid of its own in the local frame."""
-
-    north: Array
-    """Shape (n_north,). [m]"""
-    east: Array
-    """Shape (n_east,). [m]"""
-    depth: Array
-    """Shape (n_north, n_east), positive down. [m]"""
-    spacing: tuple[float, float]
-    """Of the file at the frame's centre, north and east. [m]"""
-    widened: bool
-    """Whether the nodes lie farther apart than the file's points, to keep within `MAX_FLOOR_NODES`."""
-    averaged: int
-    """Points of the file in each direction that were averaged for one node; 1 if none had to be."""
-
-
-def is_finer(sea_floor: xr.DataArray, window: Window) -> bool:
-    """Whether a sea floor's grid is as fine as the ocean's, or finer, by the area of a cell at the frame's centre."""
-    theirs = Window(sea_floor["lat"].values, sea_floor["lon"].values, window.frame)
-    cells = [np.prod(w.native_spacing()) for w in (theirs, window)]
-    return bool(np.sqrt(cells[0]) <= _SAME_SPACING * np.sqrt(cells[1]))
-
-
-def local_floor(sea_floor: xr.DataArray, window: Window, half_extent: tuple[float, float]) -> FinerFloor:
+def local_floor(
+    sea_floor: xr.DataArray, window: Window, half_extent: tuple[float, float]
+) -> xr.DataArray | None:
     """
     Sea floor of a file on a regular grid of the local frame, bilinear between the file's points and spaced about as they.
 
-    With more than `MAX_FLOOR_NODES` at the file's own spacing the nodes are set wider apart, and the file is averaged over
-    as many points first.
+    None if the file's grid is coarser than the ocean's, by the area of a cell at the frame's centre. With more than
+    `MAX_FLOOR_NODES` at the file's own spacing the nodes are set wider apart, and the file is averaged over as many points
+    first. The attribute ``source`` says so, ``spacing`` is the file's, north and east. [m]
     """
+    if sea_floor.dims != ("lat", "lon") or min(sea_floor.shape) < 2:
+        raise OceanError(
+            f"sea_floor has dimensions {sea_floor.dims}, shape {sea_floor.shape}; needs (lat, lon) with at least"
+            " 2 points each, as open_sea_floor returns it"
+        )
     theirs = Window(sea_floor["lat"].values, sea_floor["lon"].values, window.frame)
+    spacing = theirs.native_spacing()
+    if np.sqrt(np.prod(spacing)) > _SAME_SPACING * np.sqrt(np.prod(window.native_spacing())):
+        return None
+    name = str(sea_floor.attrs.get("source", "sea_floor"))
     if not theirs.holds(*half_extent):
         lat, lon = theirs.lat, theirs.lon
         raise OceanError(
-            f"sea floor {sea_floor.attrs.get('source', '')}: covers latitude {lat[0]:g} to {lat[-1]:g}, longitude"
-            f" {lon[0]:g} to {lon[-1]:g}, not the domain of +-{half_extent[0] / 1e3:g} km by"
-            f" +-{half_extent[1] / 1e3:g} km; fetch a larger window or shrink half_extent"
+            f"{name}: covers latitude {lat[0]:g} to {lat[-1]:g}, longitude {lon[0]:g} to {lon[-1]:g}, not the domain of"
+            f" +-{half_extent[0] / 1e3:g} km by +-{half_extent[1] / 1e3:g} km; fetch a larger window or shrink half_extent"
         )
-    spacing = theirs.native_spacing()
     wider = 1.0
     while True:
         cells = [max(_MIN_CELLS, round(h / (wider * s))) for h, s in zip(half_extent, spacing, strict=True)]
@@ -138,14 +122,26 @@ def local_floor(sea_floor: xr.DataArray, window: Window, half_extent: tuple[floa
             break
         wider *= 1.1
     north, east = (np.linspace(-h, h, 2 * n + 1) for h, n in zip(half_extent, cells, strict=True))
-    depth = np.asarray(sea_floor.values, dtype=float)
+    depth, source = (
+        np.asarray(sea_floor.values, dtype=float),
+        f"{name}, {spacing[0]:.0f} m by {spacing[1]:.0f} m",
+    )
     averaged = 2 * (int(0.5 * wider)) + 1
     if averaged > 1:
         depth = ndimage.uniform_filter(depth, averaged, mode="nearest")
+    if wider > 1.0:
+        source += (
+            f", on nodes {north[1] - north[0]:.0f} m by {east[1] - east[0]:.0f} m apart because at most"
+            f" {MAX_FLOOR_NODES:,} are kept, mean of {averaged} by {averaged} points"
+        )
     bilinear = linear_interpolator((theirs.lat, theirs.lon), depth)
     nodes = bilinear(np.stack(theirs.geographic(north[:, None], east[None, :]), axis=-1))
-    nodes = np.clip(nodes, depth.min(), depth.max())
-    return FinerFloor(north, east, nodes, spacing, wider > 1.0, averaged)
+    return xr.DataArray(
+        np.clip(nodes, depth.min(), depth.max()),
+        {"floor_north": north, "floor_east": east},
+        ("floor_north", "floor_east"),
+        attrs={"source": source, "spacing": list(spacing)},
+    )
 
 
 def levels_to(depth: Array, deepest: float) -> Array:
