@@ -330,6 +330,19 @@ class Shooting:
         return ray.y[:, -1].reshape(len(state), 6)
 
 
+def direct_travel_time_linear_gradient(source, receiver, *, sound_speed_surface, gradient):
+    """
+    Travel time [s] of the direct ray where sound speed is ``c0 + g z``, boundaries ignored.
+
+    The metric ds/c is that of the hyperbolic half-space, so t = 2/|g| arcsinh(|g| d / 2 sqrt(c_s c_r)) for ends d apart with
+    speeds c_s and c_r; this form keeps its digits for small gradients.
+    """
+    a, b = np.asarray(source, dtype=float), np.asarray(receiver, dtype=float)
+    speeds = [sound_speed_surface + gradient * end[..., 2] for end in (a, b)]
+    x = np.linalg.norm(b - a, axis=-1) / (2.0 * np.sqrt(speeds[0] * speeds[1]))
+    return 2.0 * x if gradient == 0.0 else 2.0 / abs(gradient) * np.arcsinh(abs(gradient) * x)
+
+
 def field_of(medium, values=None):
     """Scipy's interpolator of a medium's sound speed, or of values (north, east, depth, k), by the medium's definition.
 

@@ -7,9 +7,10 @@ import bellhop_stand_in as stand_in
 import numpy as np
 import pandas as pd
 import pytest
+from oracles import direct_travel_time_linear_gradient
 from refusals import refused
 
-from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient, find_eigenrays
+from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics.bellhop import BellhopOptions, compare_with_bellhop, write_bellhop
 from pymantaray.acoustics.bellhop.run import PROGRAMS, bellhop_arrivals, find_bellhop, run_bellhop
 from pymantaray.errors import AcousticsError

@@ -16,7 +16,6 @@ from pymantaray.acoustics import (
     SeaSurface,
     Sonar,
     WenzNoise,
-    direct_travel_time_linear_gradient,
     find_eigenrays,
     link_loss_db,
     ray_picture,
@@ -53,10 +52,6 @@ def short_bed():
     return Medium.from_grid(AXIS, AXIS, [0.0, 4e3], c, bathymetry=np.full((3, 3), 2e3), **axes)
 
 
-def falling_to_nothing():
-    direct_travel_time_linear_gradient([0, 0, 0], [0, 0, 1e3], sound_speed_surface=950.0, gradient=-1.0)
-
-
 def salty(depth=(0.0,), temperature=(5.0,), salinity=(35.0,), **options):
     return Absorption.from_profile(depth, temperature, salinity, **options)
 
@@ -80,7 +75,6 @@ REFUSED = {
     "tolerance: 0": lambda: links(tolerance=0.0),
     "device: 'tpu'; allowed are 'auto', 'cpu' and 'cuda'": lambda: links(device="tpu"),
     "coincide": lambda: ray_picture(LINK[0], LINK[1], LINK[1]),
-    "falls to -50 m/s; it must be positive": falling_to_nothing,
     "lacks water_temp, salinity; give the": lambda: Absorption.from_dataset(NOWHERE),
     "'urick'; allowed are francois-": lambda: salty(formula="urick"),
     r"temperature: shape \(1,\); it needs \(2,\)": lambda: salty([0.0, 1.0], [5.0], [35.0, 35.0]),

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles import direct_travel_time_linear_gradient
 from scipy.integrate import quad
 
-from pymantaray.acoustics import direct_travel_time_linear_gradient
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeLinks, TransmitterSpeed
 

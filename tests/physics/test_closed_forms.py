@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from oracles import direct_travel_time_linear_gradient
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
-from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient, find_eigenrays
+from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.records import RayStatus
 
 BOTTOM = 5000.0

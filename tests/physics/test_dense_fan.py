@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from factories import ARCTIC_DEPTH, arctic
-from oracles import DenseFan
+from oracles import DenseFan, direct_travel_time_linear_gradient
 from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 
-from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient, find_eigenrays
+from pymantaray.acoustics import Medium, find_eigenrays
 
 BOTTOM, SHALLOW = 3000.0, 350.0  # m; of direct rays, and of reflected ones
 # m, rad, s; the angle at the far end of a ray that diverges is worse than its time

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from oracles import sheet_under
+from oracles import direct_travel_time_linear_gradient, sheet_under
 
-from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient, find_eigenrays
+from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.errors import AcousticsError
 from pymantaray.records import RayStatus
 

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from factories import HIDDEN, range_fleet, ridged
+from oracles import direct_travel_time_linear_gradient
 from scipy.stats import norm
 
 from pymantaray.acoustics import (
@@ -13,7 +14,6 @@ from pymantaray.acoustics import (
     Currents,
     Medium,
     Sonar,
-    direct_travel_time_linear_gradient,
     find_eigenrays,
 )
 from pymantaray.records import RayStatus, VehicleStatus

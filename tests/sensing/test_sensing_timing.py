@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from factories import assert_same, range_fleet, trajectories
+from oracles import direct_travel_time_linear_gradient
 
-from pymantaray.acoustics import Medium, direct_travel_time_linear_gradient
+from pymantaray.acoustics import Medium
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
 from pymantaray.records import RayStatus, VehicleStatus

@@ -1,7 +1,6 @@
 """Two-point acoustics in a gridded ocean: eigenrays, travel times and their derivatives, loss and detection."""
 
 from pymantaray.acoustics.absorption import Absorption
-from pymantaray.acoustics.analytic import direct_travel_time_linear_gradient
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import find_eigenrays
 from pymantaray.acoustics.loss import FluidBottom, IceCover, SeaSurface, transmission_loss
@@ -30,7 +29,6 @@ __all__ = [
     "WenzNoise",
     "choose_arrivals",
     "current_delays",
-    "direct_travel_time_linear_gradient",
     "find_eigenrays",
     "link_loss_db",
     "path_integrals",
