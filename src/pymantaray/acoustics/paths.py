@@ -355,31 +355,24 @@ def ray_picture(
     section_grid(domain, line, ranges, np.zeros(1), work, (np.empty((n_range, 1)), floor, ice))
     depths, c = np.linspace(0.0, 1.03 * floor.max(), n_depth), np.empty((n_range, n_depth))
     section_grid(domain, line, ranges, depths, work, (c, floor, ice))
-    metres = {"units": "m"}
+    variables = {
+        "sound_speed": (("range", "depth"), c, "m s-1", "sound speed"),
+        "sea_floor_depth": ("range", floor, "m", "depth of the sea bed"),
+        "sea_ice_draft": ("range", ice, "m", "depth of the ice's underside"),
+        "ray_range": (("ray", "point"), (paths[..., :2] - a[:2]) @ unit, "m", "range along the ray"),
+        "ray_depth": (("ray", "point"), paths[..., 2], "m", "depth along the ray"),
+        "ray_arrives": ("ray", arrives.astype(np.int8), "1", "whether the ray is an eigenray"),
+        "chord_range": ("end", [0.0, horizontal], "m", "range of the ends"),
+        "chord_depth": ("end", [a[2], b[2]], "m", "depth of the ends"),
+        "range": ("range", ranges, "m", "horizontal range from the source"),
+        "depth": ("depth", depths, "m", "depth, positive down"),
+    }
     return xr.Dataset(
         {
-            "sound_speed": (("range", "depth"), c, {"units": "m s-1", "long_name": "sound speed"}),
-            "sea_floor_depth": ("range", floor, {**metres, "long_name": "depth of the sea bed"}),
-            "sea_ice_draft": ("range", ice, {**metres, "long_name": "depth of the ice's underside"}),
-            "ray_range": (
-                ("ray", "point"),
-                (paths[..., :2] - a[:2]) @ unit,
-                {**metres, "long_name": "range along the ray"},
-            ),
-            "ray_depth": (("ray", "point"), paths[..., 2], {**metres, "long_name": "depth along the ray"}),
-            "ray_arrives": (
-                "ray",
-                arrives.astype(np.int8),
-                {"units": "1"},
-            ),
-            "chord_range": ("end", [0.0, horizontal], metres),
-            "chord_depth": ("end", [a[2], b[2]], metres),
-        },
-        coords={
-            "range": ("range", ranges, {**metres, "long_name": "horizontal range from the source"}),
-            "depth": ("depth", depths, {**metres, "positive": "down"}),
-        },
-    )
+            name: (dims, values, {"units": units, "long_name": words})
+            for name, (dims, values, units, words) in variables.items()
+        }
+    ).set_coords(["range", "depth"])
 
 
 def _hermite(t: Array, h: Array, x0: Array, v0: Array, x1: Array, v1: Array) -> Array:

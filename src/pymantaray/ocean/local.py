@@ -88,13 +88,8 @@ def to_local(
     window = Window(lat, lon, LocalFrame(*(middle if centre is None else centre)))
     half = window.largest_rectangle() if half_extent is None else _checked(half_extent, window)
     north, east = (_axis(h, step) for h, step in zip(half, window.native_spacing(), strict=True))
-    notes: dict[str, object] = {}
     finer = None if sea_floor is None else local_floor(sea_floor, window, half)
-    if finer is not None:
-        notes = {f"sea_floor_{name}": finer.attrs[name] for name in ("source", "spacing")}
-    elif sea_floor is not None:
-        name = sea_floor.attrs.get("source", "sea_floor")
-        notes["sea_floor_source"] = f"where the ocean's levels end; the grid of {name} is coarser"
+    notes = _notes(sea_floor, finer)
     added = np.empty(0) if finer is None else levels_to(depth, float(finer.max()))
 
     fields = {}
@@ -152,6 +147,16 @@ def _along_axes(u: Array, v: Array, bearing: Array) -> tuple[Array, Array]:
     """Components along the frame's north and east of true eastward and northward ones; bearing of true north. [rad]"""
     cos, sin = np.cos(bearing), np.sin(bearing)
     return v * cos - u * sin, v * sin + u * cos
+
+
+def _notes(sea_floor: xr.DataArray | None, finer: xr.DataArray | None) -> dict[str, object]:
+    """What there is to record about a sea floor, and what of it is taken."""
+    if finer is not None:
+        return {f"sea_floor_{name}": finer.attrs[name] for name in ("source", "spacing")}
+    if sea_floor is None:
+        return {}
+    name = sea_floor.attrs.get("source", "sea_floor")
+    return {"sea_floor_source": f"where the ocean's levels end; the grid of {name} is coarser"}
 
 
 def _attrs(standard_name: str, units: str) -> dict[str, str]:
