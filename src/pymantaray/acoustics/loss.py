@@ -143,6 +143,9 @@ class IceCover:
         return np.full(np.shape(grazing_angle), self.db_per_bounce)
 
 
+Surface = SeaSurface | IceCover
+
+
 class Bounces(NamedTuple):
     """Bounces of ray paths, each (n_bounces,), with the angle to the boundary as it is tilted there [rad], and [m/s]."""
 
@@ -161,7 +164,7 @@ def transmission_loss(
     *,
     absorption: Absorption | None = None,
     bottom: FluidBottom | None = None,
-    surface: SeaSurface | IceCover | None = None,
+    surface: Surface | None = None,
     paths: RayPaths | None = None,
 ) -> TransmissionLoss:
     """

@@ -20,7 +20,7 @@ from pymantaray.ocean.convert import (
     to_our_unit,
     up_to_surface,
 )
-from pymantaray.ocean.files import file_name, text
+from pymantaray.ocean.files import file_name, one_line, text
 from pymantaray.ocean.schema import DIMS, VARIABLES, assemble_ocean
 
 if TYPE_CHECKING:
@@ -70,15 +70,17 @@ def ocean_of(
         {"depth": depth, "lat": lat, "lon": lon},
         instant,
         values,
-        title=_line(attrs.get("title")) or f"{'HYCOM ' if hycom else ''}{collection.names}",
-        source=next(filter(None, (_line(attrs.get(k)) for k in ("source", "institution"))), model),
+        title=one_line(attrs.get("title") or "", _TEXT) or f"{'HYCOM ' if hycom else ''}{collection.names}",
+        source=next(
+            filter(None, (one_line(attrs.get(k) or "", _TEXT) for k in ("source", "institution"))), model
+        ),
         synthetic=any(p.data.attrs.get("synthetic") == 1 for p in collection.parts),
         validate=False,
     )
     if own:
         return _with_own_attributes(ocean, part)
     history = str(part.data.attrs.get("history", "")).splitlines()[:50]
-    lines = [line for line in (*map(_line, history), *steps) if line]
+    lines = [line for line in (*(one_line(line, _TEXT) for line in history), *steps) if line]
     return ocean.assign_attrs(history="\n".join(lines)) if lines else ocean
 
 
@@ -159,9 +161,3 @@ def _with_own_attributes(ocean: xr.Dataset, part: "Part") -> xr.Dataset:
 
 def _is_hycom(part: "Part") -> bool:
     return all(f.variable in HYCOM_NAMES for f in part.layout.fields)
-
-
-def _line(value: object) -> str:
-    """Attribute as one line of printable text."""
-    words = " ".join(value.split()) if isinstance(value, str) else ""
-    return "".join(c for c in words if c.isprintable())[:_TEXT]

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.files import file_name, numbers, text
+from pymantaray.ocean.files import file_name, numbers, one_line, text
 
 Array = NDArray[np.float64]
 Instants = NDArray[np.datetime64]
@@ -172,8 +172,7 @@ def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -
             warnings.simplefilter("ignore")
             times = xr.decode_cf(xr.Dataset({"when": raw}))["when"].values.astype("datetime64[ns]")
     except Exception as error:  # noqa: BLE001  cftime and pandas raise many kinds
-        reason = " ".join(str(error).split())[:80]
-        raise OceanError(f"{where} cannot be read as {unit[:40]!r} ({reason})") from None
+        raise OceanError(f"{where} cannot be read as {unit[:40]!r} ({one_line(error, 80)})") from None
     if times.size == 0 or np.any(np.isnat(times)):
         raise OceanError(f"{where} is empty or has missing instants; correct the axis")
     return np.asarray(times)

@@ -114,11 +114,17 @@ def without_password(address: object) -> str:
     return re.sub(r"(?<=:/).*@", "/", str(address))
 
 
+def one_line(text: object, longest: int = 160) -> str:
+    """Text of unknown origin as one short printable line."""
+    words = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
+    return words if len(words) <= longest else words[: longest - 3] + "..."
+
+
 def unreadable(path: str | Path, error: Exception) -> OceanError:
     """Damage that a library stumbled over, as one line."""
     if isinstance(error, OceanError):
         return error
-    reason = " ".join(str(error).split())[:120] or type(error).__name__
+    reason = one_line(error, 120) or type(error).__name__
     return OceanError(f"{Path(path).name}: cannot be read, perhaps cut short or damaged ({reason})")
 
 

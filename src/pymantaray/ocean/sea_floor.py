@@ -14,7 +14,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.longitude import eastward, whole_turns
 from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
-from pymantaray.ocean.files import file_name, numbers, open_file, text
+from pymantaray.ocean.files import file_name, numbers, one_line, open_file, text
 from pymantaray.ocean.schema import layer_edges
 from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
 
@@ -379,7 +379,7 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
         plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in mappings[0].items()}
         return pyproj.CRS.from_cf(plain)
     except (pyproj.exceptions.CRSError, KeyError, ValueError, TypeError) as error:
-        reason = " ".join(str(error).split())[:100]
+        reason = one_line(error, 100)
         raise OceanError(
             f"{where}: its grid mapping cannot be understood ({reason}); {_CRS_REMEDY}"
         ) from None

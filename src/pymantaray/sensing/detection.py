@@ -9,12 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics import (
     Absorption,
     FluidBottom,
-    IceCover,
     Medium,
-    SeaSurface,
     Sonar,
     transmission_loss,
 )
+from pymantaray.acoustics.loss import Surface
 from pymantaray.errors import SensingError
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
 from pymantaray.records.base import Column, Record, column
@@ -52,7 +51,7 @@ class Detector:
     sonar: Sonar
     absorption: Absorption | None = None
     bottom: FluidBottom | None = None
-    surface: SeaSurface | IceCover | None = None
+    surface: Surface | None = None
 
     def loss_db(
         self, medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, paths: RayPaths

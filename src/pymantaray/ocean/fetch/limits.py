@@ -48,9 +48,3 @@ class Limits:
         waits = ("connect_s", "idle_s", "request_s", "total_s", "attempts")
         check_fields(OceanError, self, "", *waits, positive=True)
         check_fields(OceanError, self, "", "backoff_s", "longest_backoff_s")
-
-
-def one_line(text: object, longest: int = 160) -> str:
-    """Text of unknown origin as one short printable line."""
-    words = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
-    return words if len(words) <= longest else words[: longest - 3] + "..."

@@ -19,7 +19,8 @@ from requests.adapters import HTTPAdapter
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean.fetch.catalogue import split_address
-from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError, one_line
+from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError
+from pymantaray.ocean.files import one_line
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # it imports webob, and that cgi

@@ -54,13 +54,8 @@ class AdjustableEigenrays:
                     medium.east,
                     medium.depth,
                     medium.sound_speed + amplitudes @ self._levels,
-                    bathymetry=medium.bathymetry,
-                    bed_north=medium.bed_north,
-                    bed_east=medium.bed_east,
                     interpolation=medium.interpolation,
-                    ice_draft=medium.ice_draft,
-                    ice_north=medium.ice_north,
-                    ice_east=medium.ice_east,
+                    **medium.boundaries,
                 )
             )
             self._latest = other
