@@ -70,27 +70,6 @@ def test_drift_integrates_a_current_that_is_linear_in_depth(run, make_float, mak
     np.testing.assert_allclose(truth.position[0, :, 0], expected, rtol=1e-12, atol=1e-9)
 
 
-def test_drift_in_solid_body_rotation_is_a_circle_to_second_order(run, make_float, make_ocean):
-    """
-    x' = r J x has the solution of a turning vector; the error of a step s is 5/12 (r s)^2 of the angle.
-
-    The error constant is that of the two-step Adams-Bashforth method, to which the midpoint prediction
-    reduces for a linear current.
-    """
-    rate, radius, duration = 1e-3, 2000.0, 4000.0
-    errors = []
-    for step in (2.5, 5.0, 10.0):
-        vehicle = make_float(north=radius, depth=0.5, start_delay=1e9)
-        truth = run(vehicle, water=make_ocean(rotation=rate), duration=duration, physics_step=step)
-        angle = rate * truth.time
-        circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        errors.append(np.linalg.norm(truth.position[0, :, :2] - circle, axis=-1).max())
-        stated = radius * rate * duration * 5 / 12 * (rate * step) ** 2
-        assert errors[-1] == pytest.approx(stated, rel=0.1)
-    orders = np.log2(np.array(errors[1:]) / errors[:-1])
-    np.testing.assert_allclose(orders, 2.0, rtol=0, atol=0.1)
-
-
 def test_current_is_trilinear_between_grid_points(run, make_float, make_ocean):
     """On a current of random grid values, the first metres follow a hand-written interpolation."""
     water = make_ocean()

@@ -27,15 +27,8 @@ def places(n, seed, top=DRAFT, bottom=DEEP - 40.0):
 
 def rows(arrivals, link):
     """Times of a link's arrivals by their reflections."""
-    own = np.flatnonzero(arrivals.link == link)
-    return sorted(
-        zip(
-            arrivals.surface_bounces[own],
-            arrivals.bottom_bounces[own],
-            arrivals.travel_time[own],
-            strict=True,
-        )
-    )
+    own, names = arrivals.link == link, ("surface_bounces", "bottom_bounces", "travel_time")
+    return sorted(zip(*(getattr(arrivals, name)[own] for name in names), strict=True))
 
 
 @pytest.mark.parametrize("gradient", [0.0, 0.05])
