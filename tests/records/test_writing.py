@@ -12,7 +12,7 @@ from factories import python
 from refusals import refused
 
 from pymantaray.errors import RecordError, WriteError
-from pymantaray.records import read_netcdf, whole_file, write_netcdf
+from pymantaray.records import NETCDF_LOCK, read_netcdf, whole_file, write_netcdf
 
 LIMIT = 100_000  # bytes; a file beyond it cannot be written
 FULL = xr.Dataset({"noise": ("x", np.random.default_rng(0).standard_normal(LIMIT))})
@@ -167,6 +167,32 @@ def test_netcdf_from_many_threads(tmp_path):
 
     with ThreadPoolExecutor(8) as threads:
         list(threads.map(there_and_back, range(8)))
+
+
+def test_a_file_is_open_only_while_no_other_thread_is_at_netcdf(tmp_path, monkeypatch):
+    """Which threads meet is chance, and what comes of it; that they cannot is not."""
+
+    def taken_by_another_thread():
+        with ThreadPoolExecutor(1) as other:
+            taken = other.submit(NETCDF_LOCK.acquire, blocking=False).result()
+            return taken and other.submit(NETCDF_LOCK.release).result() is None
+
+    seen = []
+
+    def watched(name, function):
+        def call(*arguments, **options):
+            seen.append((name, taken_by_another_thread()))
+            return function(*arguments, **options)
+
+        return call
+
+    write_netcdf(xr.Dataset({"v": ("x", np.arange(3))}), tmp_path / "a.nc")
+    assert taken_by_another_thread()
+    monkeypatch.setattr(xr, "open_dataset", watched("open", xr.open_dataset))
+    for name in ("load", "close", "to_netcdf"):
+        monkeypatch.setattr(xr.Dataset, name, watched(name, getattr(xr.Dataset, name)))
+    write_netcdf(read_netcdf(tmp_path / "a.nc"), tmp_path / "b.nc")
+    assert seen == [("open", False), ("load", False), ("close", False), ("to_netcdf", False)]
 
 
 def test_missing_file_is_one_line(tmp_path):

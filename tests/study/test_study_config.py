@@ -126,6 +126,8 @@ REFUSED = [
     ("ocean.source", ["a\0.nc"], r"ocean.source[0]: found 'a\x00.nc', which no file can be named"),
     ("ocean.source", ["synthetic:fram", "a.nc"], "a synthetic source stands alone"),
     ("ocean.centre_latitude_deg", None, "centre_latitude_deg and centre_longitude_deg must be given together"),
+    ("ocean.ice", -1.0, "ocean.ice: found -1.0; allowed: 0 or more or text"),
+    ("acoustics.spreading_cutoff_db", -1.0, "found -1.0; allowed: greater than 0 or 'off'"),
     ("ocean.half_extent_north", None, "half_extent_north and half_extent_east must be given together"),
     ("ranging.turn_around_s", 2.0, "ranging: turn_around_s is 2 s, but timing is one-way"),
     ("ranging.below_strongest_db", 6.0, "ranging: below_strongest_db is 6, but mistaken is off"),

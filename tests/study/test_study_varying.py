@@ -16,7 +16,7 @@ from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.records import write_netcdf
 from pymantaray.study import open_run, run_study
-from pymantaray.study.assemble import build_currents, build_fleet, build_medium
+from pymantaray.study.assemble import build_currents, build_fleet, build_medium, mission_start
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.manifest import sha256
 from pymantaray.study.varying import VARYING, series_of, snapshot_at
@@ -39,6 +39,15 @@ def local(speed, current=0.0, depth=(0.0, 50.0, 400.0)):
         coords=axes,
         attrs={"time": "2014-07-15T12:00:00", "title": "small"},
     )
+
+
+@pytest.mark.parametrize("zone", [None, 2, -7])
+def test_a_mission_starts_at_its_time_in_utc_whatever_zone_it_is_written_in(tiny, zone):
+    time = dt.datetime(2014, 7, 15, 12, tzinfo=dt.UTC)
+    time = (
+        time.replace(tzinfo=None) if zone is None else time.astimezone(dt.timezone(dt.timedelta(hours=zone)))
+    )
+    assert mission_start(tiny(ocean={"time": time}).ocean) == np.datetime64("2014-07-15T12:00:00")
 
 
 def test_between_snapshots_the_ocean_is_linear_in_time_and_on_them_exact():

@@ -1,5 +1,6 @@
 """Tasks in processes: in order, stopped where one of them fails, and never longer than who asked for them."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -84,6 +85,16 @@ def test_a_task_that_fails_stops_the_others(tmp_path):
 def test_a_process_that_is_killed_is_told_in_one_line():
     with pytest.raises(StudyError, match="ended early, by SIGKILL, perhaps out of memory; try fewer workers"):
         in_two_processes(die, 3)
+
+
+def warn(number):
+    logging.getLogger("pymantaray").warning("kernels cannot be kept")
+    return number
+
+
+def test_what_every_process_would_warn_of_is_left_to_who_started_them(capfd):
+    assert in_two_processes(warn, 4) == [0, 1, 2, 3]
+    assert "kernels" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(("function", "error", "match"), [

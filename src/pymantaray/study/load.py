@@ -25,6 +25,7 @@ _ALLOWED = {
     "less_than_equal": "{le:g} or less",
     "literal_error": "{expected}",
     "union_tag_invalid": "{expected_tags}",
+    "string_type": "text",
     "string_pattern_mismatch": "text that matches {pattern}",
     "too_short": "at least {min_length} entries",
 }
@@ -157,8 +158,15 @@ def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None 
         return StudyConfig.model_validate(tree, context={"folder": folder or Path()})
     except ValidationError as error:
         findings = [dict(finding) for finding in error.errors(include_url=False)]
-        lines = [f"{label}: {_describe(finding)}" for finding in findings if not _follows(finding, findings)]
-        raise StudyError("\n".join(lines)) from None
+        lines: dict[str, str] = {}
+        for finding in findings:
+            if not _follows(finding, findings):
+                fault, ends, allowed = f"{label}: {_describe(finding)}".partition("; allowed: ")
+                before = (
+                    f"{lines[fault]} or " if fault in lines else ends
+                )  # a value of which several kinds may be
+                lines[fault] = before + allowed
+        raise StudyError("\n".join(fault + allowed for fault, allowed in lines.items())) from None
 
 
 def study_toml(config: StudyConfig) -> str:
