@@ -65,6 +65,7 @@ REFUSED = {
     r"shape \(1, 1, 2\); it needs \(1, 1, 3\)": lambda: profile([1500.0] * 2),
     "a profile has one dimension": lambda: profile([[1500.0] * 3]),
     "'cubic'; allowed are 'smooth' and 'linear'": lambda: profile([1500.0] * 3, interpolation="cubic"),
+    "ice_draft: -1 m; a draft is a depth, 0 or more": lambda: profile([1500.0] * 3, ice_draft=-1.0),
     "lacks sound_speed, sea_floor_depth": lambda: Medium.from_dataset(NOWHERE),
     r"bed_north: -9000 to 9000 m; must reach over the water": short_bed,
     "max_surface_bounces: -1; a whole number from 0 to 15": lambda: links(max_surface_bounces=-1),

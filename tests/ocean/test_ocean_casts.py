@@ -168,6 +168,13 @@ def test_a_file_without_a_place_or_a_table_is_refused(tmp_path, content, message
     refused(OceanError, message, read_cast, tmp_path / "cast.csv")
 
 
+@pytest.mark.parametrize(("path", "message"), [
+    ("/dev/zero", "not an ordinary file"), ("a\0b.csv", "embedded null"),
+])  # fmt: skip
+def test_what_is_no_ordinary_file_is_refused_before_it_is_read(path, message):
+    refused(OceanError, message, read_cast, path)
+
+
 def test_a_place_that_is_none_is_refused(tmp_path):
     refused(OceanError, "latitude lies in -90 to 90", read_cast, write(tmp_path, PLAIN), lat=100.0, lon=0.0)
 
