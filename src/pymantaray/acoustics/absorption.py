@@ -97,7 +97,6 @@ class Absorption:
         pH, formula
             As in `from_profile`.
         """
-        from pymantaray.geometry import LocalFrame
         from pymantaray.ocean.sea_floor import fill_below_sea_bed
         from pymantaray.ocean.window import Window
 
@@ -108,13 +107,12 @@ class Absorption:
                 f"ocean data set lacks {', '.join(missing)};"
                 " give the one that open_ocean returned, before to_local"
             )
-        lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
-        middle = (0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
-        window = Window(lat, lon, LocalFrame(*(middle if centre is None else centre)))
+        window = Window.of(ocean, centre)
+        lat, lon = window.lat, window.lon
         fields = [
             fill_below_sea_bed(ocean[name].transpose("depth", "lat", "lon").values, lat) for name in names
         ]
-        look_up = linear_interpolator((depth, lat, lon), np.stack(fields, axis=-1))
+        look_up = linear_interpolator((ocean["depth"].values, lat, lon), np.stack(fields, axis=-1))
 
         def water(x: Array) -> Array:
             return look_up(np.stack([x[:, 2], *window.geographic(x[:, 0], x[:, 1])], axis=-1))

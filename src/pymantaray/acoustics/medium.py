@@ -93,7 +93,7 @@ class Medium:
             level below the surface its sound speed holds, on levels that are added, see `up_to_surface`. [m]
         sound_speed : array_like, shape (n_north, n_east, n_depth)
             [m s⁻¹]
-        bathymetry : array_like, shape (n_bed_north, n_bed_east)
+        bathymetry : float or array_like, shape (n_bed_north, n_bed_east)
             Depth of the sea bed. [m]
         bed_north, bed_east : array_like, optional
             Its axes, where they are not those of the sound speed; they must reach as far. [m]

@@ -8,7 +8,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import GeometryError, OceanError
-from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.open import Currents, read_ocean
 from pymantaray.ocean.schema import Finding, place_of, violations
@@ -255,11 +254,8 @@ def _place(
     sea_floor: xr.DataArray | None,
 ) -> Iterator[Finding]:
     """Does it hold the domain and the fleet: coverage, spacing and the projection's error."""
-    lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
-    if centre is None:
-        centre = (0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1]))
     try:
-        window = Window(lat, lon, LocalFrame(*centre))
+        window = Window.of(ocean, centre)
         largest = window.largest_rectangle()
     except (OceanError, GeometryError) as error:
         remedy = "fetch the window around the centre"
@@ -273,7 +269,7 @@ def _place(
             f"domain of +-{half[0] / 1e3:g} km north, +-{half[1] / 1e3:g} km east",
             f"+-{largest[0] / 1e3:.1f} km by +-{largest[1] / 1e3:.1f} km fits",
             "fetch a larger window or shrink the domain",
-            f"{centre[0]:g} N {centre[1]:g} E",
+            f"{window.frame.latitude_deg:g} N {window.frame.longitude_deg:g} E",
         )
         return
     yield from _fleet(ocean, window, half, fleet, sea_floor)

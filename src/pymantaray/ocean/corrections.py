@@ -7,11 +7,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.schema import validate_ocean, with_history
 from pymantaray.ocean.seawater import density_fall
-from pymantaray.ocean.window import counted_place
+from pymantaray.ocean.window import Window, counted_place
 
 Array = NDArray[np.float64]
 _TRACERS = ("water_temp", "salinity")
@@ -86,7 +85,7 @@ def correct_with_casts(
         if value is not None and not value > 0.0:
             raise OceanError(f"casts: {name} is {value:g}; it must be positive")
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
-    frame = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
+    frame = Window.of(ocean).frame
     grid = np.stack(frame.to_local(lat[:, None], lon), axis=-1) / scale
     x = np.stack(frame.to_local([c.lat for c in casts], [c.lon for c in casts]), axis=-1) / scale
     t = np.zeros(len(casts)) if time_scale is None else _ages(ocean, casts) / time_scale

@@ -10,7 +10,6 @@ from scipy.interpolate import BSpline, NdBSpline, make_interp_spline
 from scipy.sparse.linalg import splu
 
 from pymantaray.errors import OceanError
-from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import (
     fill_below_sea_bed,
@@ -83,9 +82,8 @@ def to_local(
     same way, and the currents, which no vehicle above the coarse floor meets.
     """
     validate_ocean(ocean)
-    lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
-    middle = (0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
-    window = Window(lat, lon, LocalFrame(*(middle if centre is None else centre)))
+    window, depth = Window.of(ocean, centre), np.asarray(ocean["depth"].values, dtype=float)
+    lat, lon = window.lat, window.lon
     half = window.largest_rectangle() if half_extent is None else _checked(half_extent, window)
     north, east = (_axis(h, step) for h, step in zip(half, window.native_spacing(), strict=True))
     finer = None if sea_floor is None else local_floor(sea_floor, window, half)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import xarray as xr
@@ -179,6 +180,13 @@ class Window:
     lon: Array
     """Shape (lon,). [degrees]"""
     frame: LocalFrame
+
+    @classmethod
+    def of(cls, ocean: xr.Dataset, centre: tuple[float, float] | None = None) -> Self:
+        """Window of an ocean or a sea floor, about a latitude and longitude [degrees] or its own middle."""
+        lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
+        middle = 0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1])
+        return cls(lat, lon, LocalFrame(*(middle if centre is None else centre)))
 
     def geographic(self, north: Array, east: Array) -> tuple[Array, Array]:
         """Latitude and longitude of local points [m], within 180 degrees of the data set's middle. [degrees]"""
