@@ -52,3 +52,7 @@ class StudyError(MantaRayError):
 
 class ReportError(MantaRayError):
     """A table, figure or page cannot be made from the run at hand."""
+
+
+class SweepError(MantaRayError):
+    """A sweep's definition, store or workers are unusable."""

@@ -34,6 +34,7 @@ def run_study(
     workers: int | None = None,
     progress: Progress | None = None,
     mission_ready: Callable[[Path], Future[Any]] | None = None,
+    mission: Mission | None = None,
 ) -> Run:
     """
     Run a study and write its data.
@@ -53,6 +54,8 @@ def run_study(
     mission_ready : callable, optional
         Called before realizations are solved, with the folder in which all is that they do not change. That folder
         becomes the run's when the future it returns is done.
+    mission : Mission, optional
+        That of the configuration, where it is simulated already.
 
     Returns
     -------
@@ -74,13 +77,13 @@ def run_study(
     if workers is None:  # a fresh process takes as long to start as a few short realizations to solve
         workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
     workers = min(workers, count)
-    _refuse_too_large(config, workers)
+    refuse_too_large(config, workers)
     report, watch = progress or _silent, Stopwatch()
     with (
         staged_folder(out, config.study.name) as (stage, folder),
         Workers(partial(start_solver, stage), workers) if workers > 1 else nullcontext() as processes,
     ):
-        mission = simulate_mission(config, watch, report)
+        mission = mission or simulate_mission(config, watch, report)
         with watch.stage("files"):
             inputs = checksums(config)  # of what was read, whatever becomes of the files
             _write_mission(config, mission, stage)
@@ -109,7 +112,7 @@ def run_study(
     return open_run(folder)
 
 
-def _refuse_too_large(config: StudyConfig, workers: int) -> None:
+def refuse_too_large(config: StudyConfig, workers: int) -> None:
     """Refuse what this machine's memory cannot hold, or what takes weeks, before any work."""
     mission, n_vehicles = config.mission, len(config.fleet.vehicles)
     duration = mission.duration_h * 3600.0

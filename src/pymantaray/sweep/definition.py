@@ -1,0 +1,274 @@
+"""What a sweep is: a base study, and lists of values for its fields, crossed or zipped."""
+
+import json
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from pymantaray.errors import StudyError, SweepError
+from pymantaray.study import StudyConfig, load_study, parse_study
+
+Tree = dict[str, Any]
+SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
+_KEYS = ("base", "folder", "cross", "zip", "seeds")
+
+
+class Axis(NamedTuple):
+    """One dimension of a sweep: fields whose values change together."""
+
+    name: str
+    values: dict[str, list[Any]]
+    """By field, all of one length."""
+    labels: list[str] | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of its values."""
+        return len(next(iter(self.values.values())))
+
+    def coordinates(self) -> dict[str, list[Any]]:
+        """What stands for the values in tables: numbers and words as they are, JSON for anything else."""
+        columns = {name: [_word(value) for value in values] for name, values in self.values.items()}
+        return {self.name: list(self.labels), **columns} if self.labels else columns
+
+
+class Sweep:
+    """
+    Many studies: a base, and values for its fields.
+
+    Parameters
+    ----------
+    base : StudyConfig, str or pathlib.Path
+        Study, preset or study file that all points start from.
+    cross : mapping of str to sequence, optional
+        Values by field, such as ``{"noise.range_sigma": [0.5, 1.0]}``, every one with every other. A field may be a
+        whole section, or part of an entry of a list by its number or name (``fleet.vehicles.B.target_depth``). Besides
+        the fields of a study there are ``fleet.count``, the first n vehicles, and ``fleet.spacing``, a factor on the
+        distances of vehicles from the centre of the frame.
+    zipped : sequence of mapping, optional
+        Each the values of fields that change together; with ``name`` and ``labels`` it has a name in tables.
+    seeds : sequence of int, optional
+        Seeds of studies, crossed with all else.
+    folder : str or pathlib.Path
+        What input files among the values are relative to; by default the working folder.
+
+    Raises
+    ------
+    StudyError
+        If the base is not a study.
+    SweepError
+        If values are not a list, a field is given twice, or lists that are zipped differ in length.
+
+    Examples
+    --------
+    >>> sweep = Sweep("quick", cross={"noise.range_sigma": [0.5, 1.0]}, seeds=[1, 2, 3])
+    >>> sweep.shape, len(sweep)
+    ((2, 3), 6)
+    """
+
+    def __init__(
+        self,
+        base: StudyConfig | str | Path,
+        *,
+        cross: Mapping[str, Any] | None = None,
+        zipped: Sequence[Mapping[str, Any]] = (),
+        seeds: Sequence[int] = (),
+        folder: str | Path = "",
+    ) -> None:
+        config = base if isinstance(base, StudyConfig) else load_study(base)
+        self.name = config.study.name
+        self._base: Tree = config.model_dump(exclude_none=True)
+        self._folder = Path(folder).resolve()
+        axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
+        axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]
+        if len(seeds):
+            axes.append(Axis(SEED, {SEED: _list("seeds", seeds)}))
+        names = [name for axis in axes for name in axis.coordinates()]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise SweepError(f"sweep: {', '.join(twice)} is given more than once")
+        self.axes = tuple(axes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values along each axis."""
+        return tuple(axis.size for axis in self.axes)
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return math.prod(self.shape)
+
+    def place(self, number: int) -> tuple[int, ...]:
+        """Index along each axis of a point; the last axis is the fastest."""
+        place = []
+        for size in reversed(self.shape):
+            number, k = divmod(number, size)
+            place.append(k)
+        return tuple(reversed(place))
+
+    def point(self, number: int) -> StudyConfig:
+        """
+        Study of a point.
+
+        Raises
+        ------
+        StudyError
+            If it is none: a line for each finding, which names the point.
+        """
+        values = {
+            field: values[k]
+            for k, axis in zip(self.place(number), self.axes, strict=True)
+            for field, values in axis.values.items()
+        }
+        shown = ", ".join(f"{field} = {_word(value)}" for field, value in values.items())
+        label = f"point {number} ({shown[:200]})" if shown else self.name
+        tree = self._base
+        for field in sorted(values, key=(COUNT, SPACING).__contains__):  # these two after all others
+            try:
+                tree = _with(tree, field, values[field])
+            except (KeyError, ValueError, TypeError, IndexError):
+                raise StudyError(f"{label}: {field}: there is no such field or entry to change") from None
+        return parse_study(tree, label, self._folder)
+
+    def to_toml(self) -> str:
+        """Everything, the base included, as a sweep file."""
+        crossed = {axis.name: axis.values[axis.name] for axis in self.axes if _is_crossed(axis)}
+        zipped = [
+            {**({"name": axis.name, "labels": axis.labels} if axis.labels else {}), **axis.values}
+            for axis in self.axes
+            if not _is_crossed(axis)
+        ]
+        tree = {"folder": str(self._folder), "base": self._base, "cross": crossed, "zip": zipped}
+        return tomli_w.dumps(tree)
+
+
+def load_sweep(file: str | Path) -> Sweep:
+    """
+    Read a sweep file.
+
+    Parameters
+    ----------
+    file : str or pathlib.Path
+        TOML: ``base``, a preset or a study file; tables ``[cross]`` and ``[[zip]]``; ``seeds``. See `Sweep`.
+
+    Returns
+    -------
+    Sweep
+
+    Raises
+    ------
+    SweepError
+        If the file is missing, not TOML or not a sweep.
+    StudyError
+        If its base is not a study.
+    """
+    path = Path(file)
+    try:
+        return parse_sweep(path.read_text(encoding="utf-8"), str(path), path.parent)
+    except UnicodeDecodeError:
+        raise SweepError(f"{path}: cannot be read: not UTF-8 text") from None
+    except (OSError, ValueError) as error:
+        raise SweepError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def parse_sweep(text: str, label: str, folder: Path) -> Sweep:
+    """Sweep of a file's text; names of files in it are relative to a folder."""
+    try:
+        tree = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise SweepError(f"{label}: not valid TOML: {error}") from None
+    if unknown := set(tree) - set(_KEYS):
+        raise SweepError(f"{label}: {min(unknown)}: unknown key; allowed: {', '.join(_KEYS)}")
+    base, cross, zipped, seeds = (tree.get(key) for key in ("base", "cross", "zip", "seeds"))
+    folder = folder / tree.get("folder", "")
+    if isinstance(base, str):
+        base = folder / base if Path(base).suffix == ".toml" else base
+    elif isinstance(base, dict):
+        base = parse_study(base, f"{label}: base", folder)
+    else:
+        raise SweepError(f"{label}: base: missing; give a preset or a study file")
+    for key, value, kind in (("cross", cross, dict), ("zip", zipped, list), ("seeds", seeds, list)):
+        if value is not None and not isinstance(value, kind):
+            raise SweepError(
+                f"{label}: {key}: must be {'tables [[zip]]' if key == 'zip' else 'a ' + kind.__name__}"
+            )
+    try:
+        return Sweep(base, cross=cross, zipped=zipped or (), seeds=seeds or (), folder=folder)
+    except SweepError as error:
+        raise SweepError(f"{label}: {str(error).removeprefix('sweep: ')}") from None
+
+
+def _is_crossed(axis: Axis) -> bool:
+    return axis.labels is None and list(axis.values) == [axis.name]
+
+
+def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Values by dotted field, whether dots were quoted in the file or made tables."""
+    out: dict[str, Any] = {}
+    for name, value in table.items():
+        out |= _flat(value, f"{before}{name}.") if isinstance(value, Mapping) else {before + name: value}
+    return out
+
+
+def _list(field: str, values: Any) -> list[Any]:
+    if isinstance(values, (str, bytes)) or not isinstance(values, Sequence) or not len(values):
+        raise SweepError(f"sweep: {field}: needs a list of at least one value; found {_word(values)}")
+    return list(values)
+
+
+def _zip(table: Mapping[str, Any], number: int) -> Axis:
+    rest = dict(table)
+    name, labels = rest.pop("name", None), rest.pop("labels", None)
+    values = {field: _list(field, v) for field, v in _flat(rest).items()}
+    if not values or (name is None) != (labels is None):
+        raise SweepError(
+            f"sweep: zip {number}: needs fields with their values, and both name and labels or none"
+        )
+    lists = {**values, **({} if labels is None else {"labels": _list("labels", labels)})}
+    if len({len(v) for v in lists.values()}) > 1:
+        sizes = ", ".join(f"{field} {len(v)}" for field, v in lists.items())
+        raise SweepError(f"sweep: zip {number}: its lists must be of one length; found {sizes}")
+    return Axis(str(name or next(iter(values))), values, None if labels is None else [str(x) for x in labels])
+
+
+def _word(value: Any) -> Any:
+    """A value as it stands in a table or a message."""
+    if isinstance(value, (dict, list, tuple)):
+        return json.dumps(value, default=str, ensure_ascii=False, separators=(",", ":"))
+    return value if isinstance(value, (bool, int, float, str)) else str(value)
+
+
+def _with(tree: Tree, field: str, value: Any) -> Tree:
+    """Tree with another value in one place; nothing of the old one is changed. An empty table takes a section out."""
+    if field == COUNT:
+        vehicles = tree["fleet"]["vehicles"]
+        if not 1 <= value <= len(vehicles):
+            raise StudyError(f"{COUNT} is {value}; the base has 1 to {len(vehicles)} vehicles")
+        field, value = "fleet.vehicles", vehicles[:value]
+    if field == SPACING:
+        field, value = "fleet.vehicles", [_spread(v, float(value)) for v in tree["fleet"]["vehicles"]]
+    changed: Tree = _put(tree, field.split("."), value)
+    return changed
+
+
+def _spread(vehicle: Tree, factor: float) -> Tree:
+    out = {**vehicle, "north": factor * vehicle["north"], "east": factor * vehicle["east"]}
+    if "points" in out:
+        out["points"] = [[factor * north, factor * east, depth] for north, east, depth in out["points"]]
+    return out
+
+
+def _put(node: Any, parts: Sequence[str], value: Any) -> Any:
+    if not parts:
+        return value
+    first, rest = parts[0], parts[1:]
+    if isinstance(node, (list, tuple)):
+        names = [entry["name"] for entry in node]
+        k = names.index(first) if first in names else range(len(node))[int(first)]
+        return [*node[:k], _put(node[k], rest, value), *node[k + 1 :]]
+    if not rest and value == {}:
+        return {key: entry for key, entry in node.items() if key != first}
+    return {**node, first: _put(node.get(first, {}), rest, value)}

@@ -1,0 +1,73 @@
+"""What a task is called: the hash of all that its result depends on."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import pymantaray
+from pymantaray.study import StudyConfig
+
+OCEAN, FLEET, RAYS, POINT = "ocean", "fleet", "rays", "point"
+STAGES = (OCEAN, FLEET, RAYS)
+"""In their order; points with the same share it."""
+_READS = {
+    OCEAN: ("ocean",),
+    FLEET: ("fleet", "mission.duration_h", "mission.physics_step_s", "mission.sampling_period_s"),
+    RAYS: (
+        "landmarks",
+        "mission.ping_interval_h",
+        "acoustics",
+        "ranging.timing",
+        "ranging.turn_around_s",
+        "detection",
+    ),
+}
+_TITLES = ("name", "description")  # of a study; nothing depends on them
+
+
+def reads(stage: str, config: StudyConfig) -> tuple[str, ...]:
+    """Fields that a stage and those before it read."""
+    before = STAGES[: STAGES.index(stage) + 1]
+    duration = ("mission.duration_h",) if config.ocean.time_varying else ()
+    return (*duration, *(field for name in before for field in _READS[name]))
+
+
+def narrowed(config: StudyConfig, stage: str) -> StudyConfig:
+    """Configuration with the fields alone that a stage reads: there is no other, so that no result can depend on one."""
+    fields, narrow = reads(stage, config), config.model_copy()
+    for name in type(config).model_fields:
+        inner = [field.partition(".")[2] for field in fields if field.partition(".")[0] == name]
+        if not inner:
+            del vars(narrow)[name]
+        elif "" not in inner:
+            section = getattr(config, name).model_copy()
+            for key in set(type(section).model_fields) - set(inner):
+                del vars(section)[key]
+            vars(narrow)[name] = section
+    return narrow
+
+
+def keys(config: StudyConfig, checksums: Mapping[str, str]) -> dict[str, str]:
+    """Names of a study's stages and of its point, from its configuration and the checksums of its input files."""
+    tree = config.model_dump(mode="json")
+    out = {}
+    for stage in STAGES:
+        wanted = {field: _pick(tree, field) for field in reads(stage, config)}
+        out[stage] = _digest(stage, wanted, checksums)
+    tree["study"] = {key: value for key, value in tree["study"].items() if key not in _TITLES}
+    out[POINT] = _digest(POINT, tree, checksums)
+    return out
+
+
+def _pick(tree: dict[str, Any], field: str) -> Any:
+    section, _, key = field.partition(".")
+    return tree[section][key] if key else tree[section]
+
+
+def _digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
+    content = {"kind": kind, "version": pymantaray.__version__, "config": tree}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    for file, checksum in checksums.items():  # what is in a file counts, and not where it is
+        text = text.replace(json.dumps(file), json.dumps(checksum))
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,160 @@
+"""What there is to do: the points of a sweep, the stages that they share, and which of both can be begun."""
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from pathlib import Path
+
+from pymantaray.errors import StudyError, SweepError
+from pymantaray.study import StudyConfig
+from pymantaray.study.manifest import sha256
+from pymantaray.sweep.definition import Sweep
+from pymantaray.sweep.keys import POINT, STAGES, keys
+from pymantaray.sweep.tasks import Task
+
+_LINES = 20  # of bad points that are told
+
+
+class Plan:
+    """
+    Names of all tasks of a sweep.
+
+    Raises
+    ------
+    SweepError
+        If a point is not a study or its input cannot be read: a line each.
+    """
+
+    def __init__(self, sweep: Sweep) -> None:
+        self.sweep = sweep
+        checksums: dict[str, str] = {}
+        bad: list[str] = []
+        self.keys: list[dict[str, str]] = []
+        """Of each point, by the name of the stage."""
+        for number in range(len(sweep)):
+            try:
+                config = sweep.point(number)
+                _add_checksums(checksums, config)
+                self.keys.append(keys(config, {file: checksums[file] for file in config.files}))
+            except StudyError as error:
+                bad.append(str(error).partition("\n")[0])
+        if bad:
+            rest = [f"and {len(bad) - _LINES} more"] if len(bad) > _LINES else []
+            raise SweepError("\n".join([*dict.fromkeys(bad[:_LINES]), *rest]))
+
+    @cached_property
+    def points(self) -> dict[str, int]:
+        """Number of a point by its key; those that are alike are one."""
+        return {key[POINT]: number for number, key in reversed(list(enumerate(self.keys)))}
+
+    @cached_property
+    def shared(self) -> frozenset[str]:
+        """Keys of stages that several points need."""
+        uses = Counter(self.keys[n][stage] for n in self.points.values() for stage in STAGES)
+        return frozenset(key for key, count in uses.items() if count > 1)
+
+    def count(self, stage: str) -> int:
+        """How many different ones of a stage there are."""
+        return len({key[stage] for key in self.keys})
+
+
+def _add_checksums(checksums: dict[str, str], config: StudyConfig) -> None:
+    for file in config.files:
+        if file not in checksums:
+            try:
+                checksums[file] = sha256(Path(file))
+            except OSError as error:
+                raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
+
+
+def plan_content(plan: Plan, toml: str) -> bytes:
+    """The plan's names, for who only counts."""
+    content = {"sweep": hashlib.sha256(toml.encode()).hexdigest(), "keys": [key[POINT] for key in plan.keys]}
+    return json.dumps(content).encode()
+
+
+def planned_keys(content: bytes | None, toml: str) -> list[str] | None:
+    """Keys of the points of a sweep's text, from its `plan_content`; None where that is of another sweep."""
+    try:
+        tree = json.loads(content or b"{}")
+    except ValueError:
+        return None
+    keys: list[str] | None = tree.get("keys")
+    return keys if tree.get("sweep") == hashlib.sha256(toml.encode()).hexdigest() else None
+
+
+class Queue:
+    """
+    Tasks of the points that are open, each given out when the stage that it needs is there.
+
+    A stage is followed by what it was made for before the next one is begun.
+    """
+
+    def __init__(self, plan: Plan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
+        self._plan, self._studies = plan, studies
+        self._kept = frozenset(STAGES) if keep_stages else frozenset()
+        self._what: dict[str, tuple[str, int]] = {}
+        """Kind of each task, and a point that needs it."""
+        self._after: dict[str, list[str]] = {}
+        """Tasks that need each stage."""
+        self._points_left: Counter[str] = Counter()
+        """Of each stage."""
+        self._ready: list[str] = []
+        for key, number in plan.points.items():
+            if key in open_points:
+                self._add(number)
+        self._ready.reverse()
+        self.left = len(self._what)
+
+    def _add(self, number: int) -> None:
+        before: str | None = None
+        names = self._plan.keys[number]
+        for kind in (*(stage for stage in STAGES if stage in self._shared(number)), POINT):
+            key = names[kind]
+            if key not in self._what:
+                self._what[key] = kind, number
+                (self._ready if before is None else self._after.setdefault(before, [])).append(key)
+            if kind != POINT:
+                self._points_left[key] += 1
+            before = key
+
+    def _shared(self, number: int) -> frozenset[str]:
+        names = self._plan.keys[number]
+        return self._kept | {stage for stage in STAGES if names[stage] in self._plan.shared}
+
+    def next(self) -> str | None:
+        """Key of a task that can be begun; None if all that can be are."""
+        return self._ready.pop() if self._ready else None
+
+    def again(self, key: str) -> None:
+        """Take back a task that was given out and not done."""
+        self._ready.append(key)
+
+    def task(self, key: str) -> Task:
+        """All that it takes to do a task."""
+        kind, number = self._what[key]
+        config = self._plan.sweep.point(number)
+        return Task(kind, self._plan.keys[number], config, self._shared(number), self._studies)
+
+    def kind(self, key: str) -> str:
+        """What a task is."""
+        return self._what[key][0]
+
+    def done(self, key: str) -> Iterator[str]:
+        """Note that a task is done, well or not; gives the stages that nobody needs any more."""
+        self.left -= 1
+        self._ready.extend(reversed(self._after.pop(key, [])))
+        kind, number = self._what[key]
+        if kind == POINT:
+            names = self._plan.keys[number]
+            for stage in STAGES:
+                if names[stage] in self._points_left:
+                    self._points_left[names[stage]] -= 1
+                    if not self._points_left[names[stage]]:
+                        yield names[stage]
+
+
+Told = Callable[[int, int, int], None]
+"""Told how many points are done, how many have failed, and how many there are."""

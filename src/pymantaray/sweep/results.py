@@ -1,0 +1,184 @@
+"""What a sweep has found: how far it is, and one table of all points."""
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from pymantaray.errors import SweepError
+from pymantaray.sweep.definition import Sweep, parse_sweep
+from pymantaray.sweep.keys import POINT
+from pymantaray.sweep.plan import Plan, planned_keys
+from pymantaray.sweep.store import PLAN, SWEEP, Store, finished, open_store, point_name
+
+DONE, FAILED, OPEN = "done", "failed", "open"
+
+
+class Status(NamedTuple):
+    """How far a sweep is."""
+
+    points: int
+    done: int
+    failed: int
+    failures: dict[str, int]
+    """How many points failed by each line."""
+
+    @property
+    def open(self) -> int:
+        """Points that are still to be done."""
+        return self.points - self.done - self.failed
+
+
+class SweepResults:
+    """
+    Results of a sweep, as far as there are any.
+
+    Parameters
+    ----------
+    store : Store
+    sweep : Sweep
+        What was asked for.
+    keys : list of str
+        Names of its points.
+    """
+
+    def __init__(self, store: Store, sweep: Sweep, keys: list[str]) -> None:
+        self.sweep, self._store, self._keys = sweep, store, keys
+
+    def status(self) -> Status:
+        """
+        Points that are done, have failed and are open; those that are alike are one.
+
+        Returns
+        -------
+        Status
+        """
+        known = set(self._keys)
+        done, failed = finished(self._store, known)
+        lines = Counter(str(content["error"]) for key in failed if (content := self._read(key, failed=True)))
+        return Status(len(known), len(done), len(failed), dict(lines.most_common()))
+
+    def table(self) -> pd.DataFrame:
+        """
+        Tidy table: a row for each point and condition, or the point alone where it is not done.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``point``, the swept fields, ``status``, ``error``, ``condition``, its errors and consistency, the point's
+            links, the seconds of its stages, ``key``.
+        """
+        coordinates = [axis.coordinates() for axis in self.sweep.axes]
+        rows: list[dict[str, Any]] = []
+        for number, (key, content) in enumerate(self._contents):
+            place = self.sweep.place(number)
+            fields = {n: v[k] for k, axis in zip(place, coordinates, strict=True) for n, v in axis.items()}
+            links = content.get("links", {})
+            seconds = {f"{name}_seconds": value for name, value in content.get("seconds", {}).items()}
+            for condition, statistics in content.get("conditions", {"": {}}).items():
+                row = {
+                    "point": number,
+                    **fields,
+                    "status": content["status"],
+                    "error": content.get("error", ""),
+                }
+                rows.append(row | {"condition": condition} | statistics | links | seconds | {"key": key})
+        return pd.DataFrame(rows)
+
+    def dataset(self) -> xr.Dataset:
+        """
+        The same over the swept fields, with NaN where there is no result.
+
+        Returns
+        -------
+        xarray.Dataset
+            A dimension for each field that was crossed or group of fields that were zipped, and ``condition``.
+        """
+        contents = [content for _, content in self._contents]
+        conditions = list(dict.fromkeys(name for c in contents for name in c.get("conditions", {})))
+        dims, shape = [axis.name for axis in self.sweep.axes], self.sweep.shape
+        data: dict[str, Any] = {
+            name: (dims, np.array([c.get(name, "") for c in contents], dtype=str).reshape(shape))
+            for name in ("status", "error")
+        }
+        for group, ending in (("links", ""), ("seconds", "_seconds")):
+            for name in dict.fromkeys(name for c in contents for name in c.get(group, {})):
+                values = [c.get(group, {}).get(name) for c in contents]
+                data[name + ending] = dims, np.array(values, dtype=float).reshape(shape)
+        statistics = dict.fromkeys(
+            name for c in contents for row in c.get("conditions", {}).values() for name in row
+        )
+        for name in statistics:
+            values = [[c.get("conditions", {}).get(x, {}).get(name) for x in conditions] for c in contents]
+            array = np.array(values, dtype=float).reshape(*shape, len(conditions))
+            data[name] = [*dims, "condition"], array
+        coordinates: dict[str, Any] = {"condition": conditions}
+        for axis in self.sweep.axes:
+            for name, values in axis.coordinates().items():
+                plain = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values)
+                coordinates[name] = axis.name, np.array(values, dtype=float if plain else str)
+        return xr.Dataset(data, coordinates, {"title": f"Sweep over {self.sweep.name}"})
+
+    @cached_property
+    def _contents(self) -> list[tuple[str, dict[str, Any]]]:
+        return list(self._read_all())
+
+    def _read_all(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        done, failed = finished(self._store, set(self._keys))
+        for key in self._keys:
+            content = (self._read(key, failed=key in failed) if key in done | failed else None) or {}
+            yield key, {"status": DONE if key in done else FAILED if key in failed else OPEN, **content}
+
+    def _read(self, key: str, *, failed: bool = False) -> dict[str, Any] | None:
+        name = point_name(key, failed=failed)
+        content = self._store.read(name)
+        if content is None:
+            return None
+        try:
+            tree: dict[str, Any] = json.loads(content)
+        except ValueError:
+            raise SweepError(
+                f"{self._store.url}/{name}: is damaged; remove it and run the sweep again"
+            ) from None
+        return tree
+
+
+def open_sweep(place: str | Path) -> SweepResults:
+    """
+    Results of a sweep that was run, or is being run.
+
+    Parameters
+    ----------
+    place : str or pathlib.Path
+        Its folder or URL.
+
+    Returns
+    -------
+    SweepResults
+
+    Raises
+    ------
+    SweepError
+        If there is none.
+
+    Examples
+    --------
+    >>> open_sweep("nowhere")
+    Traceback (most recent call last):
+        ...
+    pymantaray.errors.SweepError: nowhere: not a sweep: it has no sweep.toml
+    """
+    store = open_store(place)
+    content = store.read(SWEEP)
+    if content is None:
+        raise SweepError(f"{place}: not a sweep: it has no {SWEEP}")
+    toml = content.decode()
+    sweep = parse_sweep(toml, f"{place}/{SWEEP}", Path())
+    keys = planned_keys(store.read(PLAN), toml)
+    return SweepResults(store, sweep, keys if keys is not None else [key[POINT] for key in Plan(sweep).keys])

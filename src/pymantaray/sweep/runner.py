@@ -1,0 +1,181 @@
+"""Running a sweep: tasks that can be begun go to workers, who write what becomes of them."""
+
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+from pymantaray.errors import SweepError
+from pymantaray.sweep.definition import Sweep
+from pymantaray.sweep.keys import POINT
+from pymantaray.sweep.plan import Plan, Queue, Told, plan_content
+from pymantaray.sweep.results import SweepResults, open_sweep
+from pymantaray.sweep.stages import failure_content
+from pymantaray.sweep.store import (
+    PLAN,
+    SWEEP,
+    Store,
+    finished,
+    open_store,
+    point_name,
+    stage_name,
+)
+from pymantaray.sweep.workers import Crew, SchedulerLostError, crew_of
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_LOOK = 5.0  # between looks at whether the scheduler is there [s]
+
+
+def run_sweep(
+    sweep: Sweep,
+    out: str | Path,
+    *,
+    client: "Client | str | None" = None,
+    workers: int | None = None,
+    keep_stages: bool = False,
+    studies: bool = False,
+    retry_failed: bool = False,
+    progress: Told | None = None,
+) -> SweepResults:
+    """
+    Do the points of a sweep that are not done yet.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    out : str or pathlib.Path
+        Folder of the results, or the URL of an object store: new, empty, or of an earlier sweep, whose points are not
+        done again. With Dask every worker must see it under this name.
+    client : distributed.Client or str, optional
+        Dask's client, or its scheduler's address. By default processes of this machine work.
+    workers : int, optional
+        Processes of this machine, by default one a core. Results do not depend on it.
+    keep_stages : bool
+        Whether oceans, fleets and rays stay in the store.
+    studies : bool
+        Whether each point leaves the run folder of its study in ``studies``.
+    retry_failed : bool
+        Whether points that failed are done again.
+    progress : callable, optional
+        Told how many points are done, how many have failed, and how many there are.
+
+    Returns
+    -------
+    SweepResults
+        A point that failed is one of the results.
+
+    Raises
+    ------
+    SweepError
+        If a point is not a study, the folder holds something else, or the scheduler is gone.
+    WriteError
+        If the store cannot be written.
+    """
+    plan, store = Plan(sweep), open_store(out)
+    if studies and store.folder is None:
+        raise SweepError(f"{out}: studies need a folder")
+    _prepare(store, plan)
+    done, failed = finished(store, plan.points)
+    for key in failed if retry_failed else ():
+        store.remove(point_name(key, failed=True))
+    failed = set() if retry_failed else failed
+    told = _Told(plan, done, failed, progress)
+    queue = Queue(plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies)
+    if queue.left:
+        with crew_of(store.url, client, workers) as crew:
+            _work(queue, crew, store, told, keep_stages=keep_stages)
+    return open_sweep(out)
+
+
+class _Told:
+    """Counts points."""
+
+    def __init__(self, plan: Plan, done: set[str], failed: set[str], progress: Told | None) -> None:
+        self._done, self._failed, self._total, self._progress = (
+            len(done),
+            len(failed),
+            len(plan.points),
+            progress,
+        )
+        self.add(0, 0)
+
+    def add(self, done: int, failed: int) -> None:
+        self._done, self._failed = self._done + done, self._failed + failed
+        if self._progress is not None:
+            self._progress(self._done, self._failed, self._total)
+
+
+def _prepare(store: Store, plan: Plan) -> None:
+    """Have the store say what sweep it is of."""
+    folder = store.folder
+    if folder is not None:
+        if folder.exists() and not folder.is_dir():
+            raise SweepError(f"{store.url}: is a file; give a folder")
+        if folder.is_dir() and any(folder.iterdir()) and not store.has(SWEEP):
+            raise SweepError(
+                f"{store.url}: holds something, and no sweep; give a new folder, or one of a sweep"
+            )
+    store.tidy()
+    toml = plan.sweep.to_toml()
+    store.write(PLAN, plan_content(plan, toml))
+    store.write(SWEEP, toml.encode())
+
+
+def _work(queue: Queue, crew: Crew, store: Store, told: _Told, *, keep_stages: bool) -> None:
+    finished_ones: SimpleQueue[Any] = SimpleQueue()
+    running: dict[Any, str] = {}
+    while queue.left:
+        try:
+            while len(running) < crew.window and (key := queue.next()) is not None:
+                running[_given(queue, crew, key, finished_ones)] = key
+            try:
+                future = finished_ones.get(timeout=_LOOK)
+            except Empty:
+                crew.look()
+                continue
+            if future not in running:  # of a scheduler that was lost
+                continue
+            key = running[future]
+            line = _outcome(queue, crew, store, key, future)
+            del running[future]
+        except SchedulerLostError:
+            for key in running.values():
+                queue.again(key)
+            running.clear()
+            crew.reconnect()
+            continue
+        if line == "":
+            queue.again(key)
+            continue
+        if queue.kind(key) == POINT:
+            told.add(line is None, line is not None)
+        for stage in queue.done(key):
+            store.remove(stage_name(stage, failed=True))
+            if not keep_stages:
+                store.remove(stage_name(stage))
+
+
+def _given(queue: Queue, crew: Crew, key: str, finished_ones: "SimpleQueue[Any]") -> Any:
+    try:
+        future = crew.submit(queue.task(key))
+    except SchedulerLostError:
+        queue.again(key)
+        raise
+    future.add_done_callback(finished_ones.put)
+    return future
+
+
+def _outcome(queue: Queue, crew: Crew, store: Store, key: str, future: Any) -> str | None:
+    """Line by which a task failed, empty if it is to be done again, None if it is done."""
+    try:
+        line: str | None = future.result()
+    except Exception as error:
+        why = crew.lost(queue.task(key), error)
+        if why is None:
+            raise
+        if why:
+            name = point_name if queue.kind(key) == POINT else stage_name
+            store.write(name(key, failed=True), failure_content(SweepError(why)))
+        return why
+    return line

@@ -1,0 +1,192 @@
+"""The stages of a mission that points share: each computed once, kept in memory and in the store."""
+
+import io
+import json
+import math
+import tempfile
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import MantaRayError, SweepError, WriteError
+from pymantaray.records import NETCDF_LOCK, Arrivals, RangingTruth, Trajectories
+from pymantaray.sensing import Links, Ranging
+from pymantaray.sensing.schedule import Attempts
+from pymantaray.study import StudyConfig
+from pymantaray.study.assemble import StudyOcean, build_medium
+from pymantaray.study.mission import mission_ocean, range_fleet, simulate_fleet
+from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, narrowed
+from pymantaray.sweep.store import Store, stage_name
+
+_LATEST: dict[str, tuple[str, Any, float]] = {}
+"""The latest of each stage that this process has had, after its key, and what it took when it was computed. [s]"""
+_OPTIONAL = ("probability", "loss_db", "delay")
+
+
+def failure_content(error: BaseException) -> bytes:
+    """What a file says of a task that failed: one line, and for what nobody foresaw where it was."""
+    line = str(error).partition("\n")[0]
+    content = {"error": line if isinstance(error, MantaRayError) else f"{type(error).__name__}: {line}"}
+    if not isinstance(error, MantaRayError):
+        content["traceback"] = "".join(traceback.format_exception(error))
+    return json.dumps(content, indent=1).encode()
+
+
+class Stages:
+    """Stages of one study; those whose names are shared are left in the store for others."""
+
+    def __init__(
+        self, config: StudyConfig, keys: Mapping[str, str], store: Store, shared: frozenset[str]
+    ) -> None:
+        self._config, self._keys, self._store, self._shared = config, keys, store, shared
+
+    @property
+    def ocean(self) -> StudyOcean:
+        """Ocean of the mission."""
+        out: StudyOcean = self._get(OCEAN, lambda: mission_ocean(narrowed(self._config, OCEAN)))
+        return out
+
+    @property
+    def fleet(self) -> Trajectories:
+        """True poses of the vehicles."""
+        out: Trajectories = self._get(
+            FLEET, lambda: simulate_fleet(narrowed(self._config, FLEET), self.ocean)
+        )
+        return out
+
+    @property
+    def rays(self) -> Ranging:
+        """Ranges without noise."""
+        config = narrowed(self._config, RAYS)
+        out: Ranging = self._get(RAYS, lambda: range_fleet(config, self.ocean, self.medium, self.fleet))
+        return out
+
+    @property
+    def medium(self) -> Medium | Callable[[float], Medium]:
+        """Medium of the rays, which is in no store: it is made from the ocean in less time than it is read."""
+        key = f"{self._keys[OCEAN]} {self._config.acoustics.interpolation}"
+        if _LATEST.get("medium", ("",))[0] != key:
+            _LATEST["medium"] = key, build_medium(self._config, self.ocean), math.nan
+        medium: Medium | Callable[[float], Medium] = _LATEST["medium"][1]
+        return medium
+
+    def seconds(self, stage: str) -> float:
+        """What a stage that was asked for took where it was computed. [s]"""
+        return _LATEST[stage][2]
+
+    def ensure(self, stage: str) -> None:
+        """Have a stage in the store."""
+        if not self._store.has(stage_name(self._keys[stage])):
+            _LATEST.pop(stage, None)  # it may be in memory alone
+            getattr(self, stage)
+
+    def _get(self, stage: str, compute: Callable[[], Any]) -> Any:
+        key = self._keys[stage]
+        if _LATEST.get(stage, ("",))[0] != key:
+            shared = stage in self._shared
+            content = self._store.read(stage_name(key)) if shared else None
+            if content is not None:
+                groups = _datasets(content)
+                seconds = float(groups.pop("cost").attrs["seconds"])
+                result = _UNPACK[stage](groups)
+            else:
+                start = perf_counter()
+                result = self._compute(key, compute) if shared else compute()
+                seconds = perf_counter() - start
+            if shared and content is None:
+                cost = xr.Dataset(attrs={"seconds": seconds})
+                self._store.write(stage_name(key), _content({"cost": cost, **_PACK[stage](result)}))
+            _LATEST[stage] = key, result, seconds
+        return _LATEST[stage][1]
+
+    def _compute(self, key: str, compute: Callable[[], Any]) -> Any:
+        """Compute a shared stage, once also where it fails: all that need it are told by the same line."""
+        failure = self._store.read(stage_name(key, failed=True))
+        if failure is not None:
+            raise SweepError(json.loads(failure)["error"])
+        try:
+            return compute()
+        except WriteError:  # of the store, and not of the stage
+            raise
+        except Exception as error:
+            self._store.write(stage_name(key, failed=True), failure_content(error))
+            raise
+
+
+def _pack_ocean(ocean: StudyOcean) -> dict[str, xr.Dataset]:
+    region = io.StringIO()
+    ocean.region.to_csv(region)
+    groups = {"geographic": ocean.geographic, "local": ocean.local, "profile": ocean.profile}
+    if ocean.series is not None:
+        groups["series"] = ocean.series
+    return {"region": xr.Dataset(attrs={"csv": region.getvalue()}), **groups}
+
+
+def _unpack_ocean(groups: dict[str, xr.Dataset]) -> StudyOcean:
+    region = pd.read_csv(io.StringIO(groups.pop("region").attrs["csv"]), index_col=0)
+    return StudyOcean(region=region, **groups)
+
+
+def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:
+    attempts = {name: ("attempt", values) for name, values in ranging.attempts._asdict().items()}
+    attempts |= {"status": ("attempt", ranging.status), "link": ("attempt", ranging.link)}
+    optional = {name: getattr(ranging, name) for name in _OPTIONAL}
+    return {
+        "attempts": xr.Dataset(attempts),
+        "optional": xr.Dataset({name: (name, v) for name, v in optional.items() if v is not None}),
+        "truth": ranging.truth.to_dataset(),
+        "links": ranging.links.to_dataset(),
+        "arrivals": ranging.arrivals.to_dataset(),
+    }
+
+
+def _unpack_rays(groups: dict[str, xr.Dataset]) -> Ranging:
+    attempts, optional = groups["attempts"], groups["optional"]
+    return Ranging(
+        attempts=Attempts(**{name: attempts[name].values for name in Attempts._fields}),
+        status=attempts["status"].values,
+        truth=RangingTruth.from_dataset(groups["truth"]),
+        links=Links.from_dataset(groups["links"]),
+        arrivals=Arrivals.from_dataset(groups["arrivals"]),
+        link=attempts["link"].values,
+        **{name: optional[name].values for name in _OPTIONAL if name in optional},
+    )
+
+
+_PACK: dict[str, Callable[[Any], dict[str, xr.Dataset]]] = {
+    OCEAN: _pack_ocean,
+    FLEET: lambda truth: {"truth": truth.to_dataset()},
+    RAYS: _pack_rays,
+}
+_UNPACK: dict[str, Callable[[dict[str, xr.Dataset]], Any]] = {
+    OCEAN: _unpack_ocean,
+    FLEET: lambda groups: Trajectories.from_dataset(groups["truth"]),
+    RAYS: _unpack_rays,
+}
+
+
+def _content(groups: dict[str, xr.Dataset]) -> bytes:
+    """Content of a NetCDF file with these groups, every number as it is."""
+    with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
+        path = Path(folder, "stage.nc")
+        for name, dataset in groups.items():
+            dataset.drop_encoding().to_netcdf(path, mode="a", group=name, engine="netcdf4")
+        return path.read_bytes()
+
+
+def _datasets(content: bytes) -> dict[str, xr.Dataset]:
+    with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
+        path = Path(folder, "stage.nc")
+        path.write_bytes(content)
+        groups = xr.open_groups(path, engine="netcdf4", decode_timedelta=False)
+        try:
+            return {name.strip("/"): group.load() for name, group in groups.items() if name != "/"}
+        finally:
+            for group in groups.values():
+                group.close()

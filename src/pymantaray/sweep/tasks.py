@@ -1,0 +1,138 @@
+"""What a worker does: one stage that points share, or one point, each written where it belongs before it is told."""
+
+import json
+import math
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pymantaray
+from pymantaray.errors import SweepError, WriteError
+from pymantaray.evaluation import (
+    ALL_LINKS,
+    consistency_summary,
+    consistency_table,
+    dropout_table,
+    error_table,
+    range_error_table,
+)
+from pymantaray.study import Run, StudyConfig, open_run
+from pymantaray.study.folder import MANIFEST
+from pymantaray.study.manifest import Stopwatch
+from pymantaray.study.mission import assemble_mission, mission_picture
+from pymantaray.study.realization import RealizationSolver, collect_results
+from pymantaray.study.runner import refuse_too_large, run_study
+from pymantaray.study.store import run_in_memory
+from pymantaray.sweep.keys import POINT, STAGES
+from pymantaray.sweep.stages import Stages, failure_content
+from pymantaray.sweep.store import Store, open_store, point_name
+
+_ALONE = threading.Lock()  # threads of one worker take turns: the numerical libraries are not made for more
+_CONSISTENCY = {"median_ratio": "ratio", "inside": "inside", "tests": "tests"}
+
+
+@dataclass(frozen=True)
+class Task:
+    """A stage or a point, and all that it takes to do it."""
+
+    kind: str
+    keys: Mapping[str, str]
+    config: StudyConfig
+    shared: frozenset[str]
+    """Stages that are left in the store."""
+    studies: bool = False
+    """Whether points leave their runs in folders of their own."""
+    version: str = pymantaray.__version__
+
+    @property
+    def key(self) -> str:
+        """Its name."""
+        return self.keys[self.kind]
+
+
+def perform(url: str, task: Task) -> str | None:
+    """Do a task unless it is done; the line by which it failed, None if it did not. What the store refuses is raised."""
+    with _ALONE:
+        if task.version != pymantaray.__version__:
+            raise SweepError(
+                f"this worker has pymantaray {pymantaray.__version__}, the sweep {task.version}: install the same"
+            )
+        store = open_store(url)
+        stages = Stages(task.config, task.keys, store, task.shared)
+        try:
+            if task.kind != POINT:
+                stages.ensure(task.kind)
+            elif not store.has(point_name(task.key)):
+                content = _solve(task, stages, store)
+                store.write(point_name(task.key), json.dumps(content, indent=1).encode())
+                store.remove(point_name(task.key, failed=True))
+        except WriteError:
+            raise
+        except Exception as error:  # noqa: BLE001  a point that fails is a result
+            failure = failure_content(error)
+            if task.kind == POINT:
+                store.write(point_name(task.key, failed=True), failure)
+            line: str = json.loads(failure)["error"]
+            return line
+    return None
+
+
+def _solve(task: Task, stages: Stages, store: Store) -> dict[str, Any]:
+    """Summary of a point, and what it took."""
+    config, watch = task.config, Stopwatch()
+    refuse_too_large(config, 1)
+    ocean, truth, ranging = stages.ocean, stages.fleet, stages.rays
+    with watch.stage("realizations"):
+        mission = assemble_mission(config, ocean, truth, ranging)
+        if task.studies:
+            assert store.folder is not None  # others were refused before
+            folder = store.folder / "studies" / task.key
+            if not (folder / MANIFEST).exists():
+                mission = replace(mission, picture=mission_picture(config, mission, stages.medium))
+                run_study(config, folder, workers=1, mission=mission)
+            run = open_run(folder)
+        else:
+            run = run_in_memory(config, mission)
+            solver = RealizationSolver(run)
+            solved = [solver.solve(realization) for realization in range(config.study.realizations)]
+            vars(run).update(collect_results(run, solved)._asdict())
+    with watch.stage("summary"):
+        summary = summarize_point(run)
+    seconds = {stage: stages.seconds(stage) for stage in STAGES} | watch.seconds
+    return {"key": task.key, "version": task.version, **summary, "seconds": seconds}
+
+
+def summarize_point(run: Run) -> dict[str, Any]:
+    """What a sweep keeps of a study: errors and consistency of each condition, and of its links. NaN is null."""
+    conditions = {
+        row.pop("condition"): row for row in error_table(run.truth, run.estimates).to_dict("records")
+    }
+    if run.covariances is not None:
+        by_epoch = consistency_table(run.truth, run.estimates, run.covariances)
+        for row in consistency_summary(by_epoch).to_dict("records"):
+            conditions[row["condition"]] |= {
+                f"{row['statistic']}_nees_{name}"
+                if row["statistic"] != "ranges"
+                else f"ranges_nis_{name}": row[of]
+                for of, name in _CONSISTENCY.items()
+            }
+    dropouts = _all_links(dropout_table(run.measurements, run.truth).to_dict("records"))
+    errors = _all_links(range_error_table(run.measurements, run.ranging_truth, run.truth).to_dict("records"))
+    links = dropouts | {f"range_error_{name}": value for name, value in errors.items() if name.endswith("_m")}
+    return {
+        "conditions": {name: _plain(row) for name, row in conditions.items()},
+        "links": _plain({"dropout_percent" if name == "percent" else name: v for name, v in links.items()}),
+    }
+
+
+def _all_links(rows: list[dict[Any, Any]]) -> dict[str, Any]:
+    row = next(row for row in rows if row["category"] == ALL_LINKS)
+    return {str(name): value for name, value in row.items() if name != "category"}
+
+
+def _plain(row: Mapping[Any, Any]) -> dict[str, Any]:
+    return {
+        str(name): None if isinstance(value, float) and math.isnan(value) else value
+        for name, value in row.items()
+    }

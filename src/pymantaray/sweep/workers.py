@@ -1,0 +1,155 @@
+"""Who does the tasks: processes of this machine, or the workers of a Dask scheduler."""
+
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+from pymantaray.errors import SweepError
+from pymantaray.study.workers import WorkerEndedError, Workers
+from pymantaray.sweep.tasks import Task, perform
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_ATTEMPTS = 3  # at a task whose worker ends
+_DASK_WINDOW = 4096  # tasks that the scheduler is given ahead
+_PATIENCE = 60.0  # for a scheduler that is gone to come back [s]
+
+
+class SchedulerLostError(SweepError):
+    """The scheduler does not answer; what it had been given is not done."""
+
+
+class Crew(Protocol):
+    """Workers."""
+
+    window: int
+    """Tasks that are given out at a time."""
+
+    def __enter__(self) -> Self:
+        """Begin."""
+
+    def __exit__(self, *error: object) -> None:
+        """End, whatever they are at."""
+
+    def submit(self, task: Task) -> Any:
+        """Give a task out: its future."""
+
+    def lost(self, task: Task, error: BaseException) -> str | None:
+        """Why a task failed whose worker was lost, empty if it is to be done again; None for any other error."""
+
+    def look(self) -> None:
+        """Raise `SchedulerLostError` if nothing more will come of what was given out."""
+
+    def reconnect(self) -> None:
+        """Wait for the scheduler; raises `SweepError` where it does not come back."""
+
+
+class _Local:
+    """Processes of one thread each, which end with this one."""
+
+    def __init__(self, url: str, workers: int | None) -> None:
+        count = workers or os.cpu_count() or 1
+        self._workers, self.window = Workers(partial(_start, url), count), 2 * count
+        self._attempts: dict[str, int] = {}
+
+    def __enter__(self) -> Self:
+        self._workers.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._workers.__exit__(*error)
+
+    def submit(self, task: Task) -> "Future[str | None]":
+        return self._workers.submit(task)
+
+    def lost(self, task: Task, error: BaseException) -> str | None:
+        if not isinstance(error, WorkerEndedError):
+            return None
+        attempts = self._attempts[task.key] = self._attempts.get(task.key, 0) + 1
+        return "" if attempts < _ATTEMPTS else f"{error} ({attempts} attempts)"
+
+    def look(self) -> None:
+        """See nothing: there is no scheduler."""
+
+    def reconnect(self) -> None:
+        """Do nothing: there is no scheduler."""
+
+
+def crew_of(url: str, client: "Client | str | None", workers: int | None) -> Crew:
+    """Workers for a store: of a Dask client or its scheduler's address, or processes of this machine."""
+    return _Local(url, workers) if client is None else _Dask(url, client)
+
+
+def _start(url: str) -> Callable[[Task], str | None]:
+    return partial(perform, url)
+
+
+class _Dask:
+    """Workers of a Dask scheduler."""
+
+    window = _DASK_WINDOW
+
+    def __init__(self, url: str, client: "Client | str") -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise SweepError("a scheduler needs Dask: pip install 'pymantaray[dask]'") from None
+        self._dask: Any = distributed
+        self._url, self._given = url, client
+        self._client: Any = None
+
+    def __enter__(self) -> Self:
+        self._client = self._given if not isinstance(self._given, str) else self._connect(10.0)
+        self._address = self._client.scheduler.address
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if isinstance(self._given, str) or self._client is not self._given:
+            self._close()
+
+    def submit(self, task: Task) -> Any:
+        try:
+            return self._client.submit(perform, self._url, task, key=f"{task.kind}-{task.key}")
+        except (OSError, RuntimeError, ValueError) as error:  # a client that is closed
+            self.look()
+            raise SchedulerLostError(str(error)) from None
+
+    def lost(self, task: Task, error: BaseException) -> str | None:  # noqa: ARG002
+        if isinstance(error, self._dask.KilledWorker):
+            return f"a worker ended early, {error.allowed_failures + 1} times; perhaps out of memory"
+        if isinstance(error, (CancelledError, self._dask.CancelledError, self._dask.comm.CommClosedError)):
+            raise SchedulerLostError(str(error))
+        return None
+
+    def look(self) -> None:
+        if self._client.status != "running":
+            raise SchedulerLostError(f"scheduler {self._address}: {self._client.status}")
+
+    def reconnect(self) -> None:
+        until = time.monotonic() + _PATIENCE
+        while time.monotonic() < until:
+            self._close()
+            with suppress(SweepError):
+                self._client = self._connect(5.0)
+                return
+            time.sleep(1.0)
+        raise SweepError(
+            f"scheduler {self._address}: is gone; start it and run the same sweep again to go on"
+        )
+
+    def _connect(self, timeout: float) -> Any:
+        address = self._given if isinstance(self._given, str) else self._address
+        try:
+            return self._dask.Client(address, timeout=timeout, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            cause = str(error).partition("\n")[0] or "no answer"
+            raise SweepError(f"scheduler {address}: cannot be reached: {cause}") from None
+
+    def _close(self) -> None:
+        with suppress(Exception):
+            self._client.close(timeout=2.0)
