@@ -83,10 +83,11 @@ class Sweep:
         self.name = config.study.name
         self._base: Tree = config.model_dump(exclude_none=True)
         self._folder = Path(folder).resolve()
+        self._seeds = list(seeds)
         axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
         axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]
-        if len(seeds):
-            axes.append(Axis(SEED, {SEED: _list("seeds", seeds)}))
+        if self._seeds:
+            axes.append(Axis(SEED, {SEED: self._seeds}))
         names = [name for axis in axes for name in axis.coordinates()]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise SweepError(f"sweep: {', '.join(twice)} is given more than once")
@@ -129,19 +130,23 @@ class Sweep:
         for field in sorted(values, key=(COUNT, SPACING).__contains__):  # these two after all others
             try:
                 tree = _with(tree, field, values[field])
+            except SweepError as error:
+                raise StudyError(f"{label}: {error}") from None
             except (KeyError, ValueError, TypeError, IndexError):
                 raise StudyError(f"{label}: {field}: there is no such field or entry to change") from None
         return parse_study(tree, label, self._folder)
 
     def to_toml(self) -> str:
         """Everything, the base included, as a sweep file."""
-        crossed = {axis.name: axis.values[axis.name] for axis in self.axes if _is_crossed(axis)}
+        axes = self.axes[: len(self.axes) - bool(self._seeds)]
+        crossed = {axis.name: axis.values[axis.name] for axis in axes if _is_crossed(axis)}
         zipped = [
             {**({"name": axis.name, "labels": axis.labels} if axis.labels else {}), **axis.values}
-            for axis in self.axes
+            for axis in axes
             if not _is_crossed(axis)
         ]
-        tree = {"folder": str(self._folder), "base": self._base, "cross": crossed, "zip": zipped}
+        tree = {"folder": str(self._folder), "seeds": self._seeds, "base": self._base}
+        tree |= {"cross": crossed, "zip": zipped}
         return tomli_w.dumps(tree)
 
 
@@ -190,11 +195,13 @@ def parse_sweep(text: str, label: str, folder: Path) -> Sweep:
         base = parse_study(base, f"{label}: base", folder)
     else:
         raise SweepError(f"{label}: base: missing; give a preset or a study file")
-    for key, value, kind in (("cross", cross, dict), ("zip", zipped, list), ("seeds", seeds, list)):
-        if value is not None and not isinstance(value, kind):
-            raise SweepError(
-                f"{label}: {key}: must be {'tables [[zip]]' if key == 'zip' else 'a ' + kind.__name__}"
-            )
+    for key, kind, what in (
+        ("cross", dict, "a table"),
+        ("zip", list, "tables [[zip]]"),
+        ("seeds", list, "a list"),
+    ):
+        if not isinstance(tree.get(key, kind()), kind):
+            raise SweepError(f"{label}: {key}: must be {what}")
     try:
         return Sweep(base, cross=cross, zipped=zipped or (), seeds=seeds or (), folder=folder)
     except SweepError as error:
@@ -246,7 +253,7 @@ def _with(tree: Tree, field: str, value: Any) -> Tree:
     if field == COUNT:
         vehicles = tree["fleet"]["vehicles"]
         if not 1 <= value <= len(vehicles):
-            raise StudyError(f"{COUNT} is {value}; the base has 1 to {len(vehicles)} vehicles")
+            raise SweepError(f"{COUNT} is {value}; the base has 1 to {len(vehicles)} vehicles")
         field, value = "fleet.vehicles", vehicles[:value]
     if field == SPACING:
         field, value = "fleet.vehicles", [_spread(v, float(value)) for v in tree["fleet"]["vehicles"]]

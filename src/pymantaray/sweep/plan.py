@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -47,7 +47,10 @@ class Plan:
     @cached_property
     def points(self) -> dict[str, int]:
         """Number of a point by its key; those that are alike are one."""
-        return {key[POINT]: number for number, key in reversed(list(enumerate(self.keys)))}
+        out: dict[str, int] = {}
+        for number, key in enumerate(self.keys):
+            out.setdefault(key[POINT], number)
+        return out
 
     @cached_property
     def shared(self) -> frozenset[str]:
@@ -55,9 +58,9 @@ class Plan:
         uses = Counter(self.keys[n][stage] for n in self.points.values() for stage in STAGES)
         return frozenset(key for key, count in uses.items() if count > 1)
 
-    def count(self, stage: str) -> int:
-        """How many different ones of a stage there are."""
-        return len({key[stage] for key in self.keys})
+    def count(self, stage: str, points: Collection[str]) -> int:
+        """How many different ones of a stage some points need."""
+        return len({self.keys[self.points[key]][stage] for key in points})
 
 
 def _add_checksums(checksums: dict[str, str], config: StudyConfig) -> None:

@@ -76,7 +76,7 @@ class SweepResults:
         """
         coordinates = [axis.coordinates() for axis in self.sweep.axes]
         rows: list[dict[str, Any]] = []
-        for number, (key, content) in enumerate(self._contents):
+        for number, content in enumerate(self.contents):
             place = self.sweep.place(number)
             fields = {n: v[k] for k, axis in zip(place, coordinates, strict=True) for n, v in axis.items()}
             links = content.get("links", {})
@@ -88,7 +88,9 @@ class SweepResults:
                     "status": content["status"],
                     "error": content.get("error", ""),
                 }
-                rows.append(row | {"condition": condition} | statistics | links | seconds | {"key": key})
+                rows.append(
+                    row | {"condition": condition} | statistics | links | seconds | {"key": content["key"]}
+                )
         return pd.DataFrame(rows)
 
     def dataset(self) -> xr.Dataset:
@@ -100,7 +102,7 @@ class SweepResults:
         xarray.Dataset
             A dimension for each field that was crossed or group of fields that were zipped, and ``condition``.
         """
-        contents = [content for _, content in self._contents]
+        contents = self.contents
         conditions = list(dict.fromkeys(name for c in contents for name in c.get("conditions", {})))
         dims, shape = [axis.name for axis in self.sweep.axes], self.sweep.shape
         data: dict[str, Any] = {
@@ -126,14 +128,16 @@ class SweepResults:
         return xr.Dataset(data, coordinates, {"title": f"Sweep over {self.sweep.name}"})
 
     @cached_property
-    def _contents(self) -> list[tuple[str, dict[str, Any]]]:
+    def contents(self) -> list[dict[str, Any]]:
+        """What the file of each point says."""
         return list(self._read_all())
 
-    def _read_all(self) -> Iterator[tuple[str, dict[str, Any]]]:
+    def _read_all(self) -> Iterator[dict[str, Any]]:
         done, failed = finished(self._store, set(self._keys))
         for key in self._keys:
             content = (self._read(key, failed=key in failed) if key in done | failed else None) or {}
-            yield key, {"status": DONE if key in done else FAILED if key in failed else OPEN, **content}
+            status = DONE if key in done else FAILED if key in failed else OPEN
+            yield {"status": status, **content, "key": key}
 
     def _read(self, key: str, *, failed: bool = False) -> dict[str, Any] | None:
         name = point_name(key, failed=failed)

@@ -55,16 +55,15 @@ class Stages:
     @property
     def fleet(self) -> Trajectories:
         """True poses of the vehicles."""
-        out: Trajectories = self._get(
-            FLEET, lambda: simulate_fleet(narrowed(self._config, FLEET), self.ocean)
-        )
+        config, ocean = narrowed(self._config, FLEET), self.ocean
+        out: Trajectories = self._get(FLEET, lambda: simulate_fleet(config, ocean))
         return out
 
     @property
     def rays(self) -> Ranging:
         """Ranges without noise."""
-        config = narrowed(self._config, RAYS)
-        out: Ranging = self._get(RAYS, lambda: range_fleet(config, self.ocean, self.medium, self.fleet))
+        config, ocean, fleet = narrowed(self._config, RAYS), self.ocean, self.fleet
+        out: Ranging = self._get(RAYS, lambda: range_fleet(config, ocean, self.medium, fleet))
         return out
 
     @property
@@ -82,9 +81,11 @@ class Stages:
 
     def ensure(self, stage: str) -> None:
         """Have a stage in the store."""
-        if not self._store.has(stage_name(self._keys[stage])):
-            _LATEST.pop(stage, None)  # it may be in memory alone
-            getattr(self, stage)
+        name = stage_name(self._keys[stage])
+        if not self._store.has(name):
+            result = getattr(self, stage)
+            cost = xr.Dataset(attrs={"seconds": self.seconds(stage)})
+            self._store.write(name, _content({"cost": cost, **_PACK[stage](result)}))
 
     def _get(self, stage: str, compute: Callable[[], Any]) -> Any:
         key = self._keys[stage]
@@ -99,9 +100,6 @@ class Stages:
                 start = perf_counter()
                 result = self._compute(key, compute) if shared else compute()
                 seconds = perf_counter() - start
-            if shared and content is None:
-                cost = xr.Dataset(attrs={"seconds": seconds})
-                self._store.write(stage_name(key), _content({"cost": cost, **_PACK[stage](result)}))
             _LATEST[stage] = key, result, seconds
         return _LATEST[stage][1]
 

@@ -1,5 +1,6 @@
 """Who does the tasks: processes of this machine, or the workers of a Dask scheduler."""
 
+import logging
 import os
 import time
 from collections.abc import Callable
@@ -15,8 +16,10 @@ from pymantaray.sweep.tasks import Task, perform
 if TYPE_CHECKING:
     from distributed import Client
 
+_LOG = logging.getLogger("pymantaray.sweep")
 _ATTEMPTS = 3  # at a task whose worker ends
 _DASK_WINDOW = 4096  # tasks that the scheduler is given ahead
+_ANSWER = 10.0  # within which a scheduler answers first [s]
 _PATIENCE = 60.0  # for a scheduler that is gone to come back [s]
 
 
@@ -102,14 +105,17 @@ class _Dask:
         self._dask: Any = distributed
         self._url, self._given = url, client
         self._client: Any = None
+        self._has_workers = True
 
     def __enter__(self) -> Self:
-        self._client = self._given if not isinstance(self._given, str) else self._connect(10.0)
+        if isinstance(self._given, str):  # what it would say in many lines is said here in one
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+        self._client = self._connect(_ANSWER) if isinstance(self._given, str) else self._given
         self._address = self._client.scheduler.address
         return self
 
     def __exit__(self, *error: object) -> None:
-        if isinstance(self._given, str) or self._client is not self._given:
+        if self._client is not self._given:
             self._close()
 
     def submit(self, task: Task) -> Any:
@@ -129,13 +135,20 @@ class _Dask:
     def look(self) -> None:
         if self._client.status != "running":
             raise SchedulerLostError(f"scheduler {self._address}: {self._client.status}")
+        if bool(self._client.nthreads()) != self._has_workers:
+            self._has_workers = not self._has_workers
+            if not self._has_workers:
+                _LOG.warning("scheduler %s has no workers; waiting for some", self._address)
 
     def reconnect(self) -> None:
+        _LOG.warning("scheduler %s is gone; waiting for it", self._address)
         until = time.monotonic() + _PATIENCE
         while time.monotonic() < until:
-            self._close()
+            if self._client is not self._given:
+                self._close()
             with suppress(SweepError):
                 self._client = self._connect(5.0)
+                _LOG.warning("scheduler %s is back; going on", self._address)
                 return
             time.sleep(1.0)
         raise SweepError(

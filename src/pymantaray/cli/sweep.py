@@ -1,0 +1,225 @@
+"""Commands of `mantaray sweep`; what they need is imported when they run, so that help is quick."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pymantaray.cli.options import Quiet
+from pymantaray.cli.output import check_output
+
+if TYPE_CHECKING:
+    from pymantaray.sweep.estimate import Estimate
+    from pymantaray.sweep.plan import Plan
+    from pymantaray.sweep.results import Status
+
+app = typer.Typer(help="Run many studies: fields of one, crossed or zipped.", no_args_is_help=True)
+
+EXIT_POINTS_FAILED = 1
+_LINE_EVERY = 60.0  # where no bar can be shown [s]
+_LINES = 5  # of reasons why points failed
+
+SweepFile = Annotated[Path, typer.Argument(metavar="FILE", help="A sweep in TOML.")]
+Place = Annotated[str, typer.Argument(metavar="FOLDER", help="Folder or URL of a sweep's results.")]
+
+
+@app.command()
+def show(
+    file: SweepFile,
+    out: Annotated[
+        str | None, typer.Option("--out", help="Results: what is done there is not counted.")
+    ] = None,
+    measure: Annotated[
+        bool, typer.Option("--measure", help="Run the first point to estimate the time.")
+    ] = False,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Workers that the time is for.")] = 1,
+) -> None:
+    """Print the plan: points, what they share, time and room. Nothing is run."""
+    from pymantaray.sweep import load_sweep, open_sweep
+    from pymantaray.sweep.estimate import cost_of, estimate, known_cost, measured_cost
+    from pymantaray.sweep.plan import Plan
+    from pymantaray.sweep.store import finished, open_store
+
+    sweep = load_sweep(file)
+    plan = Plan(sweep)
+    typer.echo(f"{sweep.name}: {len(sweep)} points")
+    for axis in sweep.axes:
+        for name, values in axis.coordinates().items():
+            listed = ", ".join(f"{value}"[:40] for value in values[:8])
+            typer.echo(f"  {name}: {listed}{f', ... ({len(values)})' if len(values) > 8 else ''}")
+    cost, points = None, set(plan.points)
+    if out is not None:
+        done, failed = finished(open_store(out), points)
+        points -= done | failed
+        typer.echo(f"of these {len(done)} done, {len(failed)} failed, {len(points)} open in {out}")
+        cost = cost_of(open_sweep(out).contents) if done else None
+    if measure:
+        cost = measured_cost(sweep)
+    _print_estimate(plan, points, estimate(plan, points, cost or known_cost(sweep)), workers)
+
+
+def _print_estimate(plan: "Plan", points: set[str], what: "Estimate", workers: int) -> None:
+    from pymantaray.sweep.keys import STAGES
+
+    counts = ", ".join(f"{stage} {plan.count(stage, points)}" for stage in STAGES)
+    typer.echo(f"to do: {counts}, points {len(points)}; what points share is computed once")
+    shared, alone = _duration(what.seconds / workers), _duration(what.unshared_seconds / workers)
+    many = f"{workers} worker{'' if workers == 1 else 's'}"
+    typer.echo(f"time: about {shared} on {many}, {alone} if nothing were shared; by {what.origin}")
+    size = "" if what.stage_bytes is None else f", {what.stage_bytes / 1e6:.3g} MB for one of each"
+    typer.echo(
+        f"room: {len(points)} files of results, {what.point_bytes / 1e6:.3g} MB; meanwhile at most {len(plan.shared)}"
+        f" oceans, fleets and rays{size}"
+    )
+
+
+@app.command()
+def run(
+    file: SweepFile,
+    out: Annotated[
+        str, typer.Option("--out", help="Folder or URL of the results; what is done there is not done again.")
+    ],
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Processes of this machine.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:PORT.")
+    ] = None,
+    studies: Annotated[bool, typer.Option("--studies", help="Keep the run folder of each point.")] = False,
+    keep_stages: Annotated[
+        bool, typer.Option("--keep-stages", help="Keep oceans, fleets and rays for sweeps to come.")
+    ] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Do failed points again.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Do the points that are not done; exit with 1 if some fail."""
+    from pymantaray.sweep import load_sweep
+
+    sweep = load_sweep(file)
+    from pymantaray.sweep import run_sweep  # takes seconds, and not before the file is read
+
+    with _progress(quiet=quiet) as progress:
+        results = run_sweep(
+            sweep,
+            out,
+            client=scheduler,
+            workers=workers,
+            studies=studies,
+            keep_stages=keep_stages,
+            retry_failed=retry_failed,
+            progress=progress,
+        )
+    status = results.status()
+    if not quiet:
+        _print_status(out, status)
+    typer.echo(out)
+    if status.failed:
+        raise typer.Exit(EXIT_POINTS_FAILED)
+
+
+@app.command()
+def status(folder: Place) -> None:
+    """Count points that are done, have failed and are open; exit with 1 if some have failed."""
+    from pymantaray.sweep import open_sweep
+
+    found = open_sweep(folder).status()
+    _print_status(folder, found)
+    if found.failed:
+        raise typer.Exit(EXIT_POINTS_FAILED)
+
+
+@app.command()
+def collect(
+    folder: Place,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Table to write, .csv or .nc; by default both in FOLDER.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a table that is there.")] = False,
+) -> None:
+    """Write one table of all points: CSV, and NetCDF over the swept fields."""
+    from pymantaray.records import whole_file, write_netcdf
+    from pymantaray.sweep import open_sweep
+
+    results = open_sweep(folder)
+    if out is not None:
+        check_output(out, (".csv", ".nc"), force=force)
+    elif "://" in folder:
+        out = Path("sweep.csv")
+        check_output(out, (".csv",), force=force)
+    outputs = [out] if out is not None else [Path(folder, "table.csv"), Path(folder, "table.nc")]
+    for path in outputs:
+        if path.suffix == ".nc":
+            write_netcdf(results.dataset(), path)
+        else:
+            with whole_file(path) as temporary:
+                results.table().to_csv(temporary, index=False, lineterminator="\n")
+        typer.echo(str(path))
+
+
+def _print_status(place: str, status: "Status") -> None:
+    typer.echo(
+        f"{place}: {status.done} done, {status.failed} failed, {status.open} open of {status.points} points"
+    )
+    for line, count in list(status.failures.items())[:_LINES]:
+        typer.echo(f"failed: {count} x {line}", err=True)
+    if len(status.failures) > _LINES:
+        typer.echo(
+            f"failed: and {len(status.failures) - _LINES} other reasons; mantaray sweep collect has all",
+            err=True,
+        )
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
+    """A bar with points done, failed and left and the time left; a line a minute where standard error is no terminal."""
+    if quiet or sys.stderr is None:
+        yield None
+        return
+    if not sys.stderr.isatty():
+        yield _lines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeRemainingColumn as Left
+
+    columns = (
+        TextColumn("points"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[failed]} failed"),
+        TimeElapsedColumn(),
+        Left(elapsed_when_finished=False),
+        TextColumn("left"),
+    )
+    with Progress(*columns, console=Console(stderr=True), speed_estimate_period=3600.0) as bars:
+        task = bars.add_task("points", failed=0, total=None)
+        yield lambda done, failed, total: bars.update(
+            task, completed=done + failed, failed=failed, total=total
+        )
+
+
+def _lines() -> Callable[[int, int, int], None]:
+    start = latest = time.monotonic()
+    first: list[int] = []
+
+    def tell(done: int, failed: int, total: int) -> None:
+        nonlocal latest
+        now, first[:] = time.monotonic(), first or [done + failed]
+        new = done + failed - first[0]
+        if new and now - latest >= _LINE_EVERY:
+            latest = now
+            left = _duration((now - start) / new * (total - done - failed))
+            typer.echo(f"{done} done, {failed} failed of {total} points; {left} left", err=True)
+
+    return tell
+
+
+def _duration(seconds: float) -> str:
+    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.2g} s"

@@ -1,0 +1,101 @@
+"""What a sweep will take, before it is run: time and room, from points that were measured or from what is known of studies."""
+
+import tempfile
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from statistics import fmean
+from typing import NamedTuple
+
+from pymantaray.errors import SweepError
+from pymantaray.study import StudyConfig
+from pymantaray.sweep.definition import Sweep
+from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
+from pymantaray.sweep.plan import Plan
+
+_OCEAN_SECONDS, _MEDIUM_SECONDS = 1.2, 0.2
+_SECONDS_PER_STEP, _SECONDS_PER_LINK, _SECONDS_PER_POSE = 4e-8, 2e-4, 8e-5
+"""A vehicle's physics step, a link, a pose in one solve: of `quick`, `beaufort` and `fram`, one thread."""
+_POINT_BYTES = 4096  # a block of most file systems, and what three conditions take
+_SAMPLE = 100  # points whose size is looked at
+
+
+class Cost(NamedTuple):
+    """What one task takes."""
+
+    seconds: Mapping[str, float]
+    """By kind of task."""
+    stage_bytes: int | None
+    """Of one ocean, fleet and rays; None if it was not measured."""
+    origin: str
+
+
+class Estimate(NamedTuple):
+    """What a sweep takes."""
+
+    seconds: float
+    """Of one worker."""
+    unshared_seconds: float
+    """The same if every point were a study of its own."""
+    point_bytes: int
+    stage_bytes: int | None
+    """Of one ocean, fleet and rays; None if it was not measured."""
+    origin: str
+
+
+def estimate(plan: Plan, points: Collection[str], cost: Cost) -> Estimate:
+    """Time and room of some of a plan's points."""
+    n = len(points)
+    alone = n * sum(cost.seconds[kind] for kind in (*STAGES, POINT))
+    stages = sum(cost.seconds[stage] * plan.count(stage, points) for stage in STAGES)
+    shared = stages + n * cost.seconds[POINT]
+    return Estimate(shared, alone, n * _POINT_BYTES, cost.stage_bytes, cost.origin)
+
+
+def known_cost(sweep: Sweep) -> Cost:
+    """What tasks took in the presets, for studies of this size."""
+    count = len(sweep)
+    configs = [sweep.point(k * count // min(count, _SAMPLE)) for k in range(min(count, _SAMPLE))]
+    sizes = [_seconds(config) for config in configs]
+    mean = {kind: fmean(size[kind] for size in sizes) for kind in (*STAGES, POINT)}
+    return Cost(mean, None, "what the presets take for each step, link and pose")
+
+
+def _seconds(config: StudyConfig) -> dict[str, float]:
+    mission, vehicles = config.mission, len(config.fleet.vehicles)
+    duration = mission.duration_h * 3600.0
+    pings = duration / (mission.ping_interval_h * 3600.0)
+    links = pings * vehicles * ((vehicles - 1) / 2 + len(config.landmarks))
+    solves = config.study.realizations * (len(config.study.conditions) + len(config.estimators or ()))
+    return {
+        OCEAN: _OCEAN_SECONDS,
+        FLEET: _SECONDS_PER_STEP * vehicles * duration / mission.physics_step_s,
+        RAYS: _MEDIUM_SECONDS + _SECONDS_PER_LINK * links,
+        POINT: _SECONDS_PER_POSE * solves * vehicles * duration / mission.sampling_period_s,
+    }
+
+
+def cost_of(contents: Sequence[Mapping[str, Mapping[str, float]]]) -> Cost | None:
+    """What tasks took in points that are done; None if none is."""
+    seconds = [content["seconds"] for content in contents if "seconds" in content]
+    if not seconds:
+        return None
+    mean = {stage: fmean(s[stage] for s in seconds) for stage in STAGES}
+    mean[POINT] = fmean(sum(v for kind, v in s.items() if kind not in STAGES) for s in seconds)
+    return Cost(mean, None, f"{len(seconds)} points that are done")
+
+
+def measured_cost(sweep: Sweep) -> Cost:
+    """What the first point takes here, twice run in one process: what is compiled is not counted."""
+    from pymantaray.sweep.results import open_sweep
+    from pymantaray.sweep.runner import run_sweep
+
+    first = Sweep(sweep.point(0), seeds=[1, 2])
+    with tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
+        run_sweep(Sweep(sweep.point(0)), Path(folder, "warm"), workers=1)
+        run_sweep(first, Path(folder, "measured"), workers=1, keep_stages=True)
+        results = open_sweep(Path(folder, "measured"))
+        cost = cost_of(results.contents)
+        if cost is None:
+            raise SweepError(f"the first point fails: {next(iter(results.status().failures), 'no line')}")
+        stages = sum(file.stat().st_size for file in Path(folder, "measured", "stages").iterdir())
+    return Cost(cost.seconds, stages, "the first point, measured here")

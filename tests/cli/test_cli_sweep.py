@@ -1,0 +1,78 @@
+"""`mantaray sweep` as a user meets it."""
+
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+import xarray as xr
+
+SWEEP = """
+base = "small.toml"
+
+[cross]
+noise.range_sigma = [0.5, 1.0]
+mission.ping_interval_h = [1.0, 2.0]
+"""
+
+
+@pytest.fixture
+def file(tmp_path, small_text):
+    (tmp_path / "small.toml").write_text(small_text)
+    (tmp_path / "sweep.toml").write_text(SWEEP)
+    return tmp_path / "sweep.toml"
+
+
+def test_a_sweep_from_its_plan_to_its_table(mantaray, file, tmp_path):
+    shown = mantaray("sweep", "show", file, "--workers", "2")
+    assert shown.code == 0
+    assert shown.out.startswith(
+        "quick: 4 points\n  noise.range_sigma: 0.5, 1.0\n  mission.ping_interval_h: 1.0, 2.0\n"
+    )
+    assert "to do: ocean 1, fleet 1, rays 2, points 4; what points share is computed once" in shown.out
+    assert "on 2 workers" in shown.out
+    assert "by what the presets take for each step, link and pose" in shown.out
+
+    out = tmp_path / "out"
+    ran = mantaray("sweep", "run", file, "--out", out, "--workers", "1")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out == f"{out}: 4 done, 0 failed, 0 open of 4 points\n{out}\n"
+    assert mantaray("sweep", "status", out).out == f"{out}: 4 done, 0 failed, 0 open of 4 points\n"
+    assert "of these 4 done, 0 failed, 0 open" in mantaray("sweep", "show", file, "--out", out).out
+
+    collected = mantaray("sweep", "collect", out)
+    assert collected.out == f"{out / 'table.csv'}\n{out / 'table.nc'}\n"
+    table = pd.read_csv(out / "table.csv")
+    assert set(table["condition"]) == {"odometry", "straight"}
+    with xr.open_dataset(out / "table.nc") as dataset:
+        assert dict(dataset.sizes) == {"noise.range_sigma": 2, "mission.ping_interval_h": 2, "condition": 2}
+    again = mantaray("sweep", "collect", out, "--out", tmp_path / "sweep.toml")
+    assert (again.code, again.err) == (2, f"error: {file}: the output's name must end in .csv or .nc\n")
+
+
+def test_the_exit_status_says_that_points_have_failed(mantaray, file, tmp_path):
+    file.write_text('base = "small.toml"\ncross.fleet.vehicles.A.north = [1e6]')
+    out = tmp_path / "out"
+    ran = mantaray("sweep", "run", file, "--out", out, "--workers", "1")
+    assert ran.code == 1
+    assert "0 done, 1 failed, 0 open of 1 points" in ran.out
+    assert ran.err.startswith("failed: 1 x ")
+    assert mantaray("sweep", "status", out).code == 1
+
+
+def test_bad_points_are_told_before_anything_runs(mantaray, file, tmp_path):
+    file.write_text('base = "small.toml"\ncross.noise.range_sigma = [1.0, -1.0, -2.0]')
+    ran = mantaray("sweep", "run", file, "--out", tmp_path / "out")
+    assert ran.code == 2
+    assert ran.err.splitlines() == [
+        f"error: point {n} (noise.range_sigma = {-n}.0): noise.range_sigma: found {-n}.0; allowed: greater than 0"
+        for n in (1, 2)
+    ]
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_of_dask_is_imported_before_it_is_asked_for():
+    code = "import sys, pymantaray.cli.main, pymantaray.sweep.runner\n"
+    code += "print({'dask', 'distributed', 'fsspec'} & set(sys.modules))"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert printed.stdout == "set()\n", printed.stderr

@@ -1,0 +1,38 @@
+"""A study that takes tenths of a second, and sweeps of it."""
+
+import copy
+
+import pytest
+from factories import TINY
+
+from pymantaray.study import parse_study
+from pymantaray.sweep import Sweep
+from pymantaray.sweep.stages import _LATEST
+
+
+@pytest.fixture(autouse=True)
+def nothing_in_memory():
+    """What one test computed is not there for the next."""
+    _LATEST.clear()
+
+
+@pytest.fixture(scope="session")
+def small():
+    """TINY for an hour, with two vehicles, one landmark and one realization."""
+    tree = copy.deepcopy(TINY)
+    tree["study"] |= {"realizations": 1, "conditions": ["odometry", "straight"]}
+    tree["mission"] |= {"duration_h": 1.0, "ping_interval_h": 0.5}
+    tree["fleet"]["vehicles"], tree["landmarks"] = tree["fleet"]["vehicles"][:2], tree["landmarks"][:1]
+    return parse_study(tree)
+
+
+@pytest.fixture(scope="session")
+def noises(small):
+    """Sweep of n points that share all their stages."""
+    return lambda n: Sweep(small, cross={"noise.range_sigma": [1.0 + k for k in range(n)]})
+
+
+@pytest.fixture
+def summaries():
+    """What a sweep found, apart from what it took."""
+    return lambda results: [{k: v for k, v in c.items() if k != "seconds"} for c in results.contents]

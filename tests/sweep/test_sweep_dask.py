@@ -1,0 +1,138 @@
+"""Sweeps on Dask: the same results as on this machine, whatever becomes of workers and scheduler."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from pymantaray.errors import SweepError
+from pymantaray.sweep import run_sweep, workers
+
+pytest.importorskip("distributed")
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+class Cluster:
+    """A scheduler and two workers on loopback, each a process of its own."""
+
+    def __init__(self, folder):
+        self.port, self.folder, self.log = free_port(), folder, (folder / "log").open("a")
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self.scheduler, self.workers = None, []
+
+    def start(self, workers=2):
+        self.scheduler = self.dask("scheduler", "--host", "127.0.0.1", "--port", str(self.port))
+        while len(self.workers) < workers:
+            self.add_worker()
+
+    def add_worker(self):
+        options = ("--nthreads", "1", "--no-nanny", "--local-directory", str(self.folder))
+        self.workers.append(self.dask("worker", self.address, *options))
+
+    def dask(self, *words):
+        command = [sys.executable, "-m", "dask", *words, "--no-dashboard"]
+        return subprocess.Popen(command, stderr=self.log, env=os.environ | {"NUMBA_NUM_THREADS": "1"})
+
+    def kill(self):
+        for process in [*self.workers, self.scheduler]:
+            process.kill()
+            process.wait()
+        self.workers.clear()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.kill()
+        self.log.close()
+
+
+def points_in(folder):
+    return list((folder / "points").glob("*/*.json"))
+
+
+def wait_for(condition, seconds=120.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_a_client_gives_the_same_digits_as_processes_of_this_machine(noises, summaries, tmp_path):
+    from distributed import Client
+
+    sweep = noises(3)
+    with Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None) as client:
+        by_dask = run_sweep(sweep, tmp_path / "dask", client=client)
+        assert client.status == "running"  # it is its owner's
+    here = run_sweep(sweep, tmp_path / "here", workers=1)
+    assert by_dask.status().done == 3
+    assert summaries(by_dask) == summaries(here)
+
+
+def test_a_scheduler_that_is_not_there_is_told_in_one_line(noises, tmp_path, monkeypatch):
+    monkeypatch.setattr(workers, "_ANSWER", 1.0)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with pytest.raises(SweepError, match=f"^scheduler {address}: cannot be reached: .*$"):
+        run_sweep(noises(1), tmp_path / "out", client=address)
+
+
+@pytest.mark.slow
+def test_killed_workers_and_a_restarted_scheduler_lose_nothing(noises, summaries, tmp_path, caplog):
+    sweep, out = noises(60), tmp_path / "out"
+    with Cluster(tmp_path) as cluster:
+        cluster.start()
+
+        def mishaps():
+            wait_for(lambda: len(points_in(out)) >= 5)
+            worker = cluster.workers.pop(0)
+            worker.kill()  # in mid-task: each takes tenths of a second, one after the other
+            worker.wait()
+            cluster.add_worker()
+            wait_for(lambda: len(points_in(out)) >= 20)
+            cluster.kill()
+            cluster.start()
+
+        thread = threading.Thread(target=mishaps)
+        thread.start()
+        results = run_sweep(sweep, out, client=cluster.address)
+        thread.join()
+    assert "is gone; waiting for it" in caplog.text
+    assert "is back; going on" in caplog.text
+    assert (results.status().done, results.status().failed) == (60, 0)
+    assert not list(out.rglob("*.part"))
+    assert summaries(results) == summaries(run_sweep(sweep, tmp_path / "here", workers=2))
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_stays_away_ends_the_sweep_in_one_line_and_it_goes_on_elsewhere(
+    noises, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(workers, "_PATIENCE", 4.0)
+    sweep, out = noises(30), tmp_path / "out"
+    with Cluster(tmp_path) as cluster:
+        cluster.start()
+
+        def end():
+            wait_for(lambda: len(points_in(out)) >= 3)
+            os.kill(cluster.scheduler.pid, signal.SIGKILL)
+
+        thread = threading.Thread(target=end)
+        thread.start()
+        with pytest.raises(SweepError, match=r"is gone; start it and run the same sweep again to go on$"):
+            run_sweep(sweep, out, client=cluster.address)
+        thread.join()
+    done = {path: path.stat().st_mtime_ns for path in points_in(out)}
+    assert 3 <= len(done) < 30
+    assert run_sweep(sweep, out, workers=1).status().done == 30
+    assert all(path.stat().st_mtime_ns == time for path, time in done.items())  # none was done again

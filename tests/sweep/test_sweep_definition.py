@@ -1,0 +1,169 @@
+"""Sweep files: which studies they are, and what is refused before anything runs."""
+
+import pytest
+
+from pymantaray.errors import SweepError
+from pymantaray.study import load_study, study_toml
+from pymantaray.sweep import Sweep, load_sweep
+from pymantaray.sweep.definition import parse_sweep
+from pymantaray.sweep.plan import Plan
+
+FILE = """
+base = "quick"
+seeds = [1, 2]
+
+[cross]
+noise.range_sigma = [0.5, 1.0, 2.0]
+"mission.ping_interval_h" = [2.0, 4.0]
+
+[[zip]]
+name = "region"
+labels = ["Beaufort", "Fram"]
+ocean = [
+  { source = "synthetic:beaufort" },
+  { source = "synthetic:fram" },
+]
+fleet.vehicles.B.target_depth = [100.0, 200]
+"""
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    (tmp_path / "sweep.toml").write_text(FILE)
+    return load_sweep(tmp_path / "sweep.toml")
+
+
+def test_every_value_meets_every_other_and_the_last_axis_is_the_fastest(sweep):
+    assert sweep.shape == (3, 2, 2, 2)
+    assert len(sweep) == 24
+    configs = [sweep.point(number) for number in range(24)]
+    assert [c.study.seed for c in configs[:3]] == [1, 2, 1]
+    assert [c.ocean.source for c in configs[1:3]] == [("synthetic:beaufort",), ("synthetic:fram",)]
+    assert (
+        len({(c.noise.range_sigma, c.mission.ping_interval_h, c.ocean, c.study.seed) for c in configs}) == 24
+    )
+    fram = configs[2]
+    assert fram.fleet.vehicles[1].target_depth == 200.0
+    assert fram.fleet.vehicles[2] == load_study("quick").fleet.vehicles[2]
+
+
+def test_all_else_is_the_base(sweep):
+    base = load_study("quick")
+    changed = {"study", "ocean", "noise", "fleet", "mission"}
+    point = sweep.point(23)
+    assert point.model_dump(exclude=changed) == base.model_dump(exclude=changed)
+    assert point.ocean.centre is None  # the whole section is another
+
+
+def test_a_sweep_written_out_needs_nothing_else_and_is_the_same(tmp_path):
+    (tmp_path / "base.toml").write_text(study_toml(load_study("quick")))
+    (tmp_path / "sweep.toml").write_text(FILE.replace('"quick"', '"base.toml"'))
+    sweep = load_sweep(tmp_path / "sweep.toml")
+    text = sweep.to_toml()
+    (tmp_path / "base.toml").unlink()
+    again = parse_sweep(text, "again", tmp_path / "elsewhere")
+    assert [axis.coordinates() for axis in again.axes] == [axis.coordinates() for axis in sweep.axes]
+    assert [again.point(n) for n in range(24)] == [sweep.point(n) for n in range(24)]
+
+
+def test_input_files_are_relative_to_the_sweep(tmp_path):
+    text = 'base = "quick"\ncross.ocean = [{ source = "a.nc" }, { source = ["b.nc", "c.nc"] }]\n'
+    (tmp_path / "sweep.toml").write_text(text)
+    sweep = load_sweep(tmp_path / "sweep.toml")
+    assert [sweep.point(n).ocean.files for n in (0, 1)] == [
+        (str(tmp_path / "a.nc"),),
+        (str(tmp_path / "b.nc"), str(tmp_path / "c.nc")),
+    ]
+    with pytest.raises(SweepError) as caught:
+        Plan(sweep)
+    assert str(caught.value).splitlines() == [
+        f"{tmp_path / 'a.nc'}: cannot be read: No such file or directory",
+        f"{tmp_path / 'b.nc'}: cannot be read: No such file or directory",
+    ]
+
+
+def test_the_size_of_a_fleet_and_its_spacing_are_fields_too(small):
+    tree = {"kind": "waypoints", "name": "W", "north": 10.0, "east": -20.0, "depth": 5.0, "speed": 1.0}
+    vehicles = [
+        *(v.model_dump(exclude_none=True) for v in small.fleet.vehicles),
+        tree | {"points": [[4.0, 6.0, 8.0]]},
+    ]
+    sweep = Sweep(small, cross={"fleet.spacing": [0.5], "fleet.count": [1, 3], "fleet.vehicles": [vehicles]})
+    assert [len(sweep.point(n).fleet.vehicles) for n in (0, 1)] == [1, 3]
+    before, after = small.fleet.vehicles[1], sweep.point(1).fleet.vehicles
+    assert (after[1].north, after[1].east) == (0.5 * before.north, 0.5 * before.east)
+    assert after[1].target_depth == before.target_depth
+    assert (after[2].points, after[2].depth) == (((2.0, 3.0, 8.0),), 5.0)
+
+
+def test_an_empty_table_takes_a_section_out(small):
+    modem = {"source_level_db": 170.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
+    sweep = Sweep(small, cross={"detection": [modem, {}]})
+    assert [sweep.point(n).detection is None for n in (0, 1)] == [False, True]
+    assert sweep.axes[0].coordinates()["detection"][1] == "{}"
+
+
+def test_a_bad_point_is_one_line_and_all_are_told_at_once(small):
+    sweep = Sweep(small, cross={"noise.range_sigma": [1.0, -1.0, "x"], "mission.gnss_depth": [1.0, 2.0]})
+    with pytest.raises(SweepError) as caught:
+        Plan(sweep)
+    assert str(caught.value).splitlines() == [
+        f"point {number} (noise.range_sigma = {sigma}, mission.gnss_depth = {depth}): noise.range_sigma: found"
+        f" {found}; allowed: {allowed}"
+        for number, sigma, depth, found, allowed in (
+            (2, -1.0, 1.0, "-1.0", "greater than 0"),
+            (3, -1.0, 2.0, "-1.0", "greater than 0"),
+            (4, "x", 1.0, "'x'", "Input should be a valid number"),
+            (5, "x", 2.0, "'x'", "Input should be a valid number"),
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "line"),
+    [
+        ("noise.range_sgima", 1.0, "noise.range_sgima: unknown key; did you mean range_sigma\\? allowed: .*"),
+        ("fleet.vehicles.Z.north", 1.0, "fleet.vehicles.Z.north: there is no such field or entry to change"),
+        ("fleet.vehicles.9.north", 1.0, "fleet.vehicles.9.north: there is no such field or entry to change"),
+        ("study.seed.deeper", 1.0, "study.seed.deeper: there is no such field or entry to change"),
+        ("fleet.count", 9, "fleet.count is 9; the base has 1 to 2 vehicles"),
+        ("fleet.count", "x", "fleet.count: there is no such field or entry to change"),
+    ],
+)
+def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, line):
+    with pytest.raises(SweepError, match=rf"^point 0 \(.*\): {line}$"):
+        Plan(Sweep(small, cross={field: [value]}))
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("base = [", "s.toml: not valid TOML: .*"),
+        ("seeds = [1]", "s.toml: base: missing; give a preset or a study file"),
+        ('base = "quick"\ncros = 1', "s.toml: cros: unknown key; allowed: base, folder, cross, zip, seeds"),
+        ('base = "quick"\ncross = 1', "s.toml: cross: must be a table"),
+        ('base = "quick"\nseeds = 1', "s.toml: seeds: must be a list"),
+        ('base = "quick"\nzip = 1', r"s.toml: zip: must be tables \[\[zip\]\]"),
+        ('base = "quick"\n[cross]\na.b = 1', "s.toml: a.b: needs a list of at least one value; found 1"),
+        ('base = "quick"\n[cross]\na.b = []', r"s.toml: a.b: needs a list of at least one value; found \[\]"),
+        (
+            'base = "quick"\n[[zip]]\na = [1]\nb = [1, 2]',
+            "s.toml: zip 1: its lists must be of one length; found a 1, b 2",
+        ),
+        ('base = "quick"\n[[zip]]\nname = "x"', "s.toml: zip 1: needs fields with their values, .*"),
+        (
+            'base = "quick"\nseeds = [1]\n[cross]\nstudy.seed = [1]',
+            "s.toml: study.seed is given more than once",
+        ),
+    ],
+)
+def test_a_file_that_is_no_sweep_is_told_in_one_line(tmp_path, monkeypatch, text, line):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.toml").write_text(text)
+    with pytest.raises(SweepError, match=f"^{line}$"):
+        load_sweep("s.toml")
+
+
+def test_a_file_that_is_not_there_is_told_in_one_line():
+    with pytest.raises(SweepError, match=r"^nowhere.toml: cannot be read: No such file or directory$"):
+        load_sweep("nowhere.toml")

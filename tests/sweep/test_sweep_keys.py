@@ -1,0 +1,158 @@
+"""Names of tasks: what a stage depends on is in its key and can be read, and nothing else is or can."""
+
+import copy
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from factories import TINY
+
+from pymantaray.study import parse_study
+from pymantaray.study.assemble import build_medium
+from pymantaray.study.mission import mission_ocean, range_fleet, simulate_fleet
+from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys, narrowed, reads
+
+MODEM = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
+
+
+def leaves(tree, before=""):
+    """Dotted fields of a configuration, lists and sections that may be absent as a whole."""
+    for name, value in tree.items():
+        if isinstance(value, dict) and before == "" and name != "detection":
+            yield from leaves(value, f"{name}.")
+        else:
+            yield before + name
+
+
+OTHER = {  # another allowed value of each field; numbers not listed are doubled
+    "study.name": "other",
+    "study.description": "other",
+    "study.conditions": ["odometry"],
+    "study.realizations": 3,
+    "ocean.source": ["synthetic:fram"],
+    "ocean.time": "2014-07-16T12:00:00",
+    "ocean.time_varying": True,
+    "ocean.currents": "rest",
+    "ocean.equation": "unesco",
+    "ocean.bathymetry": "floor.nc",
+    "ocean.ice": 2.0,
+    "acoustics.interpolation": "linear",
+    "acoustics.max_surface_bounces": 1,
+    "acoustics.max_bottom_bounces": 1,
+    "acoustics.arrival": "strongest",
+    "acoustics.currents": True,
+    "ranging.timing": "two-way",
+    "ranging.mistaken": "first-detected",
+    "ranging.below_strongest_db": 6.0,
+    "detection": MODEM,
+    "estimator.initialise": "dead-reckoning",
+    "estimators": [{"name": "e", "range_model": "travel-time", "ranges": "refracted"}],
+    "landmarks": [{"name": "L9", "north": 1.0, "east": 2.0, "depth": 3.0}],
+    "fleet.vehicles": TINY["fleet"]["vehicles"][:1],
+    "fleet.floats": {"vertical_speed": 0.25},
+}
+
+
+def changed(tree, field):
+    """Dumped configuration with another value of one field."""
+    out = copy.deepcopy(tree)
+    place, _, name = field.rpartition(".")
+    section = out[place] if place else out
+    if field in OTHER:
+        section[name] = OTHER[field]
+    else:
+        section[name] = 2.0 * section[name] if section[name] else 0.5
+    return out
+
+
+class Dumped:
+    """A configuration whose fields are what a test says, allowed together or not: keys look at nothing else."""
+
+    def __init__(self, config, tree):
+        self.ocean, self.files, self._tree = config.ocean, config.files, tree
+
+    def model_dump(self, mode):
+        assert mode == "json"
+        return copy.deepcopy(self._tree)
+
+
+@pytest.fixture
+def config(small):
+    return small
+
+
+def test_a_key_changes_with_each_field_that_its_stage_reads_and_with_no_other(config):
+    tree = config.model_dump(mode="json")
+    before, fields_seen = keys(config, {}), list(leaves(tree))
+    assert len(fields_seen) > 50
+    for field in fields_seen:
+        after = keys(Dumped(config, changed(tree, field)), {})
+        for stage in STAGES:
+            read = any(field == f or field.startswith(f + ".") for f in reads(stage, config))
+            assert (after[stage] != before[stage]) == read, (stage, field)
+        assert (after[POINT] != before[POINT]) == (field not in {"study.name", "study.description"}), field
+
+
+def test_a_stage_cannot_read_what_is_not_in_its_key(config):
+    tree = config.model_dump(mode="json")
+    for stage in STAGES:
+        narrow = narrowed(config, stage)
+        for field in leaves(tree):
+            section, _, name = field.rpartition(".")
+            read = any(field == f or field.startswith(f + ".") for f in reads(stage, config))
+            try:
+                getattr(getattr(narrow, section) if section else narrow, name)
+            except AttributeError:
+                assert not read, (stage, field)
+            else:
+                assert read, (stage, field)
+    assert config.model_dump(mode="json") == tree
+
+
+def stages_of(config):
+    """All stages, each by what it may read alone."""
+    ocean = mission_ocean(narrowed(config, OCEAN))
+    fleet = simulate_fleet(narrowed(config, FLEET), ocean)
+    rays = narrowed(config, RAYS)
+    return ocean, fleet, range_fleet(rays, ocean, build_medium(rays, ocean), fleet)
+
+
+def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
+    tree = config.model_dump(exclude_none=True)
+    tree["study"] = {"name": "other", "seed": 7, "realizations": 5, "conditions": ["odometry"]}
+    tree["noise"] = {name: 3.0 * value for name, value in tree["noise"].items()}
+    tree["estimator"] = {"initialise": "dead-reckoning", "covariance_interval_h": 1.0}
+    tree["mission"] |= {"gnss_depth": 50.0}
+    tree["ranging"] |= {"clock_offset_sigma": 0.1, "clock_skew_sigma": 1e-6}
+    tree["ranging"] |= {"mistaken": "first-detected", "below_strongest_db": 6.0}
+    other = parse_study(tree)
+    assert [keys(other, {})[stage] for stage in STAGES] == [keys(config, {})[stage] for stage in STAGES]
+    (ocean, fleet, rays), (ocean_2, fleet_2, rays_2) = stages_of(config), stages_of(other)
+    assert ocean.local.identical(ocean_2.local)
+    for name in ("geographic", "profile"):
+        assert getattr(ocean, name).identical(getattr(ocean_2, name))
+    for one, two in ((fleet, fleet_2), (rays.truth, rays_2.truth), (rays.arrivals, rays_2.arrivals)):
+        for f in fields(one):
+            np.testing.assert_array_equal(getattr(one, f.name), getattr(two, f.name))
+
+
+def test_the_duration_counts_for_an_ocean_that_varies_and_for_no_other(config):
+    varying = config.model_copy(update={"ocean": config.ocean.model_copy(update={"time_varying": True})})
+    assert "mission.duration_h" in reads(OCEAN, varying)
+    assert "mission.duration_h" not in reads(OCEAN, config)
+
+
+def test_a_file_counts_by_its_content_and_not_by_its_name(tmp_path):
+    def key(name, checksum):
+        file = str(tmp_path / name)
+        config = parse_study({**TINY, "ocean": {"source": file}})
+        return keys(config, {file: checksum})
+
+    assert key("a.nc", "1") == key("b.nc", "1")
+    assert all(x != y for x, y in zip(key("a.nc", "1").values(), key("a.nc", "2").values(), strict=True))
+
+
+def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
+    before = keys(config, {})
+    monkeypatch.setattr("pymantaray.__version__", "99")
+    assert all(x != y for x, y in zip(before.values(), keys(config, {}).values(), strict=True))

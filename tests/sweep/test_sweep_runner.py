@@ -1,0 +1,300 @@
+"""Running sweeps on this machine: one result each, the same whoever computes it, and nothing computed twice."""
+
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from pymantaray.errors import SweepError
+from pymantaray.evaluation import dropout_table, error_table
+from pymantaray.study import open_run, parse_study, run_study
+from pymantaray.sweep import Sweep, open_sweep, run_sweep, stages, tasks
+from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys
+from pymantaray.sweep.plan import Plan, Queue
+from pymantaray.sweep.store import open_store, stage_name
+from pymantaray.sweep.tasks import Task, perform
+
+
+@pytest.fixture
+def depths(small):
+    """Sweep of four points: two depths of a float, each with two noises."""
+    cross = {"fleet.vehicles.B.target_depth": [200.0, 300.0], "noise.range_sigma": [1.0, 2.0]}
+    return Sweep(small, cross=cross)
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Do a sweep's tasks in this process, one after the other."""
+
+    class Done:
+        def __init__(self, value):
+            self.result = lambda: value
+
+        def add_done_callback(self, call):
+            call(self)
+
+    class Crew:
+        window = 1
+
+        def __init__(self, url, *_):
+            self.url = url
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def submit(self, task):
+            return Done(perform(self.url, task))
+
+    monkeypatch.setattr("pymantaray.sweep.runner.crew_of", Crew)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """How often each stage is computed."""
+    counts = dict.fromkeys(STAGES, 0)
+
+    def count(stage, function):
+        inner = getattr(stages, function)
+
+        def call(*arguments):
+            counts[stage] += 1
+            return inner(*arguments)
+
+        monkeypatch.setattr(stages, function, call)
+
+    for stage, function in ((OCEAN, "mission_ocean"), (FLEET, "simulate_fleet"), (RAYS, "range_fleet")):
+        count(stage, function)
+    return counts
+
+
+def digits(results):
+    """What was found, apart from what it took."""
+    return [{k: v for k, v in content.items() if k != "seconds"} for content in results.contents]
+
+
+def test_a_point_is_the_study_to_the_last_digit(here, small, tmp_path):
+    detection = {"source_level_db": 170.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
+    tree = small.model_dump(exclude_none=True) | {"detection": detection}
+    tree["study"] |= {"realizations": 2, "conditions": ["straight", "refracted"]}
+    tree["ranging"] = {"mistaken": "first-detected", "timing": "two-way", "clock_offset_sigma": 1e-3}
+    tree["acoustics"] |= {"currents": True, "max_surface_bounces": 1}
+    tree["estimators"] = [{"name": "rays", "range_model": "eigenray", "belief": {"kind": "mean"}}]
+    config = parse_study(tree)
+    results = run_sweep(Sweep(config, seeds=[1, 2]), tmp_path / "out")
+    for content, seed in zip(results.contents, (1, 2), strict=True):
+        study = config.model_copy(update={"study": config.study.model_copy(update={"seed": seed})})
+        run = run_study(study, tmp_path / str(seed), workers=1)
+        for row in error_table(run.truth, run.estimates).to_dict("records"):
+            point = content["conditions"][row.pop("condition")]
+            assert {name: point[name] for name in row} == row
+        all_links = dropout_table(run.measurements, run.truth).iloc[-1]
+        assert content["links"]["unheard"] == all_links["unheard"]
+    assert set(results.contents[0]["conditions"]) == {"straight", "refracted", "rays"}
+
+
+def test_stages_that_points_share_are_computed_once_and_removed(here, counted, depths, tmp_path):
+    run_sweep(depths, tmp_path / "out")
+    assert counted == {OCEAN: 1, FLEET: 2, RAYS: 2}
+    assert not any((tmp_path / "out" / "stages").iterdir())
+
+
+def test_stages_from_the_store_change_no_digit(here, depths, tmp_path):
+    results = run_sweep(depths, tmp_path / "kept", keep_stages=True)
+    assert len(list((tmp_path / "kept" / "stages").iterdir())) == 5
+    stages._LATEST.clear()
+    for path in (tmp_path / "kept" / "points").glob("*/*"):
+        path.unlink()
+    again = run_sweep(depths, tmp_path / "kept", keep_stages=True)
+    assert digits(again) == digits(results)
+
+
+def test_added_points_alone_are_computed(here, counted, noises, tmp_path):
+    first = digits(run_sweep(noises(2), tmp_path / "out"))
+    assert counted[RAYS] == 1
+    told = []
+    more = run_sweep(noises(4), tmp_path / "out", progress=lambda *numbers: told.append(numbers))
+    assert told[0] == (2, 0, 4)
+    assert len(told) == 3
+    assert digits(more)[:2] == first
+    assert counted[RAYS] == 1  # they were in memory still
+    done = run_sweep(noises(2), tmp_path / "out")
+    assert digits(done) == first
+
+
+def test_workers_change_no_digit(depths, tmp_path):
+    one, two = (run_sweep(depths, tmp_path / str(n), workers=n) for n in (1, 2))
+    assert one.status() == two.status() == (4, 4, 0, {})
+    assert digits(one) == digits(two)
+
+
+def test_a_point_that_fails_is_a_result_and_the_others_go_on(here, counted, small, tmp_path):
+    far = Sweep(small, cross={"fleet.vehicles.A.north": [0.0, 1e6], "noise.range_sigma": [1.0, 2.0]})
+    results = run_sweep(far, tmp_path / "out")
+    assert [c["status"] for c in results.contents] == ["done", "done", "failed", "failed"]
+    assert counted[FLEET] == 2  # the one that fails is not tried again by the second point
+    ((line, count),) = results.status().failures.items()
+    assert (count, results.status().open) == (2, 0)
+    assert "A" in line
+    assert "\n" not in line
+    table = results.table()
+    assert table["error"].tolist() == ["", "", "", "", line, line]
+    assert np.isnan(table["mean_m"].iloc[-1])
+    run_sweep(far, tmp_path / "out")
+    assert counted[FLEET] == 2  # nor by another run
+    run_sweep(far, tmp_path / "out", retry_failed=True)
+    assert counted[FLEET] == 3
+
+
+def test_what_nobody_foresaw_is_a_result_with_its_traceback(here, noises, tmp_path, monkeypatch):
+    monkeypatch.setattr(tasks, "summarize_point", lambda _: 1 / 0)
+    results = run_sweep(noises(2), tmp_path / "out")
+    assert results.status().failures == {"ZeroDivisionError: division by zero": 2}
+    assert "1 / 0" in results.contents[0]["traceback"]
+
+
+def test_points_leave_their_studies_where_asked_for(here, noises, summaries, tmp_path):
+    results = run_sweep(noises(2), tmp_path / "out", studies=True)
+    for content in results.contents:
+        run = open_run(tmp_path / "out" / "studies" / content["key"])
+        rmse = error_table(run.truth, run.estimates).set_index("condition")["rmse_m"]
+        assert {name: row["rmse_m"] for name, row in content["conditions"].items()} == rmse.to_dict()
+        assert run.ray_picture.sizes
+    assert summaries(run_sweep(noises(2), tmp_path / "without")) == summaries(results)
+
+
+def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp_path):
+    vehicles = small.model_dump(exclude_none=True)["fleet"]["vehicles"]
+    zipped = [{"name": "plan", "labels": ["both", "one"], "fleet.vehicles": [vehicles, vehicles[:1]]}]
+    sweep = Sweep(small, cross={"noise.range_sigma": [1.0, 2.0]}, zipped=zipped)
+    results = run_sweep(sweep, tmp_path / "out")
+    table, dataset = results.table(), results.dataset()
+    assert len(table) == 8
+    assert table[["point", "condition"]].drop_duplicates().shape == (8, 2)
+    assert dataset.sizes == {"noise.range_sigma": 2, "plan": 2, "condition": 2}
+    dataset.to_netcdf(tmp_path / "table.nc")
+    with xr.open_dataset(tmp_path / "table.nc") as again:
+        one = again["rmse_m"].sel({"noise.range_sigma": 2.0, "plan": "one", "condition": "straight"})
+        rows = table[(table["noise.range_sigma"] == 2.0) & (table["plan"] == "one")]
+        assert one.item() == rows.set_index("condition")["rmse_m"]["straight"]
+        assert (again["status"] == "done").all()
+    for name in ("attempts", "rays_seconds"):
+        assert dataset[name].dims == ("noise.range_sigma", "plan")
+    assert pd.api.types.is_numeric_dtype(table["position_nees_ratio"])
+
+
+def test_each_task_follows_the_stage_that_it_needs(depths):
+    plan = Plan(depths)
+    queue = Queue(plan, set(plan.points), keep_stages=False, studies=False)
+    order, removed = [], []
+    while (key := queue.next()) is not None:
+        order.append(queue.kind(key))
+        removed += [(len(order), name) for name in queue.done(key)]
+    assert order == [OCEAN, FLEET, RAYS, POINT, POINT, FLEET, RAYS, POINT, POINT]
+    assert queue.left == 0
+    names = plan.keys[0]
+    assert removed[:2] == [(5, names[FLEET]), (5, names[RAYS])]
+    assert removed[-1][0] == 9
+    assert names[OCEAN] in {name for _, name in removed}
+
+
+def test_a_worker_of_another_version_is_refused_in_one_line(small, tmp_path):
+    task = Task(POINT, keys(small, {}), small, frozenset(), version="99")
+    with pytest.raises(SweepError, match=r"^this worker has pymantaray .*, the sweep 99: install the same$"):
+        perform(str(tmp_path), task)
+
+
+def test_a_stage_that_another_runner_removed_is_computed_again(here, noises, tmp_path):
+    sweep, store = noises(2), open_store(tmp_path)
+    plan = Plan(sweep)
+    shared = frozenset(STAGES)
+    perform(store.url, Task(RAYS, plan.keys[0], sweep.point(0), shared))
+    stages._LATEST.clear()
+    store.remove(stage_name(plan.keys[0][FLEET]))
+    store.remove(stage_name(plan.keys[0][OCEAN]))
+    assert perform(store.url, Task(POINT, plan.keys[0], sweep.point(0), shared)) is None
+
+
+KILLING = """
+import os, signal
+from functools import partial
+from pymantaray.sweep import tasks
+
+def start(url):
+    solve = tasks._solve
+    def killing(task, *rest):
+        if task.config.noise.range_sigma == 2.0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return solve(task, *rest)
+    tasks._solve = killing
+    return partial(tasks.perform, url)
+"""
+
+
+def test_a_worker_that_dies_each_time_fails_its_point_alone(noises, tmp_path, monkeypatch):
+    (tmp_path / "killing.py").write_text(KILLING)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("pymantaray.sweep.workers._start", importlib.import_module("killing").start)
+    results = run_sweep(noises(3), tmp_path / "out", workers=1)
+    assert [c["status"] for c in results.contents] == ["done", "failed", "done"]
+    assert "by SIGKILL, perhaps out of memory; try fewer workers (3 attempts)" in results.contents[1]["error"]
+
+
+RUN = """
+import sys
+from pathlib import Path
+from pymantaray.sweep import run_sweep
+from pymantaray.sweep.definition import parse_sweep
+run_sweep(parse_sweep(Path(sys.argv[1]).read_text(), "sweep", Path()), sys.argv[2], workers=1)
+"""
+
+
+@pytest.fixture
+def begin(tmp_path):
+    """Run a sweep in a process of its own."""
+
+    def start(sweep, out):
+        (tmp_path / "sweep.toml").write_text(sweep.to_toml())
+        return subprocess.Popen(
+            [sys.executable, "-c", RUN, tmp_path / "sweep.toml", out], stderr=subprocess.PIPE
+        )
+
+    return start
+
+
+@pytest.mark.slow
+def test_kill_minus_nine_at_twenty_moments_loses_nothing(begin, noises, tmp_path):
+    sweep, out = noises(60), tmp_path / "out"
+    rng, finished = np.random.default_rng(7), {}
+    for _ in range(20):
+        process = begin(sweep, out)
+        time.sleep(rng.uniform(0.5, 8.0))
+        os.kill(process.pid, signal.SIGKILL)
+        process.communicate()
+        points = {path: path.read_bytes() for path in out.glob("points/*/*.json")}
+        assert all(json.loads(content)["conditions"] for content in points.values())
+        assert {path: points[path] for path in finished} == finished  # none lost, none done again
+        finished = points
+    results = run_sweep(sweep, out, workers=1)
+    assert results.status() == (60, 60, 0, {})
+    assert digits(results) == digits(run_sweep(sweep, tmp_path / "undisturbed", workers=1))
+
+
+@pytest.mark.slow
+def test_two_runners_of_one_store_lose_and_change_nothing(begin, noises, tmp_path):
+    sweep, out = noises(40), tmp_path / "out"
+    processes = [begin(sweep, out) for _ in range(2)]
+    errors = [process.communicate()[1].decode() for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], errors
+    assert digits(open_sweep(out)) == digits(run_sweep(sweep, tmp_path / "alone", workers=1))
+    assert not list(out.rglob("*.part"))
