@@ -77,7 +77,7 @@ def test_what_a_killed_process_left_half_written_is_removed_when_it_is_old(tmp_p
         path = tmp_path / f".{name}.part"
         path.touch()
         os.utime(path, (time.time() - age,) * 2)
-    store.tidy()
+    store.claim()
     assert [path.name for path in tmp_path.iterdir()] == [".new.part"]
 
 
@@ -103,7 +103,7 @@ def test_a_folder_that_cannot_be_written_ends_the_sweep_in_one_line(noises, tmp_
 def test_a_full_disk_ends_the_sweep_in_one_line_and_loses_nothing(noises, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=26m", "tmpfs", disk], check=False).returncode:
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=20m", "tmpfs", disk], check=False).returncode:
         pytest.skip("no file system can be mounted")
     try:
         filler = disk / "filler"

@@ -108,18 +108,10 @@ class _Told:
 
 def _prepare(store: Store, plan: Plan) -> None:
     """Have the store say what sweep it is of."""
-    folder = store.folder
-    if folder is not None:
-        if folder.exists() and not folder.is_dir():
-            raise SweepError(f"{store.url}: is a file; give a folder")
-        if folder.is_dir() and any(folder.iterdir()) and not store.has(SWEEP):
-            raise SweepError(
-                f"{store.url}: holds something, and no sweep; give a new folder, or one of a sweep"
-            )
-    store.tidy()
+    store.claim()
     toml = plan.sweep.to_toml()
-    store.write(PLAN, plan_content(plan, toml))
     store.write(SWEEP, toml.encode())
+    store.write(PLAN, plan_content(plan, toml))
 
 
 def _work(queue: Queue, crew: Crew, store: Store, told: _Told, *, keep_stages: bool) -> None:
@@ -171,7 +163,7 @@ def _outcome(queue: Queue, crew: Crew, store: Store, key: str, future: Any) -> s
     try:
         line: str | None = future.result()
     except Exception as error:
-        why = crew.lost(queue.task(key), error)
+        why = crew.lost(key, error)
         if why is None:
             raise
         if why:

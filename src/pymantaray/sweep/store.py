@@ -5,12 +5,12 @@ import time
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
-from typing import Protocol
 
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.records import whole_file
 
 SWEEP, PLAN = "sweep.toml", "plan.json"
+_OURS, _PART = {SWEEP, PLAN, "points", "stages", "studies"}, ".part"
 _ATOMIC = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")  # an object is there when all of it is
 _STALE = 3600.0  # age at which a file with a temporary name is of a process that was killed [s]
 
@@ -25,57 +25,34 @@ def stage_name(key: str, *, failed: bool = False) -> str:
     return f"stages/{key}{'.failed.json' if failed else '.nc'}"
 
 
-class Store(Protocol):
-    """Named files."""
+class Store:
+    """Named files in a folder of this machine, or in one that machines share."""
 
-    url: str
+    def __init__(self, place: str) -> None:
+        self.url = place
+        self.folder: Path | None = None if "://" in place else Path(place).resolve()
 
     @property
-    def folder(self) -> Path | None:
-        """Where it is, None for an object store."""
+    def _path(self) -> Path:
+        assert self.folder is not None  # for the type checker
+        return self.folder
 
     def has(self, name: str) -> bool:
         """Whether there is a file."""
+        return (self._path / name).exists()
 
     def read(self, name: str) -> bytes | None:
         """Content of a file; None if there is none."""
-
-    def write(self, name: str, content: bytes) -> None:
-        """Write a file, whole or not at all, in place of one of that name; raises `WriteError`."""
-
-    def names(self, folder: str) -> set[str]:
-        """Names, without folders, of all files below a folder."""
-
-    def remove(self, name: str) -> None:
-        """Remove a file if it is there."""
-
-    def tidy(self) -> None:
-        """Remove what processes that were killed have left half written."""
-
-
-class _Folder:
-    """A folder of this machine, or one that machines share."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder, self.url = folder, str(folder)
-
-    @property
-    def folder(self) -> Path:
-        return self._folder
-
-    def has(self, name: str) -> bool:
-        return (self.folder / name).exists()
-
-    def read(self, name: str) -> bytes | None:
         try:
-            return (self.folder / name).read_bytes()
+            return (self._path / name).read_bytes()
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise SweepError(f"{self.folder / name}: cannot be read: {error.strerror}") from None
+            raise SweepError(f"{self._path / name}: cannot be read: {error.strerror}") from None
 
     def write(self, name: str, content: bytes) -> None:
-        path = self.folder / name
+        """Write a file, whole or not at all, in place of one of that name; raises `WriteError`."""
+        path = self._path / name
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -84,60 +61,61 @@ class _Folder:
             temporary.write_bytes(content)
 
     def names(self, folder: str) -> set[str]:
-        out: set[str] = set()
-        for _, _, files in os.walk(self.folder / folder):
-            out.update(files)
-        return out
+        """Names, without folders, of all files below a folder."""
+        return {file for _, _, files in os.walk(self._path / folder) for file in files}
 
     def remove(self, name: str) -> None:
+        """Remove a file if it is there."""
         with suppress(OSError):
-            (self.folder / name).unlink()
+            (self._path / name).unlink()
 
-    def tidy(self) -> None:
-        for folder, _, files in os.walk(self.folder):
-            for file in files:
-                path = Path(folder, file)
+    def claim(self) -> None:
+        """Refuse a place that holds something else, and remove what killed processes have left half written."""
+        if self._path.exists() and not self._path.is_dir():
+            raise SweepError(f"{self.url}: is a file; give a folder")
+        others = {path.name for path in self._path.iterdir()} if self._path.exists() else set()
+        if not self.has(SWEEP) and not all(name in _OURS or name.endswith(_PART) for name in others):
+            raise SweepError(
+                f"{self.url}: holds something, and no sweep; give a new folder, or one of a sweep"
+            )
+        for folder, _, files in os.walk(self._path):
+            for path in (Path(folder, file) for file in files if file.endswith(_PART)):
                 with suppress(OSError):
-                    if path.suffix == ".part" and time.time() - path.stat().st_mtime > _STALE:
+                    if time.time() - path.stat().st_mtime > _STALE:
                         path.unlink()
 
 
-class _Objects:
-    """Objects of a service that fsspec knows."""
+class _Objects(Store):
+    """Objects of a service that fsspec knows; one that is half written is not there."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, place: str) -> None:
+        super().__init__(place)
         try:
             import fsspec
         except ImportError:
-            raise SweepError(f"{url}: needs fsspec: pip install 'pymantaray[dask]'") from None
-        protocol = url.partition("://")[0]
+            raise SweepError(f"{place}: needs fsspec: pip install 'pymantaray[dask]'") from None
+        protocol = place.partition("://")[0]
         if protocol not in _ATOMIC:
             raise SweepError(
-                f"{url}: {protocol} may show half a file; give a folder or one of {', '.join(_ATOMIC)}"
+                f"{place}: {protocol} may show half a file; give a folder or one of {', '.join(_ATOMIC)}"
             )
         try:
-            self._files, root = fsspec.url_to_fs(url)
+            self._files, root = fsspec.url_to_fs(place)
         except (ImportError, ValueError) as error:
-            raise SweepError(f"{url}: cannot be opened: {str(error).partition(chr(10))[0]}") from None
-        self.url, self._root = url, PurePosixPath(root)
-
-    @property
-    def folder(self) -> None:
-        return None
+            raise SweepError(f"{place}: cannot be opened: {str(error).partition(chr(10))[0]}") from None
+        self._root = PurePosixPath(root)
 
     def has(self, name: str) -> bool:
         self._files.invalidate_cache()
-        there: bool = self._files.exists(str(self._root / name))
-        return there
+        return bool(self._files.exists(str(self._root / name)))
 
     def read(self, name: str) -> bytes | None:
         try:
-            content: bytes = self._files.cat_file(str(self._root / name))
+            return bytes(self._files.cat_file(str(self._root / name)))
         except FileNotFoundError:
             return None
         except OSError as error:
             raise SweepError(f"{self.url}/{name}: cannot be read: {error}") from None
-        return content
 
     def write(self, name: str, content: bytes) -> None:
         try:
@@ -153,16 +131,14 @@ class _Objects:
         with suppress(OSError):
             self._files.rm_file(str(self._root / name))
 
-    def tidy(self) -> None:
-        """Leave all as it is: an object that is half written is not there."""
+    def claim(self) -> None:
+        pass
 
 
 def open_store(place: str | Path) -> Store:
     """Store of a folder's name or of a URL."""
     text = str(place)
-    if "://" in text:
-        return _Objects(text.rstrip("/"))
-    return _Folder(Path(text).resolve())
+    return _Objects(text.rstrip("/")) if "://" in text else Store(str(Path(text).resolve()))
 
 
 def finished(store: Store, known: Iterable[str]) -> tuple[set[str], set[str]]:

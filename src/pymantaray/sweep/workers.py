@@ -3,11 +3,12 @@
 import logging
 import os
 import time
+from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pymantaray.errors import SweepError
 from pymantaray.study.workers import WorkerEndedError, Workers
@@ -27,23 +28,35 @@ class SchedulerLostError(SweepError):
     """The scheduler does not answer; what it had been given is not done."""
 
 
-class Crew(Protocol):
-    """Workers."""
+class Crew:
+    """Processes of this machine, one thread each, which end with this one."""
 
-    window: int
-    """Tasks that are given out at a time."""
+    def __init__(self, url: str, workers: int | None) -> None:
+        count = workers or os.cpu_count() or 1
+        self._workers = Workers(partial(_start, url), count)
+        self._attempts: Counter[str] = Counter()
+        self.window = 2 * count
+        """Tasks that are given out at a time."""
 
     def __enter__(self) -> Self:
         """Begin."""
+        self._workers.__enter__()
+        return self
 
     def __exit__(self, *error: object) -> None:
         """End, whatever they are at."""
+        self._workers.__exit__(*error)
 
     def submit(self, task: Task) -> Any:
         """Give a task out: its future."""
+        return self._workers.submit(task)
 
-    def lost(self, task: Task, error: BaseException) -> str | None:
+    def lost(self, key: str, error: BaseException) -> str | None:
         """Why a task failed whose worker was lost, empty if it is to be done again; None for any other error."""
+        if not isinstance(error, WorkerEndedError):
+            return None
+        self._attempts[key] += 1
+        return "" if self._attempts[key] < _ATTEMPTS else f"{error} ({_ATTEMPTS} attempts)"
 
     def look(self) -> None:
         """Raise `SchedulerLostError` if nothing more will come of what was given out."""
@@ -52,50 +65,17 @@ class Crew(Protocol):
         """Wait for the scheduler; raises `SweepError` where it does not come back."""
 
 
-class _Local:
-    """Processes of one thread each, which end with this one."""
-
-    def __init__(self, url: str, workers: int | None) -> None:
-        count = workers or os.cpu_count() or 1
-        self._workers, self.window = Workers(partial(_start, url), count), 2 * count
-        self._attempts: dict[str, int] = {}
-
-    def __enter__(self) -> Self:
-        self._workers.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._workers.__exit__(*error)
-
-    def submit(self, task: Task) -> "Future[str | None]":
-        return self._workers.submit(task)
-
-    def lost(self, task: Task, error: BaseException) -> str | None:
-        if not isinstance(error, WorkerEndedError):
-            return None
-        attempts = self._attempts[task.key] = self._attempts.get(task.key, 0) + 1
-        return "" if attempts < _ATTEMPTS else f"{error} ({attempts} attempts)"
-
-    def look(self) -> None:
-        """See nothing: there is no scheduler."""
-
-    def reconnect(self) -> None:
-        """Do nothing: there is no scheduler."""
-
-
 def crew_of(url: str, client: "Client | str | None", workers: int | None) -> Crew:
     """Workers for a store: of a Dask client or its scheduler's address, or processes of this machine."""
-    return _Local(url, workers) if client is None else _Dask(url, client)
+    return Crew(url, workers) if client is None else _Dask(url, client)
 
 
 def _start(url: str) -> Callable[[Task], str | None]:
     return partial(perform, url)
 
 
-class _Dask:
+class _Dask(Crew):
     """Workers of a Dask scheduler."""
-
-    window = _DASK_WINDOW
 
     def __init__(self, url: str, client: "Client | str") -> None:
         try:
@@ -103,7 +83,7 @@ class _Dask:
         except ImportError:
             raise SweepError("a scheduler needs Dask: pip install 'pymantaray[dask]'") from None
         self._dask: Any = distributed
-        self._url, self._given = url, client
+        self._url, self._given, self.window = url, client, _DASK_WINDOW
         self._client: Any = None
         self._has_workers = True
 
@@ -125,9 +105,9 @@ class _Dask:
             self.look()
             raise SchedulerLostError(str(error)) from None
 
-    def lost(self, task: Task, error: BaseException) -> str | None:  # noqa: ARG002
+    def lost(self, key: str, error: BaseException) -> str | None:
         if isinstance(error, self._dask.KilledWorker):
-            return f"a worker ended early, {error.allowed_failures + 1} times; perhaps out of memory"
+            return f"a worker ended early, {error.allowed_failures + 1} times at {key[:8]}; perhaps out of memory"
         if isinstance(error, (CancelledError, self._dask.CancelledError, self._dask.comm.CommClosedError)):
             raise SchedulerLostError(str(error))
         return None

@@ -1,0 +1,175 @@
+"""
+What a sweep costs beside its studies, what sharing saves, how it scales.
+
+    python benchmarks/bench_sweep.py [overhead] [sharing] [scaling] [dask]
+
+CPU seconds count, of this process and its workers; wall times only where they are named.
+"""
+
+import os
+import resource
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+from pymantaray.study import load_study
+from pymantaray.sweep import Sweep, open_sweep, run_sweep, tasks, workers
+
+POINTS = 10_000
+
+
+def cpu() -> tuple[float, float]:
+    """CPU seconds of this process, and of workers that have ended."""
+    own, others = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return own.ru_utime + own.ru_stime, others.ru_utime + others.ru_stime
+
+
+def resident_mib() -> float:
+    """Memory of this process now."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
+
+
+@contextmanager
+def folder():
+    """A new folder, gone afterwards."""
+    path = Path(tempfile.mkdtemp(prefix="bench-sweep-"))
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path)
+
+
+def small(realizations=1):
+    """Quick, for four hours in a small window."""
+    tree = load_study("quick").model_dump(exclude_none=True)
+    tree["study"] |= {"realizations": realizations, "conditions": ["odometry", "straight"]}
+    tree["mission"] |= {"duration_h": 4.0, "ping_interval_h": 1.0}
+    tree["ocean"] |= {"half_extent_north": 15_000.0, "half_extent_east": 15_000.0}
+    from pymantaray.study import parse_study
+
+    return parse_study(tree)
+
+
+def noises(config, count):
+    """Sweep of points that share all but the noise."""
+    return Sweep(config, cross={"noise.range_sigma": [1.0 + 1e-4 * k for k in range(count)]})
+
+
+def start_for_nothing(url: str) -> Callable[[tasks.Task], str | None]:
+    """A worker whose points take no time: the first one's summary stands for all."""
+    solve, first = tasks._solve, {}
+
+    def once(task, stages, store):
+        if not first:
+            first.update(solve(task, stages, store))
+        return first | {"key": task.key}
+
+    tasks._solve = once
+    return partial(tasks.perform, url)
+
+
+def overhead() -> None:
+    """Of points whose study takes no time: everything but the study."""
+    workers._start = start_for_nothing
+    config, memory = small(), {}
+    with folder() as out:
+        before = cpu()
+        run_sweep(noises(config, 1), out / "first", workers=1)
+        first = [b - a for a, b in zip(before, cpu(), strict=True)]
+        begun, before = time.perf_counter(), cpu()
+
+        def look(done: int, _failed: int, _total: int) -> None:
+            if done % 1000 == 0:
+                memory[done] = resident_mib()
+
+        run_sweep(noises(config, POINTS), out / "many", workers=1, progress=look)
+        wall = time.perf_counter() - begun
+        own, others = (b - a - f for a, b, f in zip(before, cpu(), first, strict=True))
+        print(f"{POINTS} points that take no time, one worker: {wall:.1f} s of wall time")
+        print(
+            f"  CPU a point: {1e3 * own / POINTS:.2f} ms in the parent, {1e3 * others / POINTS:.2f} ms in the worker"
+        )
+        listed = ", ".join(f"{done}: {mib:.0f}" for done, mib in sorted(memory.items()))
+        print(f"  memory of the parent by points done [MiB]: {listed}")
+        files = [file for file in (out / "many").rglob("*") if file.is_file()]
+        size = sum(file.stat().st_size for file in files)
+        blocks = sum(512 * file.stat().st_blocks for file in files)
+        print(f"  store: {len(files)} files, {size / 1e6:.1f} MB, {blocks / 1e6:.1f} MB on disk")
+        for what, call in (
+            ("status", lambda: open_sweep(out / "many").status()),
+            ("table", lambda: open_sweep(out / "many").table()),
+            ("run again, nothing to do", lambda: run_sweep(noises(config, POINTS), out / "many")),
+        ):
+            begun, before = time.perf_counter(), cpu()
+            call()
+            print(
+                f"  {what}: {cpu()[0] - before[0]:.2f} s of CPU, {time.perf_counter() - begun:.2f} s of wall time"
+            )
+
+
+def sharing() -> None:
+    """Quick with ten noises, its rays shared and not."""
+    config = load_study("quick")
+    with folder() as out:
+        before = sum(cpu())
+        results = run_sweep(noises(config, 10), out / "shared", workers=1)
+        shared = sum(cpu()) - before
+        before = sum(cpu())
+        for number in range(10):
+            run_sweep(noises(config, 10 + number), out / f"{number}", workers=1) if not number else None
+        stages = [content["seconds"] for content in results.contents]
+        parts = {name: sum(s[name] for s in stages) / 10 for name in stages[0]}
+    alone = sum(sum(s.values()) for s in stages)
+    once = alone - 9 * sum(parts[name] for name in ("ocean", "fleet", "rays"))
+    print(f"quick with ten noises: {shared:.1f} s of CPU, start of a worker included")
+    print(
+        "  seconds of wall time a point: " + ", ".join(f"{name} {value:.2f}" for name, value in parts.items())
+    )
+    print(
+        f"  if nothing were shared {alone:.1f} s, shared {once:.1f} s: {100 * (1 - once / alone):.0f} % saved"
+    )
+
+
+def scaling() -> None:
+    """The same sweep on one and two workers, one after the other, three times; CPU decides on a machine that is not idle."""
+    config = small(realizations=5)
+    for turn in range(3):
+        for count in (1, 2):
+            with folder() as out:
+                begun, before = time.perf_counter(), sum(cpu())
+                run_sweep(noises(config, 40), out / "out", workers=count)
+                wall, used = time.perf_counter() - begun, sum(cpu()) - before
+            print(
+                f"turn {turn}: {count} workers {wall:.1f} s of wall time, {used:.1f} s of CPU, load {os.getloadavg()[0]:.1f}"
+            )
+
+
+def dask() -> None:
+    """Of points whose study takes a few milliseconds, by a scheduler and a worker in this process."""
+    from distributed import Client
+
+    config, count = small(), 300
+    with (
+        folder() as out,
+        Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client,
+    ):
+        run_sweep(noises(config, 2), out / "first", client=client)
+        solve, tasks._solve = tasks._solve, lambda task, *_: {"key": task.key, "conditions": {}, "links": {}}
+        before = cpu()[0]
+        run_sweep(noises(config, count), out / "many", client=client)
+        print(
+            f"Dask: {1e3 * (cpu()[0] - before) / count:.1f} ms of CPU a point: client, scheduler, worker and store"
+        )
+        tasks._solve = solve
+
+
+if __name__ == "__main__":
+    import bench_sweep
+
+    for name in sys.argv[1:] or ("overhead", "sharing", "scaling", "dask"):
+        getattr(bench_sweep, name)()
