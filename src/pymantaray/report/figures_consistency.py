@@ -8,23 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from pymantaray.report import style
 from pymantaray.report.figures import register
-from pymantaray.report.style import (
-    BAND,
-    DOUBLE,
-    GREY,
-    INK,
-    common_legend,
-    condition_looks,
-    condition_style,
-    entry,
-    legend_lines,
-    new_figure,
-    note,
-    panel_title,
-    short_numbers,
-    styled,
-)
 
 _PANELS = (("horizontal", "horizontal positions of the fleet"), ("ranges", "ranges of a ping"))
 _DODGE = 0.012  # share of the time axis between neighbouring conditions; all of them take half a step at most
@@ -33,26 +18,26 @@ _TICKS = 10  # epochs that are all labelled
 _LINEAR_REACH = 4.0  # above this, or below its inverse, ratios need a logarithmic axis
 
 
-@styled
+@style.styled
 def consistency_over_time(table: pd.DataFrame, header: str) -> Figure:
     """NEES of the fleet and innovations of its ranges, each by its degrees of freedom, at the fixed epochs."""
-    looks = condition_looks(list(dict.fromkeys(table["condition"])))
-    lines = legend_lines(len(looks) + 2)
+    looks = style.condition_looks(list(dict.fromkeys(table["condition"])))
+    lines = style.legend_lines(len(looks) + 2)
     tables = [table[table["statistic"] == key] for key, _ in _PANELS]
     ratio = np.concatenate([part["ratio"].to_numpy(dtype=float) for part in tables])
     log = bool(ratio.size) and bool(ratio.max() > _LINEAR_REACH or ratio.min() < 1.0 / _LINEAR_REACH)
     rows = 2 if log else 1
-    figure = new_figure(DOUBLE, 0.75 + 1.6 * rows + 0.14 * lines, header)
+    figure = style.new_figure(style.DOUBLE, 0.75 + 1.6 * rows + 0.14 * lines, header)
     grid = figure.subplots(rows, len(_PANELS), sharex=True, squeeze=False)
     for c, (part, (_, title)) in enumerate(zip(tables, _PANELS, strict=True)):
-        panel_title(grid[0, c], "ab"[c], title)
+        style.panel_title(grid[0, c], "ab"[c], title)
         for axes in grid[:, c]:
             _draw(axes, part, looks)
         grid[-1, c].set_xlabel("Time [h]")
         if log:
-            panel_title(grid[1, c], "cd"[c], "the same, near the bounds")
+            style.panel_title(grid[1, c], "cd"[c], "the same, near the bounds")
             grid[0, c].set_yscale("log")
-            short_numbers(grid[0, c].yaxis)
+            style.short_numbers(grid[0, c].yaxis)
             if len(part):
                 reach = _ZOOM * float(np.maximum(part["high"] - 1.0, 1.0 - part["low"]).max())
                 grid[1, c].set_ylim(max(1.0 - reach, 0.0), 1.0 + reach)
@@ -65,27 +50,27 @@ def consistency_over_time(table: pd.DataFrame, header: str) -> Figure:
         axes.set_ylabel("NIS / degrees of freedom")
     point = {"markersize": 3.6}
     handles = [
-        entry(condition_style(name)[1], color=colour, marker=marker, linewidth=0.9, **point)
+        style.entry(style.condition_style(name)[1], color=colour, marker=marker, linewidth=0.9, **point)
         for name, (colour, marker) in looks.items()
     ]
-    outside = {"color": INK, "marker": "o", "markerfacecolor": "white", "linestyle": "none", **point}
-    band = Patch(color=BAND, label="95 % bounds")
-    common_legend(figure, [*handles, band, entry("outside its bounds", **outside)])
+    outside = {"color": style.INK, "marker": "o", "markerfacecolor": "white", "linestyle": "none", **point}
+    band = Patch(color=style.BAND, label="95 % bounds")
+    style.common_legend(figure, [*handles, band, style.entry("outside its bounds", **outside)])
     return figure
 
 
 def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) -> None:
     if table.empty:
-        note(axes, "nothing to judge")
+        style.note(axes, "nothing to judge")
         return
-    axes.axhline(1.0, color=GREY, linewidth=0.8)
+    axes.axhline(1.0, color=style.GREY, linewidth=0.8)
     hours = np.unique(table["time_h"].to_numpy(dtype=float))
     step = float(np.diff(hours).min()) if hours.size > 1 else 1.0
     first, last = float(hours[0]) - 0.5 * step, float(hours[-1]) + 0.5 * step
     bounds = table.sort_values("degrees_of_freedom", kind="stable").groupby("time_h")[["low", "high"]].last()
     edges = np.concatenate([[first], 0.5 * (hours[1:] + hours[:-1]), [last]])
     low, high = (bounds[side].to_numpy(dtype=float) for side in ("low", "high"))
-    axes.fill_between(edges, [*low, low[-1]], [*high, high[-1]], step="post", color=BAND, linewidth=0.0)
+    axes.fill_between(edges, [*low, low[-1]], [*high, high[-1]], step="post", color=style.BAND, linewidth=0.0)
     shown = [name for name in looks if (table["condition"] == name).any()]
     dodge = min(_DODGE * (last - first), 0.5 * step / len(shown))
     for i, name in enumerate(shown):

@@ -10,27 +10,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
+from pymantaray.report import style
 from pymantaray.report.figures import register
-from pymantaray.report.style import (
-    BAND,
-    CONDITION_COLOURS,
-    DOUBLE,
-    GREY,
-    INK,
-    common_legend,
-    condition_style,
-    entry,
-    new_figure,
-    panel_title,
-    short_numbers,
-    styled,
-)
 
 _ROW = 0.17  # height of a line [in]
 _BASELINE = "straight"
 
 
-@styled
+@style.styled
 def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None, header: str) -> Figure:
     """
     Root mean square of the position error, and NEES of the fleet if there is any, a line for each condition.
@@ -41,14 +28,14 @@ def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None
     y = np.arange(len(names))
     rmse = errors["rmse_m"].to_numpy(dtype=float)
     panels = 1 if consistency is None else 2
-    figure = new_figure(DOUBLE, (0.8 if consistency is None else 1.0) + _ROW * len(names), header)
+    figure = style.new_figure(style.DOUBLE, (0.8 if consistency is None else 1.0) + _ROW * len(names), header)
     grid = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
-    colours = [CONDITION_COLOURS.get(name, INK) for name in names]
+    colours = [style.CONDITION_COLOURS.get(name, style.INK) for name in names]
     axes, handles = grid[0], list[Line2D | Patch]()
-    panel_title(axes, "a", "position error, root mean square")
+    style.panel_title(axes, "a", "position error, root mean square")
     if _BASELINE in names and np.isfinite(rmse[names.index(_BASELINE)]):
-        label = f"error, {condition_style(_BASELINE)[1].lower()}"
-        look: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": "--", "label": label}
+        label = f"error, {style.condition_style(_BASELINE)[1].lower()}"
+        look: dict[str, Any] = {"color": style.GREY, "linewidth": 0.8, "linestyle": "--", "label": label}
         handles.append(axes.axvline(rmse[names.index(_BASELINE)], **look))
     axes.scatter(rmse, y, c=colours, s=14.0, zorder=3)
     for x, line in zip(rmse, y, strict=True):
@@ -57,37 +44,39 @@ def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None
             axes.annotate(text, (x, line), (5, 0), textcoords="offset points", va="center", fontsize=6.0)
     axes.set_xscale("log")
     axes.margins(x=0.12)
-    axes.set_yticks(y, [condition_style(name)[1] for name in names])
+    axes.set_yticks(y, [style.condition_style(name)[1] for name in names])
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_xlabel("[m]")
     if consistency is not None:
         _draw_consistency(grid[1], consistency[consistency["statistic"] == "horizontal"], names, colours)
-        panel_title(grid[1], "b", "horizontal NEES of the fleet / degrees of freedom")
+        style.panel_title(grid[1], "b", "horizontal NEES of the fleet / degrees of freedom")
         grid[1].set_xlabel("[-]")
-        point: dict[str, Any] = {"color": INK, "marker": "o", "markersize": 3.8, "linestyle": "none"}
-        faces = {"inside at every epoch": INK, "at some": GREY, "at none": "white"}
-        handles.append(Patch(color=BAND, label="95 % bounds"))
-        handles += [entry(label, markerfacecolor=face, **point) for label, face in faces.items()]
+        point: dict[str, Any] = {"color": style.INK, "marker": "o", "markersize": 3.8, "linestyle": "none"}
+        faces = {"inside at every epoch": style.INK, "at some": style.GREY, "at none": "white"}
+        handles.append(Patch(color=style.BAND, label="95 % bounds"))
+        handles += [style.entry(label, markerfacecolor=face, **point) for label, face in faces.items()]
         grid[1].tick_params(axis="y", left=False)
     if handles:
-        common_legend(figure, handles)
+        style.common_legend(figure, handles)
     for panel in grid:
         panel.grid(visible=False, axis="y")
-        short_numbers(panel.xaxis)
+        style.short_numbers(panel.xaxis)
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     return figure
 
 
 def _draw_consistency(axes: Axes, table: pd.DataFrame, names: list[str], colours: list[str]) -> None:
     if len(table):
-        axes.axvspan(float(table["low"].median()), float(table["high"].median()), color=BAND, linewidth=0.0)
-    axes.axvline(1.0, color=GREY, linewidth=0.8)
+        axes.axvspan(
+            float(table["low"].median()), float(table["high"].median()), color=style.BAND, linewidth=0.0
+        )
+    axes.axvline(1.0, color=style.GREY, linewidth=0.8)
     for i, (name, colour) in enumerate(zip(names, colours, strict=True)):
         part = table[table["condition"] == name]
         if part.empty:
             continue
         ratio, inside = part["ratio"].to_numpy(dtype=float), part["inside"].to_numpy(dtype=bool)
-        face = colour if inside.all() else GREY if inside.any() else "white"
+        face = colour if inside.all() else style.GREY if inside.any() else "white"
         axes.plot([ratio.min(), ratio.max()], [i, i], color=colour, linewidth=0.9)
         axes.plot(np.median(ratio), i, color=colour, marker="o", markersize=3.8, markerfacecolor=face)
     axes.set_xscale("log")

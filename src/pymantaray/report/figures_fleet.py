@@ -12,20 +12,8 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 
 from pymantaray.records import Measurements, RayStatus, Trajectories
+from pymantaray.report import style
 from pymantaray.report.figures import range_ends, register
-from pymantaray.report.style import (
-    COLUMN,
-    DEPTH,
-    DOUBLE,
-    GREY,
-    INK,
-    Array,
-    halo,
-    new_figure,
-    panel_title,
-    plain,
-    styled,
-)
 
 _ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down
 _SHALLOWEST = 0.05  # km; depth of the axes where nobody dives
@@ -41,11 +29,11 @@ class _Shades:
     mappable: ScalarMappable
 
 
-@styled
+@style.styled
 def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
     """Fleet in plan, in depth over time, and in three dimensions."""
     shades = _shades(truth)
-    figure = new_figure(DOUBLE, 4.6, header, layout=None)
+    figure = style.new_figure(style.DOUBLE, 4.6, header, layout=None)
     plan = figure.add_axes((0.075, 0.47, 0.40, 0.45))
     solid = figure.add_axes((0.50, 0.40, 0.44, 0.54), projection="3d")
     time = figure.add_axes((0.075, 0.09, 0.80, 0.24))
@@ -56,17 +44,17 @@ def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -
     bar = figure.colorbar(shades.mappable, cax=figure.add_axes((0.895, 0.09, 0.016, 0.24)))
     bar.set_label("Greatest depth [m]")
     bar.ax.invert_yaxis()
-    panel_title(plan, "a", "plan")
+    style.panel_title(plan, "a", "plan")
     figure.text(0.55, 0.9335, "(b) start, greatest depth and track", fontsize=7.5)
-    panel_title(time, "c", "depth")
+    style.panel_title(time, "c", "depth")
     return figure
 
 
-@styled
+@style.styled
 def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
     """Factor graph in three dimensions: each vehicle's chain of poses coloured, ranges grey."""
     shades = _shades(truth)
-    figure = new_figure(COLUMN, 3.1, header, layout=None)
+    figure = style.new_figure(style.COLUMN, 3.1, header, layout=None)
     axes = figure.add_axes((-0.03, 0.08, 0.96, 0.88), projection="3d")
     assert isinstance(axes, Axes3D)
     heard = measurements.range_status == RayStatus.OK
@@ -87,7 +75,7 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
     _finish(axes, truth, measurements)
     poses = truth.position.shape[0] * truth.position.shape[1]
     figure.text(
-        0.5, 0.02, f"{poses:,} poses, {len(edges):,} range edges", ha="center", fontsize=6.5, color=GREY
+        0.5, 0.02, f"{poses:,} poses, {len(edges):,} range edges", ha="center", fontsize=6.5, color=style.GREY
     )
     return figure
 
@@ -96,29 +84,31 @@ def _shades(truth: Trajectories) -> _Shades:
     deepest = truth.position[:, :, 2].max(axis=1)
     diving = deepest > 1.0
     norm = Normalize(0.0, max(float(deepest.max()), 1.0))
-    colours = [DEPTH(norm(z)) if dives else INK for z, dives in zip(deepest, diving, strict=True)]
-    return _Shades(colours, ScalarMappable(norm, DEPTH))
+    colours = [style.DEPTH(norm(z)) if dives else style.INK for z, dives in zip(deepest, diving, strict=True)]
+    return _Shades(colours, ScalarMappable(norm, style.DEPTH))
 
 
 def _draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, shades: _Shades) -> None:
     starts = truth.position[:, 0, :2] / 1e3
     for path, colour in zip(truth.position[:, :, :2] / 1e3, shades.colours, strict=True):
         axes.plot(path[:, 1], path[:, 0], color=colour, linewidth=0.9)
-    axes.scatter(starts[:, 1], starts[:, 0], c=shades.colours, s=16, edgecolors=INK, linewidths=0.5, zorder=3)
+    axes.scatter(
+        starts[:, 1], starts[:, 0], c=shades.colours, s=16, edgecolors=style.INK, linewidths=0.5, zorder=3
+    )
     for name, (north, east) in zip(_marks(truth.name), starts, strict=True):
         axes.annotate(
-            plain(str(name)),
+            style.plain(str(name)),
             (east, north),
             (4, 4),
             textcoords="offset points",
             fontweight="bold",
-            path_effects=halo(),
+            path_effects=style.halo(),
             zorder=4,
         )
     places = measurements.landmark_position / 1e3
-    axes.plot(places[:, 1], places[:, 0], "^", color=INK, markersize=4)
+    axes.plot(places[:, 1], places[:, 0], "^", color=style.INK, markersize=4)
     for name, (north, east, _) in zip(_marks(measurements.landmark_name, "L"), places, strict=True):
-        axes.annotate(plain(str(name)), (east, north), (4, 4), textcoords="offset points")
+        axes.annotate(style.plain(str(name)), (east, north), (4, 4), textcoords="offset points")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
     axes.set_xlabel("East [km]")
@@ -149,13 +139,13 @@ def _draw_depths(axes: Axes, truth: Trajectories, shades: _Shades) -> None:
     axes.set_ylabel("Depth [m]")
 
 
-def _line(axes: Axes3D, path: Array, **style: object) -> None:
+def _line(axes: Axes3D, path: style.Array, **look: object) -> None:
     step = max(1, -(-len(path) // _MAX_VERTICES))
     vertices = path[np.unique(np.append(np.arange(0, len(path), step), len(path) - 1))]
-    axes.plot(*vertices[:, _ENU].T, **style)
+    axes.plot(*vertices[:, _ENU].T, **look)
 
 
-def _marks(names: Array, letter: str = "") -> list[str]:
+def _marks(names: style.Array, letter: str = "") -> list[str]:
     """What stands beside the marks: names, less what all begin with if they are long; numbers in their order if they still are."""
     marks: list[str] = names.tolist()
     if max(map(len, marks), default=0) > _LONG and len(marks) > 1:
@@ -166,17 +156,23 @@ def _marks(names: Array, letter: str = "") -> list[str]:
     return marks
 
 
-def _mark(axes: Axes3D, place: Array, name: str) -> None:
+def _mark(axes: Axes3D, place: style.Array, name: str) -> None:
     east, north, depth = place[_ENU]
-    look = {"fontsize": 6.5, "fontweight": "bold", "color": INK, "zorder": 9, "path_effects": halo()}
-    axes.text(east, north, depth, f" {plain(name)}", **look)
+    look = {
+        "fontsize": 6.5,
+        "fontweight": "bold",
+        "color": style.INK,
+        "zorder": 9,
+        "path_effects": style.halo(),
+    }
+    axes.text(east, north, depth, f" {style.plain(name)}", **look)
 
 
 def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements) -> None:
     """Landmarks, and axes around everything, depth downward, north and east at one scale."""
     places = measurements.landmark_position / 1e3
     for name, place in zip(_marks(measurements.landmark_name, "L"), places, strict=True):
-        axes.plot(*place[_ENU, None], "^", color=INK, markersize=4)
+        axes.plot(*place[_ENU, None], "^", color=style.INK, markersize=4)
         _mark(axes, place, str(name))
     points = np.concatenate([truth.position.reshape(-1, 3) / 1e3, places])
     low, high = points.min(axis=0), points.max(axis=0)

@@ -9,29 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from pymantaray.report import style
 from pymantaray.report.figures import Results, register
-from pymantaray.report.style import (
-    BED,
-    BLUE,
-    COLUMN,
-    DOUBLE,
-    GREEN,
-    GREY,
-    ICE,
-    INK,
-    ORANGE,
-    PINK,
-    SHORE,
-    SOUND_SPEED,
-    common_legend,
-    entry,
-    freeze_layout,
-    new_figure,
-    panel_title,
-    plain,
-    short,
-    styled,
-)
 from pymantaray.study.store import RAY_PICTURE
 
 _UPPER = 500.0  # m; depth of the upper panel of the profiles
@@ -39,15 +18,15 @@ _BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest
 _LEAST_DEPTH = 100.0  # m
 _ROWS = 300  # of the colour image
 _FAN: dict[str, Any] = {"color": "#565656", "linewidth": 0.35, "alpha": 0.8, "zorder": 3}
-_CHORD: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
-_REGION_COLOURS = (BLUE, ORANGE, GREEN, PINK)
+_CHORD: dict[str, Any] = {"color": style.INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
+_REGION_COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.PINK)
 _REGION_LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), "-.")
 
 
-@styled
+@style.styled
 def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str) -> Figure:
     """Mean sound speed of each region against depth, between its least and its greatest."""
-    figure = new_figure(COLUMN, 3.0, header)
+    figure = style.new_figure(style.COLUMN, 3.0, header)
     whole, upper = figure.subplots(1, 2)
     deepest = 0.0
     for i, (name, profile) in enumerate(profiles):
@@ -57,14 +36,14 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
         colour, line = _REGION_COLOURS[i % 4], _REGION_LINES[i % 4]
         for axes in (whole, upper):
             axes.fill_betweenx(depth, low, high, color=colour, alpha=0.22, linewidth=0.0)
-            axes.plot(mean, depth, color=colour, linestyle=line, label=plain(short(name)))
+            axes.plot(mean, depth, color=colour, linestyle=line, label=style.plain(style.short(name)))
     limit = min(_UPPER, deepest) or 1.0
     whole.set_ylim(deepest or 1.0, 0.0)
     upper.set_ylim(limit, 0.0)
     _fit_speed_axis(upper, [profile for _, profile in profiles], limit)
     whole.set_ylabel("Depth [m]")
     for axes, letter, text in ((whole, "a", "all depths"), (upper, "b", f"upper {limit:.0f} m")):
-        panel_title(axes, letter, text)
+        style.panel_title(axes, letter, text)
         axes.set_xlabel("Sound speed [m/s]")
         axes.locator_params(axis="x", nbins=4)
     if len(profiles) > 1:
@@ -72,10 +51,10 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
     return figure
 
 
-@styled
+@style.styled
 def ray_picture(picture: xr.Dataset, header: str) -> Figure:
     """Vertical section along one link: sound speed, sea bed, a fan of rays, eigenrays and the chord."""
-    figure = new_figure(DOUBLE, 3.0, header)
+    figure = style.new_figure(style.DOUBLE, 3.0, header)
     axes = figure.subplots()
     axes.grid(visible=False)
     km = picture["range"].values / 1e3
@@ -85,37 +64,39 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
     speed = np.stack([np.interp(rows, depth, column) for column in picture["sound_speed"].values], axis=1)
     ice = picture["sea_ice_draft"].values if "sea_ice_draft" in picture else np.zeros(km.size)
     speed = np.where((rows[:, None] <= floor) & (rows[:, None] >= ice), speed, np.nan)
-    mesh = axes.pcolormesh(km, rows, speed, cmap=SOUND_SPEED, shading="nearest", rasterized=True)
+    mesh = axes.pcolormesh(km, rows, speed, cmap=style.SOUND_SPEED, shading="nearest", rasterized=True)
     figure.colorbar(mesh, ax=axes, label="Sound speed [m/s]", pad=0.015, aspect=30)
-    axes.fill_between(km, floor, max(depth[-1], floor.max()) * 2.0, color=BED, linewidth=0.0, zorder=2)
-    axes.plot(km, floor, color=SHORE, linewidth=0.8, zorder=2)
+    axes.fill_between(km, floor, max(depth[-1], floor.max()) * 2.0, color=style.BED, linewidth=0.0, zorder=2)
+    axes.plot(km, floor, color=style.SHORE, linewidth=0.8, zorder=2)
     if ice.any():
-        axes.fill_between(km, 0.0, ice, color=ICE, linewidth=0.0, zorder=2)
-        axes.plot(km, ice, color=GREY, linewidth=0.8, zorder=2)
+        axes.fill_between(km, 0.0, ice, color=style.ICE, linewidth=0.0, zorder=2)
+        axes.plot(km, ice, color=style.GREY, linewidth=0.8, zorder=2)
 
     arrives = picture["ray_arrives"].values.astype(bool)
     for hit, x, z in zip(arrives, picture["ray_range"].values, picture["ray_depth"].values, strict=True):
-        look: dict[str, Any] = {"color": ORANGE, "linewidth": 1.8, "zorder": 4} if hit else _FAN
+        look: dict[str, Any] = {"color": style.ORANGE, "linewidth": 1.8, "zorder": 4} if hit else _FAN
         axes.plot(x / 1e3, z, **look)
     chord, ends = picture["chord_range"].values / 1e3, picture["chord_depth"].values
     axes.plot(chord, ends, zorder=5, **_CHORD)
-    axes.plot(chord, ends, "o", color="white", markeredgecolor=INK, markersize=4.5, zorder=6, clip_on=False)
+    axes.plot(
+        chord, ends, "o", color="white", markeredgecolor=style.INK, markersize=4.5, zorder=6, clip_on=False
+    )
     source, receiver = (str(picture.attrs.get(key, key)) for key in ("source", "receiver"))
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0.0}
     words: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontweight": "bold", "bbox": box}
     for x, z, text, ha in zip(chord, ends, (source, receiver), ("left", "right"), strict=True):
         offset = (8 if ha == "left" else -8, 10 if z > 0.7 * lowest else -10)
-        axes.annotate(plain(text), (x, z), offset, ha=ha, zorder=7, **words)
+        axes.annotate(style.plain(text), (x, z), offset, ha=ha, zorder=7, **words)
     axes.set_xlim(km[0], km[-1])
     axes.set_ylim(lowest, depth[0])
     axes.set_xlabel("Horizontal range [km]")
     axes.set_ylabel("Depth [m]")
     handles = _ray_handles(count=int(arrives.sum()), fan=bool((~arrives).any()))
-    common_legend(figure, handles, handlelength=2.4)
+    style.common_legend(figure, handles, handlelength=2.4)
     hour = f", {float(picture.attrs['time_h']):g} h" if "time_h" in picture.attrs else ""
-    link = plain(f"{source} to {receiver}{hour}")
+    link = style.plain(f"{source} to {receiver}{hour}")
     axes.set_title(link, loc="left")
-    freeze_layout(figure)  # which must be known to measure the exaggeration
+    style.freeze_layout(figure)  # which must be known to measure the exaggeration
     panel = axes.get_window_extent()
     exaggeration = (panel.height / max(lowest - depth[0], 1e-9)) / (
         panel.width / max((km[-1] - km[0]) * 1e3, 1e-9)
@@ -142,11 +123,15 @@ def _lowest_shown(picture: xr.Dataset) -> float:
 
 
 def _ray_handles(*, count: int, fan: bool) -> list[Line2D]:
-    eigenray = entry(
-        "direct eigenray" if count == 1 else f"{count} direct eigenrays", color=ORANGE, linewidth=1.8
+    eigenray = style.entry(
+        "direct eigenray" if count == 1 else f"{count} direct eigenrays", color=style.ORANGE, linewidth=1.8
     )
-    other = entry("other rays", color=_FAN["color"], linewidth=0.6)
-    return [*([eigenray] if count else []), entry("straight chord", **_CHORD), *([other] if fan else [])]
+    other = style.entry("other rays", color=_FAN["color"], linewidth=0.6)
+    return [
+        *([eigenray] if count else []),
+        style.entry("straight chord", **_CHORD),
+        *([other] if fan else []),
+    ]
 
 
 def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) -> None:

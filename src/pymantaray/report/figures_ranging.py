@@ -9,43 +9,26 @@ from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
 from pymantaray.records import RayStatus
+from pymantaray.report import style
 from pymantaray.report.figures import range_ends, register
-from pymantaray.report.style import (
-    BLUE,
-    DOUBLE,
-    GREEN,
-    INK,
-    ORANGE,
-    PALE,
-    PINK,
-    SKY,
-    Array,
-    common_legend,
-    new_figure,
-    note,
-    panel_title,
-    plain,
-    short,
-    styled,
-)
 
 _LONG = 16  # letters of a name
 _LEAST_COUNT = 0.6  # where logarithmic axes of counts begin, so that a single one shows
 _STATUS_LOOK = {
-    RayStatus.SHADOW: (ORANGE, "o", "shadow"),
-    RayStatus.WEAK: (BLUE, "s", "too weak"),
-    RayStatus.BLOCKED: (GREEN, "^", "blocked by the bottom"),
-    RayStatus.OUTSIDE: (PINK, "D", "outside the domain"),
-    RayStatus.STOPPED: (SKY, "v", "vehicle stopped"),
-    RayStatus.UNHEARD: (INK, "x", "not heard"),
-    RayStatus.UNRESOLVED: (INK, "+", "search cut short"),
+    RayStatus.SHADOW: (style.ORANGE, "o", "shadow"),
+    RayStatus.WEAK: (style.BLUE, "s", "too weak"),
+    RayStatus.BLOCKED: (style.GREEN, "^", "blocked by the bottom"),
+    RayStatus.OUTSIDE: (style.PINK, "D", "outside the domain"),
+    RayStatus.STOPPED: (style.SKY, "v", "vehicle stopped"),
+    RayStatus.UNHEARD: (style.INK, "x", "not heard"),
+    RayStatus.UNRESOLVED: (style.INK, "+", "search cut short"),
 }
 
 
-@styled
-def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> Figure:
+@style.styled
+def range_error_histogram(errors: Sequence[tuple[str, style.Array]], header: str) -> Figure:
     """Signed range error, refracted minus straight, with its mean, zero and the fitted normal."""
-    figure = new_figure(DOUBLE, 0.55 + 2.05 * len(errors), header)
+    figure = style.new_figure(style.DOUBLE, 0.55 + 2.05 * len(errors), header)
     rows = figure.subplots(len(errors), 2, squeeze=False, sharex=True)
     for i, ((name, values), (linear, log)) in enumerate(zip(errors, rows, strict=True)):
         heard = values[np.isfinite(values)]
@@ -54,29 +37,34 @@ def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> F
         log.set_yscale("log")
         log.set_ylim(_LEAST_COUNT)
         linear.set_ylabel("Ranges in a bin")
-        words, same = [short(name), _moments(heard)], "the same, logarithmic count"
+        words, same = [style.short(name), _moments(heard)], "the same, logarithmic count"
         if len(name) > _LONG:  # no room for both above one panel
             same = f"{words.pop()}, logarithmic count"
-        panel_title(linear, "abcdefgh"[2 * i], plain(": ".join(words)))
-        panel_title(log, "abcdefgh"[2 * i + 1], same)
+        style.panel_title(linear, "abcdefgh"[2 * i], style.plain(": ".join(words)))
+        style.panel_title(log, "abcdefgh"[2 * i + 1], same)
     for axes in rows[-1]:
         axes.set_xlabel("Range error, refracted − straight [m]")
-    common_legend(figure, rows[0, 0].get_legend_handles_labels()[0])
+    style.common_legend(figure, rows[0, 0].get_legend_handles_labels()[0])
     return figure
 
 
-@styled
-def range_error_split(distance: Array, reference_speed: Array, bending: Array, header: str) -> Figure:
+@style.styled
+def range_error_split(
+    distance: style.Array, reference_speed: style.Array, bending: style.Array, header: str
+) -> Figure:
     """Range error's two parts, against distance and as distributions."""
-    figure = new_figure(DOUBLE, 2.7, header)
+    figure = style.new_figure(style.DOUBLE, 2.7, header)
     both, counts, alone = figure.subplots(1, 3, width_ratios=(1.25, 0.8, 1.25))
     counts.sharey(both)
     heard = np.isfinite(distance) & np.isfinite(reference_speed) & np.isfinite(bending)
     km, points = distance[heard] / 1e3, {"markersize": 1.6, "alpha": 0.5, "rasterized": True}
-    parts = (("reference speed", reference_speed[heard], BLUE), ("bending", bending[heard], ORANGE))
-    panel_title(both, "a", "parts of the range error")
-    panel_title(counts, "b", "distributions")
-    panel_title(alone, "c", "bending alone")
+    parts = (
+        ("reference speed", reference_speed[heard], style.BLUE),
+        ("bending", bending[heard], style.ORANGE),
+    )
+    style.panel_title(both, "a", "parts of the range error")
+    style.panel_title(counts, "b", "distributions")
+    style.panel_title(alone, "c", "bending alone")
     if km.size:
         edges = _edges(np.concatenate([values for _, values, _ in parts]))
         for label, values, colour in parts:
@@ -92,14 +80,14 @@ def range_error_split(distance: Array, reference_speed: Array, bending: Array, h
             )
         counts.set_xscale("log")
         counts.set_xlim(_LEAST_COUNT)
-        alone.plot(km, bending[heard], ".", color=ORANGE, **points)
+        alone.plot(km, bending[heard], ".", color=style.ORANGE, **points)
         both.set_xlim(0.0)
         alone.set_xlim(0.0)
         both.legend(loc="best", markerscale=4, handletextpad=0.1, borderaxespad=0.1)
     else:
-        note(both, "no range was heard")
+        style.note(both, "no range was heard")
     for axes in (both, counts, alone):
-        axes.axhline(0.0, color=INK, linewidth=0.7, linestyle="--")
+        axes.axhline(0.0, color=style.INK, linewidth=0.7, linestyle="--")
     both.set_ylabel("Part of the error [m]")
     alone.set_ylabel("Bending [m]")
     counts.tick_params(labelleft=False)
@@ -109,10 +97,12 @@ def range_error_split(distance: Array, reference_speed: Array, bending: Array, h
     return figure
 
 
-@styled
-def dropout_map(transmitter: Array, receiver: Array, status: NDArray[np.int8], header: str) -> Figure:
+@style.styled
+def dropout_map(
+    transmitter: style.Array, receiver: style.Array, status: NDArray[np.int8], header: str
+) -> Figure:
     """Who is not heard, and why: attempts by distance, depth difference and the depths of both ends."""
-    figure = new_figure(DOUBLE, 3.0, header)
+    figure = style.new_figure(style.DOUBLE, 3.0, header)
     places = figure.subplots(1, 2)
     km = np.linalg.norm(receiver - transmitter, axis=-1) / 1e3
     look = {"alpha": 0.8, "markeredgewidth": 0.0, "rasterized": True}
@@ -120,41 +110,43 @@ def dropout_map(transmitter: Array, receiver: Array, status: NDArray[np.int8], h
     coordinates = ((km, ends[1] - ends[0]), (ends[0], ends[1]))
     for axes, (x, y) in zip(places, coordinates, strict=True):
         ok = status == RayStatus.OK
-        axes.plot(x[ok], y[ok], ".", color=PALE, markersize=2, rasterized=True, label=f"heard ({ok.sum():,})")
+        axes.plot(
+            x[ok], y[ok], ".", color=style.PALE, markersize=2, rasterized=True, label=f"heard ({ok.sum():,})"
+        )
         for member, (colour, marker, label) in _STATUS_LOOK.items():
             chosen = status == member
             if chosen.any():
                 text = f"{label} ({chosen.sum():,})"
                 axes.plot(x[chosen], y[chosen], marker, color=colour, markersize=2.6, label=text, **look)
         if not status.size:
-            note(axes, "no range was attempted")
+            style.note(axes, "no range was attempted")
     distance, depths = places
     distance.set_xlabel("Straight distance [km]")
     distance.set_ylabel("Depth difference [m]")
     depths.set_xlabel("Depth of the shallower end [m]")
     depths.set_ylabel("Depth of the deeper end [m]")
     depths.invert_yaxis()
-    panel_title(distance, "a", "attempts by distance")
-    panel_title(depths, "b", "attempts by depth")
+    style.panel_title(distance, "a", "attempts by distance")
+    style.panel_title(depths, "b", "attempts by depth")
     if status.size:
         handles = distance.get_legend_handles_labels()[0]
-        common_legend(figure, handles, markerscale=1.8, handletextpad=0.1)
+        style.common_legend(figure, handles, markerscale=1.8, handletextpad=0.1)
     return figure
 
 
-def _moments(errors: Array) -> str:
+def _moments(errors: style.Array) -> str:
     if not errors.size:
         return "no range was heard"
     text = f"N = {errors.size:,}, mean {errors.mean():+.2f} m, sd {_spread(errors):.2f} m"
     return text.replace("-", "−")
 
 
-def _spread(errors: Array) -> float:
+def _spread(errors: style.Array) -> float:
     """Standard deviation as in the table, 0 for a single value."""
     return float(errors.std(ddof=1)) if errors.size > 1 else 0.0
 
 
-def _edges(values: Array) -> Array:
+def _edges(values: style.Array) -> style.Array:
     """Edges of bins of equal width, with zero at the middle of one, that hold all values."""
     reach = max(float(np.abs(values).max(initial=0.0)), 1e-6)
     count = int(np.clip(4.0 * np.sqrt(values.size), 11, 121)) // 2
@@ -162,22 +154,26 @@ def _edges(values: Array) -> Array:
     return np.asarray(width * (np.arange(2 * count + 2) - count - 0.5), dtype=float)
 
 
-def _histogram(axes: Axes, errors: Array) -> None:
-    axes.axvline(0.0, color=INK, linewidth=0.8, linestyle="--", label="zero")
+def _histogram(axes: Axes, errors: style.Array) -> None:
+    axes.axvline(0.0, color=style.INK, linewidth=0.8, linestyle="--", label="zero")
     if not errors.size:
         axes.set_xlim(-1.0, 1.0)
-        note(axes, "no range was heard")
+        style.note(axes, "no range was heard")
         return
     edges = _edges(errors)
-    axes.stairs(np.histogram(errors, edges)[0], edges, fill=True, color=SKY, label="ranges")
+    axes.stairs(np.histogram(errors, edges)[0], edges, fill=True, color=style.SKY, label="ranges")
     mean, sd = float(errors.mean()), _spread(errors)
     if sd > 0.0:
         x = np.linspace(edges[0], edges[-1], 601)
         scale = errors.size * (edges[1] - edges[0]) / (sd * np.sqrt(2.0 * np.pi))
         axes.plot(
-            x, scale * np.exp(-0.5 * ((x - mean) / sd) ** 2), color=INK, linewidth=1.0, label="fitted normal"
+            x,
+            scale * np.exp(-0.5 * ((x - mean) / sd) ** 2),
+            color=style.INK,
+            linewidth=1.0,
+            label="fitted normal",
         )
-    axes.axvline(mean, color=ORANGE, linewidth=1.2, label="mean")
+    axes.axvline(mean, color=style.ORANGE, linewidth=1.2, label="mean")
     axes.yaxis.set_major_formatter(ScalarFormatter())
 
 

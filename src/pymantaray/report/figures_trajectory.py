@@ -10,28 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
+from pymantaray.report import style
 from pymantaray.report.figures import Results, register
-from pymantaray.report.style import (
-    DISTINCT,
-    DOUBLE,
-    GREY,
-    HEADER_LINE,
-    INK,
-    SKY,
-    Array,
-    common_legend,
-    condition_looks,
-    condition_style,
-    entry,
-    halo,
-    legend_lines,
-    new_figure,
-    note,
-    panel_title,
-    plain,
-    short,
-    styled,
-)
 
 _LOG_BINS, _LINEAR_BINS = 100, 60
 _ROOF = 0.78  # share of a row's height that is drawn in; above it are the words
@@ -44,21 +24,21 @@ class ApePanel:
     """One column of `pooled_ape`."""
 
     title: str
-    errors: Mapping[str, Array]
+    errors: Mapping[str, style.Array]
     log: bool
 
 
-def _shown_over_time(results: Results) -> Mapping[str, Array]:
+def _shown_over_time(results: Results) -> Mapping[str, style.Array]:
     """Errors of all conditions, or of the study's own where estimators are too many for one panel."""
     conditions = results.run.config.study.conditions
-    if len(results.errors) - len(conditions) <= DISTINCT:
+    if len(results.errors) - len(conditions) <= style.DISTINCT:
         return results.errors
     return {name: errors for name, errors in results.errors.items() if name in conditions}
 
 
 def _caption_over_time(results: Results) -> str:
     shown = _shown_over_time(results)
-    shaded = ", quartiles shaded" if len(shown) <= HEADER_LINE else ""
+    shaded = ", quartiles shaded" if len(shown) <= style.HEADER_LINE else ""
     others = "; estimators are in the next figure" if len(shown) < len(results.errors) else ""
     return (
         f"Position error of each vehicle over time: median of {results.realizations}{shaded}{others};"
@@ -66,12 +46,12 @@ def _caption_over_time(results: Results) -> str:
     )
 
 
-@styled
+@style.styled
 def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
     """Distribution of the translational error, all vehicles, times and realizations pooled."""
     conditions = list(dict.fromkeys(name for panel in panels for name in panel.errors))
     rows = max(len(conditions), 1)
-    figure = new_figure(DOUBLE, 0.85 + 0.72 * rows, header)
+    figure = style.new_figure(style.DOUBLE, 0.85 + 0.72 * rows, header)
     grid = figure.subplots(rows, len(panels), squeeze=False, sharex="col")
     pooled = [
         {name: values[np.isfinite(values)] for name, values in panel.errors.items()} for panel in panels
@@ -81,31 +61,33 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
         for log in {panel.log for panel in panels}
     }
     for c, (panel, values) in enumerate(zip(panels, pooled, strict=True)):
-        panel_title(grid[0, c], "abcdefgh"[c], plain(short(panel.title)))
+        style.panel_title(grid[0, c], "abcdefgh"[c], style.plain(style.short(panel.title)))
         grid[-1, c].set_xlabel("Absolute position error [m]")
         for axes, name in zip(grid[:, c], conditions, strict=False):
             _ridge(axes, values.get(name, np.empty(0)), edges[panel.log], name, log=panel.log)
     figure.supylabel("Share of poses in a bin [%]")
-    mean = entry("mean", color=INK, linewidth=1.2)
-    common_legend(figure, [mean, entry("quartiles", color=INK, linewidth=0.8, linestyle="--")])
+    mean = style.entry("mean", color=style.INK, linewidth=1.2)
+    style.common_legend(
+        figure, [mean, style.entry("quartiles", color=style.INK, linewidth=0.8, linestyle="--")]
+    )
     return figure
 
 
-@styled
+@style.styled
 def error_over_time(
-    time: Array,
+    time: style.Array,
     names: Sequence[str],
-    errors: Mapping[str, Array],
+    errors: Mapping[str, style.Array],
     fixes: NDArray[np.bool_],
     header: str,
 ) -> Figure:
     """Position error of every vehicle over time: median over the realizations; of few conditions quartiles shaded."""
     columns = min(3, max(len(names), 1))
     rows = max(-(-len(names) // columns), 1)
-    lines = legend_lines(len(errors) + 1)
+    lines = style.legend_lines(len(errors) + 1)
     legend = 0.06 + 0.14 * lines if lines else 0.0  # room for it below the panels [in]
-    width, height = DOUBLE, 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
-    figure = new_figure(width, height, header, layout=None)
+    width, height = style.DOUBLE, 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
+    figure = style.new_figure(width, height, header, layout=None)
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     figure.subplots_adjust(
         left=0.55 / width,
@@ -116,14 +98,14 @@ def error_over_time(
         hspace=0.38,
     )
     hours = time / 3600.0
-    looks = condition_looks(list(errors))
+    looks = style.condition_looks(list(errors))
     for name, values in errors.items():
         whole = values[np.isfinite(values).all(axis=(1, 2))]
         if not len(whole):
             continue
         low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _LEAST)
         for i, axes in enumerate(grid.flat[: len(names)]):
-            if len(errors) <= HEADER_LINE:
+            if len(errors) <= style.HEADER_LINE:
                 axes.fill_between(hours, low[i], high[i], color=looks[name][0], alpha=0.25, linewidth=0.0)
             axes.plot(hours, middle[i], color=looks[name][0], linewidth=0.9)
     for i, axes in enumerate(grid.flat):
@@ -133,19 +115,19 @@ def error_over_time(
         axes.set_yscale("log")
         axes.yaxis.set_minor_locator(NullLocator())
         axes.set_xlim(hours[0], hours[-1])
-        axes.set_title(plain(names[i]), loc="left", fontweight="bold")
-        look = {"transform": axes.get_xaxis_transform(), "color": SKY, "linewidth": 0.6}
+        axes.set_title(style.plain(names[i]), loc="left", fontweight="bold")
+        look = {"transform": axes.get_xaxis_transform(), "color": style.SKY, "linewidth": 0.6}
         axes.vlines(hours[fixes[i]], 0.0, 0.045, **look)
         if i + columns >= len(names):
             axes.tick_params(labelbottom=True)
     figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom")
     figure.supylabel("Position error [m]", x=0.06 / width, ha="left")
-    handles = [entry(condition_style(name)[1], color=looks[name][0]) for name in errors]
-    common_legend(figure, [*handles, entry("GNSS fix", color=SKY, linewidth=2.5)])
+    handles = [style.entry(style.condition_style(name)[1], color=looks[name][0]) for name in errors]
+    style.common_legend(figure, [*handles, style.entry("GNSS fix", color=style.SKY, linewidth=2.5)])
     return figure
 
 
-def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
+def _ape_edges(pools: Sequence[Mapping[str, style.Array]], *, log: bool) -> style.Array:
     """
     Edges of bins that all panels of one scale share.
 
@@ -165,28 +147,30 @@ def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
     return np.linspace(0.0, max(1.05 * reach, _LEAST), _LINEAR_BINS + 1)
 
 
-def _ridge(axes: Axes, values: Array, edges: Array, name: str, *, log: bool) -> None:
-    colour, label = condition_style(name)
+def _ridge(axes: Axes, values: style.Array, edges: style.Array, name: str, *, log: bool) -> None:
+    colour, label = style.condition_style(name)
     axes.grid(visible=False, axis="y")
     axes.locator_params(axis="y", nbins=3)
     if log:
         axes.set_xscale("log")
     axes.set_xlim(edges[0], edges[-1])
-    place: dict[str, Any] = {"transform": axes.transAxes, "va": "top", "path_effects": halo()}
+    place: dict[str, Any] = {"transform": axes.transAxes, "va": "top", "path_effects": style.halo()}
     axes.text(0.015, 0.98, label, color=colour, fontweight="bold", **place)
     if not values.size:
-        note(axes, "no usable solve")
+        style.note(axes, "no usable solve")
         return
     share = 100.0 * np.histogram(np.maximum(values, edges[0]), edges)[0] / values.size
     axes.stairs(share, edges, fill=True, color=colour, alpha=0.35, linewidth=0.0)
     axes.stairs(share, edges, color=colour, linewidth=0.8)
     mean = float(values.mean())
-    axes.axvline(mean, ymax=_ROOF, color=INK, linewidth=1.2)
+    axes.axvline(mean, ymax=_ROOF, color=style.INK, linewidth=1.2)
     for quartile in np.percentile(values, [25.0, 75.0]):
-        axes.axvline(quartile, ymax=_ROOF, color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
+        axes.axvline(quartile, ymax=_ROOF, color=style.INK, linewidth=0.8, linestyle=(0, (4, 2)))
     beyond = 100.0 * float(np.mean(values > edges[-1]))
     left_out = f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else ""
-    axes.text(0.985, 0.98, f"mean {f'{mean:#.3g}'.rstrip('.')} m{left_out}", color=GREY, ha="right", **place)
+    axes.text(
+        0.985, 0.98, f"mean {f'{mean:#.3g}'.rstrip('.')} m{left_out}", color=style.GREY, ha="right", **place
+    )
     axes.set_ylim(0.0, max(float(share.max()), 1e-6) / (_ROOF - 0.04))
 
 

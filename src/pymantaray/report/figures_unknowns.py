@@ -4,48 +4,44 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pymantaray.report import style
 from pymantaray.report.figures import register
-from pymantaray.report.style import (
-    BLUE,
-    DOUBLE,
-    GREY,
-    ORANGE,
-    common_legend,
-    new_figure,
-    panel_title,
-    plain,
-    short_numbers,
-    styled,
-)
 
 _HEIGHT = 1.35  # of a panel [in]
 _LEVEL = 110  # letters of names that fit on the axis level
 
 
-@styled
+@style.styled
 def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
     """Standard deviation and error of every unknown, in standard deviations that it had beforehand."""
     conditions = list(dict.fromkeys(table["condition"]))
     upright = [_too_wide(table.loc[table["condition"] == name, "unknown"]) for name in conditions]
     heights = [_HEIGHT + (0.6 if turned else 0.0) for turned in upright]
-    figure = new_figure(DOUBLE, 0.5 + sum(heights), header)
+    figure = style.new_figure(style.DOUBLE, 0.5 + sum(heights), header)
     grid = figure.subplots(len(conditions), 1, sharey=True, squeeze=False)[:, 0]
-    after = {"color": BLUE, "markersize": 9.0, "markeredgewidth": 1.6, "label": "standard deviation after"}
-    error = {"color": ORANGE, "markersize": 3.2, "label": "error, root mean square"}
+    after = {
+        "color": style.BLUE,
+        "markersize": 9.0,
+        "markeredgewidth": 1.6,
+        "label": "standard deviation after",
+    }
+    error = {"color": style.ORANGE, "markersize": 3.2, "label": "error, root mean square"}
     for i, (axes, name) in enumerate(zip(grid, conditions, strict=True)):
         part = table[table["condition"] == name]
         x, prior = np.arange(len(part)), part["prior_sigma"].to_numpy(dtype=float)
-        line = axes.axhline(1.0, color=GREY, linewidth=0.8, label="before")
+        line = axes.axhline(1.0, color=style.GREY, linewidth=0.8, label="before")
         points = axes.plot(x, part["sigma"] / prior, "_", **after)
         points += axes.plot(x, part["rms_error"] / prior, "o", **error)
         axes.set_yscale("log")
         axes.set_xlim(-0.6, len(part) - 0.4)
-        axes.set_xticks(x, [plain(unknown) for unknown in part["unknown"]], rotation=90 if upright[i] else 0)
+        axes.set_xticks(
+            x, [style.plain(unknown) for unknown in part["unknown"]], rotation=90 if upright[i] else 0
+        )
         axes.grid(visible=False, axis="x")
-        short_numbers(axes.yaxis)
-        panel_title(axes, "abcdefghijklmnopqrstuvwxyz"[i % 26], plain(name))
+        style.short_numbers(axes.yaxis)
+        style.panel_title(axes, "abcdefghijklmnopqrstuvwxyz"[i % 26], style.plain(name))
     figure.supylabel("In prior standard deviations [-]")
-    common_legend(figure, [*points, line])
+    style.common_legend(figure, [*points, line])
     return figure
 
 

@@ -19,29 +19,14 @@ from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
 from pymantaray.records import whole_file
+from pymantaray.report import style
 from pymantaray.report.figures_ocean import sound_speed_profiles
-from pymantaray.report.style import (
-    BED,
-    COLUMN,
-    DOUBLE,
-    FLOOR,
-    INK,
-    SHORE,
-    WATER,
-    Array,
-    new_figure,
-    ocean_header,
-    ocean_name,
-    panel_title,
-    rendered,
-    styled,
-)
 
 _LEVEL = 100.0  # m; of the map unless another is asked for
 _UPPER = 500.0  # m; depth of the upper panels of the sections
 _LAND = "#d9d2c7"
 _CELLS: dict[str, Any] = {"shading": "nearest", "rasterized": True}
-_ARROWS = {DOUBLE: 32, COLUMN: 18}  # across the longer side of a map
+_ARROWS = {style.DOUBLE: 32, style.COLUMN: 18}  # across the longer side of a map
 _MARGIN = 0.07  # of the axes, within which contour lines get no labels
 # white lines must read on yellow
 _OUTLINE: list[AbstractPathEffect] = [withStroke(linewidth=1.3, foreground="#30303070")]
@@ -101,10 +86,10 @@ def write_ocean_plots(
     if not 0.0 <= level <= deepest:
         raise ReportError(f"depth {level:g} m is not in the water; allowed 0 to {deepest:g} m")
     time = str(np.datetime_as_string(ocean["time"].values, unit="s"))
-    header = ocean_header({**ocean.attrs, "time": time})
+    header = style.ocean_header({**ocean.attrs, "time": time})
     draw: dict[str, Callable[[], Figure]] = {
         "ocean_profiles": lambda: sound_speed_profiles(
-            [(ocean_name(ocean.attrs), sound_speed_profile_spread(ocean))], header
+            [(style.ocean_name(ocean.attrs), sound_speed_profile_spread(ocean))], header
         ),
         "ocean_sections": lambda: sound_speed_sections(ocean, where, header, sea_floor),
         "ocean_map": lambda: sound_speed_map(ocean, level, header, sea_floor),
@@ -116,7 +101,7 @@ def write_ocean_plots(
     except OSError as error:
         raise WriteError(f"{folder}: cannot be made: {error.strerror or error}") from None
     for i, (name, figure) in enumerate(draw.items()):
-        for kind, content in rendered(figure(), ("png", "pdf")).items():
+        for kind, content in style.rendered(figure(), ("png", "pdf")).items():
             written.append(target / f"{name}.{kind}")
             with whole_file(written[-1]) as temporary:
                 temporary.write_bytes(content)
@@ -125,7 +110,7 @@ def write_ocean_plots(
     return written
 
 
-@styled
+@style.styled
 def sound_speed_map(
     ocean: xr.Dataset, depth: float, header: str, sea_floor: xr.DataArray | None = None
 ) -> Figure:
@@ -135,8 +120,8 @@ def sound_speed_map(
     speed = ocean_sound_speed(ocean.isel(depth=[k]))[0]
 
     def draw(axes: Axes, arrows: int) -> Any:
-        axes.set_facecolor(BED if level > 0.0 else _LAND)
-        mesh = axes.pcolormesh(ocean["lon"], ocean["lat"], speed, cmap=WATER, **_CELLS)
+        axes.set_facecolor(style.BED if level > 0.0 else _LAND)
+        mesh = axes.pcolormesh(ocean["lon"], ocean["lat"], speed, cmap=style.WATER, **_CELLS)
         _draw_floor_lines(axes, _floor_of(ocean, sea_floor))
         _draw_currents(axes, ocean.isel(depth=k), arrows)
         return mesh
@@ -144,7 +129,7 @@ def sound_speed_map(
     return _map(ocean, draw, "Sound speed [m/s]", header, f"at {level:g} m depth")
 
 
-@styled
+@style.styled
 def sea_floor_map(ocean: xr.Dataset, header: str, sea_floor: xr.DataArray | None = None) -> Figure:
     """Depth of the sea floor in plan."""
     floor = _floor_of(ocean, sea_floor)
@@ -155,7 +140,7 @@ def sea_floor_map(ocean: xr.Dataset, header: str, sea_floor: xr.DataArray | None
     def draw(axes: Axes, _arrows: int) -> Any:
         axes.set_facecolor(_LAND)
         wet = np.where(floor.values > 0.0, floor.values, np.nan)
-        mesh = axes.pcolormesh(floor["lon"], floor["lat"], wet, cmap=FLOOR, **_CELLS)
+        mesh = axes.pcolormesh(floor["lon"], floor["lat"], wet, cmap=style.FLOOR, **_CELLS)
         _draw_floor_lines(axes, floor)
         return mesh
 
@@ -176,9 +161,9 @@ def _map(
     aspect = 1.0 / max(float(np.cos(np.radians(0.5 * (lat[0] + lat[-1])))), 0.02)
     shape = aspect * (lat[-1] - lat[0]) / (lon[-1] - lon[0])
     wide = shape < 1.1
-    width = DOUBLE if wide else COLUMN
+    width = style.DOUBLE if wide else style.COLUMN
     height = min(max((width - 1.4) * shape + 0.75, 2.4), 7.0)
-    figure = new_figure(width, height, header)
+    figure = style.new_figure(width, height, header)
     axes = figure.subplots()
     axes.grid(visible=False)
     mesh = draw(axes, _ARROWS[width])
@@ -222,7 +207,7 @@ def _draw_currents(axes: Axes, level: xr.Dataset, count: int) -> None:
     step = [max(1, round(gap / d)) for d in (lat[1] - lat[0], squeeze * (lon[1] - lon[0]))]
     rows, columns = (slice(s // 2, None, s) for s in step)
     scale = float(np.nanpercentile(size, 99.0)) or 1.0
-    look: dict[str, Any] = {"color": INK, "width": 0.0018, "headwidth": 4.0, "zorder": 4}
+    look: dict[str, Any] = {"color": style.INK, "width": 0.0018, "headwidth": 4.0, "zorder": 4}
     size_on_page: dict[str, Any] = {"angles": "uv", "scale_units": "width", "scale": scale * count * 0.8}
     thinned = (lon[columns], lat[rows], u[rows, columns], v[rows, columns])
     arrows = axes.quiver(*thinned, **size_on_page, **look)
@@ -234,21 +219,21 @@ def _draw_currents(axes: Axes, level: xr.Dataset, count: int) -> None:
 class _Cut(NamedTuple):
     """One vertical section."""
 
-    along: Array
+    along: style.Array
     """Latitude or longitude. [degrees]"""
-    speed: Array
+    speed: style.Array
     """Shape (depth, along), NaN below the sea bed. [m/s]"""
-    filled: Array
+    filled: style.Array
     """The same, carried on beneath it as `to_local` does. [m/s]"""
-    bed_along: Array
-    bed: Array
+    bed_along: style.Array
+    bed: style.Array
     """Sea floor, on an axis of its own. [m]"""
     crossing: float
     """Where the other section crosses. [degrees]"""
     title: str
 
 
-@styled
+@style.styled
 def sound_speed_sections(
     ocean: xr.Dataset, place: tuple[float, float], header: str, sea_floor: xr.DataArray | None = None
 ) -> Figure:
@@ -258,7 +243,7 @@ def sound_speed_sections(
     known = np.any([np.isfinite(cut.speed).any(axis=1) for cut in cuts], axis=0)
     lowest = float(depth[known][-1])
     deepest = max(min(max(float(cut.bed.max()) for cut in cuts), 1.02 * lowest), lowest)
-    figure = new_figure(DOUBLE, 4.4, header)
+    figure = style.new_figure(style.DOUBLE, 4.4, header)
     widths = _widths(ocean["lat"].values, ocean["lon"].values)
     panels = figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=widths)
     for i, limit in enumerate((min(_UPPER, deepest), deepest)):
@@ -267,9 +252,9 @@ def sound_speed_sections(
         for j, cut in enumerate(cuts):
             axes = panels[i, j]
             mesh = _draw_section(axes, depth, cut, (low, high), limit)
-            axes.axvline(cut.crossing, color=INK, linestyle=":", linewidth=0.7, zorder=1.5)
+            axes.axvline(cut.crossing, color=style.INK, linestyle=":", linewidth=0.7, zorder=1.5)
             if i == 0:
-                panel_title(axes, "ab"[j], cut.title)
+                style.panel_title(axes, "ab"[j], cut.title)
             axes.xaxis.set_major_formatter(FuncFormatter(_longitude if j == 0 else _latitude))
             axes.xaxis.set_major_locator(MaxNLocator(5 if j == 0 else 4, steps=[1, 2, 5, 10]))
         panels[i, 0].set_ylabel("Depth [m]")
@@ -302,12 +287,12 @@ def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) ->
     )
 
 
-def _draw_section(axes: Axes, depth: Array, cut: _Cut, span: tuple[float, float], limit: float) -> Any:
+def _draw_section(axes: Axes, depth: style.Array, cut: _Cut, span: tuple[float, float], limit: float) -> Any:
     """Sound speed as filled contours, which go on under the bed so that their edge is the bed's; then the bed."""
     axes.grid(visible=False)
     along, bed = cut.along, cut.bed
     levels = np.linspace(*span, 41) if span[1] > span[0] else np.array([span[0] - 0.5, span[0] + 0.5])
-    mesh = axes.contourf(along, depth, np.clip(cut.filled, *span), levels=levels, cmap=WATER)
+    mesh = axes.contourf(along, depth, np.clip(cut.filled, *span), levels=levels, cmap=style.WATER)
     mesh.set_edgecolor("face")
     mesh.set_linewidth(0.2)
     mesh.set_rasterized(True)
@@ -318,19 +303,21 @@ def _draw_section(axes: Axes, depth: Array, cut: _Cut, span: tuple[float, float]
     look: dict[str, Any] = {"colors": "white", "linewidths": 0.5}
     lines = axes.contour(along, depth[shown], cut.speed[shown], levels=ticks, **look)
     _label_contours(axes, lines, "%g")
-    axes.fill_between(cut.bed_along, bed, 2.0 * max(limit, bed.max()), color=BED, linewidth=0.0, zorder=3)
-    axes.plot(cut.bed_along, bed, color=SHORE, linewidth=0.8, zorder=3)
+    axes.fill_between(
+        cut.bed_along, bed, 2.0 * max(limit, bed.max()), color=style.BED, linewidth=0.0, zorder=3
+    )
+    axes.plot(cut.bed_along, bed, color=style.SHORE, linewidth=0.8, zorder=3)
     return mesh
 
 
-def _along(floor: xr.DataArray, axis: str, at: float) -> tuple[Array, Array]:
+def _along(floor: xr.DataArray, axis: str, at: float) -> tuple[style.Array, style.Array]:
     """Axis and depth of the sea floor along a grid line."""
     other = "lat" if axis == "lon" else "lon"
     line = floor.interp({other: at}, kwargs={"fill_value": "extrapolate"})
     return np.asarray(line[axis].values, dtype=float), np.maximum(line.values, 0.0)
 
 
-def _widths(lat: Array, lon: Array) -> list[float]:
+def _widths(lat: style.Array, lon: style.Array) -> list[float]:
     """Ratio of the panels' widths: by length in kilometres, within reason."""
     east = (lon[-1] - lon[0]) * float(np.cos(np.radians(0.5 * (lat[0] + lat[-1]))))
     return [float(np.clip(east / (lat[-1] - lat[0]), 0.7, 1.5)), 1.0]
@@ -345,7 +332,7 @@ def _floor_of(ocean: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.DataArray
     return sea_floor.assign_coords(lon=lon - whole_turns(0.5 * float(lon[0] + lon[-1]), about=middle))
 
 
-def _nearest(axis: Array, value: float) -> int:
+def _nearest(axis: style.Array, value: float) -> int:
     """Index of the point of an axis that is nearest to a value."""
     return int(np.argmin(np.abs(np.asarray(axis, dtype=float) - value)))
 
@@ -353,7 +340,7 @@ def _nearest(axis: Array, value: float) -> int:
 def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
     """Write values on contour lines, readable on light and on dark, away from the frame and each other."""
     to_axes = axes.transData + axes.transAxes.inverted()
-    places: list[Array] = []
+    places: list[style.Array] = []
     for path in lines.get_paths():
         for line in path.to_polygons(closed_only=False):
             corners = to_axes.transform(line)
