@@ -10,7 +10,7 @@ from refusals import refused
 from pymantaray.errors import ReportError, WriteError
 from pymantaray.ocean import synthetic_ocean
 from pymantaray.ocean.seawater import sound_speed
-from pymantaray.report import ocean_plots
+from pymantaray.report import style
 from pymantaray.report.ocean_plots import (
     sea_floor_map,
     sound_speed_map,
@@ -96,7 +96,7 @@ def test_uniform_water_at_rest_and_a_flat_bed_can_be_drawn(look, ocean):
 
 
 def test_all_are_written_or_the_reason_is_given(ocean, tmp_path, monkeypatch):
-    monkeypatch.setattr(ocean_plots, "rendered", lambda _, kinds: dict.fromkeys(kinds, b"drawn"))
+    monkeypatch.setattr(style, "rendered", lambda _, kinds: dict.fromkeys(kinds, b"drawn"))
     names = ["ocean_profiles", "ocean_sections", "ocean_map", "ocean_sea_floor"]
     written = write_ocean_plots(ocean, tmp_path / "a", place=(78.0, 361.0))
     assert written == [tmp_path / "a" / f"{n}.{kind}" for n in names for kind in ("png", "pdf")]
