@@ -5,9 +5,11 @@ Python calls entries; entries call kernels, which are compiled as part of them. 
 (``NUMBA_ENABLE_CUDASIM=1``) and with ``NUMBA_DISABLE_JIT=1`` both are plain Python.
 """
 
+import gc
 import hashlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,42 +25,81 @@ _SHARED_SOURCES = (Path(__file__), Path(__file__).parent / "records" / "status.p
 # (two atomic operations an access; it made a field evaluation six times slower) can be left out.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
 
-# Numba optimizes each function and compiles it to machine code by itself, and again within each that calls it,
-# directly or not: more than half of all time for kernels that only kernels call. `_linked_only` leaves that out by
-# inner parts of Numba, so it is for the versions on which it was tried; with others each kernel is compiled
-# by itself, in twice the time.
+# Numba links, optimizes and compiles each function by itself, and again within each that calls it, directly or not: more
+# than half of all time for kernels that only kernels call. Here their code is linked, optimized as a whole and compiled in
+# entries only. That needs inner parts of Numba, so it is for the versions on which it was tried; with others each kernel is
+# compiled by itself, in three times the time.
 _TRIED = (0, 61), (0, 68)
 
+# Passes of Numba's for what no kernel has: with blocks, closures, raised exceptions, lists, array expressions.
+_SPARED = {
+    "with_lifting",
+    "inline_closure_likes",
+    "Rewrite dynamic raises",
+    "make_function_op_code_to_jit_function",
+    "inline_inlinables",
+    "find_literally",
+    "literal_unroll",
+    "LiteralPropagation",
+    "inline_overloads",
+    "nopython_rewrites",
+    "nopython_supported_feature_validation",
+    "dump_parfor_diagnostics",
+}
 
-def _linked_only() -> dict[str, Any]:
-    """Options by which the code of a kernel is only linked into that of its callers; none in an untried Numba."""
+
+def _compilers() -> tuple[dict[str, Any], dict[str, Any]]:
+    """Options of kernels and of entries by which kernels are only linked into entries; none in an untried Numba."""
     if not _TRIED[0] <= tuple(int(n) for n in numba.__version__.split(".")[:2]) <= _TRIED[1]:
-        return {}
+        return {}, {}
     try:
         from numba.core.codegen import JITCodeLibrary
         from numba.core.compiler import CompilerBase, DefaultPassBuilder
         from numba.core.compiler_machinery import register_pass
         from numba.core.typed_passes import NativeLowering
     except ImportError:
-        return {}
+        return {}, {}
 
-    class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
-        """Code of a kernel and of those it calls, neither optimized as a whole nor compiled."""
+    class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
+        """Code of one kernel, without that of those it calls, optimized by itself only."""
 
         def finalize(self) -> None:
-            for library in dict.fromkeys(self._linking_libraries):
-                self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+            for function in self._final_module.functions:
+                if not function.is_declaration and function.linkage.name == "external":
+                    function.linkage = "linkonce_odr"
+            self._shared_module = self._final_module
             self._finalized = True
 
+    class EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
+        """Code of an entry and of all kernels that it calls, directly or not, optimized once as a whole."""
+
+        _linking_libraries: list[Any]
+
+        def finalize(self) -> None:
+            waiting, all_libraries = list(self._linking_libraries), dict[Any, None]()
+            while waiting:
+                library = waiting.pop()
+                if library not in all_libraries:
+                    all_libraries[library] = None
+                    waiting += library._linking_libraries if isinstance(library, KernelLibrary) else []
+            self._linking_libraries = list(all_libraries)
+            super().finalize()
+
+        def _optimize_final_module(self) -> None:
+            """Leave out Numba's first round, which prepares the pruning of reference counts: there are none."""
+            passes = self._codegen._module_pass_manager()
+            manager, *builder = passes if isinstance(passes, tuple) else (passes,)
+            manager.run(self._final_module, *builder)
+
     @register_pass(mutates_CFG=True, analysis_only=False)
-    class LinkedLowering(NativeLowering):  # type: ignore[misc]
+    class KernelLowering(NativeLowering):  # type: ignore[misc]
         """Numba's last pass without what serves calls from Python."""
 
-        _name = "linked_lowering"
+        _name = "kernel_lowering"
 
         def run_pass(self, state: Any) -> bool:
             name = state.func_id.func_qualname
-            state.library = LinkedLibrary(state.targetctx.codegen(), name)
+            state.library = KernelLibrary(state.targetctx.codegen(), name)
             state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
             changed: bool = super().run_pass(state)
             # The dispatcher wants a built-in function, one of its own for each kernel; this one raises KeyError with
@@ -68,21 +109,74 @@ def _linked_only() -> dict[str, Any]:
             state["cr"] = state.cr._replace(cfunc=no_entry)
             return changed
 
+    @register_pass(mutates_CFG=True, analysis_only=False)
+    class EntryLowering(NativeLowering):  # type: ignore[misc]
+        """Numba's last pass into a library that takes up kernels."""
+
+        _name = "entry_lowering"
+
+        def run_pass(self, state: Any) -> bool:
+            state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+            state.library.enable_object_caching()
+            changed: bool = super().run_pass(state)
+            return changed
+
     class KernelCompiler(CompilerBase):  # type: ignore[misc]
-        """Numba's compiler with that pass in place of its own."""
+        """Numba's compiler with another last pass, without passes for what kernels do not have."""
+
+        lowering = KernelLowering
 
         def define_pipelines(self) -> list[Any]:
             manager = DefaultPassBuilder.define_nopython_pipeline(self.state)
             manager.passes = [
-                (LinkedLowering if own is NativeLowering else own, why) for own, why in manager.passes
+                (self.lowering if own is NativeLowering else own, why)
+                for own, why in manager.passes
+                if own._name not in _SPARED
             ]
             manager.finalize()
             return [manager]
 
-    return {"pipeline_class": KernelCompiler}
+    class EntryCompiler(KernelCompiler):
+        """The same for an entry, which compiles the kernels that it calls on its way."""
+
+        lowering = EntryLowering
+
+        def compile_extra(self, function: Any) -> Any:
+            if not _say_not_kept.cache_info().currsize:
+                _say_once("compiling kernels: some seconds, the first time only")
+            with _each_operator_resolved_once():
+                return super().compile_extra(function)
+
+    return {"pipeline_class": KernelCompiler}, {"pipeline_class": EntryCompiler}
 
 
-_LINKED_ONLY = _linked_only()
+@contextmanager
+def _each_operator_resolved_once() -> Iterator[None]:
+    """Let Numba remember which of an operator's implementations takes which types, a fifth of all time; no collection of garbage."""
+    from numba.core.types import functions
+
+    operators: Any = functions.BaseFunction
+    resolve, signatures = operators.get_call_type, dict[Any, Any]()
+
+    def remembered(operator: Any, context: Any, args: Any, kws: Any) -> Any:
+        if kws:
+            return resolve(operator, context, args, kws)
+        if (operator, args) not in signatures:
+            signatures[operator, args] = resolve(operator, context, args, kws)
+        return signatures[operator, args]
+
+    collecting = gc.isenabled()
+    gc.disable()
+    operators.get_call_type = remembered
+    try:
+        yield
+    finally:
+        operators.get_call_type = resolve
+        if collecting:
+            gc.enable()
+
+
+_KERNEL, _ENTRY = _compilers()
 
 
 @cache
@@ -105,7 +199,7 @@ def kept_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], **o
     try:
         compiled = decorate(cache=True, **options)(function)
     except RuntimeError:  # no locator
-        _warn_once("neither the package's folder nor the user's cache can be written to")
+        _say_not_kept("neither the package's folder nor the user's cache can be written to")
         return decorate(**options)(function)
     finally:
         function.__qualname__ = name
@@ -125,16 +219,21 @@ def _save_if_there_is_room(kept: Any) -> None:
         try:
             save(signature, code)
         except OSError as error:
-            _warn_once(str(error.strerror))
+            _say_not_kept(str(error.strerror))
 
     kept.save_overload = try_to_save
 
 
 @cache
-def _warn_once(cause: str) -> None:
-    logging.getLogger("pymantaray").warning(
+def _say_once(line: str) -> None:
+    logging.getLogger("pymantaray").warning(line)
+
+
+@cache
+def _say_not_kept(cause: str) -> None:
+    _say_once(
         f"compiled kernels cannot be kept: {cause}; "
-        "each process compiles them (half a minute); set NUMBA_CACHE_DIR to a folder that can be written to"
+        "each process compiles them; set NUMBA_CACHE_DIR to a folder that can be written to"
     )
 
 
@@ -150,16 +249,26 @@ def _discard_stale(folder: Path, stem: str, digest: str) -> None:
 
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls."""
-    return function if PLAIN else kept_on_disk(njit, function, **_OPTIONS)
+    return function if PLAIN else kept_on_disk(njit, function, **_ENTRY, **_OPTIONS)
 
 
 def kernel(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a function that entries and kernels call."""
     if PLAIN:
         return function
-    if _LINKED_ONLY:
-        return njit(**_LINKED_ONLY, **_OPTIONS, **options)(function)
-    return kept_on_disk(njit, function, **_OPTIONS, **options)
+    if not _KERNEL:
+        return kept_on_disk(njit, function, **_OPTIONS, **options)
+    compiled = njit(**_KERNEL, **_OPTIONS, **options)(function)
+    template = compiled.get_call_template
+
+    def template_of_types(args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
+        """Take a constant by its type, for which the kernel may have been compiled already."""
+        return template(
+            tuple(map(types.unliteral, args)), {name: types.unliteral(x) for name, x in kws.items()}
+        )
+
+    compiled.get_call_template = template_of_types
+    return compiled
 
 
 def inlined(function: Callable[..., Any]) -> Any:

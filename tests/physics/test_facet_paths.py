@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from factories import inner_links, twisted
-from numba import njit
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.acoustics import find_eigenrays
 from pymantaray.acoustics._kernels.layout import workspace
 from pymantaray.acoustics._kernels.link import prepare
 from pymantaray.acoustics._kernels.trace import fan_ray, legs_course, trace
+from pymantaray.compile import entry
 
 C = 1500.0
 
@@ -225,7 +225,7 @@ def test_rays_that_no_ray_in_the_plane_of_the_link_leads_to():
     assert not invented
 
 
-@njit(_nrt=False)
+@entry
 def steps_in_depth(domain, source, receiver, angle, work):
     """Steps of a ray followed leg by leg in depth, down and up again."""
     s, walls, link = prepare(domain, source, receiver, work)
