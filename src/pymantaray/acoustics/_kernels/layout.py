@@ -11,9 +11,10 @@ from pymantaray.compile import PLAIN
 W, P, XI, ETA, TAU, Y, Q, DY_DQ = range(8)
 N_FAN, N_FULL = 4, 8
 # Kept beside it for a fan: the distance along the axis at which an OPEN ray left the water or a FORWARD one was reflected
-# too often (0: nowhere), and the largest |xi| on its way.
-GONE, GROWN = 8, 9
-N_STATE = 10
+# too often (0: nowhere), and the largest |xi| on its way; of the former the derivative of that place by the launch angle, and of
+# the logarithm of how steeply it rose there.
+GONE, GROWN, GONE_RATE, GONE_BEND = range(8, 12)
+N_STATE = 12
 
 # Node of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset [m],
 # slowness along range, depth and cross-track [times the source's sound speed], boundary.
@@ -26,9 +27,10 @@ NODE_TIME, NODE_POSITION, NODE_SLOWNESS, NODE_BOUNDARY = 0, 1, 4, 7
 N_NODE = 8
 
 # Ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, code of its reflections; for the
-# search only: error of the cubic about it, GONE, tolerance, how far it diverged on its way.
-ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT, LEFT, TOL, GROWTH = range(11)
-N_RAY = 11
+# search only: error of the cubic about it, tolerance, how far it diverged on its way, and GONE with what is known of it.
+ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT, TOL, GROWTH = range(10)
+LEFT, LEFT_RATE, LEFT_BEND = range(10, 13)
+N_RAY = 13
 N_BRACKET = 7  # of these an end of a bracket has the first
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
@@ -125,12 +127,12 @@ Ray.__doc__ = """What one ray is integrated in; K (7, N_FULL) asks for the full 
 path (n, N_PATH) takes every accepted step of a full ray when it has rows.
 """
 
-N_LANES = 39  # rows of eight numbers, see `march`
+N_LANES = 41  # rows of eight numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_PATH = 32_768
 MAX_NODES = 4096
 MAX_ROOTS = 256
-MAX_STACK = 128
+MAX_STACK = 40
 MAX_CANDIDATES = 96
 _ANGLES = 768  # nodes of a first fan besides those of the levels: twice the widest fan over its spacing
 

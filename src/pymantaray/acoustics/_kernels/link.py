@@ -14,7 +14,16 @@ from pymantaray.acoustics._kernels.field import (
     sort_head,
 )
 from pymantaray.acoustics._kernels.layout import Accuracy, Baseline, Link, Walls
-from pymantaray.acoustics._kernels.refine import finish, polish, refine, sort_rows, unresolved_db
+from pymantaray.acoustics._kernels.refine import (
+    RESOLUTION,
+    Launch,
+    cubic_angle,
+    finish,
+    polish,
+    refine,
+    sort_rows,
+    unresolved_db,
+)
 from pymantaray.acoustics._kernels.search import (
     BEYOND,
     STEEP,
@@ -23,20 +32,21 @@ from pymantaray.acoustics._kernels.search import (
     fan_nodes,
     find_brackets,
     is_steep,
+    is_weak,
     shoot,
     snell_limit,
     speed_extremes,
     turning_limits,
 )
 from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
-from pymantaray.acoustics._kernels.trace import direct_course
+from pymantaray.acoustics._kernels.trace import direct_course, full_ray, trace
 from pymantaray.compile import entry, kernel
 
+_CLEAR, _THROUGH, _BLOCKED = range(3)  # where a ray goes: in the water, through the surface, to the sea bed
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; of the first fan, and nodes nearer to each other are merged
 _SPACING_LINEAR = 0.008, 1e-9
 _LONG = 2e4  # m; beyond, the tolerance grows with the length of the link
-_RESOLUTION = 1e-6  # rad; narrower intervals of a fan are not divided
 _GAUSS_NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
 _GAUSS_WEIGHTS = (
     0.23692688505618908,
@@ -152,23 +162,30 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
         coarse = fine
         spacing = _SPACING_LINEAR
     accuracy = Accuracy(coarse, fine, min(1e-2, 1e-6 * link.length))
-    weak_slope = link.length * 10.0 ** (0.1 * settings.cutoff_db + 2.0)
+    weak_slope = link.length * 10.0 ** (0.1 * settings.cutoff_db + 1.0)
     if course.axis[2] != 0.0:
         n, margin, rays, complete = _chord_bracket(s, walls, course, coarse, work)
     else:
         # a ray that turns does so within the limits; one that does not is at some depth as steep as the chord
         lo = -math.acos(math.cos(limits[0]) * math.cos(min(slope, 0.0))) - BEYOND
         hi = math.acos(math.cos(limits[1]) * math.cos(max(slope, 0.0))) + BEYOND
-        search = Search(coarse, fine, _RESOLUTION, 0.0, 0.0, weak_slope, 0.0)
+        search = Search(coarse, fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0)
         n_nodes = fan_nodes(s, lo, hi, spacing, link.c0, work.nodes)
         n, margin, rays, complete = find_brackets(s, walls, course, n_nodes, search, work)
     count, through_surface, blocked, weak = _keep_direct(
-        s, walls, link, (n, course), settings.cutoff_db, accuracy, work
+        s, walls, link, (n, course), (settings.cutoff_db, weak_slope), accuracy, work
     )
     if bounces is not None and bounces[0] + bounces[1] > 0:  # for None Numba leaves this out
         limit = snell_limit(s, link.c0, 0.0, math.inf, variation, work.extremes)[0] + STEEP
         hunt = Hunt(
-            link, reach_of(walls, link), accuracy, bounces, settings.cutoff_db, weak_slope, limit, spacing
+            link,
+            reach_of(walls, link),
+            accuracy,
+            bounces,
+            settings.cutoff_db,
+            10.0 * weak_slope,
+            limit,
+            spacing,
         )
         count, more_weak, more_rays, all_there = add_reflected(s, walls, hunt, count, work)
         weak += more_weak
@@ -186,7 +203,7 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
         return 0, WEAK
     if blocked > 0:
         return 0, BLOCKED
-    if through_surface > 0:
+    if through_surface > 0 or margin == 0.0:
         info[at.MARGIN] = math.nan  # rays that would come by way of the surface miss by nothing
     return 0, SHADOW
 
@@ -218,49 +235,75 @@ def _chord_bracket(s, walls, course, tol, work):
 
 
 @kernel
-def _keep_direct(s, walls, link, found, cutoff_db, accuracy, work):
+def _place(launch, course, walls, work):
+    """Where the ray in work goes: _THROUGH the surface, _BLOCKED by the sea bed, or _CLEAR."""
+    _, cb, sb, _ = course.axis
+    y = work.y
+    miss = y[at.W] - course.target
+    below_surface, above_bottom = clearances(work.path, launch.steps, walls, -sb * miss, cb * miss, y[at.Y])
+    if below_surface < -TOUCH:
+        return _THROUGH
+    return _BLOCKED if above_bottom < -TOUCH else _CLEAR
+
+
+@kernel
+def _keep_direct(s, walls, link, found, cutoff, accuracy, work):
     """Refine the direct rays, found is the number of brackets and their course, and keep those that stay in the water.
 
+    cutoff is that of spreading, and the slope of the miss of rays too weak to be refined. [dB, m]
     Returns the number of rows, and how many rays went through the surface, met the sea bed or are too weak.
     """
     n, course = found
-    _, cb, sb, _ = course.axis
-    y, rows, brackets = work.y, work.rows, work.brackets
+    rows, brackets = work.rows, work.brackets
     count, through_surface, blocked, weak = 0, 0, 0, 0
     for i in range(n):
+        if is_weak(brackets[i], cutoff[1], RESOLUTION):
+            continue
         launch = polish(s, walls, course, brackets[i], accuracy, work)
         if not launch.ok:
-            launch = refine(s, walls, course, brackets[i], accuracy, work)
+            launch = refine(s, walls, course, brackets[i], accuracy, cutoff[1], work)
         if not launch.ok:
             continue
-        miss = y[at.W] - course.target
-        below_surface, above_bottom = clearances(
-            work.path, launch.steps, walls, -sb * miss, cb * miss, y[at.Y]
-        )
-        if below_surface < -TOUCH:
-            through_surface += 1
-            continue
-        if above_bottom < -TOUCH:
-            blocked += 1
+        place = _place(launch, course, walls, work)
+        through_surface += 1 if place == _THROUGH else 0
+        blocked += 1 if place == _BLOCKED else 0
+        if place != _CLEAR:
             continue
         row = rows[count]
-        finish(row, y, launch, course, link, 0.0)
+        finish(row, work.y, launch, course, link, 0.0)
         row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
-        noise = 30.0 * accuracy.fine * max(1.0, abs(y[at.XI]) / link.length)
-        row[at.SPREADING_DB] += unresolved_db(brackets[i], _RESOLUTION, noise, y[at.XI])
-        if row[at.SPREADING_DB] > cutoff_db:
+        slope = work.y[at.XI]
+        noise = 30.0 * accuracy.fine * max(1.0, abs(slope) / link.length)
+        row[at.SPREADING_DB] += unresolved_db(brackets[i], noise, slope)
+        if row[at.SPREADING_DB] > cutoff[0]:
             weak += 1
-            continue
-        same = count
-        for j in range(count):  # a caustic's two brackets may have found one ray
-            near_in_time = abs(rows[j, at.TRAVEL_TIME] - row[at.TRAVEL_TIME]) < 1e-7
-            if near_in_time and abs(rows[j, at.LAUNCH_ANGLE] - row[at.LAUNCH_ANGLE]) < 5e-6:
-                same = j
-        if same < count and row[at.SPREADING_DB] < rows[same, at.SPREADING_DB]:
-            for j in range(at.N_ARRIVAL):
-                rows[same, j] = row[j]
-        count += 1 if same == count else 0
+        else:
+            count = _keep_row(rows, count)
+    if count + weak > 0:
+        return count, through_surface, blocked, weak
+    for i in range(n):  # what becomes of rays too weak to be refined matters where there is no other
+        angle = cubic_angle(brackets[i, 0], brackets[i, 1], 0.0)
+        ok, steps, turns, _ = trace(s, walls, course, angle, 0.0, accuracy.coarse, full_ray(work))
+        place = _place(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
+        through_surface += 1 if place == _THROUGH else 0
+        blocked += 1 if place == _BLOCKED else 0
+        if ok and place == _CLEAR:
+            return count, through_surface, blocked, 1
     return count, through_surface, blocked, weak
+
+
+@kernel
+def _keep_row(rows, count):
+    """Keep the row after the first count, of rows of one ray (a caustic's two brackets may lead to it) the strongest; return how many are kept."""
+    row = rows[count]
+    for j in range(count):
+        near_in_time = abs(rows[j, at.TRAVEL_TIME] - row[at.TRAVEL_TIME]) < 1e-7
+        if near_in_time and abs(rows[j, at.LAUNCH_ANGLE] - row[at.LAUNCH_ANGLE]) < 5e-6:
+            if row[at.SPREADING_DB] < rows[j, at.SPREADING_DB]:
+                for k in range(at.N_ARRIVAL):
+                    rows[j, k] = row[k]
+            return count
+    return count + 1
 
 
 @entry

@@ -26,7 +26,7 @@ from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, A, C
 from pymantaray.compile import inlined, kernel
 
 # Rows of the workspace: state, its derivatives at the seven stages of a step, and what belongs to each ray
-_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT = 4, 32, 33, 34, 35, 36, 37, 38
+_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT, _RATE, _BEND = 4, *range(32, 41)
 FIRST_STEP = 60.0  # m
 _COME, _FAILED = 1.0, 2.0
 
@@ -157,6 +157,7 @@ def _relay(rows, fan, n_rays, course, tol):
             node[at.SLOWNESS], node[at.TURN] = rows[at.P, lane], rows[at.ETA, lane]
             node[at.GOOD], node[at.CODE] = 1.0 if rows[_DONE, lane] == _COME else 0.0, 0.0
             node[at.LEFT], node[at.TOL] = rows[_GONE, lane], tol
+            node[at.LEFT_RATE], node[at.LEFT_BEND] = rows[_RATE, lane], rows[_BEND, lane]
             node[at.GROWTH] = rows[_GROWN, lane] / course.length
             change -= 1
         if _launch(rows, lane, fan, n_rays, course.length):
@@ -171,6 +172,20 @@ def _under_ice(walls, rows, z_source):
         r = rows[_POS, lane]
         if z_source + rows[at.W, lane] >= surface_at(walls, r, 0.0, r)[0]:
             rows[_DONE, lane] = 0.0
+
+
+@inlined
+def _exit(rows, above, state, top):
+    """Note how rays left the water at an offset top, NaN for where they are, as `trace`; return how far ahead that was."""
+    w, _, xi, _ = state
+    dw, dp, dxi = load(rows, _SLOPES), load(rows, _SLOPES + 1), load(rows, _SLOPES + 2)
+    back = (top - w) / dw
+    back = choose(absolute(back) < math.inf, back, 0.0)
+    rise, rate = dw + back * dp, -1.0 * (xi + back * dxi) / dw
+    bend = (dxi + dp * rate) / rise
+    store(rows, _RATE, choose(above, rate, load(rows, _RATE)))
+    store(rows, _BEND, choose(above, choose((rise < 0.0) & (dw < 0.0), bend, math.nan), load(rows, _BEND)))
+    return back
 
 
 @inlined
@@ -247,7 +262,8 @@ def march(s, walls, course, fan, n_rays, tol, rows):
                 store(rows, _DONE, choose(above, _COME, 0.0))
                 _under_ice(walls, rows, z_source)
                 above = load(rows, _DONE) > 0.0
-            gone = choose(above, pos, gone)
+            back = _exit(rows, above, state, lowest - z_source if flat else math.nan)
+            gone = choose(above, pos + back, gone)
         done = choose(good & last, _COME, choose(failed, _FAILED, 0.0))
         first_stage = 1
         if any_lane(done > 0.0):

@@ -13,6 +13,7 @@ from pymantaray.acoustics._kernels.search import fewer_bounces, shoot
 from pymantaray.acoustics._kernels.trace import full_ray, full_ray_end, ray_axis, trace
 from pymantaray.compile import kernel
 
+RESOLUTION = 1e-6  # rad; narrower intervals of a fan of direct rays are not divided
 INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the travel time corrected (Fermat)
 _NEAR = 1e-5  # rad; derivatives are differences between rays so near to each other
 # Where Newton's method fails at once, slopes across the plane are brought in by shares of them
@@ -63,10 +64,11 @@ def polish(s, walls, course, bracket, accuracy, work):
 
 
 @kernel
-def refine(s, walls, course, bracket, accuracy, work):
+def refine(s, walls, course, bracket, accuracy, weak, work):
     """The direct ray in a bracket, with horizontal refraction, that ends within accuracy.miss of the receiver.
 
-    Newton on both slownesses: the angle by xi, the cross-track slowness by dy/dq, safeguarded by bisection.
+    Newton on both slownesses: the angle by xi, the cross-track slowness by dy/dq, safeguarded by bisection; given up where the
+    miss is steeper than weak between ends as near as RESOLUTION.
     The end state stays in work.y and its path in work.path.
     """
     y, ray, tol, miss = work.y, full_ray(work), accuracy.fine, accuracy.miss
@@ -77,7 +79,7 @@ def refine(s, walls, course, bracket, accuracy, work):
     m = b - fb * (b - a) / (fb - fa) if fb != fa else 0.5 * (a + b)
     if not a <= m <= b:
         m = 0.5 * (a + b)
-    lo, hi = a, b
+    lo, hi, f_lo, f_hi = a, b, fa, fb
     previous = np.inf
     steps, turns = 0, 0
     for it in range(80 if bracketed else 12):
@@ -91,9 +93,11 @@ def refine(s, walls, course, bracket, accuracy, work):
             q -= y[at.Y] / y[at.DY_DQ]
         if bracketed:
             if (f > 0.0) == (fa > 0.0):
-                lo = m
+                lo, f_lo = m, f
             else:
-                hi = m
+                hi, f_hi = m, f
+            if hi - lo < RESOLUTION and abs(f_hi - f_lo) > weak * (hi - lo):
+                break
         new = m - f / y[at.XI] if y[at.XI] != 0.0 else 0.5 * (lo + hi)
         if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):
             new = 0.5 * (lo + hi)
@@ -141,7 +145,7 @@ def _widened(s, walls, course, bracket, tol, work):
 
 
 @kernel
-def unresolved_db(bracket, resolution, noise, slope):
+def unresolved_db(bracket, noise, slope):
     """Spreading to add where a bracket is as narrow as the search goes and the miss jumps across it. [dB]
 
     Along a sound-speed maximum rays part faster than launch angles have digits: the slope at one of them says nothing.
@@ -149,7 +153,7 @@ def unresolved_db(bracket, resolution, noise, slope):
     h = bracket[1, at.ANGLE] - bracket[0, at.ANGLE]
     jump = abs(bracket[1, at.MISS] - bracket[0, at.MISS])
     mean = jump / h
-    if h > resolution or jump < noise or mean <= abs(slope):
+    if h > RESOLUTION or jump < noise or mean <= abs(slope):
         return 0.0
     return 10.0 * math.log10(mean / max(abs(slope), 1e-300))
 

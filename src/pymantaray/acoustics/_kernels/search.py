@@ -31,15 +31,17 @@ _BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this ti
 _WHOLE, _HALVED = 4.0, 1.5  # safety of it in an interval of the first fan, and in half of one
 # Where rays diverge, measured by straight ones, the errors made on their way grow with them
 _DIVERGING = 3.0  # from here on a ray is traced anew with a tolerance that allows for it,
-_HOPELESS = 1e3  # up to here: weaker ones are no arrivals
+_HOPELESS = 200.0  # up to here: weaker ones are no arrivals
 _AMPLIFIED, _MOST = (
-    10.0,
-    100.0,
+    2.0,
+    30.0,
 )  # the tolerance is smaller by the first times the divergence, or times the second
-_ERRING = 500.0  # times tolerance and divergence away from the receiver, errors do not matter
+_ERRING = 30.0  # times tolerance and divergence away from the receiver, errors do not matter
 _APART = 0.25  # of the link: rays that left the water so far from each other did so at other cycles,
+_LEAST_RISE = 0.3  # of their own rise is left to rays of which all between leave the water as they do,
+_SAME_PLACE = 0.3  # at places that their rates foretell within this share of the distance
 _WINDOW = 2e-5  # rad; and between them may be a window of rays that did not, if not narrower than this
-_DROP, _SPLIT, _BRACKET, _EDGE = range(4)  # what becomes of an interval
+_DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # what becomes of an interval
 
 Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang")
 Search.__doc__ = """How a fan is searched: tolerances of its rays and of those near the receiver [m], narrowest interval.
@@ -77,7 +79,8 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
     node[at.ANGLE], node[at.MISS], node[at.SLOPE] = angle, y[at.W] - course.target, y[at.XI]
     node[at.SLOWNESS], node[at.TURN] = y[at.P], y[at.ETA]
     node[at.GOOD], node[at.CODE] = 1.0 if ok else 0.0, code
-    node[at.LEFT], node[at.TOL], node[at.GROWTH] = y[at.GONE], tol, grown
+    node[at.TOL], node[at.GROWTH], node[at.LEFT] = tol, grown, y[at.GONE]
+    node[at.LEFT_RATE], node[at.LEFT_BEND] = y[at.GONE_RATE], y[at.GONE_BEND]
     if rule.fold != 0 and (code % 1024 // 32 if rule.fold <= ON_SURFACE else code % 32) % 2 == 1:
         for i in (at.MISS, at.SLOPE, at.SLOWNESS, at.TURN):
             node[i] = -node[i]
@@ -130,6 +133,40 @@ def _window(a, b, length):
 
 
 @kernel
+def _leave_alike(a, b):
+    """Whether two direct rays left the water in one manner, so that all between them do.
+
+    Where they left and how steeply they rose are smooth functions of the launch angle until the rise vanishes: neither ray's seems
+    to within the interval, and the places are those that their own rates lead to.
+    """
+    if a[at.LEFT] == 0.0 or b[at.LEFT] == 0.0:
+        return False
+    h, gap = b[at.ANGLE] - a[at.ANGLE], b[at.LEFT] - a[at.LEFT]
+    ahead, back = h * a[at.LEFT_RATE], h * b[at.LEFT_RATE]
+    return (
+        h * a[at.LEFT_BEND] > _LEAST_RISE - 1.0
+        and h * b[at.LEFT_BEND] < 1.0 - _LEAST_RISE
+        and max(abs(ahead - gap), abs(back - gap)) < _SAME_PLACE * min(a[at.LEFT], b[at.LEFT])
+        and abs(0.5 * (ahead + back) - gap) < 0.5 * max(abs(ahead), abs(back))
+    )
+
+
+@kernel
+def is_weak(bracket, weak, resolution):
+    """Whether the miss is so steep across a bracket that the ray in it is too weak.
+
+    In a bracket as narrow as the search goes its mean slope says so; a wider one's cubic is resolved, and at its root no less
+    steep than a quarter of the least of its mean slope and those at its ends.
+    """
+    a, b = bracket[0], bracket[1]
+    h = b[at.ANGLE] - a[at.ANGLE]
+    mean = (b[at.MISS] - a[at.MISS]) / h
+    if h <= resolution:
+        return abs(mean) > weak
+    return min(abs(mean), mean / abs(mean) * a[at.SLOPE], mean / abs(mean) * b[at.SLOPE]) > weak
+
+
+@kernel
 def _points_across(end, rule, overhang):
     """Whether a reflected ray at an edge of its cells would meet the receiver beyond it, were they larger.
 
@@ -158,7 +195,8 @@ def _shoot_fan(s, walls, course, n_nodes, search, work, lanes):
         march(s, walls, course, fan, n_nodes, search.coarse, lanes)
     for i in range(n_nodes):
         growth = fan[i, at.GROWTH]
-        if fan[i, at.GOOD] == 0.0 or (fan[i, at.LEFT] == 0.0 and _DIVERGING < growth < _HOPELESS):
+        near = fan[i, at.LEFT] == 0.0 and abs(fan[i, at.MISS]) < _ERRING * search.coarse * growth
+        if fan[i, at.GOOD] == 0.0 or (near and _DIVERGING < growth < _HOPELESS):
             shoot(s, walls, course, work.nodes[i], search.coarse, growth, fan[i], work)
 
 
@@ -226,6 +264,8 @@ def _search_interval(s, walls, course, i, search, so_far, work):
                 ray, beyond = st[top + 1, end], search.overhang if end == 0 else -search.overhang
                 if n_brackets < room and _points_across(ray, course.rule, beyond):
                     n_brackets = _add_bracket(ray, ray, n_brackets, work)
+        elif verdict == _GONE and a[at.MISS] * b[at.MISS] <= 0.0:
+            margin = 0.0
         if verdict != _SPLIT:
             continue
         doubtful = (
@@ -240,12 +280,17 @@ def _search_interval(s, walls, course, i, search, so_far, work):
             top += 1
             continue
         if same and h < _NARROW and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak:
+            if a[at.MISS] * b[at.MISS] < 0.0 and n_brackets < room:
+                n_brackets = _add_bracket(a, b, n_brackets, work)
             continue
         if rays >= budget or rays >= MAX_RAYS or top + 3 >= st.shape[0]:
             # an edge between reflections is no ray
             complete = complete and reflecting and not same and h < _NARROW
             continue
         growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
+        expected = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
+        if abs(expected) > _ERRING * tol_here * growth:
+            growth = 0.0
         shoot(s, walls, course, 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol_here, growth, m, work)
         rays += 1
         if m[at.GOOD] > 0.0:
@@ -299,6 +344,8 @@ def _judge(a, b, whole, varies, course, search):
         return _EDGE if h < search.min_width or (believed and _far(a, h) and _far(b, h)) else _SPLIT, False
     if not alive:
         return _DROP if h < search.min_width else _SPLIT, False
+    if not reflecting and _leave_alike(a, b):
+        return _GONE, same
     return _judge_smooth(a, b, whole, varies, course.length, search), same
 
 

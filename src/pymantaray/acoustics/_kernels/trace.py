@@ -225,8 +225,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
         z = _depth(axis, pos, y)
         if n_eq == at.N_FAN:
             y[at.GROWN] = max(y[at.GROWN], abs(y[at.XI]))
-            if z < lowest and y[at.GONE] == 0.0 and rule.kind == at.OPEN and _above(walls, axis, pos, z, y):
-                y[at.GONE] = pos
+            if z < lowest and y[at.GONE] == 0.0 and rule.kind == at.OPEN:
+                _note_exit(walls, axis, pos, z, y, K)
         if s.kind == at.SMOOTH:
             cell = cell[0], move_level(s.depth, cell[1], z)
             if n_eq == at.N_FULL:
@@ -329,10 +329,22 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
 
 
 @kernel
-def _above(walls, axis, pos, z, y):
-    """Whether a ray of a fan is above the water."""
-    r = pos * axis[1] - y[at.W] * axis[2]
-    return z < surface_at(walls, r, 0.0, r)[0]
+def _note_exit(walls, axis, pos, z, y, K):
+    """Note where and how a ray of a fan left the water, if it did, taken as straight since."""
+    _, cb, sb, _ = axis
+    r = pos * cb - y[at.W] * sb
+    top = surface_at(walls, r, 0.0, r)[0]
+    if z >= top:
+        return
+    down = sb + K[0, at.W] * cb
+    y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND] = pos, math.nan, math.nan
+    if down < 0.0:
+        back = (top - z) / down
+        y[at.GONE] = max(pos + back, 1e-9)
+        y[at.GONE_RATE] = -(y[at.XI] + back * K[0, at.XI]) * cb / down
+        rise = -down - back * K[0, at.P] * cb
+        if rise > 0.0:
+            y[at.GONE_BEND] = -(K[0, at.XI] + K[0, at.P] * y[at.GONE_RATE]) * cb / rise
 
 
 @kernel
