@@ -116,8 +116,9 @@ def error_over_time(
         axes.yaxis.set_minor_locator(NullLocator())
         axes.set_xlim(hours[0], hours[-1])
         axes.set_title(style.plain(names[i]), loc="left", fontweight="bold")
-        look = {"transform": axes.get_xaxis_transform(), "color": style.SKY, "linewidth": 0.6}
-        axes.vlines(hours[fixes[i]], 0.0, 0.045, **look)
+        marks = np.repeat(hours[fixes[i]], 3), np.tile([0.0, 0.045, np.nan], int(fixes[i].sum()))
+        look: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "solid_capstyle": "butt"}
+        axes.plot(*marks, color=style.SKY, linewidth=0.6, **look)  # one line, since each costs as much as all
         if i + columns >= len(names):
             axes.tick_params(labelbottom=True)
     figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom")

@@ -21,7 +21,7 @@ class ReportProcess(ExitStack):
     """
     Process that makes the report of a study: what realizations do not change while they are solved, the rest after.
 
-    It is started with the block and ends with it. Nothing but this process writes.
+    It is started with the block and ends with it. It writes nothing: that is left to the process of the study.
     """
 
     def __init__(self, *, pdf: bool) -> None:
