@@ -63,25 +63,25 @@ def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochC
     Every step :math:`T_{j-1} D_j` errs by :math:`\exp(q_j)` in the tangent of the pose that it leads to: at pose k by
     :math:`\sum_{j \le k} \mathrm{Ad}(T_k^{-1} T_j) q_j`.
     """
-    o = measurements
+    o, n_epochs = measurements, len(samples)
     position, quaternion = dead_reckon(o)
     rotation = matrix_from_quaternion(quaternion)
-    sigma = np.concatenate([o.first_sigma[:, None], o.odometry_sigma], axis=1)
-    n_agents, n_epochs = o.name.size, len(samples)
-    joint = np.zeros((n_epochs, n_agents, 3, n_agents, 3))
-    pose = np.empty((n_epochs, n_agents, 6, 6))
-    agents = np.arange(n_agents)
-    for e, k in enumerate(samples):
-        r = rotation[:, : k + 1]
-        adjoint = np.zeros((n_agents, k + 1, 6, 6))
-        adjoint[..., :3, :3] = adjoint[..., 3:, 3:] = r
-        adjoint[..., 3:, :3] = hat(position[:, : k + 1] - position[:, k : k + 1]) @ r
-        adjoint *= sigma[:, : k + 1, None, :]
-        world = np.einsum("akij,aklj->ail", adjoint, adjoint, optimize=True)
-        turn = np.zeros((n_agents, 6, 6))
-        turn[:, :3, :3] = turn[:, 3:, 3:] = r[:, k]
-        pose[e] = np.swapaxes(turn, 1, 2) @ world @ turn
-        joint[e, agents, :, agents, :] = world[:, 3:, 3:]
+    agents = np.arange(o.name.size)
+    # of all steps up to a sample, in the world's axes and about where each vehicle started
+    adjoint = np.zeros((*position.shape[:2], 6, 6))
+    adjoint[..., :3, :3] = adjoint[..., 3:, 3:] = rotation
+    adjoint[..., 3:, :3] = hat(position - position[:, :1]) @ rotation
+    adjoint *= np.concatenate([o.first_sigma[:, None], o.odometry_sigma], axis=1)[:, :, None]
+    about_start = np.cumsum(adjoint @ np.swapaxes(adjoint, 2, 3), axis=1)[:, samples]
+    shift, turn = np.zeros((2, agents.size, n_epochs, 6, 6))
+    shift[..., range(6), range(6)] = 1.0
+    shift[..., 3:, :3] = -hat(position[:, samples] - position[:, :1])
+    world = np.moveaxis(shift @ about_start @ np.swapaxes(shift, 2, 3), 0, 1)
+    turn[..., :3, :3] = turn[..., 3:, 3:] = rotation[:, samples]
+    turn = np.moveaxis(turn, 0, 1)
+    pose = np.swapaxes(turn, 2, 3) @ world @ turn
+    joint = np.zeros((n_epochs, agents.size, 3, agents.size, 3))
+    joint[:, agents, :, agents, :] = np.moveaxis(world[..., 3:, 3:], 1, 0)
     return EpochCovariances(joint, pose, np.full(n_epochs, np.nan), np.zeros(n_epochs, dtype=np.intp))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.expansion import Block, Expansion, RangeWeights, whiten
+from pymantaray.estimation.expansion import Expansion, RangeWeights
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.marginals import epoch_groups
@@ -73,8 +73,8 @@ class OuterIterations:
 
     def solve(self, initial: GraphValues, options: SolveOptions) -> Outcome:
         """Outcome from a start; if the expansions do not settle its last step is NaN, which no gate passes."""
-        start = State.of(initial, self._believed.n_unknowns)
-        end, problem = Optimum(start, Progress(0, np.nan, np.nan)), None
+        start, loss = State.of(initial, self._believed.n_unknowns), self._loss
+        end, ranges, problem = Optimum(start, Progress(0, np.nan, np.nan)), None, None
         iterations, count, settled = 0, 0, False
         while True:
             place = self._ends(end.state)
@@ -88,17 +88,22 @@ class OuterIterations:
                 settled = True
                 break
             self._expansion = expansion
-            problem = self._problem(expansion, graduated=count == 0)
+            blocks = self._weights.blocks(self._used)
+            ranges = ExpandedRanges(self._believed.ranges, blocks, expansion, self._shared)
+            if loss is not None and count:
+                loss = replace(loss, graduated=False)  # only about the first expansion
+            problem = Problem(self._fixed, ranges, self._structure, loss)
             tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
             end = optimize_robust(problem, end.state, replace(options, step_tolerance=tolerance))
             iterations, count = iterations + end.progress.iterations, count + 1
             if end.progress.singular or not np.isfinite(end.progress.final_cost):
                 break
-        cost = self._initial_cost(start, place)
+        assert problem is not None  # the model was asked once at least
+        assert ranges is not None
+        cost = self._initial_cost(start, ranges, place)
         progress = replace(end.progress, iterations=iterations, initial_cost=cost)
         if not settled:
             progress = replace(progress, last_step=np.nan)
-        assert problem is not None  # the model was asked once at least
         return Outcome(end._replace(progress=progress), problem, self.groups, self._used, count)
 
     def _ends(self, state: State) -> tuple[Array, Array, Array]:
@@ -131,33 +136,13 @@ class OuterIterations:
         self._weights.at(links)
         return Expansion(prediction, links, r.travel_time, u, by_unknowns)
 
-    def _problem(self, expansion: Expansion, *, graduated: bool) -> Problem:
-        """What is to be minimized about an expansion; a loss is graduated in the first one only."""
-        blocks = self._weights.blocks(self._used)
-        ranges = ExpandedRanges(self._believed.ranges, blocks, expansion, self._shared)
-        loss = self._loss
-        if loss is not None and not graduated:
-            loss = replace(loss, graduated=False)
-        return Problem(self._fixed, ranges, self._structure, loss)
-
-    def _initial_cost(self, start: State, place: tuple[Array, Array, Array]) -> float:
+    def _initial_cost(self, start: State, ranges: ExpandedRanges, place: tuple[Array, Array, Array]) -> float:
         """Cost at the start of the links used in the end; those not possible at the start count as they end."""
         assert self._first is not None  # the model was asked once at least
         assert self._expansion is not None
         prediction, residual = self._first
         comparable = np.where(prediction.possible, residual, self._expansion(*place)[0])
-        ranges = _cost(self._weights.blocks(self._used), comparable, self._loss)
-        return self._fixed.cost(start) + ranges
-
-
-def _cost(blocks: list[Block], residual: Array, loss: Loss | None) -> float:
-    """Half the sum of squares, or the sum of losses, of the whitened residuals."""
-    if loss is None:
-        roots = ((rows, np.asarray(np.linalg.cholesky(full), dtype=float)) for rows, full in blocks)
-        white = (whiten(root, residual[rows]) for rows, root in roots)
-        return 0.5 * sum(float(w @ w) for w in white)
-    white = (residual[rows] / np.sqrt(np.diagonal(full)) for rows, full in blocks)
-    return sum(float(loss.cost(u).sum()) for u in white)
+        return self._fixed.cost(start) + ranges.cost_of(comparable, self._loss)
 
 
 def _check_rows(graph: FactorGraph, believed: BelievedRanges) -> None:

@@ -218,11 +218,7 @@ class ExpandedRanges:
     """
 
     def __init__(
-        self,
-        ranges: TimedRanges,
-        blocks: Sequence[Block],
-        expansion: Expansion,
-        shared: Indices,
+        self, ranges: TimedRanges, blocks: Sequence[Block], expansion: Expansion, shared: Indices
     ) -> None:
         self._ranges, self._expansion = ranges, expansion
         self.pairs = np.empty((0, 2), dtype=np.intp)  # blocks are looked up epoch by epoch
@@ -241,12 +237,15 @@ class ExpandedRanges:
 
     def cost(self, state: State, loss: Loss | None) -> float:
         """Half the sum of squares, or of losses, and the cost of what is shared."""
-        residual, _, _ = self._at(state)
+        return self.cost_of(self._at(state)[0], loss) + 0.5 * float(state.shared @ state.shared)
+
+    def cost_of(self, residual: Array, loss: Loss | None) -> float:
+        """Half the sum of squares, or of losses, of residuals by row of the tables [m]."""
         if loss is None:
             white = [whiten(t.root, residual[t.rows]) for t in self._terms]
         else:
             white = self._by_epoch(residual)
-        return sum(_cost(w, loss) for w in white) + 0.5 * float(state.shared @ state.shared)
+        return sum(_cost(w, loss) for w in white)
 
     def add(self, state: State, _blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, under a loss with its weights."""
