@@ -8,7 +8,7 @@ script, iterated on until a step is 1e-8 m. All take turns; medians, and the CPU
 wall clock, which other work on the machine disturbs more. Cold is a first realization; warm is a later one, which
 has starting values and noise models or an ordering from before.
 
-``--regions`` runs both of the paper's studies as well, 25 realizations under two conditions each, on two workers.
+``--sizes`` prints time and memory of missions of 1e3 to 1e6 poses. ``--regions`` runs both of the paper's studies as well, 25 realizations under two conditions each, on two workers.
 """
 
 import argparse
@@ -42,10 +42,10 @@ PERIOD, N_TIMES, SPEED = 200.0, 3025, 0.5
 TARGETS = np.array([0.5, 500, 2000, 750, 2250, 1500, 250, 2500, 1000, 1750, 1250])
 
 
-def fleet(rng: np.random.Generator, *, turn: float) -> tuple[np.ndarray, np.ndarray]:
+def fleet(rng: np.random.Generator, *, turn: float, n_times: int = N_TIMES) -> tuple[np.ndarray, np.ndarray]:
     """True positions and rotation matrices; ``turn`` is the sigma of the heading's random walk [rad]."""
-    clock = np.arange(N_TIMES) * PERIOD
-    position = np.empty((TARGETS.size, N_TIMES, 3))
+    clock = np.arange(n_times) * PERIOD
+    position = np.empty((TARGETS.size, n_times, 3))
     for a, target in enumerate(TARGETS):
         dive = target / SPEED
         phase = (clock + rng.uniform(0, 26 * 3600)) % (25 * 3600 + 2 * dive)
@@ -53,19 +53,19 @@ def fleet(rng: np.random.Generator, *, turn: float) -> tuple[np.ndarray, np.ndar
             phase, [0, dive, dive + 24 * 3600, 2 * dive + 24 * 3600], [0.5, target, target, 0.5]
         )
         position[a, :, 2] = depth
-    drift = np.cumsum(rng.normal(0, 0.003, (TARGETS.size, N_TIMES, 2)), axis=1)
+    drift = np.cumsum(rng.normal(0, 0.003, (TARGETS.size, n_times, 2)), axis=1)
     position[..., :2] = np.cumsum(drift, axis=1) * 5.0
     position[0, :, :2] = 0.0
     grid = np.array([[x, y] for x in (-4e3, 0, 4e3) for y in (-4.5e3, -1.5e3, 1.5e3, 4.5e3)])[:11]
     position[1:, :, :2] += (grid[grid.any(axis=1)][:10] + rng.normal(0, 100, (10, 2)))[:, None]
-    heading = np.cumsum(rng.normal(0, turn, (TARGETS.size, N_TIMES)), axis=1)
+    heading = np.cumsum(rng.normal(0, turn, (TARGETS.size, n_times)), axis=1)
     rotation, _ = se3_exp(np.stack([0 * heading, 0 * heading, heading, *[0 * heading] * 3], axis=-1))
     return position, rotation
 
 
 def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator) -> Measurements:
     """Measurements with the paper's noise levels."""
-    n = TARGETS.size
+    n, n_times = position.shape[:2]
     step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
     moved = np.einsum("atji,atj->ati", rotation[:, :-1], np.diff(position, axis=1))
     turned, way = (np.linalg.norm(v, axis=-1, keepdims=True) for v in (so3_log(step), moved))
@@ -82,7 +82,7 @@ def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator
     first_sigma = np.tile([1e-3] * 3 + [0.1] * 3, (n, 1))
     first_rotation, first_translation = se3_exp(first_sigma * rng.standard_normal((n, 6)))
     agent, sample = np.nonzero(position[..., 2] < 1.0)
-    epoch = np.arange(72, N_TIMES, 72)
+    epoch = np.arange(72, n_times, 72)
     pairs = np.array([(i, j) for i in range(n) for j in range(n) if i != j])
     transmitter, receiver = np.tile(pairs, (epoch.size, 1)).T
     at = np.repeat(epoch, len(pairs))
@@ -91,7 +91,7 @@ def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator
     heard = rng.random(at.size) > 0.01
     return Measurements(
         name=list("ABCDEFGHIJK"),
-        time=np.arange(N_TIMES) * PERIOD,
+        time=np.arange(n_times) * PERIOD,
         odometry_rotation=quaternion_from_matrix(step @ noise_rotation),
         odometry_translation=moved,
         odometry_sigma=sigma,
@@ -184,6 +184,23 @@ def compare(realizations: int, turn: float) -> None:
     )
 
 
+def sizes() -> None:
+    """Print what a solve takes against the number of poses: missions of 11 vehicles, longer and longer."""
+    print(f"{'poses':>9} {'ranges':>8} {'CPU [s]':>8} {'steps':>6} {'peak memory [GiB]':>18}")
+    for n_times in (100, 300, 1000, 3025, 10_000, 30_000, 100_000):
+        position, rotation = fleet(np.random.default_rng(0), turn=0.0, n_times=n_times)
+        o = observe(position, rotation, np.random.default_rng(1))
+        start = GraphValues(
+            position.reshape(-1, 3), quaternion_from_matrix(rotation).reshape(-1, 4), np.zeros((0, 3))
+        )
+        graph = build_graph(o, "straight")
+        GraphSolver().solve(graph, start)  # compiles
+        solution, (_, cpu) = timed(GraphSolver().solve, graph, start)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+        ranges = len(graph["range"])
+        print(f"{graph.n_poses:9d} {ranges:8d} {cpu:8.2f} {solution.iterations:6d} {peak:18.2f}", flush=True)
+
+
 def regions(workers: int) -> None:
     """Run both studies and print how long they took."""
     solving, total = 0.0, 0.0
@@ -213,7 +230,11 @@ def main() -> None:
     parser.add_argument("--turn", type=float, default=0.0, help="sigma of the heading's random walk [rad]")
     parser.add_argument("--regions", action="store_true", help="run both of the paper's studies, too")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--sizes", action="store_true", help="time and memory against poses, nothing else")
     arguments = parser.parse_args()
+    if arguments.sizes:
+        sizes()
+        return
     compare(arguments.realizations, arguments.turn)
     if arguments.regions:
         regions(arguments.workers)

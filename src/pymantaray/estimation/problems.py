@@ -79,7 +79,7 @@ class Fixed:
         cost, other = np.empty(self.first.size), np.empty(self._variable.size)
         residuals.add_relative(
             *(self.first, self.second, self._turn, self._step, self._root, *blocks, *state[:2], row),
-            *(order, out.diagonal, out.above, out.gradient, cost, np.empty((5, SIZE, SIZE))),
+            *(order, out.diagonal, out.above, out.gradient, cost, _scratch()),
         )
         residuals.add_places(
             *(self._variable, self._measured, self._information, state.place, row),
@@ -106,13 +106,19 @@ class Fixed:
         none, nothing = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE))
         residuals.add_relative(
             *(self.first, self.second, self._turn, self._step, self._root, none, none > 0, *state[:2]),
-            *(none, 0, nothing, nothing, nothing[:, 0], cost, np.empty((5, SIZE, SIZE))),
+            *(none, 0, nothing, nothing, nothing[:, 0], cost, _scratch()),
         )
         residuals.add_places(
             *(self._variable, self._measured, self._information, state.place, np.zeros(0, dtype=np.intp)),
             *(False, nothing, nothing[:, 0], other),
         )
         return cost, other
+
+
+def _scratch() -> tuple[Array, Array, Array]:
+    """Room for the blocks, matrices and vectors of one residual."""
+    r = residuals
+    return np.empty((r.BLOCKS, 6, 6)), np.empty((r.MATRICES, 3, 3)), np.empty((r.VECTORS, 6))
 
 
 def _stacked(columns: Callable[[Factors], tuple[Array, ...]], tables: list[Factors]) -> list[Any]:
