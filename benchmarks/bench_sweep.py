@@ -9,6 +9,7 @@ CPU seconds count, of this process and its workers; wall times only where they a
 import os
 import resource
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -17,7 +18,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from pymantaray.study import load_study
+from pymantaray.study import load_study, parse_study
 from pymantaray.sweep import Sweep, open_sweep, run_sweep, tasks, workers
 
 POINTS = 10_000
@@ -50,8 +51,6 @@ def small(realizations=1):
     tree["study"] |= {"realizations": realizations, "conditions": ["odometry", "straight"]}
     tree["mission"] |= {"duration_h": 4.0, "ping_interval_h": 1.0}
     tree["ocean"] |= {"half_extent_north": 15_000.0, "half_extent_east": 15_000.0}
-    from pymantaray.study import parse_study
-
     return parse_study(tree)
 
 
@@ -113,40 +112,35 @@ def overhead() -> None:
 
 
 def sharing() -> None:
-    """Quick with ten noises, its rays shared and not."""
-    config = load_study("quick")
+    """Quick with ten noises: a sweep of one point ten times, against one of ten."""
+    config, code = load_study("quick"), "import pymantaray.sweep.tasks"
     with folder() as out:
-        before = sum(cpu())
-        results = run_sweep(noises(config, 10), out / "shared", workers=1)
-        shared = sum(cpu()) - before
-        before = sum(cpu())
-        for number in range(10):
-            run_sweep(noises(config, 10 + number), out / f"{number}", workers=1) if not number else None
-        stages = [content["seconds"] for content in results.contents]
-        parts = {name: sum(s[name] for s in stages) / 10 for name in stages[0]}
-    alone = sum(sum(s.values()) for s in stages)
-    once = alone - 9 * sum(parts[name] for name in ("ocean", "fleet", "rays"))
-    print(f"quick with ten noises: {shared:.1f} s of CPU, start of a worker included")
+        begin = sum(cpu())
+        subprocess.run([sys.executable, "-c", code], check=True)
+        start = sum(cpu()) - begin
+        run_sweep(noises(config, 1), out / "one", workers=1)
+        one = sum(cpu()) - begin - 2.0 * start
+        run_sweep(noises(config, 10), out / "ten", workers=1)
+        ten = sum(cpu()) - begin - one - 3.0 * start
     print(
-        "  seconds of wall time a point: " + ", ".join(f"{name} {value:.2f}" for name, value in parts.items())
+        f"quick, CPU without the start of a worker ({start:.1f} s): one point {one:.2f} s, ten noises {ten:.2f} s"
     )
-    print(
-        f"  if nothing were shared {alone:.1f} s, shared {once:.1f} s: {100 * (1 - once / alone):.0f} % saved"
-    )
+    print(f"  ten times one {10.0 * one:.1f} s: {100.0 * (1.0 - ten / (10.0 * one)):.0f} % saved")
+    print(f"  largest worker: {resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024:.0f} MiB")
 
 
-def scaling() -> None:
-    """The same sweep on one and two workers, one after the other, three times; CPU decides on a machine that is not idle."""
-    config = small(realizations=5)
-    for turn in range(3):
-        for count in (1, 2):
-            with folder() as out:
-                begun, before = time.perf_counter(), sum(cpu())
-                run_sweep(noises(config, 40), out / "out", workers=count)
-                wall, used = time.perf_counter() - begun, sum(cpu()) - before
-            print(
-                f"turn {turn}: {count} workers {wall:.1f} s of wall time, {used:.1f} s of CPU, load {os.getloadavg()[0]:.1f}"
-            )
+def scaling(points: int = 150) -> None:
+    """The same sweep on one and two workers; their CPU decides on a machine that is not idle."""
+    config, used = small(realizations=5), {}
+    for count in (1, 2, 1, 2):
+        with folder() as out:
+            begun, before = time.perf_counter(), sum(cpu())
+            run_sweep(noises(config, points), out / "out", workers=count)
+            wall, used[count] = time.perf_counter() - begun, sum(cpu()) - before
+        print(
+            f"{count} workers: {wall:.1f} s of wall time, {used[count]:.1f} s of CPU, load {os.getloadavg()[0]:.1f}"
+        )
+    print(f"  CPU of one by CPU of two workers: {used[1] / used[2]:.2f}, the efficiency where both are busy")
 
 
 def dask() -> None:

@@ -150,6 +150,10 @@ def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, li
             'base = "quick"\n[[zip]]\na = [1]\nb = [1, 2]',
             "s.toml: zip 1: its lists must be of one length; found a 1, b 2",
         ),
+        (
+            'base = "quick"\n[[zip]]\nname = "key"\nlabels = ["a"]\na.b = [1]',
+            "s.toml: key is a column of its tables; give another name",
+        ),
         ('base = "quick"\n[[zip]]\nname = "x"', "s.toml: zip 1: needs fields with their values, .*"),
         (
             'base = "quick"\nseeds = [1]\n[cross]\nstudy.seed = [1]',

@@ -115,8 +115,9 @@ def test_stages_from_the_store_change_no_digit(here, depths, tmp_path):
     stages._LATEST.clear()
     for path in (tmp_path / "kept" / "points").glob("*/*"):
         path.unlink()
-    again = run_sweep(depths, tmp_path / "kept", keep_stages=True)
+    again = run_sweep(depths, tmp_path / "kept")
     assert digits(again) == digits(results)
+    assert not any((tmp_path / "kept" / "stages").iterdir())
 
 
 def test_added_points_alone_are_computed(here, counted, noises, tmp_path):

@@ -100,7 +100,7 @@ def test_a_folder_that_cannot_be_written_ends_the_sweep_in_one_line(noises, tmp_
 
 
 @pytest.mark.slow
-def test_a_full_disk_ends_the_sweep_in_one_line_and_loses_nothing(noises, tmp_path):
+def test_a_full_disk_or_one_that_is_read_only_ends_the_sweep_in_one_line_and_loses_nothing(noises, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=20m", "tmpfs", disk], check=False).returncode:
@@ -113,6 +113,10 @@ def test_a_full_disk_ends_the_sweep_in_one_line_and_loses_nothing(noises, tmp_pa
         filler.unlink()
         subprocess.run(["mount", "-o", "remount,size=64m", disk], check=True)
         assert run_sweep(noises(3), disk / "out", workers=1).status() == (3, 3, 0, {})
+        subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
+        with pytest.raises(WriteError, match=r"sweep.toml: cannot be written: Read-only file system$"):
+            run_sweep(noises(4), disk / "out", workers=1)
+        assert open_sweep(disk / "out").status() == (3, 3, 0, {})
         assert not list(disk.rglob("*.part"))
     finally:
         subprocess.run(["umount", disk], check=True)

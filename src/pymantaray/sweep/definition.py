@@ -14,6 +14,7 @@ from pymantaray.study import StudyConfig, load_study, parse_study
 
 Tree = dict[str, Any]
 SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
+_COLUMNS = {"condition", "error", "key", "point", "status"}
 _KEYS = ("base", "folder", "cross", "zip", "seeds")
 
 
@@ -89,6 +90,8 @@ class Sweep:
         if self._seeds:
             axes.append(Axis(SEED, {SEED: self._seeds}))
         names = [name for axis in axes for name in axis.coordinates()]
+        if taken := sorted(_COLUMNS & set(names)):
+            raise SweepError(f"sweep: {taken[0]} is a column of its tables; give another name")
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise SweepError(f"sweep: {', '.join(twice)} is given more than once")
         self.axes = tuple(axes)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymantaray.errors import SweepError
 from pymantaray.sweep.definition import Sweep
-from pymantaray.sweep.keys import POINT
+from pymantaray.sweep.keys import POINT, STAGES
 from pymantaray.sweep.plan import Plan, Queue, Told, plan_content
 from pymantaray.sweep.results import SweepResults, open_sweep
 from pymantaray.sweep.stages import failure_content
@@ -82,10 +82,20 @@ def run_sweep(
     failed = set() if retry_failed else failed
     told = _Told(plan, done, failed, progress)
     queue = Queue(plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies)
+    _clear_stages(store, plan, keep=True)  # what failed in another run is tried again
     if queue.left:
         with crew_of(store.url, client, workers) as crew:
             _work(queue, crew, store, told, keep_stages=keep_stages)
+    _clear_stages(store, plan, keep=keep_stages)
     return open_sweep(out)
+
+
+def _clear_stages(store: Store, plan: Plan, *, keep: bool) -> None:
+    """Remove a sweep's stages and their failures; the failures alone, to keep the stages."""
+    own = {names[stage] for names in plan.keys for stage in STAGES}
+    for name in store.names("stages"):
+        if name.partition(".")[0] in own and not (keep and name.endswith(".nc")):
+            store.remove(f"stages/{name}")
 
 
 class _Told:
@@ -143,7 +153,6 @@ def _work(queue: Queue, crew: Crew, store: Store, told: _Told, *, keep_stages: b
         if queue.kind(key) == POINT:
             told.add(line is None, line is not None)
         for stage in queue.done(key):
-            store.remove(stage_name(stage, failed=True))
             if not keep_stages:
                 store.remove(stage_name(stage))
 
