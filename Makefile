@@ -57,10 +57,10 @@ cuda:
 	$(UV_TEST) --with "numba-cuda[cu12]>=0.24" python -m pytest -m "slow or not slow" tests/acoustics/test_cuda.py $(ARGS)
 
 ci-full: lint quick $(VENV)/.ready-test
-	$(BIN)/python -m pytest -m "slow or not slow" $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "slow or not slow" $(ARGS)
 	rm -rf $(VENV)/boundscheck
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/boundscheck \
-	  $(BIN)/python -m pytest tests/acoustics tests/physics tests/fleet
+	  $(BIN)/python -m pytest -n auto --dist worksteal tests/acoustics tests/physics tests/fleet tests/estimation
 	$(BIN)/python examples/run_study.py
 
 clean:
