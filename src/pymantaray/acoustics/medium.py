@@ -66,6 +66,8 @@ class Medium:
     knots_east: Array
     lut: Array
     lut_scale: float
+    uniform: bool
+    layered: bool
 
     @classmethod
     def from_grid(
@@ -150,7 +152,10 @@ class Medium:
         _check_ice(ice, bed)
         for array in (n, e, z, c, *bed, *ice, field, knots_n, knots_e, lut):
             array.setflags(write=False)
-        return cls(n, e, z, c, *bed, interpolation, *ice, field, knots_n, knots_e, lut, scale)
+        uniform = bool((c == c[0, 0]).all())
+        layered = uniform and interpolation == "linear" and bool(bed[0].max() <= z[-1])
+        sheets = *bed, interpolation, *ice
+        return cls(n, e, z, c, *sheets, field, knots_n, knots_e, lut, scale, uniform, layered)
 
     def __repr__(self) -> str:
         """Size, extents and kind in one line."""
@@ -271,6 +276,8 @@ class Medium:
             float(min([_COLUMN_STEP, *(step / 8.0 for step in steps)])),
             Sheet(self.bed_north, self.bed_east, self.bathymetry),
             Sheet(self.ice_north, self.ice_east, self.ice_draft),
+            self.uniform,
+            self.layered,
         )
 
 

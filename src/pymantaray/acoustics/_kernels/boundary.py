@@ -31,6 +31,7 @@ _NONE = 1e30
 _LANDED = 1e-2  # m; a ray just reflected is so near to the bed, if it is still over its cell
 _BESIDE = 0.1 * _NO_BED
 _SAMPLES = 8  # of a step over a gridded bed
+_HASH = 2**32
 _NUDGE = 1e-6  # m; by which a point on the edge of a cell is taken to be in the cell of the step
 
 
@@ -131,6 +132,13 @@ def mark_of(walls, r, y, at_bottom):
 
 
 @kernel
+def append_code(code, mark):
+    """Code of a ray's reflections after one more; the last 10 bits count both kinds."""
+    counts = code % 1024 + (32 if mark <= ON_SURFACE else 1)
+    return ((code // 1024 * 8191 + mark) % _HASH) * 1024 + counts
+
+
+@kernel
 def landed(walls, r, y, bounce):
     """Cell in which a ray is reflected at the sea bed for the bounce-th time.
 
@@ -198,7 +206,7 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
         while first + extra < walls.n_breaks and breaks[first + extra] < max(r0, r1):
             extra += 1
         turning = dz0 * dz1 < 0.0
-        before, last, vertex = math.inf, math.inf, -1.0
+        before, last, vertex, nearest = math.inf, math.inf, -1.0, math.inf
         for j in range(9 + extra + 2):
             if j < 9:
                 t = j / 8.0
@@ -220,8 +228,10 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
             gap = bed - z
             above_bottom = min(above_bottom, gap)
             if j < 9:
-                if j > 1 and last <= before and last <= gap and before + gap > 2.0 * last:
-                    vertex = (j - 1 + 0.5 * (before - gap) / (before - 2.0 * last + gap)) / 8.0
+                if j > 1 and before + gap > 2.0 * last:
+                    shift = 0.5 * (before - gap) / (before - 2.0 * last + gap)
+                    if abs(shift) <= 1.0 and min(before, last, gap) < nearest:
+                        vertex, nearest = (j - 1 + shift) / 8.0, min(before, last, gap)
                 before, last = last, gap
     return below_surface, above_bottom
 

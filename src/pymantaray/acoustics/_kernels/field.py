@@ -140,44 +140,67 @@ def bspline_basis(knots, degree, x, w, dw, ddw):
     return span - degree
 
 
+@inlined
+def _product(q, north, east, line):
+    """Value (q = 0), range derivative, or first or second cross-track derivative of a product, from those of its two factors."""
+    un, ue = line.unit_north, line.unit_east
+    if q == 0:
+        return north[0] * east[0]
+    if q == 1:
+        return north[1] * east[0] * un + north[0] * east[1] * ue
+    if q == 2:
+        return north[0] * east[1] * un - north[1] * east[0] * ue
+    mixed = 2.0 * north[1] * east[1] * un * ue
+    return north[0] * east[2] * un * un - mixed + north[2] * east[0] * ue * ue
+
+
+@kernel
+def _add_splines(domain, line, r, work):
+    """Sum the B-splines that are not zero at a range into work.acc: values and slopes of the quantities of `_product`."""
+    coef, acc, small = domain.field, work.acc, work.small
+    wn, dn, ddn, we, de, dde = small[0], small[1], small[2], small[3], small[4], small[5]
+    i_n = bspline_basis(
+        domain.knots_north, domain.degree_north, line.north + r * line.unit_north, wn, dn, ddn
+    )
+    i_e = bspline_basis(domain.knots_east, domain.degree_east, line.east + r * line.unit_east, we, de, dde)
+    last = i_e + domain.degree_east
+    for q in range(4):
+        total = acc[q]
+        for k in range(total.size):
+            total[k] = 0.0
+        for a in range(domain.degree_north + 1):
+            f0, f1, f2, f3 = 0.0, 0.0, 0.0, 0.0
+            for b in range(domain.degree_east + 1):
+                f = _product(q, (wn[a], dn[a], ddn[a]), (we[b], de[b], dde[b]), line)
+                f0, f1, f2, f3 = f1, f2, f3, f
+            rows = coef[i_n + a]
+            # four at a time: of a lower degree the first have no weight
+            row0, row1, row2, row3 = (
+                rows[max(last - 3, 0)],
+                rows[max(last - 2, 0)],
+                rows[max(last - 1, 0)],
+                rows[last],
+            )
+            for k in range(total.size):
+                total[k] += f0 * row0[k] + f1 * row1[k] + f2 * row2[k] + f3 * row3[k]
+
+
 @kernel
 def _cut_smooth(domain, line, r_step, n_range, work):
     """Fill the columns of a SMOOTH section from B-spline coefficients (north, east, 2 * depth)."""
-    coef, depth, small, acc, data = domain.field, domain.depth, work.small, work.acc, work.store
-    un, ue = line.unit_north, line.unit_east
-    n_depth = coef.shape[2] // 2
-    wn, dn, ddn, we, de, dde = small[0], small[1], small[2], small[3], small[4], small[5]
+    depth, acc, data = domain.depth, work.acc, work.store
+    n_depth = depth.size
     for i in range(n_range):
-        r = i * r_step
-        i_n = bspline_basis(domain.knots_north, domain.degree_north, line.north + r * un, wn, dn, ddn)
-        i_e = bspline_basis(domain.knots_east, domain.degree_east, line.east + r * ue, we, de, dde)
-        for q in range(4):
-            for k in range(2 * n_depth):
-                acc[q, k] = 0.0
-        for a in range(domain.degree_north + 1):
-            for b in range(domain.degree_east + 1):
-                f = wn[a] * we[b]
-                f_n = dn[a] * we[b]
-                f_e = wn[a] * de[b]
-                f_r = f_n * un + f_e * ue
-                f_y = f_e * un - f_n * ue
-                f_yy = wn[a] * dde[b] * un * un - 2.0 * dn[a] * de[b] * un * ue + ddn[a] * we[b] * ue * ue
-                for k in range(2 * n_depth):
-                    v = coef[i_n + a, i_e + b, k]
-                    acc[0, k] += f * v
-                    acc[1, k] += f_r * v
-                    acc[2, k] += f_y * v
-                    acc[3, k] += f_yy * v
+        _add_splines(domain, line, i * r_step, work)
         for k in range(n_depth - 1):
-            h = depth[k + 1] - depth[k]
+            i1 = 1.0 / (depth[k + 1] - depth[k])
             for q in range(4):
-                f0, f1 = acc[q, k], acc[q, k + 1]
-                g0, g1 = acc[q, n_depth + k], acc[q, n_depth + k + 1]
-                rise = (f1 - f0) / h
+                f0, g0, g1 = acc[q, k], acc[q, n_depth + k], acc[q, n_depth + k + 1]
+                rise = (acc[q, k + 1] - f0) * i1
                 data[i, k, 4 * q] = f0
                 data[i, k, 4 * q + 1] = g0
-                data[i, k, 4 * q + 2] = (3.0 * rise - 2.0 * g0 - g1) / h
-                data[i, k, 4 * q + 3] = (g0 + g1 - 2.0 * rise) / (h * h)
+                data[i, k, 4 * q + 2] = (3.0 * rise - 2.0 * g0 - g1) * i1
+                data[i, k, 4 * q + 3] = (g0 + g1 - 2.0 * rise) * (i1 * i1)
 
 
 @kernel
@@ -280,19 +303,40 @@ def cut_section(domain, line, horizontal, work):
     store, breaks = work.store, work.breaks
     if domain.kind == at.SMOOTH:
         count = 2
-        if domain.north.size > 1 or domain.east.size > 1:
+        if not domain.uniform:
             count = min(max(int(math.ceil(horizontal / domain.column_step)) + 1, 2), store.shape[0])
         # columns at both ends; rays of short and steep links use the first cell's polynomial beyond them
         step = max(horizontal / (count - 1), _LEAST_STEP)
         _cut_smooth(domain, line, step, count, work)
-        return Section(at.SMOOTH, count, 0.0, step, breaks, domain.depth, domain.lut, domain.lut_scale, store)
+        return Section(
+            at.SMOOTH,
+            count,
+            0.0,
+            step,
+            breaks,
+            domain.depth,
+            domain.lut,
+            domain.lut_scale,
+            store,
+            domain.layered,
+        )
     reach = 1000.0  # m beyond the ends; rays of steep links stray behind the source
     breaks[0] = -reach
-    count = sort_breaks(
-        horizontal + reach, breaks, add_crossings(domain, line, horizontal + reach, breaks, 1)
-    )
+    count = 1 if domain.uniform else add_crossings(domain, line, horizontal + reach, breaks, 1)
+    count = sort_breaks(horizontal + reach, breaks, count)
     _cut_linear(domain, line, breaks, count - 1, store)
-    return Section(at.LINEAR, count - 1, 0.0, 1.0, breaks, domain.depth, domain.lut, domain.lut_scale, store)
+    return Section(
+        at.LINEAR,
+        count - 1,
+        0.0,
+        1.0,
+        breaks,
+        domain.depth,
+        domain.lut,
+        domain.lut_scale,
+        store,
+        domain.layered,
+    )
 
 
 @inlined

@@ -63,15 +63,16 @@ Sheet.__doc__ = """A boundary's depth on its own axes, one point where it does n
 
 Domain = namedtuple(
     "Domain",
-    "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale column_step bed ice",
+    "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale column_step bed ice uniform layered",
 )
 Domain.__doc__ = """A medium as the kernels take it: sound speed, `Sheet` of the sea bed and of the ice's underside.
 
 field holds, for SMOOTH, B-spline coefficients (north, east, 2 * depth), else the sound speed (north, east, depth). Water
-without ice has a sheet of one point at depth 0.
+without ice has a sheet of one point at depth 0. A uniform one does not vary horizontally; layered is such a LINEAR one
+whose levels reach the sea bed.
 """
 
-Section = namedtuple("Section", "kind n_range r_first r_step breaks depth lut lut_scale data")
+Section = namedtuple("Section", "kind n_range r_first r_step breaks depth lut lut_scale data layered")
 Section.__doc__ = """Field along one baseline.
 
 n_range columns (SMOOTH) or cells (LINEAR); breaks holds the cell edges (LINEAR);

@@ -14,11 +14,11 @@ from collections import namedtuple
 import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.boundary import ON_SURFACE
+from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.layout import Course
 from pymantaray.acoustics._kernels.march import march
-from pymantaray.acoustics._kernels.trace import append_code, fan_ray, trace
+from pymantaray.acoustics._kernels.trace import fan_ray, trace
 from pymantaray.compile import inlined, kernel
 
 STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only

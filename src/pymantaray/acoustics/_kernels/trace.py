@@ -8,15 +8,16 @@ A reflected one is followed along the horizontal, or in depth where it is steep 
 import math
 
 from pymantaray.acoustics._kernels import layout as at
+from pymantaray.acoustics._kernels.arcs import fits, trace_arcs
 from pymantaray.acoustics._kernels.boundary import (
     BOTTOM,
     FAR,
     NEAR,
     ON_FACE,
-    ON_SURFACE,
     SURFACE,
     TOP,
     UNDERSIDE,
+    append_code,
     crossing,
     face_distance,
     hold,
@@ -35,7 +36,6 @@ from pymantaray.compile import inlined, kernel, out_of_line
 MAX_STEPS = 100_000
 _MOST_STUCK = 20  # steps too short to be shortened, of a ray so flat that the field's last digits turn it
 _LONG = 1e7  # m; a leg that a boundary ends
-_HASH = 2**32
 
 
 @kernel
@@ -92,13 +92,6 @@ def fan_ray(work):
 
 
 @kernel
-def append_code(code, mark):
-    """Code of a ray's reflections after one more; the last 10 bits count both kinds."""
-    counts = code % 1024 + (32 if mark <= ON_SURFACE else 1)
-    return ((code // 1024 * 8191 + mark) % _HASH) * 1024 + counts
-
-
-@kernel
 def trace(s, walls, course, angle, q0, tol, ray):
     """Trace one ray to the course's length, for LEGS to the end of the last leg.
 
@@ -117,6 +110,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
         modulo 1024.
     """
     out_of_line()
+    if fits(s, walls, course, q0):
+        return trace_arcs(s, walls, course, angle, ray)
     rule, axis, length = course.rule, course.axis, course.length
     y, K, path = ray.y, ray.K, ray.path
     n_eq = K.shape[1]
