@@ -1,16 +1,19 @@
 """Names of tasks: what a stage depends on is in its key and can be read, and nothing else is or can."""
 
 import copy
+import datetime as dt
 from dataclasses import fields
 
 import numpy as np
 import pytest
+import xarray as xr
 from factories import TINY
 
 from pymantaray.study import parse_study
 from pymantaray.study.assemble import build_medium
 from pymantaray.study.mission import mission_ocean, range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys, narrowed, reads
+from pymantaray.sweep.stages import _PACK, _UNPACK, _content, _datasets
 
 MODEM = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
 
@@ -156,3 +159,41 @@ def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
     before = keys(config, {})
     monkeypatch.setattr("pymantaray.__version__", "99")
     assert all(x != y for x, y in zip(before.values(), keys(config, {}).values(), strict=True))
+
+
+@pytest.mark.parametrize(
+    "sections",
+    [
+        {},
+        {"ocean": {"time_varying": True, "time": "2014-07-15T13:30:00"}, "acoustics": {"currents": True}},
+        {"ocean": {"ice": 2.0}, "acoustics": {"max_surface_bounces": 1}},
+    ],
+)
+def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(config, sections):
+    tree = config.model_dump(exclude_none=True)
+    for name, values in sections.items():
+        tree[name] |= values
+    tree["ocean"]["time"] = dt.datetime.fromisoformat(str(tree["ocean"].get("time", "2014-07-15T12:00:00")))
+    modem = MODEM | ({"ice_loss_db": 2.0} if "ice" in tree["ocean"] else {})
+    ocean, fleet, rays = stages_of(parse_study(tree | {"detection": modem}))
+    again = {
+        stage: _UNPACK[stage](_datasets(_content(_PACK[stage](result))))
+        for stage, result in ((OCEAN, ocean), (FLEET, fleet), (RAYS, rays))
+    }
+    assert (ocean.series is not None) == tree["ocean"]["time_varying"]
+    for name in ("geographic", "local", "profile", *(["series"] if ocean.series is not None else [])):
+        one, two = getattr(ocean, name), getattr(again[OCEAN], name)
+        xr.testing.assert_identical(one.drop_attrs(), two.drop_attrs())
+        assert {k: str(v) for k, v in one.attrs.items()} == {k: str(v) for k, v in two.attrs.items()}
+    assert again[OCEAN].region.to_csv() == ocean.region.to_csv()
+    pairs = [(fleet, again[FLEET])]
+    pairs += [(getattr(rays, name), getattr(again[RAYS], name)) for name in ("truth", "links", "arrivals")]
+    for one, two in pairs:
+        for f in fields(one):
+            np.testing.assert_array_equal(getattr(one, f.name), getattr(two, f.name))
+    for one, two in zip(rays, again[RAYS], strict=True):
+        if isinstance(one, np.ndarray):
+            np.testing.assert_array_equal(one, two)
+            assert one.dtype == two.dtype
+        assert (one is None) == (two is None)
+    np.testing.assert_array_equal(np.stack(rays.attempts), np.stack(again[RAYS].attempts))

@@ -21,6 +21,7 @@ from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys
 from pymantaray.sweep.plan import Plan, Queue
 from pymantaray.sweep.store import open_store, stage_name
 from pymantaray.sweep.tasks import Task, perform
+from pymantaray.sweep.workers import crew_of
 
 
 @pytest.fixture
@@ -213,6 +214,14 @@ def test_a_worker_of_another_version_is_refused_in_one_line(small, tmp_path):
     task = Task(POINT, keys(small, {}), small, frozenset(), version="99")
     with pytest.raises(SweepError, match=r"^this worker has pymantaray .*, the sweep 99: install the same$"):
         perform(str(tmp_path), task)
+
+
+def test_workers_that_write_elsewhere_are_noticed(here, noises, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "pymantaray.sweep.runner.crew_of", lambda _, *rest: crew_of(str(tmp_path / "away"), *rest)
+    )
+    with pytest.raises(SweepError, match=r"2 points were done elsewhere; all workers must see this place$"):
+        run_sweep(noises(2), tmp_path / "out", workers=1)
 
 
 def test_a_stage_that_another_runner_removed_is_computed_again(here, noises, tmp_path):

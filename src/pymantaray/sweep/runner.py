@@ -68,7 +68,7 @@ def run_sweep(
     Raises
     ------
     SweepError
-        If a point is not a study, the folder holds something else, or the scheduler is gone.
+        If a point is not a study, the folder holds something else, the scheduler is gone, or workers see another folder.
     WriteError
         If the store cannot be written.
     """
@@ -86,6 +86,10 @@ def run_sweep(
     if queue.left:
         with crew_of(store.url, client, workers) as crew:
             _work(queue, crew, store, told, keep_stages=keep_stages)
+        if missing := len(plan.points) - sum(map(len, finished(store, plan.points))):
+            raise SweepError(
+                f"{store.url}: {missing} points were done elsewhere; all workers must see this place"
+            )
     _clear_stages(store, plan, keep=keep_stages)
     return open_sweep(out)
 
@@ -102,12 +106,8 @@ class _Told:
     """Counts points."""
 
     def __init__(self, plan: Plan, done: set[str], failed: set[str], progress: Told | None) -> None:
-        self._done, self._failed, self._total, self._progress = (
-            len(done),
-            len(failed),
-            len(plan.points),
-            progress,
-        )
+        self._done, self._failed = len(done), len(failed)
+        self._total, self._progress = len(plan.points), progress
         self.add(0, 0)
 
     def add(self, done: int, failed: int) -> None:
