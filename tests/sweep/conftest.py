@@ -1,19 +1,28 @@
 """A study that takes tenths of a second, and sweeps of it."""
 
 import copy
+from functools import cache
+from types import SimpleNamespace
 
 import pytest
 from factories import TINY
 
 from pymantaray.study import parse_study
-from pymantaray.sweep import Sweep
-from pymantaray.sweep.stages import _LATEST
+from pymantaray.study.mission import mission_ocean
+from pymantaray.sweep import Sweep, stages
+
+
+@pytest.fixture(scope="session")
+def ocean_of():
+    """Ocean of a configuration, made once for all tests of this process: it takes longest."""
+    return cache(lambda section: mission_ocean(SimpleNamespace(ocean=section)))
 
 
 @pytest.fixture(autouse=True)
-def nothing_in_memory():
-    """What one test computed is not there for the next."""
-    _LATEST.clear()
+def nothing_in_memory(monkeypatch, ocean_of):
+    """What one test computed is not there for the next, but for oceans."""
+    stages._LATEST.clear()
+    monkeypatch.setattr(stages, "mission_ocean", lambda config: ocean_of(config.ocean))
 
 
 @pytest.fixture(scope="session")
