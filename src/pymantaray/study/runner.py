@@ -79,23 +79,21 @@ def run_study(
     workers = min(workers, count)
     refuse_too_large(config, workers)
     report, watch = progress or _silent, Stopwatch()
-    with (
-        staged_folder(out, config.study.name) as (stage, folder),
-        Workers(partial(start_solver, stage), workers) if workers > 1 else nullcontext() as processes,
-    ):
-        mission = mission or simulate_mission(config, watch, report)
-        with watch.stage("files"):
-            inputs = checksums(config)  # of what was read, whatever becomes of the files
-            _write_mission(config, mission, stage)
-        drawing = None if mission_ready is None else mission_ready(stage)
-        report("realizations", 0, count)
-        with watch.stage("realizations"):
-            run, solved = Run(stage), dict[int, Solved]()
-            solving = solve_realizations(run, processes)
-            _write_graphs(run)  # while workers solve
-            for number, one in solving:
-                solved[number] = one
-                report("realizations", len(solved), count)
+    with staged_folder(out, config.study.name) as (stage, folder):
+        with Workers(partial(start_solver, stage), workers) if workers > 1 else nullcontext() as processes:
+            mission = mission or simulate_mission(config, watch, report)
+            with watch.stage("files"):
+                inputs = checksums(config)  # of what was read, whatever becomes of the files
+                _write_mission(config, mission, stage)
+            drawing = None if mission_ready is None else mission_ready(stage)
+            report("realizations", 0, count)
+            with watch.stage("realizations"):
+                run, solved = Run(stage), dict[int, Solved]()
+                solving = solve_realizations(run, processes)
+                _write_graphs(run)  # while workers solve
+                for number, one in solving:
+                    solved[number] = one
+                    report("realizations", len(solved), count)
         report("files", 0, 1)
         with watch.stage("files"):
             results = collect_results(run_in_memory(config, mission), [solved[n] for n in range(count)])
