@@ -17,7 +17,8 @@ import time
 from pathlib import Path
 
 KERNELS = """
-import json, time
+import json, sys, time
+sys.path.insert(0, FOLDER)
 parts, since = {}, time.process_time()
 def took(name):
     global since
@@ -26,6 +27,7 @@ def took(name):
 import numpy as np, xarray as xr
 from pymantaray.acoustics import Medium, find_eigenrays, ray_picture, trace_paths
 from pymantaray.fleet import ConstantTwist, FloatCycle, Vehicle, Waypoints, simulate
+import bench_solve
 took("imports")
 medium = Medium.from_profile([0.0, 100.0, 4000.0], [1500.0, 1490.0, 1550.0], bottom_depth=3000.0)
 ends = [0.0, 0.0, 10.0], [1000.0, 0.0, 20.0]
@@ -47,6 +49,12 @@ for water in (still, moving):
     fleet = [Vehicle(f"V{i}", (0.0, 0.0, 5.0), way) for i, way in enumerate(ways)]
     simulate(fleet, water, duration=100.0, physics_step=1.0, sampling_period=50.0)
 took("fleet")
+bench_solve.N_TIMES = 80
+position, rotation = bench_solve.fleet(np.random.default_rng(0), turn=0.0)
+quaternion = bench_solve.quaternion_from_matrix(rotation)
+measured = bench_solve.observe(position, rotation, np.random.default_rng(0))
+bench_solve.solve_conditions(measured, bench_solve.CONDITIONS, (position, quaternion))
+took("solves")
 print(json.dumps(parts))
 """
 COMMAND = "import sys; from pymantaray.cli.main import main; sys.exit(main())"
@@ -80,7 +88,11 @@ def measure_kernels() -> dict[str, dict[str, float]]:
     figures = {}
     with tempfile.TemporaryDirectory() as cache:
         for label in ("from an empty cache", "from a full cache"):
-            printed, cpu, wall = child(["-c", KERNELS], cache, NUMBA_CACHE_DIR=cache)
+            printed, cpu, wall = child(
+                ["-c", KERNELS.replace("FOLDER", repr(str(Path(__file__).parent)))],
+                cache,
+                NUMBA_CACHE_DIR=cache,
+            )
             figures[label] = {**json.loads(printed), "process": cpu, "process, wall": wall}
     return figures
 
