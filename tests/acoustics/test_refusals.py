@@ -74,7 +74,7 @@ REFUSED = {
     r"source: shape \(1, 2\); needs \(n_links, 3\)": lambda: links([0.0, 0.0]),
     "receiver: 1 coordinates are not finite": lambda: links(receiver=[np.nan, 0.0, 10.0]),
     "tolerance: 0": lambda: links(tolerance=0.0),
-    "device: 'tpu'; allowed are 'auto', 'cpu' and 'cuda'": lambda: links(device="tpu"),
+    "device: 'tpu'; allowed are 'cpu' and 'cuda'": lambda: links(device="tpu"),
     "coincide": lambda: ray_picture(LINK[0], LINK[1], LINK[1]),
     "lacks water_temp, salinity; give the": lambda: Absorption.from_dataset(NOWHERE),
     "'urick'; allowed are francois-": lambda: salty(formula="urick"),

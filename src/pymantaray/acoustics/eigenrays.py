@@ -24,10 +24,9 @@ if TYPE_CHECKING:
     from pymantaray.acoustics._kernels.layout import Domain, Results, Settings
 
 Array = NDArray[np.float64]
-Device = Literal["auto", "cpu", "cuda"]
+Device = Literal["cpu", "cuda"]
 T = TypeVar("T")
 MAX_ARRIVALS = 64  # kept per link
-_MANY_LINKS = 50_000  # from which "auto" takes a CUDA device
 _WAVE = 65_536  # links per launch on a device; their rows take 0.4 GB
 _MOST_ROWS = 64  # of a block
 _SECONDS = 0.02  # of a block: long beside what Python does between two, short beside a person's patience
@@ -45,7 +44,7 @@ def find_eigenrays(
     tolerance: float = 1e-3,
     canonical: bool = True,
     threads: int | None = None,
-    device: Device = "auto",
+    device: Device = "cpu",
     progress: Callable[[int, int], None] | None = None,
 ) -> Arrivals:
     """
@@ -70,9 +69,9 @@ def find_eigenrays(
         solves from the source as given (tests of reciprocity).
     threads : int, optional
         Threads over blocks of links; the result does not depend on it. Default: all processors.
-    device : {"auto", "cpu", "cuda"}
-        Where to solve. "auto" takes a CUDA device, where there is one, for 50,000 links or more; its last
-        digits differ from the processor's.
+    device : {"cpu", "cuda"}
+        Where to solve. "cuda" is experimental: it has been compiled and simulated, never run on a device; its last digits
+        differ from the processor's.
     progress : callable, optional
         Called after each block with the number of links solved and of all links.
 
@@ -117,7 +116,7 @@ def find_eigenrays(
     from pymantaray.acoustics._kernels.layout import Settings
 
     bounces, settings = most if any(most) else None, Settings(cutoff, float(tolerance), canonical)
-    solve = _solve_on_cuda if _on_cuda(device, len(a)) else partial(_solve_on_processor, threads=threads)
+    solve = _solve_on_cuda if _on_cuda(device) else partial(_solve_on_processor, threads=threads)
     blocks: list[Results] = []
     done = 0
     with closing(solve(medium.domain(), bounces, settings, a, b)) as solving:
@@ -221,24 +220,22 @@ def _solve_on_cuda(
         yield _compact(room, len(room.counts))
 
 
-def _on_cuda(device: str, n_links: int) -> bool:
-    """Whether links are to be solved on a CUDA device; "auto" takes one, where there is one, for many links."""
-    if device not in ("auto", "cpu", "cuda"):
-        raise AcousticsError(f"device: {device!r}; allowed are 'auto', 'cpu' and 'cuda'")
-    if device == "cpu" or (device == "auto" and n_links < _MANY_LINKS):
+def _on_cuda(device: str) -> bool:
+    """Whether links are to be solved on a CUDA device, which must be there."""
+    if device not in ("cpu", "cuda"):
+        raise AcousticsError(f"device: {device!r}; allowed are 'cpu' and 'cuda'")
+    if device == "cpu":
         return False
     from numba import config
 
-    found = False
     if config.ENABLE_CUDASIM or find_spec("numba_cuda"):  # the target inside older Numba lacks too much
         from numba import cuda
 
-        found = bool(cuda.is_available())
-    if device == "cuda" and not found:
-        raise AcousticsError(
-            "device: 'cuda', but no CUDA device was found; it needs an NVIDIA driver and pip install pymantaray[cuda]"
-        )
-    return found
+        if cuda.is_available():
+            return True
+    raise AcousticsError(
+        "device: 'cuda', but no CUDA device was found; it needs an NVIDIA driver and pip install pymantaray[cuda]"
+    )
 
 
 def in_blocks(

@@ -1,4 +1,4 @@
-"""Links on a CUDA device: one thread a link, the same kernels as on the processor.
+"""Links on a CUDA device: one thread a link, the same kernels as on the processor. Experimental: never run on a device.
 
 Numba compiles a function decorated for the processor again for the device when a CUDA kernel calls it. In the
 simulator (NUMBA_ENABLE_CUDASIM=1) all kernels are plain Python.
