@@ -168,6 +168,24 @@ def test_not_a_run_is_refused(tmp_path):
     refused(StudyError, "run format 99; this version reads 2", open_run, tmp_path)
 
 
+def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path, monkeypatch):
+    steps = []
+
+    class Told(runner.Workers):
+        def __exit__(self, *error):
+            super().__exit__(*error)
+            steps.append("ended")
+
+    def describe(*arguments, **options):
+        steps.append("described")
+        return describe_run(*arguments, **options)
+
+    monkeypatch.setattr(runner, "Workers", Told)
+    monkeypatch.setattr(runner, "describe_run", describe)
+    run_study(tiny(study={"conditions": ["odometry"]}), tmp_path / "run", workers=2)
+    assert steps == ["ended", "described"]
+
+
 def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path):
     manifest = tiny_run.manifest
     assert manifest["random"]["seed"] == tiny_run.config.study.seed
