@@ -8,8 +8,15 @@ import pytest
 from factories import graph_covariances, without
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import LOSSES, GraphSolver, Method, build_graph, collect_covariances, fixed_epochs
-from pymantaray.estimation._gtsam.factors import graph_factors, values_of
+from pymantaray.estimation import (
+    LOSSES,
+    GraphSolver,
+    Method,
+    build_graph,
+    collect_covariances,
+    fixed_epochs,
+    to_gtsam,
+)
 from pymantaray.estimation.covariance import reckoned_covariances
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
@@ -33,7 +40,8 @@ def dense(graph, values):
     order = gtsam.Ordering()
     for key in range(graph.n_variables):
         order.push_back(key)
-    information = graph_factors(graph).linearize(values_of(values)).hessian(order)[0]
+    factors, at = to_gtsam(graph, values)
+    information = factors.linearize(at).hessian(order)[0]
     scale = 1.0 / np.sqrt(np.diag(information))
     return np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
 
@@ -73,7 +81,7 @@ def test_covariances_under_a_loss_are_gtsams_with_its_weights(make_fleet):
         solver.solve(graph, start, method=Method(under), model_is_right=False, covariance_poses=poses)
         for under in (loss, None)
     )
-    marginals = gtsam.Marginals(graph_factors(graph, loss), values_of(robust.values))
+    marginals = gtsam.Marginals(*to_gtsam(graph, robust.values, loss))
     for e, a in np.ndindex(poses.shape):
         assert_same(robust.covariances.pose[e, a], marginals.marginalCovariance(int(poses[e, a])))
     # ranges that it does not believe tell it nothing, and its innovations have no chi-square distribution

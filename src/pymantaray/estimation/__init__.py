@@ -3,7 +3,7 @@
 from pymantaray.estimation.build import build_graph
 from pymantaray.estimation.conditions import CONDITIONS, Estimator, collect_estimates, solve_conditions
 from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
-from pymantaray.estimation.external import GraphResult, open_graph, solve_graph
+from pymantaray.estimation.external import GraphResult, open_graph, solve_graph, to_gtsam
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import LOSSES, Loss
 from pymantaray.estimation.pyfg import read_pyfg, write_pyfg
@@ -53,5 +53,6 @@ __all__ = [
     "read_pyfg",
     "solve_conditions",
     "solve_graph",
+    "to_gtsam",
     "write_pyfg",
 ]

@@ -13,6 +13,7 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.diagnose import diagnose, worst_misfit
 from pymantaray.estimation.g2o import load_g2o
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_anchored, check_graph, check_values
+from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
 from pymantaray.estimation.solution import Solution
 from pymantaray.estimation.solve import METHODS, GraphSolver
@@ -212,3 +213,26 @@ def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _finite(v) for name, v in value.items()}
     return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def to_gtsam(graph: FactorGraph, values: GraphValues, loss: Loss | None = None) -> tuple[Any, Any]:
+    """
+    A graph and values of its variables as GTSAM's own, to be solved or extended there.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+        Every factor becomes one of GTSAM's; those of depth are GPS factors without precision across.
+    values : GraphValues
+        One for each variable of the graph.
+    loss : Loss, optional
+        Robust loss on the ranges.
+
+    Returns
+    -------
+    gtsam.NonlinearFactorGraph, gtsam.Values
+        Keys are the rows of the graph: poses first, landmarks after them. The ranges are the last factors.
+    """
+    from pymantaray.estimation._gtsam.factors import graph_factors, values_of
+
+    return graph_factors(graph, loss), values_of(values)
