@@ -11,7 +11,7 @@ from factories import assert_same, names_in
 from refusals import refused
 
 from pymantaray.errors import FleetError, StudyError
-from pymantaray.estimation import CONDITIONS, dead_reckon, read_pyfg
+from pymantaray.estimation import CONDITIONS, GraphSolver, SolveOptions, build_graph, dead_reckon, read_pyfg
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.study import open_run, run_study, runner
 from pymantaray.study.config import Condition
@@ -96,6 +96,16 @@ def test_dead_reckoned_start_reaches_the_same_optimum(run_tiny, tiny_run):
     study = {"realizations": 1, "conditions": ["refracted"]}
     other = run_tiny(estimator={"initialise": "dead-reckoning"}, study=study).estimates
     np.testing.assert_allclose(other.position[0, 0], tiny_run.estimates.position[3, 0], rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("ranges", ["straight", "refracted"])
+def test_few_steps_lead_a_study_to_its_optimum(tiny_run, ranges):
+    graph = build_graph(tiny_run.noisy_measurements(0), ranges)
+    _, start = read_pyfg(tiny_run.path / "pyfg" / f"realization-0-{ranges}.pyfg")
+    tight = GraphSolver(SolveOptions(step_tolerance=1e-9)).solve(graph, start)
+    usual = GraphSolver().solve(graph, start)
+    np.testing.assert_allclose(usual.position, tight.position, rtol=0, atol=1e-5)
+    assert usual.iterations <= 6  # eight and more without the curvature of odometry
 
 
 def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage(tiny, tmp_path, monkeypatch):

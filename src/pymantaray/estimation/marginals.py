@@ -57,7 +57,8 @@ def group_marginals(
     turn[..., 3:, 3:] = last.state.rotation[poses]  # from the world's axes to the body's
     fits = [(np.nan, 0)] * n_epochs
     if problem.loss is None:
-        terms = _by_group(problem.ranges.linear(last.state), poses, problem.fixed.n_poses)
+        among = problem.ranges.linear_among(last.state, np.unique(np.concatenate(groups)))
+        terms = _by_group(among, poses, problem.fixed.n_poses)
         step = last.step[problem.structure.row]
         fits = [_innovation(*each, step) for each in zip(terms, inverse, groups, strict=True)]
     return EpochCovariances(

@@ -75,17 +75,9 @@ class Fixed:
 
     def add(self, state: State, blocks: Blocks, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, and the curvature of odometry if the equations are to have it."""
-        row, order = out.structure.row, 2 if out.curved else 1
-        cost, other = np.empty(self.first.size), np.empty(self._variable.size)
-        residuals.add_relative(
-            *(self.first, self.second, self._turn, self._step, self._root, *blocks, *state[:2], row),
-            *(order, out.diagonal, out.above, out.gradient, cost, _scratch()),
-        )
-        residuals.add_places(
-            *(self._variable, self._measured, self._information, state.place, row),
-            *(True, out.diagonal, out.gradient, other),
-        )
-        out.cost += float(cost.sum()) + float(other.sum())
+        matrix = out.diagonal, out.above, out.gradient
+        costs = self._evaluate(state, blocks, out.structure.row, 2 if out.curved else 1, matrix)
+        out.cost += sum(float(cost.sum()) for cost in costs)
 
     def cost(self, state: State) -> float:
         """Half the sum of squares."""
@@ -102,15 +94,22 @@ class Fixed:
 
     def _costs(self, state: State) -> tuple[Array, Array]:
         """Cost of each factor with a rotation, and of each without."""
-        cost, other = np.empty(self.first.size), np.empty(self._variable.size)
         none, nothing = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE))
+        return self._evaluate(state, Blocks(none, none > 0), none, 0, (nothing, nothing, nothing[:, 0]))
+
+    def _evaluate(
+        self, state: State, blocks: Blocks, row: Indices, order: int, matrix: tuple[Array, Array, Array]
+    ) -> tuple[Array, Array]:
+        """The same, and what is added to a matrix if they are of order 1 or 2."""
+        diagonal, above, gradient = matrix
+        cost, other = np.empty(self.first.size), np.empty(self._variable.size)
         residuals.add_relative(
-            *(self.first, self.second, self._turn, self._step, self._root, none, none > 0, *state[:2]),
-            *(none, 0, nothing, nothing, nothing[:, 0], cost, _scratch()),
+            *(self.first, self.second, self._turn, self._step, self._root, *blocks, *state[:2], row),
+            *(order, diagonal, above, gradient, cost, _scratch()),
         )
         residuals.add_places(
-            *(self._variable, self._measured, self._information, state.place, np.zeros(0, dtype=np.intp)),
-            *(False, nothing, nothing[:, 0], other),
+            *(self._variable, self._measured, self._information, state.place, row),
+            *(order > 0, diagonal, gradient, other),
         )
         return cost, other
 
@@ -184,12 +183,13 @@ class Distances:
         matrix = out.structure.row, out.diagonal, out.above, out.gradient
         residuals.add_pairs(first, second, white, slope, *blocks, *matrix)
 
-    def linear(self, state: State) -> list["LinearTerm"]:
-        """Each range by itself."""
-        white, slope = self._at(state)
+    def linear_among(self, state: State, variables: Indices) -> list["LinearTerm"]:
+        """Each range between some of the variables by itself."""
+        rows = np.isin(self.pairs, variables).all(axis=1)
+        white, slope = (part[rows] for part in self._at(state))
         jacobian = np.zeros((white.size, 1, 2 * SIZE))
         jacobian[:, 0, 3:6], jacobian[:, 0, 9:12] = slope[:, :3], slope[:, 3:]
-        return list(map(LinearTerm, self.pairs, white[:, None], jacobian))
+        return list(map(LinearTerm, self.pairs[rows], white[:, None], jacobian))
 
     def _at(self, state: State) -> tuple[Array, Array]:
         distance, unit = chord(*state.place[self.pairs.T])
@@ -264,6 +264,10 @@ class ExpandedRanges:
             prior = np.zeros(rows.size * SIZE)
             prior[: state.shared.size] = state.shared
             out.gradient[rows] += prior.reshape(-1, SIZE)
+
+    def linear_among(self, state: State, variables: Indices) -> list[LinearTerm]:
+        """Terms of the epochs whose ranges are all between some of the variables."""
+        return [term for term in self.linear(state) if np.isin(term.variables, variables).all()]
 
     def linear(self, state: State, loss: Loss | None = None) -> list[LinearTerm]:
         """One term for each epoch."""
