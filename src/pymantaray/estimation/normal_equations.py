@@ -104,10 +104,14 @@ class Factor:
 
 
 class NormalEquations:
-    """Matrix, gradient and cost of residuals linearized at one place; ``factorize`` uses the matrix up."""
+    """
+    Matrix, gradient and cost of residuals linearized at one place; ``factorize`` uses the matrix up.
 
-    def __init__(self, structure: Structure, *, curved: bool = False) -> None:
-        self.structure, self.curved = structure, curved
+    Of order 1 the matrix is that of Gauss-Newton, of order 2 it has the curvature of odometry as well, of order 3 that of distances.
+    """
+
+    def __init__(self, structure: Structure, order: int = 1) -> None:
+        self.structure, self.order = structure, order
         n = structure.row.size
         self.diagonal, self.above = np.zeros((n, SIZE, SIZE)), np.zeros((structure.column.size, SIZE, SIZE))
         self.gradient, self.cost = np.zeros((n, SIZE)), 0.0

@@ -16,7 +16,7 @@ _RISE = 1e-9  # relative; a smaller rise of the cost is rounding
 # Steps in a row that may leave the cost above its lowest: a full step from afar overshoots the rotations,
 # and the next one more than makes up for it. (A damped solve from there costs ten full steps.)
 _PATIENCE = 2
-_QUICK = 100.0  # by which a step with the curvature of odometry shortens the next
+_QUICK = 100.0  # by which a step with curvature shortens the next
 _CRAWL = 1e-9  # relative fall of the cost at which damped steps from a singular start end
 _FIRST_DAMPING, _MOST_DAMPING = 1e-5, 1e5  # of the diagonal
 
@@ -75,25 +75,28 @@ def _gauss_newton(problem: Problem, initial: State, options: SolveOptions) -> Op
     """
     Run undamped; a cost that stays above its lowest for too long leaves ``last_step`` NaN.
 
-    With the curvature of odometry a step leaves a hundredth of the error, without it a sixth. It is left out as soon as the
-    matrix is not positive definite with it, and of the last step, which proves convergence.
+    With the curvature of odometry a step leaves a hundredth of the error, without it a sixth; that of distances, from the
+    second step on, matters where ranges are off by more than odometry is in doubt. Either is left out as soon as the
+    matrix is not positive definite with it, and both of the last step, which proves convergence.
     """
-    state, equations = initial, problem.linearize(initial, curved=True)
+    state, equations, most = initial, problem.linearize(initial, 2), 3
     lowest, above = equations.cost, 0
     progress = Progress(iterations=0, initial_cost=lowest, final_cost=lowest)
     for iteration in range(1, options.max_iterations + 1):
-        curved, factor = equations.curved, equations.factorize()
-        if factor is None and curved:
-            curved, equations = False, problem.linearize(state)
+        factor = equations.factorize()
+        while factor is None and equations.order > 1:
+            most = equations.order - 1
+            equations = problem.linearize(state, most)
             factor = equations.factorize()
         if factor is None:
             return Optimum(state, replace(progress, singular=True, last_step=np.nan))
         last = LastStep(state, factor, factor.solve(-equations.gradient))
         largest = float(np.abs(last.step).max())
         trial = state.moved(problem.structure, last.step)
-        ended = not curved and largest <= options.step_tolerance
-        curved &= largest > _QUICK * options.step_tolerance
-        ahead = None if ended else problem.linearize(trial, curved=curved)
+        ended = equations.order == 1 and largest <= options.step_tolerance
+        if largest <= _QUICK * options.step_tolerance:
+            most = 1
+        ahead = None if ended else problem.linearize(trial, most)
         cost = problem.cost(trial) if ahead is None else ahead.cost
         above = 0 if cost <= lowest + _RISE * (1.0 + lowest) else above + 1
         if above > _PATIENCE or not np.isfinite(cost):

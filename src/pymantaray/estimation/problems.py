@@ -74,9 +74,9 @@ class Fixed:
         return out
 
     def add(self, state: State, blocks: Blocks, out: NormalEquations) -> None:
-        """Add cost, gradient and blocks, and the curvature of odometry if the equations are to have it."""
+        """Add cost, gradient and blocks, and the curvature of odometry from order 2 on."""
         matrix = out.diagonal, out.above, out.gradient
-        costs = self._evaluate(state, blocks, out.structure.row, 2 if out.curved else 1, matrix)
+        costs = self._evaluate(state, blocks, out.structure.row, min(out.order, 2), matrix)
         out.cost += sum(float(cost.sum()) for cost in costs)
 
     def cost(self, state: State) -> float:
@@ -173,15 +173,19 @@ class Distances:
         return _cost(self.whitened(state), loss)
 
     def add(self, state: State, blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
-        """Add cost, gradient and blocks, under a loss with its weights."""
+        """Add cost, gradient and blocks, under a loss with its weights, and the curvature of distances in order 3."""
         white, slope = self._at(state)
         out.cost += _cost(white, loss)
+        off = white * self._sigma
+        bend = off / np.maximum(self._distance + off, self._sigma) if out.order > 2 else np.zeros_like(off)
+        information = self._sigma**-2
         if loss is not None:
-            weight = np.sqrt(loss.weight(white))
-            white, slope = weight * white, weight[:, None] * slope
+            weight = loss.weight(white)
+            white, slope = np.sqrt(weight) * white, np.sqrt(weight)[:, None] * slope
+            information = weight * information
         first, second = np.ascontiguousarray(self.pairs.T)
         matrix = out.structure.row, out.diagonal, out.above, out.gradient
-        residuals.add_pairs(first, second, white, slope, *blocks, *matrix)
+        residuals.add_pairs(first, second, white, slope, bend, information, *blocks, *matrix)
 
     def linear_among(self, state: State, variables: Indices) -> list["LinearTerm"]:
         """Each range between some of the variables by itself."""
@@ -317,9 +321,9 @@ class Problem:
         """Cost at a state."""
         return self.fixed.cost(state) + self.ranges.cost(state, self.loss)
 
-    def linearize(self, state: State, *, curved: bool = False) -> NormalEquations:
-        """Normal equations at a state, ranges weighted as the loss has it there, with the curvature of odometry or without."""
-        out = NormalEquations(self.structure, curved=curved)
+    def linearize(self, state: State, order: int = 1) -> NormalEquations:
+        """Normal equations at a state, ranges weighted as the loss has it there."""
+        out = NormalEquations(self.structure, order)
         i, n, m = np.arange(SIZE), self.fixed.n_poses, self.fixed.n_variables
         row = self.structure.row
         out.diagonal[row[n:m, None], i[:3], i[:3]] = 1.0  # a landmark does not turn

@@ -290,21 +290,31 @@ def add_places(variable, measured, information, place, row, wanted, diagonal, gr
 
 
 @entry
-def add_pairs(first, second, residual, slope, block, turned, row, diagonal, above, gradient):  # type: ignore[no-untyped-def]
-    """Blocks and gradient of whitened residuals (n,) with slopes by the positions of their first and second end, (n, 6)."""
+def add_pairs(  # type: ignore[no-untyped-def]
+    first, second, residual, slope, bend, information, block, turned, row, diagonal, above, gradient
+):
+    """
+    Blocks and gradient of whitened residuals (n,) with slopes by the positions of their first and second end, (n, 6).
+
+    Of a distance with curvature a share ``bend`` of its own residual over it: so much less along it, and as much across.
+    """
     for i in range(first.size):
         j, k = row[first[i]], row[second[i]]
+        along, across = 1.0 - bend[i], bend[i] * information[i]
         for r in range(3):
             a, b = slope[i, r], slope[i, 3 + r]
             gradient[j, 3 + r] += a * residual[i]
             gradient[k, 3 + r] += b * residual[i]
+            diagonal[j, 3 + r, 3 + r] += across
+            diagonal[k, 3 + r, 3 + r] += across
+            above[block[i], 3 + r, 3 + r] -= across
             for c in range(3):
-                diagonal[j, 3 + r, 3 + c] += a * slope[i, c]
-                diagonal[k, 3 + r, 3 + c] += b * slope[i, 3 + c]
+                diagonal[j, 3 + r, 3 + c] += along * a * slope[i, c]
+                diagonal[k, 3 + r, 3 + c] += along * b * slope[i, 3 + c]
                 if turned[i]:
-                    above[block[i], 3 + r, 3 + c] += b * slope[i, c]
+                    above[block[i], 3 + r, 3 + c] += along * b * slope[i, c]
                 else:
-                    above[block[i], 3 + r, 3 + c] += a * slope[i, 3 + c]
+                    above[block[i], 3 + r, 3 + c] += along * a * slope[i, 3 + c]
 
 
 @entry
