@@ -14,6 +14,7 @@ from pymantaray.acoustics._kernels.trace import full_ray, full_ray_end, ray_axis
 from pymantaray.compile import kernel
 
 RESOLUTION = 1e-6  # rad; narrower intervals of a fan of direct rays are not divided
+_LOST = 1e-9  # rad; narrower jumps of the miss hold no ray to be found
 INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the travel time corrected (Fermat)
 _NEAR = 1e-5  # rad; derivatives are differences between rays so near to each other
 # Where Newton's method fails at once, slopes across the plane are brought in by shares of them
@@ -68,7 +69,7 @@ def refine(s, walls, course, bracket, accuracy, weak, work):
     """The direct ray in a bracket, with horizontal refraction, that ends within accuracy.miss of the receiver.
 
     Newton on both slownesses: the angle by xi, the cross-track slowness by dy/dq, safeguarded by bisection; given up where the
-    miss is steeper than weak between ends as near as RESOLUTION.
+    miss is steeper than weak between ends as near as _LOST.
     The end state stays in work.y and its path in work.path.
     """
     y, ray, tol, miss = work.y, full_ray(work), accuracy.fine, accuracy.miss
@@ -96,7 +97,7 @@ def refine(s, walls, course, bracket, accuracy, weak, work):
                 lo, f_lo = m, f
             else:
                 hi, f_hi = m, f
-            if hi - lo < RESOLUTION and abs(f_hi - f_lo) > weak * (hi - lo):
+            if hi - lo < _LOST and abs(f_hi - f_lo) > weak * (hi - lo):
                 break
         new = m - f / y[at.XI] if y[at.XI] != 0.0 else 0.5 * (lo + hi)
         if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):

@@ -31,12 +31,12 @@ _BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this ti
 _WHOLE, _HALVED = 4.0, 1.5  # safety of it in an interval of the first fan, and in half of one
 # Where rays diverge, measured by straight ones, the errors made on their way grow with them
 _DIVERGING = 3.0  # from here on a ray is traced anew with a tolerance that allows for it,
-_HOPELESS = 200.0  # up to here: weaker ones are no arrivals
+_HOPELESS = 1e3  # up to here: weaker ones are no arrivals
 _AMPLIFIED, _MOST = (
     2.0,
     30.0,
 )  # the tolerance is smaller by the first times the divergence, or times the second
-_ERRING = 30.0  # times tolerance and divergence away from the receiver, errors do not matter
+_ERRING = 100.0  # times tolerance and divergence away from the receiver, errors do not matter
 _APART = 0.25  # of the link: rays that left the water so far from each other did so at other cycles,
 _LEAST_RISE = 0.3  # of their own rise is left to rays of which all between leave the water as they do,
 _SAME_PLACE = 0.3  # at places that their rates foretell within this share of the distance
@@ -268,6 +268,10 @@ def _search_interval(s, walls, course, i, search, so_far, work):
             margin = 0.0
         if verdict != _SPLIT:
             continue
+        if same and h < _NARROW and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak:
+            if a[at.MISS] * b[at.MISS] < 0.0 and n_brackets < room:
+                n_brackets = _add_bracket(a, b, n_brackets, work)
+            continue
         doubtful = (
             a[at.MISS] * b[at.MISS] < 0.0 and h < _NARROW
         )  # rays part so fast that the fan's tolerance shows
@@ -279,18 +283,11 @@ def _search_interval(s, walls, course, i, search, so_far, work):
             a[at.DEFECT] = e
             top += 1
             continue
-        if same and h < _NARROW and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak:
-            if a[at.MISS] * b[at.MISS] < 0.0 and n_brackets < room:
-                n_brackets = _add_bracket(a, b, n_brackets, work)
-            continue
         if rays >= budget or rays >= MAX_RAYS or top + 3 >= st.shape[0]:
             # an edge between reflections is no ray
             complete = complete and reflecting and not same and h < _NARROW
             continue
         growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
-        expected = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
-        if abs(expected) > _ERRING * tol_here * growth:
-            growth = 0.0
         shoot(s, walls, course, 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol_here, growth, m, work)
         rays += 1
         if m[at.GOOD] > 0.0:
