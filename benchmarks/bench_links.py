@@ -9,17 +9,13 @@ largest beside them, and the CPU time of the process, which other work on the ma
 ``--bounces N`` adds N reflections at the surface and N at the bottom (2 in the figures of the docs). ``--threads 1 2`` names the
 thread counts. ``--links N`` takes more pings, ``--vehicles N`` all pairs of N vehicles spread over 20 km x 20 km instead.
 ``--device cuda`` solves on a CUDA device, one thread a link. ``--both-ways`` solves the links of the 3-D media from both
-ends and compares. ``--start`` times fresh processes instead: imports, the first link with an empty cache (compiles
-everything) and the first link with a full one, in a cache folder of its own.
+ends and compares.
 """
 
 import argparse
-import os
 import resource
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 
@@ -38,15 +34,6 @@ LINKS = 2310
 LEVELS = np.concatenate(
     [np.arange(0, 100, 10), np.arange(100, 500, 50), np.arange(500, 5001, 250)]
 )  # m; about HYCOM's
-FIRST_LINK = """
-import time
-start = time.perf_counter()
-from pymantaray.acoustics import Medium, find_eigenrays
-imported = time.perf_counter()
-medium = Medium.from_profile([0.0, 100.0, 4000.0], [1500.0, 1490.0, 1550.0], bottom_depth=3000.0)
-find_eigenrays(medium, [0.0, 0.0, 10.0], [1000.0, 0.0, 20.0], {bounces}, {bounces})
-print(imported - start, time.perf_counter() - imported)
-"""
 
 
 def fleet_links(rng: np.random.Generator, n_links: int) -> tuple[np.ndarray, np.ndarray]:
@@ -150,27 +137,6 @@ def compare_ends(name: str, medium: Medium, bounces: int) -> None:
     )
 
 
-def time_start(bounces: int) -> None:
-    """Start-up in fresh processes; the cache lies in a folder of its own, so that the installed one is left alone."""
-    with tempfile.TemporaryDirectory() as cache:
-        for label in ("cold", "cached", "cached"):
-            start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-            done = subprocess.run(
-                [sys.executable, "-c", FIRST_LINK.format(bounces=bounces)],
-                env={**os.environ, "NUMBA_CACHE_DIR": cache},
-                capture_output=True,
-                text=True,
-                check=True,
-            )
-            imports, first = (float(word) for word in done.stdout.split())
-            print(
-                f"{label:6}: imports {imports:.2f} s, first link {first:.2f} s,"
-                f" process {time.perf_counter() - start:.2f} s,"
-                f" CPU {resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before:.2f} s",
-                flush=True,
-            )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=5)
@@ -183,14 +149,7 @@ def main() -> None:
     parser.add_argument(
         "--both-ways", action="store_true", help="solve the links of the 3-D media from both ends"
     )
-    parser.add_argument(
-        "--start", action="store_true", help="time imports and compilation in fresh processes"
-    )
     options = parser.parse_args()
-    if options.start:
-        for bounces in options.bounces:
-            time_start(bounces)
-        return
     rng = np.random.default_rng(1)
     ends = crowd_links(rng, options.vehicles) if options.vehicles else fleet_links(rng, options.links)
     for name in options.media:

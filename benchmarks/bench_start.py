@@ -49,8 +49,7 @@ for water in (still, moving):
     fleet = [Vehicle(f"V{i}", (0.0, 0.0, 5.0), way) for i, way in enumerate(ways)]
     simulate(fleet, water, duration=100.0, physics_step=1.0, sampling_period=50.0)
 took("fleet")
-bench_solve.N_TIMES = 80
-position, rotation = bench_solve.fleet(np.random.default_rng(0), turn=0.0)
+position, rotation = bench_solve.fleet(np.random.default_rng(0), turn=0.0, n_times=80)
 quaternion = bench_solve.quaternion_from_matrix(rotation)
 measured = bench_solve.observe(position, rotation, np.random.default_rng(0))
 bench_solve.solve_conditions(measured, bench_solve.CONDITIONS, (position, quaternion))

@@ -4,7 +4,7 @@ Time and memory against the number of links, vehicles, poses and grid points; a 
 Run with ``python benchmarks/complexity.py``; ``--upto N`` leaves out larger points. Each point is measured in a process of its
 own, on one thread: CPU seconds of the work after all that it needs is compiled and loaded, and the most memory that the process
 has had, imports included. What was measured is kept in ``docs/figures/complexity.csv``, so that a run that was stopped goes on,
-``--fresh`` measures again. A point that does not end within ``--limit`` seconds or asks for more than ``--memory`` GiB is
+``--fresh`` measures again. A point that takes more than ``--limit`` CPU seconds or asks for more than ``--memory`` GiB is
 kept as such: that is where it breaks.
 
 links
@@ -22,6 +22,7 @@ import csv
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -71,8 +72,8 @@ def vehicles(size: int) -> Callable[[], object]:
 def poses(size: int) -> Callable[[], object]:
     import bench_solve
 
-    bench_solve.N_TIMES = size // len(bench_solve.TARGETS)
-    position, rotation = bench_solve.fleet(np.random.default_rng(0), turn=0.0)
+    n_times = size // len(bench_solve.TARGETS)
+    position, rotation = bench_solve.fleet(np.random.default_rng(0), turn=0.0, n_times=n_times)
     measured = bench_solve.observe(position, rotation, np.random.default_rng(1))
     initial = bench_solve.GraphValues(
         position=position.reshape(-1, 3),
@@ -113,18 +114,17 @@ def point(sweep: str, size: int, limit: float, memory: float) -> Point:
 
     def bounded() -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (int(memory * 2**30),) * 2)
+        resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit) + 1))
 
-    try:
-        done = subprocess.run(
-            [sys.executable, __file__, "--point", sweep, str(size)],
-            env={**os.environ, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-            preexec_fn=bounded,
-            capture_output=True,
-            text=True,
-            timeout=limit,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
+    done = subprocess.run(
+        [sys.executable, __file__, "--point", sweep, str(size)],
+        env={**os.environ, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+        preexec_fn=bounded,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         return Point(sweep, size, "", "", f"more than {limit:g} s")
     if done.returncode == 0:
         cpu, peak = json.loads(done.stdout)
@@ -188,7 +188,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--point", nargs=2, metavar=("SWEEP", "SIZE"), help=argparse.SUPPRESS)
     parser.add_argument("--upto", type=int, default=10**9, help="leave out points of more")
-    parser.add_argument("--limit", type=float, default=200.0, help="seconds that a point may take")
+    parser.add_argument("--limit", type=float, default=200.0, help="CPU seconds that a point may take")
     parser.add_argument("--memory", type=float, default=8.0, help="GiB that it may ask for")
     parser.add_argument("--fresh", action="store_true", help="measure again what has been measured")
     parser.add_argument(
