@@ -25,9 +25,9 @@ study: $(VENV)/.ready-run
 	$(BIN)/mantaray study run beaufort $(ARGS)
 
 study-paper: $(VENV)/.ready-run
-	$(BIN)/mantaray study run beaufort --out runs/paper-$(STAMP)/beaufort $(ARGS)
-	$(BIN)/mantaray study run fram --out runs/paper-$(STAMP)/fram $(ARGS)
-	$(BIN)/mantaray study compare runs/paper-$(STAMP)/beaufort runs/paper-$(STAMP)/fram \
+	$(BIN)/mantaray study run beaufort --pdf --out runs/paper-$(STAMP)/beaufort $(ARGS)
+	$(BIN)/mantaray study run fram --pdf --out runs/paper-$(STAMP)/fram $(ARGS)
+	$(BIN)/mantaray study compare --pdf runs/paper-$(STAMP)/beaufort runs/paper-$(STAMP)/fram \
 	  --out runs/paper-$(STAMP)/comparison
 
 quick: $(VENV)/.ready-run
