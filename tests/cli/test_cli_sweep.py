@@ -31,7 +31,7 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, file, tmp_path):
     )
     assert "to do: ocean 1, fleet 1, rays 2, points 4; what points share is computed once" in shown.out
     assert "on 2 workers" in shown.out
-    assert "by what the presets take for each step, link and pose" in shown.out
+    assert "by what quick takes for each step, link and pose" in shown.out
 
     out = tmp_path / "out"
     ran = mantaray("sweep", "run", file, "--out", out, "--workers", "1")

@@ -1,5 +1,8 @@
 """Sweep files: which studies they are, and what is refused before anything runs."""
 
+import datetime as dt
+
+import numpy as np
 import pytest
 
 from pymantaray.errors import SweepError
@@ -64,6 +67,28 @@ def test_a_sweep_written_out_needs_nothing_else_and_is_the_same(tmp_path):
     again = parse_sweep(text, "again", tmp_path / "elsewhere")
     assert [axis.coordinates() for axis in again.axes] == [axis.coordinates() for axis in sweep.axes]
     assert [again.point(n) for n in range(24)] == [sweep.point(n) for n in range(24)]
+
+
+def test_all_that_python_can_give_is_kept_in_its_order(small, tmp_path):
+    vehicles = small.model_dump(exclude_none=True)["fleet"]["vehicles"]
+    modem = {"source_level_db": 170.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
+    sweep = Sweep(
+        small,
+        cross={"detection": [modem, None], "noise.range_sigma": np.array([1.0, 2.0])},
+        zipped=[
+            {
+                "name": "fleet",
+                "fleet.vehicles": [vehicles, vehicles[:1]],
+                "mission.gnss_depth": (1.0, np.float64(2.0)),
+            },
+            {"ocean.time": [dt.datetime(2014, 7, 15, 12), dt.datetime(2014, 7, 16)]},  # noqa: DTZ001
+        ],
+        seeds=range(3),
+    )
+    again = parse_sweep(sweep.to_toml(), "again", tmp_path)
+    assert [axis.name for axis in again.axes] == [axis.name for axis in sweep.axes]
+    assert [again.point(n) for n in range(len(again))] == [sweep.point(n) for n in range(len(sweep))]
+    assert len(again) == 48
 
 
 def test_input_files_are_relative_to_the_sweep(tmp_path):

@@ -51,7 +51,7 @@ class Sweep:
         the fields of a study there are ``fleet.count``, the first n vehicles, and ``fleet.spacing``, a factor on the
         distances of vehicles from the centre of the frame.
     zipped : sequence of mapping, optional
-        Each the values of fields that change together; with ``name`` and ``labels`` it has a name in tables.
+        Each the values of fields that change together, and a ``name`` and ``labels`` for tables.
     seeds : sequence of int, optional
         Seeds of studies, crossed with all else.
     folder : str or pathlib.Path
@@ -84,11 +84,10 @@ class Sweep:
         self.name = config.study.name
         self._base: Tree = config.model_dump(exclude_none=True)
         self._folder = Path(folder).resolve()
-        self._seeds = list(seeds)
         axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
         axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]
-        if self._seeds:
-            axes.append(Axis(SEED, {SEED: self._seeds}))
+        if len(seeds):
+            axes.append(Axis(SEED, {SEED: _list("seeds", seeds)}))
         names = [name for axis in axes for name in axis.coordinates()]
         if taken := sorted(_COLUMNS & set(names)):
             raise SweepError(f"sweep: {taken[0]} is a column of its tables; give another name")
@@ -140,17 +139,12 @@ class Sweep:
         return parse_study(tree, label, self._folder)
 
     def to_toml(self) -> str:
-        """Everything, the base included, as a sweep file."""
-        axes = self.axes[: len(self.axes) - bool(self._seeds)]
-        crossed = {axis.name: axis.values[axis.name] for axis in axes if _is_crossed(axis)}
-        zipped = [
-            {**({"name": axis.name, "labels": axis.labels} if axis.labels else {}), **axis.values}
-            for axis in axes
-            if not _is_crossed(axis)
+        """Everything, the base included, as a sweep file; crossed fields are zipped alone, so that axes keep their order."""
+        tables = [
+            {"name": axis.name, **({} if axis.labels is None else {"labels": axis.labels}), **axis.values}
+            for axis in self.axes
         ]
-        tree = {"folder": str(self._folder), "seeds": self._seeds, "base": self._base}
-        tree |= {"cross": crossed, "zip": zipped}
-        return tomli_w.dumps(tree)
+        return tomli_w.dumps({"folder": str(self._folder), "base": self._base, "zip": tables})
 
 
 def load_sweep(file: str | Path) -> Sweep:
@@ -211,10 +205,6 @@ def parse_sweep(text: str, label: str, folder: Path) -> Sweep:
         raise SweepError(f"{label}: {str(error).removeprefix('sweep: ')}") from None
 
 
-def _is_crossed(axis: Axis) -> bool:
-    return axis.labels is None and list(axis.values) == [axis.name]
-
-
 def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     """Values by dotted field, whether dots were quoted in the file or made tables."""
     out: dict[str, Any] = {}
@@ -224,18 +214,19 @@ def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def _list(field: str, values: Any) -> list[Any]:
+    values = values.tolist() if hasattr(values, "tolist") else values
     if isinstance(values, (str, bytes)) or not isinstance(values, Sequence) or not len(values):
         raise SweepError(f"sweep: {field}: needs a list of at least one value; found {_word(values)}")
-    return list(values)
+    return [{} if value is None else value.item() if hasattr(value, "item") else value for value in values]
 
 
 def _zip(table: Mapping[str, Any], number: int) -> Axis:
     rest = dict(table)
     name, labels = rest.pop("name", None), rest.pop("labels", None)
     values = {field: _list(field, v) for field, v in _flat(rest).items()}
-    if not values or (name is None) != (labels is None):
+    if not values or (labels is not None and name is None):
         raise SweepError(
-            f"sweep: zip {number}: needs fields with their values, and both name and labels or none"
+            f"sweep: zip {number}: needs fields with their values, and a name where it has labels"
         )
     lists = {**values, **({} if labels is None else {"labels": _list("labels", labels)})}
     if len({len(v) for v in lists.values()}) > 1:

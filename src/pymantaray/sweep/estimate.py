@@ -13,8 +13,8 @@ from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.sweep.plan import Plan
 
 _OCEAN_SECONDS, _MEDIUM_SECONDS = 1.2, 0.2
-_SECONDS_PER_STEP, _SECONDS_PER_LINK, _SECONDS_PER_POSE = 4e-8, 2e-4, 8e-5
-"""A vehicle's physics step, a link, a pose in one solve: of `quick`, `beaufort` and `fram`, one thread."""
+_SECONDS_PER_STEP, _SECONDS_PER_LINK, _SECONDS_PER_POSE = 4e-8, 1e-4, 2e-5
+"""A vehicle's physics step, a link, a pose in one solve: of `quick`, one thread."""
 _POINT_BYTES = 4096  # a block of most file systems, and what three conditions take
 _SAMPLE = 100  # points whose size is looked at
 
@@ -52,12 +52,12 @@ def estimate(plan: Plan, points: Collection[str], cost: Cost) -> Estimate:
 
 
 def known_cost(sweep: Sweep) -> Cost:
-    """What tasks took in the presets, for studies of this size."""
+    """What tasks took in the preset `quick`, for studies of this size."""
     count = len(sweep)
     configs = [sweep.point(k * count // min(count, _SAMPLE)) for k in range(min(count, _SAMPLE))]
     sizes = [_seconds(config) for config in configs]
     mean = {kind: fmean(size[kind] for size in sizes) for kind in (*STAGES, POINT)}
-    return Cost(mean, None, "what the presets take for each step, link and pose")
+    return Cost(mean, None, "what quick takes for each step, link and pose")
 
 
 def _seconds(config: StudyConfig) -> dict[str, float]:
@@ -85,7 +85,7 @@ def cost_of(contents: Sequence[Mapping[str, Mapping[str, float]]]) -> Cost | Non
 
 
 def measured_cost(sweep: Sweep) -> Cost:
-    """What the first point takes here, twice run in one process: what is compiled is not counted."""
+    """What the first point takes here, after a run for whatever is to be compiled."""
     from pymantaray.sweep.results import open_sweep
     from pymantaray.sweep.runner import run_sweep
 

@@ -14,6 +14,8 @@ from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES, keys
 from pymantaray.sweep.tasks import Task
 
+Told = Callable[[int, int, int], None]
+"""Told how many points are done, how many have failed, and how many there are."""
 _LINES = 20  # of bad points that are told
 
 
@@ -157,7 +159,3 @@ class Queue:
                     self._points_left[names[stage]] -= 1
                     if not self._points_left[names[stage]]:
                         yield names[stage]
-
-
-Told = Callable[[int, int, int], None]
-"""Told how many points are done, how many have failed, and how many there are."""
