@@ -112,10 +112,10 @@ class RangeWeights:
 
 def whiten(root: Array, values: Array) -> Array:
     """
-    Divide by the lower triangular root of a covariance, (m, m): values (m,) or (m, k), ordered by columns for GTSAM.
+    Divide by the lower triangular root of a covariance, (m, m): values (m,) or (m, k).
 
     Most roots are diagonal, of links that share no error.
     """
     if np.count_nonzero(root) == root.shape[0]:
-        return np.asfortranarray((values.T / np.diagonal(root)).T)
-    return np.asfortranarray(solve_triangular(root, values, lower=True))
+        return np.asarray((values.T / np.diagonal(root)).T)
+    return np.asarray(solve_triangular(root, values, lower=True))

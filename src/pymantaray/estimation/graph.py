@@ -1,7 +1,7 @@
 """
 Solver-free factor graph: its variables, and for each kind of factor one table.
 
-A kind is added by one entry of `KINDS` here and one constructor in `_gtsam/factors.py`: checks, the NetCDF
+A kind is added by one entry of `KINDS` here and, for replays, one constructor in `_gtsam/factors.py`: checks, the NetCDF
 and PyFactorGraph files, degrees of freedom, starts, solves, covariances and diagnoses follow from the entry.
 What measures it is put into a graph by `build.build_graph`.
 """
