@@ -136,7 +136,7 @@ def trace_arcs(s, walls, course, angle, ray):
     start = sine * sine
     ds, dcos, r, dr, tau = cosine, -sine, 0.0, 0.0, 0.0
     grown, gone = 0.0, 0.0
-    y[at.GONE] = 0.0
+    y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND] = 0.0, math.nan, math.nan
     k, count, turns, so_far = find_level(s, z), 0, 0, (0, 0, 0)
     ok = not (z <= top and sine < 0.0) and not (z >= bottom and sine > 0.0)
     if record:
