@@ -23,7 +23,7 @@ from pymantaray.study.workers import Workers
 
 _REALIZATIONS_PER_WORKER = 3
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
-_POSE_BYTES, _GRAPH_BYTES, _LINK_BYTES = 160, 3000, 500
+_POSE_BYTES, _GRAPH_BYTES, _LINK_BYTES = 160, 4000, 500
 _MOST_STEPS = 1e13  # vehicles x physics steps
 
 
