@@ -177,6 +177,9 @@ def draw(points: list[Point], path: Path) -> None:
                     break
             style.panel_title(panels[0, column], LETTERS[sweep], sweep)
             panels[1, column].set_xlabel({"grid": "grid points"}.get(sweep, sweep))
+        for axes in panels[:, 0]:
+            style.short_numbers(axes.yaxis)
+        panels[1, 0].set_ylim(200.0, 2e4)
         panels[0, 0].set_ylabel("CPU time [s]")
         panels[1, 0].set_ylabel("Peak memory [MiB]")
         return plate
@@ -207,8 +210,10 @@ def main() -> None:
                 for r in csv.DictReader(file)
             ]
     for sweep, sizes in SIZES.items():
+        if any((sweep, size) not in {p[:2] for p in points} for size in sizes):
+            point(sweep, sizes[0], options.limit, options.memory)  # what is compiled is kept on disk
         for size in sizes:
-            if size > options.upto or any(p.sweep == sweep and p.size == size for p in points):
+            if size > options.upto or (sweep, size) in {p[:2] for p in points}:
                 continue
             points.append(point(sweep, size, options.limit, options.memory))
             print(*points[-1], sep="  ", flush=True)
