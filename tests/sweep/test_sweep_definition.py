@@ -165,7 +165,10 @@ def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, li
     [
         ("base = [", "s.toml: not valid TOML: .*"),
         ("seeds = [1]", "s.toml: base: missing; give a preset or a study file"),
-        ('base = "quick"\ncrossed = 1', "s.toml: crossed: unknown key; allowed: base, folder, cross, zip, seeds"),
+        (
+            'base = "quick"\ncrossed = 1',
+            "s.toml: crossed: unknown key; allowed: base, folder, cross, zip, seeds",
+        ),
         ('base = "quick"\ncross = 1', "s.toml: cross: must be a table"),
         ('base = "quick"\nseeds = 1', "s.toml: seeds: must be a list"),
         ('base = "quick"\nzip = 1', r"s.toml: zip: must be tables \[\[zip\]\]"),
