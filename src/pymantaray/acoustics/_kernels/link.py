@@ -282,6 +282,8 @@ def _keep_direct(s, walls, link, found, cutoff, accuracy, work):
     if count + weak > 0:
         return count, through_surface, blocked, weak
     for i in range(n):  # what becomes of rays too weak to be refined matters where there is no other
+        if not is_weak(brackets[i], cutoff[1], RESOLUTION):
+            continue
         angle = cubic_angle(brackets[i, 0], brackets[i, 1], 0.0)
         ok, steps, turns, _ = trace(s, walls, course, angle, 0.0, accuracy.coarse, full_ray(work))
         place = _place(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
