@@ -11,12 +11,13 @@ import math
 
 from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code, landed, surface_at
-from pymantaray.acoustics._kernels.field import ABOVE_SCALE, BELOW_SCALE, find_level
+from pymantaray.acoustics._kernels.field import find_level
 from pymantaray.compile import inlined, kernel
 
 _MOST_PIECES = 5_000
 _FAR = 1e9  # m
 _LEAST_SINE = 1e-12
+_BEYOND = 0.2
 _NODE = 2e3  # m; longer pieces of a path get two nodes on the way or more, an even number: none is where a ray turns
 
 
@@ -33,17 +34,17 @@ def fits(s, walls, course, q0):
 def _layer(s, k):
     """Depths of a layer's upper and lower face, and the sound speed there.
 
-    Above and below the levels the gradient goes on for a while, see `field`; then sound speed is constant.
+    Above and below the levels the gradient goes on, until sound speed has changed by a fifth; then that is constant.
     """
     n = s.depth.size
     if 0 <= k < n - 1:
         return s.depth[k], s.depth[k + 1], s.data[0, k, 0], s.data[0, k + 1, 0]
-    edge, near, scale, sign = 0, 1, ABOVE_SCALE, -1.0
+    edge, near, sign = 0, 1, -1.0
     if k > 0:
-        edge, near, scale, sign = n - 1, n - 2, BELOW_SCALE, 1.0
+        edge, near, sign = n - 1, n - 2, 1.0
     c = s.data[0, edge, 0]
     rise = (c - s.data[0, near, 0]) / abs(s.depth[edge] - s.depth[near])
-    scale = min(scale, 0.2 * c / max(abs(rise), 1e-9))
+    scale = min(_BEYOND * c / max(abs(rise), 1e-9), _FAR)
     z0, z1, c1 = s.depth[edge], s.depth[edge] + sign * scale, c + rise * scale
     if k < -1 or k > n - 1:
         z0, z1, c = z1, z1 + sign * _FAR, c1
@@ -121,92 +122,121 @@ def _turn_back(walls, rule, ray, r, hit, so_far):
     return True, (surface, bottom, append_code(code, mark))
 
 
+@inlined
+def _face(layer, here, way, top):
+    """Next face that a ray of a layer comes to: depth and sound speed, sine there, range to it, and whether it turns before."""
+    z0, z1, c0, c1, g = layer
+    z, _, sine, cosine = here
+    a, _, start, c_ref = way
+    down = sine > 0.0 or (sine == 0.0 and (g < 0.0 or (g == 0.0 and z <= top)))
+    c_end = c1 if down else c0
+    turning = start + a * a * (c_ref - c_end) * (c_ref + c_end) < 0.0
+    down = down != turning
+    z_end, c_end = (z1, c1) if down else (z0, c0)
+    s_end = math.sqrt(max(start + a * a * (c_ref - c_end) * (c_ref + c_end), _LEAST_SINE**2))
+    s_end = s_end if down else -s_end
+    step = (sine - s_end) / (a * g) if turning else (z_end - z) * (cosine + a * c_end) / (sine + s_end)
+    return z_end, c_end, s_end, step, turning
+
+
+@inlined
+def _rates(face, here, rates, way, g):
+    """Derivatives of sine, cosine and range at a face, from those before."""
+    z_end, c_end, s_end, step, turning = face
+    z, _, sine, _ = here
+    ds, dcos, dr = rates
+    a, da, _, _ = way
+    dcos_end = da * c_end
+    ds_end = -(a * c_end) * dcos_end / s_end
+    if turning:
+        return ds_end, dcos_end, dr + ((ds - ds_end) / (a * g) - step * da / a)
+    change = (z_end - z) * (dcos + dcos_end) - step * (ds + ds_end)
+    return ds_end, dcos_end, dr + change / (sine + s_end)
+
+
+@kernel
+def _arrive(course, here, rates, way, g, place, ray):
+    """Write the state of a ray at the course's length, in the layer in which it comes there; return the rows of its path less one."""
+    r, tau, count = place
+    a, da, _, c_ref = way
+    y, path = ray.y, ray.path
+    left = course.length - r
+    z, dz, sine, ds, _ = _end(here, rates, g, a, da, left)
+    c = here[1] + g * (z - here[0])
+    n = c_ref / c
+    y[at.W], y[at.P], y[at.XI] = z - course.axis[0], n * sine, dz
+    y[at.ETA] = n * (ds - sine * g * dz / c)
+    y[at.GROWN] = max(y[at.GROWN], abs(dz))
+    if ray.K.shape[1] == at.N_FAN:
+        return count
+    y[at.TAU], y[at.DY_DQ] = (
+        tau + c_ref * _time(g, left, z - here[0], here[1], c),
+        course.length / (c_ref * a),
+    )
+    y[at.Y], y[at.Q] = 0.0, 0.0
+    if path.shape[0] > 0:
+        count = _fill(path, count, here, (r, tau), g, a, left, c_ref) + 1
+        _record(path[count], y[at.TAU], course.length, z, (c_ref * a, c_ref * sine / c), at.IN_WATER)
+    return count
+
+
+@inlined
+def _above(walls, here, face, way, g, r):
+    """Whether a direct ray is above the water at a face, at a range r, or below even ice was on its way there."""
+    if walls.ice.depth.size > 1:
+        return face[0] < surface_at(walls, r, 0.0, r)[0]
+    highest = here[0] + (1.0 / way[0] - here[1]) / g if face[4] else face[0]
+    return highest < walls.ice.depth[0, 0]
+
+
 @kernel
 def trace_arcs(s, walls, course, angle, ray):
     """Trace a ray as `trace.trace` does, where `fits` says so."""
-    rule, length, y, path = course.rule, course.length, ray.y, ray.path
-    z, c_ref = course.axis[0], course.axis[3]
-    full, record = ray.K.shape[1] == at.N_FULL, ray.K.shape[1] == at.N_FULL and path.shape[0] > 0
+    rule, y, path, c_ref = course.rule, ray.y, ray.path, course.axis[3]
+    z, sine, cosine = course.axis[0], math.sin(angle), math.cos(angle)
     top, bottom = -2.0 * _FAR, 2.0 * _FAR
-    lowest = walls.ice.depth[0, 0] if walls.ice.depth.size == 1 else math.inf
     if rule.kind == at.FORWARD:
         top, bottom = walls.ice.depth[0, 0], walls.bed.depth[0, 0]
-    c, sine, cosine = c_ref, math.sin(angle), math.cos(angle)
-    a, da = cosine / c_ref, -sine / c_ref
-    start = sine * sine
-    ds, dcos, r, dr, tau = cosine, -sine, 0.0, 0.0, 0.0
-    grown, gone = 0.0, 0.0
-    y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND] = 0.0, math.nan, math.nan
+    way = cosine / c_ref, -sine / c_ref, sine * sine, c_ref
+    here, rates, r, tau = (z, c_ref, sine, cosine), (cosine, -sine, 0.0), 0.0, 0.0
     k, count, turns, so_far = find_level(s, z), 0, 0, (0, 0, 0)
-    ok = not (z <= top and sine < 0.0) and not (z >= bottom and sine > 0.0)
-    if record:
+    y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND], y[at.GROWN] = 0.0, math.nan, math.nan, 0.0
+    room = path.shape[0] - 3 if ray.K.shape[1] == at.N_FULL else -1
+    if room > 0:
         _record(path[0], 0.0, 0.0, z, (cosine, sine), at.IN_WATER)
-    for piece in range(_MOST_PIECES):
-        ok = ok and piece < _MOST_PIECES - 1 and (not record or count < path.shape[0] - 3)
-        if not ok:
+    ok = not (z <= top and sine < 0.0) and not (z >= bottom and sine > 0.0)
+    for _ in range(_MOST_PIECES):
+        if not ok or 0 < room < count + 1:
             break
-        z0, z1, c0, c1, g = _bounded(_layer(s, k), top, bottom)
-        down = sine > 0.0 or (sine == 0.0 and (g < 0.0 or (g == 0.0 and z <= top)))
-        c_end = c1 if down else c0
-        turning = start + a * a * (c_ref - c_end) * (c_ref + c_end) < 0.0
-        down = down != turning
-        z_end, c_end = (z1, c1) if down else (z0, c0)
-        if z_end == z and not turning:  # it starts on a level
+        layer = _bounded(_layer(s, k), top, bottom)
+        g = layer[4]
+        face = _face(layer, here, way, top)
+        z, c, sine, step, turning = face
+        down = sine > 0.0
+        if z == here[0] and not turning:  # it starts on a level
             k += 1 if down else -1
             ok = top < z < bottom
             continue
-        cos_end = a * c_end
-        s_end = math.sqrt(max(start + a * a * (c_ref - c_end) * (c_ref + c_end), _LEAST_SINE**2))
-        s_end = s_end if down else -s_end
-        total = sine + s_end
-        step = (sine - s_end) / (a * g) if turning else (z_end - z) * (cosine + cos_end) / total
-        if not r + step < length:
-            break
-        dcos_end = da * c_end
-        ds_end = -cos_end * dcos_end / s_end
-        if turning:
-            turns += 1
-            dr += (ds - ds_end) / (a * g) - step * da / a
-            if z + (1.0 / a - c) / g < lowest and gone == 0.0:
-                gone = r + step
-        else:
-            dr += ((z_end - z) * (dcos + dcos_end) - step * (ds + ds_end)) / total
-        if full:
-            if record:
-                count = _fill(path, count, (z, c, sine, cosine), (r, tau), g, a, step, c_ref)
-            tau += c_ref * _time(g, step, z_end - z, c, c_end)
+        if not r + step < course.length:
+            count = _arrive(course, here, rates, way, g, (r, tau, count), ray)
+            return True, count, turns + (1 if here[2] * y[at.P] < 0.0 else 0), so_far[2]
+        rates = _rates(face, here, rates, way, g)
+        if room > 0:
+            count = _fill(path, count, here, (r, tau), g, way[0], step, c_ref) + 1
+        tau += c_ref * _time(g, step, z - here[0], here[1], c) if ray.K.shape[1] == at.N_FULL else 0.0
         r += step
-        z, c, sine, cosine, ds, dcos = z_end, c_end, s_end, cos_end, ds_end, dcos_end
-        grown = max(grown, abs(dr * sine / cosine))
+        turns += 1 if turning else 0
+        if y[at.GONE] == 0.0 and rule.kind == at.OPEN and _above(walls, here, face, way, g, r):
+            y[at.GONE] = r
+        here = z, c, sine, way[0] * c
+        y[at.GROWN] = max(y[at.GROWN], abs(rates[2] * sine / here[3]))
         hit = at.IN_WATER
         if z >= bottom if down else z <= top:
             hit = at.AT_BOTTOM if down else at.AT_SURFACE
-            sine, ds = -sine, -ds
+            here, rates = (z, c, -sine, here[3]), (-rates[0], rates[1], rates[2])
             ok, so_far = _turn_back(walls, rule, ray, r, hit, so_far)
         else:
             k += 1 if down else -1
-            if gone == 0.0 and (z < lowest) and rule.kind == at.OPEN and z < surface_at(walls, r, 0.0, r)[0]:
-                gone = r
-        if record:
-            count += 1
-            _record(path[count], tau, r, z, (c_ref * a, c_ref * sine / c), hit)
-    if not ok:
-        return False, count, turns, so_far[2]
-    left = length - r
-    z_end, dz, s_end, ds_end, _ = _end((z, c, sine, cosine), (ds, dcos, dr), g, a, da, left)
-    c_end = c + g * (z_end - z)
-    if record:
-        count = _fill(path, count, (z, c, sine, cosine), (r, tau), g, a, left, c_ref) + 1
-    if full:
-        tau += c_ref * _time(g, left, z_end - z, c, c_end)
-        y[at.TAU], y[at.DY_DQ] = tau, length / (c_ref * a)
-        y[at.Y], y[at.Q] = 0.0, 0.0
-    n = c_ref / c_end
-    y[at.W], y[at.P], y[at.XI] = z_end - course.axis[0], n * s_end, dz
-    y[at.ETA] = n * (ds_end - s_end * g * dz / c_end)
-    y[at.GROWN] = max(grown, abs(dz))
-    if gone > 0.0:
-        y[at.GONE] = gone
-    if record:
-        _record(path[count], tau, length, z_end, (c_ref * a, c_ref * s_end / c_end), at.IN_WATER)
-    return True, count, turns + (1 if sine * s_end < 0.0 else 0), so_far[2]
+        if room > 0:
+            _record(path[count], tau, r, z, (c_ref * way[0], c_ref * here[2] / c), hit)
+    return False, count, turns, so_far[2]
