@@ -6,6 +6,7 @@ from factories import DUCT
 from factories import DUCT_DEPTH as Z
 
 from pymantaray.acoustics import Medium, find_eigenrays, ray_picture
+from pymantaray.ocean import open_ocean, to_local
 from pymantaray.records import RayStatus
 
 
@@ -119,3 +120,15 @@ def test_repr_of_a_medium_is_one_line_without_the_field():
         "<Medium 1 x 1 x 2: north 0 to 0 m, east 0 to 0 m, depth 0 to 3000 m, 1500.0 to 1510.0 m/s,"
         " sea bed 1000 to 1000 m, ice to 2 m, smooth>"
     )
+
+
+def test_pair_about_a_caustic_that_surfaces_just_beyond_the_receiver_is_found():
+    """Rays on both sides of the pair leave the water just before the receiver, in one manner: those between do not."""
+    medium = Medium.from_dataset(to_local(open_ocean("synthetic:beaufort"), half_extent=(60e3, 60e3)))
+    ends = np.array([[-3389.58995, -1103.41914, 0.5], [-1145.21881, -2735.56894, 0.5]])
+    for source, receiver in (ends, ends[::-1]):
+        arrivals = find_eigenrays(medium, source, receiver, canonical=False)
+        angle, near = np.sort(np.abs(arrivals.launch_angle)), np.ptp(arrivals.travel_time[:2])
+        assert angle.size == 3
+        assert angle[2] - angle[1] < 1e-3  # rad
+        assert near < 1e-5 < arrivals.travel_time[2] - arrivals.travel_time[0]  # s

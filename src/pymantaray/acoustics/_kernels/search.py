@@ -133,18 +133,20 @@ def _window(a, b, length):
 
 
 @kernel
-def _leave_alike(a, b):
+def _leave_alike(a, b, length):
     """Whether two direct rays left the water in one manner, so that all between them do.
 
     Where they left and how steeply they rose are smooth functions of the launch angle until the rise vanishes: neither ray's seems
-    to within the interval, and the places are those that their own rates lead to.
+    to within the interval, the places are those that their own rates lead to, and none of them is beyond the receiver, where rays
+    about a caustic may leave between two that leave just before it.
     """
     if a[at.LEFT] == 0.0 or b[at.LEFT] == 0.0:
         return False
     h, gap = b[at.ANGLE] - a[at.ANGLE], b[at.LEFT] - a[at.LEFT]
     ahead, back = h * a[at.LEFT_RATE], h * b[at.LEFT_RATE]
     return (
-        h * a[at.LEFT_BEND] > _LEAST_RISE - 1.0
+        max(a[at.LEFT], b[at.LEFT]) + max(ahead, -back, 0.0) < length
+        and h * a[at.LEFT_BEND] > _LEAST_RISE - 1.0
         and h * b[at.LEFT_BEND] < 1.0 - _LEAST_RISE
         and max(abs(ahead - gap), abs(back - gap)) < _SAME_PLACE * min(a[at.LEFT], b[at.LEFT])
         and abs(0.5 * (ahead + back) - gap) < 0.5 * max(abs(ahead), abs(back))
@@ -341,7 +343,7 @@ def _judge(a, b, whole, varies, course, search):
         return _EDGE if h < search.min_width or (believed and _far(a, h) and _far(b, h)) else _SPLIT, False
     if not alive:
         return _DROP if h < search.min_width else _SPLIT, False
-    if not reflecting and _leave_alike(a, b):
+    if not reflecting and _leave_alike(a, b, course.length):
         return _GONE, same
     return _judge_smooth(a, b, whole, varies, course.length, search), same
 
