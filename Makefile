@@ -45,7 +45,7 @@ lint: $(VENV)/.ready-lint
 	$(BIN)/codespell src tests docs examples benchmarks README.md CONTRIBUTING.md CHANGELOG.md Makefile
 
 bench: $(VENV)/.ready-run
-	@set -e; for script in benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script $(ARGS); done
+	$(BIN)/python benchmarks/all_rows.py $(ARGS)
 
 UV_TEST := uv run --quiet --isolated --no-project --with-editable . --with "pytest>=9" --with "hypothesis>=6.115" --with "evo>=1.31" --with "pydap>=3.5.9" --with waitress --with "zarr>=3.1" --with h5py --with copernicusmarine
 

@@ -17,6 +17,15 @@ for interpolation in ("smooth", "linear"):
     medium = Medium.from_profile([0.0, 500.0], [1450.0, 1460.0], bottom_depth=500.0, interpolation=interpolation)
     find_eigenrays(medium, [[0, 0, 20]], [[900, 0, 50]])
     find_eigenrays(medium, [[0, 0, 20]], [[900, 0, 50]], max_surface_bounces=1)
+
+from tempfile import TemporaryDirectory
+
+from factories import TINY
+
+from pymantaray.study import parse_study, run_study
+
+with TemporaryDirectory() as folder:
+    run_study(parse_study(TINY, "tiny"), f"{folder}/run", workers=1)
 """
 
 
@@ -25,7 +34,9 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.getoption("numprocesses", None) and "PYTEST_XDIST_WORKER" not in os.environ:
-        subprocess.run([sys.executable, "-c", COMPILE], check=True)  # once, before there are workers
+        path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+        # once, before there are workers
+        subprocess.run([sys.executable, "-c", COMPILE], check=True, env=os.environ | {"PYTHONPATH": path})
 
 
 @pytest.fixture(scope="session")
