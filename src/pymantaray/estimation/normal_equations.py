@@ -9,6 +9,7 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
 from pymantaray.estimation._kernels import cholesky
+from pymantaray.estimation._kernels.residuals import Matrix
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -115,6 +116,11 @@ class NormalEquations:
         n = structure.row.size
         self.diagonal, self.above = np.zeros((n, SIZE, SIZE)), np.zeros((structure.column.size, SIZE, SIZE))
         self.gradient, self.cost = np.zeros((n, SIZE)), 0.0
+
+    @property
+    def matrix(self) -> Matrix:
+        """What residuals add to."""
+        return Matrix(self.structure.row, self.diagonal, self.above, self.gradient)
 
     def factorize(self) -> Factor | None:
         """Cholesky factor in place of the matrix; None if some direction is not determined."""

@@ -53,11 +53,12 @@ class Fixed:
         tables = [graph[name] for name in KINDS if name != "range"]
         self._tables, self.n_poses, self.n_variables = tables, graph.n_poses, graph.n_variables
         turned = ["quaternion" in t.kind.columns_at for t in tables]
-        self._seen = [t for t, seen in zip(tables, turned, strict=True) if seen]
-        self._placed = [t for t, seen in zip(tables, turned, strict=True) if not seen]
-        self.first, self.second, self._turn, self._step, self._root = _stacked(_relative, self._seen)
-        self._variable, self._measured, self._information = _stacked(_place, self._placed)
-        self.pairs = np.stack([self.first, self.second], axis=1)[self.first >= 0]
+        self._of_seen = [t for t, seen in zip(tables, turned, strict=True) if seen]
+        self._of_placed = [t for t, seen in zip(tables, turned, strict=True) if not seen]
+        self._seen = residuals.Seen(*_stacked(_relative, self._of_seen))
+        self._placed = residuals.Placed(*_stacked(_place, self._of_placed))
+        self._inner = self._seen.first >= 0  # seen from other poses, not from the world
+        self.pairs = np.stack(self._seen[:2], axis=1)[self._inner]
 
     def is_of(self, graph: FactorGraph) -> bool:
         """Whether a graph has the same tables."""
@@ -68,15 +69,14 @@ class Fixed:
 
     def blocks(self, structure: Structure) -> Blocks:
         """Blocks of pairs of poses, of which those seen from the world have none."""
-        out = Blocks(np.zeros(self.first.size, dtype=np.intp), np.zeros(self.first.size, dtype=np.bool_))
-        inner = self.first >= 0
+        n, inner = self._inner.size, self._inner
+        out = Blocks(np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.bool_))
         out.block[inner], out.turned[inner] = structure.blocks(self.pairs)
         return out
 
     def add(self, state: State, blocks: Blocks, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, and the curvature of odometry from order 2 on."""
-        matrix = out.diagonal, out.above, out.gradient
-        costs = self._evaluate(state, blocks, out.structure.row, min(out.order, 2), matrix)
+        costs = self._evaluate(state, blocks, out.matrix, min(out.order, 2))
         out.cost += sum(float(cost.sum()) for cost in costs)
 
     def cost(self, state: State) -> float:
@@ -85,7 +85,7 @@ class Fixed:
 
     def worst(self, state: State) -> tuple[list[int], float]:
         """Variables and cost of the factor that fits worst."""
-        costs = zip(self._costs(state), (self._seen, self._placed), strict=True)
+        costs = zip(self._costs(state), (self._of_seen, self._of_placed), strict=True)
         each = [(float(c.max()), int(c.argmax()), tables) for c, tables in costs if c.size]
         if not each:
             return [], -1.0
@@ -95,22 +95,17 @@ class Fixed:
     def _costs(self, state: State) -> tuple[Array, Array]:
         """Cost of each factor with a rotation, and of each without."""
         none, nothing = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE))
-        return self._evaluate(state, Blocks(none, none > 0), none, 0, (nothing, nothing, nothing[:, 0]))
+        matrix = residuals.Matrix(none, nothing, nothing, nothing[:, 0])
+        return self._evaluate(state, Blocks(none, none > 0), matrix, 0)
 
     def _evaluate(
-        self, state: State, blocks: Blocks, row: Indices, order: int, matrix: tuple[Array, Array, Array]
+        self, state: State, blocks: Blocks, matrix: residuals.Matrix, order: int
     ) -> tuple[Array, Array]:
         """The same, and what is added to a matrix if they are of order 1 or 2."""
-        diagonal, above, gradient = matrix
-        cost, other = np.empty(self.first.size), np.empty(self._variable.size)
-        residuals.add_relative(
-            *(self.first, self.second, self._turn, self._step, self._root, *blocks, *state[:2], row),
-            *(order, diagonal, above, gradient, cost, _scratch()),
-        )
-        residuals.add_places(
-            *(self._variable, self._measured, self._information, state.place, row),
-            *(order > 0, diagonal, gradient, other),
-        )
+        poses = residuals.Poses(state.rotation, state.place)
+        cost, other = np.empty(self._inner.size), np.empty(self._placed.variable.size)
+        residuals.add_relative(self._seen, blocks, poses, matrix, order, cost, _scratch())
+        residuals.add_places(self._placed, state.place, matrix, order, other)
         return cost, other
 
 
@@ -183,9 +178,7 @@ class Distances:
             weight = loss.weight(white)
             white, slope = np.sqrt(weight) * white, np.sqrt(weight)[:, None] * slope
             information = weight * information
-        first, second = np.ascontiguousarray(self.pairs.T)
-        matrix = out.structure.row, out.diagonal, out.above, out.gradient
-        residuals.add_pairs(first, second, white, slope, bend, information, *blocks, *matrix)
+        residuals.add_pairs(self.pairs, blocks, white, slope, bend, information, out.matrix)
 
     def linear_among(self, state: State, variables: Indices) -> list["LinearTerm"]:
         """Each range between some of the variables by itself."""

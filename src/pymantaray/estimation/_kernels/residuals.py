@@ -7,6 +7,7 @@ landmark is a pose that does not turn. Row ``row[i]`` of the matrix is that of v
 """
 
 import math
+from collections import namedtuple
 
 from pymantaray.compile import entry, inlined
 from pymantaray.estimation._kernels.cholesky import add_product
@@ -21,35 +22,38 @@ RESIDUAL, WHITE, STRIDE, TURN, SHIFT, BEND = range(6)
 BLOCKS, MATRICES, VECTORS = 4, 7, 6
 
 
+Seen = namedtuple("Seen", "first second turn step root")
+Seen.__doc__ = (
+    "Poses (n,) seen from others: rotation and translation as measured, and the root of their information."
+)
+Placed = namedtuple("Placed", "variable measured information")
+Placed.__doc__ = "Measured positions (n, 3), and their information (n, 3, 3)."
+Poses = namedtuple("Poses", "rotation place")
+Matrix = namedtuple("Matrix", "row diagonal above gradient")
+Matrix.__doc__ = (
+    "Normal equations: the row of each variable, blocks on and above the diagonal, and the gradient."
+)
+
+
 @entry
-def add_relative(  # type: ignore[no-untyped-def]
-    first,
-    second,
-    turn,
-    step,
-    root,
-    block,
-    turned,
-    rotation,
-    place,
-    row,
-    order,
-    diagonal,
-    above,
-    gradient,
-    cost,
-    work,
-):
+def add_relative(seen, blocks, poses, matrix, order, cost, work):  # type: ignore[no-untyped-def]
     """
     Costs (n,) of poses seen from others; of order 1 their blocks and gradient as well, of order 2 also their curvature.
 
     Residuals ``root Log(Z^-1 T1^-1 T2)``; where ``first`` is negative T1 is the world. ``work`` is scratch: blocks, matrices,
     vectors of six.
     """
+    root, row, diagonal, above, gradient = (
+        seen.root,
+        matrix.row,
+        matrix.diagonal,
+        matrix.above,
+        matrix.gradient,
+    )
     j, m, v = work
-    for i in range(first.size):
-        a, b = first[i], second[i]
-        _residual(a, b, turn, step, i, rotation, place, m, v)
+    for i in range(cost.size):
+        a, b = seen.first[i], seen.second[i]
+        _residual(seen, poses, i, m, v)
         total = 0.0
         for r in range(6):
             white = 0.0
@@ -63,24 +67,26 @@ def add_relative(  # type: ignore[no-untyped-def]
         k = row[b]
         _by_second(m, v, j)
         if a >= 0:
-            _by_first(a, b, turn, i, rotation, m, v, j)
+            _by_first(a, b, seen.turn, i, poses.rotation, m, v, j)
             if order == 2:
-                _add_curvature(a, row[a], turn, root, i, rotation, block[i], turned[i], diagonal, above, m, v)
+                _add_curvature(seen, blocks, poses, matrix, i, m, v)
             _whiten(root, i, j, 0, 2)
             add_product(diagonal, row[a], 1.0, j, 2, j, 2)
             _add_gradient(gradient, row[a], j, 2, v)
         _whiten(root, i, j, 1, 3)
         add_product(diagonal, k, 1.0, j, 3, j, 3)
         _add_gradient(gradient, k, j, 3, v)
-        if a >= 0 and turned[i]:
-            add_product(above, block[i], 1.0, j, 3, j, 2)
+        if a >= 0 and blocks.turned[i]:
+            add_product(above, blocks.block[i], 1.0, j, 3, j, 2)
         elif a >= 0:
-            add_product(above, block[i], 1.0, j, 2, j, 3)
+            add_product(above, blocks.block[i], 1.0, j, 2, j, 3)
 
 
 @inlined
-def _residual(first, second, turn, step, i, rotation, place, m, v):  # type: ignore[no-untyped-def]
+def _residual(seen, poses, i, m, v):  # type: ignore[no-untyped-def]
     """Logarithm of ``Z^-1 T1^-1 T2``, and what leads to it."""
+    first, second, turn, step = seen.first[i], seen.second[i], seen.turn, seen.step
+    rotation, place = poses.rotation, poses.place
     for r in range(3):
         v[STRIDE, r] = place[second, r]
         if first >= 0:
@@ -214,13 +220,15 @@ def _by_first(first, second, turn, i, rotation, m, v, j):  # type: ignore[no-unt
 
 
 @inlined
-def _add_curvature(first, row, turn, root, i, rotation, block, turned, diagonal, above, m, v):  # type: ignore[no-untyped-def]
+def _add_curvature(seen, blocks, poses, matrix, i, m, v):  # type: ignore[no-untyped-def]
     """
     Add how the pull on the translation turns with the first pose, the largest part of the curvature.
 
     The residual's translation is linear in ``R1^T (p2 - p1)``: with its pull q there, ``[q] R1^T`` between turning the first
     pose and moving one against the other.
     """
+    first, block, turn, root = seen.first[i], blocks.block[i], seen.turn, seen.root
+    row, diagonal, above, rotation = matrix.row[first], matrix.diagonal, matrix.above, poses.rotation
     for r in range(3):  # on the residual, on the error, on the stride
         v[RESIDUAL, r] = 0.0
         for k in range(3 + r, 6):
@@ -241,7 +249,7 @@ def _add_curvature(first, row, turn, root, i, rotation, block, turned, diagonal,
                 bend += m[CROSS, r, k] * rotation[first, c, k]
             diagonal[row, r, 3 + c] -= bend
             diagonal[row, 3 + c, r] -= bend
-            if turned:
+            if blocks.turned[i]:
                 above[block, 3 + c, r] += bend
             else:
                 above[block, r, 3 + c] += bend
@@ -272,34 +280,36 @@ def _add_gradient(gradient, row, j, p, v):  # type: ignore[no-untyped-def]
 
 
 @entry
-def add_places(variable, measured, information, place, row, wanted, diagonal, gradient, cost):  # type: ignore[no-untyped-def]
-    """Costs (n,) of measured positions, of information (n, 3, 3), and if wanted their blocks and gradient."""
-    for i in range(variable.size):
-        v, k = variable[i], row[variable[i]]
+def add_places(placed, place, matrix, order, cost):  # type: ignore[no-untyped-def]
+    """Costs (n,) of measured positions, and of order 1 and above their blocks and gradient."""
+    measured, information = placed.measured, placed.information
+    row, diagonal, gradient = matrix.row, matrix.diagonal, matrix.gradient
+    for i in range(cost.size):
+        v = placed.variable[i]
         total = 0.0
         for r in range(3):
             pull = 0.0
             for c in range(3):
                 pull += information[i, r, c] * (place[v, c] - measured[i, c])
-                if wanted:
-                    diagonal[k, 3 + r, 3 + c] += information[i, r, c]
+                if order > 0:
+                    diagonal[row[v], 3 + r, 3 + c] += information[i, r, c]
             total += pull * (place[v, r] - measured[i, r])
-            if wanted:
-                gradient[k, 3 + r] += pull
+            if order > 0:
+                gradient[row[v], 3 + r] += pull
         cost[i] = 0.5 * total
 
 
 @entry
-def add_pairs(  # type: ignore[no-untyped-def]
-    first, second, residual, slope, bend, information, block, turned, row, diagonal, above, gradient
-):
+def add_pairs(pairs, blocks, residual, slope, bend, information, matrix):  # type: ignore[no-untyped-def]
     """
-    Blocks and gradient of whitened residuals (n,) with slopes by the positions of their first and second end, (n, 6).
+    Blocks and gradient of whitened residuals (n,) of pairs (n, 2), with slopes by the positions of both ends, (n, 6).
 
     Of a distance with curvature a share ``bend`` of its own residual over it: so much less along it, and as much across.
     """
-    for i in range(first.size):
-        j, k = row[first[i]], row[second[i]]
+    block, turned = blocks.block, blocks.turned
+    row, diagonal, above, gradient = matrix.row, matrix.diagonal, matrix.above, matrix.gradient
+    for i in range(residual.size):
+        j, k = row[pairs[i, 0]], row[pairs[i, 1]]
         along, across = 1.0 - bend[i], bend[i] * information[i]
         for r in range(3):
             a, b = slope[i, r], slope[i, 3 + r]
