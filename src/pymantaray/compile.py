@@ -5,11 +5,9 @@ Python calls entries; entries call kernels, which are compiled as part of them. 
 (``NUMBA_ENABLE_CUDASIM=1``) and with ``NUMBA_DISABLE_JIT=1`` both are plain Python.
 """
 
-import gc
 import hashlib
 import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,7 @@ from numba import config, njit, types
 from numba.extending import intrinsic
 
 PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
-_SHARED_SOURCES = (Path(__file__), Path(__file__).parent / "records" / "status.py")
+_SHARED_SOURCES = tuple(Path(__file__).parent / p for p in ("compile.py", "linking.py", "records/status.py"))
 
 # Arrays come in from outside and outlive the call, so that counting references to them in inner loops
 # (two atomic operations an access; it made a field evaluation six times slower) can be left out.
@@ -31,149 +29,22 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False
 # compiled by itself, in three times the time.
 _TRIED = (0, 61), (0, 68)
 
-# Passes of Numba's for what no kernel has: with blocks, closures, raised exceptions, lists, array expressions.
-_SPARED = {
-    "with_lifting",
-    "inline_closure_likes",
-    "Rewrite dynamic raises",
-    "make_function_op_code_to_jit_function",
-    "inline_inlinables",
-    "find_literally",
-    "literal_unroll",
-    "LiteralPropagation",
-    "inline_overloads",
-    "nopython_rewrites",
-    "nopython_supported_feature_validation",
-    "dump_parfor_diagnostics",
-}
-
 
 def _compilers() -> tuple[dict[str, Any], dict[str, Any]]:
     """Options of kernels and of entries by which kernels are only linked into entries; none in an untried Numba."""
     if not _TRIED[0] <= tuple(int(n) for n in numba.__version__.split(".")[:2]) <= _TRIED[1]:
         return {}, {}
     try:
-        from numba.core.codegen import JITCodeLibrary
-        from numba.core.compiler import CompilerBase, DefaultPassBuilder
-        from numba.core.compiler_machinery import register_pass
-        from numba.core.typed_passes import NativeLowering
+        from pymantaray.linking import EntryCompiler, KernelCompiler
     except ImportError:
         return {}, {}
-
-    class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
-        """Code of one kernel, without that of those it calls, optimized by itself only."""
-
-        def finalize(self) -> None:
-            for function in self._final_module.functions:
-                if not function.is_declaration and function.linkage.name == "external":
-                    function.linkage = "linkonce_odr"
-            self._shared_module = self._final_module
-            self._finalized = True
-
-    class EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
-        """Code of an entry and of all kernels that it calls, directly or not, optimized once as a whole."""
-
-        _linking_libraries: list[Any]
-
-        def finalize(self) -> None:
-            waiting, all_libraries = list(self._linking_libraries), dict[Any, None]()
-            while waiting:
-                library = waiting.pop()
-                if library not in all_libraries:
-                    all_libraries[library] = None
-                    waiting += library._linking_libraries if isinstance(library, KernelLibrary) else []
-            self._linking_libraries = list(all_libraries)
-            super().finalize()
-
-        def _optimize_final_module(self) -> None:
-            """Leave out Numba's first round, which prepares the pruning of reference counts: there are none."""
-            passes = self._codegen._module_pass_manager()
-            manager, *builder = passes if isinstance(passes, tuple) else (passes,)
-            manager.run(self._final_module, *builder)
-
-    @register_pass(mutates_CFG=True, analysis_only=False)
-    class KernelLowering(NativeLowering):  # type: ignore[misc]
-        """Numba's last pass without what serves calls from Python."""
-
-        _name = "kernel_lowering"
-
-        def run_pass(self, state: Any) -> bool:
-            name = state.func_id.func_qualname
-            state.library = KernelLibrary(state.targetctx.codegen(), name)
-            state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
-            changed: bool = super().run_pass(state)
-            # The dispatcher wants a built-in function, one of its own for each kernel; this one raises KeyError with
-            # these words.
-            no_entry = ("{" + f"{name} is called by kernels only" + "}").format
-            state.targetctx.insert_user_function(no_entry, state.cr.fndesc, [state.library])
-            state["cr"] = state.cr._replace(cfunc=no_entry)
-            return changed
-
-    @register_pass(mutates_CFG=True, analysis_only=False)
-    class EntryLowering(NativeLowering):  # type: ignore[misc]
-        """Numba's last pass into a library that takes up kernels."""
-
-        _name = "entry_lowering"
-
-        def run_pass(self, state: Any) -> bool:
-            state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-            state.library.enable_object_caching()
-            changed: bool = super().run_pass(state)
-            return changed
-
-    class KernelCompiler(CompilerBase):  # type: ignore[misc]
-        """Numba's compiler with another last pass, without passes for what kernels do not have."""
-
-        lowering = KernelLowering
-
-        def define_pipelines(self) -> list[Any]:
-            manager = DefaultPassBuilder.define_nopython_pipeline(self.state)
-            manager.passes = [
-                (self.lowering if own is NativeLowering else own, why)
-                for own, why in manager.passes
-                if own._name not in _SPARED
-            ]
-            manager.finalize()
-            return [manager]
-
-    class EntryCompiler(KernelCompiler):
-        """The same for an entry, which compiles the kernels that it calls on its way."""
-
-        lowering = EntryLowering
-
-        def compile_extra(self, function: Any) -> Any:
-            if not _say_not_kept.cache_info().currsize:
-                _say_once("compiling kernels: some seconds, the first time only")
-            with _each_operator_resolved_once():
-                return super().compile_extra(function)
-
     return {"pipeline_class": KernelCompiler}, {"pipeline_class": EntryCompiler}
 
 
-@contextmanager
-def _each_operator_resolved_once() -> Iterator[None]:
-    """Let Numba remember which of an operator's implementations takes which types, a fifth of all time; no collection of garbage."""
-    from numba.core.types import functions
-
-    operators: Any = functions.BaseFunction
-    resolve, signatures = operators.get_call_type, dict[Any, Any]()
-
-    def remembered(operator: Any, context: Any, args: Any, kws: Any) -> Any:
-        if kws:
-            return resolve(operator, context, args, kws)
-        if (operator, args) not in signatures:
-            signatures[operator, args] = resolve(operator, context, args, kws)
-        return signatures[operator, args]
-
-    collecting = gc.isenabled()
-    gc.disable()
-    operators.get_call_type = remembered
-    try:
-        yield
-    finally:
-        operators.get_call_type = resolve
-        if collecting:
-            gc.enable()
+def announce_compilation() -> None:
+    """Say that kernels are compiled, unless it has been said that each process does so."""
+    if not _say_not_kept.cache_info().currsize:
+        _say_once("compiling kernels: some seconds, the first time only")
 
 
 _KERNEL, _ENTRY = _compilers()
