@@ -19,6 +19,7 @@ from pymantaray.acoustics._kernels.refine import (
     Launch,
     cubic_angle,
     finish,
+    miss_noise,
     polish,
     refine,
     sort_rows,
@@ -273,7 +274,7 @@ def _keep_direct(s, walls, link, found, cutoff, accuracy, work):
         finish(row, work.y, launch, course, link, 0.0)
         row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
         slope = work.y[at.XI]
-        noise = 30.0 * accuracy.fine * max(1.0, abs(slope) / link.length)
+        noise = miss_noise(accuracy.fine, slope, link.length)
         row[at.SPREADING_DB] += unresolved_db(brackets[i], noise, slope)
         if row[at.SPREADING_DB] > cutoff[0]:
             weak += 1

@@ -65,11 +65,17 @@ def polish(s, walls, course, bracket, accuracy, work):
 
 
 @kernel
+def miss_noise(tol, slope, length):
+    """By how much misses of neighbouring rays may differ for the errors of both, which grow as rays part. [m]"""
+    return 30.0 * tol * max(1.0, abs(slope) / length)
+
+
+@kernel
 def refine(s, walls, course, bracket, accuracy, weak, work):
     """The direct ray in a bracket, with horizontal refraction, that ends within accuracy.miss of the receiver.
 
     Newton on both slownesses: the angle by xi, the cross-track slowness by dy/dq, safeguarded by bisection; given up where the
-    miss is steeper than weak between ends as near as _LOST.
+    miss is steeper than weak between ends as near as _LOST, and that not by the rays' own errors.
     The end state stays in work.y and its path in work.path.
     """
     y, ray, tol, miss = work.y, full_ray(work), accuracy.fine, accuracy.miss
@@ -97,7 +103,8 @@ def refine(s, walls, course, bracket, accuracy, weak, work):
                 lo, f_lo = m, f
             else:
                 hi, f_hi = m, f
-            if hi - lo < _LOST and abs(f_hi - f_lo) > weak * (hi - lo):
+            jump = abs(f_hi - f_lo)
+            if hi - lo < _LOST and jump > max(weak * (hi - lo), miss_noise(tol, y[at.XI], course.length)):
                 break
         new = m - f / y[at.XI] if y[at.XI] != 0.0 else 0.5 * (lo + hi)
         if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):
