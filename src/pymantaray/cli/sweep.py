@@ -126,9 +126,9 @@ def status(folder: Place) -> None:
     """Count points that are done, have failed and are open; exit with 1 if some have failed."""
     from pymantaray.sweep import open_sweep
 
-    found = open_sweep(folder).status()
-    _print_status(folder, found)
-    if found.failed:
+    counts = open_sweep(folder).status()
+    _print_status(folder, counts)
+    if counts.failed:
         raise typer.Exit(EXIT_POINTS_FAILED)
 
 

@@ -83,12 +83,12 @@ class Factor:
     def inverse(self, groups: list[Indices]) -> list[Array]:
         """Dense blocks of the inverse, one for each group of variables that are all connected."""
         s = self._structure
-        wanted = np.zeros(s.row.size, dtype=np.bool_)
+        rows = np.zeros(s.row.size, dtype=np.bool_)
         for group in groups:
-            wanted[s.row[group]] = True
+            rows[s.row[group]] = True
         diagonal, above = np.zeros_like(self._diagonal), np.zeros_like(self._above)
         work = np.empty((1, SIZE, SIZE))
-        cholesky.invert(s.start, s.column, self._diagonal, self._above, wanted, diagonal, above, work)
+        cholesky.invert(s.start, s.column, self._diagonal, self._above, rows, diagonal, above, work)
         return [self._joint(group, diagonal, above) for group in groups]
 
     def _joint(self, group: Indices, diagonal: Array, above: Array) -> Array:

@@ -78,8 +78,10 @@ class GraphSolver:
         loss, poses = method.loss, np.empty((0, 0), dtype=np.intp)
         if covariance_poses is not None:
             poses = check_poses(graph, covariance_poses)
+        if method.incremental and believed is not None:
+            raise EstimationError("a replay takes ranges as distances; choose constant or transmitter")
         if method.incremental:
-            solution, end = self._replayed(graph, initial, loss, believed, poses)
+            solution, end = self._replayed(graph, initial, loss, poses)
         else:
             end = self._batch(graph, initial, loss, believed, poses)
             solution = self._judged(graph, end, model_is_right=model_is_right, believed=believed)
@@ -113,11 +115,8 @@ class GraphSolver:
         graph: FactorGraph,
         initial: GraphValues,
         loss: Loss | None,
-        believed: BelievedRanges | None,
         poses: Indices,
     ) -> tuple[Solution, Outcome]:
-        if believed is not None:
-            raise EstimationError("a replay takes ranges as distances; choose constant or transmitter")
         problem, groups = self._distances(graph, loss, poses)
         end = replay(graph, initial, loss=loss, options=self.options, problem=problem)
         return end.solution, Outcome(end.proof, problem, groups)

@@ -53,8 +53,8 @@ def keys(config: StudyConfig, checksums: Mapping[str, str]) -> dict[str, str]:
     tree = config.model_dump(mode="json")
     out = {}
     for stage in STAGES:
-        wanted = {field: _pick(tree, field) for field in reads(stage, config)}
-        out[stage] = _digest(stage, wanted, checksums)
+        fields = {field: _pick(tree, field) for field in reads(stage, config)}
+        out[stage] = _digest(stage, fields, checksums)
     tree["study"] = {key: value for key, value in tree["study"].items() if key not in _TITLES}
     out[POINT] = _digest(POINT, tree, checksums)
     return out

@@ -99,7 +99,7 @@ class Queue:
 
     def __init__(self, plan: Plan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
         self._plan, self._studies = plan, studies
-        self._kept = frozenset(STAGES) if keep_stages else frozenset()
+        self._lasting = frozenset(STAGES) if keep_stages else frozenset()
         self._what: dict[str, tuple[str, int]] = {}
         """Kind of each task, and a point that needs it."""
         self._after: dict[str, list[str]] = {}
@@ -127,7 +127,7 @@ class Queue:
 
     def _shared(self, number: int) -> frozenset[str]:
         names = self._plan.keys[number]
-        return self._kept | {stage for stage in STAGES if names[stage] in self._plan.shared}
+        return self._lasting | {stage for stage in STAGES if names[stage] in self._plan.shared}
 
     def next(self) -> str | None:
         """Key of a task that can be begun; None if all that can be are."""

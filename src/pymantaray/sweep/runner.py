@@ -125,14 +125,14 @@ def _prepare(store: Store, plan: Plan) -> None:
 
 
 def _work(queue: Queue, crew: Crew, store: Store, told: _Told, *, keep_stages: bool) -> None:
-    finished_ones: SimpleQueue[Any] = SimpleQueue()
+    outcomes: SimpleQueue[Any] = SimpleQueue()
     running: dict[Any, str] = {}
     while queue.left:
         try:
             while len(running) < crew.window and (key := queue.next()) is not None:
-                running[_given(queue, crew, key, finished_ones)] = key
+                running[_submit(queue, crew, key, outcomes)] = key
             try:
-                future = finished_ones.get(timeout=_LOOK)
+                future = outcomes.get(timeout=_LOOK)
             except Empty:
                 crew.look()
                 continue
@@ -157,13 +157,13 @@ def _work(queue: Queue, crew: Crew, store: Store, told: _Told, *, keep_stages: b
                 store.remove(stage_name(stage))
 
 
-def _given(queue: Queue, crew: Crew, key: str, finished_ones: "SimpleQueue[Any]") -> Any:
+def _submit(queue: Queue, crew: Crew, key: str, outcomes: "SimpleQueue[Any]") -> Any:
     try:
         future = crew.submit(queue.task(key))
     except SchedulerLostError:
         queue.again(key)
         raise
-    future.add_done_callback(finished_ones.put)
+    future.add_done_callback(outcomes.put)
     return future
 
 

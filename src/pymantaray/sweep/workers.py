@@ -83,19 +83,19 @@ class _Dask(Crew):
         except ImportError:
             raise SweepError("a scheduler needs Dask: pip install 'pymantaray[dask]'") from None
         self._dask: Any = distributed
-        self._url, self._given, self.window = url, client, _DASK_WINDOW
+        self._url, self._scheduler, self.window = url, client, _DASK_WINDOW
         self._client: Any = None
         self._has_workers = True
 
     def __enter__(self) -> Self:
-        if isinstance(self._given, str):  # what it would say in many lines is said here in one
+        if isinstance(self._scheduler, str):  # what it would say in many lines is said here in one
             logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-        self._client = self._connect(_ANSWER) if isinstance(self._given, str) else self._given
+        self._client = self._connect(_ANSWER) if isinstance(self._scheduler, str) else self._scheduler
         self._address = self._client.scheduler.address
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._client is not self._given:
+        if self._client is not self._scheduler:
             self._close()
 
     def submit(self, task: Task) -> Any:
@@ -124,7 +124,7 @@ class _Dask(Crew):
         _LOG.warning("scheduler %s is gone; waiting for it", self._address)
         until = time.monotonic() + _PATIENCE
         while time.monotonic() < until:
-            if self._client is not self._given:
+            if self._client is not self._scheduler:
                 self._close()
             with suppress(SweepError):
                 self._client = self._connect(5.0)
@@ -136,7 +136,7 @@ class _Dask(Crew):
         )
 
     def _connect(self, timeout: float) -> Any:
-        address = self._given if isinstance(self._given, str) else self._address
+        address = self._scheduler if isinstance(self._scheduler, str) else self._address
         try:
             return self._dask.Client(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:

@@ -300,7 +300,7 @@ def _cut_linear(domain, line, breaks, n_cells, data):
 @kernel
 def cut_section(domain, line, horizontal, work):
     """Section of the medium along a baseline, filled into work.store."""
-    store, breaks = work.store, work.breaks
+    store, breaks, levels = work.store, work.breaks, (domain.depth, domain.lut, domain.lut_scale)
     if domain.kind == at.SMOOTH:
         count = 2
         if not domain.uniform:
@@ -308,35 +308,13 @@ def cut_section(domain, line, horizontal, work):
         # columns at both ends; rays of short and steep links use the first cell's polynomial beyond them
         step = max(horizontal / (count - 1), _LEAST_STEP)
         _cut_smooth(domain, line, step, count, work)
-        return Section(
-            at.SMOOTH,
-            count,
-            0.0,
-            step,
-            breaks,
-            domain.depth,
-            domain.lut,
-            domain.lut_scale,
-            store,
-            domain.layered,
-        )
+        return Section(at.SMOOTH, count, 0.0, step, breaks, *levels, store, domain.layered)
     reach = 1000.0  # m beyond the ends; rays of steep links stray behind the source
     breaks[0] = -reach
     count = 1 if domain.uniform else add_crossings(domain, line, horizontal + reach, breaks, 1)
     count = sort_breaks(horizontal + reach, breaks, count)
     _cut_linear(domain, line, breaks, count - 1, store)
-    return Section(
-        at.LINEAR,
-        count - 1,
-        0.0,
-        1.0,
-        breaks,
-        domain.depth,
-        domain.lut,
-        domain.lut_scale,
-        store,
-        domain.layered,
-    )
+    return Section(at.LINEAR, count - 1, 0.0, 1.0, breaks, *levels, store, domain.layered)
 
 
 @inlined

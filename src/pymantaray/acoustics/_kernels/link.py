@@ -248,13 +248,13 @@ def _place(launch, course, walls, work):
 
 
 @kernel
-def _keep_direct(s, walls, link, found, cutoff, accuracy, work):
-    """Refine the direct rays, found is the number of brackets and their course, and keep those that stay in the water.
+def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
+    """Refine the direct rays of a fan, its number of brackets and their course, and keep those that stay in the water.
 
     cutoff is that of spreading, and the slope of the miss of rays too weak to be refined. [dB, m]
     Returns the number of rows, and how many rays went through the surface, met the sea bed or are too weak.
     """
-    n, course = found
+    n, course = fan
     rows, brackets = work.rows, work.brackets
     count, through_surface, blocked, weak = 0, 0, 0, 0
     for i in range(n):

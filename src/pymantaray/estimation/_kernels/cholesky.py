@@ -117,19 +117,19 @@ def substitute(start, column, diagonal, above, x):  # type: ignore[no-untyped-de
 
 
 @entry
-def invert(start, column, diagonal, above, wanted, inverse_diagonal, inverse_above, work):  # type: ignore[no-untyped-def]
+def invert(start, column, diagonal, above, rows, inverse_diagonal, inverse_above, work):  # type: ignore[no-untyped-def]
     """
-    Blocks of the inverse in the rows wanted and in all that their elimination joined them to, which are marked as well.
+    Blocks of the inverse in those rows that are marked and in all that their elimination joined them to, which are marked then.
 
     By Takahashi's recursion from the last row: with U_kk X = I, ``Z_kj = -X sum_i U_ki Z_ij`` and
     ``Z_kk = X (X^T - sum_i U_ki Z_ik)``. Inverse blocks have to come in as zero.
     """
-    for k in range(wanted.size):
-        if wanted[k]:
+    for k in range(rows.size):
+        if rows[k]:
             for p in range(start[k], start[k + 1]):
-                wanted[column[p]] = True
-    for k in range(wanted.size - 1, -1, -1):
-        if not wanted[k]:
+                rows[column[p]] = True
+    for k in range(rows.size - 1, -1, -1):
+        if not rows[k]:
             continue
         begin, end = start[k], start[k + 1]
         for p in range(begin, end):
