@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from factories import make_fleet, values_at
 
-from pymantaray.estimation import LOSSES, build_graph, to_gtsam
+from pymantaray.estimation import LOSSES, GraphSolver, build_graph, to_gtsam
 from pymantaray.estimation.normal_equations import SIZE, NormalEquations, Structure
 from pymantaray.estimation.problems import State, distance_problem
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
@@ -86,3 +86,20 @@ def test_cost_and_step_are_gtsams_however_far_poses_turned(turn, loss):
     np.testing.assert_allclose(ours.position, state.place[:n] + small[:n, 3:], rtol=0, atol=1e-12)
     expected = quaternion_from_matrix(state.rotation[:n] @ so3_exp(small[:n, :3]))
     np.testing.assert_allclose(ours.quaternion, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [7, 8])
+def test_near_the_optimum_of_ranges_that_conflict_curvature_leaves_less_than_half_of_the_error(seed):
+    """What Gauss-Newton leaves after a step is what its matrix lacks of the second derivative."""
+    fleet = make_fleet(seed=seed, range_error=30.0)
+    graph = build_graph(fleet.noisy, "refracted")
+    optimum = State.of(GraphSolver().solve(graph, fleet.truth, model_is_right=False).values)
+    problem, rng = distance_problem(graph), np.random.default_rng(1)
+    offset = rng.normal(size=(len(optimum.place), SIZE)) * np.repeat([1e-5, 1e-2], 3)  # rad, m
+    start = optimum.moved(problem.structure, offset)
+    left = []
+    for order in (1, 3):
+        equations = problem.linearize(start, order=order)
+        end = start.moved(problem.structure, equations.factorize().solve(-equations.gradient))
+        left.append(np.abs(end.place - optimum.place).max())
+    assert left[1] < 0.5 * left[0]
