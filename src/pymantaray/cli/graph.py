@@ -86,7 +86,7 @@ def solve(
     from pymantaray.estimation import open_graph, solve_graph
     from pymantaray.estimation.external import G2O
     from pymantaray.evaluation import graph_errors
-    from pymantaray.export import write_graph_tum
+    from pymantaray.exchange import write_graph_tum
     from pymantaray.study.folder import staged_folder
 
     content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
@@ -140,7 +140,7 @@ def convert(
     from pymantaray.estimation.external import G2O
     from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
     from pymantaray.estimation.pyfg import names_file
-    from pymantaray.export import graph_tum_files, write_graph_tum
+    from pymantaray.exchange import graph_tum_files, write_graph_tum
 
     endings = (".pyfg", G2O, ".tum")
     beside = [names_file(out)] if out.suffix == ".pyfg" else []

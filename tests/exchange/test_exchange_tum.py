@@ -5,7 +5,7 @@ import pytest
 
 from pymantaray.errors import MantaRayError
 from pymantaray.estimation import read_pyfg
-from pymantaray.export import write_graph_tum, write_tum
+from pymantaray.exchange import write_graph_tum, write_tum
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
 
 
