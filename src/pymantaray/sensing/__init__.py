@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pymantaray.sensing.detection import Detector, Hearing
     from pymantaray.sensing.measure import assemble, perturb
     from pymantaray.sensing.mistaken import Candidates, Picker, draw_picks, find_candidates
-    from pymantaray.sensing.ranging import Links, Ranging, Reception, measure_ranges
+    from pymantaray.sensing.ranging import Links, Ranging, Reception, Sound, measure_ranges, sound_between
     from pymantaray.sensing.schedule import PingSchedule
     from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, TwoWay
 
@@ -32,6 +32,7 @@ __all__ = [
     "PingSchedule",
     "Ranging",
     "Reception",
+    "Sound",
     "Timing",
     "TwoWay",
     "assemble",
@@ -39,13 +40,14 @@ __all__ = [
     "find_candidates",
     "measure_ranges",
     "perturb",
+    "sound_between",
 ]
 
 _HOME = {
     "detection": ("Detector", "Hearing"),
     "measure": ("assemble", "perturb"),
     "mistaken": ("Candidates", "Picker", "draw_picks", "find_candidates"),
-    "ranging": ("Links", "Ranging", "Reception", "measure_ranges"),
+    "ranging": ("Links", "Ranging", "Reception", "Sound", "measure_ranges", "sound_between"),
     "schedule": ("PingSchedule",),
     "timing": ("ClockModel", "Clocks", "OneWay", "Timing", "TwoWay"),
 }

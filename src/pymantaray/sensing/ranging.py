@@ -152,7 +152,7 @@ def measure_ranges(
     for now, (start, stop) in zip(truth.time[pairs.samples].tolist(), pairwise(ends), strict=False):
         water = medium(now) if callable(medium) else medium
         flow = currents(now) if callable(currents) else currents
-        parts.append(_sound(reception, pairs, slice(start, stop), water, flow, progress))
+        parts.append(_run(reception, pairs, slice(start, stop), water, flow, progress))
         del water, flow  # media that vary are held one at a time
     return _ranging(_joined(parts), pairs, truth, timing)
 
@@ -192,8 +192,8 @@ def _pairs(truth: Trajectories, landmarks: Sequence[Landmark], samples: NDArray[
     return _Pairs(first, second, samples, place, silent, epoch, pair)
 
 
-class _Sound(NamedTuple):
-    """Outcome of a run of links in both directions; slowness vectors of both point from source to receiver."""
+class _Run(NamedTuple):
+    """Outcome of a run of links in both directions."""
 
     status: NDArray[np.int8]
     chord_travel_time: Array
@@ -213,14 +213,14 @@ class _Sound(NamedTuple):
     delay: Array | None
 
 
-def _sound(
+def _run(
     reception: Reception,
     pairs: _Pairs,
     links: slice,
     medium: Medium,
     currents: Currents | None,
     progress: Progress | None,
-) -> _Sound:
+) -> _Run:
     """Rays of a run of links, and what each receiver ranges on."""
     source, receiver, stopped = pairs.ends(links)
     loud, quiet = np.flatnonzero(~stopped), np.flatnonzero(stopped)
@@ -230,20 +230,25 @@ def _sound(
             return None
         return lambda done, total: progress(before + done * count // max(total, 1), pairs.epoch.size)
 
-    arrivals, there, back, probability, loss, delay = _receive(
-        reception, medium, currents, source[loud], receiver[loud], tell(links.start, loud.size)
+    sound = sound_between(
+        source[loud],
+        receiver[loud],
+        medium,
+        reception,
+        currents=currents,
+        progress=tell(links.start, loud.size),
     )
+    there, back = sound.there, sound.back
     n = stopped.size
     status, chord = np.full(n, RayStatus.STOPPED, dtype=np.int8), np.full(n, np.nan)
     time, speed, gradient = np.full((n, 2), np.nan), np.full((n, 2), np.nan), np.full((n, 2, 2, 3), np.nan)
     status[loud], chord[loud] = there.status, there.chord_travel_time
     time[loud] = np.stack([there.travel_time, back.travel_time], axis=-1)
     speed[loud] = np.stack([there.source_sound_speed, there.receiver_sound_speed], axis=-1)
-    ends = [np.stack([-way.source_slowness, way.receiver_slowness], axis=1) for way in (there, back)]
-    gradient[loud] = np.stack(ends, axis=1)
-    chances = None if probability is None else np.full((n, 2), np.nan)
+    gradient[loud] = sound.gradient
+    chances = None if sound.probability is None else np.full((n, 2), np.nan)
     if chances is not None:
-        chances[loud] = probability
+        chances[loud] = sound.probability
     if quiet.size:  # what evaluation needs of a silent pair: its chord and sound speeds, no arrival
         bare = find_eigenrays(
             medium,
@@ -254,23 +259,67 @@ def _sound(
         )
         chord[quiet] = bare.chord_travel_time
         speed[quiet] = np.stack([bare.source_sound_speed, bare.receiver_sound_speed], axis=-1)
-    return _Sound(status, chord, time, speed, gradient, ~stopped, arrivals, chances, loss, delay)
+    return _Run(
+        status, chord, time, speed, gradient, ~stopped, sound.arrivals, chances, sound.loss_db, sound.delay
+    )
 
 
-def _receive(
-    reception: Reception,
-    medium: Medium,
-    currents: Currents | None,
+class Sound(NamedTuple):
+    """What passes between pairs of ends, from source to receiver and back."""
+
+    arrivals: Arrivals
+    """Of all links; their travel times are those in water at rest."""
+    there: FirstArrivals
+    """The arrival that each receiver ranges on, or why it has none."""
+    back: FirstArrivals
+    """That at the source, of sound from the receiver; its slowness vectors too point from source to receiver."""
+    probability: Array | None
+    """Shape (n_links, 2): that the arrival there and the one back are heard; None without a detector."""
+    loss_db: Array | None
+    """Transmission loss of each of the arrivals, None without a detector. [dB]"""
+    delay: Array | None
+    """What the current adds to each arrival's travel time from source to receiver, None at rest. [s]"""
+
+    @property
+    def gradient(self) -> Array:
+        """Of travel time by the ends (n_links, 2, 2, 3): link, way (there, back), end (source, receiver), axis. [s m⁻¹]"""
+        ways = self.there, self.back
+        return np.stack([np.stack([-w.source_slowness, w.receiver_slowness], axis=1) for w in ways], axis=1)
+
+
+def sound_between(
     source: Array,
     receiver: Array,
-    progress: Progress | None,
-) -> tuple[Arrivals, FirstArrivals, FirstArrivals, Array | None, Array | None, Array | None]:
+    medium: Medium,
+    reception: Reception = _DIRECT,
+    *,
+    currents: Currents | None = None,
+    progress: Progress | None = None,
+) -> Sound:
     """
-    Arrivals, those ranged on there and back, probabilities that they are heard, losses and delays of all arrivals.
+    Sound between pairs of ends: all arrivals, and those that each of both ends ranges on.
 
+    Parameters
+    ----------
+    source, receiver : ndarray, shape (n_links, 3)
+        Positions ``(north, east, down)`` in the local frame. [m]
+    medium : Medium
+    reception : Reception
+        By default direct arrivals, all of them heard.
+    currents : Currents, optional
+        Their first-order effect on travel times. By default the water is at rest.
+    progress : callable, optional
+        Each link counts once to find its rays, once more to find the direct ones alone and once more to follow its
+        rays, as far as that is done.
+
+    Returns
+    -------
+    Sound
+
+    Notes
+    -----
     By ``direct``, time and status of a link do not depend on the bounces allowed: one without a direct arrival has
-    the status that it has where none are. Each link counts once to find its rays, once more to find the direct ones
-    alone and once more to follow its rays, as far as that is done.
+    the status that it has where none are.
     """
     n, follows = len(source), currents is not None or reception.detector is not None
     bounced = reception.max_surface_bounces > 0 or reception.max_bottom_bounces > 0
@@ -319,7 +368,7 @@ def _receive(
         for way, d in enumerate(delays):
             link, row = choose_arrivals(arrivals, reception.arrival, loss_db=loss, delay=d)
             probability[link, way] = heard[row]
-    return arrivals, there, back, probability, loss, delay
+    return Sound(arrivals, there, back, probability, loss, delay)
 
 
 def _with_more(arrivals: Arrivals, more: Arrivals, links: NDArray[np.int64]) -> Arrivals:
@@ -368,7 +417,7 @@ def _part(arrivals: Arrivals, links: slice, rows: slice) -> Arrivals:
     return Arrivals(**columns | {"link": columns["link"] - links.start})
 
 
-def _joined(parts: Sequence[_Sound]) -> _Sound:
+def _joined(parts: Sequence[_Run]) -> _Run:
     """One run of links of several, one after the other."""
     if len(parts) == 1:
         return parts[0]
@@ -378,13 +427,13 @@ def _joined(parts: Sequence[_Sound]) -> _Sound:
         f.name: np.concatenate([getattr(part.arrivals, f.name) for part in parts]) for f in fields(Arrivals)
     }
     columns: dict[str, Any] = {"arrivals": Arrivals(**arrivals | {"link": link})}
-    for name in set(_Sound._fields) - {"arrivals"}:
+    for name in set(_Run._fields) - {"arrivals"}:
         values = [getattr(part, name) for part in parts]
         columns[name] = None if values[0] is None else np.concatenate(values)
-    return _Sound(**columns)
+    return _Run(**columns)
 
 
-def _ranging(sound: _Sound, pairs: _Pairs, truth: Trajectories, timing: Timing) -> Ranging:
+def _ranging(sound: _Run, pairs: _Pairs, truth: Trajectories, timing: Timing) -> Ranging:
     """From links, one an unordered pair, to range attempts."""
     n_agents, n_epochs = truth.name.size, pairs.samples.size
     table = attempts(n_agents, len(pairs.place) - n_agents, pairs.samples)
