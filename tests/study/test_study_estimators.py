@@ -6,19 +6,33 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from oracles import nonlinear_vector_factors
+from refusals import refused
 
+from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon, solve_conditions
 from pymantaray.estimation.build import timed_ranges
 from pymantaray.estimation.range_models import BelievedRanges, RangeLinks
-from pymantaray.ocean import open_ocean, to_local
-from pymantaray.records import SolveStatus
-from pymantaray.study import parse_study, preset_text, run_study
+from pymantaray.geometry import stream
+from pymantaray.ocean import (
+    cast_ocean,
+    column_ocean,
+    mean_ocean,
+    open_ocean,
+    perturb_ocean,
+    read_cast,
+    to_local,
+)
+from pymantaray.records import SolveStatus, write_netcdf
+from pymantaray.study import parse_study, preset_text, run_study, study_toml
+from pymantaray.study.assemble import mission_start
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.config_estimators import (
     CastBelief,
     ExactBelief,
+    FileBelief,
     MeanBelief,
     OtherDayBelief,
     PerturbedBelief,
@@ -230,3 +244,126 @@ def test_members_travel_times_scatter_as_the_covariance_says(day, beliefs):
         scatter.append(np.mean(late**2))
     # the links of one member share water: a dozen members are some thirty independent numbers
     assert 0.5 < np.sqrt(np.mean(scatter)) < 1.6
+
+
+def file_belief(path, **options):
+    return FileBelief.model_validate({"kind": "file", "path": str(path), **options})
+
+
+def true_ocean(day):
+    return open_ocean(day.config.ocean.source, time=mission_start(day.config.ocean))
+
+
+def same_water(one, other):
+    np.testing.assert_array_equal(one.medium.sound_speed, other.medium.sound_speed)
+    xr.testing.assert_identical(one.local.drop_attrs(), other.local.drop_attrs())
+
+
+def test_the_truths_own_file_is_the_exact_belief_to_the_last_digit(day, beliefs, tmp_path):
+    write_netcdf(true_ocean(day), tmp_path / "ocean.nc")
+    same_water(
+        beliefs.believed(file_belief(tmp_path / "ocean.nc"), 0),
+        beliefs.believed(ExactBelief(kind="exact"), 0),
+    )
+    belief = {"kind": "file", "path": str(tmp_path / "ocean.nc")}
+    sections = [{"range_model": "eigenray", "belief": b} for b in (EXACT, belief)]
+    run = with_estimators(day, *sections)
+    solutions = RealizationSolver(run).solve(0).solutions
+    for field in ("position", "quaternion"):
+        one, other = (getattr(solutions[name].values, field) for name in ("e0", "e1"))
+        np.testing.assert_array_equal(one, other)
+
+
+def test_files_of_the_built_in_beliefs_are_these_beliefs(day, beliefs, tmp_path):
+    true, seed = true_ocean(day), day.config.study.seed
+    errors = {"rms": 1.0, "horizontal_scale": 20e3, "down_to": 300.0}
+    place = day.config.ocean.centre
+    for made, section in (
+        (
+            perturb_ocean(true, **errors, rng=stream(seed, 0, "belief", "perturbed")),
+            PerturbedBelief(**PERTURBED),
+        ),
+        (mean_ocean(true), MeanBelief(kind="mean")),
+        (column_ocean(true, place), CastBelief(kind="cast", north=0.0, east=0.0)),
+    ):
+        write_netcdf(made, tmp_path / f"{section.kind}.nc")
+        same_water(
+            beliefs.believed(file_belief(tmp_path / f"{section.kind}.nc"), 0), beliefs.believed(section, 0)
+        )
+
+
+CAST = """# lat 60.0, lon -120.0
+depth [m],temperature,salinity
+0,-1.0,28
+40,1.0,31
+200,-1.4,33
+600,0.5,34.8
+"""
+
+
+def test_a_cast_is_the_same_water_everywhere_over_the_studys_sea_floor(day, beliefs, tmp_path):
+    (tmp_path / "cast.csv").write_text(CAST)
+    belief = beliefs.believed(file_belief(tmp_path / "cast.csv"), 0)
+    cast = read_cast(tmp_path / "cast.csv")
+    # pressure and composition of sea water with the place, which for the cast is 14.5 degrees further south
+    speed = belief.medium.sound_speed
+    assert np.ptp(speed, axis=(0, 1)).max() < 0.15
+    middle = len(belief.medium.north) // 2
+    at_samples = np.interp(cast.depth[1:], belief.medium.depth, speed[middle, middle])
+    np.testing.assert_allclose(at_samples, cast.sound_speed()[1:], rtol=0, atol=1.0)  # means of layers
+    assert np.all(np.diff(speed[middle, middle, belief.medium.depth > 700.0]) > 0.0)  # by pressure alone
+    floor = belief.local["sea_floor_depth"]
+    here = day.ocean["sea_floor_depth"].interp(north=0.0, east=0.0)
+    there = floor.interp({floor.dims[0]: 0.0, floor.dims[1]: 0.0})
+    np.testing.assert_allclose(there, here, rtol=0.01)
+
+
+def test_what_from_cast_writes_is_believed_within_its_window(day, beliefs, tmp_path):
+    (tmp_path / "cast.csv").write_text(CAST)
+    lat, lon = day.config.ocean.centre
+    cast = replace(read_cast(tmp_path / "cast.csv"), lat=lat, lon=lon)
+    for name, half in (("wide", (20e3, 20e3)), ("narrow", (10e3, 20e3)), ("small", (3e3, 3e3))):
+        ocean = cast_ocean(
+            cast, bottom_depth=2600.0, below="constant", half_extent=half, time=np.datetime64("2014-01-01")
+        )
+        write_netcdf(ocean, tmp_path / f"{name}.nc")
+    wide, narrow = (beliefs.believed(file_belief(tmp_path / f"{name}.nc"), 0) for name in ("wide", "narrow"))
+    assert wide.medium.north[-1] == wide.medium.east[-1] == 15e3
+    assert 10e3 < narrow.medium.north[-1] < 11e3
+    at_cast = beliefs.believed(file_belief(tmp_path / "cast.csv"), 0)
+    np.testing.assert_allclose(wide.profile()[1][:40], at_cast.profile()[1][:40], rtol=0, atol=1e-3)
+    refused(
+        OceanError,
+        r"small.nc: holds \+-3.*m north.*the fleet goes to .*give a larger ocean",
+        beliefs.believed,
+        file_belief(tmp_path / "small.nc"),
+        0,
+    )
+
+
+def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp_path):
+    (tmp_path / "cast.csv").write_text(CAST)
+    far = cast_ocean(read_cast(tmp_path / "cast.csv"), bottom_depth=500.0, time=np.datetime64("2014-01-01"))
+    write_netcdf(far, tmp_path / "far.nc")
+    (tmp_path / "page.nc").write_text("<html>")
+    for message, name, options in (
+        ("far.nc: centre 74.5 N -140 E is not inside the data", "far.nc", {}),
+        ("page.nc: ", "page.nc", {}),
+        ("none.nc: .*o such file", "none.nc", {}),
+        ("far.nc: cast is 'X', but this is an ocean; leave it out", "far.nc", {"cast": "X"}),
+        ("cast.csv: no cast 'X' in it", "cast.csv", {"cast": "X"}),
+        ("far.nc: .*2014-01-01", "far.nc", {"time": dt.datetime(2015, 1, 1, tzinfo=dt.UTC)}),
+    ):
+        refused(OceanError, message, beliefs.believed, file_belief(tmp_path / name, **options), 0)
+
+
+def test_the_file_of_a_belief_is_relative_to_the_study_and_an_input_of_it(tmp_path):
+    tree = tomllib.loads(preset_text("quick"))
+    belief = {"kind": "file", "path": "casts/one.csv"}
+    tree["estimators"] = [{"name": "own", "range_model": "eigenray", "belief": belief}]
+    config = parse_study(tree, folder=tmp_path)
+    assert config.files == (str(tmp_path / "casts" / "one.csv"),)
+    again = parse_study(tomllib.loads(study_toml(config)))
+    assert again == config
+    refused(StudyError, "one.csv: cannot be read: No such file", run_study, config, tmp_path / "run")
+    assert not (tmp_path / "run").exists()

@@ -1,7 +1,7 @@
 """Oceans: models' files, casts or synthetic regions, as sound speed, currents and sea floor."""
 
 from pymantaray.ocean.cast import Cast
-from pymantaray.ocean.casts import cast_ocean, read_cast, read_casts
+from pymantaray.ocean.casts import cast_ocean, holds_casts, read_cast, read_casts
 from pymantaray.ocean.check import check_ocean
 from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.ice import with_ice
@@ -26,6 +26,7 @@ __all__ = [
     "column_ocean",
     "correct_with_casts",
     "fill_below_sea_bed",
+    "holds_casts",
     "layer_weights",
     "mean_ocean",
     "ocean_times",

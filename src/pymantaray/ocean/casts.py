@@ -17,7 +17,7 @@ from pymantaray.ocean import convert
 from pymantaray.ocean.argo import read_argo
 from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.convert import parse_instant
-from pymantaray.ocean.files import is_netcdf
+from pymantaray.ocean.files import is_netcdf, open_file
 from pymantaray.ocean.schema import assemble_ocean, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
 from pymantaray.ocean.window import rectangle
@@ -125,6 +125,16 @@ def read_casts(
                 _cast(table, name, place, time) for name, table in read_cast_table(path).casts().items()
             ]
     return casts
+
+
+def holds_casts(path: str | Path) -> bool:
+    """Whether a file is one for `read_casts`, a table or Argo's profiles, not an ocean in NetCDF, in zarr or a synthetic one."""
+    if str(path).startswith("synthetic:") or Path(path).is_dir():
+        return False
+    if not is_netcdf(Path(path)):
+        return True
+    with open_file(path) as data:
+        return "PRES" in data.variables
 
 
 def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:

@@ -133,12 +133,16 @@ def open_start(section: OceanSection) -> xr.Dataset:
 
 def mission_start(section: OceanSection) -> np.datetime64:
     """Start of a mission; the first time of its source if it names none."""
-    instant = section.time
-    if instant is None:
+    if section.time is None:
         return np.datetime64(ocean_times(section.source)[0], "ns")
-    if instant.tzinfo is not None:
-        instant = instant.astimezone(dt.UTC).replace(tzinfo=None)
-    return np.datetime64(instant, "ns")
+    return utc_instant(section.time)
+
+
+def utc_instant(time: dt.datetime) -> np.datetime64:
+    """Instant of a configuration's time, in UTC if it names no zone."""
+    if time.tzinfo is not None:
+        time = time.astimezone(dt.UTC).replace(tzinfo=None)
+    return np.datetime64(time, "ns")
 
 
 def _open(section: OceanSection, duration: float) -> tuple[list[xr.Dataset], NDArray[np.float64]]:

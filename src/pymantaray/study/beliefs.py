@@ -1,7 +1,7 @@
-"""The oceans that estimators believe in: exact, perturbed, averaged, one cast, or another day's."""
+"""The oceans that estimators believe in: exact, perturbed, averaged, one cast, another day's, or a file's."""
 
 import datetime as dt
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,14 +13,20 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
 from pymantaray.ocean import (
     SoundSpeedCovariance,
+    cast_ocean,
     column_ocean,
+    holds_casts,
     mean_ocean,
+    ocean_times,
     open_ocean,
     perturb_ocean,
     pooled_rms,
+    read_cast,
     read_casts,
+    sea_floor_depth,
     vertical_modes,
 )
+from pymantaray.ocean.window import Window
 from pymantaray.study.assemble import (
     StudyOcean,
     build_ocean,
@@ -28,21 +34,25 @@ from pymantaray.study.assemble import (
     local_ocean,
     mission_start,
     open_start,
+    utc_instant,
 )
 from pymantaray.study.config import StationVehicle
 from pymantaray.study.config_estimators import (
     AnyBelief,
     CastBelief,
     ExactBelief,
+    FileBelief,
     MeanBelief,
     ModesSection,
     OtherDayBelief,
     PerturbedBelief,
+    own_files,
 )
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.store import Run
 
 Array = NDArray[np.float64]
+_DOMAIN = ("centre_latitude_deg", "centre_longitude_deg", "half_extent_north", "half_extent_east")
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +132,9 @@ class Beliefs:
     def _make(self, section: AnyBelief, realization: int) -> Belief:
         ocean, acoustics = self.config.ocean, self.config.acoustics
         local = self._run.ocean
-        if not isinstance(section, ExactBelief):
+        if isinstance(section, FileBelief):
+            local = self._from_files(section)
+        elif not isinstance(section, ExactBelief):
             geographic = self._geographic_belief(section, realization)
             local = local_ocean(ocean, geographic, build_sea_floor(ocean, self._true))
         return Belief(
@@ -131,6 +143,69 @@ class Beliefs:
             currents=Currents.from_dataset(local) if acoustics.currents else None,
             spreading_cutoff_db=acoustics.cutoff_db,
         )
+
+    def _from_files(self, section: FileBelief) -> xr.Dataset:
+        """Local ocean of files or of a cast, over what they hold of the study's domain; the fleet must be in it."""
+        name = ", ".join(section.path)
+        try:
+            local = (
+                self._local_of_cast(section)
+                if holds_casts(section.path[0])
+                else self._local_of_ocean(section)
+            )
+            self._check_holds_fleet(local)
+        except OceanError as error:
+            raise OceanError(f"belief {name}: {str(error).removeprefix(f'{name}: ')}") from None
+        return local
+
+    def _local_of_cast(self, section: FileBelief) -> xr.Dataset:
+        """Water of a cast everywhere, over the sea floor of the study."""
+        if len(section.path) > 1:
+            raise OceanError("several files, the first of casts; name one cast, or files of an ocean")
+        ocean, (north, east, bottom) = self.config.ocean, _reach(self._run.ocean).tolist()
+        frame = self._frame
+        cast = read_cast(section.path[0], name=section.cast)
+        geographic = cast_ocean(
+            replace(cast, lat=frame.latitude_deg, lon=frame.longitude_deg),
+            bottom_depth=bottom,
+            half_extent=(north, east),
+            below="constant",
+            time=mission_start(ocean),
+            equation=ocean.equation,
+        )
+        sea_floor = build_sea_floor(ocean, self._true)
+        return self._local(geographic, sea_floor_depth(self._true) if sea_floor is None else sea_floor)
+
+    def _local_of_ocean(self, section: FileBelief) -> xr.Dataset:
+        """Ocean of files, with currents only where rays need them."""
+        if section.cast is not None:
+            raise OceanError(f"cast is {section.cast!r}, but this is an ocean; leave it out")
+        ocean = self.config.ocean
+        time = None if section.time is None else utc_instant(section.time)
+        if time is None and (own_files(section.path) == () or len(ocean_times(section.path)) > 1):
+            time = mission_start(ocean)
+        currents = ocean.currents if self.config.acoustics.currents else "rest"
+        geographic = open_ocean(section.path, time=time, currents=currents)
+        return self._local(geographic, build_sea_floor(ocean, self._true))
+
+    def _local(self, geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.Dataset:
+        """Part of the study's domain that an ocean holds, about the study's centre."""
+        centre = self._frame.latitude_deg, self._frame.longitude_deg
+        window, (north, east, _) = Window.of(geographic, centre), _reach(self._run.ocean).tolist()
+        half_extent = (north, east) if window.holds(north, east) else window.largest_rectangle()
+        domain = dict(zip(_DOMAIN, (*centre, *half_extent), strict=True))
+        return local_ocean(self.config.ocean.model_copy(update=domain), geographic, sea_floor)
+
+    def _check_holds_fleet(self, local: xr.Dataset) -> None:
+        there, whole = _reach(local), _reach(self._run.ocean)
+        fleet = np.minimum(np.abs(self._run.truth.position).max(axis=(0, 1)), whole)  # some may have left it
+        if np.any(fleet > there):
+            raise OceanError(
+                "holds +-{:.4g} m north and +-{:.4g} m east of the study's centre, down to {:.4g} m;".format(
+                    *there
+                )
+                + " the fleet goes to {:.4g}, {:.4g} and {:.4g} m: give a larger ocean".format(*fleet)
+            )
 
     def _geographic_belief(self, section: AnyBelief, realization: int) -> xr.Dataset:
         true, config = self._true, self.config
@@ -165,7 +240,15 @@ class Beliefs:
             stations = (v for v in self.config.fleet.vehicles if isinstance(v, StationVehicle))
             first = next(stations, None)
             north, east = (0.0, 0.0) if first is None else (first.north, first.east)
-        attrs = self._run.ocean.attrs
-        frame = LocalFrame(attrs["centre_latitude_deg"], attrs["centre_longitude_deg"])
-        lat, lon = frame.to_geodetic(north, east)
+        lat, lon = self._frame.to_geodetic(north, east)
         return float(lat), float(lon)
+
+    @cached_property
+    def _frame(self) -> LocalFrame:
+        attrs = self._run.ocean.attrs
+        return LocalFrame(attrs["centre_latitude_deg"], attrs["centre_longitude_deg"])
+
+
+def _reach(local: xr.Dataset) -> Array:
+    """Half sides north and east, and greatest depth, of a local ocean. [m]"""
+    return np.array([local["north"].values[-1], local["east"].values[-1], local["sea_floor_depth"].max()])

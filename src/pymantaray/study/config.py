@@ -5,16 +5,18 @@ import math
 from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Literal, Self, get_args
 
-from pydantic import Field, create_model, field_validator, model_validator
+from pydantic import Field, create_model, model_validator
 
 from pymantaray.sensing.noise import NoiseModel
 from pymantaray.study.config_estimators import (
     Depth,
     InputFile,
     NonNegativeFloat,
+    OceanSource,
     PositiveFloat,
     RangeEstimatorSection,
     Section,
+    own_files,
     require_unique,
 )
 
@@ -225,7 +227,7 @@ class StudySection(Section):
 class OceanSection(Section):
     """Where the water and the sea floor come from, whether they vary, and the centre of the local frame."""
 
-    source: tuple[InputFile, ...] = Field(min_length=1, strict=False)
+    source: OceanSource
     time: dt.datetime | None = None
     time_varying: bool = False
     currents: Literal["required", "rest"] = "required"
@@ -236,11 +238,6 @@ class OceanSection(Section):
     centre_longitude_deg: float | None = Field(default=None, ge=-180.0, le=360.0)
     half_extent_north: PositiveFloat | None = None
     half_extent_east: PositiveFloat | None = None
-
-    @field_validator("source", mode="before")
-    @classmethod
-    def _one_is_enough(cls, value: object) -> object:
-        return (value,) if isinstance(value, str) else value
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -262,8 +259,10 @@ class OceanSection(Section):
     @property
     def files(self) -> tuple[str, ...]:
         """Input files, those of the sea floor and of ice last; a synthetic ocean has none of its own."""
-        water = () if self.synthetic else self.source
-        return (*water, *(file for file in (self.bathymetry, self.ice) if isinstance(file, str)))
+        return (
+            *own_files(self.source),
+            *(file for file in (self.bathymetry, self.ice) if isinstance(file, str)),
+        )
 
     @property
     def centre(self) -> tuple[float, float] | None:
@@ -345,9 +344,8 @@ class StudyConfig(Section):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """All input files: of the ocean and of casts, each once."""
-        casts = (file for e in self.estimators or () if e.modes is not None for file in e.modes.casts)
-        return tuple(dict.fromkeys([*self.ocean.files, *casts]))
+        """All input files, of the ocean and of estimators, each once."""
+        return tuple(dict.fromkeys([*self.ocean.files, *(f for e in self.estimators or () for f in e.files)]))
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:

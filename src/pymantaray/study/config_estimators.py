@@ -1,10 +1,19 @@
 """Sections of a configuration about estimators, and what all sections have in common."""
 
+import datetime as dt
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    model_validator,
+)
 
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
@@ -24,6 +33,21 @@ def _anchor(name: str, info: ValidationInfo) -> str:
 
 InputFile = Annotated[str, Field(min_length=1), AfterValidator(_anchor)]
 """Relative to what validation is told, `load_study` the configuration's folder; absolute from then on."""
+
+
+def _one_is_enough(value: object) -> object:
+    return (value,) if isinstance(value, str) else value
+
+
+OceanSource = Annotated[
+    tuple[InputFile, ...], BeforeValidator(_one_is_enough), Field(min_length=1, strict=False)
+]
+"""What `open_ocean` takes: a file, several that belong together, or the name of a synthetic ocean."""
+
+
+def own_files(source: Sequence[str]) -> tuple[str, ...]:
+    """Files of an ocean's source; a synthetic one has none."""
+    return tuple(name for name in source if not name.startswith("synthetic:"))
 
 
 class Section(BaseModel):
@@ -89,8 +113,22 @@ class OtherDayBelief(Section):
     time_varying: bool = False
 
 
+class FileBelief(Section):
+    """
+    An ocean of its own, from files as ``[ocean]`` takes them, or a cast, the same water everywhere.
+
+    ``time`` chooses among several of an ocean, by default the start of the mission; ``cast`` names one of a file
+    that holds several.
+    """
+
+    kind: Literal["file"]
+    path: OceanSource
+    time: dt.datetime | None = None
+    cast: str | None = None
+
+
 AnyBelief = Annotated[
-    ExactBelief | PerturbedBelief | MeanBelief | CastBelief | OtherDayBelief,
+    ExactBelief | PerturbedBelief | MeanBelief | CastBelief | OtherDayBelief | FileBelief,
     Field(discriminator="kind"),
 ]
 
@@ -200,6 +238,12 @@ class RangeEstimatorSection(Section):
         if self.solver == "incremental" and (self.modes is not None or self.clocks is not None):
             raise ValueError('solver "incremental" does not estimate modes or clocks; set solver = "batch"')
         return self
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Input files: of what is believed, and of casts whose modes are taken."""
+        belief = own_files(self.belief.path) if isinstance(self.belief, FileBelief) else ()
+        return belief if self.modes is None else (*belief, *self.modes.casts)
 
     @property
     def belief_varies(self) -> bool:

@@ -78,6 +78,7 @@ def run_study(
         workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
     workers = min(workers, count)
     refuse_too_large(config, workers)
+    _refuse_missing_files(config)
     report, watch = progress or _silent, Stopwatch()
     with staged_folder(out, config.study.name) as (stage, folder):
         with Workers(partial(start_solver, stage), workers) if workers > 1 else nullcontext() as processes:
@@ -135,6 +136,16 @@ def refuse_too_large(config: StudyConfig, workers: int) -> None:
             f"{size} {n_steps:.3g} physics steps are more than {_MOST_STEPS:g}, which take a day; give a longer"
             " physics_step_s"
         )
+
+
+def _refuse_missing_files(config: StudyConfig) -> None:
+    """Refuse estimators' files that are not there before the mission is run; the ocean's are read first anyway."""
+    for estimator in config.estimators or ():
+        for file in estimator.files:
+            if not Path(file).exists():
+                raise StudyError(
+                    f"estimator {estimator.name}: {file}: cannot be read: No such file or directory"
+                )
 
 
 def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
