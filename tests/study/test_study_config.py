@@ -9,7 +9,15 @@ import tomli_w
 from refusals import refused
 
 from pymantaray.errors import StudyError
-from pymantaray.study import list_presets, load_study, parse_study, preset_text, study_toml
+from pymantaray.study import (
+    SoundConfig,
+    list_presets,
+    load_sound,
+    load_study,
+    parse_study,
+    preset_text,
+    study_toml,
+)
 from pymantaray.study.config import FloatVehicle, StationVehicle
 
 PAPER_TARGETS = {
@@ -199,8 +207,39 @@ def test_several_faults_are_several_lines(quick):
     with pytest.raises(StudyError) as caught:
         parse_study(quick, "my.toml")
     lines = str(caught.value).splitlines()
-    assert len(lines) == 2
-    assert lines[1] == "my.toml: ocean.source: missing; it has no default"
+    assert lines == [
+        "my.toml: ocean.source: missing; it has no default",
+        "my.toml: study.realizations: found 0; allowed: 1 or more",
+    ]
+
+
+def test_what_ranging_needs_is_read_of_a_study_and_of_a_file_that_has_it_alone(tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text(preset_text("quick"))
+    sound = load_sound(study)
+    whole = load_study(study)
+    assert sound == SoundConfig(**{name: getattr(whole, name) for name in SoundConfig.model_fields})
+    alone = tmp_path / "alone.toml"
+    alone.write_text('[ocean]\nsource = "sea.nc"\n[acoustics]\narrival = "first"\n')
+    sound = load_sound(alone)
+    assert sound.ocean.source == (str(tmp_path / "sea.nc"),)
+    assert sound.acoustics.arrival == "first"
+    alone.write_text('[ocean]\nsource = "sea.nc"\n[acoustic]\narrival = "first"\n')
+    with pytest.raises(StudyError, match=r"alone\.toml: acoustic: unknown key; did you mean acoustics\?"):
+        load_sound(alone)
+
+
+def test_what_ranging_refuses_is_refused_without_a_fleet(tmp_path):
+    file = tmp_path / "loud.toml"
+    file.write_text(
+        '[ocean]\nsource = "synthetic:fram"\n'
+        "[detection]\nsource_level_db = 185.0\nfrequency_hz = 25e3\nbandwidth_hz = 5e3\n"
+        'surface_loss = "bubbles"\n'
+    )
+    with pytest.raises(
+        StudyError, match=r"detection\.surface_loss is bubbles, but acoustics\.max_surface_bounces is 0"
+    ):
+        load_sound(file)
 
 
 def test_unknown_preset_lists_those_there_are():

@@ -6,8 +6,8 @@ Reading a configuration is quick; what it takes to run one is imported when it i
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pymantaray.study.config import StudyConfig
-from pymantaray.study.load import list_presets, load_study, parse_study, preset_text, study_toml
+from pymantaray.study.config import SoundConfig, StudyConfig
+from pymantaray.study.load import list_presets, load_sound, load_study, parse_study, preset_text, study_toml
 
 if TYPE_CHECKING:
     from pymantaray.study.runner import run_study
@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Run",
+    "SoundConfig",
     "StudyConfig",
     "list_presets",
+    "load_sound",
     "load_study",
     "open_run",
     "parse_study",

@@ -34,7 +34,7 @@ from pymantaray.ocean import (
     with_ice,
 )
 from pymantaray.records import Trajectories
-from pymantaray.sensing import ClockModel, Detector, Landmark, OneWay, Picker, Timing, TwoWay
+from pymantaray.sensing import ClockModel, Detector, Landmark, OneWay, Picker, Reception, Timing, TwoWay
 from pymantaray.study.config import (
     AnyVehicle,
     DetectionSection,
@@ -42,6 +42,7 @@ from pymantaray.study.config import (
     FloatVehicle,
     OceanSection,
     RangingSection,
+    SoundConfig,
     StationVehicle,
     StudyConfig,
     TwistVehicle,
@@ -247,7 +248,7 @@ def build_picker(section: RangingSection, sonar: Sonar | None) -> Picker | None:
     )
 
 
-def build_medium(config: StudyConfig, ocean: StudyOcean) -> Medium | Callable[[float], Medium]:
+def build_medium(config: SoundConfig, ocean: StudyOcean) -> Medium | Callable[[float], Medium]:
     """Medium of a study's rays; a function of the time since the mission's start [s] if the ocean varies."""
 
     def at(time: float) -> Medium:
@@ -256,7 +257,7 @@ def build_medium(config: StudyConfig, ocean: StudyOcean) -> Medium | Callable[[f
     return at(0.0) if ocean.series is None else at
 
 
-def build_currents(config: StudyConfig, ocean: StudyOcean) -> Currents | Callable[[float], Currents] | None:
+def build_currents(config: SoundConfig, ocean: StudyOcean) -> Currents | Callable[[float], Currents] | None:
     """Currents along the rays of a study, like `build_medium`; None if rays run through water at rest."""
     if not config.acoustics.currents:
         return None
@@ -267,7 +268,7 @@ def build_currents(config: StudyConfig, ocean: StudyOcean) -> Currents | Callabl
     return at(0.0) if ocean.series is None else at
 
 
-def build_detector(config: StudyConfig, ocean: StudyOcean) -> Detector | None:
+def build_detector(config: SoundConfig, ocean: StudyOcean) -> Detector | None:
     """Sonar and losses of a study, absorption by its first snapshot; None if every arrival is heard."""
     s, sonar = config.detection, build_sonar(config.detection)
     if s is None or sonar is None:
@@ -277,6 +278,18 @@ def build_detector(config: StudyConfig, ocean: StudyOcean) -> Detector | None:
         absorption=_absorption(s, ocean.geographic, config.ocean.centre),
         bottom=None if s.sediment == "none" else FluidBottom.standard(s.sediment),
         surface=_surface(s),
+    )
+
+
+def build_reception(config: SoundConfig, ocean: StudyOcean) -> Reception:
+    """What the receivers of a study listen for."""
+    acoustics = config.acoustics
+    return Reception(
+        spreading_cutoff_db=acoustics.cutoff_db,
+        max_surface_bounces=acoustics.max_surface_bounces,
+        max_bottom_bounces=acoustics.max_bottom_bounces,
+        arrival=acoustics.arrival,
+        detector=build_detector(config, ocean),
     )
 
 

@@ -327,49 +327,14 @@ class EstimatorSection(Section):
     covariance_interval_h: PositiveFloat = 24.0
 
 
-class StudyConfig(Section):
-    """A whole study: everything that its results depend on, apart from the input files' content."""
+class SoundConfig(Section):
+    """What of a study decides who hears whom, and when, but the places: all that ranging needs without a fleet."""
 
-    study: StudySection
     ocean: OceanSection
     mission: MissionSection = MissionSection()
     acoustics: AcousticsSection = AcousticsSection()
     ranging: RangingSection = RangingSection()
     detection: DetectionSection | None = None
-    noise: NoiseSection = NoiseSection()
-    fleet: FleetSection
-    landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
-    estimator: EstimatorSection = EstimatorSection()
-    estimators: tuple[RangeEstimatorSection, ...] | None = Field(default=None, strict=False)
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        """All input files, of the ocean and of estimators, each once."""
-        return tuple(dict.fromkeys([*self.ocean.files, *(f for e in self.estimators or () for f in e.files)]))
-
-    @model_validator(mode="after")
-    def _distinct(self) -> Self:
-        participants = [p.name for p in (*self.fleet.vehicles, *self.landmarks)]
-        require_unique("names of vehicles and landmarks", participants)
-        names = [e.name for e in self.estimators or ()]
-        require_unique("names of conditions and estimators", [*get_args(Condition), *names])
-        return self
-
-    @model_validator(mode="after")
-    def _estimators_fit(self) -> Self:
-        own = self.ranging.clock_offset_sigma, self.ranging.clock_skew_sigma
-        for e in self.estimators or ():
-            if e.belief_varies and not self.ocean.time_varying:
-                raise ValueError(
-                    f"estimator {e.name} believes in water that varies, but the study's stands still: set"
-                    " ocean.time_varying = true, or leave time_varying out of the belief"
-                )
-            if e.clocks is not None and not any(e.clocks.priors(*own)):
-                raise ValueError(
-                    f"estimator {e.name} estimates clocks, but their priors are 0: give ranging.clock_offset_sigma or"
-                    " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
-                )
-        return self
 
     @model_validator(mode="after")
     def _mistakes_need_a_rule(self) -> Self:
@@ -416,6 +381,46 @@ class StudyConfig(Section):
                 raise ValueError(
                     f"detection.ice_loss_db and surface_loss = {self.detection.surface_loss} exclude each other: sound is"
                     " reflected by ice or by a sea under wind"
+                )
+        return self
+
+
+class StudyConfig(SoundConfig):
+    """A whole study: everything that its results depend on, apart from the input files' content."""
+
+    study: StudySection
+    noise: NoiseSection = NoiseSection()
+    fleet: FleetSection
+    landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
+    estimator: EstimatorSection = EstimatorSection()
+    estimators: tuple[RangeEstimatorSection, ...] | None = Field(default=None, strict=False)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All input files, of the ocean and of estimators, each once."""
+        return tuple(dict.fromkeys([*self.ocean.files, *(f for e in self.estimators or () for f in e.files)]))
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        participants = [p.name for p in (*self.fleet.vehicles, *self.landmarks)]
+        require_unique("names of vehicles and landmarks", participants)
+        names = [e.name for e in self.estimators or ()]
+        require_unique("names of conditions and estimators", [*get_args(Condition), *names])
+        return self
+
+    @model_validator(mode="after")
+    def _estimators_fit(self) -> Self:
+        own = self.ranging.clock_offset_sigma, self.ranging.clock_skew_sigma
+        for e in self.estimators or ():
+            if e.belief_varies and not self.ocean.time_varying:
+                raise ValueError(
+                    f"estimator {e.name} believes in water that varies, but the study's stands still: set"
+                    " ocean.time_varying = true, or leave time_varying out of the belief"
+                )
+            if e.clocks is not None and not any(e.clocks.priors(*own)):
+                raise ValueError(
+                    f"estimator {e.name} estimates clocks, but their priors are 0: give ranging.clock_offset_sigma or"
+                    " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
                 )
         return self
 

@@ -6,15 +6,16 @@ import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from pymantaray.errors import StudyError
-from pymantaray.study.config import StudyConfig
+from pymantaray.study.config import SoundConfig, StudyConfig
 from pymantaray.study.config_estimators import input_file
 
+Model = TypeVar("Model", bound=BaseModel)
 _MOST_CHARACTERS = 10_000_000
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 100
@@ -99,22 +100,53 @@ def load_study(
     >>> load_study("beaufort", realizations=2).study.realizations
     2
     """
+    tree, folder = _tree(name_or_file)
+    name = str(name_or_file)
+    if realizations is not None or ocean is not None:
+        _change(tree, name, realizations, ocean)
+    if ocean is not None:
+        tree["ocean"] = {"source": [input_file(str(source), Path()) for source in ocean]}
+    return parse_study(tree, name, folder)
+
+
+def load_sound(name_or_file: str | Path) -> SoundConfig:
+    """
+    Read what ranging needs of a study's configuration; a file may have that alone.
+
+    Parameters
+    ----------
+    name_or_file : str or pathlib.Path
+        Name of a preset, or a TOML file with the section ``[ocean]`` and, where their defaults do not fit, ``[mission]``,
+        ``[acoustics]``, ``[ranging]`` and ``[detection]``. Other sections of a study are passed over.
+
+    Returns
+    -------
+    SoundConfig
+
+    Raises
+    ------
+    StudyError
+        As `load_study`.
+    """
+    tree, folder = _tree(name_or_file)
+    others = StudyConfig.model_fields.keys() - SoundConfig.model_fields.keys()
+    sound = {name: section for name, section in tree.items() if name not in others}
+    return parse(SoundConfig, sound, str(name_or_file), folder)
+
+
+def _tree(name_or_file: str | Path) -> tuple[dict[str, Any], Path | None]:
+    """What TOML gives for a preset or a file, and the file's folder."""
     path, name = Path(name_or_file), str(name_or_file)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
     text = _read(path) if is_file else preset_text(name)
     try:
-        tree = tomllib.loads(text)
+        return tomllib.loads(text), path.parent if is_file else None
     except tomllib.TOMLDecodeError as error:
         raise StudyError(f"{name}: not valid TOML: {error}") from None
     except (ValueError, RecursionError):
         raise StudyError(
             f"{name}: not valid TOML: a number is too long, or tables are nested too deep"
         ) from None
-    if realizations is not None or ocean is not None:
-        _change(tree, name, realizations, ocean)
-    if ocean is not None:
-        tree["ocean"] = {"source": [input_file(str(source), Path()) for source in ocean]}
-    return parse_study(tree, name, path.parent if is_file else None)
 
 
 def _change(
@@ -154,19 +186,29 @@ def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None 
     StudyError
         One line per finding.
     """
+    return parse(StudyConfig, tree, label, folder)
+
+
+def parse(model: type[Model], tree: dict[str, Any], label: str, folder: Path | None) -> Model:
+    """Check nested dictionaries by a model; input files are relative to the folder, by default the working folder."""
     try:
-        return StudyConfig.model_validate(tree, context={"folder": folder or Path()})
+        return model.model_validate(tree, context={"folder": folder or Path()})
     except ValidationError as error:
-        findings = [dict(finding) for finding in error.errors(include_url=False)]
-        lines: dict[str, str] = {}
-        for finding in findings:
-            if not _follows(finding, findings):
-                fault, ends, allowed = f"{label}: {_describe(finding)}".partition("; allowed: ")
-                before = (
-                    f"{lines[fault]} or " if fault in lines else ends
-                )  # a value of which several kinds may be
-                lines[fault] = before + allowed
-        raise StudyError("\n".join(fault + allowed for fault, allowed in lines.items())) from None
+        raise StudyError("\n".join(f"{label}: {line}" for line in finding_lines(error, model))) from None
+
+
+def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """What a model refused, one line per finding: where, what was found and what is allowed."""
+    findings = [dict(finding) for finding in error.errors(include_url=False)]
+    lines: dict[str, str] = {}
+    for finding in findings:
+        if not _follows(finding, findings):
+            fault, ends, allowed = _describe(finding, model).partition("; allowed: ")
+            before = (
+                f"{lines[fault]} or " if fault in lines else ends
+            )  # a value of which several kinds may be
+            lines[fault] = before + allowed
+    return [fault + allowed for fault, allowed in lines.items()]
 
 
 def study_toml(config: StudyConfig) -> str:
@@ -181,7 +223,8 @@ def study_toml(config: StudyConfig) -> str:
     -------
     str
     """
-    return tomli_w.dumps(config.model_dump(exclude_none=True))
+    tree = config.model_dump(exclude_none=True)
+    return tomli_w.dumps({"study": tree.pop("study"), **tree})
 
 
 def _read(path: Path) -> str:
@@ -213,9 +256,9 @@ def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
     )
 
 
-def _describe(finding: dict[str, Any]) -> str:
+def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
     kind, location, context = finding["type"], finding["loc"], finding.get("ctx", {})
-    model, where = _walk(location[:-1] if kind == "extra_forbidden" else location)
+    model, where = _walk(location[:-1] if kind == "extra_forbidden" else location, root)
     if kind == "extra_forbidden":
         known = sorted(model.model_fields) if model else []
         close = difflib.get_close_matches(str(location[-1]), known, n=1)
@@ -234,9 +277,9 @@ def _describe(finding: dict[str, Any]) -> str:
     return f"{where}: found {shown}; allowed: {allowed}"
 
 
-def _walk(location: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, str]:
-    """Model that owns a pydantic location, and the location as a TOML path without union tags."""
-    model: type[BaseModel] | None = StudyConfig
+def _walk(location: tuple[int | str, ...], root: type[BaseModel]) -> tuple[type[BaseModel] | None, str]:
+    """Model that owns a pydantic location under a root, and the location as a TOML path without union tags."""
+    model: type[BaseModel] | None = root
     options: list[type[BaseModel]] = []
     path = ""
     for part in location:

@@ -16,7 +16,6 @@ from pymantaray.sensing import (
     NoiseModel,
     PingSchedule,
     Ranging,
-    Reception,
     assemble,
     find_candidates,
     measure_ranges,
@@ -24,17 +23,17 @@ from pymantaray.sensing import (
 from pymantaray.study.assemble import (
     StudyOcean,
     build_currents,
-    build_detector,
     build_fleet,
     build_landmarks,
     build_medium,
     build_ocean,
     build_picker,
+    build_reception,
     build_sonar,
     build_timing,
     gnss_depth,
 )
-from pymantaray.study.config import StudyConfig
+from pymantaray.study.config import SoundConfig, StudyConfig
 from pymantaray.study.manifest import Stopwatch
 
 Progress = Callable[[str, int, int], None]
@@ -86,7 +85,7 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
     return mission
 
 
-def mission_ocean(config: StudyConfig) -> StudyOcean:
+def mission_ocean(config: SoundConfig) -> StudyOcean:
     """Ocean of a mission, over its duration where it varies."""
     section = config.ocean
     return build_ocean(section, config.mission.duration_h * 3600.0 if section.time_varying else 0.0)
@@ -112,19 +111,12 @@ def range_fleet(
     progress: Callable[[int, int], None] | None = None,
 ) -> Ranging:
     """Ranges of a mission without noise: all of its rays."""
-    acoustics = config.acoustics
     return measure_ranges(
         truth,
         build_landmarks(config),
         medium,
         PingSchedule(interval=config.mission.ping_interval_h * 3600.0),
-        Reception(
-            spreading_cutoff_db=acoustics.cutoff_db,
-            max_surface_bounces=acoustics.max_surface_bounces,
-            max_bottom_bounces=acoustics.max_bottom_bounces,
-            arrival=acoustics.arrival,
-            detector=build_detector(config, ocean),
-        ),
+        build_reception(config, ocean),
         currents=build_currents(config, ocean),
         timing=build_timing(config.ranging),
         progress=progress,
