@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 
-from pymantaray.acoustics import Medium
+from pymantaray.acoustics import Medium, read_profile
 from pymantaray.errors import OceanError
 from pymantaray.ocean import Cast, cast_ocean, read_cast, read_casts, to_local
 from pymantaray.ocean.casts import cast_levels
@@ -177,6 +177,21 @@ def test_what_is_no_ordinary_file_is_refused_before_it_is_read(path, message):
 
 def test_a_place_that_is_none_is_refused(tmp_path):
     refused(OceanError, "latitude lies in -90 to 90", read_cast, write(tmp_path, PLAIN), lat=100.0, lon=0.0)
+
+
+def test_a_cast_colder_than_its_freezing_point_says_so(tmp_path, shared_data):
+    """Water of 25.9 freezes at -1.40 degC; the shipped cast of March 2020 has -1.53 degC at its first levels."""
+    path = tmp_path / "cold.csv"
+    path.write_text(
+        "# lat 71.2 lon -142.4\ndepth,temperature,salinity\n2,-1.53,25.9\n4,-1.3,25.9\n60,-1.5,31\n"
+    )
+    (note,) = read_cast(path).notes[1:]
+    assert note.startswith("1 of 3 levels too cold to be liquid, up to 0.1")
+    assert "K below freezing at 2 m: the salinity is too low" in note
+    march = shared_data / "casts" / "beaufort_xctd_icex20_1.csv"
+    cold = read_cast(march).notes[-1]
+    assert cold.startswith("25 of 1056 levels too cold to be liquid, up to 0.12 K below freezing at 2.466 m")
+    assert read_profile(march).notes == (cold,)
 
 
 def test_the_subset_services_packed_point_table_is_unpacked(shared_data):

@@ -147,6 +147,7 @@ def carried_up(ocean):
 
 DOUBTFUL = {
     "density inversions": lambda o: spoil(o, (20, 4, 4), salinity=30.0),
+    "below freezing": lambda o: spoil(o, (5, 11, 23), salinity=10.0, water_temp=-0.7),
     "isolated wet points": lone_pit,
     "land of one point": lambda o: mask(o, (slice(None), 8, 8)),
     "spikes": lambda o: spoil(o, (10, 4, 4), water_temp=8.0),
@@ -176,6 +177,17 @@ def test_inversions_are_counted_placed_and_measured(healthy):
     assert "between {:g} and {:g} m".format(*healthy["depth"].values[19:21]) in finding.value
     size = float(finding.value.split("the largest ")[1].split(" kg")[0])
     assert size == pytest.approx(0.79 * fall, rel=0.1)
+
+
+def test_water_below_its_freezing_point_is_measured(healthy):
+    """A salinity of 24.2 freezes at -1.312 degC at the surface (gsw), 0.00075 K lower a metre down."""
+    depth = float(healthy["depth"].values[5])
+    finding = check_ocean(spoil(healthy, POINT, salinity=24.2, water_temp=-1.5)).named("below freezing")
+    assert finding.value.startswith("water too cold to be liquid at 1 points")
+    size = float(finding.value.split("the largest ")[1].split(" K")[0])
+    assert size == pytest.approx(0.188 - 0.00075 * depth, abs=0.002)
+    assert "the salinity is too low" in str(finding)
+    assert check_ocean(spoil(healthy, POINT, water_temp=-1.33)).named("below freezing") is None
 
 
 def test_the_domain_and_the_fleet_must_fit(healthy):

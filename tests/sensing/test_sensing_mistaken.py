@@ -14,6 +14,7 @@ from pymantaray.acoustics import Currents, Medium, Sonar
 from pymantaray.errors import SensingError
 from pymantaray.records import RayStatus
 from pymantaray.sensing import (
+    Candidates,
     ClockModel,
     Detector,
     NoiseModel,
@@ -26,6 +27,7 @@ from pymantaray.sensing import (
     perturb,
 )
 from pymantaray.sensing.mistaken import range_on_picks
+from pymantaray.sensing.schedule import chances
 
 C = 1480.0
 BOUNCES = {"max_surface_bounces": 1, "max_bottom_bounces": 1}
@@ -257,3 +259,56 @@ def test_candidates_that_do_not_fit_are_refused(truth):
     both = {"candidates": candidates, "probability": np.ones(o.range_status.size)}
     with pytest.raises(SensingError, match="candidates hold both, give them alone"):
         perturb(o, root_seed=1, realization=0, **both)
+
+
+@pytest.fixture(scope="module")
+def many_pings(make_measurements):
+    """12,000 attempts every 200 s, each with two candidates that are taken in the shares of a campaign."""
+    o = make_measurements("AB", n_time=6001, landmarks=(), epochs=np.arange(1, 6001))
+    attempt = np.repeat(np.arange(o.range_status.size), 2)
+    first = np.tile([1, 0], o.range_status.size)
+    share = np.where(first == 1, SHARE, 1.0 - SHARE)
+    return o, Candidates(attempt, np.ones(attempt.size), share, first, np.zeros(attempt.size))
+
+
+SHARE = 0.5 * (1.0 + np.sqrt(1.0 - 2.0 * 0.39))  # two candidates that switch in 0.39 of independent pings
+STAYS = 1.0 - 0.065 / 0.39  # and in 0.065 of those 200 s apart
+
+
+def test_a_pick_stays_as_long_as_its_correlation_time_says(many_pings):
+    """Within one interval 0.065 switch where 0.39 would independently; k intervals later 0.39 (1 - stays^k)."""
+    o, candidates = many_pings
+    draw = {"root_seed": 4, "realization": 0}
+    second = draw_picks(o, candidates, **draw, correlation_time=-200.0 / np.log(STAYS)) % 2
+    independent = draw_picks(o, candidates, **draw) % 2
+    for sender in (0, 1):
+        rows = o.range_transmitter == sender
+        for lag in (1, 3, 20):
+            rate = np.mean(second[rows][lag:] != second[rows][:-lag])
+            assert rate == pytest.approx(0.39 * (1.0 - STAYS**lag), abs=0.012 if lag == 1 else 0.04), lag
+        assert np.mean(np.diff(independent[rows]) != 0) == pytest.approx(0.39, abs=0.03)
+    worth = o.range_status.size * (1.0 - STAYS) / (1.0 + STAYS)  # independent draws
+    assert np.mean(second) == pytest.approx(1.0 - SHARE, abs=4.0 * np.sqrt(SHARE * (1.0 - SHARE) / worth))
+
+
+def test_a_pick_that_stays_is_one_that_was_drawn_and_gaps_and_pairs_are_kept_apart(many_pings):
+    o, _ = many_pings
+    fresh = chances(o, root_seed=4, realization=1)
+    held = chances(o, root_seed=4, realization=1, correlation_time=1e3)
+    for sender in (0, 1):
+        rows = o.range_transmitter == sender
+        assert held[rows][0] == fresh[rows][0]
+        stayed = held[rows][1:] == held[rows][:-1]
+        np.testing.assert_array_equal(held[rows][1:][~stayed], fresh[rows][1:][~stayed])
+        assert np.mean(stayed) == pytest.approx(np.exp(-0.2), abs=0.02)
+    sparse = replace(o, time=1e6 * np.arange(o.time.size))
+    np.testing.assert_array_equal(chances(sparse, root_seed=4, realization=1, correlation_time=1e3), fresh)
+    refused(
+        SensingError,
+        "correlation_time is -1 s; it must be finite and zero or positive",
+        chances,
+        o,
+        root_seed=1,
+        realization=0,
+        correlation_time=-1.0,
+    )

@@ -139,6 +139,7 @@ REFUSED = [
     ("ocean.half_extent_north", None, "half_extent_north and half_extent_east must be given together"),
     ("ranging.turn_around_s", 2.0, "ranging: turn_around_s is 2 s, but timing is one-way"),
     ("ranging.below_strongest_db", 6.0, "ranging: below_strongest_db is 6, but mistaken is off"),
+    ("ranging.mistaken_correlation_s", 60.0, "ranging: mistaken_correlation_s is 60 s, but mistaken is off"),
     ("ranging", DEEP | {"mistaken": "strongest-detected"}, "but mistaken is strongest-detected"),
     ("ranging.mistaken", "first-detected", "is first-detected, but nothing says what is detected"),
     ("", {"ranging": DEEP, "detection": DETECTION}, "below_strongest_db and [detection] exclude each other"),

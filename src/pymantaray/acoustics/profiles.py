@@ -28,6 +28,12 @@ class Profile(NamedTuple):
     depth: Array
     sound_speed: Array
     position: tuple[float, float] | None
+    name: str
+    """Its station in the table, else the file's name."""
+    time: np.datetime64
+    """UTC, NaT where the table does not say."""
+    notes: tuple[str, ...]
+    """What is doubtful about it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,44 +68,74 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
     may end in their units as in ``depth_m``. The position, latitude and longitude [degrees], is by default that of a comment
     line with ``lat ...`` and ``lon ...``. What is missing, or a depth that does not increase, is refused by its line.
     """
-    import gsw
+    profiles = read_profiles(path, position)
+    if len(profiles) > 1:
+        names = ", ".join(profile.name for profile in profiles[:4])
+        raise AcousticsError(
+            f"{path}: holds {len(profiles)} casts ({names}, ...); one is needed, so keep one"
+        )
+    return profiles[0]
 
+
+def read_profiles(path: str | Path, position: tuple[float, float] | None = None) -> list[Profile]:
+    """Read all profiles of a table, one a station, each as `read_profile` does."""
     from pymantaray.ocean.cast import read_cast_table
-    from pymantaray.ocean.seawater import sound_speed
 
     try:
-        table = read_cast_table(path)
-        has_speed = table.has("sound_speed")
-        vertical = "depth" if table.has("depth") else "pressure"
-        there = {
-            "depth": table.has(vertical),
-            "sound_speed": has_speed or table.has("temperature", "salinity"),
-        }
-        if not all(there.values()):
-            lacks = ", ".join(name for name, present in there.items() if not present)
-            raise AcousticsError(
-                f"{path}: lacks {lacks}; found {', '.join(table.header)}; pressure serves for depth,"
-                " temperature and salinity for sound_speed"
-            )
-        used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
-        level, *water = (table.values(name, complete=True) for name in used)
+        tables = read_cast_table(path).casts()
+        return [_profile(table, name or Path(path).stem, position) for name, table in tables.items()]
     except OceanError as error:
         raise AcousticsError(str(error)) from None
+
+
+def _profile(table: "CastTable", name: str, position: tuple[float, float] | None) -> Profile:
+    import gsw
+
+    from pymantaray.ocean.casts import cast_place, cast_time
+    from pymantaray.ocean.seawater import sound_speed
+
+    has_speed, has_water = table.has("sound_speed"), table.has("temperature", "salinity")
+    vertical = "depth" if table.has("depth") else "pressure"
+    there = {"depth": table.has(vertical), "sound_speed": has_speed or has_water}
+    if not all(there.values()):
+        lacks = ", ".join(name for name, present in there.items() if not present)
+        raise AcousticsError(
+            f"{table.path}: lacks {lacks}; found {', '.join(table.header)}; pressure serves for depth,"
+            " temperature and salinity for sound_speed"
+        )
+    used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
+    level, *water = (table.values(name, complete=True) for name in used)
     falls = np.flatnonzero(np.diff(level) <= 0.0)
     if falls.size:
         i = falls[0] + 1
         raise AcousticsError(
-            f"{path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after {level[i - 1]:g}; it must"
+            f"{table.path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after {level[i - 1]:g}; it must"
             " increase"
         )
     if level[0] < 0.0:
-        raise AcousticsError(f"{path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down")
+        raise AcousticsError(
+            f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
+        )
+    try:
+        time, _ = cast_time(table)
+    except OceanError:  # matters only where casts are chosen by it
+        time = np.datetime64("NaT", "ns")
     if has_speed and vertical == "depth":
-        return Profile(level, water[0], None)
+        place = position or cast_place(table) if has_water else None
+        return Profile(level, water[0], None, name, time, _notes(table, level, place))
     lat, lon = _place(table, position)
     depth = level if vertical == "depth" else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
     speed = water[0] if has_speed else sound_speed(water[0], water[1], depth, lat, lon)
-    return Profile(depth, speed, (lat, lon))
+    notes = _notes(table, depth, (lat, lon)) if has_water else ()
+    return Profile(depth, speed, (lat, lon), name, time, notes)
+
+
+def _notes(table: "CastTable", depth: Array, place: tuple[float, float] | None) -> tuple[str, ...]:
+    from pymantaray.ocean.seawater import freezing_notes
+
+    if place is None:
+        return ()
+    return freezing_notes(table.values("temperature"), table.values("salinity"), depth, *place)
 
 
 def is_raw_cast(depth: ArrayLike) -> bool:
@@ -212,9 +248,9 @@ def smooth_profile(
 
 
 def _place(table: "CastTable", position: tuple[float, float] | None) -> tuple[float, float]:
-    from pymantaray.ocean.casts import place_in_comments
+    from pymantaray.ocean.casts import cast_place
 
-    place = position or place_in_comments(table.comments)
+    place = position or cast_place(table)
     if place is None:
         raise AcousticsError(
             f"{table.path}: sound speed or depth has to be computed, for which --position LAT LON is needed"

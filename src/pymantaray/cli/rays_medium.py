@@ -112,7 +112,7 @@ def _from_profile(path: Path, options: MediumOptions, interpolation: "Interpolat
             f"{path}: {depth.size} levels less than 2 m apart are a raw cast; thin it, as by --thin 0.1 (m/s),"
             " smooth it, as by --smooth 10 (m), or take --interpolation linear"
         )
-    notes = []
+    notes = [f"{path}: {note}" for note in profile.notes]
     try:
         reduced = None
         if options.thin is not None:

@@ -13,7 +13,7 @@ from pymantaray.errors import OceanError, RecordError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
 from pymantaray.ocean.schema import VARIABLES, layer_edges
-from pymantaray.ocean.seawater import Equation, sound_speed
+from pymantaray.ocean.seawater import Equation, freezing_notes, sound_speed
 from pymantaray.records.text_table import read_text_table
 
 Array = NDArray[np.float64]
@@ -192,6 +192,9 @@ def clean_cast(
     if deeper.size < 2:
         reasons = f" ({'; '.join(notes)})" if notes else ""
         raise OceanError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
+    used = temperature[deeper], salinity[deeper], depth[deeper]
+    if np.all(np.abs(place) <= (90.0, 360.0)):  # others are refused below
+        notes += freezing_notes(*used, *place)
     return Cast(
         name,
         float(place[0]),

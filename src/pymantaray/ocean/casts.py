@@ -151,7 +151,7 @@ def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
 
 def _cast(table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None) -> Cast:
     lat, lon = place = place or _place(table)
-    instant, notes = _time(table) if time is None else (parse_instant(time), [])
+    instant, notes = cast_time(table) if time is None else (parse_instant(time), [])
     kinds = _kind(table, _TEMPERATURES), _kind(table, _SALINITIES)
     values = [table.values(kind) for kind in kinds]
     if table.bracketed and _packed(np.concatenate(values)):
@@ -205,13 +205,18 @@ def _packed(values: Array) -> bool:
     return whole and float(np.abs(numbers).max(initial=0.0)) > _PACKED_ABOVE
 
 
-def _place(table: CastTable) -> tuple[float, float]:
+def cast_place(table: CastTable) -> tuple[float, float] | None:
+    """Latitude and longitude of a cast by its columns, else by its comments; None if neither tells. [degrees]"""
     if table.has("lat", "lon"):
         places = np.column_stack([table.values("lat"), table.values("lon")])
         known = places[np.all(np.isfinite(places), axis=1)]
         if len(known):
             return float(known[0, 0]), float(known[0, 1])
-    place = place_in_comments(table.comments)
+    return place_in_comments(table.comments)
+
+
+def _place(table: CastTable) -> tuple[float, float]:
+    place = cast_place(table)
     if place is None:
         raise OceanError(
             f"{table.path}: no place; give lat and lon, columns of these names, or a comment '# lat 74.0, lon -140.0'"
@@ -219,7 +224,8 @@ def _place(table: CastTable) -> tuple[float, float]:
     return place
 
 
-def _time(table: CastTable) -> tuple[np.datetime64, list[str]]:
+def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
+    """Time of a cast by its column, else by its comments, NaT if neither tells; and what is to be said of it."""
     first = next((cell for cell in table.text("time") or [] if cell), None)
     if first is not None:
         try:

@@ -12,7 +12,14 @@ from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.open import Currents, read_ocean
 from pymantaray.ocean.schema import Finding, place_of, violations
 from pymantaray.ocean.sea_floor import local_floor, sea_floor_depth
-from pymantaray.ocean.seawater import Equation, density_fall, ocean_sound_speed
+from pymantaray.ocean.seawater import (
+    SUPERCOOLED,
+    UNFROZEN,
+    Equation,
+    density_fall,
+    ocean_sound_speed,
+    supercooling,
+)
 from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
@@ -43,6 +50,7 @@ _DOUBTS = {  # what is allowed, and what to do
         f"{_DENSITY_NOISE:g} kg/m3, which is rounding",
         "interpolation or assimilation can do this; look at a section there",
     ),
+    "below freezing": (f"{SUPERCOOLED:g} K", UNFROZEN),
     "isolated wet points": ("", "a hole of one point in the sea bed; interpolation across it is guesswork"),
     "land of one point": ("", "an islet, or a gap in the data"),
     "spikes": (f"{_SPIKE:g} m/s", "no front does this; look for a wrong value"),
@@ -198,6 +206,9 @@ def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
         between = f"between {depth[at[0]]:g} and {depth[at[0] + 1]:g} m"
         value = f"{count}, the largest {fall[at]:.3f} kg/m3 {between}"
         yield _doubt("density inversions", value, place_of(ocean, at))
+    lat, lon = ocean["lat"].values[:, None], ocean["lon"].values
+    cold = supercooling(*water, depth[:, None, None], lat, lon)
+    yield from _largest(ocean, "below freezing", "water too cold to be liquid", cold, SUPERCOOLED, "K")
     yield from _islands(ocean, wet)
     yield from _jumps(ocean, speed, depth)
     yield from _levels(depth, wet, water)

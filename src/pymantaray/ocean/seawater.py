@@ -26,6 +26,10 @@ from pymantaray.errors import OceanError
 Array = NDArray[np.float64]
 Equation = Literal["teos-10", "del-grosso", "unesco"]
 _DBAR_PER_KGF_CM2 = 9.80665
+SUPERCOOLED = 0.05
+"""Water colder than its freezing point by more has a wrong temperature or salinity. [K]"""
+UNFROZEN = "the salinity is too low, or the temperature: calibrate it, or take another source"
+"""What to do about such water."""
 
 # of [4], for ITS-90 temperatures: (power of S, of T, of P) and coefficient; P in kgf/cm2
 _DEL_GROSSO = (
@@ -151,6 +155,32 @@ def density(
     """In-situ density [kg/m3] from what `sound_speed` takes; NaN stays NaN."""
     SA, CT, p = absolute_and_conservative(temperature, salinity, depth, lat, lon)
     return np.asarray(gsw.rho(SA, CT, p), dtype=float)
+
+
+def supercooling(
+    temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
+) -> Array:
+    """
+    How far below its in-situ freezing point water without air is, negative above it, from what `sound_speed` takes. [K]
+
+    By TEOS-10 (``gsw.t_freezing``); water saturated with air freezes 0.002 K lower.
+    """
+    p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
+    SA = gsw.SA_from_SP(salinity, p, lon, lat)
+    return np.asarray(gsw.t_freezing(SA, p, 0.0) - np.asarray(temperature, dtype=float), dtype=float)
+
+
+def freezing_notes(
+    temperature: Array, salinity: Array, depth: Array, lat: float, lon: float
+) -> tuple[str, ...]:
+    """Say of a profile, from what `sound_speed` takes, where its water is too cold to be liquid; nothing if it is not."""
+    cold = supercooling(temperature, salinity, depth, lat, lon)
+    count = int(np.count_nonzero(cold > SUPERCOOLED))
+    if not count:
+        return ()
+    worst = int(np.nanargmax(cold))
+    where = f"{cold[worst]:.2g} K below freezing at {depth[worst]:.4g} m"
+    return (f"{count} of {cold.size} levels too cold to be liquid, up to {where}: {UNFROZEN}",)
 
 
 def in_situ_temperature(

@@ -64,6 +64,7 @@ def perturb(
     ranging_truth: RangingTruth | None = None,
     probability: ArrayLike | None = None,
     candidates: Candidates | None = None,
+    correlation_time: float = 0.0,
 ) -> Measurements:
     """
     Add one realization's noise to noise-free measurements.
@@ -87,6 +88,8 @@ def perturb(
     candidates : Candidates, optional
         Arrivals that may be taken for the direct ones; their probabilities include that of being heard, so
         `probability` is left out. By default the receiver never errs.
+    correlation_time : float
+        How long a receiver stays with what it takes of the candidates, see `draw_picks`. [s]
 
     Returns
     -------
@@ -116,7 +119,13 @@ def perturb(
             raise SensingError(
                 "perturb: probability and candidates are given; candidates hold both, give them alone"
             )
-        picks = draw_picks(m, candidates, root_seed=root_seed, realization=realization)
+        picks = draw_picks(
+            m,
+            candidates,
+            root_seed=root_seed,
+            realization=realization,
+            correlation_time=correlation_time,
+        )
         m = range_on_picks(m, candidates, picks)
         if true is not None:
             wrong, time = candidates.mistaken(picks), true.travel_time.copy()

@@ -265,16 +265,29 @@ def _velocities(truth: Trajectories, table: Attempts, attempt: Indices) -> tuple
 
 
 def draw_picks(
-    measurements: Measurements, candidates: Candidates, *, root_seed: int, realization: int
+    measurements: Measurements,
+    candidates: Candidates,
+    *,
+    root_seed: int,
+    realization: int,
+    correlation_time: float = 0.0,
 ) -> Indices:
     """
     Let chance decide what each attempt of one realization takes for the direct arrival: rows of candidates, -1 for nothing.
 
     The draws are those of `draw_unheard`. Since the direct candidate comes first, an attempt whose direct arrival is
     the earliest and is heard without mistakes is heard with them too, by ``first-detected``: mistakes come
-    in the place of what was not heard.
+    in the place of what was not heard. With a correlation time [s] a receiver stays with its pick for about so long, see
+    `chances`; each attempt for itself picks as without.
     """
-    return candidates.picks(chances(measurements, root_seed=root_seed, realization=realization))
+    return candidates.picks(
+        chances(
+            measurements,
+            root_seed=root_seed,
+            realization=realization,
+            correlation_time=correlation_time,
+        )
+    )
 
 
 def range_on_picks(measurements: Measurements, candidates: Candidates, picks: Indices) -> Measurements:

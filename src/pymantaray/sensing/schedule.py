@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
-from pymantaray.geometry.checks import check_fields
+from pymantaray.geometry.checks import check_fields, check_number
 from pymantaray.records import Measurements
 
 Array = NDArray[np.float64]
@@ -85,11 +85,39 @@ def by_pair(measurements: Measurements, draw: Callable[[str, str, int], Array]) 
     return drawn
 
 
-def chances(measurements: Measurements, *, root_seed: int, realization: int) -> Array:
-    """Uniform draws that decide what becomes of each attempt, arrival or not; each ordered pair has its own stream."""
-    return by_pair(
-        measurements,
-        lambda transmitter, receiver, n: stream(
-            root_seed, realization, "sensing", transmitter, "heard", receiver
-        ).random(n),
+def chances(
+    measurements: Measurements, *, root_seed: int, realization: int, correlation_time: float = 0.0
+) -> Array:
+    r"""
+    Uniform draws that decide what becomes of each attempt, arrival or not; each ordered pair has its own stream.
+
+    With a correlation time :math:`\tau` [s] an attempt has the number of the one before it of the same ordered pair, a time
+    :math:`\Delta` ago, with probability :math:`e^{-\Delta / \tau}`, else a new one: a Markov chain of which every number is
+    uniform.
+    """
+    check_number(SensingError, "correlation_time", correlation_time, "s")
+
+    def uniform(use: str) -> Array:
+        return by_pair(
+            measurements,
+            lambda transmitter, receiver, n: stream(
+                root_seed, realization, "sensing", transmitter, use, receiver
+            ).random(n),
+        )
+
+    fresh = uniform("heard")
+    if correlation_time == 0.0:
+        return fresh
+    m = measurements
+    time = m.time[m.range_sample]
+    order = np.lexsort((time, m.range_receiver, m.range_transmitter))
+    pair = np.stack([m.range_transmitter, m.range_receiver])[:, order]
+    again = np.all(pair[:, 1:] == pair[:, :-1], axis=0)
+    stays = uniform("stays")[order][1:] < np.exp(
+        -np.diff(time[order]) / correlation_time, where=again, out=np.zeros(again.size)
     )
+    origin = np.arange(order.size)
+    origin[1:][again & stays] = 0
+    drawn = np.empty(order.size)
+    drawn[order] = fresh[order][np.maximum.accumulate(origin)]
+    return drawn

@@ -45,7 +45,7 @@ class RangingSection(Section):
 
     With ``mistaken`` the receiver does not know the direct arrival from the others: it takes the first or the
     strongest that it detects, by ``[detection]`` or, without, by a threshold below the link's strongest
-    arrival.
+    arrival. It stays with it for about ``mistaken_correlation_s``.
     """
 
     timing: Literal["one-way", "two-way"] = "one-way"
@@ -54,6 +54,7 @@ class RangingSection(Section):
     clock_skew_sigma: NonNegativeFloat = 0.0
     mistaken: Literal["off", "first-detected", "strongest-detected"] = "off"
     below_strongest_db: NonNegativeFloat | None = None
+    mistaken_correlation_s: NonNegativeFloat = 0.0
 
     @model_validator(mode="after")
     def _only_two_way_turns_around(self) -> Self:
@@ -61,6 +62,15 @@ class RangingSection(Section):
             raise ValueError(
                 f"turn_around_s is {self.turn_around_s:g} s, but timing is one-way, where nobody answers;"
                 ' leave it out or set timing = "two-way"'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _only_mistakes_stay(self) -> Self:
+        if self.mistaken_correlation_s > 0.0 and self.mistaken == "off":
+            raise ValueError(
+                f"mistaken_correlation_s is {self.mistaken_correlation_s:g} s, but mistaken is off; leave it out or set"
+                ' mistaken = "first-detected"'
             )
         return self
 

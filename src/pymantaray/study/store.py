@@ -185,6 +185,7 @@ class Run:
             ranging_truth=self.ranging_truth,
             probability=None if hearing is None else hearing.probability,
             candidates=candidates,
+            correlation_time=ranging.mistaken_correlation_s,
         )
 
     def mistaken(self, realization: int) -> NDArray[np.bool_]:
@@ -209,7 +210,13 @@ class Run:
         candidates, seed = self.candidates, self.config.study.seed
         if candidates is None:
             return np.zeros(self.measurements.range_status.size, dtype=bool)
-        picks = draw_picks(self.measurements, candidates, root_seed=seed, realization=realization)
+        picks = draw_picks(
+            self.measurements,
+            candidates,
+            root_seed=seed,
+            realization=realization,
+            correlation_time=self.config.ranging.mistaken_correlation_s,
+        )
         return candidates.mistaken(picks)
 
     def _check(self, realization: int) -> None:
