@@ -12,9 +12,6 @@ from hypothesis import HealthCheck, Phase, settings
 
 from pymantaray.acoustics import Medium
 from pymantaray.estimation import GraphValues, dead_reckon
-from pymantaray.estimation.marginals import epoch_groups, group_marginals
-from pymantaray.estimation.optimize import prove
-from pymantaray.estimation.problems import State, distance_problem
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
 from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import Landmark, OneWay, PingSchedule, Reception, measure_ranges
@@ -122,13 +119,6 @@ class Fleet:
 def values_at(o, position, quaternion):
     """Values of the graph of measurements."""
     return GraphValues(position.reshape(-1, 3), quaternion.reshape(-1, 4), o.landmark_position)
-
-
-def graph_covariances(graph, values, poses):
-    """Covariances of poses, (n_epochs, n_agents), of a graph at any values."""
-    groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, np.empty(0, dtype=int))
-    problem = distance_problem(graph, groups=groups)
-    return group_marginals(problem, prove(problem, State.of(values)).last, poses, groups)
 
 
 def without(graph, *kinds):
@@ -308,8 +298,8 @@ def ranges(truth, rng, attempts, *, status=None, landmarks=()):
         marks,
         np.argwhere(truth.position[..., 2] < 1.0).T,
         (who, to, sample),
-        odometry_rotation=np.zeros((n, n_times - 1, 4)),
-        odometry_translation=np.zeros((n, n_times - 1, 3)),
+        odometry_rotation=np.tile([1.0, 0.0, 0.0, 0.0], (n, n_times - 1, 1)),
+        odometry_translation=np.diff(truth.position, axis=1),
         odometry_sigma=np.ones((n, n_times - 1, 6)),
         landmark_sigma=np.full(len(marks), 0.1),
         first_sigma=np.ones((n, 6)),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from factories import graph_covariances, without
+from factories import without
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
@@ -14,6 +14,7 @@ from pymantaray.estimation import (
     Method,
     build_graph,
     collect_covariances,
+    covariances_at,
     fixed_epochs,
     to_gtsam,
 )
@@ -58,7 +59,7 @@ def test_blocks_are_those_of_the_dense_inverse_of_the_information_matrix(make_fl
     fleet = make_fleet(seed=11, n_landmarks=n_landmarks)
     graph, values = solved(fleet, fleet.noisy)
     poses = poses_at(fleet.noisy)
-    found = graph_covariances(graph, values, poses)
+    found = covariances_at(graph, values, poses)
     whole = dense(graph, values)
     for e, a in np.ndindex(poses.shape):
         block = slice(6 * poses[e, a], 6 * poses[e, a] + 6)
@@ -108,7 +109,7 @@ def test_replay_has_the_covariances_of_the_batch_at_its_end(make_fleet):
 def test_dead_reckoning_has_the_covariance_of_a_graph_of_odometry_alone(make_fleet):
     fleet = make_fleet(seed=13, turn=0.3)
     o, bare = fleet.noisy, without(build_graph(fleet.noisy), "depth")
-    graph, own = graph_covariances(bare, fleet.reckoned, poses_at(o)), reckoned_covariances(o, SAMPLES)
+    graph, own = covariances_at(bare, fleet.reckoned, poses_at(o)), reckoned_covariances(o, SAMPLES)
     for a, b in ((own.pose, graph.pose), (own.position.reshape(3, 9, 9), graph.position.reshape(3, 9, 9))):
         assert_same(a, b)
     assert (own.range_dimension == 0).all()
@@ -133,7 +134,7 @@ def test_range_statistic_is_the_innovation_predicted_from_everything_else(make_f
     o = fleet.noisy
     sample = 10
     graph, values = solved(fleet, o)
-    found = graph_covariances(graph, values, poses_at(o, [sample]))
+    found = covariances_at(graph, values, poses_at(o, [sample]))
     assert found.range_dimension[0] == np.count_nonzero(o.range_sample == sample)
     ranges, n = graph["range"], graph.n_poses
     mine = (ranges.variables < n).any(axis=1) & (graph.pose_number[ranges.variables[:, 0]] == sample)
@@ -159,7 +160,7 @@ def test_range_statistic_is_the_innovation_predicted_from_everything_else(make_f
 
 def test_epochs_without_ranges_have_no_innovation(make_fleet):
     fleet = make_fleet(seed=16)
-    found = graph_covariances(*solved(fleet, fleet.noisy), poses_at(fleet.noisy, [10, 12]))
+    found = covariances_at(*solved(fleet, fleet.noisy), poses_at(fleet.noisy, [10, 12]))
     assert found.range_dimension.tolist() == [6, 0]
     assert np.isfinite(found.range_nis).tolist() == [True, False]
 

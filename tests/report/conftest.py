@@ -179,6 +179,13 @@ def tables():
                 "rmse_m": [80.0, 12.0, 130.5, np.nan],
             }
         ),
+        at_pings=pd.DataFrame(
+            {
+                "condition": ["straight", "refracted", "odometry", "lost"],
+                "rmse_m": [0.75, 25.5, 120.0, np.nan],
+                "bound_rmse_m": [0.5, 0.5, 110.0, 0.5],
+            }
+        ),
         unknowns=pd.concat([modes, unknown_rows("clocks", clocks, 1e-3, sigma, error)]),
         consistency_rows=consistency_rows,
     )

@@ -36,7 +36,7 @@ def every_figure(run, made_run, tables, tmp_path_factory):
     return [plate.draw() for plate in plates] + [
         error_over_time(truth.time, truth.name.tolist(), results.errors, fixes, header),
         consistency_over_time(tables.consistency, header),
-        error_and_consistency(tables.errors, tables.consistency, header),
+        error_and_consistency(tables.errors, tables.at_pings, tables.consistency, header),
         unknowns_before_and_after(tables.unknowns, header),
         ocean_plots.sound_speed_sections(ocean, (78.0, 0.0), header),
         ocean_plots.sound_speed_map(ocean, 100.0, header),

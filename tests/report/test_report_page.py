@@ -28,8 +28,8 @@ FIGURES = {
     "range_error_split", "ray_picture", "sound_speed",
 }  # fmt: skip
 TABLES = {
-    "ate_difference", "ate_per_agent", "ate_per_realization", "ate_pooled", "consistency", "consistency_per_agent",
-    "consistency_per_epoch", "coverage", "dropouts", "range_error", "range_error_split", "region", "solves",
+    "ate_difference", "ate_per_agent", "ate_per_realization", "ate_pooled", "bound", "consistency", "consistency_per_agent",
+    "consistency_per_epoch", "coverage", "dropouts", "ping_error", "range_error", "range_error_split", "region", "solves",
 }  # fmt: skip
 LATER = ("covariances.nc", "estimates.nc", "manifest.json")  # written when realizations are solved
 VOID = {"meta", "img", "br"}

@@ -59,13 +59,15 @@ def test_many_estimators_look_different_and_names_are_literal(look, tables):
 
 
 def test_estimators_are_where_the_tables_say(look, tables):
-    error, nees = (figure := look.draw(error_and_consistency(tables.errors, tables.consistency, HEADER))).axes
+    figure = look.draw(error_and_consistency(tables.errors, tables.at_pings, tables.consistency, HEADER))
+    error, under_water, nees = figure.axes
+    np.testing.assert_allclose(under_water.collections[0].get_offsets()[:3, 0], [120.0, 0.75, 25.5])
     np.testing.assert_allclose(error.collections[0].get_offsets()[:3, 0], [80.0, 12.0, 130.5])
     assert [t.get_text() for t in error.texts] == ["80.00", "12.00", "130.5"]
     assert error.get_yticklabels()[2].get_text() == "Refracted ranges"
-    (dashed,) = [line for line in error.lines if line.get_linestyle() == "--"]
-    assert dashed.get_xdata()[0] == 12.0
-    assert figure.legends[0].get_texts()[0].get_text() == "error, straight ranges"
+    (dashed,) = [line for line in under_water.lines if line.get_linestyle() == "--"]
+    assert dashed.get_xdata()[0] == 0.5
+    assert figure.legends[0].get_texts()[0].get_text() == "least that is possible"
     spans = [line for line in nees.lines if len(line.get_xdata()) == 2 and len(set(line.get_ydata())) == 1]
     assert [tuple(line.get_xdata()) for line in spans] == [(0.99, 1.01), (0.98, 1.3), (150.0, 1200.0)]
     points = [line for line in nees.lines if line.get_marker() == "o"]
@@ -74,7 +76,7 @@ def test_estimators_are_where_the_tables_say(look, tables):
     assert every == points[0].get_color()
     assert some not in {"white", points[1].get_color()}
     assert none == "white"
-    assert len(look.draw(error_and_consistency(tables.errors, None, HEADER)).axes) == 1
+    assert len(look.draw(error_and_consistency(tables.errors, tables.at_pings, None, HEADER)).axes) == 2
 
 
 def test_unknowns_are_by_their_prior_and_names_that_would_touch_stand_upright(look, tables):

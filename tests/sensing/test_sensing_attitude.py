@@ -4,11 +4,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from factories import assert_same, estimates, graph_covariances
+from factories import assert_same, estimates
 from scipy import stats
 
 from pymantaray.errors import SensingError
-from pymantaray.estimation import GraphSolver, GraphValues, build_graph, read_pyfg, write_pyfg
+from pymantaray.estimation import GraphSolver, GraphValues, build_graph, covariances_at, read_pyfg, write_pyfg
 from pymantaray.evaluation import attitude_table
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
 from pymantaray.records import SolveStatus
@@ -51,7 +51,7 @@ def solved(m, truth):
     solution = GraphSolver().solve(graph, start)
     assert solution.usable
     poses = np.arange(truth.status.size).reshape(truth.status.shape)[:, EPOCHS].T
-    covariance = graph_covariances(graph, solution.values, poses).pose[..., :3, :3]
+    covariance = covariances_at(graph, solution.values, poses).pose[..., :3, :3]
     body = matrix_from_quaternion(solution.values.quaternion[poses])
     found = solution.values.quaternion[poses]
     error = turn_between(found, np.swapaxes(truth.quaternion[:, EPOCHS], 0, 1))

@@ -144,7 +144,7 @@ def compare(
 
 def _print_summary(run: "Run") -> None:
     """Dropouts, range errors and trajectory errors, and warnings of solves and vehicles that did not end well."""
-    from pymantaray.evaluation import dropout_table, error_table, range_error_table
+    from pymantaray.evaluation import dropout_table, error_table, ping_error_table, range_error_table
 
     study, hours, fleet = run.config.study, run.config.mission.duration_h, run.config.fleet.vehicles
     count = f"{study.realizations} realization{'' if study.realizations == 1 else 's'}"
@@ -175,6 +175,17 @@ def _print_summary(run: "Run") -> None:
             "median [m]": ("median_m", ".2f"),
             "RMSE [m]": ("rmse_m", ".2f"),
             "95 % [m]": ("p95_m", ".2f"),
+        },
+    )
+    print_table(
+        "Position error of vehicles under water at the pings",
+        ping_error_table(run.truth, run.estimates, run.measurements, run.bounds),
+        {
+            "condition": ("condition", ""),
+            "RMSE [m]": ("rmse_m", ".2f"),
+            "median [m]": ("median_m", ".2f"),
+            "from straight [m]": ("from_straight_rmse_m", ".2f"),
+            "least possible [m]": ("bound_rmse_m", ".2f"),
         },
     )
     for line in _warnings(run):

@@ -6,6 +6,7 @@ from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
 from pymantaray.estimation.external import GraphResult, open_graph, solve_graph, to_gtsam
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import LOSSES, Loss
+from pymantaray.estimation.marginals import covariances_at
 from pymantaray.estimation.pyfg import read_pyfg, write_pyfg
 from pymantaray.estimation.range_models import (
     AdjustableModel,
@@ -47,6 +48,7 @@ __all__ = [
     "build_graph",
     "collect_covariances",
     "collect_estimates",
+    "covariances_at",
     "dead_reckon",
     "fixed_epochs",
     "open_graph",

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
-from pymantaray.estimation.graph import KINDS, FactorGraph
+from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE, Indices
-from pymantaray.estimation.optimize import LastStep
-from pymantaray.estimation.problems import LinearTerm, Problem
+from pymantaray.estimation.optimize import LastStep, prove
+from pymantaray.estimation.problems import LinearTerm, Problem, State, distance_problem
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,34 @@ def check_poses(graph: FactorGraph, poses: Indices) -> Indices:
     if np.unique(poses).size != poses.size or not np.isin(poses, np.concatenate(used)).all():
         raise EstimationError("covariances: needs poses with a prior or odometry, each once")
     return poses.astype(np.intp)
+
+
+def covariances_at(graph: FactorGraph, values: GraphValues, poses: Indices) -> EpochCovariances:
+    """
+    Covariances of poses in a graph whose ranges are distances, linearized at any values.
+
+    Parameters
+    ----------
+    poses : ndarray of int, shape (n_epochs, n_agents)
+        Each with a prior or odometry.
+
+    Returns
+    -------
+    EpochCovariances
+        Joint within each epoch.
+
+    Raises
+    ------
+    EstimationError
+        If the values leave some direction undetermined.
+    """
+    poses = check_poses(graph, poses)
+    groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, np.empty(0, dtype=np.intp))
+    problem = distance_problem(graph, groups=groups)
+    last = prove(problem, State.of(values)).last
+    if last is None:
+        raise EstimationError("covariances: some direction of the graph is not determined at these values")
+    return group_marginals(problem, last, poses, groups)
 
 
 def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indices) -> list[Indices]:

@@ -1,7 +1,9 @@
 """How wrong is it: trajectory errors and range-error statistics. Truth and estimate meet only here."""
 
+from pymantaray.evaluation.bound import bound_table, error_bound
 from pymantaray.evaluation.comparison import comparison_table
 from pymantaray.evaluation.consistency import consistency_summary, consistency_table, coverage_table
+from pymantaray.evaluation.ping_error import ping_error_table
 from pymantaray.evaluation.ranging_error import (
     ALL_LINKS,
     RangeErrors,
@@ -22,14 +24,17 @@ __all__ = [
     "ALL_LINKS",
     "RangeErrors",
     "attitude_table",
+    "bound_table",
     "comparison_table",
     "consistency_summary",
     "consistency_table",
     "coverage_table",
     "directions_table",
     "dropout_table",
+    "error_bound",
     "error_table",
     "graph_errors",
+    "ping_error_table",
     "range_error_table",
     "range_errors",
     "range_split_table",

@@ -12,57 +12,67 @@ from matplotlib.ticker import LogLocator
 
 from pymantaray.report import style
 from pymantaray.report.figures import register
+from pymantaray.report.style import Array
 
 _ROW = 0.17  # height of a line [in]
 _BASELINE = "straight"
 
 
 @style.styled
-def error_and_consistency(errors: pd.DataFrame, consistency: pd.DataFrame | None, header: str) -> Figure:
+def error_and_consistency(
+    errors: pd.DataFrame, at_pings: pd.DataFrame, consistency: pd.DataFrame | None, header: str
+) -> Figure:
     """
-    Root mean square of the position error, and NEES of the fleet if there is any, a line for each condition.
+    Root mean square of the position error, at all times and at pings, and NEES of the fleet if there is any, a line for each condition.
 
     A marker of NEES is full where all epochs lie within their 95 % bounds, empty where none does.
     """
     names = list(errors["condition"])
-    y = np.arange(len(names))
-    rmse = errors["rmse_m"].to_numpy(dtype=float)
-    panels = 1 if consistency is None else 2
-    figure = style.new_figure(style.DOUBLE, (0.8 if consistency is None else 1.0) + _ROW * len(names), header)
+    panels = 2 if consistency is None else 3
+    figure = style.new_figure(style.DOUBLE, 1.0 + _ROW * len(names), header)
     grid = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
     colours = [style.CONDITION_COLOURS.get(name, style.INK) for name in names]
-    axes, handles = grid[0], list[Line2D | Patch]()
-    style.panel_title(axes, "a", "position error, root mean square")
-    if _BASELINE in names and np.isfinite(rmse[names.index(_BASELINE)]):
-        label = f"error, {style.condition_style(_BASELINE)[1].lower()}"
-        look: dict[str, Any] = {"color": style.GREY, "linewidth": 0.8, "linestyle": "--", "label": label}
-        handles.append(axes.axvline(rmse[names.index(_BASELINE)], **look))
-    axes.scatter(rmse, y, c=colours, s=14.0, zorder=3)
-    for x, line in zip(rmse, y, strict=True):
-        if np.isfinite(x):
-            text = f"{x:.2f}" if x < 100.0 else f"{x:.1f}"
-            axes.annotate(text, (x, line), (5, 0), textcoords="offset points", va="center", fontsize=6.0)
-    axes.set_xscale("log")
-    axes.margins(x=0.12)
-    axes.set_yticks(y, [style.condition_style(name)[1] for name in names])
+    handles = list[Line2D | Patch]()
+    under_water = at_pings.set_index("condition").reindex(names)
+    _draw_errors(grid[0], errors["rmse_m"].to_numpy(dtype=float), colours)
+    _draw_errors(grid[1], under_water["rmse_m"].to_numpy(dtype=float), colours)
+    for least in under_water.loc[under_water.index == _BASELINE, "bound_rmse_m"].dropna():
+        look: dict[str, Any] = {"color": style.GREY, "linewidth": 0.8, "linestyle": "--"}
+        handles.append(grid[1].axvline(least, label="least that is possible", **look))
+    axes = grid[0]
+    axes.set_yticks(range(len(names)), [style.condition_style(name)[1] for name in names])
     axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.set_xlabel("[m]")
+    style.panel_title(axes, "a", "error at all times")
+    style.panel_title(grid[1], "b", "under water at pings")
     if consistency is not None:
-        _draw_consistency(grid[1], consistency[consistency["statistic"] == "horizontal"], names, colours)
-        style.panel_title(grid[1], "b", "horizontal NEES of the fleet / degrees of freedom")
-        grid[1].set_xlabel("[-]")
+        _draw_consistency(grid[2], consistency[consistency["statistic"] == "horizontal"], names, colours)
+        style.panel_title(grid[2], "c", "horizontal NEES / d.o.f.")
+        grid[2].set_xlabel("[-]")
         point: dict[str, Any] = {"color": style.INK, "marker": "o", "markersize": 3.8, "linestyle": "none"}
         faces = {"inside at every epoch": style.INK, "at some": style.GREY, "at none": "white"}
         handles.append(Patch(color=style.BAND, label="95 % bounds"))
         handles += [style.entry(label, markerfacecolor=face, **point) for label, face in faces.items()]
-        grid[1].tick_params(axis="y", left=False)
     if handles:
         style.common_legend(figure, handles)
     for panel in grid:
         panel.grid(visible=False, axis="y")
         style.short_numbers(panel.xaxis)
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    for panel in grid[1:]:
+        panel.tick_params(axis="y", left=False)
+    for panel in grid[:2]:
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if panels == 2 else (1.0,)))
     return figure
+
+
+def _draw_errors(axes: Axes, rmse: Array, colours: list[str]) -> None:
+    axes.scatter(rmse, range(rmse.size), c=colours, s=14.0, zorder=3)
+    for line, x in enumerate(rmse):
+        if np.isfinite(x):
+            text = f"{x:.2f}" if x < 100.0 else f"{x:.1f}"
+            axes.annotate(text, (x, line), (5, 0), textcoords="offset points", va="center", fontsize=6.0)
+    axes.set_xscale("log")
+    axes.margins(x=0.2)
+    axes.set_xlabel("[m]")
 
 
 def _draw_consistency(axes: Axes, table: pd.DataFrame, names: list[str], colours: list[str]) -> None:
@@ -86,11 +96,12 @@ register(
     "estimators",
     place=100,
     caption="What each estimator is worth, over {r.realizations}: (a) root mean square of the position error over all"
-    " poses, dashed that of straight ranges; (b) squared error of the fleet's horizontal positions in the covariance"
+    " poses; (b) the same of vehicles under water at the pings, where ranges act, dashed the least that an unbiased"
+    " estimator reaches with these measurements; (c) squared error of the fleet's horizontal positions in the covariance"
     " that the estimator gives, by its degrees of freedom: median over the epochs, least to greatest, and the 95 %"
     " bounds of a consistent estimator in grey.",
     draw=lambda r: error_and_consistency(
-        r.tables["ate_pooled"], r.tables.get("consistency_per_epoch"), r.header
+        r.tables["ate_pooled"], r.tables["ping_error"], r.tables.get("consistency_per_epoch"), r.header
     ),
     needs=lambda r: bool(r.run.config.estimators),
 )

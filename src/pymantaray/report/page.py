@@ -106,10 +106,14 @@ def headlines(results: Results) -> list[tuple[str, str, str]]:
         ("Mean range error", signed_metres(total["mean_m"]), spread),
         ("Mean bending", signed_metres(bending["mean_m"]), "the rest of the range error is reference speed"),
     ]
+    at_pings = tables["ping_error"].set_index("condition")["rmse_m"]
     for row in tables["ate_pooled"].to_dict("records"):
         what = f"Position error, {condition_label(row['condition']).lower()}"
         mean = "–" if np.isnan(row["mean_m"]) else f"{row['mean_m']:.2f} m"
-        cards.append((what, mean, f"mean; RMSE {show(row['rmse_m'])} m"))
+        remark = (
+            f"mean; RMSE {show(row['rmse_m'])} m; under water at pings {show(at_pings[row['condition']])} m"
+        )
+        cards.append((what, mean, remark))
     for row in tables["ate_difference"].head(1).to_dict("records"):
         ends = " to ".join(signed_metres(row[f"bootstrap_{end}_m"]) for end in ("low", "high"))
         what = f"{row['condition']} minus {row['baseline']}".capitalize()

@@ -8,6 +8,7 @@ import pandas as pd
 
 from pymantaray.evaluation import (
     attitude_table,
+    bound_table,
     comparison_table,
     consistency_summary,
     consistency_table,
@@ -15,6 +16,7 @@ from pymantaray.evaluation import (
     directions_table,
     dropout_table,
     error_table,
+    ping_error_table,
     range_error_table,
     range_split_table,
     unknowns_table,
@@ -64,6 +66,11 @@ TABLES: dict[str, Table] = {
         "Position error by condition, pooled over vehicles, times and realizations",
         lambda run: error_table(run.truth, run.estimates),
         f"condition failed_solves {_ERRORS}",
+    ),
+    "ping_error": Table(
+        "Position error of vehicles under water at the pings, its distance from the estimate with straight ranges, and the"
+        " least that is possible",
+        lambda run: ping_error_table(run.truth, run.estimates, run.measurements, run.bounds),
     ),
     "ate_difference": Table(
         "Difference of position error between conditions, 95 % intervals over realizations",
@@ -128,6 +135,12 @@ TABLES: dict[str, Table] = {
     "unknowns_directions": Table(
         "Combinations of modes and clocks that the measurements see, from best to least",
         lambda run: None if run.unknowns is None else directions_table(run.unknowns),
+        folded=True,
+    ),
+    "bound": Table(
+        "Least position error that is possible at each ping, without ranges and with them, and what the ranges of the ping"
+        " alone do not see",
+        lambda run: bound_table(run.truth, run.measurements),
         folded=True,
     ),
     "solves": Table("Health of each solve", lambda run: solve_table(run.estimates), folded=True),

@@ -12,6 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import StudyError
+from pymantaray.estimation import CONDITIONS
+from pymantaray.evaluation import error_bound
 from pymantaray.records import (
     Arrivals,
     Estimates,
@@ -144,6 +146,20 @@ class Run:
         """What estimators found of modes and clocks; None if none estimated any."""
         path = self.path / UNKNOWNS
         return SharedUnknowns.load(path) if path.is_file() else None
+
+    @cached_property
+    def bounds(self) -> dict[str, NDArray[np.float64]]:
+        """For each condition the least covariance of positions at the pings that its measurements allow, as `error_bound` has it."""
+        over_all = {s.name for s in self.config.estimators or () if s.links == "all"}
+        bounds: dict[str, NDArray[np.float64]] = {}
+        out = {}
+        for name in self.estimates.condition.tolist():
+            like = "straight-all" if name in over_all else name if name in CONDITIONS else "straight"
+            like = "straight" if like == "refracted" else like
+            if like not in bounds:
+                bounds[like] = error_bound(self.truth, self.measurements, like)
+            out[name] = bounds[like]
+        return out
 
     @cached_property
     def ray_picture(self) -> xr.Dataset:

@@ -15,6 +15,7 @@ from pymantaray.evaluation import (
     consistency_table,
     dropout_table,
     error_table,
+    ping_error_table,
     range_error_table,
 )
 from pymantaray.study import Run, StudyConfig, open_run
@@ -108,6 +109,10 @@ def summarize_point(run: Run) -> dict[str, Any]:
     conditions = {
         row.pop("condition"): row for row in error_table(run.truth, run.estimates).to_dict("records")
     }
+    for row in ping_error_table(run.truth, run.estimates, run.measurements, run.bounds).to_dict("records"):
+        conditions[row["condition"]] |= {
+            f"ping_{name}": v for name, v in row.items() if name not in {"condition", "n"}
+        }
     if run.covariances is not None:
         by_epoch = consistency_table(run.truth, run.estimates, run.covariances)
         for row in consistency_summary(by_epoch).to_dict("records"):

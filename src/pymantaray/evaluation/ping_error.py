@@ -1,0 +1,87 @@
+"""Errors where ranges act: of vehicles under water at the pings, from the truth, from straight ranges, and beside the bound."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.evaluation.bound import ping_samples, rms_bound, submerged_at_pings
+from pymantaray.evaluation.trajectory_error import trajectory_errors
+from pymantaray.records import Estimates, Measurements, Trajectories
+
+Array = NDArray[np.float64]
+_BASELINE = "straight"
+
+
+def ping_error_table(
+    truth: Trajectories,
+    estimates: Estimates,
+    measurements: Measurements,
+    bounds: Mapping[str, Array] | None = None,
+) -> pd.DataFrame:
+    r"""
+    Position errors of vehicles under water at the pings, for each condition; ``ate`` is set by the hours between.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        Without noise: when ranges were tried, and who had a GNSS fix then.
+    bounds : mapping of str to ndarray, optional
+        For each condition what `error_bound` gives for what it measures.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``condition``; ``n``, errors of all pings, vehicles and usable realizations; ``rmse_m`` and ``median_m`` of their size;
+        ``from_straight_rmse_m`` and ``from_straight_median_m``, the distance from the estimate of the same realization with
+        ``straight`` ranges, NaN where that was not run; ``bound_rmse_m``, the least that an unbiased estimator reaches with these
+        measurements, and ``efficiency``, the ratio of its square to that of ``rmse_m``: 1 where all that is possible is
+        reached.
+
+    Raises
+    ------
+    EvaluationError
+        If the records do not belong together.
+    """
+    submerged, samples = submerged_at_pings(truth, measurements), ping_samples(measurements)
+
+    def at_pings(values: Array) -> Array:
+        """Of shape (realizations, places)."""
+        return np.asarray(values[..., samples].swapaxes(-1, -2)[..., submerged])
+
+    errors = trajectory_errors(truth, estimates)
+    names = estimates.condition.tolist()
+    straight = estimates.position[names.index(_BASELINE)] if _BASELINE in names else np.nan
+    rows = []
+    for c, name in enumerate(names):
+        own, apart = (
+            e[np.isfinite(e)]
+            for e in (
+                at_pings(errors[c]),
+                at_pings(np.linalg.norm(estimates.position[c] - straight, axis=-1)),
+            )
+        )
+        bound = rms_bound(bounds[name], submerged) if bounds is not None else np.nan
+        rmse = _rms(own)
+        rows.append(
+            {
+                "condition": name,
+                "n": int(own.size),
+                "rmse_m": rmse,
+                "median_m": _median(own),
+                "from_straight_rmse_m": _rms(apart),
+                "from_straight_median_m": _median(apart),
+                "bound_rmse_m": bound,
+                "efficiency": (bound / rmse) ** 2 if rmse > 0.0 else np.nan,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
+
+
+def _median(values: Array) -> float:
+    return float(np.median(values)) if values.size else np.nan

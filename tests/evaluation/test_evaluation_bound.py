@@ -1,0 +1,136 @@
+"""Bounds by hand: one range, a chain of odometry, a fleet that turns about its anchor; and an estimator that reaches them."""
+
+from dataclasses import replace
+
+import factories
+import numpy as np
+import pytest
+from refusals import refused
+
+from pymantaray.errors import EvaluationError
+from pymantaray.estimation import collect_estimates, solve_conditions
+from pymantaray.evaluation import bound_table, error_bound, ping_error_table
+from pymantaray.records import RayStatus
+
+DEPTH, STEP, FIRST, TURN, MOVE = 300.0, 200.0, 2.0, 3e-3, 1.5
+TURNED = 1e-2  # of the first pose [rad]
+
+
+def measured(position, attempts, *, landmarks=(), fixes=((), ()), **changes):
+    """Level vehicles that know their steps to TURN and MOVE, and landmarks to half a metre."""
+    truth = factories.trajectories(np.array(position, dtype=float))
+    n, n_edges = truth.position.shape[0], truth.position.shape[1] - 1
+    marks = np.array(landmarks, dtype=float).reshape(-1, 3)
+    who, to, sample = np.array(attempts, dtype=int).reshape(-1, 3).T
+    place = np.concatenate([truth.position, np.repeat(marks[:, None], n_edges + 1, axis=1)])
+    distance = np.linalg.norm(place[who, sample] - place[to, sample], axis=-1)
+    o = factories.measure(
+        truth,
+        marks,
+        np.array(fixes, dtype=int),
+        (who, to, sample),
+        odometry_rotation=np.tile([1.0, 0.0, 0.0, 0.0], (n, n_edges, 1)),
+        odometry_translation=np.diff(truth.position, axis=1),
+        odometry_sigma=np.tile([TURN] * 3 + [MOVE] * 3, (n, n_edges, 1)),
+        landmark_sigma=np.full(len(marks), 0.5),
+        first_sigma=np.tile([TURNED] * 3 + [FIRST] * 3, (n, 1)),
+        range_status=np.full(who.size, RayStatus.OK),
+        transmitter_sound_speed=np.full(who.size, 1450.0),
+        straight_range=distance,
+        refracted_range=distance,
+    )
+    return truth, replace(o, **changes)
+
+
+def test_one_range_and_one_pose():
+    truth, o = measured([[[0, 0, DEPTH]]], [(0, 1, 0)], landmarks=[[900, 0, DEPTH]])
+    bound = error_bound(truth, o)[0, 0, :, 0]
+    along = 1.0 / (1.0 / FIRST**2 + 1.0 / (1.0 + 0.5**2))  # the range's variance, and the landmark's
+    down = 1.0 / (1.0 / FIRST**2 + 1.0 / 0.01**2)
+    np.testing.assert_allclose(bound, np.diag([along, FIRST**2, down]), rtol=1e-9, atol=1e-9)
+    without = error_bound(truth, o, "no-ranges")[0, 0, :2, 0, :2]
+    np.testing.assert_allclose(without, FIRST**2 * np.eye(2), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("condition", ["odometry", "no-ranges"])
+def test_a_straight_chain_of_odometry(condition):
+    k = 12
+    track = [[[STEP * i, 0, DEPTH] for i in range(k + 1)]]
+    truth, o = measured(track, [(0, 1, k)], landmarks=[[0, 5000, DEPTH]])
+    along = FIRST**2 + k * MOVE**2
+    lever = STEP**2 * (TURNED**2 * k**2 + TURN**2 * sum((k - j) ** 2 for j in range(1, k + 1)))
+    bound = error_bound(truth, o, condition)[0, 0, :2, 0, :2]
+    np.testing.assert_allclose(bound, np.diag([along, along + lever]), rtol=1e-9, atol=1e-9)
+
+
+def test_a_fleet_turns_unseen_about_its_only_anchor():
+    place = np.array([[[0, 0, 0.5]], [[2000, 0, 500]], [[-500, 3000, 900]], [[-1500, -900, 200]]])
+    pairs = [(i, j, 0) for i in range(4) for j in range(i + 1, 4)]
+    tables = {}
+    for name, fixed, marks in (
+        ("none", [], []),
+        ("one", [0], []),
+        ("two", [0, 1], []),
+        ("landmark", [0], [[3000, 3000, 700]]),
+    ):
+        attempts = [*pairs, *((i, 4, 0) for i in range(4) if marks)]
+        fixes, sigma = (fixed, [0] * len(fixed)), np.full(len(attempts), 0.01)
+        truth, o = measured(place, attempts, landmarks=marks, fixes=fixes, range_sigma=sigma)
+        tables[name] = bound_table(truth, o).iloc[0]
+    assert {name: row["unseen"] for name, row in tables.items()} == {
+        "none": 3,  # shifts north and east as well
+        "one": 1,
+        "two": 0,
+        "landmark": 0,
+    }
+    # the vehicles' priors alone hold the rotation, and nothing else is left of the error
+    arms = np.linalg.norm(place[1:, 0, :2], axis=1)
+    held = np.degrees(FIRST / np.linalg.norm(arms))
+    assert tables["one"]["rotation_deg"] == pytest.approx(held, rel=1e-2)
+    assert tables["one"]["rotation_percent"] > 98.0
+    assert tables["landmark"]["rotation_deg"] < 0.2 * held
+    assert tables["one"]["bound_rmse_m"] < tables["one"]["no_ranges_rmse_m"]
+    assert np.isnan(tables["none"]["rotation_deg"])
+
+
+def test_an_estimator_of_straight_ranges_reaches_the_bound_and_one_without_them_its_own():
+    fleet = factories.make_fleet(seed=5, n_agents=4, n_times=20, turn=0.0, gnss_every=19)
+    truth = factories.trajectories(
+        fleet.position, time=np.arange(20) * factories.PERIOD, quaternion=fleet.quaternion
+    )
+    conditions, count = ["odometry", "no-ranges", "straight"], 60
+    solved = [
+        solve_conditions(factories.add_noise(fleet.noise_free, seed), conditions, fleet.start)
+        for seed in range(count)
+    ]
+    bounds = {name: error_bound(truth, fleet.noise_free, name) for name in conditions}
+    table = ping_error_table(truth, collect_estimates(fleet.noise_free, solved), fleet.noise_free, bounds)
+    assert table["n"].tolist() == [count * 4 * 3] * 3
+    # by 60 realizations of some ten degrees of freedom that are not tied to each other
+    np.testing.assert_allclose(table["efficiency"], 1.0, atol=5.0 * np.sqrt(2.0 / (10 * count)))
+    best = table.set_index("condition")["bound_rmse_m"]
+    assert best["straight"] < 0.6 * best["no-ranges"]
+    assert best["no-ranges"] < best["odometry"]
+
+
+def test_errors_at_pings_by_hand():
+    position = np.repeat([[[0, 0, 0.5]], [[900, 0, 500]], [[0, 900, 700]]], 6, axis=1)
+    truth, o = measured(position, [(1, 2, 2), (2, 0, 4)], fixes=([0] * 6 + [2], [*range(6), 4]))
+    # B at both pings and C at the first; C has a fix at the second, A always
+    estimate = np.broadcast_to(position, (2, 2, 3, 6, 3)).copy()
+    estimate[0, :, 1, 2] += [3.0, 4.0, 0.0]
+    estimate[1, :, 1, 2] += [0.0, 4.0, 0.0]
+    estimate[:, 1, 2, 2] += [0.0, 0.0, 12.0]
+    estimate[:, :, :, [0, 1, 3, 5]] += 1e3  # between pings
+    estimate[:, :, 2, 4] += 1e3  # at the surface
+    table = ping_error_table(truth, factories.estimates(truth, estimate), o).set_index("condition")
+    assert table.loc["straight", ["n", "median_m", "from_straight_rmse_m"]].tolist() == [6, 2.5, 0.0]
+    assert table.loc["straight", "rmse_m"] == pytest.approx(np.sqrt((25 + 25 + 144) / 6))
+    assert table.loc["refracted", "from_straight_rmse_m"] == pytest.approx(np.sqrt((9 + 9) / 6))
+    assert table["bound_rmse_m"].isna().all()
+    bounds = dict.fromkeys(table.index, error_bound(truth, o))
+    with_bounds = ping_error_table(truth, factories.estimates(truth, estimate), o, bounds)
+    variance = np.einsum("eaiai->ea", bounds["straight"])[[0, 0, 1], [1, 2, 1]].mean()
+    assert with_bounds["bound_rmse_m"].tolist() == pytest.approx([np.sqrt(variance)] * 2)
+    other = replace(truth, name=np.array(["X", "Y", "Z"]))
+    refused(EvaluationError, "measurements of vehicles", error_bound, other, o)
