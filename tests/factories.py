@@ -441,3 +441,12 @@ def front_links(n, seed):
         depth = rng.choice([0.5, 60.0, 130.0, 250.0, 500.0, 1250.0, 2000.0], n)
         ends.append(np.column_stack([rng.uniform(14e3, 24e3, n), rng.uniform(10e3, 20e3, n), depth]))
     return ends
+
+
+def over_time(times, oceans):
+    """Oceans at their instants as one data set."""
+    fields = {
+        name: (("time", *oceans[0][name].dims), np.stack([ocean[name].values for ocean in oceans]))
+        for name in ("current_north", "current_east")
+    }
+    return oceans[0].assign(fields).assign_coords(time=np.asarray(times, dtype=float))

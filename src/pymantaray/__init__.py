@@ -11,7 +11,15 @@ if TYPE_CHECKING:
     from pymantaray.errors import MantaRayError
     from pymantaray.estimation import dead_reckon, read_pyfg, solve_conditions, write_pyfg
     from pymantaray.evaluation import dropout_table, error_table, range_error_table
-    from pymantaray.fleet import ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints, simulate
+    from pymantaray.fleet import (
+        ConstantTwist,
+        Drifting,
+        FloatCycle,
+        StationKeeping,
+        Vehicle,
+        Waypoints,
+        simulate,
+    )
     from pymantaray.geometry import LocalFrame
     from pymantaray.ocean import open_ocean, to_local
     from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, Trajectories
@@ -25,7 +33,15 @@ _HOME = {
     "errors": ("MantaRayError",),
     "estimation": ("dead_reckon", "read_pyfg", "solve_conditions", "write_pyfg"),
     "evaluation": ("dropout_table", "error_table", "range_error_table"),
-    "fleet": ("ConstantTwist", "FloatCycle", "StationKeeping", "Vehicle", "Waypoints", "simulate"),
+    "fleet": (
+        "ConstantTwist",
+        "Drifting",
+        "FloatCycle",
+        "StationKeeping",
+        "Vehicle",
+        "Waypoints",
+        "simulate",
+    ),
     "geometry": ("LocalFrame",),
     "ocean": ("open_ocean", "to_local"),
     "records": ("Arrivals", "Estimates", "Measurements", "RangingTruth", "Trajectories"),
@@ -37,6 +53,7 @@ _FOLDER_OF = {name: folder for folder, names in _HOME.items() for name in names}
 __all__ = [
     "Arrivals",
     "ConstantTwist",
+    "Drifting",
     "Estimates",
     "FloatCycle",
     "Landmark",

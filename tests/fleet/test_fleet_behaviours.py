@@ -34,7 +34,7 @@ BAD = {
     "vehicle 'A': position: 1 values are not finite": lambda: Vehicle("A", (0, np.nan, 0), STATION),
     "vehicle 'A': start depth is -3 m; .*: start deeper": lambda: Vehicle("A", (0, 0, -3.0), STATION),
     "vehicle 'A': heading is nan rad": lambda: Vehicle("A", (0, 0, 0.5), STATION, heading=np.nan),
-    "vehicle 'A': start depth is 9 m, its station is at 0.5 m": lambda: Vehicle("A", (0, 0, 9.0), STATION),
+    "vehicle 'A': start depth is 9 m, StationKeeping keeps 0.5 m": lambda: Vehicle("A", (0, 0, 9.0), STATION),
 }  # fmt: skip
 
 

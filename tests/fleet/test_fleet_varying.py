@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from factories import over_time
 from refusals import refused
 from scipy.interpolate import RegularGridInterpolator
 
@@ -9,15 +10,6 @@ from pymantaray.errors import FleetError
 from pymantaray.records import VehicleStatus
 
 BOX, FLOOR = 5000.0, 1000.0  # m; half the side and the depth of the domain that conftest builds
-
-
-def over_time(times, oceans):
-    """Oceans at their instants as one data set."""
-    fields = {
-        name: (("time", *oceans[0][name].dims), np.stack([ocean[name].values for ocean in oceans]))
-        for name in ("current_north", "current_east")
-    }
-    return oceans[0].assign(fields).assign_coords(time=np.asarray(times, dtype=float))
 
 
 def test_between_snapshots_the_current_is_linear_in_time(run, make_float, make_ocean):

@@ -6,10 +6,12 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 from pymantaray.study import load_study, parse_study, preset_text, run_study
 from pymantaray.study.config import Condition
 from pymantaray.study.config_estimators import RangeEstimatorSection
+from pymantaray.study.mission import mission_ocean, simulate_fleet
 
 
 def short_survey(*, estimators=(), **study):
@@ -132,3 +134,36 @@ def test_every_estimator_solves_the_survey(tmp_path):
         if not name.startswith("transmitter"):
             assert rms[name] == pytest.approx(rms["straight"], rel=0.1), name
     assert 1.2 * rms["straight"] < rms["mean-slowness"] < rms["refracted"] < rms["constant"]
+
+
+def test_the_current_carries_vehicles_and_buoys_of_a_study_that_says_so(survey_run):
+    """Over ground they move as they do through the water and with the current, which here hardly varies."""
+    tree = short_survey(conditions=["straight"]).model_dump(exclude_none=True)
+    for vehicle in tree["fleet"]["vehicles"]:
+        vehicle |= {"current": True} if vehicle["kind"] == "waypoints" else {}
+    tree["fleet"]["vehicles"] += (
+        {"name": "Buoy", "kind": "drifting", "north": 0.0, "east": 0.0},
+        {"name": "Drogue", "kind": "drifting", "north": 0.0, "east": 0.0, "drogue_depth": 400.0},
+    )
+    config = parse_study(tree)
+    ocean = mission_ocean(config)
+    truth = simulate_fleet(config, ocean)
+    assert truth.role.tolist() == ["station"] + 4 * ["waypoints"] + 2 * ["drifting"]
+    hours = truth.time[-1]
+    for row, depth in ((5, 0.5), (6, 400.0)):
+        at = ocean.local.interp(north=0.0, east=0.0, depth=depth)
+        current = np.array([at["current_north"], at["current_east"]])
+        way = truth.position[row, -1] - truth.position[row, 0]
+        np.testing.assert_allclose(way[:2], hours * current, rtol=0.1, atol=10.0)
+        assert way[2] == 0.0
+    early = slice(0, 60)  # 20 min, before the first turn
+    for row in range(1, 5):
+        forward = np.einsum(
+            "tij,j->ti", matrix_from_quaternion(truth.quaternion[row, early]), [1.5, 0.0, 0.0]
+        )
+        at = ocean.local.interp(dict(zip(("north", "east", "depth"), truth.position[row, 0], strict=True)))
+        current = np.array([at["current_north"], at["current_east"], 0.0])
+        speed = np.gradient(truth.position[row, early], truth.time[early], axis=0)[1:-1]
+        np.testing.assert_allclose(speed, forward[1:-1] + current, rtol=0, atol=0.01)
+    before = np.linalg.norm(truth.position[1:5] - survey_run.truth.position[1:], axis=-1)
+    assert before[:, -1].min() > 5.0

@@ -3,6 +3,7 @@
 from pymantaray.fleet.behaviours import (
     Behaviour,
     ConstantTwist,
+    Drifting,
     FloatCycle,
     StationKeeping,
     Vehicle,
@@ -13,6 +14,7 @@ from pymantaray.fleet.simulate import simulate
 __all__ = [
     "Behaviour",
     "ConstantTwist",
+    "Drifting",
     "FloatCycle",
     "StationKeeping",
     "Vehicle",

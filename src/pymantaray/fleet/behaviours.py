@@ -80,13 +80,43 @@ class StationKeeping:
         check_fields(FleetError, self, "m", "depth")
 
 
+@dataclass(frozen=True)
+class Drifting:
+    """
+    Drift with the current at one depth: a buoy, on a drogue or without.
+
+    Parameters
+    ----------
+    depth : float
+        That is kept, the vehicle's at the start. [m]
+    drogue_depth : float, optional
+        Depth of the water that carries it. Default: its own. [m]
+    """
+
+    role: ClassVar[str] = "drifting"
+
+    depth: float
+    drogue_depth: float = float("nan")
+
+    def __post_init__(self) -> None:
+        """Check the depths."""
+        if math.isnan(self.drogue_depth):
+            object.__setattr__(self, "drogue_depth", self.depth)
+        check_fields(FleetError, self, "m", "depth", "drogue_depth")
+
+
 @dataclass(frozen=True, eq=False)
 class ConstantTwist:
-    """Move with one body twist ``[omega, v]`` [rad s⁻¹, m s⁻¹] for ever: a helix. The current does not act."""
+    """
+    Move with one body twist ``[omega, v]`` [rad s⁻¹, m s⁻¹] for ever: a helix, over ground.
+
+    With ``current`` the twist is through the water, and the current carries the vehicle besides.
+    """
 
     role: ClassVar[str] = "twist"
 
     twist: Array
+    current: bool = False
 
     def __post_init__(self) -> None:
         """Check and freeze the twist."""
@@ -98,8 +128,11 @@ class Waypoints:
     """
     Swim from point to point at constant speed along body x, turning with a limited rate.
 
-    The current does not act. A point counts as reached within `capture_radius`; it may not be smaller
-    than the turning radius, else the vehicle could circle a point for ever.
+    A point counts as reached within `capture_radius`; it may not be smaller than the turning radius, else the vehicle
+    could circle a point for ever. Body x is turned towards the point, whatever the current. Without `current` that does not
+    act, and the speed is over ground. With it the speed is through the water, and the current carries the vehicle: it comes
+    to its point on a bow from down-current, is carried off where the current is faster than it swims, and
+    drifts after its last point.
 
     Parameters
     ----------
@@ -113,6 +146,8 @@ class Waypoints:
         Distance at which a point counts as reached. [m]
     loop : bool
         After the last point go on to the first; otherwise stop there.
+    current : bool
+        Whether the current carries the vehicle.
     """
 
     role: ClassVar[str] = "waypoints"
@@ -122,6 +157,7 @@ class Waypoints:
     turn_rate: float
     capture_radius: float = 20.0
     loop: bool = False
+    current: bool = False
 
     def __post_init__(self) -> None:
         """Check every value and freeze the points."""
@@ -143,7 +179,7 @@ class Waypoints:
             )
 
 
-Behaviour = FloatCycle | StationKeeping | ConstantTwist | Waypoints
+Behaviour = FloatCycle | StationKeeping | Drifting | ConstantTwist | Waypoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +193,7 @@ class Vehicle:
         Unique in the fleet.
     position : array_like, shape (3,)
         Start ``(north, east, down)`` in the local frame. [m]
-    behaviour : FloatCycle, StationKeeping, ConstantTwist or Waypoints
+    behaviour : FloatCycle, StationKeeping, Drifting, ConstantTwist or Waypoints
     heading : float
         Bearing of body x at the start, clockwise from grid north; pitch and roll are zero. [rad]
     """
@@ -181,10 +217,10 @@ class Vehicle:
             )
         if not math.isfinite(self.heading):
             raise FleetError(f"{owner}: heading is {self.heading:g} rad; it must be finite")
-        if isinstance(self.behaviour, StationKeeping) and depth != self.behaviour.depth:
+        if isinstance(self.behaviour, StationKeeping | Drifting) and depth != self.behaviour.depth:
             raise FleetError(
-                f"{owner}: start depth is {depth:g} m, its station is at {self.behaviour.depth:g} m;"
-                " they must be equal: a station keeper does not move"
+                f"{owner}: start depth is {depth:g} m, {type(self.behaviour).__name__} keeps {self.behaviour.depth:g} m;"
+                " they must be equal: it neither rises nor sinks"
             )
 
 
@@ -207,6 +243,9 @@ def check_placement(vehicle: Vehicle, water: Water) -> None:
     if isinstance(behaviour, FloatCycle):
         target = np.array([*vehicle.position[:2], behaviour.target_depth])
         _check_point(owner, "target_depth", target, water)
+    elif isinstance(behaviour, Drifting):
+        drogue = np.array([*vehicle.position[:2], behaviour.drogue_depth])
+        _check_point(owner, "drogue_depth", drogue, water)
     elif isinstance(behaviour, Waypoints):
         for index, point in enumerate(behaviour.points):
             _check_point(owner, f"waypoint {index}", point, water)
@@ -230,14 +269,15 @@ def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
         )
 
 
-def check_step(vehicle: Vehicle, physics_step: float) -> None:
+def check_step(vehicle: Vehicle, physics_step: float, water: Water) -> None:
     """Refuse a step [s] by which a float's depth would overshoot, or a swimmer could jump over a waypoint."""
     behaviour = vehicle.behaviour
     if isinstance(behaviour, FloatCycle):
         limit, why = 1.0 / behaviour.depth_gain, "1 / depth_gain, else its depth would overshoot"
     elif isinstance(behaviour, Waypoints):
-        limit = behaviour.capture_radius / behaviour.speed
-        why = "capture_radius / speed, else it could jump over a waypoint"
+        currents = np.hypot(water.current_north, water.current_east) if behaviour.current else np.zeros(1)
+        limit = behaviour.capture_radius / (behaviour.speed + float(currents.max()))
+        why = "capture_radius / speed, a current added, else it could jump over a waypoint"
     else:
         return
     if physics_step > limit:

@@ -148,16 +148,51 @@ def _write(sample, q, p, state, position, quaternion, status):
     status[sample] = state
 
 
+@kernel
+def _current(water, north, east, depth, now):
+    """Current at a place, clamped to the ocean, and a time, linear in all."""
+    _, n, m, _ = water.current_north.shape
+    i, x = cell_of((north - water.north) * water.per_north, n)
+    j, y = cell_of((east - water.east) * water.per_east, m)
+    z = min(max(depth, water.depth[0]), water.depth[-1])
+    k = _level(water.depth, min(np.searchsorted(water.depth, z), water.depth.size - 2), z)
+    before = 0
+    if water.time.size > 1:
+        before = min(max(np.searchsorted(water.time, now, side="right") - 1, 0), water.time.size - 2)
+    z -= water.depth[k]
+    form_u, form_v = _forms(water, before, i, j, k)
+    u, v = _evaluate(form_u, x, y, z), _evaluate(form_v, x, y, z)
+    if water.time.size > 1:
+        rate_u, rate_v = _rates(water, before, before + 1, i, j, k)
+        since = now - water.time[before]
+        u += since * _evaluate(rate_u, x, y, z)
+        v += since * _evaluate(rate_v, x, y, z)
+    return u, v
+
+
+@kernel
+def _carry(water, p, swum, now, dt):
+    """Where a step through the water ends that goes on from a place: carried by the current at its middle."""
+    north, east, depth = 0.5 * (p[0] + swum[0]), 0.5 * (p[1] + swum[1]), 0.5 * (p[2] + swum[2])
+    middle = now + 0.5 * dt
+    u, v = _current(water, north, east, depth, middle)
+    u, v = _current(water, north + 0.5 * dt * u, east + 0.5 * dt * v, depth, middle)
+    north, east = swum[0] + u * dt, swum[1] + v * dt
+    return north, east, max(swum[2], surface_depth(water, north, east))
+
+
 @entry
-def run_twist(water, twist, dt, steps, position, quaternion, status):
-    """Integrate a constant body twist; row 0 of the poses is the start, the others are filled."""
+def run_twist(water, twist, carried, dt, steps, position, quaternion, status):
+    """Integrate a constant body twist, carried by the current or not; row 0 of the poses is the start, the others are filled."""
     p = (position[0, 0], position[0, 1], position[0, 2])
     q = (quaternion[0, 0], quaternion[0, 1], quaternion[0, 2], quaternion[0, 3])
     turn, move = _exponential((twist[0], twist[1], twist[2]), (twist[3], twist[4], twist[5]), dt)
     state = ACTIVE
     for sample in range(1, position.shape[0]):
-        for _ in range(steps if state == ACTIVE else 0):
+        for step in range(steps if state == ACTIVE else 0):
             next_q, next_p = _compose(water, q, p, turn, move)
+            if carried:
+                next_p = _carry(water, p, next_p, ((sample - 1) * steps + step) * dt, dt)
             state = place(water, next_p[0], next_p[1], next_p[2])
             if state != ACTIVE:
                 break
@@ -185,6 +220,7 @@ class Course(NamedTuple):
     turn_rate: float
     capture_radius: float
     loop: bool
+    carried: bool
 
 
 @entry
@@ -196,18 +232,22 @@ def run_waypoints(water, course, dt, steps, position, quaternion, status):
     state = ACTIVE
     leg = 0
     for sample in range(1, position.shape[0]):
-        for _ in range(steps if state == ACTIVE else 0):
+        for step in range(steps if state == ACTIVE else 0):
             if leg < points.shape[0]:
                 away = (points[leg, 0] - p[0], points[leg, 1] - p[1], points[leg, 2] - p[2])
                 if away[0] ** 2 + away[1] ** 2 + away[2] ** 2 <= course.capture_radius**2:
                     leg += 1
                     if course.loop and leg == points.shape[0]:
                         leg = 0
-            if leg == points.shape[0]:
+            next_q, next_p = q, p
+            if leg < points.shape[0]:
+                omega = _pursue(q, p, points[leg], course.turn_rate, dt)
+                turn, move = _exponential(omega, (course.speed, 0.0, 0.0), dt)
+                next_q, next_p = _compose(water, q, p, turn, move)
+            elif not course.carried:
                 break
-            omega = _pursue(q, p, points[leg], course.turn_rate, dt)
-            turn, move = _exponential(omega, (course.speed, 0.0, 0.0), dt)
-            next_q, next_p = _compose(water, q, p, turn, move)
+            if course.carried:
+                next_p = _carry(water, p, next_p, ((sample - 1) * steps + step) * dt, dt)
             state = place(water, next_p[0], next_p[1], next_p[2])
             if state != ACTIVE:
                 break
@@ -226,6 +266,8 @@ class Cycle(NamedTuple):
     delay: int
     hold_depth: int
     hold_surface: int
+    drogue: float
+    """How much deeper than the float the current is felt."""
 
 
 @kernel
@@ -361,11 +403,11 @@ def _float_kernel(varying):
                         since = now - water.time[before]
                     x = (north + half * u - cell_north) * per_north
                     y = (east + half * v - cell_east) * per_east
-                    z = depth + half * w - cell_depth
+                    z = depth + cycle.drogue + half * w - cell_depth
                     if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and 0.0 <= z <= thickness):
                         i, x = cell_of((north + half * u - water.north) * per_north, n)
                         j, y = cell_of((east + half * v - water.east) * per_east, m)
-                        z = min(max(depth + half * w, level[0]), level[-1])
+                        z = min(max(depth + cycle.drogue + half * w, level[0]), level[-1])
                         k = _level(level, k, z)
                         z -= level[k]
                         thickness = level[k + 1] - level[k]

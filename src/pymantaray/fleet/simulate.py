@@ -2,6 +2,7 @@
 
 import math
 import os
+import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from pymantaray.errors import FleetError
 from pymantaray.fleet import kernel
 from pymantaray.fleet.behaviours import (
     ConstantTwist,
+    Drifting,
     FloatCycle,
     Vehicle,
     Waypoints,
@@ -75,7 +77,8 @@ def simulate(
     -----
     Every step a vehicle commands a body twist, which the exponential map carries over the step
     exactly. A float commands the current at the middle of the step, in place and time, the place predicted
-    with the previous step's current: second order in the step. Hold times and delays are rounded to whole steps.
+    with the previous step's current: second order in the step. A swimmer that the current carries is moved besides by
+    the current at the middle of its step: second order too, and exact where the current is uniform. Hold times and delays are rounded to whole steps.
     """
     steps, periods = _counts(duration, physics_step, sampling_period)
     names, water = unique_names(vehicles), _water(ocean)
@@ -87,7 +90,7 @@ def simulate(
         )
     for vehicle in vehicles:
         check_placement(vehicle, water)
-        check_step(vehicle, physics_step)
+        check_step(vehicle, physics_step, water)
     position = np.empty((len(vehicles), periods + 1, 3))
     quaternion = np.empty((len(vehicles), periods + 1, 4))
     status = np.zeros((len(vehicles), periods + 1), dtype=np.int8)
@@ -156,10 +159,14 @@ def _run(
             delay=round(behaviour.start_delay / step),
             hold_depth=round(behaviour.hold_depth_time / step),
             hold_surface=round(behaviour.hold_surface_time / step),
+            drogue=0.0,
         )
         kernel.run_float(water, cycle, step, steps, position, status)
+    elif isinstance(behaviour, Drifting):
+        kernel.run_float(water, _drift_cycle(behaviour, step), step, steps, position, status)
     elif isinstance(behaviour, ConstantTwist):
-        kernel.run_twist(water, behaviour.twist, step, steps, position, quaternion, status)
+        twist, current = behaviour.twist, behaviour.current
+        kernel.run_twist(water, twist, current, step, steps, position, quaternion, status)
     elif isinstance(behaviour, Waypoints):
         course = kernel.Course(
             points=behaviour.points,
@@ -167,8 +174,24 @@ def _run(
             turn_rate=float(behaviour.turn_rate),
             capture_radius=float(behaviour.capture_radius),
             loop=behaviour.loop,
+            carried=behaviour.current,
         )
         kernel.run_waypoints(water, course, step, steps, position, quaternion, status)
+
+
+def _drift_cycle(behaviour: Drifting, step: float) -> kernel.Cycle:
+    """Cycle of a float that holds its first depth for ever, and comes back to it at once from under ice."""
+    return kernel.Cycle(
+        target=float(behaviour.depth),
+        surface=float(behaviour.depth),
+        speed=math.inf,
+        gain=1.0 / step,
+        tolerance=0.0,
+        delay=sys.maxsize,
+        hold_depth=0,
+        hold_surface=0,
+        drogue=float(behaviour.drogue_depth - behaviour.depth),
+    )
 
 
 def _water(ocean: xr.Dataset) -> kernel.Water:

@@ -17,7 +17,9 @@ class Trajectories(Record):
     kind: ClassVar[str] = "trajectories"
 
     name: Column = column("agent", "", "vehicle name", "U")
-    role: Column = column("agent", "", "behaviour of the vehicle: float, station, twist or waypoints", "U")
+    role: Column = column(
+        "agent", "", "behaviour of the vehicle: float, station, drifting, twist or waypoints", "U"
+    )
     time: Column = column("time", "s", "time since the start of the mission")
     position: Column = column("agent time axis", "m", "north, east, down in the local frame")
     quaternion: Column = column("agent time quat", "1", "rotation body to world, (w, x, y, z)")

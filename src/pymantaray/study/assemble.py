@@ -20,7 +20,15 @@ from pymantaray.acoustics import (
     Sonar,
     WenzNoise,
 )
-from pymantaray.fleet import Behaviour, ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints
+from pymantaray.fleet import (
+    Behaviour,
+    ConstantTwist,
+    Drifting,
+    FloatCycle,
+    StationKeeping,
+    Vehicle,
+    Waypoints,
+)
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean import (
     ocean_times,
@@ -38,6 +46,7 @@ from pymantaray.sensing import ClockModel, Detector, Landmark, OneWay, Picker, R
 from pymantaray.study.config import (
     AnyVehicle,
     DetectionSection,
+    DriftingVehicle,
     FloatSection,
     FloatVehicle,
     OceanSection,
@@ -214,14 +223,18 @@ def _behaviour(vehicle: AnyVehicle, floats: FloatSection) -> Behaviour:
         )
     if isinstance(vehicle, StationVehicle):
         return StationKeeping(depth=vehicle.depth)
+    if isinstance(vehicle, DriftingVehicle):
+        drogue = vehicle.depth if vehicle.drogue_depth is None else vehicle.drogue_depth
+        return Drifting(depth=vehicle.depth, drogue_depth=drogue)
     if isinstance(vehicle, TwistVehicle):
-        return ConstantTwist(twist=np.array(vehicle.twist))
+        return ConstantTwist(twist=np.array(vehicle.twist), current=vehicle.current)
     return Waypoints(
         points=np.array(vehicle.points),
         speed=vehicle.speed,
         turn_rate=math.radians(vehicle.turn_rate_deg),
         capture_radius=vehicle.capture_radius,
         loop=vehicle.loop,
+        current=vehicle.current,
     )
 
 

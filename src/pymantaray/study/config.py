@@ -166,16 +166,33 @@ class StationVehicle(_Placed):
     depth: Depth = 0.5
 
 
+class DriftingVehicle(_Placed):
+    """Buoy that drifts with the current at its depth, or at that of its drogue."""
+
+    kind: Literal["drifting"]
+    depth: Depth = 0.5
+    drogue_depth: Depth | None = None
+
+
 class TwistVehicle(_Placed):
-    """Vehicle under one constant body twist, angular velocity first. [rad/s, m/s]."""
+    """
+    Vehicle under one constant body twist, angular velocity first. [rad/s, m/s].
+
+    Over ground, or with ``current`` through water that carries it.
+    """
 
     kind: Literal["twist"]
     depth: Depth
     twist: tuple[float, float, float, float, float, float] = Field(strict=False)
+    current: bool = False
 
 
 class WaypointVehicle(_Placed):
-    """Vehicle that follows points (north, east, depth) at limited speed and turn rate."""
+    """
+    Vehicle that steers for points (north, east, depth) at one speed and a limited turn rate.
+
+    The speed is over ground, or with ``current`` through water that carries the vehicle.
+    """
 
     kind: Literal["waypoints"]
     depth: Depth
@@ -186,10 +203,12 @@ class WaypointVehicle(_Placed):
     turn_rate_deg: PositiveFloat = 5.0
     capture_radius: PositiveFloat = 20.0
     loop: bool = False
+    current: bool = False
 
 
 AnyVehicle = Annotated[
-    FloatVehicle | StationVehicle | TwistVehicle | WaypointVehicle, Field(discriminator="kind")
+    FloatVehicle | StationVehicle | DriftingVehicle | TwistVehicle | WaypointVehicle,
+    Field(discriminator="kind"),
 ]
 
 
