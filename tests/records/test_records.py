@@ -1,6 +1,9 @@
 """Records: conversion, freezing, round trips through NetCDF, and every message."""
 
-from dataclasses import FrozenInstanceError, dataclass, fields
+import subprocess
+import sys
+from dataclasses import FrozenInstanceError, dataclass, fields, replace
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -14,12 +17,25 @@ import pymantaray.acoustics.loss
 import pymantaray.sensing  # noqa: F401  whose records are among the kinds
 from pymantaray.errors import RecordError
 from pymantaray.estimation import FactorGraph
-from pymantaray.records import Arrivals, Estimates, Measurements, RayStatus, Trajectories, read_netcdf
-from pymantaray.records.base import Column, Record, column
+from pymantaray.geometry import LocalFrame
+from pymantaray.records import (
+    Arrivals,
+    Estimates,
+    Measurements,
+    PoseCovariances,
+    RayStatus,
+    Trajectories,
+    read_netcdf,
+    write_netcdf,
+)
+from pymantaray.records.base import LABELS, Column, DatedRecord, Record, column
 
 # its tables are its own
-KINDS = sorted({*Record.__subclasses__()} - {FactorGraph}, key=lambda kind: kind.kind)
-FIXED = {"axis": 3, "quat": 4, "tangent": 6}
+KINDS = sorted(
+    {*Record.__subclasses__(), *DatedRecord.__subclasses__()} - {FactorGraph, DatedRecord},
+    key=lambda kind: kind.kind,
+)
+START = np.datetime64("2014-07-15T12:00:00.250000")
 NAMES = ["A", "Zoë", "a longer name", "浮", "E"]
 
 
@@ -27,7 +43,7 @@ NAMES = ["A", "Zoë", "a longer name", "浮", "E"]
 class Pair(Record):
     kind: ClassVar[str] = "pair"
 
-    name: Column = column("item", "", "name", "U")
+    name: Column = column("item", "", "name", "U", labels=True)
     size: Column = column("item", "m", "size")
     count: Column = column("item axis", "1", "count", "i2")
 
@@ -39,10 +55,15 @@ def pair(**changed):
 def filled(kind, empty=()):
     """Build a record of any kind with random columns; the dimensions named in `empty` have length 0."""
     rng = np.random.default_rng(0)
-    sizes = dict(FIXED)
-    columns = {}
-    for f in fields(kind):
-        shape = [sizes.setdefault(d, 0 if d in empty else 2 + len(sizes) % 3) for d in f.metadata["dims"]]
+    sizes = {name: len(labels) for name, labels in LABELS.items()}
+    columns = {"start": START} if issubclass(kind, DatedRecord) else {}
+    if kind is Trajectories:
+        columns["centre"] = 74.5, -140.0
+    for f in kind._columns():
+        shape = [
+            sizes.setdefault(d.removesuffix("_column"), 0 if d in empty else 2 + len(sizes) % 3)
+            for d in f.metadata["dims"]
+        ]
         dtype = f.metadata["dtype"]
         if dtype == "U":
             columns[f.name] = np.array(NAMES[: shape[0]], dtype=str)
@@ -57,6 +78,9 @@ def filled(kind, empty=()):
 def assert_equal(one, two):
     for f in fields(one):
         a, b = getattr(one, f.name), getattr(two, f.name)
+        if f.name == "centre":
+            assert a == b
+            continue
         assert a.dtype.kind == b.dtype.kind
         if a.dtype.kind != "U":
             assert a.dtype == b.dtype
@@ -80,10 +104,74 @@ def test_a_file_keeps_every_bit_and_says_what_it_holds_and_in_which_units(kind, 
     assert [p.name for p in tmp_path.iterdir()] == ["record.nc"]
     data = read_netcdf(tmp_path / "record.nc", decode_times=False)
     assert data.attrs["mantaray_record"] == kind.kind
-    for f in fields(kind):
-        assert data[f.name].dims == f.metadata["dims"]
-        assert data[f.name].attrs["long_name"] == f.metadata["long_name"]
-        assert data[f.name].attrs.get("units", "") == f.metadata["units"]
+    for f in kind._columns():
+        name = f.metadata["dims"][0] if f.metadata["labels"] else f.name
+        assert data[name].dims == f.metadata["dims"]
+        assert data[name].attrs["long_name"] == f.metadata["long_name"]
+        assert f.name == "time" or data[name].attrs.get("units", "") == f.metadata["units"]
+
+
+def test_labels_flags_and_dates_are_what_xarray_selects_by(tmp_path):
+    truth = replace(filled(Trajectories), name=["A", "B", "C"], time=[0.0, 200.0, 400.5, 600.0])
+    truth.save(tmp_path / "truth.nc")
+    with xr.open_dataset(tmp_path / "truth.nc") as data:
+        down = data.position.sel(agent="B", axis="down", time="2014-07-15T12:06:40.75")
+        assert down == truth.position[1, 2, 2]
+        np.testing.assert_array_equal(data.quaternion.sel(agent="C", quat="w"), truth.quaternion[2, :, 0])
+        flags = dict(zip(data.status.flag_meanings.split(), data.status.flag_values.tolist(), strict=True))
+        assert flags == {"ACTIVE": 0, "GROUNDED": 1, "LEFT_DOMAIN": 2}
+        assert data.status.flag_values.dtype == data.status.dtype
+        north, east = LocalFrame(74.5, -140.0).to_local(data.latitude, data.longitude)
+        np.testing.assert_allclose(np.stack([north, east], -1)[1:], truth.position[1:, :, :2], atol=1e-6)
+        np.testing.assert_array_equal(
+            Trajectories.from_dataset(data).time, truth.time
+        )  # decoded, to a nanosecond
+        assert Trajectories.from_dataset(data).start == START
+    unsaved = truth.to_dataset()
+    np.testing.assert_array_equal(unsaved.position.sel(agent="B"), truth.position[1])
+    assert unsaved.time.attrs["units"] == "seconds since 2014-07-15T12:00:00.250000"
+
+
+def test_a_mission_without_a_date_counts_from_its_start(tmp_path):
+    truth = replace(filled(Trajectories), start=np.datetime64("NaT"), centre=None)
+    truth.save(tmp_path / "truth.nc")
+    with xr.open_dataset(tmp_path / "truth.nc") as data:
+        assert data.time.attrs == {"units": "s", "long_name": "time since the start of the mission"}
+        np.testing.assert_array_equal(data.time, truth.time)
+        assert "latitude" not in data.variables
+    again = Trajectories.load(tmp_path / "truth.nc")
+    assert np.isnat(again.start)
+    assert again.centre is None
+
+
+def test_rows_and_columns_of_covariances_have_the_same_labels():
+    names, data = NAMES[:2], filled(PoseCovariances).to_dataset()
+    assert data.agent_column.values.tolist() == data.agent.values.tolist() == names
+    assert data.axis_column.values.tolist() == ["north", "east", "down"]
+    pair = data.position_covariance.sel(
+        agent=names[0], axis="north", agent_column=names[1], axis_column="down"
+    )
+    assert pair.dims == ("condition", "realization", "epoch")
+
+
+def test_files_without_labels_are_still_read(tmp_path):
+    """Run folders of format 2: a variable ``name``, no coordinates, no date."""
+    truth = replace(filled(Trajectories), start=np.datetime64("NaT"), centre=None)
+    old = truth.to_dataset().drop_vars(["axis", "quat"]).rename({"agent": "name"}).swap_dims(name="agent")
+    old.reset_coords("name").to_netcdf(tmp_path / "old.nc")
+    assert_equal(Trajectories.load(tmp_path / "old.nc"), truth)
+
+
+def test_times_in_another_unit_are_refused(tmp_path):
+    data = filled(Trajectories).to_dataset()
+    data["time"].attrs["units"] = "hours since 2014-07-15"
+    data.to_netcdf(tmp_path / "hours.nc")
+    refused(
+        RecordError,
+        r"hours\.nc: trajectories: time is in 'hours since 2014-07-15'; needs seconds since the start",
+        Trajectories.load,
+        tmp_path / "hours.nc",
+    )
 
 
 def test_fields_are_converted_copied_and_frozen():
@@ -104,7 +192,8 @@ def test_fields_are_converted_copied_and_frozen():
     ({"size": [[1], [1, 2]]}, "pair: size is not an array of type f8"),
     ({"size": 1.0}, r"pair: size has shape \(\); needs dimensions \('item',\)"),
     ({"count": [1, 2]}, r"pair: count has shape \(2,\); needs dimensions \('item', 'axis'\)"),
-    ({"size": [1, 2, 3]}, "pair: size has 3 along 'item', other fields have 2"),
+    ({"size": [1, 2, 3]}, "pair: size has 3 along 'item', not 2"),
+    ({"count": np.ones((2, 2))}, "pair: count has 2 along 'axis', not 3"),
     ({"count": np.full((2, 3), 40_000)}, "pair: count holds values that do not fit type i2"),
     ({"count": np.full((2, 3), np.nan)}, "pair: count holds values that do not fit type i2"),
     ({"count": np.full((2, 3), 0.5)}, "pair: count holds values that do not fit type i2"),
@@ -143,7 +232,7 @@ def test_another_kind_of_file_or_data_set_is_refused(tmp_path):
         Trajectories.load(tmp_path / "p.nc")
     refused(RecordError, "data set holds None; needs 'pair'", Pair.from_dataset, xr.Dataset())
     with pytest.raises(RecordError, match="pair: data set lacks name, count"):
-        Pair.from_dataset(pair().to_dataset().drop_vars(["name", "count"]))
+        Pair.from_dataset(pair().to_dataset().drop_vars(["item", "count"]))
 
 
 def test_first_arrival_of_each_link():
@@ -162,3 +251,28 @@ def test_first_arrival_of_each_link():
     np.testing.assert_array_equal(first.receiver_slowness, [[np.nan] * 3, -vector[0], -vector[2]])
     np.testing.assert_array_equal(first.status, arrivals.status)
     np.testing.assert_array_equal(first.chord_travel_time, [1, 2, 3])
+
+
+def compliance(files):
+    """Errors against the CF conventions, by the checker of the IOOS, in a process of its own: what it imports warns."""
+    pytest.importorskip("compliance_checker", reason="needs compliance-checker")
+    command = [Path(sys.executable).with_name("compliance-checker"), "-t", "cf:1.11", "-c", "lenient"]
+    checked = subprocess.run([*command, *files], capture_output=True, text=True, check=False)
+    failed = checked.returncode or "exceptions occurred" in checked.stdout + checked.stderr
+    return checked.stdout + checked.stderr if failed else ""
+
+
+@pytest.mark.slow
+def test_files_of_a_run_and_of_every_kind_of_record_comply_with_cf(tiny_run_folder, tmp_path):
+    files = sorted(tiny_run_folder.glob("*.nc"))
+    assert len(files) >= 9
+    for kind in KINDS:
+        data = filled(kind).to_dataset()
+        for name in data.indexes:  # which have to rise
+            if data[name].dtype.kind != "U":
+                data[name] = data[name].copy(data=np.arange(data.sizes[name], dtype=data[name].dtype))
+        files.append(tmp_path / f"{kind.kind}.nc")
+        write_netcdf(data, files[-1])
+    assert not compliance(files)
+    xr.Dataset({"depth": ("x", [1.0], {"units": "fathom-ish"})}).to_netcdf(tmp_path / "wrong.nc")
+    assert "fathom-ish" in compliance([tmp_path / "wrong.nc"])

@@ -40,11 +40,11 @@ class TransmissionLoss(Record):
     kind: ClassVar[str] = "transmission_loss"
 
     link: Column = column("arrival", "1", "index of the link", "i8")
-    geometric_db: Column = column("arrival", "dB", "geometric loss re 1 m")
-    absorption_db: Column = column("arrival", "dB", "absorption along the path")
-    surface_db: Column = column("arrival", "dB", "loss of the bounces at the surface")
-    bottom_db: Column = column("arrival", "dB", "loss of the bounces at the sea bed")
-    total_db: Column = column("arrival", "dB", "transmission loss re 1 m")
+    geometric_db: Column = column("arrival", "1", "geometric loss re 1 m, in dB")
+    absorption_db: Column = column("arrival", "1", "absorption along the path, in dB")
+    surface_db: Column = column("arrival", "1", "loss of the bounces at the surface, in dB")
+    bottom_db: Column = column("arrival", "1", "loss of the bounces at the sea bed, in dB")
+    total_db: Column = column("arrival", "1", "transmission loss re 1 m, in dB")
     boundary_phase: Column = column("arrival", "rad", "phase that the bounces add, time as exp(-i omega t)")
 
 

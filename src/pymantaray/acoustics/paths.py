@@ -367,12 +367,14 @@ def ray_picture(
         "range": ("range", ranges, "m", "horizontal range from the source"),
         "depth": ("depth", depths, "m", "depth, positive down"),
     }
-    return xr.Dataset(
+    picture = xr.Dataset(
         {
             name: (dims, values, {"units": units, "long_name": words})
             for name, (dims, values, units, words) in variables.items()
         }
     ).set_coords(["range", "depth"])
+    picture["depth"].attrs |= {"standard_name": "depth", "positive": "down"}
+    return picture
 
 
 def _hermite(t: Array, h: Array, x0: Array, v0: Array, x1: Array, v1: Array) -> Array:

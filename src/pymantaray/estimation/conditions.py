@@ -220,6 +220,7 @@ def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[st
         realization=np.arange(len(solutions)),
         name=measurements.name,
         time=measurements.time,
+        start=measurements.start,
         landmark_name=measurements.landmark_name,
         solve_status=table("status"),
         gated_links=table("gated_links"),

@@ -112,6 +112,7 @@ def collect_covariances(
         name=measurements.name,
         sample=samples,
         time=measurements.time[samples],
+        start=measurements.start,
         position_covariance=table("position"),
         pose_covariance=table("pose"),
         range_nis=table("range_nis"),

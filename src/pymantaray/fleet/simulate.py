@@ -38,6 +38,7 @@ def simulate(
     duration: float,
     physics_step: float,
     sampling_period: float,
+    start: np.datetime64 | None = None,
 ) -> Trajectories:
     """
     True poses of a fleet, sampled at 0, T, 2T, ..., duration.
@@ -59,11 +60,14 @@ def simulate(
         Step of the integration. [s]
     sampling_period : float
         Time between samples, a whole number of steps. [s]
+    start : numpy.datetime64, optional
+        Date of the mission's start, UTC; by default the ocean's, its attribute ``time``.
 
     Returns
     -------
     Trajectories
-        One row per vehicle, in the order given. A vehicle that leaves the ocean or meets the sea floor
+        One row per vehicle, in the order given, with the date of the start and the centre of the ocean's frame if it has
+        them. A vehicle that leaves the ocean or meets the sea floor
         keeps its last pose inside, and its status says so from the next sample on.
 
     Raises
@@ -107,7 +111,16 @@ def simulate(
         position=position,
         quaternion=quaternion,
         status=status,
+        start=ocean.attrs.get("time", "NaT") if start is None else start,
+        centre=_centre(ocean),
     )
+
+
+def _centre(ocean: xr.Dataset) -> tuple[float, float] | None:
+    """Latitude and longitude of the centre of the ocean's frame, if it is anywhere on Earth. [degrees]"""
+    if "centre_latitude_deg" not in ocean.attrs:
+        return None
+    return float(ocean.attrs["centre_latitude_deg"]), float(ocean.attrs["centre_longitude_deg"])
 
 
 def _counts(duration: float, physics_step: float, sampling_period: float) -> tuple[int, int]:

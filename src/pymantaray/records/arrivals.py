@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from pymantaray.records.base import Column, Record, column
-from pymantaray.records.status import RayStatus
+from pymantaray.records.status import RayAxis, RayStatus
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,7 +15,7 @@ class FirstArrivals(Record):
 
     kind: ClassVar[str] = "first_arrivals"
 
-    status: Column = column("link", "1", "RayStatus", "i1")
+    status: Column = column("link", "1", "what became of the link", "i1", flags=RayStatus)
     travel_time: Column = column("link", "s", "travel time of the earliest admitted arrival")
     chord_travel_time: Column = column("link", "s", "travel time along the straight chord")
     source_sound_speed: Column = column("link", "m s-1", "sound speed at the source")
@@ -46,11 +46,11 @@ class Arrivals(Record):
     arrival_angle: Column = column(
         "arrival", "rad", "angle from the horizontal at the receiver, positive down"
     )
-    spreading_db: Column = column("arrival", "dB", "geometric spreading beyond spherical")
+    spreading_db: Column = column("arrival", "1", "geometric spreading beyond spherical, in dB")
     source_slowness: Column = column("arrival axis", "s m-1", "slowness vector at the source")
     receiver_slowness: Column = column("arrival axis", "s m-1", "slowness vector at the receiver")
-    ray_axis: Column = column("arrival", "1", "RayAxis: along what the ray was followed", "i1")
-    status: Column = column("n_links", "1", "RayStatus of each link", "i1")
+    ray_axis: Column = column("arrival", "1", "along what the ray was followed", "i1", flags=RayAxis)
+    status: Column = column("n_links", "1", "what became of each link", "i1", flags=RayStatus)
     chord_travel_time: Column = column("n_links", "s", "travel time along the straight chord")
     source_sound_speed: Column = column("n_links", "m s-1", "sound speed at the source")
     receiver_sound_speed: Column = column("n_links", "m s-1", "sound speed at the receiver")

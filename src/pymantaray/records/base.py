@@ -1,6 +1,7 @@
-"""One mechanism for all records: array fields with dimensions and units, to and from xarray."""
+"""One mechanism for all records: array fields with dimensions, labels and units, to and from xarray."""
 
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields, replace
+from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -13,16 +14,52 @@ from pymantaray.records.writing import read_netcdf, write_netcdf
 if TYPE_CHECKING:
     import xarray as xr
 
-_WIDTHS = {"axis": 3, "quat": 4, "tangent": 6}
+LABELS = {
+    "axis": ("north", "east", "down"),
+    "body_axis": ("forward", "right", "down"),
+    "quat": ("w", "x", "y", "z"),
+    "tangent": (
+        "rotation_forward",
+        "rotation_right",
+        "rotation_down",
+        "translation_forward",
+        "translation_right",
+        "translation_down",
+    ),
+}
+"""Dimensions of fixed length, and what stands along them; that of the columns of a matrix ends in ``_column``."""
+_COLUMN = "_column"
+_SINCE = "seconds since "
+_TIME = {
+    "standard_name": "time",
+    "calendar": "standard",
+    "units_metadata": "leap_seconds: none",
+    "axis": "T",
+}
 Column = NDArray[Any]  # the declared type of a field made by `column`
 
 
-def column(dims: str, units: str, long_name: str, dtype: str = "f8", *, may_lack: bool = False) -> Any:
-    """Array field of a record: dimensions separated by spaces, units as CF writes them; one that may lack has then no rows."""
-    metadata = {"dims": tuple(dims.split()), "units": units, "long_name": long_name, "dtype": dtype}
+def column(
+    dims: str,
+    units: str,
+    long_name: str,
+    dtype: str = "f8",
+    *,
+    may_lack: bool = False,
+    labels: bool = False,
+    flags: type[IntEnum] | None = None,
+) -> Any:
+    """
+    Array field of a record: dimensions separated by spaces, units as CF writes them.
+
+    One that may lack has then no rows. One that labels its dimension is the coordinate of that name in a data set.
+    Flags are the values that a column of integers has, and their meanings.
+    """
+    metadata: dict[str, Any] = {"dims": tuple(dims.split()), "units": units, "long_name": long_name}
+    metadata |= {"dtype": dtype, "labels": labels, "flags": flags}
     if not may_lack:
         return field(metadata=metadata)
-    widths = [_WIDTHS[name] for name in metadata["dims"][1:]]
+    widths = [len(LABELS[name]) for name in metadata["dims"][1:]]
     return field(default_factory=lambda: np.empty((0, *widths)), metadata=metadata)
 
 
@@ -34,7 +71,7 @@ class Record:
 
     def __post_init__(self) -> None:
         """Convert, check and freeze every field."""
-        sizes: dict[str, int] = {}
+        sizes = {name: len(labels) for name, labels in LABELS.items()}
         for f in self._columns():
             dtype = f.metadata["dtype"]
             try:
@@ -49,10 +86,8 @@ class Record:
             if array.ndim != len(dims):
                 raise RecordError(f"{self.kind}: {f.name} has shape {array.shape}; needs dimensions {dims}")
             for name, size in zip(dims, array.shape, strict=True):
-                if sizes.setdefault(name, size) != size:
-                    raise RecordError(
-                        f"{self.kind}: {f.name} has {size} along {name!r}, other fields have {sizes[name]}"
-                    )
+                if (common := sizes.setdefault(name.removesuffix(_COLUMN), size)) != size:
+                    raise RecordError(f"{self.kind}: {f.name} has {size} along {name!r}, not {common}")
             array.setflags(write=False)
             object.__setattr__(self, f.name, array)
 
@@ -61,16 +96,21 @@ class Record:
         return [f for f in fields(cls) if "dims" in f.metadata]
 
     def to_dataset(self) -> "xr.Dataset":
-        """Give the record as an xarray data set with units and long names."""
+        """Give the record as an xarray data set with labels, units and long names."""
         import xarray as xr
 
         data = {}
         for f in self._columns():
-            attrs = {"long_name": f.metadata["long_name"]}
+            attrs: dict[str, Any] = {"long_name": f.metadata["long_name"]}
             if f.metadata["units"]:
                 attrs["units"] = f.metadata["units"]
-            data[f.name] = xr.Variable(f.metadata["dims"], getattr(self, f.name), attrs)
-        return xr.Dataset(data, attrs={"Conventions": "CF-1.11", "mantaray_record": self.kind})
+            values = getattr(self, f.name)
+            if (flags := f.metadata["flags"]) is not None:
+                attrs["flag_values"] = np.array(list(flags), dtype=values.dtype)
+                attrs["flag_meanings"] = " ".join(member.name for member in flags)
+            data[_variable(f)] = xr.Variable(f.metadata["dims"], values, attrs)
+        title = self.kind.replace("_", " ").capitalize()
+        return _label(xr.Dataset(data, attrs={"title": title, "mantaray_record": self.kind}))
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
@@ -78,10 +118,12 @@ class Record:
         kind = dataset.attrs.get("mantaray_record")
         if kind != cls.kind:
             raise RecordError(f"data set holds {kind!r}; needs {cls.kind!r}")
-        missing = [f.name for f in cls._columns() if f.name not in dataset]
+        names = {f.name: _variable(f) for f in cls._columns()}
+        names |= {name: name for name in names if name in dataset.data_vars}  # labels of older files
+        missing = [name for name, variable in names.items() if variable not in dataset.variables]
         if missing:
             raise RecordError(f"{cls.kind}: data set lacks {', '.join(missing)}")
-        return cls(**{f.name: dataset[f.name].values for f in cls._columns()})
+        return cls(**{name: dataset[variable].values for name, variable in names.items()})
 
     def save(self, path: Path) -> None:
         """Write the record as NetCDF-4, whole or not at all."""
@@ -94,3 +136,63 @@ class Record:
             return cls.from_dataset(read_netcdf(path, decode_times=False))
         except RecordError as error:
             raise RecordError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class DatedRecord(Record):
+    """A record with times of a mission, and the date of the mission's start in UTC, NaT where it has none."""
+
+    start: np.datetime64 = field(default=np.datetime64("NaT"), kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Convert, check and freeze every field."""
+        super().__post_init__()
+        object.__setattr__(self, "start", np.array(self.start, dtype="M8[us]")[()])
+
+    def to_dataset(self) -> "xr.Dataset":
+        """Give the record as an xarray data set; times are seconds since the start, of which `xarray.decode_cf` makes dates."""
+        dataset = super().to_dataset()
+        if not np.isnat(self.start):
+            date = np.datetime_as_string(self.start).removesuffix(".000000")
+            dataset[self._time()].attrs |= {"units": _SINCE + date, **_TIME}
+        return dataset
+
+    @classmethod
+    def from_dataset(cls, dataset: "xr.Dataset") -> Self:
+        """Build the record from a data set that `to_dataset` made, its times decoded or not."""
+        name, start = cls._time(), np.datetime64("NaT")
+        if name in dataset.variables:
+            time = dataset[name]
+            units = {**time.encoding, **time.attrs}.get("units", "s")
+            if units.startswith(_SINCE):
+                start = np.datetime64(units.removeprefix(_SINCE))
+            elif units != "s":
+                raise RecordError(f"{cls.kind}: {name} is in {units!r}; needs seconds since the start")
+            if time.dtype.kind == "M":
+                seconds = (time.values - start) / np.timedelta64(1, "ns") / 1e9
+                dataset = dataset.assign_coords({name: (time.dims, seconds)})
+        return replace(super().from_dataset(dataset), start=start)
+
+    @classmethod
+    def _time(cls) -> str:
+        """Variable of a data set that holds the times."""
+        return next(_variable(f) for f in cls._columns() if f.name == "time")
+
+
+def _variable(f: Field[Any]) -> str:
+    """Name of a column in a data set: that of its dimension if it labels it."""
+    return str(f.metadata["dims"][0] if f.metadata["labels"] else f.name)
+
+
+def _label(dataset: "xr.Dataset") -> "xr.Dataset":
+    """Add the labels of dimensions; text is written as characters, which CF allows in a coordinate."""
+    for name in dataset.dims:
+        root = str(name).removesuffix(_COLUMN)
+        if root in LABELS:
+            dataset = dataset.assign_coords({name: list(LABELS[root])})
+        elif root != name and root in dataset.variables:
+            dataset = dataset.assign_coords({name: dataset[root].values})
+        if name in dataset.coords and dataset[name].dtype.kind == "U":
+            dataset[name].attrs.setdefault("long_name", f"names of {str(name).replace('_', ' ')}")
+            dataset[name].encoding["dtype"] = "S1"
+    return dataset

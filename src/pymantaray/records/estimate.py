@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from pymantaray.records.base import Column, Record, column
+from pymantaray.records.base import Column, DatedRecord, Record, column
+from pymantaray.records.status import SolveStatus
 
 
 @dataclass(frozen=True, eq=False)
-class Estimates(Record):
+class Estimates(DatedRecord):
     """
     Estimated poses for every realization and condition, with the health of each solve.
 
@@ -18,11 +19,11 @@ class Estimates(Record):
 
     kind: ClassVar[str] = "estimates"
 
-    condition: Column = column("condition", "", "ranging condition", "U")
+    condition: Column = column("condition", "", "ranging condition", "U", labels=True)
     realization: Column = column("realization", "1", "index of the realization", "i4")
-    name: Column = column("agent", "", "vehicle name", "U")
+    name: Column = column("agent", "", "vehicle name", "U", labels=True)
     time: Column = column("time", "s", "time since the start of the mission")
-    landmark_name: Column = column("landmark", "", "landmark name", "U")
+    landmark_name: Column = column("landmark", "", "landmark name", "U", labels=True)
     position: Column = column(
         "condition realization agent time axis", "m", "north, east, down in the local frame"
     )
@@ -32,7 +33,9 @@ class Estimates(Record):
     landmark_position: Column = column(
         "condition realization landmark axis", "m", "estimated landmark position"
     )
-    solve_status: Column = column("condition realization", "1", "SolveStatus", "i1")
+    solve_status: Column = column(
+        "condition realization", "1", "verdict of the health gate", "i1", flags=SolveStatus
+    )
     iterations: Column = column("condition realization", "1", "iterations of the optimizer", "i4")
     initial_cost: Column = column("condition realization", "1", "cost at the starting point")
     final_cost: Column = column("condition realization", "1", "cost at the optimum")
@@ -44,7 +47,7 @@ class Estimates(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class PoseCovariances(Record):
+class PoseCovariances(DatedRecord):
     """
     Marginal covariances at the optimum of every condition and realization, at a few fixed epochs.
 
@@ -55,11 +58,11 @@ class PoseCovariances(Record):
 
     kind: ClassVar[str] = "pose_covariances"
 
-    condition: Column = column("condition", "", "ranging condition", "U")
+    condition: Column = column("condition", "", "ranging condition", "U", labels=True)
     realization: Column = column("realization", "1", "index of the realization", "i4")
-    name: Column = column("agent", "", "vehicle name", "U")
+    name: Column = column("agent", "", "vehicle name", "U", labels=True)
     sample: Column = column("epoch", "1", "index of the sample", "i4")
-    time: Column = column("epoch", "s", "time since the start of the mission")
+    time: Column = column("epoch", "s", "time since the start of the mission", labels=True)
     position_covariance: Column = column(
         "condition realization epoch agent axis agent_column axis_column",
         "m2",
@@ -86,9 +89,9 @@ class SharedUnknowns(Record):
 
     kind: ClassVar[str] = "shared_unknowns"
 
-    condition: Column = column("condition", "", "ranging condition", "U")
+    condition: Column = column("condition", "", "ranging condition", "U", labels=True)
     realization: Column = column("realization", "1", "index of the realization", "i4")
-    name: Column = column("unknown", "", "name of the unknown", "U")
+    name: Column = column("unknown", "", "name of the unknown", "U", labels=True)
     unit: Column = column("unknown", "", "its unit", "U")
     prior_sigma: Column = column("condition unknown", "1", "standard deviation beforehand, in the unit")
     value: Column = column("condition realization unknown", "1", "estimate, in the unit")

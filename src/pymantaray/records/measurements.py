@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from pymantaray.records.base import Column, Record, column
+from pymantaray.records.base import Column, DatedRecord, column
+from pymantaray.records.status import RayStatus
 
 
 @dataclass(frozen=True, eq=False)
-class Measurements(Record):
+class Measurements(DatedRecord):
     """
     Measurements of a fleet at common sample times, and the noise level that each is believed to have.
 
@@ -19,14 +20,14 @@ class Measurements(Record):
 
     kind: ClassVar[str] = "measurements"
 
-    name: Column = column("agent", "", "vehicle name", "U")
+    name: Column = column("agent", "", "vehicle name", "U", labels=True)
     time: Column = column("time", "s", "time since the start of the mission")
 
     odometry_rotation: Column = column(
         "agent edge quat", "1", "relative rotation from pose k to k+1, (w, x, y, z)"
     )
     odometry_translation: Column = column(
-        "agent edge axis", "m", "translation from pose k to k+1 in body frame k"
+        "agent edge body_axis", "m", "translation from pose k to k+1 in body frame k"
     )
     odometry_sigma: Column = column(
         "agent edge tangent", "1", "sigma in the tangent: 3 rotation [rad], 3 translation [m]"
@@ -40,7 +41,7 @@ class Measurements(Record):
     gnss_position: Column = column("fix axis", "m", "GNSS position in the local frame")
     gnss_sigma: Column = column("fix", "m", "standard deviation per axis")
 
-    landmark_name: Column = column("landmark", "", "landmark name", "U")
+    landmark_name: Column = column("landmark", "", "landmark name", "U", labels=True)
     landmark_position: Column = column("landmark axis", "m", "surveyed position of the landmark")
     landmark_sigma: Column = column("landmark", "m", "standard deviation per axis of the survey")
 
@@ -53,7 +54,7 @@ class Measurements(Record):
     range_transmitter: Column = column("range", "1", "participant that transmits", "i4")
     range_receiver: Column = column("range", "1", "participant that receives", "i4")
     range_sample: Column = column("range", "1", "index into time", "i4")
-    range_status: Column = column("range", "1", "RayStatus of the attempt", "i1")
+    range_status: Column = column("range", "1", "what became of the attempt", "i1", flags=RayStatus)
     transmitter_sound_speed: Column = column("range", "m s-1", "sound speed at the transmitter")
     straight_range: Column = column("range", "m", "straight distance as measured")
     refracted_range: Column = column(

@@ -1,26 +1,59 @@
 """Where vehicles are: poses of a fleet at common times."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, ClassVar, Self
 
-from pymantaray.records.base import Column, Record, column
+from pymantaray.geometry.frames import LocalFrame
+from pymantaray.records.base import Column, DatedRecord, column
+from pymantaray.records.status import VehicleStatus
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectories(Record):
+class Trajectories(DatedRecord):
     """
     Poses ``T_world_body`` of a fleet at common sample times, in the local NED frame.
 
-    ``status`` holds `VehicleStatus` values; a stopped vehicle stays at its last place.
+    ``status`` holds `VehicleStatus` values; a stopped vehicle stays at its last place. ``centre`` is the latitude and longitude of
+    the frame's centre where that is known; data sets have latitudes and longitudes of all poses then. [degrees]
     """
 
     kind: ClassVar[str] = "trajectories"
 
-    name: Column = column("agent", "", "vehicle name", "U")
+    name: Column = column("agent", "", "vehicle name", "U", labels=True)
     role: Column = column(
         "agent", "", "behaviour of the vehicle: float, station, drifting, twist or waypoints", "U"
     )
     time: Column = column("time", "s", "time since the start of the mission")
     position: Column = column("agent time axis", "m", "north, east, down in the local frame")
     quaternion: Column = column("agent time quat", "1", "rotation body to world, (w, x, y, z)")
-    status: Column = column("agent time", "1", "VehicleStatus", "i1")
+    status: Column = column("agent time", "1", "what became of the vehicle", "i1", flags=VehicleStatus)
+    centre: tuple[float, float] | None = field(default=None, kw_only=True)
+
+    def to_dataset(self) -> "xr.Dataset":
+        """Give the record as an xarray data set, with latitudes and longitudes if the frame's centre is known."""
+        dataset = super().to_dataset()
+        if self.centre is None:
+            return dataset
+        frame, dims = LocalFrame(*self.centre), ("agent", "time")
+        latitude, longitude = frame.to_geodetic(self.position[..., 0], self.position[..., 1])
+        dataset = dataset.assign_attrs(
+            centre_latitude_deg=frame.latitude_deg,
+            centre_longitude_deg=frame.longitude_deg,
+            proj_string=frame.proj_string,
+        )
+        return dataset.assign_coords(
+            latitude=(dims, latitude, {"standard_name": "latitude", "units": "degrees_north"}),
+            longitude=(dims, longitude, {"standard_name": "longitude", "units": "degrees_east"}),
+        )
+
+    @classmethod
+    def from_dataset(cls, dataset: "xr.Dataset") -> Self:
+        """Build the record from a data set that `to_dataset` made."""
+        record = super().from_dataset(dataset)
+        if "centre_latitude_deg" not in dataset.attrs:
+            return record
+        centre = float(dataset.attrs["centre_latitude_deg"]), float(dataset.attrs["centre_longitude_deg"])
+        return replace(record, centre=centre)

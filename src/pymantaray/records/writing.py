@@ -6,6 +6,7 @@ import secrets
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,7 +74,12 @@ def _cause(error: OSError, temporary: Path) -> str:
 
 
 def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = True) -> None:
-    """Write a data set as NetCDF-4, whole or not at all, as `whole_file` has it."""
+    """Write a data set as CF has it, NetCDF-4, whole or not at all as `whole_file` does; title and history if it has none."""
+    dataset, path = dataset.copy(), Path(path)
+    about = {"title": path.stem.replace("_", " "), "history": f"pymantaray {version('pymantaray')}"}
+    dataset.attrs = {**about, **dataset.attrs, "Conventions": "CF-1.11"}
+    for name in dataset.indexes:
+        dataset[name].encoding["_FillValue"] = None
     with whole_file(path, replace=replace) as temporary, NETCDF_LOCK:
         _check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:

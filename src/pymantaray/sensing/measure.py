@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +43,7 @@ def assemble(
     return Measurements(
         name=truth.name,
         time=truth.time,
+        start=truth.start,
         range_transmitter=ranging.attempts.transmitter,
         range_receiver=ranging.attempts.receiver,
         range_sample=ranging.attempts.sample,
@@ -141,7 +143,10 @@ def perturb(
         if true is None:
             raise SensingError("perturb: clocks act on true travel times; give ranging_truth")
         noise += clock_error(m, true, clocks, timing)
-    columns = {"straight_range": m.straight_range + noise, "refracted_range": m.refracted_range + noise}
+    columns: dict[str, Any] = {
+        "straight_range": m.straight_range + noise,
+        "refracted_range": m.refracted_range + noise,
+    }
     for sensor in SENSORS:
         columns |= sensor.perturb(m, normal)
     noisy = replace(m, **columns)

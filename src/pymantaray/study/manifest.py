@@ -46,7 +46,7 @@ def describe_run(
     """Collect what results depend on, with checksums of inputs, and their cost: the manifest but for the outcome."""
     memory = peak_memory_mib()  # before git is called: a child counts as large as its parent at first
     return {
-        "format": 2,
+        "format": 3,
         "study": config.study.name,
         "ocean": {
             "source": list(config.ocean.source),

@@ -32,6 +32,7 @@ from pymantaray.study.assemble import (
     build_sonar,
     build_timing,
     gnss_depth,
+    mission_start,
 )
 from pymantaray.study.config import SoundConfig, StudyConfig
 from pymantaray.study.manifest import Stopwatch
@@ -93,13 +94,14 @@ def mission_ocean(config: SoundConfig) -> StudyOcean:
 
 def simulate_fleet(config: StudyConfig, ocean: StudyOcean) -> Trajectories:
     """Where the vehicles of a mission go."""
-    mission = config.mission
+    mission, start = config.mission, None if config.ocean.time is None else mission_start(config.ocean)
     return simulate(
         build_fleet(config),
         ocean.drift,
         duration=mission.duration_h * 3600.0,
         physics_step=mission.physics_step_s,
         sampling_period=mission.sampling_period_s,
+        start=start,
     )
 
 

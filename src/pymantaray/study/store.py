@@ -46,6 +46,7 @@ HEARING, ESTIMATES = "hearing.nc", "estimates.nc"
 COVARIANCES, UNKNOWNS = "covariances.nc", "unknowns.nc"
 CANDIDATES, RAY_PICTURE = "candidates.nc", "ray_picture.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
+_FORMATS = (2, 3)  # from 3 on, names of vehicles label their dimensions
 
 
 @dataclass(frozen=True)
@@ -290,8 +291,8 @@ def open_run(path: str | Path) -> Run:
     if not (folder / MANIFEST).is_file():
         raise StudyError(f"{folder}: not a run folder: it has no {MANIFEST}")
     run = Run(folder.resolve())
-    if run.manifest.get("format") != 2:
-        raise StudyError(f"{folder}: run format {run.manifest.get('format')!r}; this version reads 2")
+    if run.manifest.get("format") not in _FORMATS:
+        raise StudyError(f"{folder}: run format {run.manifest.get('format')!r}; this version reads 2 and 3")
     return run
 
 

@@ -128,6 +128,7 @@ def _pack_ocean(ocean: StudyOcean) -> dict[str, xr.Dataset]:
 
 def _unpack_ocean(groups: dict[str, xr.Dataset]) -> StudyOcean:
     region = pd.read_csv(io.StringIO(groups.pop("region").attrs["csv"]), index_col=0)
+    groups["geographic"] = xr.decode_cf(groups["geographic"], decode_timedelta=False)
     return StudyOcean(region=region, **groups)
 
 
@@ -182,7 +183,7 @@ def _datasets(content: bytes) -> dict[str, xr.Dataset]:
     with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
         path = Path(folder, "stage.nc")
         path.write_bytes(content)
-        groups = xr.open_groups(path, engine="netcdf4", decode_timedelta=False)
+        groups = xr.open_groups(path, engine="netcdf4", decode_times=False)
         try:
             return {name.strip("/"): group.load() for name, group in groups.items() if name != "/"}
         finally:
