@@ -111,7 +111,15 @@ BOUNCE = {"acoustics": {"max_surface_bounces": 1}}
 ICE = {"detection": DETECTION | {"ice_loss_db": 3.0}}
 DEEP = {"mistaken": "first-detected", "below_strongest_db": 6.0}
 
+DURATION = 'allowed: a number of hours, or text such as "10 min" (units s, min, h, d)'
+
 REFUSED = [
+    ("mission.duration_h", "7", f"mission.duration_h: found '7'; {DURATION}"),
+    ("mission.duration_h", "7 days", f"mission.duration_h: found '7 days'; {DURATION}"),
+    ("mission.duration_h", "-1 h", f"mission.duration_h: found '-1 h'; {DURATION}"),
+    ("mission.duration_h", "0 min", "mission.duration_h: found 0.0; allowed: greater than 0"),
+    ("ranging.turn_around_s", "", "ranging.turn_around_s: found ''; allowed: a number of seconds, or text"),
+    ("mission.duration_h", "9" * 400 + " d", "mission.duration_h: found inf; allowed"),
     ("study.realizations", 0, "study.realizations: found 0; allowed: 1 or more"),
     ("study.realizations", 2.5, "study.realizations: found 2.5"),
     ("study.conditions", ["curved"], "study.conditions[0]: found 'curved'; allowed: 'odometry', "),
@@ -200,6 +208,38 @@ def test_each_bad_value_is_one_line_with_place_value_and_what_is_allowed(tiny, p
     assert "\n" not in line
     assert line.startswith("tiny: ")
     assert expected in line
+
+
+@pytest.mark.parametrize(("path", "text", "number"), [
+    ("mission.duration_h", "7 d", 168.0),
+    ("mission.duration_h", "1 d 12 h", 36.0),
+    ("mission.ping_interval_h", "10 min", 1 / 6),
+    ("mission.ping_interval_h", " 1h30min ", 1.5),
+    ("mission.physics_step_s", "0.125 s", 0.125),
+    ("mission.sampling_period_s", "10 min", 600.0),
+    ("fleet.floats.hold_depth_h", "90 min", 1.5),
+    ("estimator.covariance_interval_h", ".5 d", 12.0),
+])  # fmt: skip
+def test_a_duration_with_a_unit_is_the_number_that_its_key_means(tiny, path, text, number):
+    section, _, key = path.rpartition(".")
+    short = {
+        "mission": {
+            "duration_h": 600.0,
+            "sampling_period_s": 120.0,
+            "physics_step_s": 1.0,
+            "ping_interval_h": 5.0,
+        }
+    }
+
+    def with_value(value):
+        tree = value = {key: value}
+        for name in reversed(section.split(".")):
+            tree = {name: tree}
+        return tiny(**{name: short.get(name, {}) | tree[name] for name in tree})
+
+    config = with_value(text)
+    assert config == with_value(number)
+    assert study_toml(config) == study_toml(with_value(number))
 
 
 def test_several_faults_are_several_lines(quick):

@@ -10,11 +10,15 @@ from pydantic import Field, create_model, model_validator
 from pymantaray.sensing.noise import NoiseModel
 from pymantaray.study.config_estimators import (
     Depth,
+    Hours,
     InputFile,
     NonNegativeFloat,
     OceanSource,
     PositiveFloat,
+    PositiveHours,
+    PositiveSeconds,
     RangeEstimatorSection,
+    Seconds,
     Section,
     own_files,
     require_unique,
@@ -49,12 +53,12 @@ class RangingSection(Section):
     """
 
     timing: Literal["one-way", "two-way"] = "one-way"
-    turn_around_s: NonNegativeFloat = 0.0
+    turn_around_s: Seconds = 0.0
     clock_offset_sigma: NonNegativeFloat = 0.0
     clock_skew_sigma: NonNegativeFloat = 0.0
     mistaken: Literal["off", "first-detected", "strongest-detected"] = "off"
     below_strongest_db: NonNegativeFloat | None = None
-    mistaken_correlation_s: NonNegativeFloat = 0.0
+    mistaken_correlation_s: Seconds = 0.0
 
     @model_validator(mode="after")
     def _only_two_way_turns_around(self) -> Self:
@@ -128,8 +132,8 @@ ParticipantName = Annotated[
 class FloatSection(Section):
     """What all floats share unless a vehicle says otherwise."""
 
-    hold_depth_h: NonNegativeFloat = 24.0
-    hold_surface_h: NonNegativeFloat = 1.0
+    hold_depth_h: Hours = 24.0
+    hold_surface_h: Hours = 1.0
     vertical_speed: PositiveFloat = 0.5
     surface_depth: Depth = 0.5
     depth_gain: PositiveFloat = 0.1
@@ -150,9 +154,9 @@ class FloatVehicle(_Placed):
 
     kind: Literal["float"]
     target_depth: Depth
-    start_delay_h: NonNegativeFloat = 0.0
-    hold_depth_h: NonNegativeFloat | None = None
-    hold_surface_h: NonNegativeFloat | None = None
+    start_delay_h: Hours = 0.0
+    hold_depth_h: Hours | None = None
+    hold_surface_h: Hours | None = None
     vertical_speed: PositiveFloat | None = None
     surface_depth: Depth | None = None
     depth_gain: PositiveFloat | None = None
@@ -311,10 +315,10 @@ class OceanSection(Section):
 class MissionSection(Section):
     """Durations and periods, the paper's table of mission timing."""
 
-    duration_h: PositiveFloat = 168.0
-    physics_step_s: PositiveFloat = 0.125
-    sampling_period_s: PositiveFloat = 200.0
-    ping_interval_h: PositiveFloat = 4.0
+    duration_h: PositiveHours = 168.0
+    physics_step_s: PositiveSeconds = 0.125
+    sampling_period_s: PositiveSeconds = 200.0
+    ping_interval_h: PositiveHours = 4.0
     gnss_depth: PositiveFloat = 1.0
 
     @model_validator(mode="after")
@@ -353,7 +357,7 @@ class EstimatorSection(Section):
     """Where the optimizer starts from, and how often covariances are kept, the end included."""
 
     initialise: Literal["truth", "dead-reckoning"] = "truth"
-    covariance_interval_h: PositiveFloat = 24.0
+    covariance_interval_h: PositiveHours = 24.0
 
 
 class SoundConfig(Section):
