@@ -1,6 +1,7 @@
 """Nouns that cross folders: frozen, validated, to and from xarray and NetCDF."""
 
 from pymantaray.records.arrivals import Arrivals, FirstArrivals, RayPaths
+from pymantaray.records.base import DatedRecord
 from pymantaray.records.estimate import Estimates, PoseCovariances, SharedUnknowns
 from pymantaray.records.measurements import Measurements
 from pymantaray.records.ranging_truth import RangingTruth
@@ -11,6 +12,7 @@ from pymantaray.records.writing import NETCDF_LOCK, read_netcdf, whole_file, wri
 __all__ = [
     "NETCDF_LOCK",
     "Arrivals",
+    "DatedRecord",
     "Estimates",
     "FirstArrivals",
     "Measurements",

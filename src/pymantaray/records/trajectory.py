@@ -32,12 +32,17 @@ class Trajectories(DatedRecord):
     status: Column = column("agent time", "1", "what became of the vehicle", "i1", flags=VehicleStatus)
     centre: tuple[float, float] | None = field(default=None, kw_only=True)
 
+    @property
+    def frame(self) -> LocalFrame | None:
+        """The local frame, None where its centre is not known."""
+        return None if self.centre is None else LocalFrame(*self.centre)
+
     def to_dataset(self) -> "xr.Dataset":
         """Give the record as an xarray data set, with latitudes and longitudes if the frame's centre is known."""
         dataset = super().to_dataset()
-        if self.centre is None:
+        frame, dims = self.frame, ("agent", "time")
+        if frame is None:
             return dataset
-        frame, dims = LocalFrame(*self.centre), ("agent", "time")
         latitude, longitude = frame.to_geodetic(self.position[..., 0], self.position[..., 1])
         dataset = dataset.assign_attrs(
             centre_latitude_deg=frame.latitude_deg,

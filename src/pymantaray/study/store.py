@@ -31,6 +31,7 @@ from pymantaray.records import (
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.assemble import build_clocks, build_timing
 from pymantaray.study.config import StudyConfig
+from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
 from pymantaray.study.folder import MANIFEST
 from pymantaray.study.load import load_study
 
@@ -204,6 +205,65 @@ class Run:
             candidates=candidates,
             correlation_time=ranging.mistaken_correlation_s,
         )
+
+    def ranges(self, realization: int | None = None) -> pd.DataFrame:
+        """
+        Range attempts, one row each, as they were measured and as they were true.
+
+        Parameters
+        ----------
+        realization : int, optional
+            Index of the realization whose noise is in what was measured; by default there is none.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``time`` since the start and ``date`` (UTC, if the mission has one), ``transmitter``, ``receiver``, ``status``
+            (`RayStatus`); true ``distance``; ``straight_range`` and ``refracted_range`` as measured, ``range_sigma``; true
+            ``sound_speed`` at the transmitter, ``travel_time`` and ``chord_travel_time``, see `RangingTruth`. Units are
+            in ``attrs["units"]``, by column.
+
+        Raises
+        ------
+        StudyError
+            If the run has no such realization.
+        """
+        return range_frame(self, realization)
+
+    def errors(self) -> pd.DataFrame:
+        """
+        Position errors of all estimates, nothing aligned, one row a condition, realization, vehicle and time.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``condition``, ``realization``, ``agent``, ``time`` and ``date``; estimate less truth ``north``, ``east``,
+            ``down``, and their length ``error``; NaN for a solve that failed. Units are in ``attrs["units"]``.
+        """
+        return error_frame(self)
+
+    def trajectories(self, realization: int = 0) -> pd.DataFrame:
+        """
+        Poses of one realization, one row a condition, vehicle and time; condition ``truth`` is the true ones.
+
+        Parameters
+        ----------
+        realization : int
+            Index of the realization, from 0.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``condition``, ``agent``, ``time`` and ``date``, ``latitude``, ``longitude``, ``north``, ``east``, ``down``; ``qw``,
+            ``qx``, ``qy``, ``qz`` turn body (forward, right, down) to north, east, down. Units are in ``attrs["units"]``.
+
+        Raises
+        ------
+        StudyError
+            If the run has no such realization.
+        """
+        self._check(realization)
+        return pose_frame(self, realization)
 
     def mistaken(self, realization: int) -> NDArray[np.bool_]:
         """

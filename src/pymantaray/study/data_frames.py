@@ -1,0 +1,90 @@
+"""A run as pandas data frames, one row a range attempt or a pose, with units in `attrs`."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from pymantaray.evaluation import trajectory_errors
+from pymantaray.records import DatedRecord, RayStatus
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pymantaray.study.store import Run
+
+TRUTH = "truth"
+_POSE = ("north", "east", "down", "qw", "qx", "qy", "qz")
+_UNITS = {
+    "time": "s",
+    "date": "UTC",
+    **dict.fromkeys(("latitude", "longitude"), "degrees"),
+    **dict.fromkeys(("north", "east", "down", "error"), "m"),
+    **dict.fromkeys(("distance", "straight_range", "refracted_range", "range_sigma"), "m"),
+    **dict.fromkeys(("travel_time", "chord_travel_time"), "s"),
+    "sound_speed": "m s-1",
+}
+
+
+def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
+    """One row a range attempt: what was measured, without noise or in a realization, and what was true."""
+    m = run.measurements if realization is None else run.noisy_measurements(realization)
+    true, names = run.ranging_truth, np.concatenate([m.name, m.landmark_name])
+    frame = pd.DataFrame(
+        {
+            "time": m.time[m.range_sample],
+            "transmitter": names[m.range_transmitter],
+            "receiver": names[m.range_receiver],
+            "status": np.array([member.name for member in RayStatus])[m.range_status],
+            "distance": true.distance,
+            "straight_range": m.straight_range,
+            "refracted_range": m.refracted_range,
+            "range_sigma": m.range_sigma,
+            "sound_speed": true.sound_speed,
+            "travel_time": true.travel_time,
+            "chord_travel_time": true.chord_travel_time,
+        }
+    )
+    return _finished(frame, m)
+
+
+def error_frame(run: "Run") -> pd.DataFrame:
+    """One row a pose that was estimated: estimate less truth along the axes, and its length."""
+    truth, estimates = run.truth, run.estimates
+    error = estimates.to_dataset()["position"] - truth.position
+    frame = _rows(error.to_dataset(dim="axis"))
+    frame["error"] = trajectory_errors(truth, estimates).ravel()
+    return _finished(frame, truth)
+
+
+def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
+    """One row a pose, of the truth and of every condition in a realization."""
+    estimates = run.estimates.to_dataset().isel(realization=realization)
+    parts = {TRUTH: _poses(run.truth.to_dataset())}
+    for condition in run.estimates.condition.tolist():
+        parts[condition] = _poses(estimates.sel(condition=condition))
+    frame = pd.concat(parts, names=["condition"]).reset_index("condition").reset_index(drop=True)
+    if (local := run.truth.frame) is not None:
+        latitude, longitude = local.to_geodetic(frame["north"], frame["east"])
+        frame.insert(3, "latitude", latitude)
+        frame.insert(4, "longitude", longitude)
+    return _finished(frame, run.truth)
+
+
+def _poses(data: "xr.Dataset") -> pd.DataFrame:
+    position, quaternion = data["position"].to_dataset(dim="axis"), data["quaternion"].to_dataset(dim="quat")
+    poses = position.merge(quaternion.rename({axis: f"q{axis}" for axis in "wxyz"}), compat="override")
+    return _rows(poses)[["agent", "time", *_POSE]]
+
+
+def _rows(data: "xr.Dataset") -> pd.DataFrame:
+    return data.reset_coords(drop=True).to_dataframe().reset_index()
+
+
+def _finished(frame: pd.DataFrame, record: DatedRecord) -> pd.DataFrame:
+    """Frame with dates beside its times, if the mission has one, and with units."""
+    if not np.isnat(record.start):
+        since = pd.to_timedelta(frame["time"], unit="s")
+        frame.insert(list(frame).index("time") + 1, "date", pd.Timestamp(record.start) + since)
+    frame.attrs["units"] = {name: _UNITS[name] for name in frame if name in _UNITS}
+    return frame
