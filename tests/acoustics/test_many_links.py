@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pymantaray.acoustics import Medium, eigenrays, find_eigenrays, paths, trace_fan, trace_paths
+from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.acoustics.eigenrays import in_blocks
 
 INTERRUPTED = """
@@ -187,3 +188,13 @@ def test_no_paths_of_no_rays():
     a[:, 2] = -1.0  # in the air
     rays = trace_paths(medium, a, b, find_eigenrays(medium, a, b))
     assert rays.position.shape == (0, 3)
+
+
+def test_positions_in_any_order_of_memory_are_solved_by_the_same_code():
+    medium = Medium.from_profile([0.0, 500.0], [1450.0, 1460.0], bottom_depth=500.0)
+    source, receiver = np.tile([0.0, 0.0, 20.0], (5, 1)), np.tile([900.0, 0.0, 50.0], (5, 1))
+    one = find_eigenrays(medium, source, receiver)
+    compiled = len(solve_links.signatures)
+    other = find_eigenrays(medium, np.asfortranarray(source), np.broadcast_to(receiver[0], (5, 3)))
+    assert_same(one, other)
+    assert len(solve_links.signatures) == compiled

@@ -291,7 +291,7 @@ def solved_backwards(source: Array, receiver: Array) -> NDArray[np.bool_]:
 
 def as_positions(name: str, values: ArrayLike) -> Array:
     """Positions as an array (n_links, 3) of finite floats; the name is for messages. [m]"""
-    points = np.atleast_2d(np.array(values, dtype=float))
+    points = np.atleast_2d(np.array(values, dtype=float, order="C"))  # kernels are compiled for that order
     if points.ndim != 2 or points.shape[1] != 3:
         raise AcousticsError(f"{name}: shape {points.shape}; needs (n_links, 3): north, east, down in metres")
     if not np.all(np.isfinite(points)):
