@@ -56,3 +56,7 @@ class ReportError(MantaRayError):
 
 class SweepError(MantaRayError):
     """A sweep's definition, store or workers are unusable."""
+
+
+class ServiceError(MantaRayError):
+    """A ping, or what a ranging service or its server is made of, is not what it can take."""

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import pymantaray
-from pymantaray.cli import graph, ocean, rays, study, sweep
+from pymantaray.cli import graph, ocean, rays, serve, study, sweep
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
 
@@ -24,6 +24,7 @@ app.add_typer(sweep.app, name="sweep")
 app.add_typer(ocean.app, name="ocean")
 app.add_typer(graph.app, name="graph")
 app.add_typer(rays.app, name="rays")
+app.command("serve")(serve.serve)
 
 
 def _print_version(asked: bool) -> None:

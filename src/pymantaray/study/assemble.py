@@ -4,6 +4,7 @@ import datetime as dt
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,7 @@ from pymantaray.acoustics import (
     Sonar,
     WenzNoise,
 )
+from pymantaray.acoustics.medium import Interpolation
 from pymantaray.fleet import (
     Behaviour,
     ConstantTwist,
@@ -263,11 +265,12 @@ def build_picker(section: RangingSection, sonar: Sonar | None) -> Picker | None:
 
 def build_medium(config: SoundConfig, ocean: StudyOcean) -> Medium | Callable[[float], Medium]:
     """Medium of a study's rays; a function of the time since the mission's start [s] if the ocean varies."""
-
-    def at(time: float) -> Medium:
-        return Medium.from_dataset(ocean.local_at(time), interpolation=config.acoustics.interpolation)
-
+    at = partial(_medium_at, ocean, config.acoustics.interpolation)  # which another process can be given
     return at(0.0) if ocean.series is None else at
+
+
+def _medium_at(ocean: StudyOcean, interpolation: Interpolation, time: float) -> Medium:
+    return Medium.from_dataset(ocean.local_at(time), interpolation=interpolation)
 
 
 def build_currents(config: SoundConfig, ocean: StudyOcean) -> Currents | Callable[[float], Currents] | None:
@@ -275,10 +278,12 @@ def build_currents(config: SoundConfig, ocean: StudyOcean) -> Currents | Callabl
     if not config.acoustics.currents:
         return None
 
-    def at(time: float) -> Currents:
-        return Currents.from_dataset(ocean.local_at(time))
-
+    at = partial(_currents_at, ocean)
     return at(0.0) if ocean.series is None else at
+
+
+def _currents_at(ocean: StudyOcean, time: float) -> Currents:
+    return Currents.from_dataset(ocean.local_at(time))
 
 
 def build_detector(config: SoundConfig, ocean: StudyOcean) -> Detector | None:

@@ -1,0 +1,80 @@
+"""`mantaray serve`: ranges over HTTP until it is told to stop."""
+
+import signal
+from ipaddress import ip_address
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from pymantaray.service.water import Ocean
+
+
+def serve(
+    ocean: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="OCEAN|CONFIG",
+            help="Ocean files or synthetic:beaufort or synthetic:fram, or a preset or TOML file with a study's sections"
+            " [ocean], [acoustics], [ranging] and [detection].",
+        ),
+    ],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes one that is free.")] = 8642,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; by default only this machine reaches it.")
+    ] = "127.0.0.1",
+    workers: Annotated[
+        int, typer.Option(min=0, help="Processes that pings are handed to; 0 works in the server's threads.")
+    ] = 0,
+    water_interval: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            help="Of an ocean that varies: how long its water is kept, in seconds; 0 for each ping's own.",
+        ),
+    ] = 0.0,
+) -> None:
+    """Answer pings by JSON over HTTP: who hears what when. End it with Ctrl-C."""
+    from pymantaray.service import RangingService, make_server
+
+    with RangingService(_ocean(ocean), water_interval=water_interval, workers=workers) as service:
+        server = make_server(service, host, port)
+        if not ip_address(server.effective_host).is_loopback:
+            typer.echo(
+                f"warning: listening at {server.effective_host}: whoever reaches it can use it, there is no password",
+                err=True,
+            )
+        facts = service.water.facts()
+        typer.echo(
+            f"{facts['title']}, about {facts['centre_latitude_deg']:g} N {facts['centre_longitude_deg']:g} E"
+        )
+        typer.echo(f"listening on http://{server.effective_host}:{server.effective_port}")
+        number = _run(server)
+    raise SystemExit(128 + number)
+
+
+def _ocean(words: list[str]) -> "Ocean":
+    """Configuration that one word names, or else sources of an ocean."""
+    from pymantaray.study import list_presets, load_sound
+
+    if len(words) == 1 and (words[0].endswith(".toml") or words[0] in list_presets()):
+        return load_sound(words[0])
+    return words
+
+
+def _run(server: Any) -> int:
+    """Serve until a signal to stop, and tell which; the server takes in the exception that it becomes."""
+    stopped_by: list[int] = []
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        stopped_by.append(number)
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    try:
+        server.run()
+    finally:
+        server.close()
+    return stopped_by[0]

@@ -1,0 +1,184 @@
+"""What a server of ranges is asked and what it answers, as JSON; what is missing is null."""
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import BaseModel, Field, ValidationError, model_validator
+
+from pymantaray.errors import ServiceError
+from pymantaray.records import RayStatus
+from pymantaray.service.ping import Ping
+from pymantaray.service.ranging_service import RangingService
+from pymantaray.study.config_estimators import Section
+from pymantaray.study.load import finding_lines
+
+MOST_RECEIVERS = 10_000
+_MOST_FAULTS = 3  # that one answer tells
+Vector = Annotated[tuple[float, float, float], Field(strict=False)]
+
+
+class Participant(Section):
+    """Who pings or listens: north and east [m], or lat and lon [degrees], and depth [m]; velocity two-way only. [m/s]."""
+
+    name: str | None = Field(default=None, max_length=64)
+    north: float | None = None
+    east: float | None = None
+    lat: float | None = Field(default=None, ge=-90.0, le=90.0)
+    lon: float | None = Field(default=None, ge=-360.0, le=360.0)
+    depth: float
+    velocity: Vector | None = Field(default=None, description="along north, east and down")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        local = self.north is not None and self.east is not None
+        globe = self.lat is not None and self.lon is not None
+        if (
+            local == globe
+            or (self.north is None) != (self.east is None)
+            or (self.lat is None) != (self.lon is None)
+        ):
+            raise ValueError("needs either north and east or lat and lon")
+        return self
+
+    @property
+    def geographic(self) -> bool:
+        """Whether its place is by latitude and longitude."""
+        return self.lat is not None
+
+    @property
+    def place(self) -> tuple[float | None, float | None, float]:
+        """As `RangingService.ping` takes it."""
+        return (self.lat, self.lon, self.depth) if self.geographic else (self.north, self.east, self.depth)
+
+
+class PingRequest(Section):
+    """One ping. With ``arrivals`` everything that reaches each receiver is told, not only what it ranges on."""
+
+    time: float = Field(description="seconds since the ocean's start; only told back where it stands still")
+    source: Participant
+    receivers: tuple[Participant, ...] = Field(max_length=MOST_RECEIVERS, strict=False)
+    arrivals: bool = False
+
+    @model_validator(mode="after")
+    def _one_frame(self) -> Self:
+        if len({p.geographic for p in (self.source, *self.receivers)}) > 1:
+            raise ValueError("some positions have north and east, others lat and lon; give all in one way")
+        return self
+
+
+class ArrivalAnswer(BaseModel):
+    """One eigenray. Times include the current's effect; angles are from the horizontal, positive down. [s], [rad], [dB]."""
+
+    arrival_time: float
+    travel_time: float
+    surface_bounces: int
+    bottom_bounces: int
+    launch_angle: float | None
+    arrival_angle: float | None
+    spreading_db: float | None
+    level_db: float | None
+
+
+class ReceiverAnswer(BaseModel):
+    """What becomes of the ping at a receiver: columns of `Ping`; numbers are null where no arrival or no sonar has them."""
+
+    name: str | None
+    status: str
+    travel_time: float | None
+    arrival_time: float | None
+    refracted_range: float | None
+    straight_range: float
+    source_sound_speed: float | None
+    chord_travel_time: float | None
+    level_db: float | None
+    probability: float | None
+    arrivals: list[ArrivalAnswer] | None
+
+
+class PingAnswer(BaseModel):
+    """Receivers in the order of the request."""
+
+    time: float
+    receivers: list[ReceiverAnswer]
+
+
+class ErrorAnswer(BaseModel):
+    """Why there is no answer, in one line."""
+
+    error: str
+
+
+def read_request(body: bytes) -> PingRequest:
+    """Ping of a request's body; one that is malformed is refused in a line."""
+    try:
+        return PingRequest.model_validate_json(body)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        if first["type"] == "json_invalid":
+            raise ServiceError(f"not valid JSON: {first['ctx']['error']}") from None
+        if not first["loc"] and first["type"] == "model_type":
+            raise ServiceError("the request is no JSON object; it needs time, source and receivers") from None
+        lines = [line.removeprefix(": ") for line in finding_lines(error, PingRequest)]
+        more = f"; and {len(lines) - _MOST_FAULTS} more" if len(lines) > _MOST_FAULTS else ""
+        raise ServiceError("; ".join(lines[:_MOST_FAULTS]) + more) from None
+
+
+def answer(service: RangingService, request: PingRequest) -> PingAnswer:
+    """Ping as a request asks for it."""
+    receivers = request.receivers
+    moving = any(p.velocity is not None for p in (request.source, *receivers))
+    ping = service.ping(
+        request.time,
+        np.array(request.source.place),
+        np.array([p.place for p in receivers]),
+        source_velocity=(request.source.velocity or (0.0,) * 3) if moving else None,
+        receiver_velocities=[p.velocity or (0.0,) * 3 for p in receivers] if moving else None,
+        geographic=request.source.geographic,
+    )
+    numbers = {name: getattr(ping, name).tolist() for name in _NUMBERS}
+    arrivals = _arrivals(service, request.time, ping) if request.arrivals else [None] * len(receivers)
+    return PingAnswer(
+        time=request.time,
+        receivers=[
+            ReceiverAnswer(
+                name=p.name,
+                status=RayStatus(status).name.lower(),
+                arrivals=arrivals[row],
+                **{name: values[row] for name, values in numbers.items()},
+            )
+            for row, (p, status) in enumerate(zip(receivers, ping.status.tolist(), strict=True))
+        ],
+    )
+
+
+_NUMBERS = ReceiverAnswer.model_fields.keys() - {"name", "status", "arrivals"}
+
+
+def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[ArrivalAnswer]]:
+    """All arrivals of each receiver."""
+    rays, detector = ping.arrivals, service.water.reception.detector
+    nothing = np.full(rays.link.size, np.nan)
+    travel = rays.travel_time + (0.0 if ping.delay is None else ping.delay)
+    level = nothing
+    if detector is not None and ping.loss_db is not None:
+        level = detector.sonar.source_level_db - ping.loss_db
+    names = ("surface_bounces", "bottom_bounces", "launch_angle", "arrival_angle", "spreading_db")
+    columns = {name: getattr(rays, name).tolist() for name in names}
+    columns |= {
+        "travel_time": travel.tolist(),
+        "arrival_time": (time + travel).tolist(),
+        "level_db": level.tolist(),
+    }
+    out: list[list[ArrivalAnswer]] = [[] for _ in range(ping.status.size)]
+    for row, link in enumerate(rays.link.tolist()):
+        out[link].append(ArrivalAnswer(**{name: values[row] for name, values in columns.items()}))
+    return out
+
+
+def schema() -> dict[str, object]:
+    """JSON schemas of what is asked and answered."""
+    return {
+        "PingRequest": PingRequest.model_json_schema(),
+        "PingAnswer": PingAnswer.model_json_schema(mode="serialization"),
+        "ErrorAnswer": ErrorAnswer.model_json_schema(mode="serialization"),
+    }

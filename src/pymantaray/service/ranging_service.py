@@ -1,0 +1,181 @@
+"""Ranges in a simulator's loop: built once, asked ping by ping, in this thread or by processes of its own."""
+
+import math
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.acoustics import Currents
+from pymantaray.acoustics.eigenrays import as_positions
+from pymantaray.errors import ServiceError
+from pymantaray.geometry.checks import check_number
+from pymantaray.sensing import Reception, Timing, TwoWay
+from pymantaray.service.ping import Ends, Ping, Pinger
+from pymantaray.service.water import Ocean, Water
+from pymantaray.study.workers import Workers
+
+Array = NDArray[np.float64]
+
+
+class RangingService:
+    """
+    Ranging, ping by ping, for who moves vehicles himself.
+
+    Travel times are to the last digit those of a study in the same water. A service may be asked from any number of
+    threads; what it answers does not depend on them. What compiles does so when it is built.
+
+    Parameters
+    ----------
+    ocean : SoundConfig, str, Path, sequence of them, xarray.Dataset or Medium
+        A configuration (`pymantaray.study.load_sound`, `load_study`), which also says what is listened for; files or the name
+        of a synthetic ocean, as ``source`` of a study's ``[ocean]``; an open ocean; or a medium.
+    reception : Reception, optional
+        What receivers listen for, in place of the configuration's; else direct arrivals, all of them heard.
+    currents : Currents, optional
+        Their effect on travel times, in place of the configuration's; else the water is at rest.
+    timing : OneWay or TwoWay, optional
+        In place of the configuration's; else one-way, with everybody at rest while sound is on its way.
+    water_interval : float
+        Where the ocean varies, the water of a ping is that of the last whole multiple of this. With 0 it is made for each
+        time that is asked for, which takes a large ocean 0.2 s. [s]
+    workers : int
+        Processes that pings are handed to; with 0 the thread that asks does the work. Processes pay where several threads
+        ask at a time.
+
+    Raises
+    ------
+    MantaRayError
+        If the ocean cannot be opened or an option is not allowed.
+
+    Examples
+    --------
+    >>> from pymantaray.acoustics import Medium
+    >>> medium = Medium.from_profile([0.0, 500.0], [1450.0, 1458.0], bottom_depth=500.0)
+    >>> with RangingService(medium) as service:
+    ...     ping = service.ping(60.0, (0.0, 0.0, 50.0), [(1500.0, 0.0, 100.0), (0.0, 900.0, 600.0)])
+    >>> ping.status.tolist()
+    [0, 3]
+    >>> print(f"{ping.arrival_time[0]:.4f} s")
+    61.0339 s
+    """
+
+    def __init__(
+        self,
+        ocean: Ocean,
+        *,
+        reception: Reception | None = None,
+        currents: Currents | None = None,
+        timing: Timing | None = None,
+        water_interval: float = 0.0,
+        workers: int = 0,
+    ) -> None:
+        check_number(ServiceError, "water_interval", water_interval, "s")
+        if workers < 0:
+            raise ServiceError(f"workers: {workers}; a number of processes, 0 or more, is needed")
+        options: dict[str, Any] = {"reception": reception, "currents": currents, "timing": timing}
+        self.water = replace(
+            Water.of(ocean), **{name: value for name, value in options.items() if value is not None}
+        )
+        self._pinger = Pinger(self.water, water_interval)
+        self._running = ExitStack()
+        self._workers: Workers | None = None
+        if workers:
+            one_thread = replace(self.water, reception=self.water.reception._replace(threads=1))
+            start = partial(Pinger, one_thread, water_interval)
+            self._workers = self._running.enter_context(Workers(start, workers))
+
+    def __enter__(self) -> Self:
+        """Use the service in a block, at whose end its processes end."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the processes of the service, if it has any; they end with this process otherwise."""
+        self._running.close()
+
+    def ping(
+        self,
+        time: float,
+        source: ArrayLike,
+        receivers: ArrayLike,
+        *,
+        source_velocity: ArrayLike | None = None,
+        receiver_velocities: ArrayLike | None = None,
+        geographic: bool = False,
+    ) -> Ping:
+        """
+        Who hears a ping, what of it, and when.
+
+        Parameters
+        ----------
+        time : float
+            When it is sent; where the ocean varies since its start, else since whenever. [s]
+        source : array_like, shape (3,)
+            North, east, down [m], or latitude, longitude [degrees], down [m].
+        receivers : array_like, shape (n, 3)
+            Likewise.
+        source_velocity : array_like, shape (3,), optional
+            North, east, down; two-way only. By default the source is at rest. [m s⁻¹]
+        receiver_velocities : array_like, shape (n, 3), optional
+            Likewise.
+        geographic : bool
+            Whether positions are by latitude and longitude; velocities are then along true north and east.
+
+        Returns
+        -------
+        Ping
+            One row a receiver. One outside the water, in a shadow or behind the sea floor has a status that says so.
+
+        Raises
+        ------
+        ServiceError
+            If there is no water at that time, or a velocity is given although the timing is one-way.
+        AcousticsError
+            If positions or velocities are not finite or have another shape.
+        """
+        if not math.isfinite(time):
+            raise ServiceError(f"time: {time}; a finite number of seconds is needed")
+        still = source_velocity is None and receiver_velocities is None
+        if not still and not isinstance(self.water.timing, TwoWay):
+            raise ServiceError(
+                "velocity: one-way timing takes the fleet as at rest while sound is on its way; leave it out or choose"
+                " two-way timing"
+            )
+        places, velocities = self._local(
+            _rows("source", source), source_velocity, "source_velocity", geographic
+        )
+        if len(places) != 1:
+            raise ServiceError(f"source: {len(places)} positions; a ping has one source")
+        ends = Ends(
+            float(time),
+            places[0],
+            *self._local(
+                _rows("receivers", receivers), receiver_velocities, "receiver_velocities", geographic
+            ),
+            velocities[0],
+        )
+        if self._workers is None:
+            return self._pinger(ends)
+        answer: Ping = self._workers.submit(ends).result()
+        return answer
+
+    def _local(
+        self, places: Array, velocity: ArrayLike | None, name: str, geographic: bool
+    ) -> tuple[Array, Array]:
+        """Positions and velocities in the local frame, both (n, 3); who has no velocity is at rest."""
+        along = np.zeros_like(places) if velocity is None else _rows(name, velocity)
+        if along.shape != places.shape:
+            raise ServiceError(f"{name}: {len(along)} velocities for {len(places)} positions; each needs one")
+        return self.water.to_local(places, along) if geographic else (places, along)
+
+
+def _rows(name: str, values: ArrayLike) -> Array:
+    """Positions or velocities (n, 3); nobody is none of them."""
+    rows = np.asarray(values, dtype=float)
+    return as_positions(name, rows.reshape(0, 3) if rows.size == 0 else rows)

@@ -1,0 +1,62 @@
+"""Services in small waters, and a mission of the study `factories.TINY` to hold them against."""
+
+import numpy as np
+import pytest
+from factories import TINY
+
+from pymantaray.acoustics import Medium, Sonar
+from pymantaray.sensing import Detector, Reception, TwoWay
+from pymantaray.service import RangingService
+from pymantaray.study import parse_study
+from pymantaray.study.assemble import build_landmarks, build_medium
+from pymantaray.study.mission import mission_ocean, range_fleet, simulate_fleet
+
+SONAR = Sonar(source_level_db=170.0, frequency_hz=25e3, bandwidth_hz=4e3, noise=45.0)
+
+
+@pytest.fixture(scope="session")
+def medium():
+    """A duct over a flat bed, with a shadow below it."""
+    depth = np.array([0.0, 60.0, 120.0, 300.0, 900.0])
+    speed = np.array([1452.0, 1446.0, 1455.0, 1449.0, 1460.0])
+    return Medium.from_profile(depth, speed, bottom_depth=900.0)
+
+
+@pytest.fixture(scope="session")
+def service(medium):
+    return RangingService(medium)
+
+
+@pytest.fixture(scope="session")
+def loud(medium):
+    """Two-way, with a sonar and one reflection at either boundary."""
+    reception = Reception(max_surface_bounces=1, max_bottom_bounces=1, detector=Detector(SONAR))
+    return RangingService(medium, reception=reception, timing=TwoWay(turn_around=0.25))
+
+
+@pytest.fixture(scope="session")
+def links():
+    """A source, and receivers in a box of 4 km, a few of them out of the water."""
+
+    def draw(n, seed=0):
+        rng = np.random.default_rng(seed)
+        return rng.uniform((-2e3, -2e3, 5.0), (2e3, 2e3, 880.0)), rng.uniform(
+            (-2e3, -2e3, -50.0), (2e3, 2e3, 950.0), (n, 3)
+        )
+
+    return draw
+
+
+@pytest.fixture(scope="session")
+def fly():
+    """Configuration, truth, landmarks and ranges without noise of TINY with other sections."""
+
+    def one(**sections):
+        tree = TINY | {name: TINY.get(name, {}) | section for name, section in sections.items()}
+        config = parse_study(tree, "tiny")
+        ocean = mission_ocean(config)
+        truth = simulate_fleet(config, ocean)
+        ranging = range_fleet(config, ocean, build_medium(config, ocean), truth)
+        return config, truth, build_landmarks(config), ranging
+
+    return one
