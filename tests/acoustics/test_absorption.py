@@ -1,5 +1,7 @@
 """Absorption formulas against published values, against each other and in their limits; coefficients of an ocean."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -118,3 +120,17 @@ def test_geographic_ocean_is_looked_up_where_the_local_frame_puts_it():
         12e3, temperature=column["water_temp"].values, salinity=column["salinity"].values, depth=depths
     )
     np.testing.assert_allclose(Absorption.from_dataset(ocean).db_per_km(at, 12e3), expected, rtol=1e-6)
+
+
+def test_an_absorption_can_be_handed_to_another_process():
+    ocean = open_ocean("synthetic:fram", window=(77.5, 78.5, -2.0, 2.0))
+    position = np.array([[0.0, 0.0, 5.0], [3e3, -4e3, 800.0]])
+    for one in (
+        Absorption.constant(2.0),
+        Absorption.thorp(),
+        Absorption.from_profile([0.0, 100.0], [4.0, 2.0], [35.0, 34.5]),
+        Absorption.from_profile(0.0, 4.0, 35.0, formula="ainslie-mccolm"),
+        Absorption.from_dataset(ocean),
+    ):
+        other = pickle.loads(pickle.dumps(one))
+        np.testing.assert_array_equal(other.db_per_km(position, 12e3), one.db_per_km(position, 12e3))

@@ -6,6 +6,7 @@ The theory page on loss has the formulas, the data behind them, how well they ag
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -17,6 +18,8 @@ from pymantaray.geometry.grid import linear_interpolator
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from pymantaray.ocean.window import Window
 
 Array = NDArray[np.float64]
 Formula = Literal["francois-garrison", "ainslie-mccolm"]
@@ -39,12 +42,12 @@ class Absorption:
     def constant(cls, db_per_km: float) -> Self:
         """One coefficient everywhere, at every frequency. [dB/km]"""
         check_number(AcousticsError, "absorption", db_per_km, "dB/km")
-        return cls(lambda position, _frequency: np.full(len(position), float(db_per_km)))
+        return cls(partial(_everywhere, float(db_per_km)))
 
     @classmethod
     def thorp(cls) -> Self:
         """Thorp's formula: the same everywhere, whatever the water."""
-        return cls(lambda position, frequency: np.full(len(position), float(thorp_db_per_km(frequency))))
+        return cls(_thorp)
 
     @classmethod
     def from_profile(
@@ -73,7 +76,7 @@ class Absorption:
         S = checked_array(AcousticsError, "salinity", np.atleast_1d(salinity), z.shape)
         check_number(AcousticsError, "salinity", S.min())
         column = linear_interpolator([z], np.stack([T, S], axis=-1))
-        return cls._of_water(lambda x: column(x[:, 2:]), pH=pH, formula=formula)
+        return cls._of_water(partial(_at_depth, column), pH=pH, formula=formula)
 
     @classmethod
     def from_dataset(
@@ -114,10 +117,7 @@ class Absorption:
         ]
         look_up = linear_interpolator((ocean["depth"].values, lat, lon), np.stack(fields, axis=-1))
 
-        def water(x: Array) -> Array:
-            return look_up(np.stack([x[:, 2], *window.geographic(x[:, 0], x[:, 1])], axis=-1))
-
-        return cls._of_water(water, pH=pH, formula=formula)
+        return cls._of_water(partial(_at_place, look_up, window), pH=pH, formula=formula)
 
     @classmethod
     def _of_water(cls, water: Callable[[Array], Array], *, pH: float, formula: Formula) -> Self:
@@ -125,11 +125,37 @@ class Absorption:
         if formula not in _FORMULAS:
             raise AcousticsError(f"absorption formula {formula!r}; allowed are {', '.join(_FORMULAS)}")
 
-        def coefficient(position: Array, frequency_hz: float) -> Array:
-            T, S = water(position).T
-            return _FORMULAS[formula](frequency_hz, temperature=T, salinity=S, depth=position[:, 2], pH=pH)
+        return cls(partial(_by_formula, _FORMULAS[formula], pH, water))
 
-        return cls(coefficient)
+
+# functions of the module, so that an absorption can be handed to another process
+
+
+def _everywhere(db_per_km: float, position: Array, _frequency: float) -> Array:
+    return np.full(len(position), db_per_km)
+
+
+def _thorp(position: Array, frequency: float) -> Array:
+    return np.full(len(position), float(thorp_db_per_km(frequency)))
+
+
+def _at_depth(column: Callable[[Array], Array], position: Array) -> Array:
+    return column(position[:, 2:])
+
+
+def _at_place(look_up: Callable[[Array], Array], window: "Window", position: Array) -> Array:
+    return look_up(np.stack([position[:, 2], *window.geographic(position[:, 0], position[:, 1])], axis=-1))
+
+
+def _by_formula(
+    formula: Callable[..., Array],
+    pH: float,
+    water: Callable[[Array], Array],
+    position: Array,
+    frequency: float,
+) -> Array:
+    T, S = water(position).T
+    return formula(frequency, temperature=T, salinity=S, depth=position[:, 2], pH=pH)
 
 
 def francois_garrison_db_per_km(

@@ -1,6 +1,7 @@
 """Linear interpolation on a rectilinear grid, the one rule for every field on a local or geographic grid."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +13,7 @@ def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callabl
     """
     Values (..., ...) at coordinates (..., d), of values (n_1, ..., n_d, ...) on d rising axes.
 
-    Multilinear; constant along an axis of one point and beyond the edges of the others.
+    Multilinear; constant along an axis of one point and beyond the edges of the others. It can be pickled.
     """
     from scipy.interpolate import RegularGridInterpolator
 
@@ -20,8 +21,17 @@ def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callabl
     varying = [k for k, axis in enumerate(points) if axis.size > 1]
     field = field.squeeze(axis=tuple(set(range(len(points))) - set(varying)))
     if not varying:
-        return lambda at: np.broadcast_to(field, (*np.shape(at)[:-1], *field.shape))
+        return partial(_uniform, field)
     grid = [points[k] for k in varying]
-    low, high = ([axis[end] for axis in grid] for end in (0, -1))
-    look_up = RegularGridInterpolator(grid, field)
-    return lambda at: np.asarray(look_up(np.clip(np.asarray(at, dtype=float)[..., varying], low, high)))
+    low, high = (np.array([axis[end] for axis in grid]) for end in (0, -1))
+    return partial(_clipped, RegularGridInterpolator(grid, field), varying, low, high)
+
+
+def _uniform(field: Array, at: ArrayLike) -> Array:
+    return np.broadcast_to(field, (*np.shape(at)[:-1], *field.shape))
+
+
+def _clipped(
+    look_up: Callable[[Array], Array], axes: list[int], low: Array, high: Array, at: ArrayLike
+) -> Array:
+    return np.asarray(look_up(np.clip(np.asarray(at, dtype=float)[..., axes], low, high)))
