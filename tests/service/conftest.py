@@ -60,3 +60,25 @@ def fly():
         return config, truth, build_landmarks(config), ranging
 
     return one
+
+
+@pytest.fixture(scope="session")
+def varying(fly):
+    """What `fly` gives where the water varies and carries sound, there and back with a sonar."""
+    return fly(
+        ocean={"time_varying": True},
+        acoustics={"currents": True},
+        ranging={"timing": "two-way"},
+        detection={
+            "source_level_db": 165.0,
+            "frequency_hz": 25e3,
+            "bandwidth_hz": 4e3,
+            "absorption": "thorp",
+        },
+    )
+
+
+@pytest.fixture(scope="session")
+def in_varying(varying):
+    """Service in that water."""
+    return RangingService(varying[0])

@@ -15,12 +15,13 @@ from pymantaray.errors import AcousticsError, ServiceError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.records import RayStatus
+from pymantaray.records.writing import write_netcdf
 from pymantaray.sensing import Detector, Reception, TwoWay
 from pymantaray.sensing.timing import velocities
 from pymantaray.service import RangingService
+from pymantaray.study import load_sound
 
 STILL = Medium.from_profile([0.0, 2000.0], [1500.0, 1500.0], bottom_depth=2000.0, interpolation="linear")
-SOUND = {"source_level_db": 165.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3, "absorption": "thorp"}
 MISSIONS = {
     "as the paper": {},
     "carried by currents, there and back": {
@@ -29,13 +30,13 @@ MISSIONS = {
     },
     "reflected and heard by a sonar": {
         "acoustics": {"max_surface_bounces": 1, "arrival": "strongest"},
-        "detection": SOUND | {"wind_speed": 8.0, "surface_loss": "coherent"},
-    },
-    "in water that varies, two-way with a sonar": {
-        "ocean": {"time_varying": True},
-        "acoustics": {"currents": True},
-        "ranging": {"timing": "two-way"},
-        "detection": SOUND,
+        "detection": {
+            "source_level_db": 165.0,
+            "frequency_hz": 25e3,
+            "bandwidth_hz": 4e3,
+            "wind_speed": 8.0,
+            "surface_loss": "coherent",
+        },
     },
 }
 
@@ -62,30 +63,38 @@ def test_a_ping_is_what_the_solver_finds(service, medium, links):
 
 @pytest.mark.parametrize("sections", MISSIONS.values(), ids=MISSIONS)
 def test_ping_by_ping_is_what_a_study_measures(fly, sections):
-    config, truth, landmarks, ranging = fly(**sections)
+    check_against_study(fly(**sections))
+
+
+def test_ping_by_ping_in_water_that_varies_is_what_a_study_measures(varying, in_varying):
+    check_against_study(varying, in_varying)
+
+
+def check_against_study(flight, service=None):
+    config, truth, landmarks, ranging = flight
     table, two_way = ranging.attempts, config.ranging.timing == "two-way"
     fixed = np.array([mark.position for mark in landmarks])
     speed = velocities(truth, np.arange(truth.time.size))
     measured = 0
-    with RangingService(config) as service:
-        for sample in np.unique(table.sample):
-            place = np.concatenate([truth.position[:, sample], fixed])
-            velocity = np.concatenate([speed[:, sample], np.zeros_like(fixed)])
-            for transmitter in range(truth.name.size):
-                rows = np.flatnonzero((table.sample == sample) & (table.transmitter == transmitter))
-                to = table.receiver[rows]
-                moving = (
-                    {"source_velocity": velocity[transmitter], "receiver_velocities": velocity[to]}
-                    if two_way
-                    else {}
-                )
-                ping = service.ping(truth.time[sample], place[transmitter], place[to], **moving)
-                np.testing.assert_array_equal(ping.status, ranging.status[rows])
-                np.testing.assert_array_equal(ping.travel_time, ranging.truth.travel_time[rows])
-                np.testing.assert_array_equal(ping.refracted_range, ranging.truth.refracted_range[rows])
-                if ranging.probability is not None:
-                    np.testing.assert_allclose(ping.probability, ranging.probability[rows], rtol=1e-12)
-                measured += np.count_nonzero(ping.status == RayStatus.OK)
+    service = service or RangingService(config)
+    for sample in np.unique(table.sample):
+        place = np.concatenate([truth.position[:, sample], fixed])
+        velocity = np.concatenate([speed[:, sample], np.zeros_like(fixed)])
+        for transmitter in range(truth.name.size):
+            rows = np.flatnonzero((table.sample == sample) & (table.transmitter == transmitter))
+            to = table.receiver[rows]
+            moving = (
+                {"source_velocity": velocity[transmitter], "receiver_velocities": velocity[to]}
+                if two_way
+                else {}
+            )
+            ping = service.ping(truth.time[sample], place[transmitter], place[to], **moving)
+            np.testing.assert_array_equal(ping.status, ranging.status[rows])
+            np.testing.assert_array_equal(ping.travel_time, ranging.truth.travel_time[rows])
+            np.testing.assert_array_equal(ping.refracted_range, ranging.truth.refracted_range[rows])
+            if ranging.probability is not None:
+                np.testing.assert_allclose(ping.probability, ranging.probability[rows], rtol=1e-12)
+            measured += np.count_nonzero(ping.status == RayStatus.OK)
     assert measured > 0.5 * ranging.status.size
 
 
@@ -144,12 +153,11 @@ def test_threads_and_processes_answer_as_one_thread_does(medium, loud, links):
             same_pings(one, other)
 
 
-def test_a_service_that_varies_works_in_processes(fly):
-    config, truth, *_ = fly(ocean={"time_varying": True}, acoustics={"currents": True})
+def test_a_service_that_varies_works_in_processes(varying, in_varying):
+    config, truth, *_ = varying
     place = truth.position[:, 0]
-    one = RangingService(config).ping(4000.0, place[0], place[1:])
     with RangingService(config, workers=1) as service:
-        same_pings(service.ping(4000.0, place[0], place[1:]), one)
+        same_pings(service.ping(4000.0, place[0], place[1:]), in_varying.ping(4000.0, place[0], place[1:]))
 
 
 def test_nothing_is_compiled_after_construction(medium, links):
@@ -179,25 +187,27 @@ def test_positions_by_latitude_and_longitude_are_those_in_the_local_frame(fly):
     np.testing.assert_allclose(ping.travel_time, local.travel_time, rtol=0.0, atol=1e-11)
 
 
-def test_files_a_name_an_open_ocean_and_a_configuration_are_the_same_water(fly, links):
-    config, *_ = fly(ocean={"half_extent_north": None, "half_extent_east": None})
-    ocean = open_ocean("synthetic:beaufort")
+def test_a_file_an_open_ocean_and_a_configuration_are_the_same_water(tmp_path, links):
+    ocean, file = open_ocean("synthetic:beaufort", window=(74.2, 74.8, -141.0, -139.0)), tmp_path / "sea.nc"
+    write_netcdf(ocean, file)
+    config = tmp_path / "sea.toml"
+    config.write_text('[ocean]\nsource = "sea.nc"\n')
     source, receivers = links(10)
-    one = RangingService(config).ping(0.0, source, receivers)
-    for other in ("synthetic:beaufort", ["synthetic:beaufort"], ocean, to_local(ocean)):
+    one = RangingService(ocean).ping(0.0, source, receivers)
+    assert (one.status == RayStatus.OK).any()
+    for other in (str(file), [file], to_local(ocean), load_sound(config)):
         same_pings(RangingService(other).ping(0.0, source, receivers), one)
 
 
-def test_water_of_an_interval_is_that_at_its_beginning(fly):
-    config, truth, *_ = fly(ocean={"time_varying": True})
+def test_water_of_an_interval_is_that_at_its_beginning(varying, in_varying):
+    config, truth, *_ = varying
     place = truth.position[:, 0]
-    exact, coarse = RangingService(config), RangingService(config, water_interval=600.0)
-    begin = exact.ping(3600.0, place[0], place[1:]).travel_time
+    coarse = RangingService(config, water_interval=600.0)
+    begin, later = (in_varying.ping(time, place[0], place[1:]).travel_time for time in (3600.0, 4199.0))
     np.testing.assert_array_equal(coarse.ping(4199.0, place[0], place[1:]).travel_time, begin)
-    later = exact.ping(4199.0, place[0], place[1:]).travel_time
     assert not np.array_equal(later, begin, equal_nan=True)
     line = r"time: 22000 s; there is water from 0 to 21600 s after 2014-07-15T12:00:00 UTC"
-    refused(ServiceError, line, exact.ping, 22e3, place[0], place[1:])
+    refused(ServiceError, line, in_varying.ping, 22e3, place[0], place[1:])
 
 
 def test_nobody_hears_a_ping_to_nobody(service):
