@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -45,8 +46,8 @@ def here(monkeypatch):
     class Crew:
         window = 1
 
-        def __init__(self, url, *_):
-            self.url = url
+        def __init__(self, work, *_):
+            self.work = work
 
         def __enter__(self):
             return self
@@ -55,7 +56,7 @@ def here(monkeypatch):
             pass
 
         def submit(self, task):
-            return Done(perform(self.url, task))
+            return Done(self.work(task))
 
     monkeypatch.setattr("pymantaray.sweep.runner.crew_of", Crew)
 
@@ -218,7 +219,8 @@ def test_a_worker_of_another_version_is_refused_in_one_line(small, tmp_path):
 
 def test_workers_that_write_elsewhere_are_noticed(here, noises, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "pymantaray.sweep.runner.crew_of", lambda _, *rest: crew_of(str(tmp_path / "away"), *rest)
+        "pymantaray.sweep.runner.crew_of",
+        lambda _, *rest: crew_of(partial(perform, str(tmp_path / "away")), *rest),
     )
     with pytest.raises(SweepError, match=r"2 points were done elsewhere; all workers must see this place$"):
         run_sweep(noises(2), tmp_path / "out", workers=1)
@@ -237,17 +239,16 @@ def test_a_stage_that_another_runner_removed_is_computed_again(here, noises, tmp
 
 KILLING = """
 import os, signal
-from functools import partial
 from pymantaray.sweep import tasks
 
-def start(url):
+def start(work):
     solve = tasks._solve
     def killing(task, *rest):
         if task.config.noise.range_sigma == 2.0:
             os.kill(os.getpid(), signal.SIGKILL)
         return solve(task, *rest)
     tasks._solve = killing
-    return partial(tasks.perform, url)
+    return work
 """
 
 

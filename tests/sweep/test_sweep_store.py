@@ -77,7 +77,7 @@ def test_what_a_killed_process_left_half_written_is_removed_when_it_is_old(tmp_p
         path = tmp_path / f".{name}.part"
         path.touch()
         os.utime(path, (time.time() - age,) * 2)
-    store.claim()
+    store.claim("sweep", "sweep.toml", ())
     assert [path.name for path in tmp_path.iterdir()] == [".new.part"]
 
 

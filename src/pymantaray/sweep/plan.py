@@ -98,7 +98,7 @@ class Queue:
     """
 
     def __init__(self, plan: Plan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
-        self._plan, self._studies = plan, studies
+        self._plan, self._studies, self.keeps_stages = plan, studies, keep_stages
         self._lasting = frozenset(STAGES) if keep_stages else frozenset()
         self._what: dict[str, tuple[str, int]] = {}
         """Kind of each task, and a point that needs it."""

@@ -1,8 +1,8 @@
 """Running a sweep: tasks that can be begun go to workers, who write what becomes of them."""
 
+from functools import partial
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pymantaray.errors import SweepError
 from pymantaray.sweep.definition import Sweep
@@ -11,6 +11,7 @@ from pymantaray.sweep.plan import Plan, Queue, Told, plan_content
 from pymantaray.sweep.results import SweepResults, open_sweep
 from pymantaray.sweep.stages import failure_content
 from pymantaray.sweep.store import (
+    OURS,
     PLAN,
     SWEEP,
     Store,
@@ -19,12 +20,11 @@ from pymantaray.sweep.store import (
     point_name,
     stage_name,
 )
-from pymantaray.sweep.workers import Crew, SchedulerLostError, crew_of
+from pymantaray.sweep.tasks import perform
+from pymantaray.sweep.workers import crew_of, do_all
 
 if TYPE_CHECKING:
     from distributed import Client
-
-_LOOK = 5.0  # between looks at whether the scheduler is there [s]
 
 
 def run_sweep(
@@ -81,11 +81,12 @@ def run_sweep(
         store.remove(point_name(key, failed=True))
     failed = set() if retry_failed else failed
     told = _Told(plan, done, failed, progress)
-    queue = Queue(plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies)
+    queue = _Points(plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies)
+    queue.store, queue.told = store, told
     _clear_stages(store, plan, keep=True)  # what failed in another run is tried again
     if queue.left:
-        with crew_of(store.url, client, workers) as crew:
-            _work(queue, crew, store, told, keep_stages=keep_stages)
+        with crew_of(partial(perform, store.url), client, workers) as crew:
+            do_all(queue, crew)
         if missing := len(plan.points) - sum(map(len, finished(store, plan.points))):
             raise SweepError(
                 f"{store.url}: {missing} points were done elsewhere; all workers must see this place"
@@ -118,65 +119,27 @@ class _Told:
 
 def _prepare(store: Store, plan: Plan) -> None:
     """Have the store say what sweep it is of."""
-    store.claim()
+    store.claim("sweep", SWEEP, OURS)
     toml = plan.sweep.to_toml()
     store.write(SWEEP, toml.encode())
     store.write(PLAN, plan_content(plan, toml))
 
 
-def _work(queue: Queue, crew: Crew, store: Store, told: _Told, *, keep_stages: bool) -> None:
-    outcomes: SimpleQueue[Any] = SimpleQueue()
-    running: dict[Any, str] = {}
-    while queue.left:
-        try:
-            while len(running) < crew.window and (key := queue.next()) is not None:
-                running[_submit(queue, crew, key, outcomes)] = key
-            try:
-                future = outcomes.get(timeout=_LOOK)
-            except Empty:
-                crew.look()
-                continue
-            if future not in running:  # of a scheduler that was lost
-                continue
-            key = running[future]
-            line = _outcome(queue, crew, store, key, future)
-            del running[future]
-        except SchedulerLostError:
-            for key in running.values():
-                queue.again(key)
-            running.clear()
-            crew.reconnect()
-            continue
-        if line == "":
-            queue.again(key)
-            continue
-        if queue.kind(key) == POINT:
-            told.add(line is None, line is not None)
-        for stage in queue.done(key):
-            if not keep_stages:
-                store.remove(stage_name(stage))
+class _Points(Queue):
+    """What is to be done of a sweep, and what becomes of it."""
 
+    store: Store
+    told: _Told
 
-def _submit(queue: Queue, crew: Crew, key: str, outcomes: "SimpleQueue[Any]") -> Any:
-    try:
-        future = crew.submit(queue.task(key))
-    except SchedulerLostError:
-        queue.again(key)
-        raise
-    future.add_done_callback(outcomes.put)
-    return future
+    def ended(self, key: str, line: str | None) -> None:
+        """Count a point; remove stages that nobody needs any more."""
+        if self.kind(key) == POINT:
+            self.told.add(line is None, line is not None)
+        for stage in self.done(key):
+            if not self.keeps_stages:
+                self.store.remove(stage_name(stage))
 
-
-def _outcome(queue: Queue, crew: Crew, store: Store, key: str, future: Any) -> str | None:
-    """Line by which a task failed, empty if it is to be done again, None if it is done."""
-    try:
-        line: str | None = future.result()
-    except Exception as error:
-        why = crew.lost(key, error)
-        if why is None:
-            raise
-        if why:
-            name = point_name if queue.kind(key) == POINT else stage_name
-            store.write(name(key, failed=True), failure_content(SweepError(why)))
-        return why
-    return line
+    def lost(self, key: str, line: str) -> None:
+        """Write down why a task failed whose worker could not."""
+        name = point_name if self.kind(key) == POINT else stage_name
+        self.store.write(name(key, failed=True), failure_content(SweepError(line)))

@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
@@ -10,7 +10,7 @@ from pymantaray.errors import SweepError, WriteError
 from pymantaray.records import whole_file
 
 SWEEP, PLAN = "sweep.toml", "plan.json"
-_OURS, _PART = {SWEEP, PLAN, "points", "stages", "studies"}, ".part"
+OURS, _PART = {SWEEP, PLAN, "points", "stages", "studies"}, ".part"
 _ATOMIC = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")  # an object is there when all of it is
 _STALE = 3600.0  # age at which a file with a temporary name is of a process that was killed [s]
 
@@ -69,14 +69,14 @@ class Store:
         with suppress(OSError):
             (self._path / name).unlink()
 
-    def claim(self) -> None:
+    def claim(self, kind: str, marker: str, ours: Collection[str]) -> None:
         """Refuse a place that holds something else, and remove what killed processes have left half written."""
         if self._path.exists() and not self._path.is_dir():
             raise SweepError(f"{self.url}: is a file; give a folder")
         others = {path.name for path in self._path.iterdir()} if self._path.exists() else set()
-        if not self.has(SWEEP) and not all(name in _OURS or name.endswith(_PART) for name in others):
+        if not self.has(marker) and not all(name in ours or name.endswith(_PART) for name in others):
             raise SweepError(
-                f"{self.url}: holds something, and no sweep; give a new folder, or one of a sweep"
+                f"{self.url}: holds something, and no {kind}; give a new folder, or one of the same {kind}"
             )
         for folder, _, files in os.walk(self._path):
             for path in (Path(folder, file) for file in files if file.endswith(_PART)):
@@ -131,7 +131,7 @@ class _Objects(Store):
         with suppress(OSError):
             self._files.rm_file(str(self._root / name))
 
-    def claim(self) -> None:
+    def claim(self, kind: str, marker: str, ours: Collection[str]) -> None:
         pass
 
 

@@ -1,4 +1,4 @@
-"""Who does the tasks: processes of this machine, or the workers of a Dask scheduler."""
+"""Who does the tasks: processes of this machine, or the workers of a Dask scheduler; and how tasks are given out to them."""
 
 import logging
 import os
@@ -8,11 +8,11 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from pymantaray.errors import SweepError
 from pymantaray.study.workers import WorkerEndedError, Workers
-from pymantaray.sweep.tasks import Task, perform
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -22,6 +22,45 @@ _ATTEMPTS = 3  # at a task whose worker ends
 _DASK_WINDOW = 4096  # tasks that the scheduler is given ahead
 _ANSWER = 10.0  # within which a scheduler answers first [s]
 _PATIENCE = 60.0  # for a scheduler that is gone to come back [s]
+_LOOK = 5.0  # between looks at whether the scheduler is there [s]
+
+
+class Task(Protocol):
+    """Something to be done, which can be sent to a worker."""
+
+    @property
+    def kind(self) -> str:
+        """What sort of task it is."""
+
+    @property
+    def key(self) -> str:
+        """Its name: the hash of all that its result depends on."""
+
+
+Work = Callable[[Any], str | None]
+"""Does a task unless it is done, and writes what becomes of it; gives the line by which it failed, None if it did not."""
+
+
+class Queue(Protocol):
+    """Tasks that are still to be done."""
+
+    left: int
+    """How many."""
+
+    def next(self) -> str | None:
+        """Key of a task that can be begun; None if all that can be are."""
+
+    def again(self, key: str) -> None:
+        """Take back a task that was given out and not done."""
+
+    def task(self, key: str) -> Task:
+        """All that it takes to do a task."""
+
+    def ended(self, key: str, line: str | None) -> None:
+        """Note that a task is done, or the line by which it failed."""
+
+    def lost(self, key: str, line: str) -> None:
+        """Write down why a task failed whose worker could not."""
 
 
 class SchedulerLostError(SweepError):
@@ -31,9 +70,9 @@ class SchedulerLostError(SweepError):
 class Crew:
     """Processes of this machine, one thread each, which end with this one."""
 
-    def __init__(self, url: str, workers: int | None) -> None:
+    def __init__(self, work: Work, workers: int | None) -> None:
         count = workers or os.cpu_count() or 1
-        self._workers = Workers(partial(_start, url), count)
+        self._workers = Workers(partial(_start, work), count)
         self._attempts: Counter[str] = Counter()
         self.window = 2 * count
         """Tasks that are given out at a time."""
@@ -65,25 +104,79 @@ class Crew:
         """Wait for the scheduler; raises `SweepError` where it does not come back."""
 
 
-def crew_of(url: str, client: "Client | str | None", workers: int | None) -> Crew:
-    """Workers for a store: of a Dask client or its scheduler's address, or processes of this machine."""
-    return Crew(url, workers) if client is None else _Dask(url, client)
+def crew_of(work: Work, client: "Client | str | None", workers: int | None) -> Crew:
+    """Workers: of a Dask client or its scheduler's address, or processes of this machine."""
+    return Crew(work, workers) if client is None else _Dask(work, client)
 
 
-def _start(url: str) -> Callable[[Task], str | None]:
-    return partial(perform, url)
+def _start(work: Work) -> Work:
+    return work
+
+
+def do_all(queue: Queue, crew: Crew) -> None:
+    """Give tasks out as they can be begun, until none is left; one whose worker ends is given out again."""
+    outcomes: SimpleQueue[Any] = SimpleQueue()
+    running: dict[Any, str] = {}
+    while queue.left:
+        try:
+            while len(running) < crew.window and (key := queue.next()) is not None:
+                running[_submit(queue, crew, key, outcomes)] = key
+            try:
+                future = outcomes.get(timeout=_LOOK)
+            except Empty:
+                crew.look()
+                continue
+            if future not in running:  # of a scheduler that was lost
+                continue
+            key = running[future]
+            line = _outcome(queue, crew, key, future)
+            del running[future]
+        except SchedulerLostError:
+            for key in running.values():
+                queue.again(key)
+            running.clear()
+            crew.reconnect()
+            continue
+        if line == "":
+            queue.again(key)
+        else:
+            queue.ended(key, line)
+
+
+def _submit(queue: Queue, crew: Crew, key: str, outcomes: "SimpleQueue[Any]") -> Any:
+    try:
+        future = crew.submit(queue.task(key))
+    except SchedulerLostError:
+        queue.again(key)
+        raise
+    future.add_done_callback(outcomes.put)
+    return future
+
+
+def _outcome(queue: Queue, crew: Crew, key: str, future: Any) -> str | None:
+    """Line by which a task failed, empty if it is to be done again, None if it is done."""
+    try:
+        line: str | None = future.result()
+    except Exception as error:
+        why = crew.lost(key, error)
+        if why is None:
+            raise
+        if why:
+            queue.lost(key, why)
+        return why
+    return line
 
 
 class _Dask(Crew):
     """Workers of a Dask scheduler."""
 
-    def __init__(self, url: str, client: "Client | str") -> None:
+    def __init__(self, work: Work, client: "Client | str") -> None:
         try:
             import distributed
         except ImportError:
             raise SweepError("a scheduler needs Dask: pip install 'pymantaray[dask]'") from None
         self._dask: Any = distributed
-        self._url, self._scheduler, self.window = url, client, _DASK_WINDOW
+        self._work, self._scheduler, self.window = work, client, _DASK_WINDOW
         self._client: Any = None
         self._has_workers = True
 
@@ -100,7 +193,7 @@ class _Dask(Crew):
 
     def submit(self, task: Task) -> Any:
         try:
-            return self._client.submit(perform, self._url, task, key=f"{task.kind}-{task.key}")
+            return self._client.submit(self._work, task, key=f"{task.kind}-{task.key}")
         except (OSError, RuntimeError, ValueError) as error:  # a client that is closed
             self.look()
             raise SchedulerLostError(str(error)) from None
