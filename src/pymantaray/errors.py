@@ -60,3 +60,7 @@ class SweepError(MantaRayError):
 
 class ServiceError(MantaRayError):
     """A ping, or what a ranging service or its server is made of, is not what it can take."""
+
+
+class AtlasError(MantaRayError):
+    """An atlas cannot be made of what is asked for, or a file is none."""

@@ -213,7 +213,7 @@ def test_each_task_follows_the_stage_that_it_needs(depths):
 
 def test_a_worker_of_another_version_is_refused_in_one_line(small, tmp_path):
     task = Task(POINT, keys(small, {}), small, frozenset(), version="99")
-    with pytest.raises(SweepError, match=r"^this worker has pymantaray .*, the sweep 99: install the same$"):
+    with pytest.raises(SweepError, match=r"^this worker has pymantaray .*, the task 99: install the same$"):
         perform(str(tmp_path), task)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import pymantaray
-from pymantaray.cli import graph, ocean, rays, serve, study, sweep
+from pymantaray.cli import atlas, graph, ocean, rays, serve, study, sweep
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
 
@@ -21,6 +21,7 @@ app = typer.Typer(
 )
 app.add_typer(study.app, name="study")
 app.add_typer(sweep.app, name="sweep")
+app.add_typer(atlas.app, name="atlas")
 app.add_typer(ocean.app, name="ocean")
 app.add_typer(graph.app, name="graph")
 app.add_typer(rays.app, name="rays")

@@ -6,6 +6,7 @@ import io
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from math import isnan
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 EXIT_KNOWN_ERROR = 2
 Report = Callable[[str, int, int], None]
 """Told the name of a stage, how many of its parts are done, and how many there are."""
+_LINE_EVERY = 60.0  # where no bar can be shown [s]
 
 
 class _Stream(io.TextIOBase):
@@ -127,6 +129,59 @@ def progress_bars(*, quiet: bool) -> Iterator[Report | None]:
             progress.update(tasks[stage], completed=done, total=total)
 
         yield report
+
+
+@contextmanager
+def counted_progress(noun: str, *, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
+    """A bar with points or blocks done, failed and left and the time left; a line a minute where standard error is no terminal."""
+    if quiet or sys.stderr is None:
+        yield None
+        return
+    if not sys.stderr.isatty():
+        yield _lines(noun)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeRemainingColumn as Left
+
+    columns = (
+        TextColumn(noun),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[failed]} failed"),
+        TimeElapsedColumn(),
+        Left(elapsed_when_finished=False),
+        TextColumn("left"),
+    )
+    with Progress(*columns, console=Console(stderr=True), speed_estimate_period=3600.0) as bars:
+        task = bars.add_task(noun, failed=0, total=None)
+        yield lambda done, failed, total: bars.update(
+            task, completed=done + failed, failed=failed, total=total
+        )
+
+
+def _lines(noun: str) -> Callable[[int, int, int], None]:
+    start = latest = time.monotonic()
+    first: list[int] = []
+
+    def tell(done: int, failed: int, total: int) -> None:
+        nonlocal latest
+        now, first[:] = time.monotonic(), first or [done + failed]
+        new = done + failed - first[0]
+        if new and now - latest >= _LINE_EVERY:
+            latest = now
+            left = duration((now - start) / new * (total - done - failed))
+            print(f"{done} done, {failed} failed of {total} {noun}; {left} left", file=sys.stderr)  # noqa: T201
+
+    return tell
+
+
+def duration(seconds: float) -> str:
+    """A time in words, as ``4.2 min``."""
+    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
 
 
 def print_table(title: str, table: "pd.DataFrame", columns: Mapping[str, tuple[str, str]]) -> None:

@@ -1,16 +1,12 @@
 """Commands of `mantaray sweep`; what they need is imported when they run, so that help is quick."""
 
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pymantaray.cli.options import Quiet
-from pymantaray.cli.output import check_output
+from pymantaray.cli.output import check_output, counted_progress, duration
 
 if TYPE_CHECKING:
     from pymantaray.sweep.estimate import Estimate
@@ -20,7 +16,6 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Run many studies: fields of one, crossed or zipped.", no_args_is_help=True)
 
 EXIT_POINTS_FAILED = 1
-_LINE_EVERY = 60.0  # where no bar can be shown [s]
 _LINES = 5  # of reasons why points failed
 
 SweepFile = Annotated[Path, typer.Argument(metavar="FILE", help="A sweep in TOML.")]
@@ -67,7 +62,7 @@ def _print_estimate(plan: "Plan", points: set[str], what: "Estimate", workers: i
 
     counts = ", ".join(f"{stage} {plan.count(stage, points)}" for stage in STAGES)
     typer.echo(f"to do: {counts}, points {len(points)}; what points share is computed once")
-    shared, alone = _duration(what.seconds / workers), _duration(what.unshared_seconds / workers)
+    shared, alone = duration(what.seconds / workers), duration(what.unshared_seconds / workers)
     many = f"{workers} worker{'' if workers == 1 else 's'}"
     typer.echo(f"time: about {shared} on {many}, {alone} if nothing were shared; by {what.origin}")
     size = "" if what.stage_bytes is None else f", {what.stage_bytes / 1e6:.3g} MB for one of each"
@@ -102,7 +97,7 @@ def run(
     sweep = load_sweep(file)
     from pymantaray.sweep import run_sweep  # takes seconds, and not before the file is read
 
-    with _progress(quiet=quiet) as progress:
+    with counted_progress("points", quiet=quiet) as progress:
         results = run_sweep(
             sweep,
             out,
@@ -171,55 +166,3 @@ def _print_status(place: str, status: "Status") -> None:
             f"failed: and {len(status.failures) - _LINES} other reasons; mantaray sweep collect has all",
             err=True,
         )
-
-
-@contextmanager
-def _progress(*, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """A bar with points done, failed and left and the time left; a line a minute where standard error is no terminal."""
-    if quiet or sys.stderr is None:
-        yield None
-        return
-    if not sys.stderr.isatty():
-        yield _lines()
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.progress import TimeRemainingColumn as Left
-
-    columns = (
-        TextColumn("points"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]} failed"),
-        TimeElapsedColumn(),
-        Left(elapsed_when_finished=False),
-        TextColumn("left"),
-    )
-    with Progress(*columns, console=Console(stderr=True), speed_estimate_period=3600.0) as bars:
-        task = bars.add_task("points", failed=0, total=None)
-        yield lambda done, failed, total: bars.update(
-            task, completed=done + failed, failed=failed, total=total
-        )
-
-
-def _lines() -> Callable[[int, int, int], None]:
-    start = latest = time.monotonic()
-    first: list[int] = []
-
-    def tell(done: int, failed: int, total: int) -> None:
-        nonlocal latest
-        now, first[:] = time.monotonic(), first or [done + failed]
-        new = done + failed - first[0]
-        if new and now - latest >= _LINE_EVERY:
-            latest = now
-            left = _duration((now - start) / new * (total - done - failed))
-            typer.echo(f"{done} done, {failed} failed of {total} points; {left} left", err=True)
-
-    return tell
-
-
-def _duration(seconds: float) -> str:
-    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2.0 * size:
-            return f"{seconds / size:.2g} {unit}"
-    return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
@@ -24,7 +24,7 @@ from pymantaray.ocean.convert import (
 )
 from pymantaray.ocean.files import file_name, numbers, open_file, unreadable
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
-from pymantaray.ocean.synthetic import EPOCH, synthetic_ocean
+from pymantaray.ocean.synthetic import EPOCH, synthetic_axes, synthetic_ocean
 from pymantaray.ocean.window import SAME_DEGREES, GeographicWindow, Selection, crop, select
 
 Array = NDArray[np.float64]
@@ -142,6 +142,34 @@ def ocean_times(source: Source) -> NDArray[np.datetime64]:
         return np.array([EPOCH], dtype="datetime64[ns]")
     with Collection(sources) as collection:
         return collection.whole_times("rest")
+
+
+class OceanIndex(NamedTuple):
+    """What a source of `open_ocean` covers, without its fields."""
+
+    lat: Array
+    """Rising. [degrees]"""
+    lon: Array
+    """Rising, across any seam, their middle in -180 to 180. [degrees]"""
+    times: Instants
+    """As `ocean_times` has them."""
+    files: tuple[tuple[str, ...], ...]
+    """Those of the source that hold each of the times."""
+
+
+def ocean_index(source: Source) -> OceanIndex:
+    """Grid and times of a source, and which of its files hold each time."""
+    sources, region = _sources(source)
+    if region is not None:
+        lat, lon = synthetic_axes(region)
+        return OceanIndex(lat, lon, ocean_times(source), ((str(sources[0]),),))
+    with Collection(sources) as collection:
+        times, roles = collection.whole_times("rest"), collection.needed("rest")
+        holds = [{id(part) for part, _ in collection.at(time, roles).values()} for time in times]
+        named = [(str(path), id(part)) for path, part in zip(sources, collection.parts, strict=True)]
+        files = tuple(tuple(path for path, part in named if part in parts) for parts in holds)
+        grid = collection.parts[0].grid
+        return OceanIndex(grid.lat, grid.lon, times, files)
 
 
 def _sources(source: Source) -> tuple[list[str | Path], str | None]:

@@ -54,9 +54,9 @@ def keys(config: StudyConfig, checksums: Mapping[str, str]) -> dict[str, str]:
     out = {}
     for stage in STAGES:
         fields = {field: _pick(tree, field) for field in reads(stage, config)}
-        out[stage] = _digest(stage, fields, checksums)
+        out[stage] = digest(stage, fields, checksums)
     tree["study"] = {key: value for key, value in tree["study"].items() if key not in _TITLES}
-    out[POINT] = _digest(POINT, tree, checksums)
+    out[POINT] = digest(POINT, tree, checksums)
     return out
 
 
@@ -65,7 +65,8 @@ def _pick(tree: dict[str, Any], field: str) -> Any:
     return tree[section][key] if key else tree[section]
 
 
-def _digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
+def digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
+    """Name of a task, from what its result depends on and the checksums of the files that are named there."""
     content = {"kind": kind, "version": pymantaray.__version__, "config": tree}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     for file, checksum in checksums.items():  # what is in a file counts, and not where it is

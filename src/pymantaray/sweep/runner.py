@@ -9,12 +9,12 @@ from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES
 from pymantaray.sweep.plan import Plan, Queue, Told, plan_content
 from pymantaray.sweep.results import SweepResults, open_sweep
-from pymantaray.sweep.stages import failure_content
 from pymantaray.sweep.store import (
     OURS,
     PLAN,
     SWEEP,
     Store,
+    failure_content,
     finished,
     open_store,
     point_name,

@@ -4,7 +4,6 @@ import io
 import json
 import math
 import tempfile
-import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import perf_counter
@@ -14,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import Medium
-from pymantaray.errors import MantaRayError, SweepError, WriteError
+from pymantaray.errors import SweepError, WriteError
 from pymantaray.records import NETCDF_LOCK, Arrivals, RangingTruth, Trajectories
 from pymantaray.sensing import Links, Ranging
 from pymantaray.sensing.schedule import Attempts
@@ -22,20 +21,11 @@ from pymantaray.study import StudyConfig
 from pymantaray.study.assemble import StudyOcean, build_medium
 from pymantaray.study.mission import mission_ocean, range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, narrowed
-from pymantaray.sweep.store import Store, stage_name
+from pymantaray.sweep.store import Store, failure_content, stage_name
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """The latest of each stage that this process has had, after its key, and what it took when it was computed. [s]"""
 _OPTIONAL = ("probability", "loss_db", "delay")
-
-
-def failure_content(error: BaseException) -> bytes:
-    """What a file says of a task that failed: one line, and for what nobody foresaw where it was."""
-    line = str(error).partition("\n")[0]
-    content = {"error": line if isinstance(error, MantaRayError) else f"{type(error).__name__}: {line}"}
-    if not isinstance(error, MantaRayError):
-        content["traceback"] = "".join(traceback.format_exception(error))
-    return json.dumps(content, indent=1).encode()
 
 
 class Stages:

@@ -1,12 +1,14 @@
 """Where results are: a folder, or an object store by fsspec, of small files that are there whole or not at all."""
 
+import json
 import os
 import time
+import traceback
 from collections.abc import Collection, Iterable
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
-from pymantaray.errors import SweepError, WriteError
+from pymantaray.errors import MantaRayError, SweepError, WriteError
 from pymantaray.records import whole_file
 
 SWEEP, PLAN = "sweep.toml", "plan.json"
@@ -23,6 +25,15 @@ def point_name(key: str, *, failed: bool = False) -> str:
 def stage_name(key: str, *, failed: bool = False) -> str:
     """Name of a shared stage's file."""
     return f"stages/{key}{'.failed.json' if failed else '.nc'}"
+
+
+def failure_content(error: BaseException) -> bytes:
+    """What a file says of a task that failed: one line, and for what nobody foresaw where it was."""
+    line = str(error).partition("\n")[0]
+    content = {"error": line if isinstance(error, MantaRayError) else f"{type(error).__name__}: {line}"}
+    if not isinstance(error, MantaRayError):
+        content["traceback"] = "".join(traceback.format_exception(error))
+    return json.dumps(content, indent=1).encode()
 
 
 class Store:

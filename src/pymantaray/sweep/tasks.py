@@ -2,13 +2,11 @@
 
 import json
 import math
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import pymantaray
-from pymantaray.errors import SweepError, WriteError
 from pymantaray.evaluation import (
     ALL_LINKS,
     consistency_summary,
@@ -26,10 +24,10 @@ from pymantaray.study.realization import RealizationSolver, collect_results
 from pymantaray.study.runner import refuse_too_large, run_study
 from pymantaray.study.store import run_in_memory
 from pymantaray.sweep.keys import POINT, STAGES
-from pymantaray.sweep.stages import Stages, failure_content
-from pymantaray.sweep.store import Store, open_store, point_name
+from pymantaray.sweep.stages import Stages
+from pymantaray.sweep.store import Store, point_name
+from pymantaray.sweep.workers import attempt
 
-_ALONE = threading.Lock()  # threads of one worker take turns: the numerical libraries are not made for more
 _CONSISTENCY = {"median_ratio": "ratio", "inside": "inside", "tests": "tests"}
 
 
@@ -54,29 +52,18 @@ class Task:
 
 def perform(url: str, task: Task) -> str | None:
     """Do a task unless it is done; the line by which it failed, None if it did not. What the store refuses is raised."""
-    with _ALONE:
-        if task.version != pymantaray.__version__:
-            raise SweepError(
-                f"this worker has pymantaray {pymantaray.__version__}, the sweep {task.version}: install the same"
-            )
-        store = open_store(url)
-        stages = Stages(task.config, task.keys, store, task.shared)
-        try:
-            if task.kind != POINT:
-                stages.ensure(task.kind)
-            elif not store.has(point_name(task.key)):
-                content = _solve(task, stages, store)
-                store.write(point_name(task.key), json.dumps(content, indent=1).encode())
-                store.remove(point_name(task.key, failed=True))
-        except WriteError:
-            raise
-        except Exception as error:  # noqa: BLE001  a point that fails is a result
-            failure = failure_content(error)
-            if task.kind == POINT:
-                store.write(point_name(task.key, failed=True), failure)
-            line: str = json.loads(failure)["error"]
-            return line
-    return None
+    failed = point_name(task.key, failed=True) if task.kind == POINT else None  # a stage tells it itself
+    return attempt(url, task, _do, failed)
+
+
+def _do(store: Store, task: Task) -> None:
+    stages = Stages(task.config, task.keys, store, task.shared)
+    if task.kind != POINT:
+        stages.ensure(task.kind)
+    elif not store.has(point_name(task.key)):
+        content = _solve(task, stages, store)
+        store.write(point_name(task.key), json.dumps(content, indent=1).encode())
+        store.remove(point_name(task.key, failed=True))
 
 
 def _solve(task: Task, stages: Stages, store: Store) -> dict[str, Any]:

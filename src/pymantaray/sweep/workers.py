@@ -1,7 +1,9 @@
 """Who does the tasks: processes of this machine, or the workers of a Dask scheduler; and how tasks are given out to them."""
 
+import json
 import logging
 import os
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -9,19 +11,22 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from functools import partial
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
-from pymantaray.errors import SweepError
+import pymantaray
+from pymantaray.errors import SweepError, WriteError
 from pymantaray.study.workers import WorkerEndedError, Workers
+from pymantaray.sweep.store import Store, failure_content, open_store
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client as Client  # noqa: PLC0414  a type for those who pass one on
 
 _LOG = logging.getLogger("pymantaray.sweep")
 _ATTEMPTS = 3  # at a task whose worker ends
 _DASK_WINDOW = 4096  # tasks that the scheduler is given ahead
 _ANSWER = 10.0  # within which a scheduler answers first [s]
 _PATIENCE = 60.0  # for a scheduler that is gone to come back [s]
+_ALONE = threading.Lock()  # threads of one worker take turns: the numerical libraries are not made for more
 _LOOK = 5.0  # between looks at whether the scheduler is there [s]
 
 
@@ -36,9 +41,35 @@ class Task(Protocol):
     def key(self) -> str:
         """Its name: the hash of all that its result depends on."""
 
+    @property
+    def version(self) -> str:
+        """Of the package that gave it out."""
 
+
+TaskT = TypeVar("TaskT", bound=Task)
 Work = Callable[[Any], str | None]
 """Does a task unless it is done, and writes what becomes of it; gives the line by which it failed, None if it did not."""
+
+
+def attempt(url: str, task: TaskT, do: Callable[[Store, TaskT], None], failed_name: str | None) -> str | None:
+    """Do a task whose result goes into a store; the line by which it failed, which is also left there under a name."""
+    with _ALONE:
+        if task.version != pymantaray.__version__:
+            raise SweepError(
+                f"this worker has pymantaray {pymantaray.__version__}, the task {task.version}: install the same"
+            )
+        store = open_store(url)
+        try:
+            do(store, task)
+        except WriteError:
+            raise
+        except Exception as error:  # noqa: BLE001  a task that fails is a result
+            content = failure_content(error)
+            if failed_name is not None:
+                store.write(failed_name, content)
+            line: str = json.loads(content)["error"]
+            return line
+    return None
 
 
 class Queue(Protocol):

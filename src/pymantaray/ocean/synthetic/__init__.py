@@ -41,10 +41,16 @@ class Region:
     floor: Callable[[Grid], Array]
     reference_height: Callable[[Grid], Array]
 
+    def axes(self) -> tuple[Array, Array]:
+        """Latitudes and longitudes of the grid. [degrees]"""
+        return (
+            _centred(self.latitude_deg, _LAT_STEP, self.n_lat),
+            _centred(self.longitude_deg, _LON_STEP, self.n_lon),
+        )
+
     def grid(self) -> Grid:
         """HYCOM's grid around the region's centre."""
-        lat = _centred(self.latitude_deg, _LAT_STEP, self.n_lat)
-        lon = _centred(self.longitude_deg, _LON_STEP, self.n_lon)
+        lat, lon = self.axes()
         frame = LocalFrame(self.latitude_deg, self.longitude_deg)
         north, east = frame.to_local(lat[:, None], lon[None, :])
         return Grid(np.array(HYCOM_DEPTHS), lat, lon, north, east)
@@ -70,9 +76,7 @@ def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Datase
     drawn at random. Currents balance the density of the finished fields geostrophically, on top of a weak
     current that is the same at all depths.
     """
-    if region not in REGIONS:
-        raise OceanError(f"synthetic ocean {region!r} is unknown; there are {', '.join(sorted(REGIONS))}")
-    definition = REGIONS[region]
+    definition = _region(region)
     instant = parse_instant(time)
     elapsed = float((instant - np.datetime64(EPOCH)) / np.timedelta64(1, "s"))
     grid = definition.grid()
@@ -99,6 +103,17 @@ def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Datase
         source="pymantaray.ocean.synthetic: water masses from the literature, geostrophic currents",
         synthetic=True,
     )
+
+
+def synthetic_axes(region: str) -> tuple[Array, Array]:
+    """Latitudes and longitudes of a region's grid. [degrees]"""
+    return _region(region).axes()
+
+
+def _region(name: str) -> Region:
+    if name not in REGIONS:
+        raise OceanError(f"synthetic ocean {name!r} is unknown; there are {', '.join(sorted(REGIONS))}")
+    return REGIONS[name]
 
 
 def _centred(middle: float, step: float, count: int) -> Array:

@@ -1,0 +1,152 @@
+"""One column of an ocean: the water around it as a study centred there would have it, and the errors of its links."""
+
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium, find_eigenrays, select
+from pymantaray.atlas.links import CONVENTIONS, AtlasLinks
+from pymantaray.estimation.range_models import ConstantSpeed, TransmitterSpeed
+from pymantaray.evaluation.ranging_error import range_errors
+from pymantaray.ocean import to_local
+from pymantaray.ocean.seawater import Equation
+from pymantaray.ocean.window import Window, rectangle
+from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus
+
+Array = NDArray[np.float64]
+SPLINE = 8  # grid points beyond the domain that its water is interpolated from
+WATER, LAND, EDGE = 0, 1, 2
+"""What a column is; too near to the edge of the data for its links to fit in."""
+
+
+class ColumnErrors(NamedTuple):
+    """What there is to say of one column."""
+
+    range_error: Array
+    """Shape (convention, pair, distance, bearing), as the next two. NaN without a direct arrival. [m]"""
+    reference_speed_error: Array
+    bending_error: Array
+    link_status: NDArray[np.int8]
+    """Shape (pair, distance, bearing), as the next."""
+    arrivals_within: NDArray[np.int16]
+    no_direct_path: Array
+    """Share (pair, distance) of the bearings; NaN where no receiver is in the water."""
+    worst_range_error: Array
+    """Largest magnitude (convention, pair, distance) over the bearings. [m]"""
+    safe_distance: Array
+    """Shape (convention, safe). [m]"""
+
+
+def medium_at(
+    ocean: xr.Dataset,
+    place: tuple[float, float],
+    links: AtlasLinks,
+    *,
+    equation: Equation = "teos-10",
+    sea_floor: xr.DataArray | None = None,
+) -> Medium | None:
+    """
+    Water around a place that lies in the ocean's window, in a local frame centred there; None where the links do not fit in.
+
+    It is made of the grid points in the rectangle that holds all links and of `SPLINE` more on each side, so that it does not
+    depend on how much of the ocean is at hand.
+    """
+    half = links.half_extent
+    window = Window.of(ocean, place)
+    if not window.holds(half, half):
+        return None
+    sides = window.geographic(*rectangle(half, half))
+    rows, columns = (_around(axis, x) for axis, x in zip((window.lat, window.lon), sides, strict=True))
+    local = to_local(
+        ocean.isel(lat=rows, lon=columns), place, (half, half), sea_floor=sea_floor, equation=equation
+    )
+    return Medium.from_dataset(local, interpolation=links.interpolation)
+
+
+def _around(axis: Array, reach: Array) -> slice:
+    first = int(np.searchsorted(axis, reach.min(), side="right")) - 1
+    last = int(np.searchsorted(axis, reach.max(), side="left"))
+    return slice(max(first - SPLINE, 0), last + SPLINE + 1)
+
+
+def column_errors(medium: Medium, links: AtlasLinks) -> ColumnErrors:
+    """Errors of the links about the centre of a medium's frame."""
+    transmitter, receiver = links.ends()
+    cutoff = links.spreading_cutoff_db
+    options: dict[str, Any] = {"spreading_cutoff_db": cutoff, "tolerance": links.tolerance, "threads": 1}
+    arrivals = find_eigenrays(medium, transmitter, receiver, **options)
+    direct = select(arrivals, "direct")
+    most = links.max_surface_bounces, links.max_bottom_bounces
+    if any(most):
+        arrivals = find_eigenrays(medium, transmitter, receiver, *most, **options)
+    distance = np.linalg.norm(receiver - transmitter, axis=-1)
+    parts = [
+        range_errors(RangingTruth(distance, speed, direct.travel_time, direct.chord_travel_time))
+        for speed in _speeds(direct, distance, links.nominal_sound_speed)
+    ]
+    total, reference, bending = (
+        np.stack([getattr(part, name) for part in parts]).reshape(len(CONVENTIONS), *links.shape)
+        for name in ("total", "reference_speed", "bending")
+    )
+    status = direct.status.reshape(links.shape)
+    return ColumnErrors(
+        range_error=total,
+        reference_speed_error=reference,
+        bending_error=bending,
+        link_status=status,
+        arrivals_within=_count_within(arrivals, links.within_db).reshape(links.shape),
+        no_direct_path=_share_without(status),
+        worst_range_error=_worst(total, axis=-1),
+        safe_distance=_safe_distance(total, links),
+    )
+
+
+def _speeds(direct: FirstArrivals, distance: Array, nominal: float) -> list[Array]:
+    """Sound speed by which each link's travel time is made a range, for each of the `CONVENTIONS`. [m s⁻¹]"""
+    measured = TransmitterSpeed()
+    at_transmitter = measured.speed(direct.source_sound_speed)
+    at_receiver = measured.speed(direct.receiver_sound_speed)
+    return [
+        at_transmitter,
+        at_receiver,
+        0.5 * (at_transmitter + at_receiver),
+        distance / direct.chord_travel_time,
+        ConstantSpeed(nominal).speed(distance),
+    ]
+
+
+def _count_within(arrivals: Arrivals, within_db: float) -> NDArray[np.int16]:
+    """Number of each link's arrivals that are about as strong as its strongest, by their spreading."""
+    loss = np.where(np.isnan(arrivals.spreading_db), np.inf, arrivals.spreading_db)
+    least = np.full(arrivals.status.size, np.inf)
+    np.minimum.at(least, arrivals.link, loss)
+    strong = loss <= least[arrivals.link] + within_db
+    return np.bincount(arrivals.link[strong], minlength=least.size).astype(np.int16)
+
+
+def _share_without(status: NDArray[np.int8]) -> Array:
+    in_water = (status != RayStatus.OUTSIDE).sum(axis=-1)
+    heard = (status == RayStatus.OK).sum(axis=-1)
+    return np.where(in_water > 0, 1.0 - heard / np.maximum(in_water, 1), np.nan)
+
+
+def _worst(error: Array, axis: int | tuple[int, ...]) -> Array:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # no link is heard
+        return np.asarray(np.nanmax(np.abs(error), axis=axis))
+
+
+def _safe_distance(error: Array, links: AtlasLinks) -> Array:
+    """
+    Greatest of the distances up to which all direct ranges, of all pairs and bearings, err by no more than what is safe.
+
+    0 where those of the shortest distance err by more, NaN where it has none. A distance without any ends it.
+    """
+    worst = _worst(error, (1, 3))
+    safe = worst[:, None] <= np.array(links.safe)[:, None]  # NaN is not
+    steps = np.logical_and.accumulate(safe, axis=-1).sum(axis=-1)
+    reach = np.array([0.0, *links.distances])[steps]
+    return np.where(np.isnan(worst[:, :1]), np.nan, reach)

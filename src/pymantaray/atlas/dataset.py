@@ -1,0 +1,275 @@
+"""The file of an atlas: what is in it, by the CF conventions, and how it is put together of blocks without holding them all."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+import pymantaray
+from pymantaray.atlas.column import EDGE, LAND, WATER
+from pymantaray.atlas.links import CONVENTIONS, AtlasLinks
+from pymantaray.atlas.plan import Atlas
+from pymantaray.errors import AtlasError
+from pymantaray.records import NETCDF_LOCK, RayStatus, whole_file
+
+FORMAT = "pymantaray atlas 1"
+_LINK = ("pair", "distance", "bearing")
+_PLACE = ("time", "lat", "lon")
+_SECOND = np.timedelta64(1, "s")
+_EPOCH = np.datetime64("1970-01-01T00:00:00", "ns")
+
+
+class Variable(NamedTuple):
+    """One variable over the columns."""
+
+    dims: tuple[str, ...]
+    """Besides time, lat and lon."""
+    dtype: str
+    nothing: float
+    """Where a column is land or too near to the edge."""
+    attrs: dict[str, Any]
+
+
+def _length(name: str) -> dict[str, Any]:
+    return {"long_name": name, "units": "m"}
+
+
+def _flags(name: str, meanings: Iterable[tuple[str, int]]) -> dict[str, Any]:
+    words, values = zip(*meanings, strict=True)
+    return {
+        "long_name": name,
+        "flag_values": np.array(values, dtype="i1"),
+        "flag_meanings": " ".join(words),
+        "units": "1",
+    }
+
+
+_BY_CONVENTION = ("convention", *_LINK)
+VARIABLES = {
+    "column_status": Variable(
+        (), "i1", EDGE, _flags("what a column is", (("water", WATER), ("land", LAND), ("edge", EDGE)))
+    ),
+    "range_error": Variable(
+        _BY_CONVENTION,
+        "f4",
+        np.nan,
+        _length("sound speed of the convention times travel time, minus distance"),
+    ),
+    "reference_speed_error": Variable(
+        _BY_CONVENTION, "f4", np.nan, _length("its part by the reference speed: travel time along the chord")
+    ),
+    "bending_error": Variable(
+        _BY_CONVENTION, "f4", np.nan, _length("its part by bending: travel time less that along the chord")
+    ),
+    "link_status": Variable(
+        _LINK,
+        "i1",
+        RayStatus.OUTSIDE,
+        _flags("outcome of the link, without reflections", ((s.name.lower(), s.value) for s in RayStatus)),
+    ),
+    "arrivals_within": Variable(
+        _LINK, "i2", 0, {"long_name": "arrivals about as strong as the strongest", "units": "1"}
+    ),
+    "no_direct_path": Variable(
+        ("pair", "distance"),
+        "f4",
+        np.nan,
+        {
+            "long_name": "share of the bearings without a direct path, of those with a receiver in the water",
+            "units": "1",
+        },
+    ),
+    "worst_range_error": Variable(
+        ("convention", "pair", "distance"),
+        "f4",
+        np.nan,
+        _length("largest magnitude of range_error over the bearings"),
+    ),
+    "safe_distance": Variable(
+        ("convention", "safe"),
+        "f4",
+        np.nan,
+        _length("distance up to which no direct range of any pair and bearing errs by more than safe"),
+    ),
+}
+
+
+def shape_of(variable: Variable, links: AtlasLinks) -> tuple[int, ...]:
+    """Lengths of a variable's own dimensions."""
+    sizes = dict(zip(_LINK, links.shape, strict=True))
+    sizes |= {"convention": len(CONVENTIONS), "safe": len(links.safe)}
+    return tuple(sizes[name] for name in variable.dims)
+
+
+def coordinates(atlas: Atlas) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    """Dimensions, values and attributes of everything that is not over the columns."""
+    links, (lat_bounds, lon_bounds) = atlas.links, atlas.cells()
+    pairs = np.array(links.pairs)
+    depth = {"standard_name": "depth", "units": "m", "positive": "down"}
+    time = {"standard_name": "time", "axis": "T", "units": "seconds since 1970-01-01", "calendar": "standard"}
+    north = {"standard_name": "latitude", "units": "degrees_north", "axis": "Y", "bounds": "lat_bounds"}
+    east = {"standard_name": "longitude", "units": "degrees_east", "axis": "X", "bounds": "lon_bounds"}
+    return {
+        "time": (("time",), (atlas.times - _EPOCH) / _SECOND, time),
+        "lat": (("lat",), atlas.lat, north),
+        "lon": (("lon",), atlas.lon, east),
+        "lat_bounds": (("lat", "bound"), lat_bounds, {}),
+        "lon_bounds": (("lon", "bound"), lon_bounds, {}),
+        "convention": (
+            ("convention",),
+            np.array(CONVENTIONS, dtype=object),
+            {"long_name": "sound speed that a travel time is multiplied with"},
+        ),
+        "transmitter_depth": (("pair",), pairs[:, 0], depth | {"long_name": "depth of the transmitter"}),
+        "receiver_depth": (("pair",), pairs[:, 1], depth | {"long_name": "depth of the receiver"}),
+        "distance": (("distance",), np.array(links.distances), _length("horizontal distance")),
+        "bearing": (
+            ("bearing",),
+            links.bearings_deg,
+            {"long_name": "from transmitter to receiver, clockwise from north", "units": "degree"},
+        ),
+        "safe": (("safe",), np.array(links.safe), _length("range error that is put up with")),
+    }
+
+
+def attributes(atlas: Atlas, title: str, synthetic: bool) -> dict[str, Any]:
+    """Global attributes of an atlas' file."""
+    links = atlas.links
+    cutoff = "none" if links.spreading_cutoff_db is None else f"{links.spreading_cutoff_db:g} dB"
+    return {
+        "Conventions": "CF-1.8",
+        "format": FORMAT,
+        "atlas_key": atlas.key,
+        "title": f"Bias of straight-line ranging: {title}",
+        "ocean": title,
+        "source": f"pymantaray {pymantaray.__version__}, eigenrays through {', '.join(atlas.files)}",
+        "synthetic": int(synthetic),
+        "nominal_sound_speed": links.nominal_sound_speed,
+        "spreading_cutoff": cutoff,
+        "arrivals_within_db": links.within_db,
+        "max_surface_bounces": links.max_surface_bounces,
+        "max_bottom_bounces": links.max_bottom_bounces,
+        "interpolation": links.interpolation,
+        "sound_speed_equation": atlas.equation,
+        "comment": "range_error is reference_speed_error + bending_error; NaN where no direct arrival is admitted."
+        " The transmitter is at the column.",
+    }
+
+
+def write_atlas(
+    atlas: Atlas,
+    blocks: Iterable[tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]],
+    path: Path,
+    *,
+    title: str,
+    synthetic: bool,
+) -> None:
+    """Write the file of an atlas block by block, whole or not at all."""
+    from netCDF4 import Dataset
+
+    with whole_file(path) as temporary, NETCDF_LOCK, Dataset(temporary, "w", format="NETCDF4") as file:
+        file.setncatts(attributes(atlas, title, synthetic))
+        for name, (dims, values, attrs) in coordinates(atlas).items():
+            for dim, size in zip(dims, np.shape(values), strict=True):
+                if dim not in file.dimensions:
+                    file.createDimension(dim, size)
+            variable = file.createVariable(name, str if values.dtype == object else "f8", dims)
+            variable.setncatts(attrs)
+            variable[:] = values
+        for name, (dims, dtype, _, attrs) in VARIABLES.items():
+            variable = file.createVariable(
+                name,
+                dtype,
+                (*_PLACE, *dims),
+                compression="zlib",
+                complevel=2,
+                shuffle=True,
+                chunksizes=(1, *_chunk(atlas), *shape_of(VARIABLES[name], atlas.links)),
+                fill_value=np.float32(np.nan) if dtype == "f4" else False,
+            )
+            variable.setncatts(attrs)
+            if "pair" in dims:
+                variable.setncattr("coordinates", "transmitter_depth receiver_depth")
+        for (time, rows, columns), values in blocks:
+            for name, array in values.items():
+                file[name][time, rows, columns] = array
+
+
+def _chunk(atlas: Atlas) -> tuple[int, int]:
+    _, rows, columns = atlas.blocks[0].place
+    n_lat, n_lon = atlas.shape[1:]
+    return min(rows.stop, n_lat), min(columns.stop, n_lon)
+
+
+def open_atlas(path: str | Path) -> xr.Dataset:
+    """
+    An atlas that was written before, read as its parts are asked for.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+
+    Returns
+    -------
+    xarray.Dataset
+        Over time, lat and lon, and what each variable says; to be closed.
+
+    Raises
+    ------
+    AtlasError
+        If the file is none.
+    """
+    try:
+        dataset = xr.open_dataset(path, engine="netcdf4")
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = (isinstance(error, OSError) and error.strerror) or str(error).partition("\n")[0]
+        raise AtlasError(f"{path}: not a readable NetCDF file: {reason}") from None
+    if dataset.attrs.get("format") != FORMAT:
+        dataset.close()
+        raise AtlasError(f"{path}: not an atlas of this version; make one with mantaray atlas run")
+    return dataset
+
+
+def safety_table(atlas: xr.Dataset) -> pd.DataFrame:
+    """
+    How much of an atlas straight-line ranging is safe in.
+
+    Parameters
+    ----------
+    atlas : xarray.Dataset
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each convention and distance: ``convention``, ``distance_m``, ``no_direct_path_percent``,
+        ``median_m`` and ``p95_m`` of the largest error of a place (over pairs and bearings), and for each error that is put up
+        with ``safe_to_<error>m_percent``, of the places and times in the water where no direct range errs by more.
+    """
+    rows = []
+    water = (atlas["column_status"] == WATER).values
+    lost = atlas["no_direct_path"].values[water]  # place, pair, distance
+    for c, convention in enumerate(atlas["convention"].values):
+        worst = atlas["worst_range_error"][:, :, :, c].values[water]
+        for d, distance in enumerate(atlas["distance"].values):
+            place = np.fmax.reduce(worst[:, :, d], axis=1)
+            place = place[np.isfinite(place)]
+            share = {
+                f"safe_to_{safe:g}m_percent": 100.0 * float(np.mean(place <= safe)) if place.size else np.nan
+                for safe in atlas["safe"].values
+            }
+            known = lost[:, :, d][np.isfinite(lost[:, :, d])]
+            rows.append(
+                {
+                    "convention": str(convention),
+                    "distance_m": float(distance),
+                    "no_direct_path_percent": 100.0 * float(known.mean()) if known.size else np.nan,
+                    "median_m": float(np.median(place)) if place.size else np.nan,
+                    "p95_m": float(np.percentile(place, 95)) if place.size else np.nan,
+                    **share,
+                }
+            )
+    return pd.DataFrame(rows)

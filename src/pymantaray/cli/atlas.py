@@ -1,0 +1,208 @@
+"""Commands of `mantaray atlas`; what they need is imported when they run, so that help is quick."""
+
+from itertools import combinations_with_replacement
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from pymantaray.cli.ocean import Equation, Files, SeaFloor
+from pymantaray.cli.options import Force, Quiet, SearchOptions, with_options
+from pymantaray.cli.output import check_output, counted_progress, print_table
+from pymantaray.errors import AtlasError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+app = typer.Typer(help="The bias of straight-line ranging in every column of an ocean.", no_args_is_help=True)
+
+AtlasFile = Annotated[Path, typer.Argument(metavar="ATLAS.nc", help="File of an atlas.")]
+
+
+@app.command()
+@with_options
+def run(
+    files: Files,
+    search: SearchOptions,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="ATLAS.nc", help="What is done of it, in ATLAS.nc.blocks, is not done again."
+        ),
+    ],
+    every: Annotated[int, typer.Option("--every", min=1, help="Every n-th column each way.")] = 1,
+    window: Annotated[
+        str | None,
+        typer.Option("--window", metavar="S,N,W,E", help="Columns, in degrees; water beyond is still read."),
+    ] = None,
+    depths: Annotated[
+        str,
+        typer.Option("--depths", metavar="M,...", help="All pairs of these depths, the transmitter above."),
+    ] = "20,200,800",
+    pair: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--pair", metavar="M,M", help="Depths of transmitter and receiver; repeated; instead of --depths."
+        ),
+    ] = None,
+    distances: Annotated[
+        str, typer.Option("--distances", metavar="M,...", help="Horizontal distances in metres, rising.")
+    ] = "2000,5000,10000",
+    bearings: Annotated[
+        int, typer.Option("--bearings", min=1, help="Directions, evenly spaced from north.")
+    ] = 4,
+    nominal: Annotated[
+        float, typer.Option("--nominal", metavar="M/S", help="The one sound speed where nothing is measured.")
+    ] = 1500.0,
+    safe: Annotated[
+        str, typer.Option("--safe", metavar="M,...", help="Range errors that are put up with, rising.")
+    ] = "1,5,20",
+    within_db: Annotated[
+        float, typer.Option("--within-db", help="Count arrivals so much weaker than the strongest, or less.")
+    ] = 10.0,
+    time: Annotated[
+        list[str] | None, typer.Option("--time", help="Instant in UTC; repeated. Default: the first.")
+    ] = None,
+    start: Annotated[str | None, typer.Option("--start", help="First instant (UTC) of a series.")] = None,
+    stop: Annotated[str | None, typer.Option("--stop", help="Last instant (UTC) of a series.")] = None,
+    step_h: Annotated[
+        float | None,
+        typer.Option(
+            "--step-h", help="Hours between instants at least. Default: all; of a synthetic ocean 24."
+        ),
+    ] = None,
+    sea_floor: SeaFloor = None,
+    equation: Equation = "teos-10",
+    interpolation: Annotated[
+        Literal["smooth", "linear"], typer.Option("--interpolation", help="What lies between grid points.")
+    ] = "smooth",
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Processes of this machine.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:PORT.")
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compute an atlas, or what is left of it."""
+    check_output(out, [".nc"], inputs=[Path(name) for name in files], force=True)
+    if pair:
+        pairs = [_numbers("--pair", text, 2) for text in pair]
+    else:
+        pairs = list(combinations_with_replacement(_numbers("--depths", depths), 2))
+    corners = None if window is None else _numbers("--window", window, 4)
+    from pymantaray.atlas import Atlas, AtlasLinks, open_atlas, run_atlas, safety_table
+    from pymantaray.atlas.plan import instants_between
+
+    links = AtlasLinks(
+        pairs=tuple((first, second) for first, second in pairs),
+        distances=_numbers("--distances", distances),
+        bearings=bearings,
+        nominal_sound_speed=nominal,
+        safe=_numbers("--safe", safe),
+        within_db=within_db,
+        max_surface_bounces=search.max_surface_bounces,
+        max_bottom_bounces=search.max_bottom_bounces,
+        spreading_cutoff_db=search.spreading_cutoff_db,
+        tolerance=search.tolerance,
+        interpolation=interpolation,
+    )
+    if (start is None) != (stop is None) or (start is not None and time):
+        raise AtlasError("--start and --stop belong together, and exclude --time")
+    atlas = Atlas(
+        files,
+        links,
+        window=None if corners is None else (corners[0], corners[1], corners[2], corners[3]),
+        every=every,
+        times=instants_between(files, start, stop, step_h) if start and stop else time or None,
+        equation=equation,
+        sea_floor=sea_floor,
+    )
+    if not quiet:
+        n, columns, rows = atlas.shape
+        instants = "1 instant" if n == 1 else f"{n} instants"
+        typer.echo(
+            f"{columns} x {rows} columns, {instants}, {links.count} links each; {len(atlas.blocks)} blocks"
+        )
+    with counted_progress("blocks", quiet=quiet) as progress:
+        run_atlas(atlas, out, client=scheduler, workers=workers, force=force, progress=progress)
+    if not quiet:
+        with open_atlas(out) as dataset:
+            _print(safety_table(dataset))
+    typer.echo(str(out))
+
+
+@app.command()
+def show(file: AtlasFile) -> None:
+    """Print how much of an atlas is safe, by convention and distance."""
+    from pymantaray.atlas import open_atlas, safety_table
+
+    with open_atlas(file) as dataset:
+        typer.echo(f"{dataset.attrs['title']}; {dataset.attrs['source']}")
+        _print(safety_table(dataset))
+
+
+@app.command()
+def plot(
+    file: AtlasFile,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the figures, PNG and PDF.")],
+    convention: Annotated[
+        str, typer.Option("--convention", help="transmitter, receiver, mean, chord or nominal.")
+    ] = "transmitter",
+    distance: Annotated[
+        float | None,
+        typer.Option("--distance", metavar="M", help="One of the atlas'. Default: the middle one."),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            "--at", metavar="LAT,LON", help="Place of the series, where there are several instants."
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Draw maps of where ranging is safe, of the error and of lost paths; the error through time at a place."""
+    from pymantaray.atlas import open_atlas
+    from pymantaray.cli.output import progress_bars
+    from pymantaray.report import write_atlas_plots
+
+    place = None if at is None else _numbers("--at", at, 2)
+    with open_atlas(file) as dataset, progress_bars(quiet=quiet) as progress:
+        paths = write_atlas_plots(
+            dataset,
+            out,
+            convention=convention,
+            distance=distance,
+            place=None if place is None else (place[0], place[1]),
+            progress=progress,
+        )
+    for path in paths:
+        typer.echo(str(path))
+
+
+def _numbers(option: str, text: str, count: int | None = None) -> tuple[float, ...]:
+    """Numbers with commas between."""
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    if not numbers or (count is not None and len(numbers) != count):
+        many = "numbers" if count is None else f"{count} numbers"
+        raise AtlasError(f"{option} is {text!r}; needs {many} with commas between")
+    return numbers
+
+
+def _print(table: "pd.DataFrame") -> None:
+    columns = {
+        "convention": ("convention", ""),
+        "km": ("distance_km", "g"),
+        "no path %": ("no_direct_path_percent", ".1f"),
+        "median m": ("median_m", ".2f"),
+        "95 % m": ("p95_m", ".2f"),
+    }
+    columns |= {
+        f"<{name[8:-9]} m %": (name, ".1f") for name in map(str, table) if name.startswith("safe_to_")
+    }
+    shown = table.assign(distance_km=table["distance_m"] / 1e3)
+    print_table("largest error of a place, and share of the places where it is less", shown, columns)

@@ -1,0 +1,394 @@
+"""Atlases of files: every column where it belongs, the same whoever computes it and in whatever pieces, nothing computed twice."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import cf_xarray  # noqa: F401  the accessor .cf
+import numpy as np
+import pytest
+import xarray as xr
+from refusals import refused
+
+from pymantaray.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_atlas, runner, safety_table
+from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
+from pymantaray.atlas.plan import instants_between
+from pymantaray.errors import AtlasError, OceanError, SweepError, WriteError
+from pymantaray.ocean import open_ocean
+from pymantaray.sweep.workers import crew_of
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Do blocks in this process, and count them."""
+    done = []
+
+    class Done:
+        def __init__(self, value):
+            self.result = lambda: value
+
+        def add_done_callback(self, call):
+            call(self)
+
+    class Crew:
+        window = 1
+
+        def __init__(self, work, *_):
+            self.work = work
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def submit(self, block):
+            done.append(block.key)
+            return Done(self.work(block))
+
+    monkeypatch.setattr(runner, "crew_of", Crew)
+    return done
+
+
+def test_every_column_is_where_it_belongs(here, ocean, file, links, content, tiles, tmp_path):
+    atlas = Atlas(file, links, every=7)
+    own = content(run_atlas(atlas, tmp_path / "atlas.nc"))
+    assert atlas.shape == (1, 5, 7)
+    assert len(here) == 6
+    np.testing.assert_array_equal(own["lat"], ocean["lat"][3::7])
+    np.testing.assert_array_equal(own["lon"], ocean["lon"][3::7])
+    expected = np.full((5, 7), WATER)
+    expected[[0, -1]] = EDGE  # less than 3 km from the last row
+    expected[2, 3] = WATER
+    land = ~np.isfinite(ocean["water_temp"][0, 3::7, 3::7].values)
+    expected[land] = LAND
+    assert land.sum() == 0 or (expected == LAND).any()
+    rows = np.abs(own["lat"].values - ocean["lat"].values[[0, -1]][:, None]).min(axis=0) < 3.1 / 111.0
+    expected[~rows & (expected == EDGE).any(axis=1)] = WATER
+    status = own["column_status"].values[0]
+    for i, j in ((1, 1), (2, 4), (3, 5)):
+        place = float(own["lat"][i]), float(own["lon"][j])
+        alone = column_errors(medium_at(open_ocean(file), place, links), links)
+        assert status[i, j] == WATER
+        for name, values in alone._asdict().items():
+            np.testing.assert_array_equal(own[name].values[0, i, j], values.astype(own[name].dtype))
+
+
+def test_land_and_edge_are_told_apart(here, ocean, file, links, content, tmp_path):
+    own = content(
+        run_atlas(Atlas(file, links, every=1, window=_window(ocean, 0, 2, 24, 30)), tmp_path / "a.nc")
+    )
+    assert (own["column_status"].values[0, 0] == EDGE).all()  # 3 km do not fit beside the first row
+    own = content(run_atlas(Atlas(file, links, window=_window(ocean, 20, 22, 24, 27)), tmp_path / "b.nc"))
+    np.testing.assert_array_equal(own["column_status"].values[0], [[WATER, WATER, LAND, LAND]] * 3)
+    for name in ("range_error", "no_direct_path", "safe_distance"):
+        assert np.isnan(own[name].values[0, :, 2:]).all()
+
+
+def _window(ocean, south, north, west, east):
+    """Window of rows and columns, both included."""
+    lat, lon = ocean["lat"].values, ocean["lon"].values
+    return lat[south] - 1e-3, lat[north] + 1e-3, lon[west] - 1e-3, lon[east] + 1e-3
+
+
+def test_two_halves_joined_are_the_whole(here, ocean, file, links, content, tiles, tmp_path):
+    whole = content(
+        run_atlas(Atlas(file, links, window=_window(ocean, 10, 15, 10, 17)), tmp_path / "whole.nc")
+    )
+    halves = [
+        content(
+            run_atlas(Atlas(file, links, window=_window(ocean, 10, 15, *part)), tmp_path / f"{part[0]}.nc")
+        )
+        for part in ((10, 12), (13, 17))
+    ]
+    joined = xr.concat(halves, "lon", data_vars="minimal", coords="minimal")
+    for name in whole.data_vars:
+        if "lat" in whole[name].dims and "lon" in whole[name].dims:
+            np.testing.assert_array_equal(whole[name], joined[name], err_msg=name)
+    np.testing.assert_array_equal(whole["lon"], joined["lon"])
+
+
+def test_workers_and_tiles_change_no_digit(ocean, file, links, content, tiles, monkeypatch, tmp_path):
+    atlas = Atlas(file, links, window=_window(ocean, 10, 13, 10, 14))
+    paths = [run_atlas(atlas, tmp_path / f"{n}.nc", workers=n) for n in (1, 2)]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    monkeypatch.setattr(plan, "_COLUMNS", 50)
+    other = Atlas(file, links, window=_window(ocean, 10, 13, 10, 14))
+    assert len(other.blocks) == 1
+    one, two = content(paths[0]), content(run_atlas(other, tmp_path / "other.nc", workers=1))
+    assert one.drop_attrs(deep=False).identical(two.drop_attrs(deep=False))
+
+
+def test_a_finished_block_is_not_computed_again(
+    here, ocean, file, links, content, tiles, monkeypatch, tmp_path
+):
+    atlas, out = Atlas(file, links, window=_window(ocean, 10, 13, 10, 14)), tmp_path / "atlas.nc"
+    whole = run_atlas(atlas, tmp_path / "whole.nc").read_bytes()
+    here.clear()
+
+    class StopError(Exception):
+        pass
+
+    def stop(done, _failed, _total):
+        if done == 2:
+            raise StopError
+
+    with pytest.raises(StopError):
+        run_atlas(atlas, out, progress=stop)
+    assert len(here) == 2
+    assert not out.exists()
+    told = []
+    assert run_atlas(atlas, out, progress=lambda *counts: told.append(counts)).read_bytes() == whole
+    assert len(here) == len(set(here)) == len(atlas.blocks) == 4
+    assert told[0] == (2, 0, 4)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["atlas.nc", "whole.nc"]
+    run_atlas(atlas, out)  # there already
+    assert len(here) == 4
+
+
+def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
+    out = tmp_path / "atlas.nc"
+    out.write_text("thesis")
+    atlas = Atlas(file, links, every=20)
+    refused(
+        WriteError,
+        "exists already, and is not of this atlas; give another name or --force",
+        run_atlas,
+        atlas,
+        out,
+    )
+    assert out.read_text() == "thesis"
+    run_atlas(atlas, out, force=True)
+    other = Atlas(file, links, every=21)
+    refused(WriteError, "exists already, and is not of this atlas", run_atlas, other, out)
+    (tmp_path / "b.nc.blocks").mkdir()
+    (tmp_path / "b.nc.blocks" / "thesis.tex").write_text("x")
+    refused(SweepError, "holds something, and no atlas", run_atlas, atlas, tmp_path / "b.nc")
+
+
+def test_an_ocean_whose_content_has_changed_is_another_atlas(here, ocean, links, tmp_path):
+    path = tmp_path / "ocean.nc"
+    ocean.to_netcdf(path)
+    before = Atlas(path, links, every=20)
+    assert before.key == Atlas(path, links, every=20).key
+    keys = {block.key for block in before.blocks}
+    warmer = ocean.copy(deep=True)
+    warmer["water_temp"] += 1.0
+    warmer.to_netcdf(path)
+    assert not keys & {block.key for block in Atlas(path, links, every=20).blocks}
+
+
+def test_a_block_that_fails_is_told_when_the_others_are_done(
+    here, ocean, links, tiles, monkeypatch, tmp_path
+):
+    path = tmp_path / "ocean.nc"
+    sick = ocean.copy(deep=True)
+    sick["water_temp"][3, 10, 10] = 99.0
+    sick.to_netcdf(path)
+    monkeypatch.setattr("pymantaray.atlas.column.SPLINE", 1)
+    monkeypatch.setattr(plan, "_SPARE", 3)
+    atlas = Atlas(path, links, window=_window(ocean, 10, 12, 10, 30))
+    refused(
+        AtlasError,
+        "1 of 7 blocks failed, the first by: ocean: values .water_temp.: 1 of .* outside",
+        run_atlas,
+        atlas,
+        tmp_path / "atlas.nc",
+    )
+    assert len(here) == 7
+    left = list((tmp_path / "atlas.nc.blocks" / "blocks").iterdir())
+    assert sum(file.suffix == ".npz" for file in left) == 6
+    assert not (tmp_path / "atlas.nc").exists()
+
+
+def test_a_damaged_block_is_removed_and_told(here, ocean, file, links, tiles, monkeypatch, tmp_path):
+    atlas, out = Atlas(file, links, window=_window(ocean, 10, 13, 10, 14)), tmp_path / "atlas.nc"
+    monkeypatch.setattr(runner, "write_atlas", lambda *_, **__: (_ for _ in ()).throw(WriteError("full")))
+    refused(WriteError, "^full$", run_atlas, atlas, out)
+    monkeypatch.undo()
+    monkeypatch.setattr(plan, "_COLUMNS", 3)
+    block = next((tmp_path / "atlas.nc.blocks" / "blocks").glob("*.npz"))
+    block.write_bytes(block.read_bytes()[:-100])
+    refused(
+        AtlasError,
+        "a block was damaged and is removed; run the atlas again",
+        run_atlas,
+        atlas,
+        out,
+        workers=1,
+    )
+    assert open_atlas(run_atlas(atlas, out, workers=1)).attrs["atlas_key"] == atlas.key
+
+
+def test_workers_that_write_elsewhere_are_noticed(file, links, monkeypatch, tmp_path):
+    away = blocks.perform
+    monkeypatch.setattr(
+        runner,
+        "crew_of",
+        lambda _, *rest: crew_of(__import__("functools").partial(away, str(tmp_path / "away")), *rest),
+    )
+    atlas = Atlas(file, links, every=20)
+    refused(SweepError, "all workers must see this place", run_atlas, atlas, tmp_path / "a.nc", workers=1)
+
+
+def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, links, content, tmp_path):
+    window = _window(ocean, 12, 13, 12, 13)
+    times = instants_between(days, "2014-07-15", "2014-07-18")
+    assert times.size == 3
+    own = content(run_atlas(Atlas(days, links, window=window, times=times), tmp_path / "all.nc"))
+    assert own["worst_range_error"].dims[:3] == ("time", "lat", "lon")
+    for day, path in enumerate(days):
+        alone = content(run_atlas(Atlas(path, links, window=window), tmp_path / f"{day}.nc"))
+        for name in ("range_error", "link_status", "safe_distance"):
+            np.testing.assert_array_equal(own[name].isel(time=day), alone[name].isel(time=0))
+        assert own["time"][day] == alone["time"][0]
+    assert (np.diff(own["range_error"].values, axis=0) != 0.0).any()  # the water differs
+    assert instants_between(days, "2014-07-15", "2014-07-18", 48.0).size == 2
+    assert instants_between("synthetic:fram", "2014-07-15", "2014-07-18").size == 4
+    refused(AtlasError, "no time of the ocean lies in", instants_between, days, "2015-01-01", "2015-02-01")
+    # each instant reads its own file alone
+    assert [block.files for block in Atlas(days, links, window=window, times=times).blocks] == [
+        (str(path),) for path in days
+    ]
+
+
+def test_a_window_across_the_seam_of_a_global_grid_is_that_of_any_other(
+    here, ocean, links, content, tmp_path
+):
+    """The same water on a grid that goes around the Earth, counted from 0 to 360, its seam amid the columns."""
+    lon = np.arange(0.0, 360.0, 4.0)
+    wide = ocean.isel(lon=slice(0, 45)).assign_coords(lon=("lon", lon[:45] - 88.0, ocean["lon"].attrs))
+    other = ocean.isel(lon=slice(0, 45)).assign_coords(lon=("lon", lon[:45] + 92.0, ocean["lon"].attrs))
+    around = xr.concat([wide, other], "lon", data_vars="all", coords="minimal", join="override")
+    around["lon"].attrs = ocean["lon"].attrs
+    shifted = around.assign_coords(lon=("lon", around["lon"].values % 360.0, ocean["lon"].attrs)).sortby(
+        "lon"
+    )
+    paths = {}
+    for name, dataset in (("around", around), ("shifted", shifted)):
+        paths[name] = tmp_path / f"{name}-ocean.nc"
+        dataset.to_netcdf(paths[name])
+    far = AtlasLinks(pairs=((20.0, 100.0),), distances=(3_000.0,), bearings=2)
+    south, north = float(ocean["lat"][12]) - 1e-3, float(ocean["lat"][13]) + 1e-3
+    one, two = (
+        content(run_atlas(Atlas(path, far, window=(south, north, -5.0, 5.0)), tmp_path / f"{name}.nc"))
+        for name, path in paths.items()
+    )
+    np.testing.assert_array_equal(one["lon"], [-4.0, 0.0, 4.0])
+    np.testing.assert_array_equal(two["lon"] % 360.0, one["lon"] % 360.0)
+    assert np.isfinite(one["range_error"]).all()
+    np.testing.assert_array_equal(one["range_error"], two["range_error"])
+
+
+def test_the_file_is_cf(here, ocean, file, links, content, tmp_path):
+    own = content(run_atlas(Atlas(file, links, every=20), tmp_path / "atlas.nc"))
+    assert own.attrs["Conventions"] == "CF-1.8"
+    for name in ("latitude", "longitude", "time"):
+        assert own.cf[name].ndim == 1
+    np.testing.assert_allclose(own.cf.get_bounds("latitude").mean("bound"), own["lat"])
+    assert np.ptp(own["lon_bounds"][0]) == pytest.approx(20 * 0.08)
+    assert list(own.cf.standard_names["depth"]) == ["receiver_depth", "transmitter_depth"]
+    for variable in own.data_vars.values():
+        assert "units" in variable.attrs or variable.name.endswith("_bounds")
+        if "flag_values" in variable.attrs:
+            flags = variable.attrs["flag_values"]
+            assert len(variable.attrs["flag_meanings"].split()) == flags.size
+            assert np.isin(variable.values, flags).all()
+    assert own["transmitter_depth"].values.tolist() == [20.0, 300.0]
+    assert set(own["range_error"].coords) >= {"transmitter_depth", "receiver_depth", "distance", "bearing"}
+
+
+def test_the_table_counts_places(here, ocean, file, links, content, tmp_path):
+    own = content(run_atlas(Atlas(file, links, window=_window(ocean, 12, 15, 12, 15)), tmp_path / "atlas.nc"))
+    table = safety_table(own).set_index(["convention", "distance_m"])
+    worst = own["worst_range_error"].sel(convention="mean", distance=3000.0).max("pair").values
+    row = table.loc["mean", 3000.0]
+    assert row["safe_to_1m_percent"] == 100.0 * np.mean(worst <= 1.0)
+    assert row["median_m"] == pytest.approx(np.median(worst))
+    lost = (own["link_status"].sel(distance=3000.0) != 0).mean()
+    assert row["no_direct_path_percent"] == pytest.approx(100.0 * float(lost))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"every": 0}, AtlasError, "every: 0; allowed are 1, every column, and more"),
+        ({"every": 500}, AtlasError, "no column is left: every 500 of 32 x 52 grid points"),
+        ({"window": (10.0, 11.0, 0.0, 1.0)}, OceanError, "atlas: no grid point in the window"),
+        (
+            {"times": ["2020-01-01"]},
+            AtlasError,
+            "time 2020-01-01T00:00: not in the ocean, which has 1 from 2014",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(file, options, error, message):
+    refused(error, message, Atlas, file, **options)
+
+
+def test_what_is_no_atlas_is_refused(file, tmp_path):
+    refused(AtlasError, "not an atlas of this version; make one with mantaray atlas run", open_atlas, file)
+    refused(
+        AtlasError,
+        "missing.nc: not a readable NetCDF file: No such file",
+        open_atlas,
+        tmp_path / "missing.nc",
+    )
+
+
+RUN = """
+import sys
+from pymantaray.atlas import Atlas, AtlasLinks, plan, run_atlas
+plan._COLUMNS = 2
+links = AtlasLinks(pairs=((20.0, 100.0), (300.0, 300.0)), distances=(1_000.0, 3_000.0), bearings=3)
+run_atlas(Atlas(sys.argv[1], links, every=3), sys.argv[2], workers=1)
+"""
+
+
+def begin(file, out):
+    return subprocess.Popen([sys.executable, "-c", RUN, file, out], stderr=subprocess.PIPE)
+
+
+@pytest.mark.slow
+def test_kill_minus_nine_at_any_moment_loses_no_finished_block(file, links, tmp_path):
+    out, rng, there, killed = tmp_path / "atlas.nc", np.random.default_rng(3), {}, 0
+    for _ in range(12):
+        process = begin(file, out)
+        time.sleep(rng.uniform(0.5, 6.0))
+        os.kill(process.pid, signal.SIGKILL)
+        process.communicate()
+        if out.exists():
+            break
+        killed += 1
+        now = {path: path.read_bytes() for path in tmp_path.glob("atlas.nc.blocks/blocks/*.npz")}
+        assert {path: now[path] for path in there} == there  # none lost, none done again
+        there = now
+    assert killed >= 2
+    assert there
+    assert begin(file, out).communicate()[1] == b""
+    begin(file, tmp_path / "undisturbed.nc").communicate()
+    assert out.read_bytes() == (tmp_path / "undisturbed.nc").read_bytes()
+    assert not list(tmp_path.rglob("*.part"))
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_one_line_and_loses_nothing(file, links, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", disk], check=False).returncode:
+        pytest.skip("no file system can be mounted")
+    try:
+        filler = disk / "filler"
+        filler.write_bytes(bytes(200 << 10))
+        atlas = Atlas(file, links, every=4)
+        with pytest.raises(WriteError, match=r"No space left on device$"):
+            run_atlas(atlas, disk / "atlas.nc", workers=1)
+        assert not (disk / "atlas.nc").exists()
+        filler.unlink()
+        subprocess.run(["mount", "-o", "remount,size=8m", disk], check=True)
+        run_atlas(atlas, disk / "atlas.nc", workers=1)
+        assert [path.name for path in disk.iterdir()] == ["atlas.nc"]
+    finally:
+        subprocess.run(["umount", disk], check=True)
