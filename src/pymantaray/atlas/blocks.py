@@ -3,6 +3,7 @@
 import io
 from functools import lru_cache
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import xarray as xr
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.atlas.dataset import VARIABLES, shape_of
 from pymantaray.atlas.plan import Block
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import whole_turns
 from pymantaray.ocean import open_sea_floor
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
@@ -39,9 +40,12 @@ def _do(store: Store, block: Block) -> None:
 
 
 def read_block(content: bytes) -> dict[str, NDArray[Any]]:
-    """Variables of a block from its file."""
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
+    """Variables of a block from its file; one that is damaged is a ValueError."""
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (BadZipFile, EOFError, KeyError, OSError) as error:
+        raise ValueError(str(error)) from None
 
 
 def block_errors(block: Block) -> dict[str, NDArray[Any]]:
@@ -55,7 +59,7 @@ def block_errors(block: Block) -> dict[str, NDArray[Any]]:
     middle = 0.5 * float(ocean["lon"][0] + ocean["lon"][-1])
     for i, lat in enumerate(block.lat):
         for j, lon in enumerate(block.lon):
-            place = (lat, float(wrapped(lon, about=middle)))
+            place = (lat, lon - whole_turns(lon, about=middle))
             out[_STATUS][i, j], errors = _column(ocean, place, block, floor)
             for name, values in errors.items():
                 out[name][i, j] = values

@@ -102,24 +102,18 @@ class Atlas:
         lat, lon = self._index.lat, self._index.lon
         if every < 1:
             raise AtlasError(f"every: {every}; allowed are 1, every column, and more")
-        self._rows, self._columns = (np.arange(every // 2, axis.size, every) for axis in (lat, lon))
+        rows, columns = np.arange(lat.size), np.arange(lon.size)
         if window is not None:
             part = select(lat, lon, window, "atlas")
-            inside = wrapped(lon[self._columns][:, None] - part.lon)
-            self._rows = self._rows[np.isin(lat[self._rows], part.lat)]
-            self._columns = self._columns[(np.abs(inside) < 1e-9).any(axis=1)]
-        if not (self._rows.size and self._columns.size):
-            raise AtlasError(f"no column is left: every {every} of {lat.size} x {lon.size} grid points")
-
-    @property
-    def lat(self) -> Array:
+            rows = np.flatnonzero(np.isin(lat, part.lat))
+            columns = part.columns
+            lon = part.lon
+        chosen = [np.flatnonzero(n % every == every // 2) for n in (rows, columns)]
+        self._rows, self._columns = rows[chosen[0]], columns[chosen[1]]
+        self.lat, self.lon = self._index.lat[self._rows], lon[chosen[1]]
         """Of the columns. [degrees]"""
-        return self._index.lat[self._rows]
-
-    @property
-    def lon(self) -> Array:
-        """Of the columns. [degrees]"""
-        return self._index.lon[self._columns]
+        if not (self.lat.size and self.lon.size):
+            raise AtlasError(f"no column is left: every {every} of {rows.size} x {columns.size} grid points")
 
     @property
     def shape(self) -> tuple[int, int, int]:

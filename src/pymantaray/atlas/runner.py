@@ -120,7 +120,7 @@ def _contents(
             raise SweepError(f"{store.url}: a block was done elsewhere; all workers must see this place")
         try:
             values = read_block(content)
-        except (ValueError, KeyError, OSError):
+        except ValueError:
             store.remove(block_name(block.key))
             raise AtlasError(
                 f"{store.url}: a block was damaged and is removed; run the atlas again"

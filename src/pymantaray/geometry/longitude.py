@@ -34,4 +34,6 @@ def contiguous(lon: Array) -> tuple[NDArray[np.intp], Array]:
         gaps = np.diff(turned[order], append=turned[order[0]] + 360.0)
     order = np.roll(order, -(int(np.argmax(gaps)) + 1))  # begin after the widest gap
     rising = np.unwrap(turned[order], period=360.0)
-    return order, rising - whole_turns(0.5 * (rising[0] + rising[-1]))
+    rising -= whole_turns(0.5 * (rising[0] + rising[-1]))
+    own = lon[order]
+    return order, own + 360.0 * np.round((rising - own) / 360.0)  # not a digit is lost on the way

@@ -41,6 +41,11 @@ class Selection:
     order: NDArray[np.intp]
     """Puts the columns of the blocks, one after the other, in a row."""
 
+    @property
+    def columns(self) -> NDArray[np.intp]:
+        """Number in the file of each longitude."""
+        return np.concatenate([np.r_[block] for block in self.blocks])[self.order]
+
     def in_order(self, values: Array) -> Array:
         """What the file has in the rows and blocks, (..., lat, lon), with both axes rising."""
         return values[..., :: -1 if self.falling else 1, self.order]
@@ -142,8 +147,7 @@ def crop(ocean: xr.Dataset, window: GeographicWindow | None) -> xr.Dataset:
     if window is None:
         return ocean
     part = select(ocean["lat"].values, ocean["lon"].values, window, str(ocean.attrs["title"]))
-    columns = np.concatenate([np.r_[block] for block in part.blocks])[part.order]
-    return ocean.isel(lat=part.rows, lon=columns)
+    return ocean.isel(lat=part.rows, lon=part.columns)
 
 
 def window_of(ocean: xr.Dataset) -> GeographicWindow:

@@ -1,4 +1,4 @@
-"""Tables, figures and a page for the results of a study, and for two of them side by side; plots of an ocean.
+"""Tables, figures and a page for the results of a study, and for two of them side by side; plots of an ocean and of an atlas.
 
 matplotlib is imported when the first of them is asked for.
 """
@@ -7,13 +7,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pymantaray.report.atlas_plots import write_atlas_plots
     from pymantaray.report.compare import write_comparison
     from pymantaray.report.ocean_plots import write_ocean_plots
     from pymantaray.report.write import write_report
 
-__all__ = ["write_comparison", "write_ocean_plots", "write_report"]
+__all__ = ["write_atlas_plots", "write_comparison", "write_ocean_plots", "write_report"]
 
-_ROOMS = {"write_comparison": "compare", "write_ocean_plots": "ocean_plots", "write_report": "write"}
+_ROOMS = {
+    "write_atlas_plots": "atlas_plots",
+    "write_comparison": "compare",
+    "write_ocean_plots": "ocean_plots",
+    "write_report": "write",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -13,19 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from pymantaray.errors import ReportError, WriteError
+from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import whole_turns, wrapped
 from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
-from pymantaray.records import whole_file
 from pymantaray.report import style
 from pymantaray.report.figures_ocean import sound_speed_profiles
 
 _LEVEL = 100.0  # m; of the map unless another is asked for
 _UPPER = 500.0  # m; depth of the upper panels of the sections
-_LAND = "#d9d2c7"
-_CELLS: dict[str, Any] = {"shading": "nearest", "rasterized": True}
+LAND = "#d9d2c7"
+CELLS: dict[str, Any] = {"shading": "nearest", "rasterized": True}
 _ARROWS = {style.DOUBLE: 32, style.COLUMN: 18}  # across the longer side of a map
 _MARGIN = 0.07  # of the axes, within which contour lines get no labels
 # white lines must read on yellow
@@ -95,19 +94,7 @@ def write_ocean_plots(
         "ocean_map": lambda: sound_speed_map(ocean, level, header, sea_floor),
         "ocean_sea_floor": lambda: sea_floor_map(ocean, header, sea_floor),
     }
-    target, written = Path(folder), list[Path]()
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"{folder}: cannot be made: {error.strerror or error}") from None
-    for i, (name, figure) in enumerate(draw.items()):
-        for kind, content in style.rendered(figure(), ("png", "pdf")).items():
-            written.append(target / f"{name}.{kind}")
-            with whole_file(written[-1]) as temporary:
-                temporary.write_bytes(content)
-        if progress is not None:
-            progress("figures", i + 1, len(draw))
-    return written
+    return style.write_figures(draw, folder, progress)
 
 
 @style.styled
@@ -120,8 +107,8 @@ def sound_speed_map(
     speed = ocean_sound_speed(ocean.isel(depth=[k]))[0]
 
     def draw(axes: Axes, arrows: int) -> Any:
-        axes.set_facecolor(style.BED if level > 0.0 else _LAND)
-        mesh = axes.pcolormesh(ocean["lon"], ocean["lat"], speed, cmap=style.WATER, **_CELLS)
+        axes.set_facecolor(style.BED if level > 0.0 else LAND)
+        mesh = axes.pcolormesh(ocean["lon"], ocean["lat"], speed, cmap=style.WATER, **CELLS)
         _draw_floor_lines(axes, _floor_of(ocean, sea_floor))
         _draw_currents(axes, ocean.isel(depth=k), arrows)
         return mesh
@@ -138,9 +125,9 @@ def sea_floor_map(ocean: xr.Dataset, header: str, sea_floor: xr.DataArray | None
     )
 
     def draw(axes: Axes, _arrows: int) -> Any:
-        axes.set_facecolor(_LAND)
+        axes.set_facecolor(LAND)
         wet = np.where(floor.values > 0.0, floor.values, np.nan)
-        mesh = axes.pcolormesh(floor["lon"], floor["lat"], wet, cmap=style.FLOOR, **_CELLS)
+        mesh = axes.pcolormesh(floor["lon"], floor["lat"], wet, cmap=style.FLOOR, **CELLS)
         _draw_floor_lines(axes, floor)
         return mesh
 
@@ -158,33 +145,47 @@ def _map(
 ) -> Figure:
     """Map of the ocean's window, in which a kilometre is as long northward as eastward at the middle."""
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
-    aspect = 1.0 / max(float(np.cos(np.radians(0.5 * (lat[0] + lat[-1])))), 0.02)
-    shape = aspect * (lat[-1] - lat[0]) / (lon[-1] - lon[0])
+    shape = map_shape(lat, lon)
     wide = shape < 1.1
     width = style.DOUBLE if wide else style.COLUMN
     height = min(max((width - 1.4) * shape + 0.75, 2.4), 7.0)
     figure = style.new_figure(width, height, header)
     axes = figure.subplots()
-    axes.grid(visible=False)
     mesh = draw(axes, _ARROWS[width])
-    axes.set_aspect(aspect)
-    axes.set_xlim(lon[0], lon[-1])
-    axes.set_ylim(lat[0], lat[-1])
+    lay_out_map(axes, lat, lon, ticks=7 if wide else 4)
     axes.set_xlabel("Longitude [°]")
     axes.set_ylabel("Latitude [°]")
-    axes.xaxis.set_major_formatter(FuncFormatter(_longitude))
-    axes.yaxis.set_major_formatter(FuncFormatter(_latitude))
-    axes.xaxis.set_major_locator(MaxNLocator(7 if wide else 4, steps=[1, 2, 5, 10]))
-    axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-    for spine in axes.spines.values():
-        spine.set_visible(True)
     axes.set_title(title, loc="left")
     bar = figure.colorbar(mesh, ax=axes, pad=0.015, aspect=24)
-    _finish_bar(bar, label)
+    finish_bar(bar, label)
     if invert:
         bar.ax.invert_yaxis()
     figure.draw_without_rendering()  # a first layout, which the fixed aspect changes; the next one fits
     return figure
+
+
+def map_shape(lat: style.Array, lon: style.Array) -> float:
+    """Height of a map by its width, in which a kilometre is as long northward as eastward at the middle."""
+    return _stretch(lat) * float((lat[-1] - lat[0]) / (lon[-1] - lon[0]))
+
+
+def lay_out_map(axes: Axes, lat: style.Array, lon: style.Array, *, ticks: int) -> None:
+    """Limits, proportions, ticks and a frame of a map of these latitudes and longitudes. [degrees]"""
+    axes.grid(visible=False)
+    axes.set_aspect(_stretch(lat))
+    axes.set_xlim(lon[0], lon[-1])
+    axes.set_ylim(lat[0], lat[-1])
+    axes.xaxis.set_major_formatter(FuncFormatter(longitude_label))
+    axes.yaxis.set_major_formatter(FuncFormatter(latitude_label))
+    axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    for spine in axes.spines.values():
+        spine.set_visible(True)
+
+
+def _stretch(lat: style.Array) -> float:
+    """Degrees of longitude as long as one of latitude, at the middle."""
+    return 1.0 / max(float(np.cos(np.radians(0.5 * (lat[0] + lat[-1])))), 0.02)
 
 
 def _draw_floor_lines(axes: Axes, floor: xr.DataArray) -> None:
@@ -255,10 +256,10 @@ def sound_speed_sections(
             axes.axvline(cut.crossing, color=style.INK, linestyle=":", linewidth=0.7, zorder=1.5)
             if i == 0:
                 style.panel_title(axes, "ab"[j], cut.title)
-            axes.xaxis.set_major_formatter(FuncFormatter(_longitude if j == 0 else _latitude))
+            axes.xaxis.set_major_formatter(FuncFormatter(longitude_label if j == 0 else latitude_label))
             axes.xaxis.set_major_locator(MaxNLocator(5 if j == 0 else 4, steps=[1, 2, 5, 10]))
         panels[i, 0].set_ylabel("Depth [m]")
-        _finish_bar(figure.colorbar(mesh, ax=panels[i, :], pad=0.012, aspect=16), "Sound speed [m/s]")
+        finish_bar(figure.colorbar(mesh, ax=panels[i, :], pad=0.012, aspect=16), "Sound speed [m/s]")
     panels[1, 0].set_xlabel("Longitude [°]")
     panels[1, 1].set_xlabel("Latitude [°]")
     return figure
@@ -271,8 +272,8 @@ def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) ->
     temperature, salinity = (fill_below_sea_bed(ocean[v].values, lat) for v in ("water_temp", "salinity"))
     filled = sound_speed(temperature, salinity, depth[:, None, None], lat[:, None], lon)
     speed = np.where(np.isfinite(ocean["water_temp"].values), filled, np.nan)
-    parallel = _latitude(lat[row], digits=2, unit="° ")
-    meridian = _longitude(lon[column], digits=2, unit="° ")
+    parallel = latitude_label(lat[row], digits=2, unit="° ")
+    meridian = longitude_label(lon[column], digits=2, unit="° ")
     along_lat, along_lon = _along(floor, "lat", lon[column]), _along(floor, "lon", lat[row])
     return (
         _Cut(lon, speed[:, row], filled[:, row], *along_lon, lon[column], f"west to east along {parallel}"),
@@ -363,7 +364,7 @@ def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
         text.set_path_effects(_OUTLINE)
 
 
-def _finish_bar(bar: Colorbar, label: str) -> None:
+def finish_bar(bar: Colorbar, label: str) -> None:
     """Give a colour bar its label, round ticks and a thin frame."""
     bar.set_label(label)
     bar.locator = MaxNLocator(6, steps=[1, 2, 5, 10])
@@ -371,14 +372,14 @@ def _finish_bar(bar: Colorbar, label: str) -> None:
     bar.outline.set_linewidth(0.4)
 
 
-def _longitude(value: float, _position: int | None = None, *, digits: int = 4, unit: str = "") -> str:
+def longitude_label(value: float, _position: int | None = None, *, digits: int = 4, unit: str = "") -> str:
     """As ``140W``, from degrees of any window."""
     turned = round(wrapped(value), digits)
     side = "" if turned in (0.0, -180.0, 180.0) else "W" if turned < 0.0 else "E"
     return f"{abs(turned):g}{unit}{side}".rstrip()
 
 
-def _latitude(value: float, _position: int | None = None, *, digits: int = 4, unit: str = "") -> str:
+def latitude_label(value: float, _position: int | None = None, *, digits: int = 4, unit: str = "") -> str:
     """As ``74.5N``."""
     rounded = round(value, digits)
     side = "" if rounded == 0.0 else "S" if rounded < 0.0 else "N"

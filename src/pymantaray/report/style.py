@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import as_file, files
 from io import BytesIO
 from itertools import cycle
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -21,6 +22,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
+
+from pymantaray.errors import WriteError
+from pymantaray.records import whole_file
 
 with warnings.catch_warnings():
     # cmocean 4.0 makes its maps in a way that matplotlib 3.11 has deprecated
@@ -217,3 +221,24 @@ def rendered(figure: Figure, kinds: Sequence[str]) -> dict[str, bytes]:
             figure.savefig(file, format=kind, metadata=metadata[kind])
             content[kind] = file.getvalue()
     return content
+
+
+def write_figures(
+    draw: Mapping[str, Callable[[], Figure]],
+    folder: str | Path,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Path]:
+    """Draw figures, each by its name, and write them as PNG and PDF into a folder, which is made if it is not there."""
+    target, written = Path(folder), list[Path]()
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"{folder}: cannot be made: {error.strerror or error}") from None
+    for i, (name, figure) in enumerate(draw.items()):
+        for kind, content in rendered(figure(), ("png", "pdf")).items():
+            written.append(target / f"{name}.{kind}")
+            with whole_file(written[-1]) as temporary:
+                temporary.write_bytes(content)
+        if progress is not None:
+            progress("figures", i + 1, len(draw))
+    return written

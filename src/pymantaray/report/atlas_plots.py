@@ -1,0 +1,270 @@
+"""Plots of an atlas: where straight-line ranging is safe, by how much it errs, where it has no direct path, and all of it through time."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from pymantaray.errors import ReportError
+from pymantaray.geometry.longitude import wrapped
+from pymantaray.report import style
+from pymantaray.report.ocean_plots import (
+    CELLS,
+    LAND,
+    finish_bar,
+    latitude_label,
+    lay_out_map,
+    longitude_label,
+    map_shape,
+)
+
+_WORDS = {
+    "transmitter": "speed at the transmitter",
+    "receiver": "speed at the receiver",
+    "mean": "mean of both speeds",
+    "chord": "mean slowness of the chord",
+    "nominal": "one speed",
+}
+_COLOURS = dict(zip(_WORDS, (style.BLUE, style.SKY, style.GREEN, style.ORANGE, style.GREY), strict=True))
+_WATER, _LAND_COLUMN = 0, 1  # values of column_status
+_EDGE = "#f4f2ee"
+_COLUMNS = 2  # of maps beside each other
+
+
+def write_atlas_plots(
+    atlas: xr.Dataset,
+    folder: str | Path,
+    *,
+    convention: str = "transmitter",
+    distance: float | None = None,
+    place: tuple[float, float] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Path]:
+    """
+    Draw an atlas: where ranges are safe by distance and by convention, the largest error, and the share without a direct path.
+
+    With several instants: the largest of all of them on the maps, and the share of them that is safe, and the errors at a place through time.
+
+    Parameters
+    ----------
+    atlas : xarray.Dataset
+        From `pymantaray.atlas.open_atlas`.
+    folder : str or pathlib.Path
+        Made if it is not there; figures of the same names in it are replaced.
+    convention : str
+        One of the atlas' conventions.
+    distance : float, optional
+        One of its distances, by default the middle one. [m]
+    place : tuple of float, optional
+        Latitude and longitude of the series; its nearest column is drawn, by default that in the middle. [degrees]
+    progress : callable, optional
+        Told ``"figures"``, how many are done and how many there are.
+
+    Returns
+    -------
+    list of pathlib.Path
+        PNG and PDF of each.
+
+    Raises
+    ------
+    ReportError
+        If the atlas has no such convention or distance, or is a line of columns.
+    WriteError
+        If nothing can be written.
+    """
+    if min(atlas.sizes["lat"], atlas.sizes["lon"]) < 2:
+        raise ReportError("atlas: a map needs two latitudes and two longitudes at least")
+    here = _one_of(atlas, "convention", convention)
+    distances = atlas["distance"].values
+    where = _one_of(atlas, "distance", distances[len(distances) // 2] if distance is None else distance)
+    km = f"{float(atlas['distance'][where]) / 1e3:g} km"
+    draw: dict[str, Callable[[], Figure]] = {
+        "atlas_safe": lambda: safety_maps(
+            atlas, [(f"{d / 1e3:g} km, {_WORDS[convention]}", here, k) for k, d in enumerate(distances)]
+        ),
+        "atlas_error": lambda: error_maps(atlas, here, where),
+        "atlas_conventions": lambda: safety_maps(
+            atlas,
+            [(f"{km}, {_WORDS[str(name)]}", k, where) for k, name in enumerate(atlas["convention"].values)],
+        ),
+    }
+    if atlas.sizes["time"] > 1:
+        draw["atlas_share"] = lambda: share_maps(atlas, here, where)
+        draw["atlas_series"] = lambda: error_series(atlas, where, place)
+    return style.write_figures(draw, folder, progress)
+
+
+def _one_of(atlas: xr.Dataset, name: str, value: str | float) -> int:
+    there = atlas[name].values.tolist()
+    if value not in there:
+        raise ReportError(f"{name} {value}: not in the atlas, which has {', '.join(map(str, there))}")
+    return int(there.index(value))
+
+
+@style.styled
+def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Figure:
+    """Errors that every place stays below, a map for each title, convention and distance; the largest of all pairs, bearings and instants."""
+    safe = atlas["safe"].values
+    colours = [style.WATER(x) for x in np.linspace(0.97, 0.1, safe.size + 1)]
+    figure, axes = _maps(atlas, len(panels), legend=True)
+    for k, (title, convention, distance) in enumerate(panels):
+        worst = worst_error(atlas, convention, distance)
+        classes = np.where(np.isnan(worst), np.nan, np.searchsorted(safe, np.nan_to_num(worst)))
+        norm = BoundaryNorm(np.arange(safe.size + 2) - 0.5, safe.size + 1)
+        axes[k].pcolormesh(
+            atlas["lon"], atlas["lat"], classes, cmap=ListedColormap(colours), norm=norm, **CELLS
+        )
+        _finish(axes[k], atlas, k, title)
+    names = [f"≤ {x:g} m" for x in safe] + [f"> {safe[-1]:g} m"]
+    handles = [Patch(color=c, label=name) for c, name in zip(colours, names, strict=True)]
+    figure.legend(handles=[*handles, *_other_patches(atlas)], loc="outside lower center", ncols=7)
+    figure.draw_without_rendering()
+    return figure
+
+
+@style.styled
+def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
+    """Largest error of any pair and bearing, and the share of the links without a direct path."""
+    figure, axes = _maps(atlas, 2, legend=False)
+    worst = worst_error(atlas, convention, distance)
+    lost = atlas["no_direct_path"].isel(distance=distance).mean(("time", "pair")).values
+    known = worst[np.isfinite(worst) & (worst > 0.0)]
+    low, high = (known.min(), known.max()) if known.size else (0.1, 1.0)
+    norm = LogNorm(low, max(high, 1.01 * low))
+    km = f"{float(atlas['distance'][distance]) / 1e3:g} km"
+    words = _WORDS[str(atlas["convention"].values[convention])]
+    looks: tuple[dict[str, Any], dict[str, Any]] = (
+        {"cmap": style.WATER.reversed(), "norm": norm},
+        {"cmap": style.FLOOR, "vmin": 0.0, "vmax": 100.0},
+    )
+    labels = ("Largest range error [m]", "No direct path [%]")
+    for k, (values, title) in enumerate(
+        ((worst, f"{km}, {words}"), (100.0 * lost, f"{km}, share of the links"))
+    ):
+        mesh = axes[k].pcolormesh(atlas["lon"], atlas["lat"], values, **looks[k], **CELLS)
+        _finish(axes[k], atlas, k, title)
+        bar = figure.colorbar(mesh, ax=axes[k], pad=0.02, aspect=20, location="bottom")
+        if k:
+            finish_bar(bar, labels[k])
+        else:
+            bar.set_label(labels[k])
+            bar.outline.set_linewidth(0.4)
+            style.short_numbers(bar.ax.xaxis)
+    figure.draw_without_rendering()
+    return figure
+
+
+@style.styled
+def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
+    """Share of the instants at which no direct range errs by more, a map for each error that is put up with."""
+    safe = atlas["safe"].values
+    figure, axes = _maps(atlas, safe.size, legend=False)
+    worst = _over_pairs(atlas, convention, distance)
+    heard = np.isfinite(worst).sum(axis=0)
+    for k, limit in enumerate(safe):
+        share = np.where(heard > 0, 100.0 * (worst <= limit).sum(axis=0) / np.maximum(heard, 1), np.nan)
+        mesh = axes[k].pcolormesh(
+            atlas["lon"], atlas["lat"], share, cmap=style.WATER, vmin=0.0, vmax=100.0, **CELLS
+        )
+        _finish(axes[k], atlas, k, f"safe to {limit:g} m")
+    finish_bar(
+        figure.colorbar(mesh, ax=list(axes), aspect=40, location="bottom"), "Share of the instants [%]"
+    )
+    figure.draw_without_rendering()
+    return figure
+
+
+@style.styled
+def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | None) -> Figure:
+    """Largest error of each convention at one place, and the share of its links without a direct path, through time."""
+    lat, lon = atlas["lat"].values, atlas["lon"].values
+    middle = 0.5 * float(lon[0] + lon[-1])
+    at = (0.5 * float(lat[0] + lat[-1]), middle) if place is None else place
+    i, j = (
+        int(np.argmin(np.abs(axis - x))) for axis, x in ((lat, at[0]), (lon, wrapped(at[1], about=middle)))
+    )
+    figure = style.new_figure(style.DOUBLE, 3.2, _header(atlas))
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
+    time = atlas["time"].values
+    for k, name in enumerate(map(str, atlas["convention"].values)):
+        worst = np.fmax.reduce(atlas["worst_range_error"][:, i, j, k, :, distance].values, axis=-1)
+        upper.semilogy(time, worst, "o-", markersize=2.5, color=_COLOURS[name], label=_WORDS[name])
+    for limit in atlas["safe"].values:
+        upper.axhline(limit, color=style.INK, linestyle=":", linewidth=0.7)
+    style.short_numbers(upper.yaxis)
+    lost = 100.0 * atlas["no_direct_path"][:, i, j, :, distance].mean("pair").values
+    lower.plot(time, lost, "o-", markersize=2.5, color=style.INK)
+    lower.set_ylim(-3.0, 103.0)
+    upper.set_ylabel("Largest range error [m]")
+    lower.set_ylabel("No direct path [%]")
+    locator: Any = AutoDateLocator()  # type: ignore[no-untyped-call]
+    lower.xaxis.set_major_locator(locator)
+    lower.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    lower.set_xlabel("Time (UTC)")
+    km = f"{float(atlas['distance'][distance]) / 1e3:g} km"
+    there = f"{latitude_label(float(lat[i]), digits=2, unit='° ')}, {longitude_label(float(lon[j]), digits=2, unit='° ')}"
+    upper.set_title(f"{there}, {km}", loc="left")
+    figure.legend(loc="outside lower center", ncols=5)
+    return figure
+
+
+def worst_error(atlas: xr.Dataset, convention: int, distance: int) -> style.Array:
+    """Largest error (lat, lon) of any pair, bearing and instant; NaN where there is no direct path at all. [m]"""
+    return np.asarray(np.fmax.reduce(_over_pairs(atlas, convention, distance), axis=0))
+
+
+def _over_pairs(atlas: xr.Dataset, convention: int, distance: int) -> style.Array:
+    errors = atlas["worst_range_error"].isel(convention=convention, distance=distance).values
+    return np.asarray(np.fmax.reduce(errors, axis=-1))
+
+
+def _maps(atlas: xr.Dataset, count: int, *, legend: bool) -> tuple[Figure, list[Axes]]:
+    """Figure with maps in rows, and room for what is common to them."""
+    lat, lon = atlas["lat"].values, atlas["lon"].values
+    shape, rows = map_shape(lat, lon), -(-count // _COLUMNS)
+    width = (style.DOUBLE - 0.9) / _COLUMNS
+    height = rows * (width * min(shape, 1.4) + 0.45) + (0.45 if legend else 0.7)
+    figure = style.new_figure(style.DOUBLE, min(height, 9.0), _header(atlas))
+    panels = figure.subplots(rows, min(count, _COLUMNS), squeeze=False).ravel()
+    for axes in panels[count:]:
+        axes.set_axis_off()
+    return figure, list(panels[:count])
+
+
+def _finish(axes: Axes, atlas: xr.Dataset, k: int, title: str) -> None:
+    """Land and the edge, axes and title of one map."""
+    status = atlas["column_status"].isel(time=0).values
+    classes = np.where(status == _WATER, np.nan, np.where(status == _LAND_COLUMN, 0.0, 1.0))
+    axes.set_facecolor(style.PALE)
+    if np.isfinite(classes).any():
+        colours = ListedColormap([LAND, _EDGE])
+        axes.pcolormesh(atlas["lon"], atlas["lat"], classes, cmap=colours, vmin=0.0, vmax=1.0, **CELLS)
+    lay_out_map(axes, atlas["lat"].values, atlas["lon"].values, ticks=4)
+    axes.set_xlabel("Longitude [°]")
+    if k % _COLUMNS == 0:
+        axes.set_ylabel("Latitude [°]")
+    style.panel_title(axes, "abcdefghij"[k % 10], title)
+
+
+def _other_patches(atlas: xr.Dataset) -> list[Patch]:
+    status = atlas["column_status"].values
+    patches = [Patch(color=style.PALE, label="no direct path")]
+    if (status == _LAND_COLUMN).any():
+        patches.append(Patch(color=LAND, label="land"))
+    if (status > _LAND_COLUMN).any():
+        patches.append(Patch(facecolor=_EDGE, edgecolor=style.GREY, linewidth=0.4, label="edge of the data"))
+    return patches
+
+
+def _header(atlas: xr.Dataset) -> str:
+    times = np.datetime_as_string(atlas["time"].values, unit="m")
+    attrs = {"title": atlas.attrs["ocean"], "synthetic": atlas.attrs["synthetic"], "time": times[0]}
+    several = f" and {times.size - 1} more" if times.size > 1 else ""
+    return style.ocean_header(attrs) + several

@@ -1,0 +1,20 @@
+"""Atlases on Dask: the digits of this machine's processes."""
+
+import pytest
+
+from pymantaray.atlas import Atlas, run_atlas
+
+pytest.importorskip("distributed")
+
+
+def test_a_client_gives_the_same_bytes_as_processes_of_this_machine(ocean, file, links, tiles, tmp_path):
+    from distributed import Client
+
+    lat, lon = ocean["lat"].values, ocean["lon"].values
+    atlas = Atlas(file, links, window=(lat[10] - 1e-3, lat[11] + 1e-3, lon[10] - 1e-3, lon[13] + 1e-3))
+    assert len(atlas.blocks) == 2
+    with Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None) as client:
+        by_dask = run_atlas(atlas, tmp_path / "dask.nc", client=client)
+        assert client.status == "running"  # it is its owner's
+    here = run_atlas(atlas, tmp_path / "here.nc", workers=1)
+    assert by_dask.read_bytes() == here.read_bytes()

@@ -1,0 +1,60 @@
+"""`mantaray atlas` as a user meets it."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+WORDS = ("--pair", "20,100", "--distances", "1000,2000", "--bearings", "2", "--every", "6", "--workers", "1")
+
+
+def test_an_atlas_from_an_ocean_to_its_figures(mantaray, ocean_file, tmp_path):
+    out = tmp_path / "atlas.nc"
+    ran = mantaray("atlas", "run", ocean_file, "--out", out, *WORDS)
+    assert (ran.code, ran.err) == (0, "")
+    lines = ran.out.splitlines()
+    assert lines[0] == "3 x 5 columns, 1 instant, 4 links each; 1 blocks"
+    assert lines[-1] == str(out)
+    assert sum(line.startswith(" transmitter ") for line in lines) == 2
+    assert not list(tmp_path.glob("*.blocks"))
+    shown = mantaray("atlas", "show", out)
+    assert shown.out.startswith("Bias of straight-line ranging: Beaufort Sea (synthetic); pymantaray ")
+    assert "nominal" in shown.out
+    with xr.open_dataset(out) as atlas:
+        assert dict(atlas.sizes)["distance"] == 2
+        assert np.isfinite(atlas["range_error"]).any()
+    plotted = mantaray("atlas", "plot", out, "--out", tmp_path / "plots", "--convention", "mean")
+    assert plotted.code == 0
+    names = sorted(path.name for path in (tmp_path / "plots").iterdir())
+    assert names == sorted(
+        f"atlas_{name}.{kind}" for name in ("conventions", "error", "safe") for kind in ("pdf", "png")
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("--distances", "far"), "--distances is 'far'; needs numbers with commas between"),
+        (("--pair", "20"), "--pair is '20'; needs 2 numbers with commas between"),
+        (("--window", "1,2,3"), "--window is '1,2,3'; needs 4 numbers with commas between"),
+        (("--start", "2014-07-15"), "--start and --stop belong together, and exclude --time"),
+        (
+            ("--time", "2015-01-01"),
+            "time 2015-01-01T00:00: not in the ocean, which has 1 from 2014-07-15T12:00 to",
+        ),
+        (("--cutoff-db", "-3"), "--cutoff-db -3: a positive number of decibels or off is needed"),
+    ],
+)
+def test_what_cannot_be_is_one_line(mantaray, ocean_file, tmp_path, words, line):
+    ran = mantaray("atlas", "run", ocean_file, "--out", tmp_path / "atlas.nc", *words)
+    assert ran.code == 2
+    assert ran.err.startswith(f"error: {line}")
+    assert ran.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_ocean_is_not_overwritten_by_its_atlas(mantaray, ocean_file, tmp_path):
+    ran = mantaray("atlas", "run", ocean_file, "--out", ocean_file, "--force")
+    assert (ran.code, ran.err) == (2, f"error: {ocean_file}: is the input; give another name\n")
+    assert mantaray("atlas", "show", ocean_file).err.startswith(
+        f"error: {ocean_file}: not an atlas of this version"
+    )
