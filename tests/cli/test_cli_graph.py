@@ -86,18 +86,26 @@ def test_without_a_folder_nothing_is_written(graph, file, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["g.pyfg"]
 
 
-def test_sightings_are_refused_or_left_out_and_counted(mantaray, graph, tmp_path):
-    (tmp_path / "s.pyfg").write_text(TEXT)
+def test_unknown_lines_are_named_with_a_count_and_skipped_by_choice(mantaray, graph, tmp_path):
+    (tmp_path / "s.pyfg").write_text(TEXT + "FIX 0\nFIX 1\n")
     refused = mantaray("graph", "show", tmp_path / "s.pyfg")
-    assert refused.code == 2
-    assert "line 16: EDGE_SE3_XYZ, a landmark's place" in refused.err
-    done = graph("solve", tmp_path / "s.pyfg", "--leave-out", "EDGE_SE3_XYZ")
-    assert "left out: 1 EDGE_SE3_XYZ" in done.out
+    assert (refused.code, len(refused.err.splitlines())) == (2, 1)
+    assert "unknown lines: 2 of 'FIX' (line 17)" in refused.err
+    for command in ("show", "solve"):
+        done = graph(command, tmp_path / "s.pyfg", "--skip-unknown", "--leave-out", "EDGE_SE3_XYZ").out
+        assert [line.split()[-2:] for line in done.splitlines() if line.startswith("left out")] == [
+            ["1", "EDGE_SE3_XYZ"],
+            ["2", "FIX"],
+        ]
+    done = graph("convert", tmp_path / "s.pyfg", tmp_path / "s.g2o", "--skip-unknown", "--leave-out", "all")
+    assert "left out: 2 FIX" in done.err
+    assert "EDGE_SE3_TRACKXYZ 1 5 0 -5 6 7 10 0 0 10 0 10\n" in (tmp_path / "s.g2o").read_text()
 
 
 def test_ranges_are_not_left_out_of_a_solve_in_silence(mantaray, file):
     refused = mantaray("graph", "solve", file, "--leave-out", "ranges")
-    assert (refused.code, refused.err) == (2, f"error: {file}: leave out ['ranges']; allowed: EDGE_SE3_XYZ\n")
+    message = f"error: {file}: no line begins with 'ranges'; allowed: words of the file to leave out\n"
+    assert (refused.code, refused.err) == (2, message)
 
 
 def test_a_folder_that_is_taken_is_refused_before_the_solve(mantaray, file, tmp_path, monkeypatch):
@@ -124,8 +132,9 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     back, values = read_pyfg(tmp_path / "back.pyfg")
     assert back.agent_name.tolist() == ["A", "B"]
     np.testing.assert_array_equal(values.position, read_pyfg(file)[1].position)
-    anchored = graph("solve", tmp_path / "g.g2o", "--anchor")
-    assert "given a prior at the file's value: A0" in anchored.out
+    anchored = graph("solve", tmp_path / "g.g2o")
+    assert "anchored for want of a prior: A0" in anchored.out
+    assert "anchor             none; solve gives a prior to A0" in graph("show", tmp_path / "g.g2o").out
     done = mantaray("graph", "convert", file, tmp_path / "t.tum")
     assert done.out.splitlines() == [str(tmp_path / "t-A.tum"), str(tmp_path / "t-B.tum")]
     again = mantaray("graph", "convert", file, tmp_path / "t.tum")
@@ -138,7 +147,7 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
 @pytest.mark.parametrize(("old", "new", "said"), [
     (f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}\n", "", "B0: priors, odometry and ranges do not"),
     ("A0 A1 10.1 0 0 0 0 0 1 0.01", "A0 A1 10.1 0 0 0 0 0 1 0", "A1: odometry variance is"),
-    ("VERTEX_SE3:QUAT 0 B0", "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2, a graph in two dimensions"),
+    ("VERTEX_SE3:QUAT 0 B0", "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2 in a graph in three dimensions"),
 ], ids=["no prior", "no variance", "two dimensions"])  # fmt: skip
 def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new, said):
     assert old in file.read_text()

@@ -94,8 +94,9 @@ def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
 
 
 @pytest.mark.parametrize(("line", "old", "new", "message"), [
-    (1, "VERTEX_SE3:QUAT", "EDGE_RANGE", r"line 1: begins with 'EDGE_RANGE'; .*in the first line"),
-    (1, "VERTEX_SE3:QUAT", "VERTEX_SE2", r"line 1: VERTEX_SE2, a graph in two dimensions"),
+    (1, "VERTEX_SE3:QUAT", "VERTEX_SE2", r"line 1: VERTEX_SE2 with 10 fields; allowed: 6"),
+    (2, "VERTEX_SE3:QUAT ", "VERTEX_SE3:QUAT\t", r"line 2: begins with 'VERTEX_SE3:QUAT.t200'; .*one space between"),
+    (2, "11 2 3", "11 \u0662 3", r"line 2: VERTEX_SE3:QUAT with a character that is not ASCII"),
     (1, "A0", "A2147483648", r"line 1: VERTEX_SE3:QUAT: number of A2147483648"),
     (2, "11 2 3", "11  2 3", r"line 2: VERTEX_SE3:QUAT with 11 fields; allowed: 10"),
     (2, "11 2 3", "11 two 3", r"line 2: .*could not convert string to float: 'two'"),
@@ -116,10 +117,10 @@ def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
     (9, "A1 L0", "L0 A1", r"line 9: .*the pose first"),
     (9, "A1 L0", "A1 A1", r"line 9: .*from A1 to itself"),
     (9, "A1 L0", "A0001 L99999999999999999999", r"line 9: EDGE_RANGE: number of L9+; .* 2147483647"),
-    (9, "RANGE 200 A1 L0 8.5 4", "SE3_XYZ 200 A1 L0 1 2 3 1 0 0 1 0 1", "line 9: EDGE_SE3_XYZ, a .*no factor"),
-    (9, "EDGE_RANGE", "EDGE_SE2_XY", r"line 9: EDGE_SE2_XY, a graph in two dimensions"),
+    (9, "EDGE_RANGE", "EDGE_SE2_XY", r"line 9: EDGE_SE2_XY in a graph in three dimensions"),
     (9, "8.5 4", "8.5 -4", r"A1: range variance is .-4."),
-    (9, "8.5 4", "8.5 4\n", r"line 10: begins with ''"),
+    (9, "8.5 4", "-8.5 4", r"line 9: EDGE_RANGE with distance -8.5; allowed: 0 or more"),
+    (9, "8.5 4", "8.5 4\nFIX 1\nRANGE 2\nFIX 3", r"unknown lines: 2 of 'FIX' \(line 10\), 1 of 'RANGE' \(line 11\); allow"),
 ])  # fmt: skip
 def test_fault_is_one_line_that_names_the_place(tmp_path, line, old, new, message):
     lines = HAND.splitlines(keepends=True)
@@ -130,7 +131,7 @@ def test_fault_is_one_line_that_names_the_place(tmp_path, line, old, new, messag
 
 def test_file_without_a_graph_is_refused(tmp_path):
     for text in ("", HAND.splitlines()[2] + "\n"):
-        refused(EstimationError, "no VERTEX_SE3:QUAT in the file", read_text, tmp_path, text)
+        refused(EstimationError, "no VERTEX_SE3:QUAT or VERTEX_SE2 in the file", read_text, tmp_path, text)
     refused(EstimationError, r"none\.pyfg: not a readable text file", read_pyfg, tmp_path / "none.pyfg")
 
 
@@ -240,8 +241,8 @@ EDGE_RANGE 1.600000000 L0 L7 4.242641 0.010000
 def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tmp_path):
     path = tmp_path / "foreign.pyfg"
     path.write_text(FOREIGN)
-    graph, values, left_out = load_pyfg(path, leave_out=["EDGE_SE3_XYZ"])
-    assert left_out == {"EDGE_SE3_XYZ": 1}
+    graph, values = read_pyfg(path)
+    assert graph["sighting"].variables.tolist() == [[0, 5]]
     assert graph.pose_time.tolist() == [0.5, 1.5, 2.5, 0.5, 1.5]
     assert graph.landmark_name.tolist() == ["L0", "L7"]
     edges = [tuple(map(graph.variable_name, ends)) for ends in graph["edge"].variables]
@@ -253,7 +254,7 @@ def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tm
 
 
 def test_landmarks_keep_their_numbers_and_trailing_blanks_do_not_matter(tmp_path):
-    text = "".join(f"{line} \n" for line in FOREIGN.splitlines() if not line.startswith("EDGE_SE3_XYZ"))
+    text = "".join(f"{line} \n" for line in FOREIGN.splitlines())
     graph, values = read_text(tmp_path, text.replace("VERTEX_XYZ L7", "VERTEX_XYZ L007"))
     write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
     again, _ = read_pyfg(tmp_path / "again.pyfg")
@@ -280,10 +281,23 @@ def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_
     assert far.initial_cost == pytest.approx(near.initial_cost, rel=1e-3)  # 1e-12 would add 9,000
 
 
-def test_what_can_be_left_out_is_named(tmp_path):
-    (tmp_path / "g.pyfg").write_text(HAND)
-    with pytest.raises(EstimationError, match=r"leave out \['EDGE_RANGE'\]; allowed: EDGE_SE3_XYZ"):
-        load_pyfg(tmp_path / "g.pyfg", leave_out=["EDGE_RANGE"])
+def test_lines_are_left_out_by_their_word_or_because_it_is_unknown_and_counted(tmp_path):
+    path = tmp_path / "g.pyfg"
+    path.write_text(HAND + "FIX 1\nFIX 2\n")
+    whole = load_pyfg(path, skip_unknown=True)
+    assert whole.left_out == {"FIX": 2}
+    file = load_pyfg(path, leave_out=["EDGE_RANGE", "FIX"])
+    assert (len(whole.graph["range"]), len(file.graph["range"])) == (1, 0)
+    assert file.left_out == {"EDGE_RANGE": 1, "FIX": 2}
+    message = "no line begins with 'ranges'; allowed: words of the file"
+    refused(EstimationError, message, load_pyfg, path, leave_out=["ranges"], skip_unknown=True)
+
+
+def test_a_byte_order_mark_blank_lines_and_comments_are_passed_over(tmp_path):
+    text = HAND.replace("VERTEX_XYZ L0", "\n# 5 \u00b5m, north\n   \n  # indented\nVERTEX_XYZ L0", 1)
+    (tmp_path / "g.pyfg").write_text("\ufeff\n# first\n" + text, encoding="utf-8")
+    (tmp_path / "plain.pyfg").write_text(HAND)
+    assert_same(read_pyfg(tmp_path / "g.pyfg")[0], read_pyfg(tmp_path / "plain.pyfg")[0])
 
 
 def test_pyfactorgraph_itself_reads_what_we_write_and_we_what_it_writes(tmp_path):
@@ -291,7 +305,7 @@ def test_pyfactorgraph_itself_reads_what_we_write_and_we_what_it_writes(tmp_path
         "py_factor_graph.io.pyfg_text", reason="PyFactorGraph is not installed (it is not on PyPI)"
     )
     (tmp_path / "foreign.pyfg").write_text(FOREIGN)
-    graph, values, _ = load_pyfg(tmp_path / "foreign.pyfg", leave_out=["EDGE_SE3_XYZ"])
+    graph, values = read_pyfg(tmp_path / "foreign.pyfg")
     of_pose = graph["range"].variables[:, 0] < graph.n_poses  # theirs has none between landmarks
     graph = graph.with_factors(range=graph["range"][of_pose])
     write_pyfg(graph, tmp_path / "ours.pyfg", initial=values)

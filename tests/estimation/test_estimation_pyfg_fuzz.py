@@ -18,7 +18,7 @@ NASTY = """
 nan -nan inf -inf 0 -0 -1 1e-300 1e300 1e12 1e9 1.0000001e9 1e-31 1e31 0x10 1_0 1,5 ½ 1e --1
 A L A0 A1 B0 L0 L1 Z9 a0 A-1 A00 A01 L00 A99999999999999999999 A2147483647 A2147483648 AA1 A1.5
 EDGE_RANGE EDGE_SE3:QUAT EDGE_SE2 VERTEX_SE2 EDGE_SE3_XYZ VERTEX_XYZ VERTEX_SE3:QUAT FIX #
-VERTEX_SE3:QUAT:PRIOR VERTEX_XYZ:PRIOR
+VERTEX_SE3:QUAT:PRIOR VERTEX_XYZ:PRIOR EDGE_SE2_XY VERTEX_XY:PRIOR
 """
 FIELDS = [*NASTY.split(), "", " ", "\t", "9" * 5000, "\x00"]
 KINDS = ["field"] * 3 + ["lost"] * 2 + ["number"] * 3 + ["exchanged", "twice", "end", "byte"]
@@ -67,7 +67,7 @@ def outcome_of(path):
     signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
     what = "refused"
     try:
-        file = load_pyfg(path, leave_out=["EDGE_SE3_XYZ"])
+        file = load_pyfg(path)
         what = "unsolvable"
         result = solve_graph(file)
     except EstimationError as error:
@@ -82,7 +82,7 @@ def outcome_of(path):
 
 @pytest.fixture
 def texts(tmp_path, make_fleet):
-    """Two small graphs with every word of the grammar between them."""
+    """Three small graphs with every word of the grammar between them."""
     fleet = make_fleet(seed=2, n_agents=2, n_times=8, n_landmarks=1, gnss_every=4)
     write_pyfg(build_graph(fleet.noisy, "straight"), tmp_path / "whole.pyfg", initial=fleet.truth)
     full = "0.25 0.01 0 0 0 0 0.25 0 0 0 0 0.25 0 0 0 1e-4 0 0"
@@ -95,7 +95,14 @@ def texts(tmp_path, make_fleet):
         "VERTEX_XYZ:PRIOR 0 L3 5 6 7 0.5 0.1 0 0.6 0 0.7\nEDGE_RANGE 1 A1 L3 10.5 4\n"
         "EDGE_SE3_XYZ 1 A1 L3 1 2 3 0.1 0 0 0.1 0 0.1\n"
     )
-    return [(tmp_path / "whole.pyfg").read_text(), hand]
+    flat = (
+        "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 1 A1 10 0 1.5\nVERTEX_SE2 0 B0 0 9 0\nVERTEX_XY L3 5 6\n"
+        "VERTEX_SE2:PRIOR 0 A0 0 0 0 0.1 0.01 0 0.1 0 1e-4\nVERTEX_SE2:PRIOR 0 B0 0 9 0 1 0 0 1 0 1e12\n"
+        "VERTEX_XY:PRIOR 0 L3 5 6 0.5 0.1 0.6\nEDGE_SE2 1 A0 A1 10 0 1.5 0.25 0.01 0 0.25 0 1e-4\n"
+        "EDGE_SE2 1 A1 B0 9.6 9.3 -1.5 0.25 0.01 0 0.25 0 1e-4\nEDGE_SE2_XY 1 A1 L3 5.6 5.4 0.1 0 0.1\n"
+        "EDGE_RANGE 1 A1 L3 7.8 4\n"
+    )
+    return [(tmp_path / "whole.pyfg").read_text(), hand, flat]
 
 
 def fuzz(texts, tmp_path, seed, count):
@@ -113,7 +120,7 @@ def fuzz(texts, tmp_path, seed, count):
         assert len(line) < LONGEST_LINE
         seen[what] = seen.get(what, 0) + 1
         if what == "solved" and number % 10 == 0:
-            graph, values = load_pyfg(path, leave_out=["EDGE_SE3_XYZ"])[:2]
+            graph, values = load_pyfg(path)[:2]
             write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
             again, _ = read_pyfg(tmp_path / "again.pyfg")
             np.testing.assert_array_equal(again["edge"].covariance, graph["edge"].covariance)
@@ -123,7 +130,7 @@ def fuzz(texts, tmp_path, seed, count):
 def test_undamaged_files_are_solved(texts, tmp_path):
     for text in texts:
         (tmp_path / "t.pyfg").write_text(text)
-        result = solve_graph(load_pyfg(tmp_path / "t.pyfg", leave_out=["EDGE_SE3_XYZ"]))
+        result = solve_graph(load_pyfg(tmp_path / "t.pyfg"))
         assert result.solution.status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE}
 
 

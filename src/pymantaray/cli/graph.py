@@ -22,8 +22,12 @@ LeaveOut = Annotated[
         "--leave-out",
         metavar="WHAT",
         help="What to lose on purpose, counted: a word that begins lines of the input, as EDGE_SE3_XYZ; what a g2o"
-        " output cannot hold, as ranges; or all. May be given several times.",
+        " output cannot hold, as ranges, or all of that. May be given several times.",
     ),
+]
+SkipUnknown = Annotated[
+    bool,
+    typer.Option("--skip-unknown", help="Pass over lines of words that are not known, counted."),
 ]
 HalfAngles = Annotated[
     bool,
@@ -35,18 +39,25 @@ HalfAngles = Annotated[
 
 
 @app.command()
-def show(file: In, leave_out: LeaveOut = None, half_angles: HalfAngles = False) -> None:
+def show(
+    file: In,
+    leave_out: LeaveOut = None,
+    skip_unknown: SkipUnknown = False,
+    half_angles: HalfAngles = False,
+) -> None:
     """Print what is in a graph, and whether it can be solved."""
     from pymantaray.estimation import open_graph
     from pymantaray.estimation.diagnose import diagnose
-    from pymantaray.estimation.graph import check_anchored, check_values
+    from pymantaray.estimation.external import anchored
 
-    content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
+    content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
     for name, text in _contents(content):
         typer.echo(f"{name:<18} {text}")
-    check_values(content.graph, content.values)
-    check_anchored(content.graph)
-    weak = diagnose(content.graph, content.values)
+    graph, poses = anchored(content)
+    if poses.size:
+        names = ", ".join(graph.variable_name(int(pose)) for pose in poses)
+        typer.echo(f"{'anchor':<18} none; solve gives a prior to {names}")
+    weak = diagnose(graph, content.values)
     typer.echo(f"{'determined':<18} {'yes' if weak is None else 'no: ' + weak}")
 
 
@@ -57,8 +68,11 @@ def solve(
         Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")
     ] = None,
     start: Annotated[
-        Literal["file", "dead-reckoning"],
-        typer.Option("--start", help="Start from the file's vertices, or from composed edges."),
+        Literal["file", "dead-reckoning", "chordal"],
+        typer.Option(
+            "--start",
+            help="Start from the file's vertices, from composed edges, or from linear least squares of all edges.",
+        ),
     ] = "file",
     estimator: Annotated[
         str,
@@ -69,7 +83,11 @@ def solve(
         ),
     ] = "batch",
     anchor: Annotated[
-        bool, typer.Option("--anchor", help="Give a prior to the first pose of each part that floats.")
+        bool,
+        typer.Option(
+            "--anchor",
+            help="Give a prior to the first pose of each part that floats; done unasked where nothing is anchored.",
+        ),
     ] = False,
     truth: Annotated[
         bool | None,
@@ -78,6 +96,7 @@ def solve(
         ),
     ] = None,
     leave_out: LeaveOut = None,
+    skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="No summary.")] = False,
 ) -> None:
@@ -89,7 +108,7 @@ def solve(
     from pymantaray.exchange import write_graph_tum
     from pymantaray.study.folder import staged_folder
 
-    content = open_graph(file, leave_out=_of_input(file, leave_out), half_angles=half_angles)
+    content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
     with ExitStack() as stack:
         # refused before the solve
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
@@ -127,6 +146,7 @@ def convert(
         ),
     ],
     leave_out: LeaveOut = None,
+    skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
     symbols: Annotated[
         bool,
@@ -145,16 +165,16 @@ def convert(
     endings = (".pyfg", G2O, ".tum")
     beside = [names_file(out)] if out.suffix == ".pyfg" else []
     check_output(out, endings, inputs=[file], beside=beside, force=force)
-    wanted = leave_out or []
-    words = _of_input(file, [what for what in wanted if what not in LEFT_OUT])
-    content = open_graph(file, leave_out=words, half_angles=half_angles)
+    to_lose = leave_out or []
+    words = [what for what in to_lose if what not in (*LEFT_OUT, "all")]
+    content = open_graph(file, leave_out=words, skip_unknown=skip_unknown, half_angles=half_angles)
     lost, files = dict(content.left_out), [out]
     if out.suffix == G2O:
         lost |= write_g2o(
             content.graph,
             out,
             initial=content.values,
-            leave_out=LEFT_OUT if "all" in wanted else [what for what in wanted if what in LEFT_OUT],
+            leave_out=LEFT_OUT if "all" in to_lose else [what for what in to_lose if what in LEFT_OUT],
             symbols=symbols,
             half_angles=half_angles,
         )
@@ -169,15 +189,6 @@ def convert(
         typer.echo(f"left out: {count} {what}", err=True)
     for path in files:
         typer.echo(str(path))
-
-
-def _of_input(file: Path, leave_out: list[str] | None) -> list[str]:
-    """Words that begin lines of the input file, without ``all``, which stands for those of PyFactorGraph text."""
-    from pymantaray.estimation.external import G2O
-
-    wanted = leave_out or []
-    words = [what for what in wanted if what != "all"]
-    return ["EDGE_SE3_XYZ", *words] if "all" in wanted and file.suffix != G2O else words
 
 
 def _contents(file: "GraphFile") -> list[tuple[str, str]]:
@@ -198,6 +209,7 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
     priors = [f"{plural} {count}" for plural, count in unary.items() if count]
     counts = [np.count_nonzero(landmarks == k) for k in range(3)]
     lines = [
+        ("dimensions", "two" if g.planar else "three"),
         ("vehicles", ", ".join(vehicles)),
         ("landmarks", ", ".join(g.landmark_name.tolist()) or "none"),
         ("times", f"{time.min():g} to {time.max():g} s"),
@@ -206,10 +218,13 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
             "loop closures",
             f"{np.count_nonzero(same & ~odometry)} of one vehicle, {np.count_nonzero(~same)} between two",
         ),
+        ("sightings", f"{len(g['sighting'])} of landmarks from poses"),
         ("ranges", "{} between poses, {} to landmarks, {} between landmarks".format(*counts)),
         ("priors", ", ".join(priors) or "none"),
         ("degrees of freedom", f"{g.degrees_of_freedom}"),
     ]
+    if file.guessed:
+        lines.append(("values", "none in the file; by chordal initialization"))
     return lines + [("left out", f"{count} {what}") for what, count in file.left_out.items()]
 
 
@@ -231,7 +246,7 @@ def _print_result(result: "GraphResult") -> None:
         typer.echo(f"left out: {count} {what}")
     if result.anchored.size:
         names = ", ".join(result.graph.variable_name(int(pose)) for pose in result.anchored)
-        typer.echo(f"given a prior at the file's value: {names}")
+        typer.echo(f"anchored for want of a prior: {names}")
     if result.as_in_file:
         typer.echo(f"started at the file's value for want of a prior: {result.as_in_file} variables")
     if result.truth is None or not s.usable:

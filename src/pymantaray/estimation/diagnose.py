@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import diags_array, eye_array
 from scipy.sparse.linalg import splu
 
+from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE
 from pymantaray.estimation.problems import State, distance_problem
@@ -20,20 +21,19 @@ _STEPS = 6  # of inverse iteration; each takes away what is not the weakest by t
 _SPREAD = 1e-12  # variances this far below the median leave no digits for the others
 
 
-def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
-    """
-    Say in one line which variable makes a graph singular or badly conditioned, if one does.
-
-    Judged by the weakest direction of the information matrix, scaled to a unit diagonal, and by the smallest variance
-    of metres or radians against the median.
-    """
+def check_conditioned(graph: FactorGraph) -> None:
+    """Refuse a graph with a variance of metres or radians so far below the median that the others have no digits left."""
     tightest = _tightest(graph)
     if tightest is not None:
         what, variable, variance, median = tightest
-        return (
+        raise EstimationError(
             f"{graph.variable_name(variable)}: {what} variance {variance:g} is {variance / median:.0e} of the median,"
             f" {median:g}: badly conditioned; needs variances of more like size"
         )
+
+
+def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
+    """Say in one line which variable makes a graph singular, if one does, by the weakest direction of its scaled information."""
     weakest = _weakest_direction(graph, values)
     if weakest.eigenvalue >= _SINGULAR and weakest.sigma < _FREE:
         return None
@@ -63,7 +63,12 @@ def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
     """Kind, variable and size of the smallest variance, and the median, if the two are too far apart."""
     for unit in ("m", "rad"):
         tables = [
-            (factors, np.diagonal(factors.covariance, axis1=1, axis2=2)[:, factors.kind.rows_in(unit)])
+            (
+                factors,
+                np.diagonal(factors.covariance, axis1=1, axis2=2)[
+                    :, factors.kind.rows_in(unit, planar=graph.planar)
+                ],
+            )
             for factors in (graph[name] for name in KINDS)
         ]
         tables = [(factors, variance.min(axis=1)) for factors, variance in tables if variance.size]

@@ -4,23 +4,30 @@ import json
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.diagnose import diagnose, worst_misfit
+from pymantaray.estimation.diagnose import check_conditioned, diagnose, worst_misfit
 from pymantaray.estimation.g2o import load_g2o
-from pymantaray.estimation.graph import FactorGraph, GraphValues, check_anchored, check_graph, check_values
+from pymantaray.estimation.graph import (
+    FactorGraph,
+    GraphValues,
+    check_anchored,
+    check_graph,
+    check_values,
+    connected_parts,
+)
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
 from pymantaray.estimation.solution import Solution
 from pymantaray.estimation.solve import METHODS, GraphSolver
-from pymantaray.estimation.starts import anchor_loose_parts, dead_reckon_graph
+from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.records import whole_file, write_netcdf
 
-Start = Literal["file", "dead-reckoning"]
+Start = Literal["file", "dead-reckoning", "chordal"]
 EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
 
 G2O = ".g2o"
@@ -33,8 +40,8 @@ class GraphResult:
     What an estimator made of a graph.
 
     ``graph`` has the priors that were added; ``as_in_file`` counts the variables whose start is the file's
-    though dead reckoning was asked for; ``truth`` is None where the file has none; ``diagnosis`` says in one
-    line why the solution is not usable, and is None if it is.
+    though dead reckoning was asked for; ``start`` is chordal where the file has no values; ``truth`` is None where it
+    has none; ``diagnosis`` says in one line why the solution is not usable, and is None if it is.
     """
 
     graph: FactorGraph
@@ -76,6 +83,7 @@ class GraphResult:
             "poses": g.n_poses,
             "landmarks": int(g.landmark_name.size),
             "edges": len(g["edge"]),
+            "sightings": len(g["sighting"]),
             "ranges": len(g["range"]),
             "left_out": self.left_out,
             "anchored": [g.variable_name(int(pose)) for pose in self.anchored],
@@ -100,15 +108,23 @@ class GraphResult:
             path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
-def open_graph(path: Path | str, *, leave_out: Collection[str] = (), half_angles: bool = False) -> GraphFile:
+def open_graph(
+    path: Path | str,
+    *,
+    leave_out: Collection[str] = (),
+    skip_unknown: bool = False,
+    half_angles: bool = False,
+) -> GraphFile:
     """
-    Read a graph file: g2o if its name ends in ``.g2o``, else PyFactorGraph text.
+    Read a graph file, in three dimensions or two: g2o if its name ends in ``.g2o``, else PyFactorGraph text.
 
     Parameters
     ----------
     path : pathlib.Path or str
     leave_out : collection of str
-        Words of lines to leave out, and count: ``EDGE_SE3_XYZ`` of PyFactorGraph text, any of g2o.
+        Words whose lines to leave out, and count.
+    skip_unknown : bool
+        Leave out, and count, the lines of words that are not in the grammar, instead of refusing them.
     half_angles : bool
         Whether the rotation part of a g2o file's information is for half the angle, as g2o has it.
 
@@ -118,8 +134,8 @@ def open_graph(path: Path | str, *, leave_out: Collection[str] = (), half_angles
         If the file cannot be read or a line is not in the grammar; the message names the line.
     """
     if Path(path).suffix == G2O:
-        return load_g2o(path, leave_out=leave_out, half_angles=half_angles)
-    return load_pyfg(path, leave_out=leave_out)
+        return load_g2o(path, leave_out=leave_out, skip_unknown=skip_unknown, half_angles=half_angles)
+    return load_pyfg(path, leave_out=leave_out, skip_unknown=skip_unknown)
 
 
 def solve_graph(
@@ -139,10 +155,12 @@ def solve_graph(
         From `open_graph`.
     estimator : str or callable
         A name in `METHODS`, or a function of a graph and its starting values.
-    start : {"file", "dead-reckoning"}
-        At the values of the file's vertices, or at edges composed from the priors; a truth hides local minima.
+    start : {"file", "dead-reckoning", "chordal"}
+        At the values of the file's vertices, at edges composed from the priors, or at linear least squares of all edges; a
+        truth hides local minima.
     anchor : bool
-        Give a prior of 1 mm and 1 mrad to the first pose of each part that floats, instead of refusing it.
+        Give a prior of 1 mm and 1 mrad to the first pose of each part that floats, instead of refusing it. Where nothing at
+        all ties a graph to the world, that is done unasked.
     truth : bool
         Whether the file's vertices are the ground truth, as in PyFactorGraph files.
 
@@ -154,16 +172,17 @@ def solve_graph(
     """
     if isinstance(estimator, str) and estimator not in METHODS:
         raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
-    if start not in {"file", "dead-reckoning"}:
-        raise EstimationError(f"start {start!r}; allowed: file, dead-reckoning")
-    graph, values, left_out = file
-    check_graph(graph)
-    check_values(graph, values)
-    anchored = np.empty(0, dtype=np.int32)
-    if anchor:
-        graph, anchored = anchor_loose_parts(graph, values)
-    check_anchored(graph)
-    initial, as_in_file = (values, 0) if start == "file" else dead_reckon_graph(graph, values)
+    if start not in get_args(Start):
+        raise EstimationError(f"start {start!r}; allowed: {', '.join(get_args(Start))}")
+    graph, poses = anchored(file, all_parts=anchor)
+    values, guessed = file.values, file.guessed
+    initial, as_in_file = values, 0
+    if start == "dead-reckoning":
+        initial, as_in_file = dead_reckon_graph(graph, values)
+    elif start == "chordal":
+        initial = chordal(graph, values)
+    elif guessed:
+        start = "chordal"
     name, solution = _solved(graph, initial, estimator)
     diagnosis = None
     if not solution.usable:
@@ -174,12 +193,30 @@ def solve_graph(
         start=start,
         initial=initial,
         as_in_file=as_in_file,
-        anchored=anchored,
-        truth=values if truth else None,
+        anchored=poses,
+        truth=values if truth and not guessed else None,
         solution=solution,
         diagnosis=diagnosis,
-        left_out=left_out,
+        left_out=file.left_out,
     )
+
+
+def anchored(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGraph, NDArray[np.int32]]:
+    """
+    A file's graph, checked and tied to the world, and the poses that were given a prior for that.
+
+    Where nothing ties it, the first pose of each part is given one; where something does, only with ``all_parts``, else a
+    part that floats is refused.
+    """
+    graph, values = file.graph, file.values
+    check_graph(graph)
+    check_values(graph, values)
+    poses = np.empty(0, dtype=np.int32)
+    if all_parts or connected_parts(graph).loose.all():
+        graph, poses = anchor_loose_parts(graph, values)
+    check_anchored(graph)
+    check_conditioned(graph)
+    return graph, poses
 
 
 def _solved(
@@ -222,7 +259,8 @@ def to_gtsam(graph: FactorGraph, values: GraphValues, loss: Loss | None = None) 
     Parameters
     ----------
     graph : FactorGraph
-        Every factor becomes one of GTSAM's; those of depth are GPS factors without precision across.
+        Every factor becomes one of GTSAM's; those of depth are GPS factors without precision across. Poses of a planar graph
+        are held in the plane by priors, where nothing pulls on them.
     values : GraphValues
         One for each variable of the graph.
     loss : Loss, optional

@@ -1,9 +1,13 @@
-"""Pose graphs as g2o text in three dimensions: poses and edges between them, nothing else."""
+"""
+Pose graphs as g2o text, in three dimensions or two: poses, landmarks, edges between poses and sightings of landmarks.
+
+Lines in two dimensions are lifted and flattened as those of PyFactorGraph text are.
+"""
 
 import re
-from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +18,7 @@ from pymantaray.estimation.graph import (
     KINDS,
     SMALLEST_EIGENVALUE,
     FactorGraph,
+    Factors,
     GraphValues,
     check_graph,
     check_values,
@@ -25,19 +30,58 @@ from pymantaray.estimation.pyfg import (
     TO_XYZW,
     GraphFile,
     TextLines,
+    flat_matrix,
+    flattened,
     from_triangle,
+    lifted,
+    lifted_matrix,
     triangle,
 )
+from pymantaray.estimation.starts import chordal
+from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
 
 Array = NDArray[np.float64]
 
-_KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name != "edge"}
+LANDMARK, SIGHTING, OFFSET = "VERTEX_TRACKXYZ", "EDGE_SE3_TRACKXYZ", "PARAMS_SE3OFFSET"
+
+
+class _Word(NamedTuple):
+    """Fields behind a word: ids, the id of a parameter or none, what is measured, and the upper triangle of a matrix."""
+
+    ids: int
+    parameter: bool
+    measured: int
+    matrix: int = 0
+    flat: bool = False
+
+    @property
+    def numbers(self) -> int:
+        return self.measured + self.matrix * (self.matrix + 1) // 2
+
+
+_GRAMMAR = {
+    POSE: _Word(1, False, 7),
+    LANDMARK: _Word(1, False, 3),
+    EDGE: _Word(2, False, 7, 6),
+    SIGHTING: _Word(2, True, 3, 3),
+    OFFSET: _Word(1, False, 7),
+    "VERTEX_SE2": _Word(1, False, 3, flat=True),
+    "VERTEX_XY": _Word(1, False, 2, flat=True),
+    "EDGE_SE2": _Word(2, False, 3, 3, flat=True),
+    "EDGE_SE2_XY": _Word(2, False, 2, 2, flat=True),
+}
+_FLAT = {POSE: "VERTEX_SE2", LANDMARK: "VERTEX_XY", EDGE: "EDGE_SE2", SIGHTING: "EDGE_SE2_XY"}
+
+_KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name not in {"edge", "sighting"}}
 LEFT_OUT = ("landmarks", *_KIND_OF)
+"""What a file cannot hold; landmarks are those without a sighting."""
 
 _SYMBOL_SHIFT = 56  # GTSAM's symbols: a letter in the uppermost byte, a number below
 _LARGEST_ID = 2**31 - 1  # g2o's ids are C ints
 _INTEGER = re.compile("[0-9]{1,20}")
+_SYMBOL = re.compile("([A-Za-z])(0|[1-9][0-9]{0,8})")  # of a landmark
+_NO_OFFSET = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
 def write_g2o(
@@ -69,143 +113,252 @@ def write_g2o(
         raise EstimationError(f"{path}: leave out {sorted(leave_out)}; allowed: {', '.join(LEFT_OUT)}")
     check_graph(graph)
     check_values(graph, initial)
-    sizes = {
-        what: len(graph[_KIND_OF[what]]) if what in _KIND_OF else graph.landmark_name.size
-        for what in LEFT_OUT
-    }
+    sighted = np.unique(graph["sighting"].variables[:, 1])
+    sizes = {"landmarks": graph.landmark_name.size - sighted.size}
+    sizes |= {what: len(graph[kind]) for what, kind in _KIND_OF.items()}
     lost = {what: int(n) for what, n in sizes.items() if n}
     refused = [f"{n} {what}" for what, n in lost.items() if what not in leave_out]
     if refused:
         raise EstimationError(
-            f"{path}: g2o files hold poses and edges between them; the graph has {', '.join(refused)} besides:"
+            f"{path}: g2o files hold poses, edges between them and sightings; the graph has {', '.join(refused)} besides:"
             " agree to leave them out (--leave-out all)"
         )
-    ids = _symbols(graph, path) if symbols else list(range(graph.n_poses))
+    ids = _symbols(graph, path) if symbols else list(range(graph.n_variables))
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines(_lines(graph, initial, ids, half_angles=half_angles))
+        file.writelines(_lines(graph, initial, ids, sighted, half_angles=half_angles))
     return lost
 
 
-def load_g2o(path: Path | str, *, leave_out: Collection[str] = (), half_angles: bool = False) -> GraphFile:
+def load_g2o(
+    path: Path | str,
+    *,
+    leave_out: Collection[str] = (),
+    skip_unknown: bool = False,
+    half_angles: bool = False,
+) -> GraphFile:
     """
-    Read a pose graph from g2o text in three dimensions.
+    Read a pose graph from g2o text in three dimensions or two.
 
-    Lines of the words in ``leave_out``, such as ``VERTEX_TRACKXYZ`` or ``FIX``, are skipped and counted; others
+    Lines of the words in ``leave_out`` are skipped and counted, with ``skip_unknown`` those of unknown words, too; others
     are refused. Ids that are GTSAM symbols become vehicle and number; others belong to a vehicle A. A pose's
-    number stands for its time. [s]
+    number stands for its time. [s] Where sensors that sight landmarks have offsets, these are taken into what is sighted. A
+    file without vertices has the poses and landmarks of its edges, at values by chordal initialization.
     """
     path = Path(path)
-    vertices: dict[int, list[float]] = {}
-    edges: list[tuple[int, list[int], list[float]]] = []
-    left_out: Counter[str] = Counter()
-    lines = TextLines(path)
+    lines = TextLines(path, _GRAMMAR, leave_out, skip_unknown=skip_unknown)
+    rows: dict[str, list[_Row]] = {word: [] for word in _GRAMMAR}
+    planar: bool | None = None  # not known yet
     for line in lines:
-        word, *fields = line.split() or ["#"]
-        if word.startswith("#"):
-            continue
-        if word == POSE:
-            (pose,), values = _take(lines, word, fields, 1, 7)
-            if pose in vertices:
-                lines.refuse(f"second vertex {pose}", "one vertex for each id")
-            vertices[pose] = values
-        elif word == EDGE:
-            edges.append((lines.number, *_take(lines, word, fields, 2, 7 + 21)))
-        elif word in leave_out:
-            left_out[word] += 1
-        else:
-            lines.refuse(f"begins with {word[:40]!r}", f"{POSE}, {EDGE}, or what is left out")
-    if not vertices:
-        lines.refuse(f"no {POSE} in the file", "one pose at least", 0)
-    graph, values_of = _graph(lines, vertices, edges, half_angles=half_angles)
+        word, *fields = line.split()
+        flat = _GRAMMAR[word].flat
+        planar = flat if planar is None and word != OFFSET else planar
+        if flat != bool(planar):
+            lines.refuse(
+                f"{word} in a graph in {'two' if planar else 'three'} dimensions", "one kind of graph"
+            )
+        rows[word].append(_take(lines, word, fields))
+    graph, values, guessed = _Reader(lines, rows, planar=bool(planar), half_angles=half_angles).graph()
     try:
         check_graph(graph)
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
-    return GraphFile(graph, values_of, dict(left_out))
+    return GraphFile(graph, chordal(graph, values) if guessed else values, lines.left_out, guessed)
 
 
-def _lines(graph: FactorGraph, values: GraphValues, ids: list[int], *, half_angles: bool) -> Iterator[str]:
-    vertices = np.concatenate([values.position, values.quaternion[:, TO_XYZW]], axis=1)
-    for pose, numbers in zip(ids, vertices.tolist(), strict=True):
-        yield _line(f"{POSE} {pose}", numbers)
-    edge = graph["edge"]
-    information = _inverse(TextLines(Path()), edge.covariance[:, TO_FILE][:, :, TO_FILE], [0] * len(edge))
-    if half_angles:
-        information = information * _angle_scale(2.0)
-    quaternion = edge.column("quaternion")[:, TO_XYZW]
-    table = np.concatenate([edge.column("position"), quaternion, triangle(information)], axis=1)
-    for (a, b), numbers in zip(edge.variables.tolist(), table.tolist(), strict=True):
-        yield _line(f"{EDGE} {ids[a]} {ids[b]}", numbers)
+def _lines(
+    graph: FactorGraph, values: GraphValues, ids: list[int], sighted: NDArray[Any], *, half_angles: bool
+) -> Iterator[str]:
+    n, planar = graph.n_poses, graph.planar
+    places = np.concatenate([values.position, values.quaternion[:, TO_XYZW]], axis=1)
+    if sighted.size and not planar:
+        yield f"{OFFSET} 0 0 0 0 0 0 0 1\n"
+    yield from _rows(POSE, [f"{k}" for k in ids[:n]], places, planar=planar)
+    yield from _rows(
+        LANDMARK, [f"{ids[k]}" for k in sighted], values.landmark_position[sighted - n], planar=planar
+    )
+    edge, sighting = graph["edge"], graph["sighting"]
+    matrix = edge.covariance[:, TO_FILE][:, :, TO_FILE]
+    step = np.concatenate([edge.column("position"), edge.column("quaternion")[:, TO_XYZW]], axis=1)
+    yield from _rows(EDGE, _heads(edge, ids), step, matrix, planar=planar, half_angles=half_angles)
+    heads = _heads(sighting, ids) if planar else [f"{head} 0" for head in _heads(sighting, ids)]
+    yield from _rows(SIGHTING, heads, sighting.column("position"), sighting.covariance, planar=planar)
 
 
-def _line(head: str, values: list[float]) -> str:
-    return f"{head} {' '.join(f'{v:.17g}' for v in values)}\n"
+def _heads(factors: Factors, ids: list[int]) -> list[str]:
+    return [f"{ids[a]} {ids[b]}" for a, b in factors.variables.tolist()]
 
 
-def _graph(
-    lines: TextLines,
-    vertices: dict[int, list[float]],
-    edges: list[tuple[int, list[int], list[float]]],
+def _rows(
+    word: str,
+    heads: list[str],
+    measured: Array,
+    covariance: Array | None = None,
     *,
-    half_angles: bool,
-) -> tuple[FactorGraph, GraphValues]:
-    row = {pose: i for i, pose in enumerate(vertices)}
-    for number, ends, _ in edges:
-        for end in ends:
-            if end not in row:
-                lines.refuse(f"id {end}", "ids of the file's vertices", number)
-    letters, numbers = zip(*map(_name, vertices), strict=True)
-    agents = list(dict.fromkeys(letters))
-    vertex = np.array(list(vertices.values())).reshape(-1, 7)
-    edge = np.array([values for *_, values in edges]).reshape(-1, 28)
-    information = from_triangle(edge[:, 7:], 6)
-    if half_angles:
-        information *= _angle_scale(0.5)
-    covariance = _inverse(lines, information, [number for number, *_ in edges])
-    table = KINDS["edge"].table(
-        [[row[end] for end in ends] for _, ends, _ in edges],
-        [edge[:, :3], edge[:, 3:7][:, TO_WXYZ]],
-        covariance[:, TO_FILE][:, :, TO_FILE],
-    )
-    graph = FactorGraph(
-        agent_name=np.array(agents),
-        landmark_name=np.array([], dtype=str),
-        pose_agent=np.array([agents.index(letter) for letter in letters]),
-        pose_number=np.array(numbers),
-        pose_time=np.array(numbers, dtype=float),
-    )
-    values = GraphValues(vertex[:, :3], vertex[:, 3:][:, TO_WXYZ], np.empty((0, 3)))
-    return graph.with_factors(edge=table), values
+    planar: bool,
+    half_angles: bool = False,
+) -> Iterator[str]:
+    """Lines of a word, with the information, in two dimensions those of its flat one."""
+    if planar:
+        word, measured = _FLAT[word], flattened(measured)
+        covariance = covariance if covariance is None else flat_matrix(covariance)
+    if covariance is not None:
+        information = _inverse(TextLines(Path()), word, covariance, [0] * len(covariance))
+        if half_angles and not planar:
+            information = information * _angle_scale(2.0)
+        measured = np.concatenate([measured, triangle(information)], axis=1)
+    for head, row in zip(heads, measured.tolist(), strict=True):
+        yield f"{word} {head} {' '.join(f'{v:.17g}' for v in row)}\n"
 
 
-def _take(
-    lines: TextLines, word: str, fields: list[str], n_ids: int, n_values: int
-) -> tuple[list[int], list[float]]:
-    if len(fields) != n_ids + n_values:
-        lines.refuse(f"{word} with {1 + len(fields)} fields", f"{1 + n_ids + n_values}")
+class _Row(NamedTuple):
+    """Number of a line, its ids, and its numbers."""
+
+    line: int
+    ids: list[int]
+    values: list[float]
+
+
+class _Reader:
+    """Makes a graph of the lines of a file."""
+
+    def __init__(
+        self, lines: TextLines, rows: dict[str, list[_Row]], *, planar: bool, half_angles: bool
+    ) -> None:
+        self._lines, self._planar, self._half_angles = lines, planar, half_angles
+        self._words = {word: _FLAT.get(word, word) if planar else word for word in (*_FLAT, OFFSET)}
+        self._of = {word: rows[own] for word, own in self._words.items()}
+
+    def graph(self) -> tuple[FactorGraph, GraphValues, bool]:
+        """Graph, values of its variables, and whether these are no more than places to begin at."""
+        poses, landmarks, guessed = self._vertices()
+        names = [_name(k) for k in poses]
+        agents = list(dict.fromkeys(letter for letter, _ in names))
+        numbers = [number for _, number in names]
+        graph = FactorGraph(
+            agent_name=np.array(agents),
+            landmark_name=np.array([_landmark_name(k) for k in landmarks], dtype=str),
+            pose_agent=np.array([agents.index(letter) for letter, _ in names]),
+            pose_number=np.array(numbers),
+            pose_time=np.array(numbers, dtype=float),
+            planar=self._planar,
+        )
+        self._pose = {k: i for i, k in enumerate(poses)}
+        self._landmark = {k: i for i, k in enumerate(landmarks, start=len(poses))}
+        if guessed:
+            level = np.tile([1.0, 0.0, 0.0, 0.0], (len(poses), 1))
+            values = GraphValues(np.zeros((len(poses), 3)), level, np.zeros((len(landmarks), 3)))
+        else:
+            pose, landmark = self._measured(POSE), self._measured(LANDMARK)
+            values = GraphValues(pose[:, :3], pose[:, 3:][:, TO_WXYZ], landmark)
+        return graph.with_factors(edge=self._edges(), sighting=self._sightings()), values, guessed
+
+    def _vertices(self) -> tuple[list[int], list[int], bool]:
+        """Ids of poses and landmarks, those of the edges where there are no vertices, and whether that is so."""
+        poses, landmarks = (self._ids(word) for word in (POSE, LANDMARK))
+        guessed = not (poses or landmarks)
+        if guessed:
+            edges, sightings = self._of[EDGE], self._of[SIGHTING]
+            poses = sorted({k for row in edges for k in row.ids} | {row.ids[0] for row in sightings})
+            landmarks = sorted({row.ids[1] for row in sightings})
+        if not poses:
+            words = f"{POSE}, {EDGE}, {_FLAT[POSE]} or {_FLAT[EDGE]}"
+            self._lines.refuse(f"no {words} in the file", "one pose at least", 0)
+        return poses, landmarks, guessed
+
+    def _ids(self, word: str) -> list[int]:
+        """Ids of vertices; a landmark may have that of a pose, as in files where they are counted apart."""
+        ids: dict[int, None] = {}
+        for row in self._of[word]:
+            if row.ids[0] in ids:
+                self._lines.refuse(f"second {self._words[word]} {row.ids[0]}", "one for each id", row.line)
+            ids[row.ids[0]] = None
+        return list(ids)
+
+    def _edges(self) -> Factors:
+        rows, measured = self._of[EDGE], self._measured(EDGE)
+        covariance = self._covariance(EDGE)
+        return KINDS["edge"].table(
+            self._ends(rows, self._pose),
+            [measured[:, :3], measured[:, 3:][:, TO_WXYZ]],
+            covariance[:, TO_FILE][:, :, TO_FILE],
+        )
+
+    def _sightings(self) -> Factors:
+        """Sightings in the body frames, whatever the offsets of the sensors."""
+        rows, place = self._of[SIGHTING], self._measured(SIGHTING)
+        covariance = self._covariance(SIGHTING)
+        if not self._planar:
+            offsets = {row.ids[0]: np.array(row.values) for row in self._of[OFFSET]}
+            for i, row in enumerate(rows):
+                if row.ids[2] not in offsets:
+                    self._lines.refuse(f"parameter {row.ids[2]}", f"ids of the file's {OFFSET}", row.line)
+                offset = offsets[row.ids[2]]
+                if np.any(offset != _NO_OFFSET):
+                    turn = matrix_from_quaternion(offset[3:][TO_WXYZ])
+                    place[i], covariance[i] = offset[:3] + turn @ place[i], turn @ covariance[i] @ turn.T
+                    covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
+        return KINDS["sighting"].table(self._ends(rows, self._landmark), [place], covariance)
+
+    def _ends(self, rows: list[_Row], of_second: dict[int, int]) -> list[list[int]]:
+        """Variables of both ends, the first a pose."""
+        out = []
+        for row in rows:
+            ends = list(zip(row.ids[:2], (self._pose, of_second), strict=True))
+            for end, known in ends:
+                if end not in known:
+                    what = "poses" if known is self._pose else "landmarks"
+                    self._lines.refuse(f"id {end}", f"ids of the file's {what}", row.line)
+            out.append([known[end] for end, known in ends])
+        return out
+
+    def _measured(self, word: str) -> Array:
+        """What is measured in the lines of a word, lifted."""
+        grammar = _GRAMMAR[self._words[word]]
+        values = [row.values[: grammar.measured] for row in self._of[word]]
+        table = np.array(values, dtype=float).reshape(-1, grammar.measured)
+        return lifted(table) if self._planar else table
+
+    def _covariance(self, word: str) -> Array:
+        """Covariances of the lines of a word, lifted."""
+        own, rows = self._words[word], self._of[word]
+        grammar = _GRAMMAR[own]
+        values = np.array([row.values[grammar.measured :] for row in rows], dtype=float)
+        width = grammar.numbers - grammar.measured
+        information = from_triangle(values.reshape(-1, width), grammar.matrix)
+        if self._half_angles and grammar.matrix == 6:
+            information *= _angle_scale(0.5)
+        covariance = _inverse(self._lines, own, information, [row.line for row in rows])
+        return lifted_matrix(covariance) if self._planar else covariance
+
+
+def _take(lines: TextLines, word: str, fields: list[str]) -> _Row:
+    grammar = _GRAMMAR[word]
+    n_ids = grammar.ids + grammar.parameter
+    if len(fields) != n_ids + grammar.numbers:
+        lines.refuse(f"{word} with {1 + len(fields)} fields", f"{1 + n_ids + grammar.numbers}")
     for field in fields[:n_ids]:
         if not _INTEGER.fullmatch(field) or (int(field) > _LARGEST_ID and not _is_symbol(int(field))):
             lines.refuse(f"id {field[:40]!r}", f"integers up to {_LARGEST_ID}, or GTSAM symbols")
     ids = [int(field) for field in fields[:n_ids]]
-    if n_ids == 2 and ids[0] == ids[1]:
+    if word in {EDGE, _FLAT[EDGE]} and ids[0] == ids[1]:
         lines.refuse(f"{word} from {ids[0]} to itself", "two different poses")
-    return ids, lines.numbers(word, fields[n_ids:], quaternion=True)
+    return _Row(lines.number, ids, lines.numbers(word, fields[n_ids:], quaternion=grammar.measured == 7))
 
 
-def _inverse(lines: TextLines, matrices: Array, numbers: list[int]) -> Array:
-    """Inverses of positive definite matrices (n, 6, 6) of some lines, by way of their unit-diagonal forms."""
+def _inverse(lines: TextLines, word: str, matrices: Array, numbers: list[int]) -> Array:
+    """Inverses of positive definite matrices (n, k, k) of some lines of a word, by way of their unit-diagonal forms."""
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
     fine = (diagonal > 0.0).all(axis=1)
     if not fine.all():
         row = int(np.argmin(fine))
-        lines.refuse(f"{EDGE} with information {diagonal[row].min():g}", "a positive diagonal", numbers[row])
+        lines.refuse(f"{word} with information {diagonal[row].min():g}", "a positive diagonal", numbers[row])
     scale = 1.0 / np.sqrt(diagonal)
     scales = scale[:, :, None] * scale[:, None, :]
     correlation = matrices * scales
     fine = np.linalg.eigvalsh(correlation)[:, 0] >= SMALLEST_EIGENVALUE
     if not fine.all():
         lines.refuse(
-            f"{EDGE} with singular information", "a positive definite matrix", numbers[int(np.argmin(fine))]
+            f"{word} with singular information", "a positive definite matrix", numbers[int(np.argmin(fine))]
         )
     inverse = np.linalg.inv(correlation) * scales
     return np.asarray(0.5 * (inverse + np.swapaxes(inverse, 1, 2)))
@@ -224,7 +377,16 @@ def _symbols(graph: FactorGraph, path: Path) -> list[int]:
             f"{path}: symbols need vehicles named by one letter; found {', '.join(agents[:5])}"
         )
     poses = zip(graph.pose_agent.tolist(), graph.pose_number.tolist(), strict=True)
-    return [ord(agents[a]) << _SYMBOL_SHIFT | k for a, k in poses]
+    names = [_SYMBOL.fullmatch(name) for name in graph.landmark_name.tolist()]
+    landmarks = [("L", i) if name is None else (name[1], int(name[2])) for i, name in enumerate(names)]
+    ids = [
+        ord(letter) << _SYMBOL_SHIFT | k for letter, k in [*((agents[a], k) for a, k in poses), *landmarks]
+    ]
+    if len(set(ids)) != len(ids):
+        raise EstimationError(
+            f"{path}: symbols of two variables are the same; rename a landmark or vehicle L"
+        )
+    return ids
 
 
 def _is_symbol(number: int) -> bool:
@@ -236,3 +398,8 @@ def _name(number: int) -> tuple[str, int]:
     if number <= _LARGEST_ID:
         return "A", number
     return chr(number >> _SYMBOL_SHIFT), number & (2**_SYMBOL_SHIFT - 1)
+
+
+def _landmark_name(number: int) -> str:
+    letter, k = ("L", number) if number <= _LARGEST_ID else _name(number)
+    return f"{letter}{k}"

@@ -33,6 +33,15 @@ SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix; its inverse has no digit
 
 POSITION = ("position", 3, "m")
 QUATERNION = ("quaternion", 4, "1")  # body to world, or end to start; (w, x, y, z)
+_ROWS = {
+    "quaternion": ("rx", "ry", "rz"),
+    "position": ("x", "y", "z"),
+    "depth": ("z",),
+    "distance": ("distance",),
+}
+_FIRST = list(_ROWS)  # rotation before others
+_UNITS = {row: "rad" if name == "quaternion" else "m" for name, rows in _ROWS.items() for row in rows}
+OUT_OF_PLANE = ("rx", "ry", "z")  # of a graph in two dimensions
 
 
 @dataclass(frozen=True)
@@ -58,16 +67,24 @@ class FactorKind:
         return sum(width for _, width, _ in self.columns) - ("quaternion" in self.columns_at)
 
     @property
+    def row_names(self) -> tuple[str, ...]:
+        """What each row of the residual is of."""
+        names = [name for name, _, _ in self.columns]
+        return tuple(row for name in sorted(names, key=_FIRST.index) for row in _ROWS[name])
+
+    @property
     def columns_at(self) -> dict[str, slice]:
         """Where each column is in what is measured."""
         edges = np.cumsum([0, *(width for _, width, _ in self.columns)]).tolist()
         names = (name for name, _, _ in self.columns)
         return {name: slice(*ends) for name, ends in zip(names, pairwise(edges), strict=True)}
 
-    def rows_in(self, unit: str) -> slice:
-        """Rows of the residual in "rad" or in "m"."""
-        angles = 3 if "quaternion" in self.columns_at else 0
-        return slice(0, angles) if unit == "rad" else slice(angles, self.rows)
+    def rows_in(self, units: str, *, planar: bool) -> list[int]:
+        """Rows of the residual in "rad", in "m" or in either, in the plane those that have a meaning there."""
+        rows = enumerate(self.row_names)
+        return [
+            i for i, name in rows if _UNITS[name] in units.split() and not (planar and name in OUT_OF_PLANE)
+        ]
 
     def table(self, variables: ArrayLike, measured: Sequence[ArrayLike], covariance: ArrayLike) -> "Factors":
         """Factors of this kind, of variables (n, ends), columns (n, width) and covariances (n, rows, rows)."""
@@ -81,7 +98,7 @@ class FactorKind:
 
 
 POSE_PRIOR, LANDMARK_PRIOR = "VERTEX_SE3:QUAT:PRIOR", "VERTEX_XYZ:PRIOR"
-EDGE, RANGE = "EDGE_SE3:QUAT", "EDGE_RANGE"
+EDGE, SIGHTING, RANGE = "EDGE_SE3:QUAT", "EDGE_SE3_XYZ", "EDGE_RANGE"
 
 KINDS: Mapping[str, FactorKind] = MappingProxyType(
     {
@@ -105,6 +122,7 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             "odometry", "odometry", ("pose", "pose"), (POSITION, QUATERNION), EDGE, named_after=1
         ),
         "attitude": FactorKind("attitude", "attitudes", ("pose",), (QUATERNION,), POSE_PRIOR, axes=(0, 1, 2)),
+        "sighting": FactorKind("sighting", "sightings", ("pose", "landmark"), (POSITION,), SIGHTING),
         "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), RANGE),
     }
 )
@@ -192,7 +210,10 @@ class FactorGraph(Record):
     A variable is a number: a row of the pose tables, or the number of poses plus a row of ``landmark_name``.
     ``graph["range"]`` is the table of one kind of `KINDS`, empty if there is none. Covariances of poses are
     in the tangent of the body, rotation before translation, perturbed from the right; those of positions are
-    in the world's axes.
+    in the world's axes, those of sightings, a landmark's place as seen from a pose, in the body's.
+
+    A ``planar`` graph is one in two dimensions: poses at depth 0 that turn about down only, and covariances that do not
+    mix what is in the plane with what is not, where they mean nothing. Its solution is that of the problem in SE(2).
     """
 
     kind: ClassVar[str] = "factor_graph"
@@ -203,6 +224,7 @@ class FactorGraph(Record):
     pose_number: Column = column("pose", "1", "number of the pose in its vehicle's chain", "i4")
     pose_time: Column = column("pose", "s", "time since the start of the mission")
     factors: Mapping[str, Factors] = field(default_factory=dict)
+    planar: bool = False
 
     def __getitem__(self, name: str) -> Factors:
         """Factors of one kind."""
@@ -226,8 +248,11 @@ class FactorGraph(Record):
     @property
     def degrees_of_freedom(self) -> int:
         """Rows of all residuals minus the dimension of all variables; the cost's expectation is half of it."""
-        rows = sum(kind.rows * len(self[name]) for name, kind in KINDS.items())
-        return int(rows - 6 * self.n_poses - 3 * self.landmark_name.size)
+        rows = sum(
+            len(kind.rows_in("rad m", planar=self.planar)) * len(self[name]) for name, kind in KINDS.items()
+        )
+        pose, landmark = (3, 2) if self.planar else (6, 3)
+        return int(rows - pose * self.n_poses - landmark * self.landmark_name.size)
 
     def variable_name(self, variable: int) -> str:
         """Name of a variable for people: ``A17``, ``float-1:17`` where the vehicle's name is longer, ``L0``."""
@@ -238,7 +263,7 @@ class FactorGraph(Record):
 
     def to_dataset(self) -> "xr.Dataset":
         """Graph as an xarray data set with units and long names, without the kinds of factors that it has none of."""
-        dataset = super().to_dataset()
+        dataset = super().to_dataset().assign_attrs(planar=int(self.planar))
         for name, factors in self.factors.items():
             if not len(factors):
                 continue
@@ -266,7 +291,8 @@ class FactorGraph(Record):
             for name, kind in KINDS.items()
             if f"{name}_variables" in dataset
         }
-        return replace(super().from_dataset(dataset), factors=factors)
+        planar = bool(dataset.attrs.get("planar", 0))
+        return replace(super().from_dataset(dataset), factors=factors, planar=planar)
 
 
 def check_graph(graph: FactorGraph) -> None:
@@ -283,6 +309,8 @@ def check_graph(graph: FactorGraph) -> None:
             _check_ends(graph, factors)
             _check_measured(graph, factors)
             _check_covariance(graph, factors)
+            if graph.planar:
+                _check_planar(graph, factors)
 
 
 def check_values(graph: FactorGraph, values: GraphValues) -> None:
@@ -298,6 +326,9 @@ def check_values(graph: FactorGraph, values: GraphValues) -> None:
     fine = (np.abs(place) <= LARGEST).all(axis=1)  # NaN does not pass
     _refuse(graph, "position", variables, place, fine, f"finite values of at most {LARGEST:g}")
     _check_length(graph, "quaternion", variables[: needed[0]], values.quaternion)
+    if graph.planar:
+        _refuse(graph, "depth", variables, place[:, 2:], place[:, 2] == 0.0, "0 in two dimensions")
+        _check_upright(graph, "quaternion", variables[: needed[0]], values.quaternion)
 
 
 def check_anchored(graph: FactorGraph) -> None:
@@ -366,6 +397,34 @@ def _check_measured(graph: FactorGraph, factors: Factors) -> None:
     _refuse(graph, what, factors.subject, values, small, f"values of at most {LARGEST:g}")
     if "quaternion" in factors.kind.columns_at:
         _check_length(graph, f"{what} quaternion", factors.subject, factors.column("quaternion"))
+
+
+def _check_planar(graph: FactorGraph, factors: Factors) -> None:
+    kind = factors.kind
+    if "depth" in kind.columns_at:
+        raise EstimationError(f"{kind.what}: {len(factors)} in a graph in two dimensions; allowed is none")
+    if "position" in kind.columns_at:
+        down = factors.column("position")[:, 2:]
+        _refuse(
+            graph,
+            f"{kind.what} down",
+            factors.subject,
+            down,
+            (down == 0.0).all(axis=1),
+            "0 in two dimensions",
+        )
+    if "quaternion" in kind.columns_at:
+        _check_upright(graph, f"{kind.what} quaternion", factors.subject, factors.column("quaternion"))
+    inside = kind.rows_in("rad m", planar=True)
+    outside = np.setdiff1d(np.arange(kind.rows), inside)
+    mixed = factors.covariance[:, inside][:, :, outside].reshape(len(factors), -1)
+    what = f"{kind.what} covariance between what is in the plane and what is not"
+    _refuse(graph, what, factors.subject, mixed, (mixed == 0.0).all(axis=1), "0 in two dimensions")
+
+
+def _check_upright(graph: FactorGraph, what: str, variables: Indices, quaternion: Array) -> None:
+    upright = (quaternion[:, 1:3] == 0.0).all(axis=1)
+    _refuse(graph, what, variables, quaternion, upright, "a turn about down in two dimensions")
 
 
 def _check_length(graph: FactorGraph, what: str, variables: Indices, quaternion: Array) -> None:

@@ -15,6 +15,7 @@ from pymantaray.estimation.range_models import Rows, TimedRanges, chord
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
 Array = NDArray[np.float64]
+_OUT_OF_PLANE = np.array([0, 1, 5])  # rx, ry and z of a block
 _MIN_WEIGHT = 1e-12  # of a range under a loss; less would leave its rows without digits
 
 
@@ -46,35 +47,50 @@ class State(NamedTuple):
         return State(rotation, place, self.shared + shared)
 
 
+class FixedBlocks(NamedTuple):
+    """Blocks of pairs of poses, and of poses with landmarks that they sight."""
+
+    seen: Blocks
+    sighted: Blocks
+
+
 class Fixed:
-    """All factors of a graph but its ranges: poses seen from other poses or from the world, and measured positions."""
+    """All factors of a graph but its ranges: poses and landmarks seen from poses or the world, and measured positions."""
 
     def __init__(self, graph: FactorGraph) -> None:
         tables = [graph[name] for name in KINDS if name != "range"]
         self._tables, self.n_poses, self.n_variables = tables, graph.n_poses, graph.n_variables
+        self.planar = graph.planar
+        self._of_sighted = [graph["sighting"]]
         turned = ["quaternion" in t.kind.columns_at for t in tables]
         self._of_seen = [t for t, seen in zip(tables, turned, strict=True) if seen]
-        self._of_placed = [t for t, seen in zip(tables, turned, strict=True) if not seen]
+        self._of_placed = [
+            t for t, seen in zip(tables, turned, strict=True) if not seen and len(t.kind.ends) == 1
+        ]
         self._seen = residuals.Seen(*_stacked(_relative, self._of_seen))
+        self._sighted = residuals.Sighted(*_stacked(_sighted, self._of_sighted))
         self._placed = residuals.Placed(*_stacked(_place, self._of_placed))
         self._inner = self._seen.first >= 0  # seen from other poses, not from the world
-        self.pairs = np.stack(self._seen[:2], axis=1)[self._inner]
+        self._seen_pairs = np.stack(self._seen[:2], axis=1)[self._inner]
+        self._sighted_pairs = np.stack(self._sighted[:2], axis=1)
+        self.pairs = np.concatenate([self._seen_pairs, self._sighted_pairs])
 
     def is_of(self, graph: FactorGraph) -> bool:
         """Whether a graph has the same tables."""
         tables = [graph[name] for name in KINDS if name != "range"]
-        return (self.n_poses, self.n_variables) == (graph.n_poses, graph.n_variables) and all(
+        shape = graph.n_poses, graph.n_variables, graph.planar
+        return (self.n_poses, self.n_variables, self.planar) == shape and all(
             a is b or len(a) == len(b) == 0 for a, b in zip(self._tables, tables, strict=True)
         )
 
-    def blocks(self, structure: Structure) -> Blocks:
-        """Blocks of pairs of poses, of which those seen from the world have none."""
+    def blocks(self, structure: Structure) -> FixedBlocks:
+        """Blocks of pairs of variables; poses that are seen from the world have none."""
         n, inner = self._inner.size, self._inner
         out = Blocks(np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.bool_))
-        out.block[inner], out.turned[inner] = structure.blocks(self.pairs)
-        return out
+        out.block[inner], out.turned[inner] = structure.blocks(self._seen_pairs)
+        return FixedBlocks(out, structure.blocks(self._sighted_pairs))
 
-    def add(self, state: State, blocks: Blocks, out: NormalEquations) -> None:
+    def add(self, state: State, blocks: FixedBlocks, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, and the curvature of odometry from order 2 on."""
         costs = self._evaluate(state, blocks, out.matrix, min(out.order, 2))
         out.cost += sum(float(cost.sum()) for cost in costs)
@@ -85,28 +101,34 @@ class Fixed:
 
     def worst(self, state: State) -> tuple[list[int], float]:
         """Variables and cost of the factor that fits worst."""
-        costs = zip(self._costs(state), (self._of_seen, self._of_placed), strict=True)
+        groups = self._of_seen, self._of_sighted, self._of_placed
+        costs = zip(self._costs(state), groups, strict=True)
         each = [(float(c.max()), int(c.argmax()), tables) for c, tables in costs if c.size]
         if not each:
             return [], -1.0
         cost, row, tables = max(each)
         return [v for t in tables for v in t.variables.tolist()][row], cost
 
-    def _costs(self, state: State) -> tuple[Array, Array]:
-        """Cost of each factor with a rotation, and of each without."""
+    def _costs(self, state: State) -> tuple[Array, Array, Array]:
+        """Cost of each factor with a rotation, of each sighting, and of each measured position."""
         none, nothing = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE))
         matrix = residuals.Matrix(none, nothing, nothing, nothing[:, 0])
-        return self._evaluate(state, Blocks(none, none > 0), matrix, 0)
+        no_blocks = Blocks(none, none > 0)
+        return self._evaluate(state, FixedBlocks(no_blocks, no_blocks), matrix, 0)
 
     def _evaluate(
-        self, state: State, blocks: Blocks, matrix: residuals.Matrix, order: int
-    ) -> tuple[Array, Array]:
+        self, state: State, blocks: FixedBlocks, matrix: residuals.Matrix, order: int
+    ) -> tuple[Array, Array, Array]:
         """The same, and what is added to a matrix if they are of order 1 or 2."""
         poses = residuals.Poses(state.rotation, state.place)
-        cost, other = np.empty(self._inner.size), np.empty(self._placed.variable.size)
-        residuals.add_relative(self._seen, blocks, poses, matrix, order, cost, _scratch())
-        residuals.add_places(self._placed, state.place, matrix, order, other)
-        return cost, other
+        seen, sighted, placed = (
+            np.empty(len(rows)) for rows in (self._inner, self._sighted_pairs, self._placed.variable)
+        )
+        residuals.add_relative(self._seen, blocks.seen, poses, matrix, order, seen, _scratch())
+        if sighted.size:  # the kernel is compiled where there is one
+            residuals.add_sightings(self._sighted, blocks.sighted, poses, matrix, order, sighted, _scratch())
+        residuals.add_places(self._placed, state.place, matrix, order, placed)
+        return seen, sighted, placed
 
 
 def _scratch() -> tuple[Array, Array, Array]:
@@ -130,6 +152,14 @@ def _relative(table: Factors) -> tuple[Any, ...]:
     root[:, : kind.rows, : kind.rows] = _information_root(table.covariance)
     turn = matrix_from_quaternion(table.column("quaternion"))
     return first.astype(np.intp), table.variables[:, -1].astype(np.intp), turn, step, root
+
+
+def _sighted(table: Factors) -> tuple[Any, ...]:
+    """Pose, landmark, its measured place, and the root of the information."""
+    root = np.zeros((len(table), SIZE, SIZE))
+    root[:, :3, :3] = _information_root(table.covariance)
+    pose, landmark = table.variables.astype(np.intp).T
+    return pose, landmark, table.column("position"), root
 
 
 def _place(table: Factors) -> tuple[Any, ...]:
@@ -323,11 +353,23 @@ class Problem:
         out.diagonal[row[m:, None], i, i] = 1.0  # prior of what is shared
         self.fixed.add(state, self._blocks, out)
         self.ranges.add(state, self._range_blocks, self.loss, out)
+        if self.fixed.planar:
+            _hold_in_plane(out, row[:m])
         return out
 
     def whitened(self, state: State) -> Array:
         """Residuals of the ranges in their standard deviations."""
         return self.ranges.whitened(state)
+
+
+def _hold_in_plane(out: NormalEquations, rows: Indices) -> None:
+    """Let nothing pull variables out of the plane, where by symmetry nothing does but rounding, and nothing may need to hold them."""
+    out.diagonal[rows[:, None], _OUT_OF_PLANE, :] = 0.0
+    out.diagonal[rows[:, None], :, _OUT_OF_PLANE] = 0.0
+    out.diagonal[rows[:, None], _OUT_OF_PLANE, _OUT_OF_PLANE] = 1.0
+    out.above[:, _OUT_OF_PLANE, :] = 0.0
+    out.above[:, :, _OUT_OF_PLANE] = 0.0
+    out.gradient[rows[:, None], _OUT_OF_PLANE] = 0.0
 
 
 class Parts:

@@ -1,7 +1,9 @@
 """
-Factor graphs as PyFactorGraph text in three dimensions.
+Factor graphs as PyFactorGraph text, in three dimensions or two.
 
-Writer and reader are two directions of one grammar, and so in one room; its lines are refused by number.
+Writer and reader are two directions of one grammar, and so in one room; its lines are refused by number. Lines in two
+dimensions are those in three with what is in the plane alone: they are lifted as they are read, and flattened as they are
+written.
 """
 
 import csv
@@ -25,6 +27,7 @@ from pymantaray.estimation.graph import (
     POSE_PRIOR,
     QUATERNION_TOLERANCE,
     RANGE,
+    SIGHTING,
     VARIANCES,
     FactorGraph,
     FactorKind,
@@ -39,12 +42,20 @@ from pymantaray.records import whole_file
 Array = NDArray[np.float64]
 
 POSE, LANDMARK = "VERTEX_SE3:QUAT", "VERTEX_XYZ"
-SIGHTING = "EDGE_SE3_XYZ"  # a landmark's place in the body frame of a pose
-_FLAT = ("VERTEX_SE2", "VERTEX_XY", "VERTEX_SE2:PRIOR", "VERTEX_XY:PRIOR", "EDGE_SE2", "EDGE_SE2_XY")
+FLAT = {  # words in two dimensions, by those in three
+    POSE: "VERTEX_SE2",
+    LANDMARK: "VERTEX_XY",
+    POSE_PRIOR: "VERTEX_SE2:PRIOR",
+    LANDMARK_PRIOR: "VERTEX_XY:PRIOR",
+    EDGE: "EDGE_SE2",
+    SIGHTING: "EDGE_SE2_XY",
+}
+_IN_PLANE = {6: [0, 1, 5], 3: [0, 1]}  # of x y z rx ry rz, and of x y z
 _LETTERS = "ABCDEFGHIJKMNOPQRSTUVWXYZ"  # of vehicles; L is for landmarks
 _NAME = re.compile(rf"([{_LETTERS}]+|L)([0-9]+)")
 _OUTER_NAME = re.compile("[A-Za-z0-9_-]+")
 _LARGEST_NUMBER = 2**31 - 1  # of a pose; records keep it in 32 bits
+_MOST_NAMED = 5  # unknown words in a message
 _FREE = 1e12  # an axis with this variance or more is not constrained
 _AXES = np.array(["rx", "ry", "rz", "x", "y", "z"])  # of a tangent, rotation before translation
 TO_FILE = [3, 4, 5, 0, 1, 2]  # rotation before translation, and back: the exchange is its own inverse
@@ -64,6 +75,12 @@ class _Word(NamedTuple):
     def numbers(self) -> int:
         return self.measured + self.matrix * (self.matrix + 1) // 2
 
+    @property
+    def flat(self) -> "_Word":
+        """The same in two dimensions."""
+        measured, matrix = {7: 3, 3: 2, 1: 1}[self.measured], {6: 3, 3: 2}.get(self.matrix, self.matrix)
+        return self._replace(measured=measured, matrix=matrix)
+
 
 _GRAMMAR = {
     POSE: _Word(timed=True, names=1, measured=7, matrix=0),
@@ -76,12 +93,20 @@ _GRAMMAR = {
 }
 
 
+_WORDS = {**{word: (word, False) for word in _GRAMMAR}, **{flat: (word, True) for word, flat in FLAT.items()}}
+
+
 class GraphFile(NamedTuple):
-    """A graph read from a file, the file's values of its variables, and what was left out, counted by kind."""
+    """
+    A graph read from a file, the file's values of its variables, and what was left out, counted by word.
+
+    ``guessed`` says that the file has no values: those here are by chordal initialization.
+    """
 
     graph: FactorGraph
     values: GraphValues
     left_out: dict[str, int]
+    guessed: bool = False
 
 
 def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) -> None:
@@ -147,7 +172,7 @@ def names_file(path: Path) -> Path:
 
 def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     """
-    Read a factor graph from PyFactorGraph text in three dimensions.
+    Read a factor graph from PyFactorGraph text, in three dimensions or two.
 
     Parameters
     ----------
@@ -174,21 +199,15 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     if north and east are free too. Time stamps of factors are checked and not kept: each is taken to be at the time
     of its poses. Vertices are the ground truth in files that PyFactorGraph wrote.
     """
-    graph, values, _ = load_pyfg(path)
-    return graph, values
+    file = load_pyfg(path)
+    return file.graph, file.values
 
 
-def load_pyfg(path: Path | str, *, leave_out: Collection[str] = ()) -> GraphFile:
-    """
-    Read as `read_pyfg` does, leaving out what is named.
-
-    ``EDGE_SE3_XYZ`` has no factor here and is refused unless its lines are left out: checked and counted.
-    """
+def load_pyfg(path: Path | str, *, leave_out: Collection[str] = (), skip_unknown: bool = False) -> GraphFile:
+    """Read as `read_pyfg` does, without the lines of words that are named, or with ``skip_unknown`` of words that are not known."""
     path = Path(path)
-    if not set(leave_out) <= {SIGHTING}:
-        raise EstimationError(f"{path}: leave out {sorted(leave_out)}; allowed: {SIGHTING}")
-    lines = TextLines(path)
-    reader = _Reader(lines, leave_out)
+    lines = TextLines(path, _WORDS, leave_out, skip_unknown=skip_unknown)
+    reader = _Reader(lines)
     for line in lines:
         reader.take(line)
     graph, values = reader.graph(_read_names(names_file(path)))
@@ -196,23 +215,72 @@ def load_pyfg(path: Path | str, *, leave_out: Collection[str] = ()) -> GraphFile
         check_graph(graph)
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
-    return GraphFile(graph, values, dict(reader.left_out))
+    return GraphFile(graph, values, lines.left_out)
 
 
 class TextLines:
-    """Lines of a text file in ASCII, without their ends, and refusals that name the line."""
+    """
+    Lines of a text file, without their ends, and refusals that name the line.
 
-    def __init__(self, path: Path) -> None:
+    Blank lines, comments and a byte-order mark are passed over; lines that begin with a word that is left out, or skipped
+    because it is not known, are counted.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        words: Collection[str] = (),
+        leave_out: Collection[str] = (),
+        *,
+        skip_unknown: bool = False,
+    ) -> None:
         self._path, self.number = path, 0
+        self._words, self._leave_out, self._skip_unknown = tuple(words), frozenset(leave_out), skip_unknown
+        self._left_out: Counter[str] = Counter()
+        self._unknown: dict[str, int] = {}  # the first line of each word
 
     def __iter__(self) -> Iterator[str]:
-        """Each line; ``number`` is its number, from 1."""
+        """Each line that begins with a known word; ``number`` is its number, from 1."""
         try:
-            with self._path.open(encoding="ascii") as file:
-                for self.number, line in enumerate(file, start=1):
-                    yield line.rstrip("\r\n")
+            with self._path.open(encoding="utf-8-sig") as file:
+                for self.number, raw in enumerate(file, start=1):
+                    line = raw.rstrip("\r\n")
+                    word = next(iter(line.split(None, 1)), "#")
+                    if word.startswith("#"):
+                        continue
+                    if word in self._leave_out or word not in self._words:
+                        self._left_out[word] += 1
+                        if word not in self._leave_out:
+                            self._unknown.setdefault(word, self.number)
+                        continue
+                    if not line.isascii():
+                        self.refuse(f"{word} with a character that is not ASCII", "ASCII")
+                    yield line
         except (OSError, UnicodeDecodeError) as error:
             raise EstimationError(f"{self._path}: not a readable text file: {error}") from None
+        never = [w for w in self._leave_out if w not in self._words and w not in self._left_out]
+        if never:
+            self.refuse(f"no line begins with {never[0]!r}", "words of the file to leave out", 0)
+        if self._unknown and not self._skip_unknown:
+            self._refuse_unknown()
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """How many lines of each word were passed over."""
+        return dict(self._left_out)
+
+    def _refuse_unknown(self) -> NoReturn:
+        """Name what is not known, at most so many of them, the first line of each and how often it comes."""
+        named = [
+            f"{self._left_out[word]} of {word[:40]!r} (line {line})"
+            for word, line in list(self._unknown.items())[:_MOST_NAMED]
+        ]
+        more = len(self._unknown) - len(named)
+        listing = ", ".join(named) + (f" and {more} more words" if more else "")
+        raise EstimationError(
+            f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip them, counted"
+            " (--skip-unknown)"
+        )
 
     def refuse(self, what: str, allowed: str, number: int | None = None) -> NoReturn:
         """Raise an error about the current line, or that of a number; 0 for none."""
@@ -254,10 +322,10 @@ class _Row(NamedTuple):
 class _Reader:
     """Collects the lines of one file and makes a graph of them."""
 
-    def __init__(self, lines: TextLines, leave_out: Collection[str]) -> None:
-        self._lines, self._leave_out = lines, frozenset(leave_out)
-        self.left_out: Counter[str] = Counter()
-        self._rows: dict[str, list[_Row]] = {word: [] for word in _GRAMMAR}  # SIGHTING's stays empty
+    def __init__(self, lines: TextLines) -> None:
+        self._lines = lines
+        self._planar: bool | None = None  # not known yet
+        self._rows: dict[str, list[_Row]] = {word: [] for word in _GRAMMAR}
         self._variable: dict[str, int] = {}
 
     def take(self, line: str) -> None:
@@ -265,13 +333,17 @@ class _Reader:
         refuse = self._lines.refuse
         fields = line.strip(" ").split(" ")
         word = fields[0]
-        if word in _FLAT:
-            refuse(f"{word}, a graph in two dimensions", "graphs in three dimensions")
-        if word not in _GRAMMAR:
-            refuse(f"begins with {word[:40]!r}", f"{', '.join(_GRAMMAR)}, with one space between fields")
-        if self._lines.number == 1 and word not in {POSE, LANDMARK}:
-            refuse(f"begins with {word!r}", f"{POSE} or {LANDMARK} in the first line")
-        grammar = _GRAMMAR[word]
+        if word not in _WORDS:  # but for a tab, say
+            refuse(f"begins with {word[:40]!r}", "a word, with one space between fields")
+        lifted, flat = _WORDS[word]
+        if word != RANGE:
+            self._planar = flat if self._planar is None else self._planar
+            if flat != self._planar:
+                refuse(
+                    f"{word} in a graph in {'two' if self._planar else 'three'} dimensions",
+                    "one kind of graph",
+                )
+        grammar = _GRAMMAR[lifted].flat if flat else _GRAMMAR[lifted]
         n_heads = 1 + grammar.timed + grammar.names
         n_fields = n_heads + grammar.numbers
         if len(fields) != n_fields:
@@ -280,23 +352,18 @@ class _Reader:
         values = self._lines.numbers(
             word, fields[n_heads:], position=word != RANGE, quaternion=grammar.measured == 7
         )
+        if word == RANGE and values[0] < 0.0:
+            refuse(f"{word} with distance {values[0]:g}", "0 or more")
         names = [self._name(word, field) for field in fields[1 + grammar.timed : n_heads]]
-        self._check_names(word, names)
-        if word in self._leave_out:
-            self.left_out[word] += 1
-        elif word == SIGHTING:
-            refuse(
-                f"{word}, a landmark's place in a pose's body frame, which the graph has no factor for",
-                "the other words; or leave these lines out by choice",
-            )
-        else:
-            self._rows[word].append(_Row(self._lines.number, time, names, values))
+        self._check_names(word, lifted, names)
+        values = _lifted(lifted, values) if flat else values
+        self._rows[lifted].append(_Row(self._lines.number, time, names, values))
 
     def graph(self, names: dict[str, str]) -> tuple[FactorGraph, GraphValues]:
         """Graph of all lines, and values of its vertices; with names by the symbols of vehicles and landmarks."""
         poses, landmarks = self._rows[POSE], self._rows[LANDMARK]
         if not poses:
-            self._lines.refuse(f"no {POSE} in the file", "one pose at least", 0)
+            self._lines.refuse(f"no {POSE} or {FLAT[POSE]} in the file", "one pose at least", 0)
         for row in [*poses, *landmarks]:
             name = row.names[0]
             if name in self._variable:
@@ -312,6 +379,7 @@ class _Reader:
             pose_agent=np.array([place[agent] for agent in of_pose]),
             pose_number=np.array([int(match[2]) if match else 0 for match in symbols]),
             pose_time=np.array([row.time for row in poses]),
+            planar=bool(self._planar),
         )
         tables = {name: self._table(kind) for name, kind in KINDS.items() if kind.word != POSE_PRIOR}
         vertex, landmark = self._numbers(POSE)[0], self._numbers(LANDMARK)[0]
@@ -391,19 +459,33 @@ class _Reader:
             self._lines.refuse(f"{word}: number of {field[:40]}", f"numbers up to {_LARGEST_NUMBER}")
         return match[1] + digits
 
-    def _check_names(self, word: str, names: list[str]) -> None:
+    def _check_names(self, word: str, lifted: str, names: list[str]) -> None:
         refuse = self._lines.refuse
         landmark = [name.startswith("L") for name in names]
-        if word in {POSE, POSE_PRIOR, EDGE} and any(landmark):
+        if lifted in {POSE, POSE_PRIOR, EDGE} and any(landmark):
             refuse(f"{word} with landmark {names[landmark.index(True)]}", "poses")
-        if word in {LANDMARK, LANDMARK_PRIOR} and not all(landmark):
+        if lifted in {LANDMARK, LANDMARK_PRIOR} and not all(landmark):
             refuse(f"{word} with pose {names[0]}", "a landmark, as L0")
         if len(names) == 2 and names[0] == names[1]:
             refuse(f"{word} from {names[0]} to itself", "two different names")
-        if word == SIGHTING and landmark != [False, True]:
+        if lifted == SIGHTING and landmark != [False, True]:
             refuse(f"{word} from {names[0]} to {names[1]}", "a pose, then a landmark")
         if landmark == [True, False]:
             refuse(f"{word} from {names[0]} to {names[1]}", "the pose first")
+
+
+def _lifted(word: str, values: list[float]) -> list[float]:
+    """Numbers of a line in two dimensions as those of its word in three; what is free there is free out of the plane."""
+    flat = _GRAMMAR[word].flat
+    measured: list[float] = lifted(np.array([values[: flat.measured]]))[0].tolist()
+    if not flat.matrix:
+        return measured
+    matrix = lifted_matrix(from_triangle(np.array([values[flat.measured :]]), flat.matrix))[0]
+    if word == POSE_PRIOR:
+        free = np.diagonal(matrix) >= _FREE
+        matrix[2, 2] = _FREE if free[:2].all() else 1.0
+        matrix[3, 3] = matrix[4, 4] = _FREE if free[5] else 1.0
+    return [*measured, *triangle(matrix[None])[0].tolist()]
 
 
 def _read_names(path: Path) -> dict[str, str]:
@@ -446,8 +528,10 @@ def _lines(
     names = [f"{agents[a]}{k}" for a, k in numbers] + landmarks
     time = [f"{t:.17g}" for t in graph.pose_time.tolist()] + ["0"] * len(landmarks)
     poses = [f"{t} {name}" for t, name in zip(time, names[: graph.n_poses], strict=False)]
-    yield from _rows(POSE, poses, initial.position, initial.quaternion[:, TO_XYZW])
-    yield from _rows(LANDMARK, landmarks, initial.landmark_position)
+    planar = graph.planar
+    places = np.concatenate([initial.position, initial.quaternion[:, TO_XYZW]], axis=1)
+    yield from _rows(POSE, poses, places, planar=planar)
+    yield from _rows(LANDMARK, landmarks, initial.landmark_position, planar=planar)
     for table, kind in KINDS.items():
         factors = graph[table]
         # a factor is at the time of the variable that messages name; landmarks have none
@@ -455,11 +539,11 @@ def _lines(
             f"{time[after]} {' '.join(names[v] for v in ends)}"
             for after, ends in zip(factors.subject.tolist(), factors.variables.tolist(), strict=True)
         ]
-        yield from _rows(kind.word, heads, *_in_file(factors))
+        yield from _rows(kind.word, heads, *_in_file(factors), planar=planar)
 
 
 def _in_file(factors: Factors) -> tuple[Array, Array]:
-    """What is measured and the upper triangle of its covariance, as the kind's word has them."""
+    """What is measured and its covariance, in the order of the kind's word."""
     kind, covariance, measured = factors.kind, factors.covariance, factors.measured
     if kind.axes:
         axes = np.array(kind.axes)
@@ -472,14 +556,53 @@ def _in_file(factors: Factors) -> tuple[Array, Array]:
     if _GRAMMAR[kind.word].matrix == 6:
         measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_XYZW]], axis=1)
         covariance = covariance[:, TO_FILE][:, :, TO_FILE]
-    return measured, triangle(covariance)
+    return measured, covariance
 
 
-def _rows(word: str, heads: Iterable[str], *blocks: Array) -> Iterator[str]:
-    table = np.concatenate(blocks, axis=1)
+def _rows(
+    word: str, heads: Iterable[str], measured: Array, covariance: Array | None = None, *, planar: bool
+) -> Iterator[str]:
+    """Lines of a word, in two dimensions those of its flat one."""
+    if planar and word in FLAT:
+        word, measured = FLAT[word], flattened(measured)
+        covariance = covariance if covariance is None else flat_matrix(covariance)
+    table = measured if covariance is None else np.concatenate([measured, triangle(covariance)], axis=1)
     form = f"{word} %s " + " ".join(["%.17g"] * table.shape[1]) + "\n"
     for head, row in zip(heads, table.tolist(), strict=True):
         yield form % (head, *row)
+
+
+def flattened(measured: Array) -> Array:
+    """What is in the plane of x y z, (n, 3), or of x y z and a quaternion x y z w, (n, 7): x y, and the angle about down."""
+    if measured.shape[1] == 3:
+        return measured[:, :2]
+    z, w = measured[:, 5], measured[:, 6]
+    sign = np.where(w < 0.0, -1.0, 1.0)
+    return np.column_stack([measured[:, :2], 2.0 * np.arctan2(sign * z, sign * w)])
+
+
+def lifted(measured: Array) -> Array:
+    """The inverse of `flattened`: x y, (n, 2), or x y and an angle, (n, 3)."""
+    none = np.zeros((len(measured), 3))
+    if measured.shape[1] == 2:
+        return np.column_stack([measured, none[:, 0]])
+    half = 0.5 * measured[:, 2]
+    return np.column_stack([measured[:, :2], none, np.sin(half), np.cos(half)])
+
+
+def flat_matrix(matrices: Array) -> Array:
+    """What is in the plane of matrices over x y z rx ry rz, (n, 6, 6), or x y z, (n, 3, 3)."""
+    inside = _IN_PLANE[matrices.shape[1]]
+    return np.asarray(matrices[:, inside][:, :, inside])
+
+
+def lifted_matrix(matrices: Array) -> Array:
+    """The inverse of `flat_matrix`; out of the plane there is a unit."""
+    size = {3: 6, 2: 3}[matrices.shape[1]]
+    inside = np.array(_IN_PLANE[size])
+    out = np.tile(np.eye(size), (len(matrices), 1, 1))
+    out[:, inside[:, None], inside] = matrices
+    return out
 
 
 def triangle(matrices: Array) -> Array:

@@ -1,9 +1,12 @@
-"""Where to start: dead reckoning over a fleet's odometry or a graph's edges, and anchors for what floats."""
+"""Where to start: dead reckoning over a fleet's odometry or a graph's edges, chordal initialization, and anchors for what floats."""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.linalg import splu
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, connected_parts
@@ -11,6 +14,7 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 from pymantaray.records import Measurements
 
 Array = NDArray[np.float64]
+Indices = NDArray[Any]
 
 _JUMP = 1e9  # weight of an edge that is not from one pose to the next of its vehicle, which has 1
 
@@ -57,17 +61,14 @@ def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> tuple[GraphVal
     Values that the edges of a graph give when composed from its pose priors, and the count of those taken as they are.
 
     A pose is reached from the nearest prior over the fewest edges that are not odometry (one pose to the next
-    of a vehicle, either way), and over the fewest edges among these. The first pose of a chain without a prior
-    and landmarks without one have their ``values``.
+    of a vehicle, either way), and over the fewest edges among these. A landmark is where its prior has it, else its first
+    sighting. The first pose of a chain without a prior and landmarks without either have their ``values``.
     """
     n = graph.n_poses
     prior, edge, survey = graph["prior"], graph["edge"], graph["survey"]
     at_prior = np.unique(prior.subject)
     ends = edge.variables.astype(int)
-    links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
-    _, chain = connected_components(links, directed=False)
-    first = np.unique(chain, return_index=True)[1]
-    first = first[~np.isin(chain[first], chain[at_prior])]
+    first = _first_of_chains(graph, at_prior)
     parent, order, tree_edge = _shortest_tree(graph, np.concatenate([at_prior, first]))
     position, rotation = np.array(values.position), matrix_from_quaternion(values.quaternion)
     position[prior.subject] = prior.column("position")
@@ -84,12 +85,130 @@ def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> tuple[GraphVal
         else:
             rotation[pose] = rotation[before] @ turn[k].T
             position[pose] = position[before] - rotation[pose] @ step[k]
+    sighting = graph["sighting"][::-1]  # so that the first is kept
+    pose, seen = sighting.variables.T
     landmark = np.array(values.landmark_position)
+    landmark[seen - n] = position[pose] + np.einsum("nij,nj->ni", rotation[pose], sighting.column("position"))
     landmark[survey.subject - n] = survey.column("position")
     reckoned = GraphValues(
         position=position, quaternion=quaternion_from_matrix(rotation), landmark_position=landmark
     )
-    return reckoned, int(first.size + landmark.shape[0] - np.unique(survey.subject).size)
+    known = np.unique(np.concatenate([survey.subject, seen]))
+    return reckoned, int(first.size + landmark.shape[0] - known.size)
+
+
+def chordal(graph: FactorGraph, values: GraphValues) -> GraphValues:
+    """
+    Values by chordal initialization: rotations first, then positions, each by linear least squares, whatever was known before.
+
+    Rotations are any matrices that fit the edges and the priors, and then the nearest rotations; the first pose of a chain
+    without a prior, and landmarks that nothing but ranges sees, have their ``values``.
+
+    References
+    ----------
+    .. [1] L. Carlone, R. Tron, K. Daniilidis and F. Dellaert, "Initialization techniques for 3D SLAM", ICRA 2015, section III.
+    """
+    n, prior, edge, sighting = graph.n_poses, graph["prior"], graph["edge"], graph["sighting"]
+    first = _first_of_chains(graph, np.unique(prior.subject))
+    turn = matrix_from_quaternion(edge.column("quaternion"))
+    known = np.concatenate([prior.column("quaternion"), values.quaternion[first]])
+    at, transposed = np.concatenate([prior.subject, first]), np.swapaxes(matrix_from_quaternion(known), 1, 2)
+    of_edge, of_prior = (1.0 / table.variance[:, :3].mean(axis=1) for table in (edge, prior))
+    matrix = _linear(
+        edge.variables,
+        np.swapaxes(turn, 1, 2),
+        of_edge,
+        at,
+        transposed,
+        np.append(of_prior, np.ones(first.size)),
+        n,
+    )
+    left, _, right = np.linalg.svd(np.swapaxes(matrix, 1, 2))
+    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+    rotation = left @ right
+
+    step = np.concatenate([edge.column("position"), sighting.column("position")])
+    ends = np.concatenate([edge.variables, sighting.variables])
+    weight = np.concatenate([1.0 / edge.variance[:, 3:].mean(axis=1), 1.0 / sighting.variance.mean(axis=1)])
+    placed = [graph[name] for name in ("prior", "fix", "survey")]
+    at = np.concatenate([table.subject for table in placed])
+    place = np.concatenate([table.column("position") for table in placed])
+    of_place = np.concatenate([1.0 / table.variance[:, -3:].mean(axis=1) for table in placed])
+    loose = _first_of_parts(graph.n_variables, ends, at)
+    every = np.concatenate([values.position, values.landmark_position])
+    moved = np.einsum("nij,nj->ni", rotation[ends[:, 0]], step)
+    positions = _linear(
+        ends,
+        np.ones((len(ends), 1, 1)),
+        weight,
+        np.concatenate([at, loose]),
+        np.concatenate([place, every[loose]])[:, None],
+        np.append(of_place, np.ones(loose.size)),
+        graph.n_variables,
+        moved[:, None],
+    )[:, 0]
+    quaternion = quaternion_from_matrix(rotation)
+    if graph.planar:
+        positions[:, 2], quaternion[:, 1:3] = 0.0, 0.0
+    return GraphValues(positions[:n], quaternion / np.linalg.norm(quaternion, axis=1)[:, None], positions[n:])
+
+
+def _linear(
+    ends: Indices,
+    turn: Array,
+    weight: Array,
+    at: Indices,
+    known: Array,
+    of_known: Array,
+    size: int,
+    step: Array | float = 0.0,
+) -> Array:
+    """
+    Blocks X (size, k, 3) with least squares of ``X_b - turn X_a - step`` over pairs (a, b) and of ``X_i - known``.
+
+    Turns are (n, k, k), steps and what is known (n, k, 3).
+    """
+    k, n = turn.shape[1], len(ends)
+    row, column = np.indices((k, k)).reshape(2, -1)
+    rows = k * np.arange(n)[:, None]
+    root = np.sqrt(weight)
+    unit = np.arange(k)
+    entries = [
+        (rows + row, k * ends[:, :1] + column, (-root[:, None, None] * turn).reshape(n, -1)),
+        (rows + unit, k * ends[:, 1:] + unit, np.repeat(root[:, None], k, axis=1)),
+    ]
+    entries.append(
+        (
+            k * (n + np.arange(len(at)))[:, None] + unit,
+            k * at[:, None] + unit,
+            np.repeat(np.sqrt(of_known)[:, None], k, axis=1),
+        )
+    )
+    i, j, value = (np.concatenate([entry[c].ravel() for entry in entries]) for c in range(3))
+    a = coo_array((value, (i, j)), shape=(k * (n + len(at)), k * size)).tocsr()
+    right = np.concatenate(
+        [
+            np.broadcast_to(root[:, None, None] * step, (n, k, 3)),
+            np.sqrt(of_known)[:, None, None] * known,
+        ]
+    ).reshape(-1, 3)
+    solver = splu(
+        (a.T @ a).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
+    return np.asarray(solver.solve(a.T @ right)).reshape(size, k, 3)
+
+
+def _first_of_chains(graph: FactorGraph, at_prior: Indices) -> Indices:
+    """First pose of each set of poses that edges connect and no prior is in."""
+    return _first_of_parts(graph.n_poses, graph["edge"].variables, at_prior)
+
+
+def _first_of_parts(size: int, ends: Indices, known: Indices) -> Indices:
+    """First of each set of variables that pairs (n, 2) connect and none of the known ones is in."""
+    links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
+    _, part = connected_components(links, directed=False)
+    first = np.unique(part, return_index=True)[1]
+    return np.asarray(first[~np.isin(part[first], part[known])])
 
 
 def anchor_loose_parts(
@@ -113,7 +232,7 @@ def anchor_loose_parts(
 
 
 def _shortest_tree(
-    graph: FactorGraph, starts: NDArray[np.int_]
+    graph: FactorGraph, starts: Indices
 ) -> tuple[list[int], list[int], dict[tuple[int, int], int]]:
     """
     Shortest ways from the starts: before each pose the one it is reached from (n_poses at a start), and the order.

@@ -6,6 +6,7 @@ one; and, where its noise is not that of its covariance as it stands, its noise 
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import gtsam
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
     """All factors, the ranges last and under a loss; variable ``i`` of the graph has the key ``i``."""
     out = gtsam.NonlinearFactorGraph()
+    for factor in _in_plane(graph) if graph.planar else ():
+        out.add(factor)
     for name in KINDS:
         factors = graph[name]
         noise = _models(_NOISE.get(name, _gaussian), factors.covariance)
@@ -95,6 +98,34 @@ def _edges(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
         yield gtsam.BetweenFactorPose3(first, second, step, model)
 
 
+def _sightings(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+    """Factors in Python, for GTSAM's own is not wrapped (4.3)."""
+    for (pose, landmark), place, model in zip(
+        factors.variables.tolist(), factors.column("position"), noise, strict=True
+    ):
+        yield gtsam.CustomFactor(model, [pose, landmark], partial(_sighting_error, place))
+
+
+def _sighting_error(measured: Array, factor: Any, values: Any, jacobians: list[Array] | None) -> Array:
+    pose, landmark = factor.keys()
+    at = values.atPose3(pose)
+    turn = at.rotation().matrix().T
+    seen = turn @ (values.atPoint3(landmark) - at.translation())
+    if jacobians is not None:
+        jacobians[0] = np.hstack([gtsam.Rot3.Hat(seen), -np.eye(3)])
+        jacobians[1] = turn
+    return np.asarray(seen - measured)
+
+
+def _in_plane(graph: FactorGraph) -> Iterator[Any]:
+    """Priors that hold a planar graph in its plane, where nothing pulls on them."""
+    upright = gtsam.noiseModel.Diagonal.Precisions(np.array([1.0, 1.0, 0.0, 0.0, 0.0, 1.0]))
+    for key in range(graph.n_poses):
+        yield gtsam.PriorFactorPose3(key, gtsam.Pose3(), upright)
+    for key in range(graph.n_poses, graph.n_variables):
+        yield gtsam.PriorFactorPoint3(key, np.zeros(3), _vertical(np.eye(1)))
+
+
 def _ranges(factors: Factors, noise: list[Any], n_poses: int) -> Iterator[Any]:
     # pose-pose, pose-landmark and landmark-landmark
     kinds = (gtsam.RangeFactorPose3, gtsam.RangeFactor3D, gtsam.RangeFactor3)
@@ -122,6 +153,7 @@ _MAKERS: dict[str, Callable[[Factors, list[Any], int], Iterator[Any]]] = {
     "survey": _places(gtsam.PriorFactorPoint3),
     "edge": _edges,
     "attitude": _attitudes,
+    "sighting": _sightings,
     "range": _ranges,
 }
 _NOISE: dict[str, Callable[[Array], Any]] = {"depth": _vertical}

@@ -26,6 +26,8 @@ Seen = namedtuple("Seen", "first second turn step root")
 Seen.__doc__ = (
     "Poses (n,) seen from others: rotation and translation as measured, and the root of their information."
 )
+Sighted = namedtuple("Sighted", "pose landmark measured root")
+Sighted.__doc__ = "Landmarks (n,) in the body frames of poses: places as measured, and the root of their information (n, 6, 6)."
 Placed = namedtuple("Placed", "variable measured information")
 Placed.__doc__ = "Measured positions (n, 3), and their information (n, 3, 3)."
 Poses = namedtuple("Poses", "rotation place")
@@ -277,6 +279,51 @@ def _add_gradient(gradient, row, j, p, v):  # type: ignore[no-untyped-def]
     for r in range(6):
         for c in range(6):
             gradient[row, c] += j[p, r, c] * v[WHITE, r]
+
+
+@entry
+def add_sightings(sighted, blocks, poses, matrix, order, cost, work):  # type: ignore[no-untyped-def]
+    """Costs (n,) of landmarks seen from poses, residuals ``root (R^T (l - p) - z)``, and of order 1 and above their blocks and gradient."""
+    root, row, diagonal, above, gradient = (
+        sighted.root,
+        matrix.row,
+        matrix.diagonal,
+        matrix.above,
+        matrix.gradient,
+    )
+    j, m, v = work
+    for i in range(cost.size):
+        a, b = sighted.pose[i], sighted.landmark[i]
+        for r in range(3):
+            v[STRIDE, r] = 0.0
+            for c in range(3):
+                v[STRIDE, r] += poses.rotation[a, c, r] * (poses.place[b, c] - poses.place[a, c])
+            v[WHITE, r], v[WHITE, 3 + r] = 0.0, 0.0
+        total = 0.0
+        for r in range(3):
+            for c in range(r + 1):
+                v[WHITE, r] += root[i, r, c] * (v[STRIDE, c] - sighted.measured[i, c])
+            total += v[WHITE, r] * v[WHITE, r]
+        cost[i] = 0.5 * total
+        if order == 0:
+            continue
+        _cross(m, v[STRIDE, 0], v[STRIDE, 1], v[STRIDE, 2])
+        for r in range(6):
+            for c in range(6):
+                j[0, r, c] = j[1, r, c] = 0.0
+        for r in range(3):
+            for c in range(3):  # turning the body turns what it sees the other way
+                j[0, r, c] = m[CROSS, r, c]
+                j[0, r, 3 + c], j[1, r, 3 + c] = -poses.rotation[a, c, r], poses.rotation[a, c, r]
+        _whiten(root, i, j, 0, 2)
+        _whiten(root, i, j, 1, 3)
+        for p, variable in ((2, a), (3, b)):
+            add_product(diagonal, row[variable], 1.0, j, p, j, p)
+            _add_gradient(gradient, row[variable], j, p, v)
+        if blocks.turned[i]:
+            add_product(above, blocks.block[i], 1.0, j, 3, j, 2)
+        else:
+            add_product(above, blocks.block[i], 1.0, j, 2, j, 3)
 
 
 @entry
