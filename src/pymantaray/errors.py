@@ -64,3 +64,7 @@ class ServiceError(MantaRayError):
 
 class AtlasError(MantaRayError):
     """An atlas cannot be made of what is asked for, or a file is none."""
+
+
+class ReplayError(MantaRayError):
+    """Measured events, or the water that they are compared in, are unusable."""

@@ -32,6 +32,8 @@ class Profile(NamedTuple):
     """Its station in the table, else the file's name."""
     time: np.datetime64
     """UTC, NaT where the table does not say."""
+    water: tuple[Array, Array] | None
+    """In-situ temperature [degC] and practical salinity of all levels, None where the table lacks one."""
     notes: tuple[str, ...]
     """What is doubtful about it."""
 
@@ -70,10 +72,8 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
     """
     profiles = read_profiles(path, position)
     if len(profiles) > 1:
-        names = ", ".join(profile.name for profile in profiles[:4])
-        raise AcousticsError(
-            f"{path}: holds {len(profiles)} casts ({names}, ...); one is needed, so keep one"
-        )
+        names = ", ".join(profile.name for profile in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
+        raise AcousticsError(f"{path}: holds {len(profiles)} casts ({names}); one is needed: keep one")
     return profiles[0]
 
 
@@ -92,7 +92,7 @@ def _profile(table: "CastTable", name: str, position: tuple[float, float] | None
     import gsw
 
     from pymantaray.ocean.casts import cast_place, cast_time
-    from pymantaray.ocean.seawater import sound_speed
+    from pymantaray.ocean.seawater import freezing_notes, sound_speed
 
     has_speed, has_water = table.has("sound_speed"), table.has("temperature", "salinity")
     vertical = "depth" if table.has("depth") else "pressure"
@@ -104,7 +104,7 @@ def _profile(table: "CastTable", name: str, position: tuple[float, float] | None
             " temperature and salinity for sound_speed"
         )
     used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
-    level, *water = (table.values(name, complete=True) for name in used)
+    level, *values = (table.values(name, complete=True) for name in used)
     falls = np.flatnonzero(np.diff(level) <= 0.0)
     if falls.size:
         i = falls[0] + 1
@@ -116,26 +116,19 @@ def _profile(table: "CastTable", name: str, position: tuple[float, float] | None
         raise AcousticsError(
             f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
         )
+    computed = not has_speed or vertical == "pressure"
+    lat, lon = _place(table, position) if computed else position or cast_place(table) or (np.nan, np.nan)
+    depth = level if vertical == "depth" else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
+    water = (table.values("temperature"), table.values("salinity")) if has_water else None
+    if water is not None and not np.isfinite(water).all():
+        water = None
+    speed = values[0] if has_speed else sound_speed(values[0], values[1], depth, lat, lon)
+    notes = () if water is None else freezing_notes(*water, depth, lat, lon)
     try:
         time, _ = cast_time(table)
     except OceanError:  # matters only where casts are chosen by it
         time = np.datetime64("NaT", "ns")
-    if has_speed and vertical == "depth":
-        place = position or cast_place(table) if has_water else None
-        return Profile(level, water[0], None, name, time, _notes(table, level, place))
-    lat, lon = _place(table, position)
-    depth = level if vertical == "depth" else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
-    speed = water[0] if has_speed else sound_speed(water[0], water[1], depth, lat, lon)
-    notes = _notes(table, depth, (lat, lon)) if has_water else ()
-    return Profile(depth, speed, (lat, lon), name, time, notes)
-
-
-def _notes(table: "CastTable", depth: Array, place: tuple[float, float] | None) -> tuple[str, ...]:
-    from pymantaray.ocean.seawater import freezing_notes
-
-    if place is None:
-        return ()
-    return freezing_notes(table.values("temperature"), table.values("salinity"), depth, *place)
+    return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes)
 
 
 def is_raw_cast(depth: ArrayLike) -> bool:

@@ -21,7 +21,12 @@ class Chosen(NamedTuple):
 
 
 def choose_arrivals(
-    arrivals: Arrivals, rule: Rule, *, loss_db: ArrayLike | None = None, delay: ArrayLike | None = None
+    arrivals: Arrivals,
+    rule: Rule,
+    *,
+    loss_db: ArrayLike | None = None,
+    delay: ArrayLike | None = None,
+    heard: NDArray[np.bool_] | None = None,
 ) -> Chosen:
     """
     Pick at most one arrival of each link.
@@ -29,14 +34,14 @@ def choose_arrivals(
     ``direct``: the earliest that met no boundary. ``first``: the earliest of all. ``strongest``: the one of least loss; of
     equals, the earliest. Its loss (n_arrivals,) [dB] is by default ``spreading_db``, which knows neither reflection nor
     absorption nor distance; NaN counts as greater than any other. A delay (n_arrivals,) [s], see `current_delays`, is added
-    to the travel times before they are compared.
+    to the travel times before they are compared. Where it is said which arrivals are heard (n_arrivals,), the others are none.
     """
     if rule not in get_args(Rule):
         raise AcousticsError(f"arrival rule {rule!r}; allowed are {', '.join(get_args(Rule))}")
     time = _delayed(arrivals, delay)
-    allowed = np.ones(time.size, dtype=bool)
+    allowed = np.ones(time.size, dtype=bool) if heard is None else heard
     if rule == "direct":
-        allowed = (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
+        allowed = allowed & (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
     keys = [time, arrivals.link]
     if rule == "strongest":
         keys.insert(1, arrivals.spreading_db if loss_db is None else _one_each("loss_db", loss_db, time.size))

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 import pymantaray
-from pymantaray.cli import atlas, graph, ocean, rays, serve, study, sweep
+from pymantaray.cli import atlas, graph, ocean, rays, replay, serve, study, sweep
+from pymantaray.cli.options import OceanCommand
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
 
@@ -26,6 +27,7 @@ app.add_typer(ocean.app, name="ocean")
 app.add_typer(graph.app, name="graph")
 app.add_typer(rays.app, name="rays")
 app.command("serve")(serve.serve)
+app.command("replay", cls=OceanCommand)(replay.replay)
 
 
 def _print_version(asked: bool) -> None:

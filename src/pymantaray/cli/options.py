@@ -76,7 +76,7 @@ class MediumOptions:
     """Where the water comes from: a profile, an ocean or a study's run."""
 
     profile: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             metavar="CSV",
             help="A profile or cast: depth (m) or pressure (dbar), and sound_speed (m/s) or temperature"
@@ -142,7 +142,7 @@ class MediumOptions:
     def files(self) -> list[Path]:
         """Files that no output may overwrite."""
         ice = self.ice_cover
-        names = (self.profile, ice if isinstance(ice, str) else None, *(self.ocean or []))
+        names = (ice if isinstance(ice, str) else None, *(self.profile or []), *(self.ocean or []))
         return [Path(name) for name in names if name is not None]
 
     @property

@@ -9,6 +9,7 @@ from pymantaray.errors import AcousticsError
 if TYPE_CHECKING:
     from pymantaray.acoustics import Medium
     from pymantaray.acoustics.medium import Interpolation
+    from pymantaray.acoustics.profiles import Profile
 
 _GAP = 100.0  # m; a profile that ends higher above the sea bed is worth a note
 _ONLY = {
@@ -32,10 +33,15 @@ def load_medium(options: MediumOptions, *, default: "Interpolation | None" = Non
 
     The interpolation, if none is asked for, is ``default``, or else a run's own, or else smooth.
     """
-    kind = _source(options)
+    kind = source_kind(options)
     interpolation = options.interpolation or default
-    if options.profile is not None:
-        return _from_profile(options.profile, options, interpolation or "smooth")
+    if options.profile:
+        if len(options.profile) > 1:
+            raise AcousticsError(f"--profile: {len(options.profile)} files; one is needed")
+        from pymantaray.acoustics import read_profile
+
+        profile = read_profile(options.profile[0], options.position)
+        return from_profile(options.profile[0], profile, options, interpolation or "smooth")
     from pymantaray.acoustics import Medium
 
     if options.run is not None:
@@ -73,7 +79,8 @@ def load_medium(options: MediumOptions, *, default: "Interpolation | None" = Non
     return LoadedMedium(medium, record, [note])
 
 
-def _source(options: MediumOptions) -> str:
+def source_kind(options: MediumOptions) -> str:
+    """Which of profile, ocean and run is given; none, several, or options that go with another are refused."""
     kinds = [kind for kind in _ONLY if getattr(options, kind)]
     if len(kinds) != 1:
         named = " and ".join(f"--{kind}" for kind in sorted(kinds)) or "no ocean"
@@ -87,8 +94,11 @@ def _source(options: MediumOptions) -> str:
     return kinds[0]
 
 
-def _from_profile(path: Path, options: MediumOptions, interpolation: "Interpolation") -> LoadedMedium:
-    from pymantaray.acoustics import Medium, read_profile, smooth_profile, thin_profile
+def from_profile(
+    path: Path, profile: "Profile", options: MediumOptions, interpolation: "Interpolation"
+) -> LoadedMedium:
+    """Medium of a profile of a file, thinned or smoothed as the options say."""
+    from pymantaray.acoustics import Medium, smooth_profile, thin_profile
     from pymantaray.acoustics.profiles import is_raw_cast
 
     bottom = options.bottom
@@ -101,7 +111,6 @@ def _from_profile(path: Path, options: MediumOptions, interpolation: "Interpolat
         raise AcousticsError(f"--ice {ice}: over a profile it is a draft in metres; a file goes with --ocean")
     if options.thin is not None and options.smooth is not None:
         raise AcousticsError("--thin and --smooth exclude each other; give one")
-    profile = read_profile(path, options.position)
     depth, speed = profile.depth, profile.sound_speed
     first, last = float(depth[0]), float(depth[-1])
     record: dict[str, Any] = {"profile": str(path), "raw_levels": depth.size}

@@ -10,14 +10,16 @@ if TYPE_CHECKING:
     from pymantaray.report.atlas_plots import write_atlas_plots
     from pymantaray.report.compare import write_comparison
     from pymantaray.report.ocean_plots import write_ocean_plots
+    from pymantaray.report.replay import write_replay
     from pymantaray.report.write import write_report
 
-__all__ = ["write_atlas_plots", "write_comparison", "write_ocean_plots", "write_report"]
+__all__ = ["write_atlas_plots", "write_comparison", "write_ocean_plots", "write_replay", "write_report"]
 
 _ROOMS = {
     "write_atlas_plots": "atlas_plots",
     "write_comparison": "compare",
     "write_ocean_plots": "ocean_plots",
+    "write_replay": "replay",
     "write_report": "write",
 }
 

@@ -22,6 +22,8 @@ from pymantaray.acoustics import (
     WenzNoise,
 )
 from pymantaray.acoustics.medium import Interpolation
+from pymantaray.acoustics.profiles import Profile
+from pymantaray.errors import StudyError
 from pymantaray.fleet import (
     Behaviour,
     ConstantTwist,
@@ -288,12 +290,17 @@ def _currents_at(ocean: StudyOcean, time: float) -> Currents:
 
 def build_detector(config: SoundConfig, ocean: StudyOcean) -> Detector | None:
     """Sonar and losses of a study, absorption by its first snapshot; None if every arrival is heard."""
-    s, sonar = config.detection, build_sonar(config.detection)
-    if s is None or sonar is None:
+    s = config.detection
+    if s is None:
         return None
+    return detector_of(s, ocean_absorption(s, ocean.geographic, config.ocean.centre))
+
+
+def detector_of(s: DetectionSection, absorption: Absorption | None) -> Detector:
+    """Sonar and losses of a section in water of some absorption."""
     return Detector(
-        sonar=sonar,
-        absorption=_absorption(s, ocean.geographic, config.ocean.centre),
+        sonar=sonar_of(s),
+        absorption=absorption,
         bottom=None if s.sediment == "none" else FluidBottom.standard(s.sediment),
         surface=_surface(s),
     )
@@ -313,8 +320,11 @@ def build_reception(config: SoundConfig, ocean: StudyOcean) -> Reception:
 
 def build_sonar(s: DetectionSection | None) -> Sonar | None:
     """Modems of a study; None if every arrival is heard."""
-    if s is None:
-        return None
+    return None if s is None else sonar_of(s)
+
+
+def sonar_of(s: DetectionSection) -> Sonar:
+    """Modems of a section."""
     noise: WenzNoise | float
     if s.noise_spectral_level_db is None:
         noise = WenzNoise(wind_speed=s.wind_speed, shipping=0.5 if s.shipping is None else s.shipping)
@@ -337,9 +347,23 @@ def _surface(s: DetectionSection) -> SeaSurface | IceCover | None:
     return None if s.surface_loss == "none" else SeaSurface(wind_speed=s.wind_speed, model=s.surface_loss)
 
 
-def _absorption(
+def cast_absorption(s: DetectionSection, profile: Profile) -> Absorption | None:
+    """Absorption of a section in the water of a cast, which must have temperature and salinity for most formulas."""
+    if s.absorption == "none":
+        return None
+    if s.absorption == "thorp":
+        return Absorption.thorp()
+    if profile.water is None:
+        raise StudyError(
+            f"detection.absorption is {s.absorption}, but cast {profile.name} lacks temperature or salinity; take thorp or none"
+        )
+    return Absorption.from_profile(profile.depth, *profile.water, formula=s.absorption)
+
+
+def ocean_absorption(
     s: DetectionSection, geographic: xr.Dataset, centre: tuple[float, float] | None
 ) -> Absorption | None:
+    """Absorption of a section in an ocean as its source has it."""
     if s.absorption == "none":
         return None
     if s.absorption == "thorp":

@@ -1,0 +1,155 @@
+"""Command `mantaray replay`: measured travel times beside predicted ones."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pymantaray.cli.options import MediumOptions, Quiet, SearchOptions, with_options
+from pymantaray.replay.rules import DEFAULT_RULE
+
+if TYPE_CHECKING:
+    from pymantaray.replay import Replay, Water
+
+COLUMNS = {
+    "of": ("group", ""),
+    "events": ("events", ",d"),
+    "predicted": ("percent", ".0f"),
+    "median": ("median_m", ".2f"),
+    "size": ("median_size_m", ".2f"),
+    "from": ("median_size_low_m", ".2f"),
+    "to": ("median_size_high_m", ".2f"),
+}
+_MOST_NODES = 12
+
+
+@with_options
+def replay(
+    events: Annotated[
+        Path,
+        typer.Argument(
+            metavar="EVENTS.csv",
+            help="Columns time, source, receiver, source_lat, source_lon, source_depth and those of the receiver (or"
+            " _north, _east in metres), travel_time in seconds; if there, sigma and cast.",
+            show_default=False,
+        ),
+    ],
+    medium: MediumOptions,
+    search: SearchOptions,
+    rule: Annotated[
+        str,
+        typer.Option(
+            metavar="RULE", help="Which arrival is detected: first, strongest, within:DB or threshold."
+        ),
+    ] = DEFAULT_RULE,
+    detection: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.toml", help="A file with the section [detection] of a study, for levels."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Folder of the results, new or empty. Default: runs/replay-..."),
+    ] = None,
+    window: Annotated[
+        float,
+        typer.Option(
+            metavar="S", help="Events so near in time are compared: both directions, and one after the other."
+        ),
+    ] = 60.0,
+    reference: Annotated[
+        str | None, typer.Option(metavar="NODE", help="Node whose clock is right. Default: their mean is.")
+    ] = None,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Write figures as PDF too.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Set measured one-way travel times beside those predicted: residuals, coverage, clocks, switching."""
+    import pymantaray
+    from pymantaray.cli.output import progress_bars
+    from pymantaray.replay import DetectionRule, read_events, replay_events
+    from pymantaray.report import write_replay
+
+    measured, kind = read_events(events), DetectionRule.parse(rule)
+    waters, made, notes = _waters(medium, search, detection)
+    with progress_bars(quiet=quiet) as report:
+        result = replay_events(
+            measured,
+            waters,
+            kind,
+            window=window,
+            reference=reference,
+            notes=notes,
+            progress=None if report is None else lambda done, total: report("events", done, total),
+        )
+        record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": made}
+        record |= {"search": asdict(search), "detection": None if detection is None else str(detection)}
+        page = write_replay(result, out, made_by=record, pdf=pdf, progress=report)
+    if not quiet:
+        _tell(result)
+    typer.echo(str(page))
+
+
+def _tell(result: "Replay") -> None:
+    from pymantaray.cli.output import print_table
+
+    for note in result.notes:
+        typer.echo(note)
+    counts = result.events["status"].value_counts()
+    typer.echo(f"{len(result.events)} events: " + ", ".join(f"{n} {word}" for word, n in counts.items()))
+    title = f"Residuals by rule {result.rule}: median and median size with its 95 % interval over pairs [m]"
+    print_table(title, result.summary[result.summary["by"] != "pair"], COLUMNS)
+    known = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
+    values = known[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
+    offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]
+    if 0 < len(offsets) <= _MOST_NODES:
+        typer.echo(f"clocks [ms]: {', '.join(offsets)}")
+    switching = result.switching.iloc[0]
+    if switching["steps"]:
+        typer.echo(
+            f"candidates change in {switching['rate']:.3f} of {switching['steps']} steps of {switching['step_s']:.0f} s,"
+            f" {switching['independent_rate']:.3f} if independent: correlation time {switching['correlation_s']:.0f} s"
+        )
+
+
+def _waters(
+    medium: MediumOptions, search: SearchOptions, detection: Path | None
+) -> tuple[list["Water"], list[dict[str, Any]], list[str]]:
+    """Waters that the options ask for, how they were made, and what of that to tell the user."""
+    from pymantaray.acoustics.profiles import read_profiles
+    from pymantaray.cli.rays_medium import from_profile, load_medium, source_kind
+    from pymantaray.errors import ReplayError
+    from pymantaray.geometry import LocalFrame
+    from pymantaray.ocean import open_ocean
+    from pymantaray.replay import Water
+    from pymantaray.sensing import Reception
+    from pymantaray.study.assemble import cast_absorption, detector_of, ocean_absorption
+    from pymantaray.study.load import load_detection
+
+    if source_kind(medium) == "run":
+        raise ReplayError("--run: events are replayed in --profile or --ocean; give one of them")
+    section = None if detection is None else load_detection(detection)
+    reception = Reception(
+        spreading_cutoff_db=search.spreading_cutoff_db,
+        max_surface_bounces=search.max_surface_bounces,
+        max_bottom_bounces=search.max_bottom_bounces,
+    )
+    if not medium.profile:
+        loaded = load_medium(medium)
+        if section is not None:
+            ocean = open_ocean(medium.ocean or [], time=medium.time)
+            detector = detector_of(section, ocean_absorption(section, ocean, medium.centre))
+            reception = reception._replace(detector=detector)
+        frame = LocalFrame(*loaded.record["centre_deg"])
+        return [Water(loaded.medium, reception, frame=frame)], [loaded.record], loaded.notes
+    waters, made, notes = list["Water"](), list[dict[str, Any]](), list[str]()
+    for path in medium.profile:
+        for profile in read_profiles(path, medium.position):
+            loaded = from_profile(path, profile, medium, medium.interpolation or "smooth")
+            heard = reception
+            if section is not None:
+                detector = detector_of(section, cast_absorption(section, profile))
+                heard = reception._replace(detector=detector)
+            waters.append(Water(loaded.medium, heard, profile.name, profile.time))
+            made.append(loaded.record | {"cast": profile.name})
+            notes += [note for note in loaded.notes if note not in notes]
+    return waters, made, notes

@@ -1,0 +1,244 @@
+"""Each measured travel time beside the one predicted, and what the differences say together."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.errors import ReplayError
+from pymantaray.records import RayStatus
+from pymantaray.replay.clocks import reciprocity_table
+from pymantaray.replay.events import Events
+from pymantaray.replay.rules import DEFAULT_RULE, NEAR_DB, DetectionRule, Heard
+from pymantaray.replay.summary import summary_table
+from pymantaray.replay.switching import fit_clocks, switching_table
+from pymantaray.replay.water import Water, choose_water, ends_of
+from pymantaray.sensing import sound_between
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+SEED = 20140715
+"""That of studies."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """
+    Measured events, what was predicted of each, and tables of what the differences say.
+
+    Parameters
+    ----------
+    events : pandas.DataFrame
+        A row an event, as `replay_events` says.
+    rule : DetectionRule
+    window : float
+        Events at most so far apart in time are near, for reciprocity and switching. [s]
+    seed : int
+        Of the bootstrap.
+    candidates : pandas.DataFrame
+        Every arrival that a receiver could have taken: its event, its travel time, and its loss.
+    reference : str, optional
+        Node whose clock is taken for true; by default the mean of each group of connected nodes is.
+    notes : tuple of str
+        What is doubtful about the water.
+    """
+
+    events: pd.DataFrame
+    rule: DetectionRule
+    window: float
+    seed: int
+    candidates: pd.DataFrame = field(repr=False)
+    reference: str | None = None
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """Coverage and residuals of all events and by pair, depths and range, with intervals over pairs."""
+        return summary_table(self.events, seed=self.seed)
+
+    @cached_property
+    def _fit(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        return fit_clocks(self.events, self.candidates, reference=self.reference)
+
+    @property
+    def clocks(self) -> pd.DataFrame:
+        """Offset of each node's clock by least squares, with two standard errors."""
+        return self._fit[0]
+
+    @property
+    def taken(self) -> pd.DataFrame:
+        """Which candidate each event is nearest to, clocks taken off; a row an event, NaN without a candidate."""
+        return self._fit[1]
+
+    @cached_property
+    def reciprocity(self) -> pd.DataFrame:
+        """Residuals of each pair's events one way less those the other way near in time."""
+        return reciprocity_table(self.events, self.taken["taken_time_s"], self.clocks, window=self.window)
+
+    @cached_property
+    def switching(self) -> pd.DataFrame:
+        """How often receivers change from one candidate to another, and how often they would independently."""
+        return switching_table(self.events, self.taken, window=self.window, seed=self.seed)
+
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """All tables by name."""
+        events = pd.concat([self.events, self.taken], axis=1)
+        return {
+            "summary": self.summary,
+            "clocks": self.clocks,
+            "reciprocity": self.reciprocity,
+            "switching": self.switching,
+            "events": events,
+        }
+
+
+def replay_events(
+    events: Events,
+    waters: Water | Sequence[Water],
+    rule: DetectionRule | str = DEFAULT_RULE,
+    *,
+    window: float = 60.0,
+    reference: str | None = None,
+    seed: int = SEED,
+    notes: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Replay:
+    """
+    Predict the travel time of every event, and set it beside what was measured.
+
+    Parameters
+    ----------
+    events : Events
+    waters : Water or sequence of Water
+        What sound runs through; of several an event takes the one that it names, else the nearest in time.
+    rule : DetectionRule or str
+        Which arrival is taken to have been detected. Fix it before you look at residuals.
+    window : float
+        Events at most so far apart in time are near each other, for reciprocity and switching. [s]
+    reference : str, optional
+        Node whose clock is taken for true. By default the mean of all clocks is.
+    seed : int
+        Of the bootstrap over pairs.
+    notes : sequence of str
+        What a reader should know of the water.
+    progress : callable, optional
+        Told how many events are done, and how many there are.
+
+    Returns
+    -------
+    Replay
+        Its ``events`` has a row an event: ``status``, ``n_arrivals`` within the cut-off, ``predicted_s``, bounces, ``loss_db``
+        re 1 m (of spreading alone without a detector), ``level_db`` at the receiver with one, ``next_s`` and ``next_db`` (by how much the
+        next candidate is later and louder), ``near_limit`` (a limit 1 dB higher or lower would change the pick),
+        ``residual_s`` (measured less predicted) and ``residual_m`` (times the sound speed at the source). An event without a
+        predicted arrival keeps its row, with a status that says why.
+
+    Raises
+    ------
+    ReplayError
+        If an event names a cast that is not there, none can be chosen, or the rule needs a sonar that is not given.
+    """
+    waters = [waters] if isinstance(waters, Water) else list(waters)
+    rule = DetectionRule.parse(rule) if isinstance(rule, str) else rule
+    if rule.kind == "threshold" and any(water.reception.detector is None for water in waters):
+        raise ReplayError("rule threshold: a sonar says what is heard; give [detection], or another rule")
+    nodes = set(events.source) | set(events.receiver)
+    if reference is not None and reference not in nodes:
+        raise ReplayError(f"reference {reference!r} is no node; there are {', '.join(sorted(nodes)[:12])}")
+    which = choose_water(events, waters)
+    predicted, candidates, done = [], [], 0
+    for index in np.unique(which).tolist():
+        rows = np.flatnonzero(which == index)
+
+        def tell(part: int, parts: int, done: int = done, here: int = rows.size) -> None:
+            if progress is not None:
+                progress(done + part * here // max(parts, 1), which.size)
+
+        frame, others = _predict(events, rows, waters[index], rule, tell)
+        predicted.append(frame)
+        candidates.append(others)
+        done += rows.size
+    table = pd.concat([_measured(events), pd.concat(predicted).sort_index()], axis=1)
+    table["residual_s"] = table["measured_s"] - table["predicted_s"]
+    table["residual_m"] = table["residual_s"] * table.pop("sound_speed_m_s")
+    every = pd.concat(candidates, ignore_index=True).sort_values(
+        ["event", "travel_time_s"], ignore_index=True
+    )
+    return Replay(table, rule, window, seed, every, reference, tuple(notes))
+
+
+def _measured(events: Events) -> pd.DataFrame:
+    known = not np.isnat(events.epoch)
+    return pd.DataFrame(
+        {
+            "time": events.instant if known else events.time,
+            "time_s": events.time,
+            "source": events.source,
+            "receiver": events.receiver,
+            "pair": events.pair,
+            "source_depth_m": events.source_position[:, 2],
+            "receiver_depth_m": events.receiver_position[:, 2],
+            "measured_s": events.travel_time,
+            "sigma_s": events.sigma,
+        }
+    )
+
+
+def _predict(
+    events: Events, rows: NDArray[np.int64], water: Water, rule: DetectionRule, progress: Progress
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Prediction of some events in one water, and all candidates of each; indexed by event."""
+    reception = water.reception
+    source, receiver = ends_of(events, rows, water)
+    cutoff = reception.spreading_cutoff_db
+    wide = reception._replace(
+        arrival="first", spreading_cutoff_db=None if cutoff is None else cutoff + NEAR_DB
+    )
+    sound = sound_between(source, receiver, water.medium, wide, progress=progress)
+    a, distance = sound.arrivals, np.linalg.norm(receiver - source, axis=-1)
+    loss = sound.loss_db
+    if loss is None:
+        loss = a.spreading_db + 20.0 * np.log10(np.maximum(distance[a.link], 1.0))
+    sonar = None if reception.detector is None else reception.detector.sonar
+    heard = Heard(a, loss, np.inf if cutoff is None else cutoff, sonar)
+    candidates = heard.candidates(rule)
+    picks = heard.pick(rule, candidates)
+    after = heard.next(rule, candidates, picks)
+
+    def of(values: NDArray[Any], row: NDArray[np.int64] = picks) -> Array:
+        return np.append(values.astype(float), np.nan)[row]
+
+    within = np.bincount(a.link[~(a.spreading_db > heard.cutoff_db)], minlength=rows.size)
+    lost = np.where(within > 0, RayStatus.UNHEARD, RayStatus.WEAK)
+    status = np.where((a.status == RayStatus.OK) & (picks < 0), lost, a.status)
+    frame = pd.DataFrame(
+        {
+            "cast": water.name,
+            "distance_m": distance,
+            "status": [RayStatus(int(code)).name.lower() for code in status],
+            "n_arrivals": within,
+            "predicted_s": of(a.travel_time),
+            "surface_bounces": of(a.surface_bounces),
+            "bottom_bounces": of(a.bottom_bounces),
+            "loss_db": of(loss),
+            "level_db": np.nan if sonar is None else sonar.source_level_db - of(loss),
+            "next_s": of(a.travel_time, after) - of(a.travel_time),
+            "next_db": of(loss) - of(loss, after),
+            "near_limit": heard.near_limit(rule, picks),
+            "sound_speed_m_s": a.source_sound_speed,
+        },
+        index=rows,
+    ).astype({"surface_bounces": "Int64", "bottom_bounces": "Int64"})
+    others = pd.DataFrame(
+        {
+            "event": rows[a.link[candidates]],
+            "travel_time_s": a.travel_time[candidates],
+            "loss_db": loss[candidates],
+        }
+    )
+    return frame, others

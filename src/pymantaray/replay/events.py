@@ -1,0 +1,185 @@
+"""Measured one-way travel times: who sent, who heard, where, when, and how long it took."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.errors import ReplayError
+from pymantaray.geometry.checks import checked_array
+from pymantaray.records.text_table import TextTable, read_text_table
+
+Array = NDArray[np.float64]
+Names = NDArray[np.str_]
+_ENDS = ("source", "receiver")
+_PLACES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
+_SLOWEST = 3600.0  # s; longer travel times are in another unit, or of no vehicle's modem
+
+
+@dataclass(frozen=True, eq=False)
+class Events:
+    """
+    Receptions whose one-way travel time was measured.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        Of emission, since some instant. [s]
+    source, receiver : array_like of str, shape (n,)
+        Names of the nodes at both ends.
+    source_position, receiver_position : array_like, shape (n, 3)
+        Latitude, longitude [degrees] and depth [m] if ``geographic``, else north, east and depth in a local frame [m].
+    travel_time : array_like, shape (n,)
+        The receiver's clock at the reception less the source's at the emission. [s]
+    geographic : bool
+    sigma : array_like, shape (n,), optional
+        Standard deviation of the travel times, NaN where it is unknown, as it is by default. [s]
+    cast : array_like of str, shape (n,), optional
+        Name of the cast that the event belongs to, empty for the nearest in time, as it is by default.
+    epoch : numpy.datetime64
+        UTC of time 0; NaT, the default, where only differences of time are known.
+    """
+
+    time: Array
+    source: Names
+    receiver: Names
+    source_position: Array
+    receiver_position: Array
+    travel_time: Array
+    geographic: bool
+    sigma: Array = field(default_factory=lambda: np.empty(0))
+    cast: Names = field(default_factory=lambda: np.empty(0, dtype=str))
+    epoch: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
+
+    def __post_init__(self) -> None:
+        """Check the shapes and that the values can be."""
+        n = np.size(self.travel_time)
+        for name, shape in (
+            ("travel_time", (None,)),
+            ("time", (n,)),
+            ("source_position", (n, 3)),
+            ("receiver_position", (n, 3)),
+        ):
+            values = checked_array(ReplayError, f"events: {name}", getattr(self, name), shape)
+            object.__setattr__(self, name, values)
+        for name in ("source", "receiver", "cast"):
+            words = np.array(getattr(self, name), dtype=str)
+            words = np.full(n, "") if name == "cast" and not words.size else words
+            if words.shape != (n,):
+                raise ReplayError(f"events: {name} has shape {words.shape}; it needs ({n},)")
+            object.__setattr__(self, name, words)
+        sigma = np.array(self.sigma, dtype=float) if np.size(self.sigma) else np.full(n, np.nan)
+        if sigma.shape != (n,):
+            raise ReplayError(f"events: sigma has shape {sigma.shape}; it needs ({n},)")
+        object.__setattr__(self, "sigma", sigma)
+        self._refuse(
+            "travel_time", ~((self.travel_time > 0.0) & (self.travel_time < _SLOWEST)), "seconds above 0"
+        )
+        self._refuse("sigma", sigma <= 0.0, "seconds above 0, or empty")
+        self._refuse("source and receiver", self.source == self.receiver, "two nodes")
+        if self.geographic:
+            for name in ("source_position", "receiver_position"):
+                lat, lon = getattr(self, name)[:, :2].T
+                wrong = (np.abs(lat) > 90.0) | (np.abs(lon) > 360.0)
+                self._refuse(name, wrong, "latitude in -90 to 90, longitude in -360 to 360 degrees")
+
+    def _refuse(self, name: str, wrong: NDArray[np.bool_], allowed: str) -> None:
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            values = " and ".join(str(getattr(self, part)[row]) for part in name.split(" and "))
+            raise ReplayError(f"events: {name} of event {row + 1} is {values}; allowed: {allowed}")
+
+    @property
+    def pair(self) -> Names:
+        """Unordered pair of each event, its names in alphabetical order."""
+        ends = np.sort(np.stack([self.source, self.receiver]), axis=0)
+        return np.char.add(np.char.add(ends[0], "-"), ends[1])
+
+    @property
+    def instant(self) -> NDArray[np.datetime64]:
+        """Of each emission, UTC; NaT where only differences are known."""
+        return self.epoch + np.round(1e9 * self.time).astype("timedelta64[ns]")
+
+
+def read_events(path: str | Path) -> Events:
+    """
+    Read measured travel times from a table.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        Columns ``time`` (UTC as ``2020-03-10T12:00:00``, or seconds), ``source`` and ``receiver`` (names), ``source_lat``,
+        ``source_lon``, ``source_depth`` and the same of the receiver [degrees, m], or ``_north`` and ``_east`` for ``_lat`` and
+        ``_lon`` [m], and ``travel_time`` [s]; if there, ``sigma`` [s] and ``cast`` (a name). Others are passed over.
+
+    Returns
+    -------
+    Events
+
+    Raises
+    ------
+    ReplayError
+        If a column is missing, or a cell is not what it has to be, which is named by its line.
+    """
+    table = read_text_table(path)
+    columns = set(table.frame.columns)
+    geographic = {f"{end}_lat" for end in _ENDS} <= columns
+    if geographic and "source_north" in columns:
+        raise ReplayError(f"{path}: has positions in lat, lon and in north, east; keep one")
+    places = [f"{end}_{axis}" for end in _ENDS for axis in _PLACES[geographic]]
+    table.require(["time", *_ENDS, *places, "travel_time"])
+    numbers = table.numbers([*places, "travel_time"])
+    names = {end: _words(table, end) for end in _ENDS}
+    for end, words in names.items():
+        if not all(words):
+            raise ReplayError(f"{path}, line {table.frame.index[words.index('')]}: {end} has no name")
+    time, epoch = _times(table)
+    return Events(
+        time=time,
+        source=np.array(names["source"], dtype=str),
+        receiver=np.array(names["receiver"], dtype=str),
+        source_position=numbers[:, :3],
+        receiver_position=numbers[:, 3:6],
+        travel_time=numbers[:, 6],
+        geographic=geographic,
+        sigma=_sigmas(table),
+        cast=np.array(_words(table, "cast") if "cast" in columns else [], dtype=str),
+        epoch=epoch,
+    )
+
+
+def _words(table: TextTable, column: str) -> list[str]:
+    return [str(cell).strip() for cell in table.frame[column]]
+
+
+def _sigmas(table: TextTable) -> Array:
+    if "sigma" not in table.frame.columns:
+        return np.empty(0)
+    cells = table.frame["sigma"].mask(table.frame["sigma"] == "", "nan")
+    values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+    wrong = np.isnan(values) & (cells.str.lower() != "nan").to_numpy()
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise ReplayError(
+            f"{table.path}, line {table.frame.index[row]}: sigma is {cells.iloc[row]!r}; seconds are needed, or nothing"
+        )
+    return values
+
+
+def _times(table: TextTable) -> tuple[Array, np.datetime64]:
+    """Seconds since the first event, and when that was; seconds as they stand where the column has numbers."""
+    cells = table.frame["time"]
+    seconds = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+    if np.isfinite(seconds).all():
+        return seconds, np.datetime64("NaT", "ns")
+    instants = pd.to_datetime(cells, utc=True, errors="coerce", format="ISO8601")
+    if instants.isna().any():
+        row = int(np.argmax(instants.isna()))
+        raise ReplayError(
+            f"{table.path}, line {table.frame.index[row]}: time is {cells.iloc[row]!r}; UTC as 2020-03-10T12:00:00 is needed"
+            " in every line, or seconds in every line"
+        )
+    stamps = instants.dt.tz_localize(None).to_numpy(dtype="datetime64[ns]")
+    return (stamps - stamps[0]) / np.timedelta64(1, "s"), stamps[0]

@@ -1,0 +1,111 @@
+"""Coverage and residuals of groups of events, with intervals from pairs drawn again."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.geometry import stream
+from pymantaray.records import RayStatus
+
+Array = NDArray[np.float64]
+RESAMPLES = 1000
+_CONFIDENCE = 95.0  # percent
+_DEPTH_STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0)  # m
+_RANGE_STEPS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5)  # m
+_MOST_DEPTHS, _MOST_RANGES = 12, 8  # groups
+
+
+def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
+    """
+    Coverage and residuals of all events, and by pair, by the depths of both ends and by range.
+
+    Parameters
+    ----------
+    events : pandas.DataFrame
+        Of a `Replay`.
+    seed : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row a group, by ``by`` and ``group``: its ``pairs``, ``events``, those ``predicted`` and their share in ``percent``, why the others are not (a
+        column a status that occurs), and of the residuals in metres the median, with its 95 % interval, the median size, with its own, mean
+        and root mean square. Intervals draw pairs again, not events, for the events of a pair share their errors; one pair alone has
+        none. Depths and ranges are rounded to the finest step of 1, 2 and 5 that makes at most 12 and 8 groups.
+    """
+    others = [s.name.lower() for s in RayStatus if s != RayStatus.OK]
+    present = [name for name in others if (events["status"] == name).any()]
+    rows = []
+    for by, of, names in _groupings(events):
+        for number, group in enumerate(names):
+            part = events[of == number]
+            ok = part["residual_m"].notna()
+            residual, pair = part["residual_m"][ok].to_numpy(), part["pair"][ok].to_numpy(dtype=str)
+            medians = _bootstrap(residual, pair, seed, (by, group))
+            row = {
+                "by": by,
+                "group": group,
+                "pairs": part["pair"].nunique(),
+                "events": len(part),
+                "predicted": int(ok.sum()),
+                "percent": 100.0 * float(ok.mean()),
+                **{name: int((part["status"] == name).sum()) for name in present},
+                "median_m": _of(np.median, residual),
+                "median_low_m": medians[0][0],
+                "median_high_m": medians[0][1],
+                "median_size_m": _of(np.median, np.abs(residual)),
+                "median_size_low_m": medians[1][0],
+                "median_size_high_m": medians[1][1],
+                "mean_m": _of(np.mean, residual),
+                "rms_m": np.sqrt(_of(np.mean, residual**2)),
+            }
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def percentiles(values: Array) -> tuple[float, float]:
+    """Ends of the 95 % interval of resampled values."""
+    tail = 0.5 * (100.0 - _CONFIDENCE)
+    low, high = np.percentile(values, (tail, 100.0 - tail))
+    return float(low), float(high)
+
+
+def _groupings(events: pd.DataFrame) -> Iterator[tuple[str, NDArray[np.int64], list[str]]]:
+    """Name of each way to group the events, the group of each event, and the groups' names."""
+    yield "all", np.zeros(len(events), dtype=np.int64), ["all"]
+    pairs, of = np.unique(events["pair"].to_numpy(dtype=str), return_inverse=True)
+    yield "pair", of, pairs.tolist()
+    depths = np.sort(events[["source_depth_m", "receiver_depth_m"]].to_numpy(), axis=1)
+    for step in _DEPTH_STEPS:
+        values, of = np.unique(step * np.round(depths / step), axis=0, return_inverse=True)
+        if len(values) <= _MOST_DEPTHS:
+            break
+    yield "depths", of, [f"{a:g} and {b:g} m" for a, b in values]
+    for step in _RANGE_STEPS:
+        cells, of = np.unique(np.floor(events["distance_m"].to_numpy() / step), return_inverse=True)
+        if cells.size <= _MOST_RANGES:
+            break
+    yield "range", of, [f"{1e-3 * step * cell:g} to {1e-3 * step * (cell + 1.0):g} km" for cell in cells]
+
+
+def _of(statistic: object, values: Array) -> float:
+    return float(statistic(values)) if values.size else float("nan")  # type: ignore[operator]
+
+
+def _bootstrap(
+    residual: Array, pair: NDArray[np.str_], seed: int, names: tuple[str, str]
+) -> list[tuple[float, float]]:
+    """Intervals of the median and of the median size, pairs drawn again."""
+    pairs = np.unique(pair)
+    if pairs.size < 2:
+        return [(np.nan, np.nan)] * 2
+    parts = [residual[pair == name] for name in pairs]
+    draws = stream(seed, 0, "replay", "bootstrap", *names).integers(0, pairs.size, (RESAMPLES, pairs.size))
+    again = np.empty((2, RESAMPLES))
+    for i, draw in enumerate(draws):
+        values = np.concatenate([parts[k] for k in draw])
+        again[:, i] = np.median(values), np.median(np.abs(values))
+    return [percentiles(row) for row in again]

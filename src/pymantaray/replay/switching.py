@@ -1,0 +1,165 @@
+"""Which candidate a receiver took, and how long it stays with one."""
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.geometry import stream
+from pymantaray.replay.clocks import clock_table
+from pymantaray.replay.summary import RESAMPLES, percentiles
+
+Array = NDArray[np.float64]
+_APART = 4.0  # standard deviations by which candidates must be told from each other
+_MOST_ROUNDS = 50  # between clocks and candidates
+_NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
+
+
+def fit_clocks(
+    events: pd.DataFrame, candidates: pd.DataFrame, *, reference: str | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """
+    Clocks of the nodes and the candidates that receivers took, each by the other, until neither changes.
+
+    Begun with the clocks by residuals of the predicted arrivals. Where receivers take later candidates now and then, these alone would make the
+    scatter of those delays that of the clocks.
+
+    Parameters
+    ----------
+    events, candidates : pandas.DataFrame
+        Of a `Replay`.
+    reference : str, optional
+        As in `clock_table`.
+
+    Returns
+    -------
+    clocks : pandas.DataFrame
+        Of `clock_table`, and ``predicted_offset_s``, the offsets by the residuals of the predicted arrivals alone.
+    taken : pandas.DataFrame
+        Of `taken_candidates`.
+    """
+    clocks = begin = clock_table(events, events["residual_s"], reference=reference)
+    taken = taken_candidates(events, candidates, clocks)
+    for _ in range(_MOST_ROUNDS):
+        before = taken["taken"]
+        clocks = clock_table(events, taken["taken_time_s"], reference=reference)
+        taken = taken_candidates(events, candidates, clocks)
+        if before.equals(taken["taken"]):
+            break
+    return clocks.assign(predicted_offset_s=begin["offset_s"]), taken
+
+
+def taken_candidates(events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.DataFrame) -> pd.DataFrame:
+    """
+    Candidate that each event is nearest to, its clocks' offsets taken off.
+
+    Parameters
+    ----------
+    events, candidates, clocks : pandas.DataFrame
+        Of a `Replay`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row an event: ``n_candidates``, ``taken`` (the number of places in time after the predicted arrival, negative before it), what is left
+        of its residual, ``taken_residual_s``, the same with the clocks in it, ``taken_time_s``, and ``apart_s``, the time between the two
+        candidates that are nearest to each other.
+    """
+    offset = clocks.set_index("node")["offset_s"]
+    clock = events["receiver"].map(offset).to_numpy() - events["source"].map(offset).to_numpy()
+    at = candidates["event"].to_numpy(dtype=np.int64)
+    time = candidates["travel_time_s"].to_numpy()
+    late = (events["measured_s"].to_numpy() - clock)[at] - time
+    n = len(events)
+    count = np.bincount(at, minlength=n)
+    start = np.cumsum(count) - count
+    has = np.flatnonzero(count)
+    place = np.arange(at.size) - start[at]
+
+    def best(distance: Array) -> NDArray[np.int64]:
+        """Row of the candidate of least distance of each event that has one."""
+        order = np.lexsort((distance, at))
+        return np.asarray(order[start[has]])
+
+    nearest, predicted = best(np.abs(late)), best(np.abs(time - events["predicted_s"].to_numpy()[at]))
+    taken, left, apart = (np.full(n, np.nan) for _ in range(3))
+    taken[has], left[has] = place[nearest] - place[predicted], late[nearest]
+    gap, same = np.diff(time), at[1:] == at[:-1]
+    apart[at[1:][same]] = np.inf
+    np.minimum.at(apart, at[1:][same], gap[same])
+    columns = {"n_candidates": count, "taken": taken, "taken_residual_s": left, "apart_s": apart}
+    return pd.DataFrame(columns | {"taken_time_s": left + clock}).astype({"taken": "Int64"})
+
+
+def switching_table(events: pd.DataFrame, taken: pd.DataFrame, *, window: float, seed: int) -> pd.DataFrame:
+    """
+    How often a receiver changes its candidate from one event to the next.
+
+    Parameters
+    ----------
+    events, taken : pandas.DataFrame
+        Of a `Replay`.
+    window : float
+        Events of the same source and receiver are compared if they are at most so far apart. [s]
+    seed : int
+        Of the bootstrap over pairs.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for all and one a pair: ``steps`` from event to event, the share ``rate`` of them in which ``taken`` changes with its 95 % interval
+        over pairs, ``independent_rate``, that of independent draws of the same shares, ``step_s``, the mean time between the events, and
+        ``correlation_s``, the correlation time of `pymantaray.sensing.draw_picks` for which rate and independent rate are as found.
+
+    Notes
+    -----
+    Events count that have at least two candidates, all further apart than four standard deviations (of a median absolute deviation) of
+    what is left of residuals: nearer ones cannot be told from each other.
+    """
+    left = taken["taken_residual_s"].abs()
+    clear = taken["apart_s"] > _APART * _NORMAL * left.median()
+    told = pd.concat([events[["pair", "source", "receiver", "time_s"]], taken["taken"]], axis=1)[clear]
+    parts = []
+    for (pair, *_), way in told.groupby(["pair", "source", "receiver"], sort=True):
+        way = way.sort_values("time_s", kind="stable")
+        step, changed = np.diff(way["time_s"]), np.diff(way["taken"].to_numpy(dtype=np.int64)) != 0
+        near = step <= window
+        m, shares = len(way), way["taken"].value_counts().to_numpy()
+        alike = float(np.sum(shares * (shares - 1)) / (m * (m - 1))) if m > 1 else np.nan
+        parts.append(
+            (
+                pair,
+                near.sum(),
+                changed[near].sum(),
+                near.sum() * (1.0 - alike) if m > 1 else 0.0,
+                step[near].sum(),
+            )
+        )
+    ways = pd.DataFrame(parts, columns=["pair", "steps", "changes", "independent", "seconds"])
+    pairs = ways.groupby("pair", sort=True).sum()
+    pairs = pairs[pairs["steps"] > 0]
+    rows = [_row("all", pairs.sum(), _interval(pairs, seed))]
+    rows += [_row(str(pair), one, (np.nan, np.nan)) for pair, one in pairs.iterrows()]
+    names = ["pair", "steps", "rate", "rate_low", "rate_high", "independent_rate", "step_s", "correlation_s"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def _row(pair: str, sums: "pd.Series[float]", interval: tuple[float, float]) -> tuple[object, ...]:
+    steps = float(sums["steps"])
+    if not steps:
+        return (pair, 0, *[np.nan] * 6)
+    rate, independent, step = (float(sums[name]) / steps for name in ("changes", "independent", "seconds"))
+    correlation = np.nan
+    if independent > 0.0:
+        stays = 1.0 - rate / independent
+        correlation = 0.0 if stays <= 0.0 else np.inf if stays == 1.0 else -step / np.log(stays)
+    return (pair, int(steps), rate, *interval, independent, step, correlation)
+
+
+def _interval(pairs: pd.DataFrame, seed: int) -> tuple[float, float]:
+    if len(pairs) < 2:
+        return np.nan, np.nan
+    again = stream(seed, 0, "replay", "bootstrap", "switching").integers(
+        0, len(pairs), (RESAMPLES, len(pairs))
+    )
+    changes, steps = (pairs[name].to_numpy(dtype=float)[again].sum(axis=1) for name in ("changes", "steps"))
+    return percentiles(changes / steps)

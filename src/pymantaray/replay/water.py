@@ -1,0 +1,91 @@
+"""What sound ran through: one medium a cast or an ocean, which of them an event belongs to, and its ends there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import ReplayError
+from pymantaray.geometry import LocalFrame
+from pymantaray.replay.events import Events
+from pymantaray.sensing import Reception
+
+Array = NDArray[np.float64]
+_ELLIPSOID = pyproj.Geod(ellps="WGS84")
+
+
+@dataclass(frozen=True, eq=False)
+class Water:
+    """
+    A medium that events may belong to, and what is heard in it.
+
+    Parameters
+    ----------
+    medium : Medium
+    reception : Reception
+        Which eigenrays count, and the detector if levels are to be predicted. Its ``arrival`` is not used.
+    name : str
+        Of the cast, by which events choose it.
+    time : numpy.datetime64
+        Of the cast, by which others choose it; NaT where it is unknown.
+    frame : LocalFrame, optional
+        In which the medium lies. By default it is the same everywhere: a distance and two depths are all that matters.
+    """
+
+    medium: Medium
+    reception: Reception = field(default_factory=Reception)
+    name: str = ""
+    time: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
+    frame: LocalFrame | None = None
+
+
+def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
+    """Which water each event belongs to: the only one, that of its name, or the nearest in time."""
+    names = [water.name for water in waters]
+    if not names:
+        raise ReplayError("replay: no water given; a cast or an ocean is needed")
+    named = events.cast != ""
+    unknown = sorted(set(events.cast[named]) - set(names))
+    if unknown:
+        raise ReplayError(
+            f"events: cast {unknown[0]} is not among those given; there are {', '.join(names[:8])}"
+            + (", ..." if len(names) > 8 else "")
+        )
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ReplayError(f"two casts are called {twice}; give each a name of its own")
+    if len(waters) == 1:
+        return np.zeros(events.time.size, dtype=np.int64)
+    chosen = np.full(events.time.size, -1)
+    chosen[named] = [names.index(name) for name in events.cast[named]]
+    if not named.all():
+        nameless = next((w.name for w in waters if np.isnat(w.time)), None)
+        if nameless is not None or np.isnat(events.epoch):
+            lacks = "the events' times are seconds" if nameless is None else f"cast {nameless} has no time"
+            raise ReplayError(
+                f"events without a cast go to the nearest in time, but {lacks}; name each event's cast in a column cast"
+            )
+        times = np.array([water.time for water in waters], dtype="datetime64[ns]")
+        apart = np.abs(events.instant[~named][:, None] - times[None, :])
+        chosen[~named] = np.argmin(apart, axis=1)
+    return chosen
+
+
+def ends_of(events: Events, rows: NDArray[np.int64], water: Water) -> tuple[Array, Array]:
+    """Sources and receivers (n, 3) of some events in the frame of their water. [m]"""
+    source, receiver = events.source_position[rows], events.receiver_position[rows]
+    if not events.geographic:
+        return source, receiver
+    if water.frame is not None:
+        return _in_frame(source, water.frame), _in_frame(receiver, water.frame)
+    azimuth, _, distance = _ELLIPSOID.inv(source[:, 1], source[:, 0], receiver[:, 1], receiver[:, 0])
+    bearing = np.radians(azimuth)
+    along = np.stack([distance * np.cos(bearing), distance * np.sin(bearing), receiver[:, 2]], axis=-1)
+    return np.stack([0.0 * distance, 0.0 * distance, source[:, 2]], axis=-1), along
+
+
+def _in_frame(position: Array, frame: LocalFrame) -> Array:
+    return np.stack([*frame.to_local(position[:, 0], position[:, 1]), position[:, 2]], axis=-1)

@@ -1,0 +1,286 @@
+"""Page, tables and figures of a replay: residuals over range and time, coverage, clocks and switching."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pymantaray.replay import Replay
+from pymantaray.report import style
+from pymantaray.report.figures import Plate
+from pymantaray.report.page import render, show, show_table
+from pymantaray.report.parts import PAGE, write_files
+from pymantaray.report.write import Progress, all_files, draw
+from pymantaray.study.folder import staged_folder
+from pymantaray.study.store import write_json
+
+_MOST_PAIRS = 12  # panels of residuals over time
+_BEYOND = 99.0  # percent of residuals that a histogram shows
+_CAPTIONS = {
+    "summary": "Coverage and residuals of groups of events. Intervals (95 %) draw pairs again, not events; one pair alone has none",
+    "clocks": "Offset of each node's clock, ahead is positive, by least squares; the mean of each connected group is 0 unless a"
+    " reference is given. Standard errors as if events were independent, and by pairs",
+    "reciprocity": "Residuals of one direction less those of the other near in time, what the clocks make of it, and the rest",
+    "switching": "How often a receiver changes its candidate from one event to the next, and how often independent picks would",
+}
+_LOOKS = {
+    "ok": (style.BLUE, "predicted"),
+    "shadow": (style.ORANGE, "shadow"),
+    "weak": (style.SKY, "too weak"),
+    "blocked": (style.GREEN, "blocked by the bottom"),
+    "outside": (style.PINK, "outside the domain"),
+    "unheard": (style.INK, "below the threshold"),
+    "unresolved": (style.GREY, "search cut short"),
+}
+
+
+def write_replay(
+    replay: Replay,
+    out: str | Path | None = None,
+    *,
+    made_by: dict[str, Any] | None = None,
+    pdf: bool = False,
+    progress: Progress | None = None,
+) -> Path:
+    """
+    Write tables, figures and page of a replay into a folder of their own.
+
+    Parameters
+    ----------
+    replay : Replay
+    out : str or pathlib.Path, optional
+        Folder, new or empty; by default a new one in ``runs``.
+    made_by : dict, optional
+        How it was made, for ``replay.json`` and the page.
+    pdf : bool
+        Whether figures are written as PDF too.
+    progress : callable, optional
+        Called with ``"report"``, the parts done and the parts there are.
+
+    Returns
+    -------
+    pathlib.Path
+        The page, ``index.html``; beside it ``tables`` (CSV), ``figures`` and ``replay.json``.
+
+    Raises
+    ------
+    StudyError
+        If the folder is not empty or cannot be written.
+    """
+    record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (made_by or {})
+    with staged_folder(out, "replay", latest=False) as (stage, folder):
+        pictures = draw(_plates(replay), pdf=pdf, progress=progress)
+        tables = replay.tables
+        page = render(
+            "replay.html",
+            title="Replay of measured travel times",
+            facts=[
+                f"{len(replay.events):,} events of {replay.events['pair'].nunique()} pairs; rule {replay.rule}"
+            ],
+            description="",
+            notes=list(replay.notes),
+            cards=_cards(replay),
+            pictures=pictures,
+            shown_tables=[
+                show_table(tables[name], caption, f"tables/{name}.csv") for name, caption in _CAPTIONS.items()
+            ],
+            origin=[show_table(_entries(record), "Options", "replay.json")],
+        )
+        write_files(stage, all_files(tables, pictures, page))
+        write_json(record, stage / "replay.json")
+    return folder / PAGE
+
+
+def _entries(record: dict[str, Any]) -> pd.DataFrame:
+    return pd.DataFrame([(name, str(value)) for name, value in record.items()], columns=["entry", "value"])
+
+
+def _cards(replay: Replay) -> list[tuple[str, str, str]]:
+    """Numbers that the page opens with: what it is, its value, and a remark."""
+    every = replay.summary.iloc[0]
+    lost = [f"{every[name]} {label}" for name, (_, label) in _LOOKS.items() if name in every.index]
+    size = f"{show(every['median_size_low_m'])} to {show(every['median_size_high_m'])} m over pairs"
+    near = int(replay.events["near_limit"].sum())
+    switching = replay.switching.iloc[0]
+    return [
+        ("Predicted", f"{every['predicted']:,} of {every['events']:,}", ", ".join(lost) or "all of them"),
+        ("Median size of the residual", f"{show(every['median_size_m'])} m", size),
+        ("Median residual", f"{show(every['median_m'])} m", "measured less predicted, clocks not taken off"),
+        (
+            "Changes of candidate",
+            f"{show(100.0 * switching['rate'])} %",
+            f"{show(100.0 * switching['independent_rate'])} % if independent; {switching['steps']:,} steps",
+        ),
+        ("Near a limit", f"{near:,} events", "another limit, 1 dB off, changes the pick"),
+    ]
+
+
+def _plates(replay: Replay) -> list[Plate]:
+    header = f"{len(replay.events):,} events, rule {replay.rule}"
+    return [
+        Plate(
+            "residual_range",
+            "Residual of each event, measured less predicted, over straight distance; colours are the bounces of the predicted"
+            " arrival. Lines: median of each range class with its 95 % interval over pairs.",
+            lambda: residuals_over_range(replay.events, replay.summary, header),
+        ),
+        Plate(
+            "residual_time",
+            f"Residuals over time of the {_MOST_PAIRS} pairs with most events; one colour a direction. Steps from one level to"
+            " another are other candidates, a gap between the directions is twice a difference of clocks.",
+            lambda: residuals_over_time(replay.events, header),
+        ),
+        Plate(
+            "residual_histogram",
+            "Distribution of residuals: of the predicted arrivals as they are, and of the candidates nearest to each event with"
+            f" the clocks taken off; the middle {_BEYOND:g} % of each.",
+            lambda: residual_histograms(replay.events, replay.taken, header),
+        ),
+        Plate(
+            "coverage",
+            "Events by range, depths and pair: how many have a predicted arrival, and why the others have none.",
+            lambda: coverage_bars(replay.summary, header),
+        ),
+    ]
+
+
+@style.styled
+def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: str) -> Figure:
+    """Residuals against distance, all of them and their middle, by bounces."""
+    figure = style.new_figure(style.DOUBLE, 3.0, header)
+    whole, middle = figure.subplots(1, 2, sharex=True)
+    known = events[events["residual_m"].notna()]
+    if known.empty:
+        style.note(whole, "no event has a predicted arrival")
+        style.note(middle, "no event has a predicted arrival")
+        return figure
+    bounces = (known["surface_bounces"] + known["bottom_bounces"]).astype(int)
+    reach = float(np.percentile(known["residual_m"].abs(), 90.0)) * 1.3
+    colours = (style.BLUE, style.ORANGE, style.GREEN, style.PINK)
+    for axes in (whole, middle):
+        for number, colour in enumerate(colours):
+            last = number == len(colours) - 1
+            part = known[bounces >= number] if last else known[bounces == number]
+            word = f"{number}{' or more' if last else ''} bounce{'' if number == 1 else 's'}"
+            axes.plot(
+                part["distance_m"] / 1e3,
+                part["residual_m"],
+                ".",
+                color=colour,
+                markersize=2.5,
+                alpha=0.6,
+                rasterized=True,
+                label=f"{word} ({len(part):,})" if len(part) else "_",
+            )
+        axes.axhline(0.0, color=style.INK, linewidth=0.7, linestyle="--")
+        axes.set_xlabel("Straight distance [km]")
+    groups = summary[(summary["by"] == "range") & (summary["predicted"] > 0)]
+    x = [_middle(name) for name in groups["group"]]
+    spread = np.abs(groups[["median_low_m", "median_high_m"]].sub(groups["median_m"], axis=0).to_numpy().T)
+    middle.errorbar(
+        x, groups["median_m"], np.nan_to_num(spread), fmt="_", color=style.INK, capsize=2.0, linewidth=1.0
+    )
+    middle.set_ylim(-reach, reach)
+    whole.set_ylabel("Residual [m]")
+    style.panel_title(whole, "a", "all events")
+    style.panel_title(middle, "b", "the same, nine tenths of them")
+    style.common_legend(figure, whole.get_legend_handles_labels()[0], markerscale=3)
+    return figure
+
+
+def _middle(name: str) -> float:
+    """Middle of a range class by its name. [km]"""
+    low, high = (float(word) for word in name.removesuffix(" km").split(" to "))
+    return 0.5 * (low + high)
+
+
+@style.styled
+def residuals_over_time(events: pd.DataFrame, header: str) -> Figure:
+    """Residuals of each pair against time."""
+    known = events[events["residual_s"].notna()]
+    pairs = known["pair"].value_counts(sort=True).index[:_MOST_PAIRS].sort_values()
+    lines = max(-(-len(pairs) // 3), 1)
+    figure = style.new_figure(style.DOUBLE, 0.5 + 1.35 * lines, header)
+    panels = figure.subplots(lines, 3, sharex=True, squeeze=False)
+    for axes in panels.flat[len(pairs) :]:
+        axes.set_visible(False)
+    hours = known["time_s"] / 3600.0
+    for axes, pair in zip(panels.flat, pairs, strict=False):
+        part = known[known["pair"] == pair]
+        first = min(part["source"].iloc[0], part["receiver"].iloc[0])
+        for colour, way in ((style.BLUE, part["source"] == first), (style.ORANGE, part["source"] != first)):
+            rows = part.index[way]
+            axes.plot(hours[rows], 1e3 * part["residual_s"][way], ".", color=colour, markersize=2.0)
+        axes.axhline(0.0, color=style.INK, linewidth=0.5, linestyle="--")
+        axes.set_title(style.plain(style.short(str(pair))), loc="left")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("Residual [ms]")
+    for axes in panels[-1]:
+        axes.set_xlabel("Time [h]")
+    for column in range(3):
+        shown = [axes for axes in panels[:, column] if axes.get_visible()]
+        if shown:
+            shown[-1].set_xlabel("Time [h]")
+            shown[-1].tick_params(labelbottom=True)
+    handles = [
+        style.entry("from the first name", color=style.BLUE, marker=".", linestyle=""),
+        style.entry("to the first name", color=style.ORANGE, marker=".", linestyle=""),
+    ]
+    if len(pairs):
+        style.common_legend(figure, handles)
+    else:
+        panels[0, 0].set_visible(True)
+        style.note(panels[0, 0], "no event has a predicted arrival")
+    return figure
+
+
+@style.styled
+def residual_histograms(events: pd.DataFrame, taken: pd.DataFrame, header: str) -> Figure:
+    """Residuals of predicted arrivals and of candidates taken."""
+    figure = style.new_figure(style.DOUBLE, 2.5, header)
+    raw, clean = figure.subplots(1, 2)
+    for axes, letter, words, values in (
+        (raw, "a", "predicted arrival", 1e3 * events["residual_s"].dropna()),
+        (clean, "b", "candidate taken, clocks off", 1e3 * taken["taken_residual_s"].dropna()),
+    ):
+        style.panel_title(axes, letter, words)
+        axes.set_xlabel("Residual [ms]")
+        axes.set_ylabel("Events in a bin")
+        if values.empty:
+            style.note(axes, "no event has a predicted arrival")
+            continue
+        ends = np.percentile(values, (0.5 * (100.0 - _BEYOND), 0.5 * (100.0 + _BEYOND)))
+        axes.hist(values, bins=60, range=(float(ends[0]), float(ends[1]) + 1e-9), color=style.BLUE)
+        axes.axvline(float(values.median()), color=style.ORANGE, linewidth=1.0, label="median")
+        axes.axvline(0.0, color=style.INK, linewidth=0.7, linestyle="--", label="zero")
+    if raw.get_legend_handles_labels()[0]:
+        style.common_legend(figure, raw.get_legend_handles_labels()[0])
+    return figure
+
+
+@style.styled
+def coverage_bars(summary: pd.DataFrame, header: str) -> Figure:
+    """Share of the events of each group that has a predicted arrival, and why not."""
+    kinds = ("range", "depths", "pair")
+    sizes = [min(int((summary["by"] == kind).sum()), 24) for kind in kinds]
+    figure = style.new_figure(style.DOUBLE, 0.9 + 0.16 * max(sizes), header)
+    panels = figure.subplots(1, 3)
+    present = ["ok", *(name for name in _LOOKS if name in summary.columns)]
+    for axes, kind, letter in zip(panels, kinds, "abc", strict=True):
+        part = summary[summary["by"] == kind].nlargest(24, "events").sort_index()
+        left, y = np.zeros(len(part)), np.arange(len(part))
+        for name in present:
+            colour, label = _LOOKS[name]
+            count = part["predicted" if name == "ok" else name].to_numpy(dtype=float)
+            share = 100.0 * count / part["events"].to_numpy()
+            axes.barh(y, share, left=left, height=0.75, color=colour, label=label)
+            left += share
+        axes.set_yticks(y, [style.plain(style.short(str(name), 18)) for name in part["group"]])
+        axes.invert_yaxis()
+        axes.set_xlim(0.0, 100.0)
+        axes.set_xlabel("Share of events [%]")
+        style.panel_title(axes, letter, f"by {kind}")
+    style.common_legend(figure, panels[0].get_legend_handles_labels()[0])
+    return figure

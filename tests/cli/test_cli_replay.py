@@ -1,0 +1,119 @@
+"""`mantaray replay`: a folder of results whole or not at all, what is printed, and what is refused."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from factories import names_in
+
+EVENTS = pd.DataFrame(
+    {
+        "time": [f"2020-03-10T12:{m:02d}:00" for m in range(8)],
+        "source": ["A", "B"] * 4,
+        "receiver": ["B", "A"] * 4,
+        "source_north": [0.0, 3000.0] * 4,
+        "source_east": 0.0,
+        "source_depth": [30.0, 150.0] * 4,
+        "receiver_north": [3000.0, 0.0] * 4,
+        "receiver_east": 0.0,
+        "receiver_depth": [150.0, 30.0] * 4,
+        "travel_time": np.hypot(3000.0, 120.0) / 1450.0 + 1e-3 * np.array([1.0, -1.0] * 4),
+    }
+)
+DETECTION = """[detection]
+source_level_db = 190.0
+frequency_hz = 10e3
+bandwidth_hz = 5e3
+absorption = "thorp"
+"""
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """Events, two casts in one table, and a sonar, in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    EVENTS.to_csv("events.csv", index=False)
+    rows = [f"{name},{time},{z},1450" for name, time in CASTS for z in (0, 500, 2000)]
+    (tmp_path / "casts.csv").write_text("\n".join(["station,time,depth,sound_speed", *rows]) + "\n")
+    (tmp_path / "sonar.toml").write_text(DETECTION)
+    return tmp_path
+
+
+CASTS = (("first", "2020-03-10T11:00"), ("second", "2020-03-10T13:00"))
+WATER = ("--profile", "casts.csv", "--bottom", 2000, "--interpolation", "linear")
+
+
+def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
+    done = mantaray(
+        "replay", "events.csv", *WATER, "--out", "out", "--reference", "A", "--detection", "sonar.toml"
+    )
+    assert done.code == 0, done.err
+    assert done.out.splitlines()[0] == "8 events: 8 ok"
+    assert "clocks [ms]: A +0.000 ± 0.000, B +1.000 ± 0.000" in done.out
+    assert done.out.splitlines()[-1].endswith("out/index.html")
+    assert names_in(files / "out") == ["figures", "index.html", "replay.json", "tables"]
+    assert names_in(files / "out" / "figures") == [
+        f"{name}.png" for name in ("coverage", "residual_histogram", "residual_range", "residual_time")
+    ]
+    events = pd.read_csv(files / "out" / "tables" / "events.csv")
+    np.testing.assert_allclose(events["residual_s"], 1e-3 * np.array([1.0, -1.0] * 4), atol=1e-8)
+    np.testing.assert_allclose(190.0 - events["loss_db"], events["level_db"])
+    spherical = 20.0 * np.log10(np.hypot(3000.0, 120.0))
+    assert events["loss_db"].between(spherical + 2.0, spherical + 5.0).all()  # Thorp: 1.2 dB/km
+    record = json.loads((files / "out" / "replay.json").read_text())
+    assert (record["rule"], record["water"][1]["cast"]) == ("within:6", "second")
+    page = (files / "out" / "index.html").read_text()
+    assert "Replay of measured travel times" in page
+    for name in ("summary", "clocks", "reciprocity", "switching", "events"):
+        assert f"tables/{name}.csv" in page
+
+
+def test_an_ocean_is_a_water_too(mantaray, files, ocean_file):
+    words = ("--ocean", ocean_file, "--half-extent", 4000, 4000, "--quiet", "--out", "out")
+    done = mantaray("replay", "events.csv", *words)
+    assert done.code == 0, done.err
+    assert len(pd.read_csv(files / "out" / "tables" / "events.csv")) == 8
+
+
+REFUSED = {
+    "rule 'loudest'; allowed are first": (*WATER, "--rule", "loudest"),
+    "rule threshold: a sonar says what is heard": (*WATER, "--rule", "threshold"),
+    "exactly one of --ocean, --profile and --run": (),
+    "--profile and --bottom: the one needs the other": WATER[:2],
+    "casts.csv: not valid TOML": (*WATER, "--detection", "casts.csv"),
+    "empty.toml: has no section [detection]": (*WATER, "--detection", "empty.toml"),
+    "francois-garrison, but cast first lacks temperature or salinity": (*WATER, "--detection", "salty.toml"),
+    "reference 'Z' is no node": (*WATER, "--reference", "Z"),
+    "--run: events are replayed in --profile or --ocean": ("--run", "."),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_cannot_be_replayed_is_refused_in_one_line_and_leaves_nothing(mantaray, files, message):
+    (files / "salty.toml").write_text(DETECTION.replace("thorp", "francois-garrison"))
+    (files / "empty.toml").write_text("[ocean]\n")
+    done = mantaray("replay", "events.csv", *REFUSED[message], "--out", "out")
+    assert done.code == 2
+    assert message in done.err
+    assert len(done.err.splitlines()) == 1
+    assert not (files / "out").exists()
+
+
+def test_a_folder_with_something_in_it_is_left_alone(mantaray, files):
+    (files / "out").mkdir()
+    (files / "out" / "mine").touch()
+    done = mantaray("replay", "events.csv", *WATER, "--out", "out")
+    assert (done.code, len(done.err.splitlines())) == (2, 1)
+    assert names_in(files / "out") == ["mine"]
+
+
+def test_rays_take_one_cast(mantaray, files):
+    (files / "links.csv").write_text(
+        "source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth\n0,0,9,99,0,9\n"
+    )
+    done = mantaray("rays", "times", "links.csv", "out.csv", *WATER)
+    assert done.code == 2
+    assert "casts.csv: holds 2 casts (first, second)" in done.err
+    twice = mantaray("rays", "times", "links.csv", "out.csv", *WATER, "--profile", "casts.csv")
+    assert "--profile: 2 files; one is needed" in twice.err

@@ -1,0 +1,46 @@
+"""A short campaign of known truth, made by the shipped example."""
+
+import json
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from pymantaray.acoustics import Medium
+from pymantaray.acoustics.profiles import read_profiles
+from pymantaray.replay import Water, read_events
+from pymantaray.sensing import Reception
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "replay_campaign.py"
+
+
+def campaign_of(folder, duration):
+    """Folder of a campaign of so many seconds, its events, its waters and its truth."""
+    example = runpy.run_path(str(EXAMPLE))
+    example["main"].__globals__["DURATION"] = duration
+    example["main"](str(folder))
+    waters = [
+        Water(
+            Medium.from_profile(p.depth, p.sound_speed, bottom_depth=3000.0),
+            Reception(max_surface_bounces=2),
+            p.name,
+            p.time,
+        )
+        for p in read_profiles(folder / "casts.csv")
+    ]
+    truth = json.loads((folder / "truth.json").read_text())
+    return SimpleNamespace(
+        folder=folder, events=read_events(folder / "events.csv"), waters=waters, truth=truth
+    )
+
+
+@pytest.fixture(scope="session")
+def campaign(tmp_path_factory):
+    """Nine minutes: 360 events."""
+    return campaign_of(tmp_path_factory.mktemp("campaign"), 540.0)
+
+
+@pytest.fixture(scope="session")
+def make_campaign():
+    return campaign_of

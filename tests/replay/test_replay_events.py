@@ -1,0 +1,156 @@
+"""Events in: tables read or refused by their line, the water that each belongs to, and its ends there."""
+
+import numpy as np
+import pyproj
+import pytest
+from refusals import refused
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import ReplayError
+from pymantaray.geometry import LocalFrame
+from pymantaray.replay import DetectionRule, Events, Water, read_events, replay_events
+from pymantaray.replay.water import choose_water, ends_of
+from pymantaray.sensing import Reception
+
+HEAD = "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,receiver_depth,travel_time"
+ROW = "2020-03-10T12:00:00Z,A,B,72,-145,30,72.02,-145.1,150,1.6"
+WATER = Medium.from_profile([0.0, 3000.0], [1450.0, 1450.0], bottom_depth=3000.0, interpolation="linear")
+
+
+def write(folder, *rows, head=HEAD):
+    path = folder / "events.csv"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    return path
+
+
+def test_a_table_is_read_as_it_stands(tmp_path):
+    rows = (f"{ROW},0.001,first", f"{ROW.replace('12:00:00Z', '12:00:30.5')},,")
+    events = read_events(write(tmp_path, *rows, head=f"{HEAD},sigma,cast"))
+    assert events.geographic
+    np.testing.assert_array_equal(events.time, [0.0, 30.5])
+    assert str(events.epoch) == "2020-03-10T12:00:00.000000000"
+    np.testing.assert_array_equal(events.sigma, [0.001, np.nan])
+    assert events.cast.tolist() == ["first", ""]
+    assert events.pair.tolist() == ["A-B", "A-B"]
+    local = write(
+        tmp_path, "5,A,B,0,0,30,900,0,60,0.6", head=HEAD.replace("_lat", "_north").replace("_lon", "_east")
+    )
+    events = read_events(local)
+    assert not events.geographic
+    assert np.isnat(events.epoch)
+    np.testing.assert_array_equal(events.receiver_position, [[900.0, 0.0, 60.0]])
+
+
+BAD = {
+    "lacks travel_time; found time": (HEAD.replace(",travel_time", ""), ROW.rsplit(",", 1)[0]),
+    "lacks source_north, source_east, receiver_north, receiver_east": (
+        HEAD.replace("lat", "x").replace("lon", "y"),
+        ROW,
+    ),
+    "line 2: every one of .* travel_time is 'soon'": (HEAD, ROW.replace("1.6", "soon")),
+    "line 2: time is 'noon'; UTC as": (HEAD, ROW.replace("2020-03-10T12:00:00Z", "noon")),
+    "line 2: receiver has no name": (HEAD, ROW.replace(",B,", ",,")),
+    "travel_time of event 1 is -1.6; allowed: seconds above 0": (HEAD, ROW.replace("1.6", "-1.6")),
+    "travel_time of event 1 is 4000.0; allowed": (HEAD, ROW.replace("1.6", "4000")),
+    "source and receiver of event 1 is A and A; allowed: two nodes": (HEAD, ROW.replace(",B,", ",A,")),
+    "latitude in -90 to 90": (HEAD, ROW.replace(",72,", ",720,")),
+    "line 2: sigma is 'small'; seconds are needed, or nothing": (f"{HEAD},sigma", f"{ROW},small"),
+    "sigma of event 1 is 0.0; allowed: seconds above 0": (f"{HEAD},sigma", f"{ROW},0"),
+    "has positions in lat, lon and in north, east": (f"{HEAD},source_north", f"{ROW},0"),
+}
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_what_is_no_event_is_refused_by_its_line(tmp_path, message):
+    head, row = BAD[message]
+    with pytest.raises(Exception, match=message) as caught:
+        read_events(write(tmp_path, row, head=head))
+    assert type(caught.value).__module__ == "pymantaray.errors"
+    assert "\n" not in str(caught.value)
+
+
+def events_at(times, casts=None, epoch="2020-03-10T12:00:00"):
+    n = len(times)
+    return Events(
+        time=np.array(times, dtype=float),
+        source=["A"] * n,
+        receiver=["B"] * n,
+        source_position=np.tile([72.0, -145.0, 30.0], (n, 1)),
+        receiver_position=np.tile([72.05, -144.9, 150.0], (n, 1)),
+        travel_time=np.full(n, 4.0),
+        geographic=True,
+        cast=np.array(casts or [""] * n),
+        epoch=np.datetime64(epoch, "ns"),
+    )
+
+
+def water(name, time="NaT"):
+    return Water(WATER, name=name, time=np.datetime64(time, "ns"))
+
+
+def test_an_event_takes_the_cast_that_it_names_or_the_nearest_in_time():
+    casts = [water("early", "2020-03-10T10:00"), water("late", "2020-03-11T00:00"), water("lost")]
+    np.testing.assert_array_equal(
+        choose_water(events_at([0.0, 3e4, 0.0], ["", "", "late"]), casts[:2]), [0, 1, 1]
+    )
+    np.testing.assert_array_equal(choose_water(events_at([0.0], ["lost"]), casts), [2])
+    np.testing.assert_array_equal(choose_water(events_at([0.0], epoch="NaT"), casts[2:]), [0])
+
+
+@pytest.mark.parametrize(
+    ("message", "events", "casts"),
+    [
+        ("cast noon is not among those given; there are a, b", events_at([0.0], ["noon"]), "ab"),
+        ("cast a has no time; name each event's cast", events_at([0.0]), "ab"),
+        ("two casts are called a", events_at([0.0], ["a"]), "aa"),
+        ("no water given", events_at([0.0]), ""),
+    ],
+)
+def test_a_cast_that_cannot_be_told_is_refused(message, events, casts):
+    refused(ReplayError, message, choose_water, events, [water(name) for name in casts])
+    timed = [water("a", "2020-01-01"), water("b", "2020-02-01")]
+    without = events_at([0.0], epoch="NaT")
+    refused(ReplayError, "the events' times are seconds", choose_water, without, timed)
+
+
+def test_ends_keep_the_distance_on_the_ellipsoid():
+    events = events_at([0.0])
+    true = pyproj.Geod(ellps="WGS84").inv(-145.0, 72.0, -144.9, 72.05)[2]
+    for one in (water("cast"), Water(WATER, frame=LocalFrame(72.02, -144.95))):
+        source, receiver = ends_of(events, np.array([0]), one)
+        assert np.linalg.norm((receiver - source)[0, :2]) == pytest.approx(true, rel=1e-6)
+        assert (source[0, 2], receiver[0, 2]) == (30.0, 150.0)
+    east = (receiver - source)[0, 1] / true
+    assert east == pytest.approx(np.sin(np.radians(31.7)), abs=0.02)
+
+
+def test_in_uniform_water_the_residual_is_the_clock_and_the_straight_time():
+    events = events_at([0.0, 60.0])
+    distance = np.hypot(pyproj.Geod(ellps="WGS84").inv(-145.0, 72.0, -144.9, 72.05)[2], 120.0)
+    replay = replay_events(events, Water(WATER), "first")
+    (row, _) = replay.events.to_dict("records")
+    assert row["predicted_s"] == pytest.approx(distance / 1450.0, abs=1e-7)
+    assert row["residual_s"] == pytest.approx(4.0 - distance / 1450.0, abs=1e-7)
+    assert row["residual_m"] == pytest.approx(1450.0 * row["residual_s"])
+    assert row["loss_db"] == pytest.approx(20.0 * np.log10(distance), abs=1e-3)
+    assert np.isnan(row["level_db"])
+
+
+@pytest.mark.parametrize("word", ["loudest", "within", "within:-3", "within:six", "first:3", ""])
+def test_rules_that_are_none_are_refused(word):
+    refused(ReplayError, "allowed are first, strongest, threshold and within:DB", DetectionRule.parse, word)
+
+
+def test_rules_and_references_that_do_not_fit_are_refused():
+    events = events_at([0.0])
+    refused(ReplayError, "rule threshold: a sonar says", replay_events, events, Water(WATER), "threshold")
+    refused(
+        ReplayError,
+        "reference 'Z' is no node; there are A, B",
+        replay_events,
+        events,
+        Water(WATER),
+        reference="Z",
+    )
+    assert str(DetectionRule.parse("within:6")) == "within:6"
+    assert replay_events(events, Water(WATER, Reception())).rule == DetectionRule("within", 6.0)
