@@ -382,6 +382,69 @@ def test_clocks_whose_prior_is_zero_are_known(make_fleet):
         assert names == tuple(f"clock {what} {vehicle}" for vehicle in "ABC")
 
 
+def test_a_factor_on_all_travel_times_and_biases_of_pairs_are_estimated(make_fleet):
+    fleet = make_fleet(seed=5, gnss_every=5, n_landmarks=2)
+    o = fleet.noise_free
+    pair = o.range_transmitter * 100 + o.range_receiver
+    code, which = np.unique(pair, return_inverse=True)
+    bias = np.linspace(-30.0, 30.0, code.size)[which]
+    long = 1.02 * o.straight_range + bias
+    there = estimate(replace(o, refracted_range=long), TransmitterSpeed(), scale_sigma=0.1, bias_sigma=100.0)
+    assert off(there.position, fleet.position) < 0.5, "priors pull a little"
+    assert there.unknowns.name == ("scale",)
+    sigma = np.sqrt(there.unknowns.covariance[0, 0])
+    assert abs(there.unknowns.value[0] - 0.02) < 3.0 * sigma < 0.03
+    exact = replace(o, refracted_range=1.02 * o.straight_range)
+    scaled = estimate(exact, TransmitterSpeed(), scale_sigma=10.0)
+    assert off(scaled.position, fleet.position) < 1e-3
+    assert scaled.unknowns.value[0] == pytest.approx(0.02, abs=1e-6)
+    alone = estimate(exact, TransmitterSpeed(), bias_sigma=100.0)
+    assert alone.unknowns is None, "biases are not told"
+    with pytest.raises(EstimationError, match="prior sigma of a bias is -1 m"):
+        estimate(exact, TransmitterSpeed(), bias_sigma=-1.0)
+
+
+def test_both_directions_of_a_pair_take_their_mean_and_its_variance(make_fleet):
+    fleet = make_fleet(seed=5, gnss_every=5, dropouts=0.2)
+    o = fleet.noise_free
+    later = np.where(o.range_transmitter < o.range_receiver, 40.0, -40.0)
+    ends = np.sort(np.stack([o.range_transmitter, o.range_receiver]), axis=0)
+    key = o.range_sample * 100 + ends[0] * 10 + ends[1]
+    heard = np.isfinite(o.refracted_range)
+    both = np.bincount(key[heard], minlength=key.max() + 1)[key] == 2
+    o = replace(o, refracted_range=o.straight_range + np.where(both, later, 0.0) + 0.0 * o.refracted_range)
+    plain, mean = (
+        solve_conditions(o, [], estimators={"e": Estimator("refracted", averaged=a)})["e"]
+        for a in (False, True)
+    )
+    assert off(mean.position, fleet.position) < 1e-3
+    assert mean.final_cost < 1e-6 < plain.final_cost
+    samples = {"covariance_samples": np.array([20])}
+    straight = solve_conditions(fleet.noise_free, ["straight"], fleet.start, **samples)[
+        "straight"
+    ].covariances
+    own = solve_conditions(o, [], estimators={"e": Estimator("refracted", averaged=True)}, **samples)[
+        "e"
+    ].covariances
+    np.testing.assert_allclose(own.position, straight.position, rtol=1e-3, atol=1e-6)
+
+
+def test_an_inflated_sigma_is_that_of_wider_ranges_and_a_fitted_one_meets_the_expected_cost(make_fleet):
+    fleet = make_fleet(seed=7, gnss_every=10)
+    o, rng = fleet.noisy, np.random.default_rng(1)
+    wild = replace(o, refracted_range=o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size))
+    wide = replace(wild, range_sigma=np.full_like(o.range_sigma, 10.0))
+    one = solve_conditions(wild, [], estimators={"e": Estimator("refracted", range_sigma=10.0)})["e"]
+    other = solve_conditions(wide, ["refracted"])["refracted"]
+    np.testing.assert_array_equal(one.position, other.position)
+    fitted = solve_conditions(wild, [], estimators={"e": Estimator("refracted", range_sigma="fitted")})["e"]
+    assert fitted.final_cost == pytest.approx(fitted.expected_cost, rel=1e-2)
+    n = o.range_sigma.size
+    assert fitted.unknowns.value[0] == pytest.approx(25.0, rel=5.0 / np.sqrt(2.0 * n))
+    honest = solve_conditions(o, [], estimators={"e": Estimator("straight", range_sigma="fitted")})["e"]
+    assert 1.0 <= honest.unknowns.value[0] < 1.2, "no smaller than it is measured with"
+
+
 def test_bad_priors_are_refused_by_name(make_fleet):
     fleet = make_fleet(seed=11)
     o = fleet.noisy
@@ -389,7 +452,7 @@ def test_bad_priors_are_refused_by_name(make_fleet):
         estimate(o, Adjustable(), clocks=ClockPrior(1e-3, -1e-8))
     with pytest.raises(EstimationError, match="prior sigma of mode 2 is nan m/s"):
         estimate(o, Adjustable(sigma=(1.0, np.nan)))
-    with pytest.raises(EstimationError, match="neither modes nor clocks"):
+    with pytest.raises(EstimationError, match="neither modes, scale, clocks nor biases"):
         estimate(o, TransmitterSpeed(), clocks=ClockPrior(0.0, 0.0))
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from factories import far_from, values_at, without
+from factories import add_noise, far_from, values_at, without
 from refusals import refused
 from scipy import stats
 
@@ -221,6 +221,22 @@ def test_cost_out_of_bounds_is_a_finding_of_refracted_ranges_and_a_status_of_the
     solution = solve_conditions(sure, ["straight"])["straight"]
     assert solution.status == SolveStatus.OVER_CHI_SQUARE
     assert np.isfinite(solution.position).all()
+
+
+def test_a_wrong_basin_is_left_for_the_lower_one_and_the_status_says_so(make_fleet):
+    free = make_fleet(seed=3, gnss_every=29, turn=0.0)
+    worse = free.noise_free.odometry_sigma * [10, 10, 10, 20, 20, 20]
+    o = add_noise(replace(free.noise_free, odometry_sigma=worse), 53)
+    graph, reckoned = build_graph(o, "refracted"), values_at(o, *dead_reckon(o))
+    first = GraphSolver().solve(graph, reckoned, model_is_right=False)
+    assert first.status == SolveStatus.OK, "nothing of it shows that it is wrong"
+    solved = solve_conditions(o, ["refracted"])["refracted"]
+    assert solved.status == SolveStatus.SECOND_MINIMUM
+    assert solved.final_cost < 0.99 * first.final_cost
+    from_truth = solve_conditions(o, ["refracted"], free.start)["refracted"]
+    assert solved.final_cost == pytest.approx(from_truth.final_cost, rel=1e-6)
+    assert from_truth.status == SolveStatus.OK
+    assert np.isfinite(solved.position).all()
 
 
 def test_estimates_hold_every_condition_and_realization(make_fleet):

@@ -207,9 +207,9 @@ class Unknowns:
     r"""
     Parameters that the ranges of one graph share, each with a Gaussian prior about zero.
 
-    The amplitudes of an `AdjustableModel` are unknowns; so are, with a prior of theirs, the clocks of the
-    vehicles that ``pose_agent`` gives for each pose. ``name``, ``unit`` and ``sigma``, the prior standard
-    deviations, have one entry for each.
+    The amplitudes of an `AdjustableModel` are unknowns; so are, with priors of theirs, a factor on all travel times, the
+    clocks of the vehicles that ``pose_agent`` gives for each pose, and a bias of each ordered pair. ``sigma``, the prior
+    standard deviations, has one entry for each; ``name`` and ``unit`` leave out the biases, which come last.
 
     The solver has them in units of their standard deviations: one variable :math:`u \sim N(0, I)`. One way, a
     ping sent at true time T and received at T + t is measured as
@@ -228,11 +228,16 @@ class Unknowns:
         agent_name: Sequence[str],
         *,
         clocks: ClockPrior | None = None,
+        scale_sigma: float | None = None,
+        bias_sigma: float | None = None,
     ) -> None:
         self._model, self._clocks, n = model, clocks, len(agent_name)
         modes = np.asarray(model.amplitude_sigma) if isinstance(model, AdjustableModel) else np.empty(0)
         names = [f"mode {k + 1}" for k in range(modes.size)]
         units, sigma = ["m/s"] * modes.size, [*modes]
+        self._scaled = scale_sigma is not None
+        if scale_sigma is not None:
+            names, units, sigma = [*names, "scale"], [*units, "1"], [*sigma, scale_sigma]
         priors = (0.0, 0.0) if clocks is None else (clocks.offset_sigma, clocks.skew_sigma)
         self._known = [prior == 0.0 for prior in priors]
         for prior, what, unit in zip(priors, ("offset", "skew"), ("s", "1"), strict=True):
@@ -240,17 +245,26 @@ class Unknowns:
                 names += [f"clock {what} {name}" for name in agent_name]
                 units += [unit] * n
                 sigma += [prior] * n
-        self.name, self.unit, self.sigma = tuple(names), tuple(units), np.array(sigma, dtype=float)
-        if not self.name:
+        self.name, self.unit, self._pair = tuple(names), tuple(units), np.empty(0, dtype=np.intp)
+        if bias_sigma is not None:
+            # landmarks are numbered after the vehicles
+            who = np.append(
+                np.asarray(pose_agent, dtype=np.intp), n + np.arange(_most_landmarks(ranges, pose_agent))
+            )
+            pairs = np.stack([who[ranges.transmitter], who[ranges.receiver]], axis=1)
+            distinct, self._pair = np.unique(pairs, axis=0, return_inverse=True)
+            sigma += [bias_sigma] * len(distinct)
+        self.sigma = np.array(sigma, dtype=float)
+        if not self.sigma.size:
             raise EstimationError(
-                "unknowns: neither modes nor clocks; give one of them or leave unknowns out"
+                "unknowns: neither modes, scale, clocks nor biases; give one of them or leave unknowns out"
             )
         wrong = ~((self.sigma > 0.0) & np.isfinite(self.sigma))
         if wrong.any():
             first = int(np.argmax(wrong))
+            what, unit = [*zip(names, units, strict=True), ("a bias", "m")][min(first, len(names))]
             raise EstimationError(
-                f"unknowns: prior sigma of {names[first]} is {self.sigma[first]:g} {units[first]}; needs a positive"
-                " finite value"
+                f"unknowns: prior sigma of {what} is {self.sigma[first]:g} {unit}; needs a positive finite value"
             )
         self._n_modes, self._n_agents = modes.size, n
         # all landmarks as one agent, left out in the end
@@ -270,11 +284,25 @@ class Unknowns:
             columns.append(model.sensitivity(links))
         else:
             prediction = self._model.predict(links)
+        if self._scaled:
+            columns = [(1.0 + value[k]) * by for by in columns]
+            columns.append(np.where(prediction.possible, prediction.travel_time, 0.0)[:, None])
+            scaled = [(1.0 + value[k]) * part for part in prediction[:3]]
+            prediction = Prediction(scaled[0], scaled[1], scaled[2], prediction.possible)
+            k += 1
+        added = []
         if not all(self._known):
-            time = np.where(prediction.possible, prediction.travel_time, 0.0)
-            by_clocks = self._by_clocks(links.time, time, rows)
-            prediction = prediction._replace(travel_time=prediction.travel_time + by_clocks @ value[k:])
-            columns.append(by_clocks)
+            added.append(
+                self._by_clocks(links.time, np.where(prediction.possible, prediction.travel_time, 0.0), rows)
+            )
+        if self._pair.size:
+            biases = np.zeros((rows.size, self.sigma.size - len(self.name)))
+            biases[np.arange(rows.size), self._pair[rows]] = 1.0 / links.sound_speed
+            added.append(biases)
+        if added:
+            by_added = np.hstack(added)
+            prediction = prediction._replace(travel_time=prediction.travel_time + by_added @ value[k:])
+            columns.append(by_added)
         return prediction, np.hstack(columns) * self.sigma
 
     def _by_clocks(self, sent: Array, time: Array, rows: Rows) -> Array:
@@ -328,6 +356,12 @@ class BelievedRanges:
         if self.unknowns is None:
             return self.model.predict(links), np.empty((links.time.size, 0))
         return self.unknowns.predict(links, rows, u)
+
+
+def _most_landmarks(ranges: TimedRanges, pose_agent: NDArray[np.int32]) -> int:
+    """How many landmarks there are at least, by the ranges to them."""
+    last = max((int(end.max(initial=-1)) for end in (ranges.transmitter, ranges.receiver)), default=-1)
+    return max(last + 1 - len(pose_agent), 0)
 
 
 def _mean_inverse(c1: Array, c2: Array) -> Array:

@@ -51,10 +51,14 @@ def replay(
     from pymantaray.estimation._gtsam.incremental import Entering, IncrementalSmoother, timeline
 
     options = options or SolveOptions()
-    _check(graph, initial, loss, options)
+    check_replay(graph, initial, options.replay.every)
+    if loss is not None and loss.graduated:
+        raise EstimationError(
+            "a replay cannot graduate a loss, which takes all ranges at once; choose huber, cauchy or geman-mcclure"
+        )
     factors, start = graph_factors(graph, loss), values_of(initial)
     moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
-    update_time = _update_times(graph, moment, options.replay.every)
+    update_time = update_times(graph, moment, options.replay.every)
     line = timeline(factors, moment, update_time)
     if (line.variable_update < 0).any():
         name = graph.variable_name(int(np.argmin(line.variable_update)))
@@ -131,17 +135,18 @@ class _Log:
         )
 
 
-def _update_times(graph: FactorGraph, moment: Array, every: str) -> Array:
+def update_times(graph: FactorGraph, moment: Array, every: str) -> Array:
+    """Times of the updates: of each pose, or of each range and of the end."""
     if every == "sample":
         return np.unique(graph.pose_time)
     pinged = moment[graph["range"].variables].max(axis=1)
     return np.unique(np.append(pinged[np.isfinite(pinged)], graph.pose_time.max()))
 
 
-def _check(graph: FactorGraph, initial: GraphValues, loss: Loss | None, options: SolveOptions) -> None:
+def check_replay(graph: FactorGraph, initial: GraphValues, every: str) -> None:
+    """Refuse what cannot be replayed in the order of time."""
     check_graph(graph)
     check_values(graph, initial)
-    every = options.replay.every
     if every not in {"ping", "sample"}:
         raise EstimationError(f"replay with an update every {every!r}; allowed are 'ping' and 'sample'")
     if graph.n_poses == 0:
@@ -150,7 +155,3 @@ def _check(graph: FactorGraph, initial: GraphValues, loss: Loss | None, options:
     if not fine.all():
         name = graph.variable_name(int(np.argmin(fine)))
         raise EstimationError(f"{name}: its time is not finite; a replay needs the time of every pose")
-    if loss is not None and loss.graduated:
-        raise EstimationError(
-            "a replay cannot graduate a loss, which takes all ranges at once; choose huber, cauchy or geman-mcclure"
-        )

@@ -27,10 +27,13 @@ class Method:
         Of its ranges, in place of least squares.
     incremental : bool
         Whether the factors are replayed in the order of time, in place of a batch.
+    lag : float, optional
+        Whether they are so by a smoother that forgets what is older than this. [s]
     """
 
     loss: Loss | None = None
     incremental: bool = False
+    lag: float | None = None
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,7 @@ class Solution:
     @property
     def usable(self) -> bool:
         """Whether the values are a converged optimum."""
-        return self.status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE}
+        return self.status.usable
 
     @property
     def values(self) -> GraphValues:
@@ -171,7 +174,7 @@ def judged(
     values: GraphValues, progress: Progress, status: SolveStatus, expected_cost: float = math.nan
 ) -> Solution:
     """Solution with a verdict from `gate`: its values are NaN unless that makes them usable."""
-    mask = 1.0 if status in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE} else np.nan
+    mask = 1.0 if status.usable else np.nan
     return Solution(
         position=values.position * mask,
         quaternion=values.quaternion * mask,

@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from pymantaray.errors import EstimationError
+from pymantaray.estimation.fixed_lag import smooth_with_lag
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import LOSSES, Loss
 from pymantaray.estimation.marginals import check_poses, epoch_groups, group_marginals
@@ -78,8 +79,14 @@ class GraphSolver:
         loss, poses = method.loss, np.empty((0, 0), dtype=np.intp)
         if covariance_poses is not None:
             poses = check_poses(graph, covariance_poses)
-        if method.incremental and believed is not None:
+        if (method.incremental or method.lag is not None) and believed is not None:
             raise EstimationError("a replay takes ranges as distances; choose constant or transmitter")
+        if method.lag is not None:
+            if loss is not None:
+                raise EstimationError("a fixed-lag smoother has no robust loss; leave one of them out")
+            return smooth_with_lag(
+                graph, initial, method.lag, options=self.options.replay, covariance_poses=covariance_poses
+            )
         if method.incremental:
             solution, end = self._replayed(graph, initial, loss, poses)
         else:
@@ -131,7 +138,12 @@ class GraphSolver:
         status = gate(progress, self.options, expected_cost=expected if model_is_right else math.nan)
         solution = judged(end.optimum.state.values(graph), progress, status, expected)
         solution = replace(solution, gated_links=gated, expansions=end.expansions)
-        if solution.usable and believed is not None and believed.unknowns is not None:
+        if (
+            solution.usable
+            and believed is not None
+            and believed.unknowns is not None
+            and believed.unknowns.name
+        ):
             solution = replace(solution, unknowns=_unknowns(believed.unknowns, end))
         return solution
 
@@ -147,10 +159,11 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 
 
 def _unknowns(unknowns: Unknowns, end: Outcome) -> UnknownsEstimate:
-    """What the solve says of the unknowns, in their units."""
-    sigma, optimum, fixed = unknowns.sigma, end.optimum, end.problem.fixed
+    """What the solve says of the unknowns that have names, in their units."""
+    n, optimum, fixed = len(unknowns.name), end.optimum, end.problem.fixed
+    sigma = unknowns.sigma[:n]
     assert optimum.last is not None  # or it would not be usable
     shared = np.arange(fixed.n_variables, end.problem.structure.row.size)
     (inverse,) = optimum.last.factor.inverse([shared])
-    covariance = sigma[:, None] * inverse[: sigma.size, : sigma.size] * sigma
-    return UnknownsEstimate(unknowns.name, unknowns.unit, sigma, sigma * optimum.state.shared, covariance)
+    covariance = sigma[:, None] * inverse[:n, :n] * sigma
+    return UnknownsEstimate(unknowns.name, unknowns.unit, sigma, sigma * optimum.state.shared[:n], covariance)

@@ -14,7 +14,7 @@ from pymantaray.records import Estimates, SolveStatus, Trajectories
 
 Array = NDArray[np.float64]
 
-USABLE = (SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE)
+USABLE = tuple(status for status in SolveStatus if status.usable)
 _PERCENTILES = (5, 25, 75, 95)
 _AXES = {"condition": 0, "realization": 1, "agent": 2}
 

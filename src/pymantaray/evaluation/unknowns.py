@@ -22,8 +22,8 @@ def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     pandas.DataFrame
         ``condition``, ``unknown``, ``unit``; ``prior_sigma`` and ``sigma``, the root mean square of the standard
         deviations that the solves give, in the unit; ``resolution``, the share of the prior variance that the
-        measurements took away: 0 where they say nothing, 1 where they say everything; ``rms_error`` of the estimates in the
-        unit; ``error_ratio``, the mean square of error over standard deviation, 1 for a consistent estimator; and
+        measurements took away: 0 where they say nothing, 1 where they say everything; ``mean_value`` and ``rms_error`` of the
+        estimates in the unit; ``error_ratio``, the mean square of error over standard deviation, 1 for a consistent estimator; and
         ``realizations`` with a usable solve.
 
     Notes
@@ -31,7 +31,7 @@ def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     A standard deviation well below the prior does not make an unknown observable alone: see `directions_table`.
     """
     rows: list[dict[str, Any]] = []
-    for c, i in np.argwhere(np.isfinite(unknowns.prior_sigma)):
+    for c, i in np.argwhere(np.isfinite(unknowns.prior_sigma) | np.isfinite(unknowns.value).any(axis=1)):
         prior = float(unknowns.prior_sigma[c, i])
         variance = unknowns.covariance[c, :, i, i]
         error = unknowns.value[c, :, i] - unknowns.truth[c, :, i]
@@ -44,6 +44,7 @@ def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
                 "prior_sigma": prior,
                 "sigma": np.sqrt(_mean(variance)),
                 "resolution": 1.0 - _mean(variance) / prior**2,
+                "mean_value": _mean(unknowns.value[c, :, i]),
                 "rms_error": np.sqrt(_mean(error**2)),
                 "error_ratio": _mean(error**2 / variance),
             }

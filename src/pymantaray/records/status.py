@@ -41,3 +41,9 @@ class SolveStatus(IntEnum):
     COST_ROSE = 3  # the final cost is above the initial one
     OVER_CHI_SQUARE = 4  # converged, but the cost is outside its chi-square bounds where the model is right
     FAILED = 5  # the linear system could not be solved
+    SECOND_MINIMUM = 6  # converged, but another start ends in another minimum; this is the lower of both
+
+    @property
+    def usable(self) -> bool:
+        """Whether a solve of this status ended at an optimum."""
+        return self in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE, SolveStatus.SECOND_MINIMUM}

@@ -17,7 +17,10 @@ SYNTHETIC_NOTE = (
     "The ocean of this study is synthetic: it is made from published water masses, not from measurements or a"
     " forecast of the day. Its numbers say what such an ocean does, not what the real one did."
 )
-_MEANING = {"OVER_CHI_SQUARE": " (converged, but the cost is not what the noise lets one expect)"}
+_MEANING = {
+    "OVER_CHI_SQUARE": " (converged, but the cost is not what the noise lets one expect)",
+    "SECOND_MINIMUM": " (two starts end in different minima; this is the lower)",
+}
 _UNITS = {"_m": " [m]", "_s": " [s]", "_h": " [h]", "_deg": " [deg]"}
 _WORDS = {
     "n": "N",

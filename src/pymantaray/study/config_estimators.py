@@ -196,24 +196,27 @@ class ClocksSection(Section):
 
 
 RangeModelName = Literal["constant", "transmitter", "mean-slowness", "eigenray"]
-RANGE_MODELS: dict[RangeModelName, str | None] = {
-    "constant": "sound_speed",
-    "transmitter": None,
-    "mean-slowness": "belief",
-    "eigenray": "belief",
+RANGE_MODELS: dict[RangeModelName, tuple[str, ...]] = {
+    "constant": ("sound_speed", "belief"),
+    "transmitter": (),
+    "mean-slowness": ("belief",),
+    "eigenray": ("belief",),
 }
-"""What each range model has to be told; how it is made is in the module of its name in `range_models`."""
+"""What each range model has to be told, one of these; how it is made is in the module of its name in `range_models`."""
 
 
 class RangeEstimatorSection(Section):
     """
     One estimator: one more condition of the study, on the same noise.
 
-    ``sound_speed`` belongs to ``constant``; ``belief`` to the models that need an ocean. The variance is the
+    ``sound_speed`` belongs to ``constant``; ``belief`` to the models that need an ocean, and to ``constant`` for its mean
+    slowness down to the deepest vehicle. The variance is the
     fixed one of the ranges, or has that of the travel time by the ocean's uncertainty added, alone or with
     the covariances between the links of a ping: of sound speed ``uncertainty_rms`` in the study's vertical
-    modes, by default what a perturbed belief has. With ``modes`` or ``clocks`` water or clocks are estimated
-    too.
+    modes, by default what a perturbed belief has. ``range_sigma`` [m] is believed in place of the study's, ``"fitted"`` the
+    one at which the cost is what is expected of it. With ``modes`` or ``clocks`` water or clocks are estimated
+    too, with ``scale_sigma`` [-] and ``bias_sigma`` [m] a factor on all travel times and a bias of each ordered pair.
+    ``directions = "mean"`` gives both ranges of a pair their mean.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
@@ -227,10 +230,15 @@ class RangeEstimatorSection(Section):
     uncertainty_horizontal_scale: PositiveFloat | None = None
     uncertainty_down_to: PositiveFloat | None = None
     loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
-    solver: Literal["batch", "incremental"] = "batch"
+    solver: Literal["batch", "incremental", "fixed-lag"] = "batch"
+    lag_h: PositiveFloat | None = None
     start: Literal["truth", "dead-reckoning"] = "truth"
     modes: ModesSection | None = None
     clocks: ClocksSection | None = None
+    range_sigma: PositiveFloat | Literal["fitted"] | None = None
+    directions: Literal["each", "mean"] = "each"
+    scale_sigma: PositiveFloat | None = None
+    bias_sigma: PositiveFloat | None = None
 
     @model_validator(mode="after")
     def _ranges_fit(self) -> Self:
@@ -245,14 +253,36 @@ class RangeEstimatorSection(Section):
 
     @model_validator(mode="after")
     def _model_has_what_it_needs(self) -> Self:
-        model = self.range_model
-        for key in ("sound_speed", "belief"):
-            value, needed = getattr(self, key), RANGE_MODELS[model] == key
-            if needed and value is None:
-                raise ValueError(f"range_model {model} needs {key}")
-            if value is not None and not needed:
+        model, needed = self.range_model, RANGE_MODELS[self.range_model]
+        told = [key for key in ("sound_speed", "belief") if getattr(self, key) is not None]
+        for key in told:
+            if key not in needed:
                 raise ValueError(f"{key} is given, but range_model {model} does not use it; leave it out")
+        if needed and len(told) != 1:
+            raise ValueError(f"range_model {model} needs {' or '.join(needed)}{', not both' if told else ''}")
         return self
+
+    @model_validator(mode="after")
+    def _ranges_are_taken_as_asked(self) -> Self:
+        if self.directions == "mean" and (self.range_model != "transmitter" or self.ranges != "refracted"):
+            raise ValueError(
+                'directions "mean" is for refracted ranges that differ by the speed at their transmitter; set range_model'
+                ' = "transmitter"'
+            )
+        if self.range_sigma == "fitted" and (
+            self.estimates_more or self.loss != "none" or (self.variance, self.solver) != ("fixed", "batch")
+        ):
+            raise ValueError(
+                'range_sigma "fitted" is for least squares of poses alone: no loss, no modes, clocks, scale_sigma or'
+                ' bias_sigma, variance "fixed" and solver "batch"'
+            )
+        return self
+
+    @property
+    def estimates_more(self) -> bool:
+        """Whether anything is estimated besides the poses."""
+        more = (self.modes, self.clocks, self.scale_sigma, self.bias_sigma)
+        return any(prior is not None for prior in more)
 
     @model_validator(mode="after")
     def _unknowns_fit(self) -> Self:
@@ -262,8 +292,10 @@ class RangeEstimatorSection(Section):
             raise ValueError(
                 f'modes are given and variance is "{self.variance}": the water\'s error would count twice; set "fixed"'
             )
-        if self.solver == "incremental" and (self.modes is not None or self.clocks is not None):
-            raise ValueError('solver "incremental" does not estimate modes or clocks; set solver = "batch"')
+        if self.solver != "batch" and self.estimates_more:
+            raise ValueError(
+                f'solver "{self.solver}" does not estimate modes, clocks, scale or biases; set solver = "batch"'
+            )
         return self
 
     @property
@@ -291,12 +323,16 @@ class RangeEstimatorSection(Section):
     def _solver_fits(self) -> Self:
         if self.loss != "none" and self.variance == "correlated":
             raise ValueError(f'loss {self.loss} is of each range alone; set variance = "fixed" or "per-link"')
-        if self.solver == "incremental" and self.range_model not in {"constant", "transmitter"}:
+        if self.solver != "batch" and self.range_model not in {"constant", "transmitter"}:
             raise ValueError(
-                f'solver "incremental" takes ranges as distances; range_model is {self.range_model}'
+                f'solver "{self.solver}" takes ranges as distances; range_model is {self.range_model}'
             )
         if self.solver == "incremental" and self.loss == "gnc":
             raise ValueError('solver "incremental" cannot use loss gnc, which takes all ranges at once')
+        if (self.solver == "fixed-lag") != (self.lag_h is not None):
+            raise ValueError('lag_h belongs to solver "fixed-lag", which needs it; give both or neither')
+        if self.solver == "fixed-lag" and self.loss != "none":
+            raise ValueError('solver "fixed-lag" has no robust loss; set loss = "none"')
         return self
 
     @model_validator(mode="after")

@@ -31,10 +31,20 @@ class EstimatorFactory:
             model=model,
             uncertainty=uncertainty,
             correlated=section.variance == "correlated",
-            method=Method(LOSSES.get(section.loss), incremental=section.solver == "incremental"),
+            method=Method(
+                LOSSES.get(section.loss),
+                incremental=section.solver == "incremental",
+                lag=None if section.lag_h is None else 3600.0 * section.lag_h,
+            ),
             initial=(truth.position, truth.quaternion) if section.start == "truth" else None,
-            model_is_right=section.variance == "fixed" and (section.ranges == "straight" or exact),
+            model_is_right=section.variance == "fixed"
+            and section.range_sigma is None
+            and (section.ranges == "straight" or exact),
             clocks=self._clocks(section),
+            scale_sigma=section.scale_sigma,
+            bias_sigma=section.bias_sigma,
+            range_sigma=section.range_sigma,
+            averaged=section.directions == "mean",
         )
 
     def true_unknowns(self, section: RangeEstimatorSection, realization: int) -> dict[str, float]:

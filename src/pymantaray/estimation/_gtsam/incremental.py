@@ -1,7 +1,7 @@
 """GTSAM's iSAM2, fed with the factors of a graph in the order of their time."""
 
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import gtsam
 import numpy as np
@@ -67,6 +67,14 @@ class IncrementalSmoother:
         return self._smoother.calculateEstimate()
 
 
+class Smoother(Protocol):
+    """What knows poses."""
+
+    def pose(self, key: int) -> Any:
+        """Estimate of one pose now."""
+        ...
+
+
 class Entering:
     """Where new poses start: at their prior, at the end of an edge from a pose that is there, or where they are told."""
 
@@ -83,7 +91,7 @@ class Entering:
             self._edges.setdefault(a, []).append((b, row, False))
         self._there: set[int] = set()
 
-    def values(self, variables: NDArray[np.intp], smoother: IncrementalSmoother) -> Any:
+    def values(self, variables: NDArray[np.intp], smoother: Smoother) -> Any:
         """Starting values of variables that are new."""
         out = gtsam.Values()
         poses = variables[variables < self._n_poses]
@@ -94,7 +102,7 @@ class Entering:
             out.insertPoint3(key, self._start.atPoint3(key))
         return out
 
-    def _pose(self, key: int, new: Any, smoother: Any) -> Any:
+    def _pose(self, key: int, new: Any, smoother: Smoother) -> Any:
         if key in self._prior:
             return self._prior[key]
         for other, row, forward in self._edges.get(key, ()):

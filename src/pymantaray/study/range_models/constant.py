@@ -1,11 +1,19 @@
-"""One sound speed for all ranges."""
+"""One sound speed for all ranges: one that is given, or that of a believed ocean."""
 
-from pymantaray.estimation import ConstantSpeed
+import numpy as np
+
+from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeLinks
+from pymantaray.study.assemble import fleet_plan
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config_estimators import RangeEstimatorSection
 
 
-def build(section: RangeEstimatorSection, _beliefs: Beliefs, _realization: int) -> ConstantSpeed:
-    """Range model with the configured sound speed."""
-    assert section.sound_speed is not None  # checked by the section; for the type checker
-    return ConstantSpeed(section.sound_speed)
+def build(section: RangeEstimatorSection, beliefs: Beliefs, realization: int) -> ConstantSpeed:
+    """Range model with the configured sound speed, or the mean slowness of a belief down to the deepest place that is planned."""
+    if section.sound_speed is not None:
+        return ConstantSpeed(section.sound_speed)
+    assert section.belief is not None  # checked by the section; for the type checker
+    profile = MeanSlowness(*beliefs.believed(section.belief, realization).profile())
+    deepest = max(float(points[:, 2].max()) for points in fleet_plan(beliefs.config).values())
+    down = RangeLinks(np.zeros(1), np.zeros((1, 3)), np.array([[0.0, 0.0, deepest]]), np.ones(1))
+    return ConstantSpeed(deepest / float(profile.predict(down).travel_time[0]))

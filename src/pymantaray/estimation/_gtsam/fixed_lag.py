@@ -1,0 +1,47 @@
+"""GTSAM's fixed-lag smoother: what is older than the lag is marginalized, and what was last believed of it is kept."""
+
+from typing import Any
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_TOLERANCE = 1e-12  # of the cost, relative and absolute, at which the smoother's own steps end
+
+
+class LaggedSmoother:
+    """A running estimate of the latest variables; after an update that fails it is of no further use."""
+
+    def __init__(self, lag: float) -> None:
+        steps = gtsam.LevenbergMarquardtParams()
+        steps.setRelativeErrorTol(_TOLERANCE)
+        steps.setAbsoluteErrorTol(_TOLERANCE)
+        self._smoother = gtsam.BatchFixedLagSmoother(lag, steps)
+        self.latest = gtsam.Values()
+        """Estimate of every variable when it was last in the window."""
+
+    def update(self, factors: Any, rows: NDArray[np.intp], new: Any, time: Any) -> bool:
+        """Take one step with more factors and variables, each with its time by key; whether it succeeded."""
+        added = gtsam.NonlinearFactorGraph()
+        for i in rows.tolist():
+            added.add(factors.at(i))
+        try:
+            self._smoother.update(added, new, time)
+            self.latest.insert_or_assign(self._smoother.calculateEstimate())
+        except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
+            return False
+        return True
+
+    def pose(self, key: int) -> Any:
+        """Estimate of one pose now."""
+        return self._smoother.calculateEstimatePose3(key)
+
+    def covariance(self, keys: NDArray[np.intp]) -> Array | None:
+        """Joint covariance of poses in their tangents, (6 n, 6 n); None unless all are in the window."""
+        values = self._smoother.getLinearizationPoint()
+        if not all(values.exists(key) for key in keys.tolist()):
+            return None
+        marginals = gtsam.Marginals(self._smoother.getFactors(), values)
+        joint = marginals.jointMarginalCovariance(keys.tolist())
+        return np.block([[joint.at(a, b) for b in keys.tolist()] for a in keys.tolist()])

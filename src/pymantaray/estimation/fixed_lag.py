@@ -1,0 +1,104 @@
+"""A filter with a memory of some hours: the factors of a graph in the order of time, old poses marginalized."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.covariance import EpochCovariances
+from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.normal_equations import Indices
+from pymantaray.estimation.problems import State, distance_problem
+from pymantaray.estimation.replay import check_replay, update_times
+from pymantaray.estimation.solution import Progress, ReplayOptions, Solution, judged
+from pymantaray.geometry.se3 import matrix_from_quaternion
+from pymantaray.records import SolveStatus
+
+Array = NDArray[np.float64]
+
+
+def smooth_with_lag(
+    graph: FactorGraph,
+    initial: GraphValues,
+    lag: float,
+    *,
+    options: ReplayOptions | None = None,
+    covariance_poses: Indices | None = None,
+) -> Solution:
+    """
+    Feed the factors of a graph, whose ranges are distances, to a fixed-lag smoother, one update for each ping.
+
+    Parameters
+    ----------
+    lag : float
+        Poses older than this are marginalized, linearized where they were believed last; at least the time between
+        updates. [s]
+    covariance_poses : ndarray of int, shape (n_epochs, n_agents), optional
+        Poses whose joint covariances are wanted, one time each.
+
+    Returns
+    -------
+    Solution
+        Each pose, and its covariance, as it was last believed: with what was measured up to a lag later. OK if every
+        update succeeded; of the cost at such an end nothing is expected.
+
+    Raises
+    ------
+    EstimationError
+        If the lag is shorter than the time between updates.
+    """
+    from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
+    from pymantaray.estimation._gtsam.fixed_lag import LaggedSmoother
+    from pymantaray.estimation._gtsam.incremental import Entering, timeline
+
+    options = options or ReplayOptions()
+    check_replay(graph, initial, options.every)
+    n = graph.n_poses
+    moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
+    times = update_times(graph, moment, options.every)
+    if times.size > 1 and lag < (longest := float(np.diff(times).max())):
+        raise EstimationError(
+            f"lag is {lag:g} s, but pings are up to {longest:g} s apart; give at least that"
+        )
+    factors, start = graph_factors(graph), values_of(initial)
+    line = timeline(factors, moment, times)
+    smoother, entering = LaggedSmoother(lag), Entering(graph, start)
+    poses = np.empty((0, 0), dtype=np.intp) if covariance_poses is None else covariance_poses
+    joint: dict[int, Array] = {}
+    problem = distance_problem(graph)
+    cost, done = problem.cost(State.of(initial)), True
+    for k, now in enumerate(times.tolist()):
+        variables = np.flatnonzero(line.variable_update == k)
+        there = np.flatnonzero(line.variable_update[n:] <= k) + n  # landmarks never grow old
+        time = {int(v): float(moment[v]) if v < n else now for v in (*variables, *there)}
+        rows = np.flatnonzero(line.factor_update == k)
+        done = smoother.update(factors, rows, entering.values(variables, smoother), time)
+        if not done:
+            break
+        for epoch, keys in enumerate(poses):
+            if (graph.pose_time[keys] <= now).all() and (own := smoother.covariance(keys)) is not None:
+                joint[epoch] = own
+    if not done:
+        return judged(initial, Progress(times.size, cost, np.nan, singular=True), SolveStatus.FAILED)
+    values = graph_values(smoother.latest, graph)
+    progress = Progress(times.size, cost, problem.cost(State.of(values)))
+    solution = judged(values, progress, SolveStatus.OK)
+    if covariance_poses is None:
+        return solution
+    return replace(solution, covariances=_covariances(values, poses, joint))
+
+
+def _covariances(values: GraphValues, poses: Indices, joint: dict[int, Array]) -> EpochCovariances:
+    """Joint covariances by epoch, positions in the world's axes."""
+    n_epochs, n_agents = poses.shape
+    out = EpochCovariances.unknown(n_epochs, n_agents)
+    agents = np.arange(n_agents)
+    for epoch, matrix in joint.items():
+        blocks = matrix.reshape(n_agents, 6, n_agents, 6)
+        rotation = matrix_from_quaternion(values.quaternion[poses[epoch]])
+        out.pose[epoch] = blocks[agents, :, agents, :]
+        out.position[epoch] = np.einsum(
+            "aik,akbl,bjl->aibj", rotation, blocks[:, 3:, :, 3:], rotation, optimize=True
+        )
+    return out

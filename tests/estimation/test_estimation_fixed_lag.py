@@ -1,0 +1,85 @@
+"""A smoother with a lag: the batch where it forgets nothing and where all is linear, and its statistics where it is not."""
+
+from dataclasses import replace
+
+import factories
+import numpy as np
+import pytest
+from refusals import refused
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import LOSSES, GraphSolver, Method, ReplayOptions, SolveOptions, build_graph
+from pymantaray.evaluation.consistency import nees
+from pymantaray.records import SolveStatus
+
+PING = 5 * factories.PERIOD
+EVERY_SAMPLE = SolveOptions(step_tolerance=1e-9, replay=ReplayOptions(every="sample"))
+
+
+def poses_at(o, samples):
+    return np.arange(o.depth.size).reshape(o.depth.shape)[:, samples].T
+
+
+def lagged(graph, start, lag, options=None, samples=None, o=None):
+    poses = None if samples is None else poses_at(o, samples)
+    return GraphSolver(options).solve(graph, start, method=Method(lag=lag), covariance_poses=poses)
+
+
+def test_a_filter_of_a_linear_chain_is_the_batch_of_what_it_has_heard():
+    fleet = factories.make_fleet(seed=3, turn=0.0, gnss_every=4, n_agents=2)
+    sure = np.full(3, 1e-7)  # of attitudes: all else is linear in the positions
+    o = replace(
+        fleet.noise_free,
+        odometry_sigma=np.concatenate(
+            [0 * fleet.noise_free.odometry_sigma[..., :3] + sure, fleet.noise_free.odometry_sigma[..., 3:]],
+            axis=2,
+        ),
+        first_sigma=np.concatenate([np.tile(sure, (2, 1)), fleet.noise_free.first_sigma[:, 3:]], axis=1),
+    )
+    o = factories.add_noise(o, 4)
+    graph = factories.without(build_graph(o), "range")
+    last = o.time.size - 1
+    end = lagged(graph, fleet.truth, factories.PERIOD, EVERY_SAMPLE, [last], o)
+    batch = GraphSolver(EVERY_SAMPLE).solve(graph, fleet.truth, covariance_poses=poses_at(o, [last]))
+    assert end.status == batch.status == SolveStatus.OK
+    now = poses_at(o, [last]).ravel()
+    np.testing.assert_allclose(end.position[now], batch.position[now], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(end.covariances.position, batch.covariances.position, rtol=1e-6, atol=1e-9)
+    assert np.abs(end.position - batch.position).max() > 0.1, "earlier poses have not heard of later fixes"
+
+
+def test_a_lag_as_long_as_the_mission_ends_at_the_batch_optimum(make_fleet):
+    fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
+    graph, samples = build_graph(fleet.noisy, "straight"), [10, 20]
+    batch = GraphSolver(SolveOptions(step_tolerance=1e-7)).solve(
+        graph, fleet.truth, covariance_poses=poses_at(fleet.noisy, samples)
+    )
+    end = lagged(graph, fleet.reckoned, 1e9, samples=samples, o=fleet.noisy)
+    np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(end.landmark_position, batch.landmark_position, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(end.covariances.position, batch.covariances.position, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(end.covariances.pose, batch.covariances.pose, rtol=1e-2, atol=1e-6)
+    assert end.final_cost == pytest.approx(batch.final_cost, rel=1e-6)
+
+
+def test_its_errors_have_the_covariances_that_it_gives(make_fleet):
+    free, samples, ratio = make_fleet(seed=6, turn=0.0, gnss_every=15), [10, 20, 29], []
+    for seed in range(12):
+        o = factories.add_noise(free.noise_free, seed)
+        end = lagged(build_graph(o, "straight"), free.truth, 2 * PING, samples=samples, o=o)
+        error = end.position[poses_at(o, samples)] - free.position[:, samples].swapaxes(0, 1)
+        joint = end.covariances.position.reshape(3, 9, 9)
+        ratio.append(nees(error.reshape(3, 9), joint) / 9)
+    # 12 draws of 9 degrees of freedom
+    np.testing.assert_allclose(np.mean(ratio, axis=0), 1.0, atol=4.0 * np.sqrt(2.0 / (9 * 12)))
+
+
+def test_bad_requests_are_refused(make_fleet):
+    fleet = make_fleet(seed=6)
+    graph = build_graph(fleet.noisy, "straight")
+    refused(
+        EstimationError, "lag is 10 s, but pings are up to 1000 s apart", lagged, graph, fleet.truth, 10.0
+    )
+    method = Method(LOSSES["huber"], lag=PING)
+    with pytest.raises(EstimationError, match="no robust loss"):
+        GraphSolver().solve(graph, fleet.truth, method=method)
