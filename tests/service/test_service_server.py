@@ -1,0 +1,366 @@
+"""The server on loopback: answers to the last digit, one clear line for what is wrong, no harm by any request."""
+
+import http.client
+import json
+import random
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from refusals import refused
+
+import pymantaray
+from pymantaray.cli.main import main
+from pymantaray.errors import ServiceError
+from pymantaray.records import RayStatus
+from pymantaray.service import RangingService, make_server
+from pymantaray.service.messages import PingAnswer
+from pymantaray.service.server import MOST_BYTES
+
+pytestmark = pytest.mark.network
+NAMES = ("north", "east", "depth")
+
+
+@pytest.fixture(scope="module")
+def serve():
+    """Serve from a thread until the tests are over."""
+    servers = []
+
+    def one(service):
+        server = make_server(service)
+        thread = threading.Thread(target=server.run, daemon=True)
+        thread.start()
+        servers.append(server)
+        return server.effective_port
+
+    yield one
+    for server in servers:
+        server.task_dispatcher.shutdown()
+        server.trigger.pull_trigger(server.close)
+
+
+@pytest.fixture(scope="module")
+def port(serve, service):
+    return serve(service)
+
+
+@pytest.fixture(scope="module")
+def loud_port(serve, loud):
+    return serve(loud)
+
+
+def ask(port, body, method="POST", path="/ping"):
+    """Status and answer of one request; an answer with NaN or Infinity is no JSON."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    try:
+        connection.request(method, path, body)
+        response = connection.getresponse()
+        assert response.headers["Content-Type"] == "application/json"
+        return response.status, json.loads(response.read(), parse_constant=pytest.fail)
+    finally:
+        connection.close()
+
+
+def request(source, receivers, time=0.0, **more):
+    """A ping as the server takes it."""
+    source, receivers = np.asarray(source).tolist(), np.asarray(receivers).tolist()
+    ends = [dict(zip(NAMES, place, strict=True)) for place in (source, *receivers)]
+    return {"time": time, "source": ends[0], "receivers": ends[1:]} | more
+
+
+def columns(answer, name):
+    return np.array([np.nan if r[name] is None else r[name] for r in answer["receivers"]], dtype=float)
+
+
+def same_as_ping(answer, ping):
+    """An answer has what a ping has, to the last digit, null where it has NaN."""
+    assert [r["status"] for r in answer["receivers"]] == [RayStatus(s).name.lower() for s in ping.status]
+    for name in (
+        "travel_time",
+        "arrival_time",
+        "refracted_range",
+        "straight_range",
+        "level_db",
+        "probability",
+    ):
+        np.testing.assert_array_equal(columns(answer, name), getattr(ping, name), err_msg=name)
+
+
+def test_an_answer_is_the_services_to_the_last_digit(port, service, links):
+    source, receivers = links(50)
+    status, answer = ask(port, json.dumps(request(source, receivers, 7.25)))
+    assert status == 200
+    assert answer["time"] == 7.25
+    same_as_ping(answer, service.ping(7.25, source, receivers))
+    assert all(r["arrivals"] is None for r in answer["receivers"])
+    PingAnswer.model_validate(answer)
+
+
+def test_with_arrivals_all_that_reaches_a_receiver_is_told(loud_port, loud, links):
+    source, receivers = links(12)
+    _, answer = ask(loud_port, json.dumps(request(source, receivers, 3.0, arrivals=True)))
+    ping = loud.ping(3.0, source, receivers)
+    rays = [ray for r in answer["receivers"] for ray in r["arrivals"]]
+    assert [len(r["arrivals"]) for r in answer["receivers"]] == np.bincount(
+        ping.arrivals.link, minlength=12
+    ).tolist()
+    for name in ("travel_time", "surface_bounces", "bottom_bounces", "launch_angle", "arrival_angle"):
+        np.testing.assert_array_equal([ray[name] for ray in rays], getattr(ping.arrivals, name))
+    np.testing.assert_array_equal([ray["arrival_time"] for ray in rays], 3.0 + ping.arrivals.travel_time)
+    np.testing.assert_array_equal([ray["level_db"] for ray in rays], 170.0 - ping.loss_db)
+
+
+def test_velocities_move_the_ends_of_an_exchange(loud_port, loud, links):
+    source, receivers = links(5)
+    body = request(source, receivers)
+    body["source"]["velocity"] = [1.0, -0.5, 0.1]
+    body["receivers"][2]["velocity"] = [0.0, 2.0, 0.0]
+    _, answer = ask(loud_port, json.dumps(body))
+    velocities = np.zeros((5, 3))
+    velocities[2] = (0.0, 2.0, 0.0)
+    moving = {"source_velocity": (1.0, -0.5, 0.1), "receiver_velocities": velocities}
+    same_as_ping(answer, loud.ping(0.0, source, receivers, **moving))
+
+
+def test_positions_may_be_by_latitude_and_longitude(serve, in_varying):
+    service = in_varying
+    place = [(74.5, -140.0, 50.0), (74.51, -140.02, 80.0), (74.49, -139.95, 60.0)]
+    ends = [dict(zip(("lat", "lon", "depth"), p, strict=True)) for p in place]
+    body = {"time": 0.0, "source": ends[0], "receivers": [ends[1] | {"name": "B"}, ends[2]]}
+    status, answer = ask(serve(service), json.dumps(body))
+    assert status == 200
+    assert [r["name"] for r in answer["receivers"]] == ["B", None]
+    same_as_ping(answer, service.ping(0.0, place[0], place[1:], geographic=True))
+
+
+def test_the_root_tells_version_and_ocean_and_the_schema_both_sides(port, loud_port):
+    status, facts = ask(port, None, "GET", "/")
+    assert status == 200
+    assert facts["mantaray"] == pymantaray.__version__
+    assert facts["sea_floor_depth"] == [900.0, 900.0]
+    assert (facts["north"], facts["timing"], facts["source_level_db"]) == (None, "one-way", None)
+    _, facts = ask(loud_port, None, "GET", "/")
+    assert (facts["timing"], facts["turn_around"], facts["source_level_db"]) == ("two-way", 0.25, 170.0)
+    assert facts["max_surface_bounces"] == 1
+    status, schema = ask(port, None, "GET", "/schema")
+    assert status == 200
+    assert schema["PingRequest"]["required"] == ["time", "source", "receivers"]
+    assert set(schema["PingAnswer"]["properties"]) == {"time", "receivers"}
+
+
+def test_eight_clients_at_a_time_are_answered_as_one(loud_port, loud, links):
+    pings = [(*links(10, seed), float(seed)) for seed in range(32)]
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda ping: ask(loud_port, json.dumps(request(*ping))), pings))
+    for (source, receivers, at), (status, answer) in zip(pings, answers, strict=True):
+        assert status == 200
+        same_as_ping(answer, loud.ping(at, source, receivers))
+
+
+HERE = {"north": 0.0, "east": 0.0, "depth": 50.0}
+GOOD = {"time": 0.0, "source": HERE, "receivers": [HERE | {"north": 900.0}]}
+BAD = {
+    "": "not valid JSON: EOF while parsing",
+    "{": "not valid JSON: EOF while parsing an object",
+    "\xff": "not valid JSON: invalid unicode|not valid JSON: expected value",
+    "[" * 100_000: "not valid JSON: recursion limit exceeded",
+    "[1, 2]": "the request is no JSON object; it needs time, source and receivers",
+    "null": "the request is no JSON object",
+    "{}": "time: missing; it has no default; source: missing; .*; receivers: missing",
+    json.dumps(GOOD | {"time": "noon"}): "time: found 'noon'; allowed: .*number",
+    json.dumps(GOOD | {"time": float("nan")}): "time: found nan; allowed: .*finite number",
+    json.dumps(GOOD).replace("900.0", "1e999"): r"receivers\[0\].north: found inf",
+    json.dumps(GOOD | {"receivers": HERE}): "receivers: found .*; allowed: .*array",
+    json.dumps(GOOD | {"receivers": [HERE] * 10_001}): "receivers: found .*; allowed: .*10000 items",
+    json.dumps(GOOD | {"receivers": [{"north": 1.0, "east": 2.0}]}): r"receivers\[0\].depth: missing",
+    json.dumps(GOOD | {"receivers": [{"north": 1.0, "depth": 2.0}]}): r"receivers\[0\]: needs either north and east or",
+    json.dumps(GOOD | {"receivers": [HERE | {"lat": 1.0, "lon": 1.0}]}): r"receivers\[0\]: needs either",
+    json.dumps(GOOD | {"receivers": [{"lat": 95.0, "lon": 0.0, "depth": 5.0}]}): "lat: found 95.0; allowed: 90 or less",
+    json.dumps(GOOD | {"receivers": [{"lat": 9.0, "lon": 0.0, "depth": 5.0}]}): "some positions have north and east",
+    json.dumps(GOOD | {"source": HERE | {"velocity": [1.0]}}): "source.velocity",
+    json.dumps(GOOD | {"source": HERE | {"velocity": [1.0, 0.0, 0.0]}}): "velocity: one-way timing",
+    json.dumps(GOOD | {"reciever": []}): "reciever: unknown key; did you mean receivers?",
+    json.dumps(GOOD | {"arrivals": "yes"}): "arrivals: found 'yes'; allowed: .*boolean",
+    json.dumps({"time": 0.0, "source": {"lat": 1.0, "lon": 1.0, "depth": 5.0}, "receivers": []}): "bare medium has no",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("body", "line"), BAD.items(), ids=range(len(BAD)))
+def test_a_malformed_request_is_refused_in_one_line(port, body, line):
+    status, answer = ask(port, body.encode("latin-1"))
+    assert status == 400
+    assert list(answer) == ["error"]
+    assert "\n" not in answer["error"]
+    assert len(answer["error"]) < 500
+    assert re.search(line, answer["error"]), answer["error"]
+
+
+def test_what_is_not_there_and_what_is_too_large_has_its_status(port):
+    status, answer = ask(port, None, "GET", "/pings")
+    assert (status, answer["error"]) == (404, "no '/pings'; there are GET /, GET /schema, POST /ping")
+    for method, path in (("GET", "/ping"), ("DELETE", "/"), ("POST", "/schema")):
+        status, answer = ask(port, None, method, path)
+        assert status == 405
+        assert re.search(f"^{method} {path}; only (GET|POST) is allowed$", answer["error"])
+    status, answer = ask(port, b" " * (MOST_BYTES + 1))
+    assert status == 413
+    assert answer["error"].startswith(f"the request has {MOST_BYTES + 1:,} bytes; {MOST_BYTES:,} are allowed")
+
+
+def raw(port, text):
+    """What comes back for bytes that need not be HTTP."""
+    with socket.create_connection(("127.0.0.1", port), timeout=30) as line:
+        line.sendall(text)
+        return b"".join(iter(lambda: line.recv(65536), b"")).decode()
+
+
+@pytest.mark.parametrize(
+    ("text", "status"),
+    [
+        (b"who hears me\r\n\r\n", 400),
+        (b"POST /ping HTTP/1.1\r\nContent-Length: many\r\n\r\n", 400),
+        (b"POST /ping HTTP/1.1\r\nTransfer-Encoding: gzip\r\n\r\n", 501),
+        (b"POST /ping HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n", 413),
+        (b"GET / HTTP/1.1\r\nX: " + b"x" * (2**14 - 23) + b"\r\n\r\n", 431),
+    ],
+)
+def test_what_is_no_request_at_all_is_refused_in_the_same_form(port, text, status):
+    head, _, body = raw(port, text).partition("\r\n\r\n")
+    assert head.startswith((f"HTTP/1.1 {status} ", f"HTTP/1.0 {status} "))
+    assert "Content-Type: application/json" in head
+    assert list(json.loads(body)) == ["error"]
+
+
+def test_a_body_in_chunks_is_taken_and_one_that_breaks_off_harms_nobody(port):
+    body = json.dumps(GOOD).encode()
+    status, answer = ask(port, iter([body[:20], body[20:]]))
+    assert (status, answer["receivers"][0]["status"]) == (200, "ok")
+    with socket.create_connection(("127.0.0.1", port)) as line:
+        line.sendall(b"POST /ping HTTP/1.1\r\nContent-Length: 500\r\n\r\n{")
+    assert ask(port, body)[0] == 200
+
+
+def test_a_fault_of_the_server_is_told_and_logged_and_it_goes_on(serve, medium, caplog):
+    service = RangingService(medium, workers=1)
+    port = serve(service)
+    assert ask(port, json.dumps(GOOD))[0] == 200
+    service.close()
+    status, answer = ask(port, json.dumps(GOOD))
+    assert (status, answer["error"]) == (500, "a fault of the server; its log has more")
+    assert "POST /ping" in caplog.text
+    assert ask(port, None, "GET", "/")[0] == 200
+
+
+def test_where_nobody_can_listen_is_refused_in_one_line(service, port):
+    refused(
+        ServiceError,
+        f"127.0.0.1, port {port}: nobody can listen there: Address already in use",
+        make_server,
+        service,
+        port=port,
+    )
+    refused(
+        ServiceError,
+        "no.such.host.invalid, port 0: nobody can listen there",
+        make_server,
+        service,
+        "no.such.host.invalid",
+    )
+
+
+def test_without_waitress_one_line_says_what_to_install(service, monkeypatch):
+    monkeypatch.setitem(sys.modules, "waitress.channel", None)
+    refused(ServiceError, r"pip install 'pymantaray\[serve\]'", make_server, service)
+
+
+@pytest.fixture
+def begin():
+    """Start the command; one that is still there when the test ends is killed."""
+    begun = []
+
+    def one(*words):
+        command = [sys.executable, "-c", "from pymantaray.cli.main import main; main()", "serve", *words]
+        begun.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        lines = [begun[-1].stdout.readline()]
+        while lines[-1] and "listening" not in lines[-1]:
+            lines.append(begun[-1].stdout.readline())
+        return begun[-1], lines, int(lines[-1].rpartition(":")[2])
+
+    yield one
+    for process in begun:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    file = tmp_path_factory.mktemp("config") / "sea.toml"
+    file.write_text(
+        '[ocean]\nsource = "synthetic:fram"\nhalf_extent_north = 20e3\nhalf_extent_east = 20e3\n'
+        '[ranging]\ntiming = "two-way"\nturn_around_s = 0.5\n'
+    )
+    return str(file)
+
+
+@pytest.mark.parametrize(("sent", "code", "workers"), [(signal.SIGINT, 130, "0"), (signal.SIGTERM, 143, "2")])
+def test_the_command_serves_until_it_is_told_to_stop(begin, config, sent, code, workers):
+    process, lines, port = begin(config, "--port", "0", "--workers", workers)
+    assert lines == ["Fram Strait (synthetic), about 78 N 0 E\n", f"listening on http://127.0.0.1:{port}\n"]
+    status, answer = ask(port, json.dumps(GOOD))
+    assert (status, answer["receivers"][0]["status"]) == (200, "ok")
+    assert ask(port, None, "GET", "/")[1]["turn_around"] == 0.5
+    process.send_signal(sent)
+    printed, said = process.communicate(timeout=60)
+    assert (process.returncode, printed, said) == (code, "", "")
+
+
+def test_who_listens_beyond_this_machine_is_warned(begin):
+    process, _, port = begin("synthetic:fram", "--host", "0.0.0.0", "--port", "0")
+    assert ask(port, None, "GET", "/")[1]["source_level_db"] is None
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert said == "warning: listening at 0.0.0.0: whoever reaches it can use it, there is no password\n"
+
+
+def test_an_ocean_that_is_not_there_is_one_line(capsys, tmp_path):
+    for words, line in (
+        (["nowhere.nc"], "nowhere.nc"),
+        ([str(tmp_path / "no.toml")], "no.toml: cannot be read: No such file or directory"),
+    ):
+        with pytest.raises(SystemExit) as caught:
+            main(["serve", *words])
+        assert caught.value.code == 2
+        said = capsys.readouterr().err
+        assert said.startswith("error: ")
+        assert line in said
+        assert said.count("\n") == 1
+
+
+def resident(process):
+    """Memory of a process. [MB]"""
+    out = subprocess.run(
+        ["ps", "-o", "rss=", "-p", str(process.pid)], capture_output=True, text=True, check=True
+    )
+    return int(out.stdout) / 1024.0
+
+
+@pytest.mark.slow
+def test_memory_stays_flat_under_good_bad_and_oversized_requests(begin, config):
+    process, _, port = begin(config, "--port", "0")
+    dice = random.Random(0)
+    bodies = [json.dumps(GOOD).encode(), *(body.encode("latin-1") for body in BAD), b" " * (MOST_BYTES + 1)]
+    weights = [30.0, *[1.0] * len(BAD), 0.1]
+    sizes = []
+    for _ in range(4):
+        with ThreadPoolExecutor(4) as pool:
+            statuses = list(pool.map(lambda body: ask(port, body)[0], dice.choices(bodies, weights, k=1500)))
+        assert set(statuses) <= {200, 400, 413}
+        sizes.append(resident(process))
+    assert sizes[-1] < 1.03 * sizes[0], sizes
+    assert process.poll() is None
