@@ -68,3 +68,7 @@ class AtlasError(MantaRayError):
 
 class ReplayError(MantaRayError):
     """Measured events, or the water that they are compared in, are unusable."""
+
+
+class ExchangeError(MantaRayError):
+    """Another program's file cannot be read, or does not hold what is asked of it."""

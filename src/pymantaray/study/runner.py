@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from pymantaray.errors import StudyError
-from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, write_pyfg
 from pymantaray.records import whole_file, write_netcdf
 from pymantaray.study import store
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.folder import MANIFEST, staged_folder
+from pymantaray.study.graphs import write_graphs
 from pymantaray.study.load import study_toml
 from pymantaray.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
@@ -91,7 +91,8 @@ def run_study(
             with watch.stage("realizations"):
                 run, solved = Run(stage), dict[int, Solved]()
                 solving = solve_realizations(run, processes)
-                _write_graphs(run)  # while workers solve
+                (stage / store.PYFG).mkdir()
+                write_graphs(run, 0, stage / store.PYFG, "realization-0-")  # while workers solve
                 for number, one in solving:
                     solved[number] = one
                     report("realizations", len(solved), count)
@@ -166,23 +167,6 @@ def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
         mission.candidates.save(folder / store.CANDIDATES)
     if mission.picture is not None:
         write_netcdf(mission.picture, folder / store.RAY_PICTURE)
-
-
-def _write_graphs(run: Run) -> None:
-    """Write the factor graphs of the first realization."""
-    folder = run.path / store.PYFG
-    folder.mkdir()
-    noisy = run.noisy_measurements(0)
-    initial = GraphValues(
-        position=run.truth.position.reshape(-1, 3),
-        quaternion=run.truth.quaternion.reshape(-1, 4),
-        landmark_position=noisy.landmark_position,
-    )
-    for name in run.config.study.conditions:
-        condition = CONDITIONS[name]
-        if condition.ranges is not None:
-            graph = build_graph(noisy, condition.ranges, condition.links)
-            write_pyfg(graph, folder / f"realization-0-{name}.pyfg", initial=initial)
 
 
 def _silent(_stage: str, _done: int, _total: int) -> None:

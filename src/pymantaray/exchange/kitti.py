@@ -1,0 +1,20 @@
+"""Trajectories in the text format of the KITTI odometry benchmark, which evo and others read."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pymantaray.exchange.recording import Array
+from pymantaray.geometry.se3 import matrix_from_quaternion
+from pymantaray.records import whole_file
+
+
+def write_kitti(path: Path, position: Array, quaternion: Array) -> None:
+    """
+    Write one vehicle's poses: a line each, the first three rows of the matrix from body to north, east, down.
+
+    The format knows no times and no frame; KITTI's own files have a camera's axes.
+    """
+    poses = np.concatenate([matrix_from_quaternion(quaternion), position[:, :, None]], axis=2)
+    with whole_file(path) as temporary:
+        np.savetxt(temporary, poses.reshape(-1, 12), fmt="%.17g")

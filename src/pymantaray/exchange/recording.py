@@ -1,0 +1,70 @@
+"""What other programs get of a run: poses of the truth and of estimates, and ranges, of one realization."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.records import Measurements, RayStatus, Trajectories
+
+Array = NDArray[np.float64]
+TRUTH = "truth"
+
+
+class FleetPoses(NamedTuple):
+    """Poses of all vehicles at the times of the truth."""
+
+    position: Array
+    """North, east, down (agent, time, 3). [m]"""
+    quaternion: Array
+    """Body to world (w, x, y, z), of length 1 (agent, time, 4)."""
+
+
+class VehiclePoses(NamedTuple):
+    """One vehicle's poses under one condition."""
+
+    condition: str
+    agent: str
+    position: Array
+    """Shape (time, 3). [m]"""
+    quaternion: Array
+    """Shape (time, 4)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One realization of a run; estimates by condition, those of failed solves left out."""
+
+    name: str
+    truth: Trajectories
+    estimates: Mapping[str, FleetPoses]
+    measurements: Measurements
+
+    @property
+    def poses(self) -> Iterator[VehiclePoses]:
+        """Poses of every vehicle, the true ones first."""
+        fleets = {TRUTH: FleetPoses(self.truth.position, self.truth.quaternion), **self.estimates}
+        for condition, fleet in fleets.items():
+            for agent, *poses in zip(self.truth.name.tolist(), *fleet, strict=True):
+                yield VehiclePoses(condition, agent, *poses)
+
+    @property
+    def participants(self) -> list[str]:
+        """Names of vehicles, then of landmarks, as the range attempts count them."""
+        return [*self.measurements.name.tolist(), *self.measurements.landmark_name.tolist()]
+
+    @property
+    def heard(self) -> NDArray[np.intp]:
+        """Rows of the range attempts that were heard, by time."""
+        m = self.measurements
+        rows = np.flatnonzero(m.range_status == RayStatus.OK)
+        return rows[np.argsort(m.range_sample[rows], kind="stable")]
+
+    def place(self, participant: int, sample: int) -> Array:
+        """True north, east, down of a vehicle or landmark. [m]"""
+        n = self.truth.name.size
+        if participant < n:
+            return np.asarray(self.truth.position[participant, sample])
+        return np.asarray(self.measurements.landmark_position[participant - n])

@@ -1,0 +1,98 @@
+"""A recording for the viewer Rerun, in its axes: east, north, up."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pymantaray.errors import ExchangeError
+from pymantaray.exchange.frames import from_enu as to_enu  # each is its own inverse
+from pymantaray.exchange.frames import from_enu_attitude as to_enu_attitude
+from pymantaray.exchange.recording import TRUTH, Recording
+
+TIMELINE = "mission"
+
+
+def write_rrd(recording: Recording, path: Path) -> None:
+    """
+    Write a recording as a Rerun file.
+
+    ``map`` has axes east, north, up [m]: moving bodies (forward, left, up) under ``map/<condition>/<vehicle>``, their paths
+    under ``map/path``, ``map/landmarks``, and ``map/ranges``, the pairs that hear each other at a ping. ``earth/<vehicle>`` are true
+    paths as latitudes and longitudes, ``error/<condition>/<vehicle>`` distances from the truth [m],
+    ``range_error/<transmitter>/<receiver>`` refracted less true range [m].
+
+    Raises
+    ------
+    ExchangeError
+        If rerun-sdk is not installed.
+    """
+    try:
+        import rerun as rr
+    except ImportError:
+        raise ExchangeError('rrd needs the extra rerun; pip install "pymantaray[rerun]"') from None
+    stream = rr.RecordingStream("mantaray", recording_id=recording.name)
+    stream.save(path)
+    stream.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for entity, archetype in _static(rr, recording):
+        stream.log(entity, archetype, static=True)
+    for entity, samples, columns in _moving(rr, recording):
+        rr.send_columns(entity, indexes=[_times(rr, recording, samples)], columns=columns, recording=stream)
+    stream.flush()
+    stream.disconnect()
+
+
+def _times(rr: Any, recording: Recording, samples: Any) -> Any:
+    """Instants of samples, as dates where the mission has one."""
+    truth = recording.truth
+    time = truth.time[samples]
+    if np.isnat(truth.start):
+        return rr.TimeColumn(TIMELINE, duration=time)
+    since = np.round(time * 1e9).astype("m8[ns]")
+    return rr.TimeColumn(TIMELINE, timestamp=truth.start.astype("M8[ns]") + since)
+
+
+def _static(rr: Any, recording: Recording) -> Iterator[tuple[str, Any]]:
+    truth, m = recording.truth, recording.measurements
+    for p in recording.poses:
+        yield f"map/path/{p.condition}/{p.agent}", rr.LineStrips3D([to_enu(p.position)])
+        yield f"map/{p.condition}/{p.agent}", rr.Points3D([[0.0, 0.0, 0.0]], labels=[p.agent])
+    if m.landmark_name.size:
+        landmarks = rr.Points3D(to_enu(m.landmark_position), labels=m.landmark_name.tolist())
+        yield "map/landmarks", landmarks
+    if truth.frame is not None:
+        latitude, longitude = truth.frame.to_geodetic(truth.position[..., 0], truth.position[..., 1])
+        for agent, places in zip(truth.name.tolist(), np.stack([latitude, longitude], axis=-1), strict=True):
+            yield f"earth/{agent}", rr.GeoLineStrings(lat_lon=[places])
+
+
+def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
+    """Entities, the samples at which they have values, and these."""
+    truth, m, heard = recording.truth, recording.measurements, recording.heard
+    every, true = np.arange(truth.time.size), dict(zip(truth.name.tolist(), truth.position, strict=True))
+    for p in recording.poses:
+        xyzw = to_enu_attitude(p.quaternion)[:, [1, 2, 3, 0]]
+        yield (
+            f"map/{p.condition}/{p.agent}",
+            every,
+            rr.Transform3D.columns(translation=to_enu(p.position), quaternion=xyzw),
+        )
+        if p.condition != TRUTH:
+            error = np.linalg.norm(p.position - true[p.agent], axis=1)
+            yield f"error/{p.condition}/{p.agent}", every, rr.Scalars.columns(scalars=error)
+    ends = np.stack([m.range_transmitter, m.range_receiver], axis=1)[heard]
+    samples, count = np.unique(m.range_sample[heard], return_counts=True)
+    places = np.array(
+        [
+            [recording.place(int(end), int(k)) for end in pair]
+            for pair, k in zip(ends, m.range_sample[heard], strict=True)
+        ]
+    ).reshape(-1, 2, 3)
+    if heard.size:
+        yield "map/ranges", samples, rr.LineStrips3D.columns(strips=list(to_enu(places))).partition(count)
+    error = m.refracted_range[heard] - np.linalg.norm(places[:, 0] - places[:, 1], axis=1)
+    for pair in np.unique(ends, axis=0):
+        rows = (ends == pair).all(axis=1)
+        names = "/".join(recording.participants[end] for end in pair)
+        yield f"range_error/{names}", m.range_sample[heard][rows], rr.Scalars.columns(scalars=error[rows])

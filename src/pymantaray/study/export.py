@@ -1,0 +1,195 @@
+"""A run in the formats of other programs."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from pymantaray.errors import ExchangeError, StudyError
+from pymantaray.estimation import CONDITIONS, GraphValues
+from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
+from pymantaray.exchange.kitti import write_kitti
+from pymantaray.exchange.recording import FleetPoses, Recording
+from pymantaray.exchange.rerun import write_rrd
+from pymantaray.exchange.ros import write_bag
+from pymantaray.exchange.tum import write_tum
+from pymantaray.records import whole_file
+from pymantaray.study.folder import staged_folder
+from pymantaray.study.graphs import noisy_graphs, write_graphs
+from pymantaray.study.store import Run, open_run
+
+_SUFFIXES = {"s": "s", "m": "m", "degrees": "deg", "m s-1": "m_per_s"}
+
+
+class Format(NamedTuple):
+    """One format: what it is for, how it is written, and whether that makes a folder of files."""
+
+    purpose: str
+    write: Callable[[Run, int, Path], None]
+    folder: bool = True
+
+
+def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: int = 0) -> Path:
+    """
+    Write one realization of a run in another program's format, whole or not at all.
+
+    Parameters
+    ----------
+    run : Run, str or pathlib.Path
+    to : str
+        Key of `FORMATS`.
+    out : str or pathlib.Path
+        Folder, new or empty, or for ``rrd`` and ``mcap`` a file that is not there yet.
+    realization : int
+        Index of the realization, from 0.
+
+    Returns
+    -------
+    pathlib.Path
+        What was made.
+
+    Raises
+    ------
+    ExchangeError
+        If there is no such format, the run holds nothing for it, or its library is not installed.
+    StudyError
+        If the folder is no run or has no such realization, or the folder for the results is not free.
+    WriteError
+        If the file cannot be written or is there already.
+    """
+    if to not in FORMATS:
+        raise ExchangeError(f"export: no format {to!r}; there are {', '.join(FORMATS)}")
+    run = run if isinstance(run, Run) else open_run(run)
+    count, form = run.config.study.realizations, FORMATS[to]
+    if not 0 <= realization < count:
+        raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
+    if form.folder:
+        with staged_folder(out) as (stage, folder):
+            form.write(run, realization, stage)
+        return folder
+    with whole_file(out, replace=False) as temporary:
+        form.write(run, realization, temporary)
+    return Path(out)
+
+
+def record(run: Run, realization: int) -> Recording:
+    """What other programs get of one realization."""
+    e = run.estimates
+    estimates = {
+        condition: FleetPoses(position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
+        for condition, position, quaternion in zip(
+            e.condition.tolist(),
+            e.position[:, realization],
+            e.quaternion[:, realization].astype(float),  # kept with seven digits
+            strict=True,
+        )
+        if np.isfinite(position).all()
+    }
+    name = f"{run.config.study.name}-{realization}"
+    return Recording(name, run.truth, estimates, run.noisy_measurements(realization))
+
+
+def _tum(run: Run, realization: int, folder: Path) -> None:
+    for p in record(run, realization).poses:
+        write_tum(folder / f"{p.condition}-{p.agent}.tum", run.truth.time, p.position, p.quaternion)
+
+
+def _kitti(run: Run, realization: int, folder: Path) -> None:
+    for p in record(run, realization).poses:
+        write_kitti(folder / f"{p.condition}-{p.agent}.txt", p.position, p.quaternion)
+    with whole_file(folder / "times.txt") as temporary:
+        np.savetxt(temporary, run.truth.time, fmt="%.17g")
+
+
+def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:
+    """Data frames of a realization, units in the names of their columns."""
+    errors = run.errors()
+    frames = {
+        "trajectories": run.trajectories(realization),
+        "ranges": run.ranges(realization),
+        "errors": errors[errors["realization"] == realization].drop(columns="realization"),
+    }
+    for frame in frames.values():
+        units = frame.attrs.pop("units")
+        frame.columns = pd.Index([
+            f"{name}_{_SUFFIXES[units[name]]}" if units.get(name) in _SUFFIXES else name for name in frame
+        ])  # fmt: skip
+    return frames
+
+
+def _csv(run: Run, realization: int, folder: Path) -> None:
+    for name, frame in _tables(run, realization).items():
+        frame.to_csv(folder / f"{name}.csv", index=False)
+
+
+def _parquet(run: Run, realization: int, folder: Path) -> None:
+    for name, frame in _tables(run, realization).items():
+        try:
+            frame.to_parquet(folder / f"{name}.parquet", engine="pyarrow", index=False)
+        except ImportError:
+            raise ExchangeError(
+                'parquet needs the extra parquet; pip install "pymantaray[parquet]"'
+            ) from None
+
+
+def _pyfg(run: Run, realization: int, folder: Path) -> None:
+    _check_ranges(run)
+    write_graphs(run, realization, folder)
+
+
+def _g2o(run: Run, realization: int, folder: Path) -> None:
+    """Poses and edges, all that the format has, at the estimates."""
+    _check_ranges(run)
+    recording = record(run, realization)
+    graphs = noisy_graphs(run, recording.measurements)
+    solved = {name: poses for name, poses in recording.estimates.items() if name in graphs}
+    if not solved:
+        raise ExchangeError(
+            f"{run.path}: every solve of realization {realization} with ranges failed; take another"
+        )
+    for name, (position, quaternion) in solved.items():
+        values = GraphValues(
+            position=position.reshape(-1, 3),
+            quaternion=quaternion.reshape(-1, 4),
+            landmark_position=recording.measurements.landmark_position,
+        )
+        write_g2o(graphs[name], folder / f"{name}.g2o", initial=values, leave_out=LEFT_OUT)
+
+
+def _check_ranges(run: Run) -> None:
+    ranging = [name for name, condition in CONDITIONS.items() if condition.ranges is not None]
+    if not set(ranging) & set(run.config.study.conditions):
+        raise ExchangeError(
+            f"{run.path}: no condition of the study has ranges; a graph needs one of {', '.join(ranging)}"
+        )
+
+
+def _rrd(run: Run, realization: int, file: Path) -> None:
+    write_rrd(record(run, realization), file)
+
+
+def _bag(run: Run, realization: int, folder: Path) -> None:
+    write_bag(record(run, realization), folder)
+
+
+def _mcap(run: Run, realization: int, file: Path) -> None:
+    with TemporaryDirectory(dir=file.parent) as folder:
+        write_bag(record(run, realization), Path(folder), mcap=True)
+        shutil.move(next(Path(folder).glob("*.mcap")), file)
+
+
+FORMATS = {
+    "tum": Format("evo and others: a text file of poses for each condition and vehicle", _tum),
+    "kitti": Format("evo and others: the same as matrices, without times", _kitti),
+    "csv": Format("tables of trajectories, ranges and errors", _csv),
+    "parquet": Format("the same in columns, for pandas, polars and DuckDB", _parquet),
+    "g2o": Format("pose graphs of conditions with ranges: poses and odometry alone", _g2o),
+    "pyfg": Format("factor graphs of conditions with ranges", _pyfg),
+    "rrd": Format("a file for the viewer Rerun", _rrd, folder=False),
+    "mcap": Format("a file of ROS 2 messages, for Foxglove", _mcap, folder=False),
+    "bag": Format("a ROS 2 bag", _bag),
+}

@@ -1,0 +1,27 @@
+"""Noisy factor graphs of a realization, and PyFG files of them."""
+
+from pathlib import Path
+
+from pymantaray.estimation import CONDITIONS, FactorGraph, GraphValues, build_graph, write_pyfg
+from pymantaray.records import Measurements
+from pymantaray.study.store import Run
+
+
+def noisy_graphs(run: Run, noisy: Measurements) -> dict[str, FactorGraph]:
+    """Graphs of a run's conditions that have ranges."""
+    conditions = {str(name): CONDITIONS[name] for name in run.config.study.conditions}
+    return {
+        name: build_graph(noisy, c.ranges, c.links) for name, c in conditions.items() if c.ranges is not None
+    }
+
+
+def write_graphs(run: Run, realization: int, folder: Path, before: str = "") -> None:
+    """Write a realization's graphs as PyFG text, the true poses as values; names of files begin with ``before``."""
+    noisy = run.noisy_measurements(realization)
+    truth = GraphValues(
+        position=run.truth.position.reshape(-1, 3),
+        quaternion=run.truth.quaternion.reshape(-1, 4),
+        landmark_position=noisy.landmark_position,
+    )
+    for name, graph in noisy_graphs(run, noisy).items():
+        write_pyfg(graph, folder / f"{before}{name}.pyfg", initial=truth)

@@ -1,0 +1,343 @@
+"""What a run is exported as, opened by the programs that it is for, against the run."""
+
+import filecmp
+import sys
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pandas as pd
+import pytest
+from factories import names_in
+from refusals import refused
+
+from pymantaray.errors import ExchangeError, StudyError, WriteError
+from pymantaray.estimation import read_pyfg
+from pymantaray.exchange.frames import from_enu_attitude
+from pymantaray.exchange.ros import write_bag
+from pymantaray.geometry.se3 import matrix_from_quaternion
+from pymantaray.records import RayStatus
+from pymantaray.study import open_run
+from pymantaray.study.export import FORMATS, export_run, record
+
+REALIZATION = 1
+UP = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+"""North, east, down to east, north, up."""
+FLOAT32 = 1e-6  # relative; a little more than its rounding
+
+
+@pytest.fixture(scope="module")
+def run(tiny_run_folder):
+    return open_run(tiny_run_folder)
+
+
+@pytest.fixture
+def exported(run, tmp_path):
+    return lambda to: export_run(run, to, tmp_path / "out", realization=REALIZATION)
+
+
+@pytest.fixture(scope="module")
+def poses(run):
+    """Position and quaternion, body to north, east, down, by condition and vehicle."""
+    e, truth = run.estimates, run.truth
+    both = {("truth", a): (truth.position[i], truth.quaternion[i]) for i, a in enumerate(truth.name)}
+    for (c, condition), (i, agent) in product(enumerate(e.condition), enumerate(truth.name)):
+        both[condition, agent] = e.position[c, REALIZATION, i], e.quaternion[c, REALIZATION, i]
+    return both
+
+
+def assert_enu(position, xyzw, pose, *, rtol=1e-12):
+    """Places are turned to east, north, up; forward, left and up of the body are forward, -right and -down of ours."""
+    place, quaternion = pose
+    np.testing.assert_allclose(position, place @ UP.T, rtol=rtol, atol=rtol)
+    ours = UP @ matrix_from_quaternion(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
+    theirs = matrix_from_quaternion(np.asarray(xyzw, dtype=float)[..., [3, 0, 1, 2]])
+    np.testing.assert_allclose(theirs, ours * [1.0, -1.0, -1.0], atol=3e-7)
+
+
+def test_axes_of_ros_are_turned_for_any_attitude():
+    q = np.random.default_rng(0).normal(size=(50, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    turned = matrix_from_quaternion(from_enu_attitude(q))
+    np.testing.assert_allclose(turned, UP @ matrix_from_quaternion(q) @ np.diag([1.0, -1, -1]), atol=1e-14)
+    np.testing.assert_allclose(from_enu_attitude(from_enu_attitude(q)), q, atol=1e-15)
+
+
+def test_evo_reads_the_same_errors_from_tum(run, exported, poses):
+    interface = pytest.importorskip("evo.tools.file_interface")
+    metrics = pytest.importorskip("evo.core.metrics")
+    out = exported("tum")
+    assert names_in(out) == sorted(f"{condition}-{agent}.tum" for condition, agent in poses)
+    errors = run.errors().set_index(["condition", "realization", "agent"])["error"]
+    truth = {a: interface.read_tum_trajectory_file(out / f"truth-{a}.tum") for a in run.truth.name}
+    for condition, agent in poses:
+        read = interface.read_tum_trajectory_file(out / f"{condition}-{agent}.tum")
+        assert read.check()[0]
+        np.testing.assert_array_equal(read.positions_xyz, poses[condition, agent][0])
+        np.testing.assert_allclose(read.orientations_quat_wxyz, poses[condition, agent][1], atol=1e-7)
+        if condition != "truth":
+            ape = metrics.APE(metrics.PoseRelation.translation_part)
+            ape.process_data((truth[agent], read))
+            np.testing.assert_allclose(ape.error, errors[condition, REALIZATION, agent], atol=1e-9)
+
+
+def test_evo_reads_kitti(run, exported, poses):
+    interface = pytest.importorskip("evo.tools.file_interface")
+    out = exported("kitti")
+    assert names_in(out) == sorted([*(f"{c}-{a}.txt" for c, a in poses), "times.txt"])
+    for (condition, agent), (position, quaternion) in poses.items():
+        read = interface.read_kitti_poses_file(out / f"{condition}-{agent}.txt")
+        matrices = np.array(read.poses_se3)
+        np.testing.assert_array_equal(matrices[:, :3, 3], position)
+        np.testing.assert_allclose(matrices[:, :3, :3], matrix_from_quaternion(quaternion), atol=2e-7)
+    np.testing.assert_array_equal(np.loadtxt(out / "times.txt"), run.truth.time)
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet"])
+def test_pandas_reads_tables_whose_columns_say_their_units(run, exported, to):
+    if to == "parquet":
+        pytest.importorskip("pyarrow")
+    out = exported(to)
+    assert names_in(out) == [f"errors.{to}", f"ranges.{to}", f"trajectories.{to}"]
+    read = {
+        name: pd.read_csv(out / f"{name}.csv", parse_dates=["date"])
+        if to == "csv"
+        else pd.read_parquet(out / f"{name}.parquet")
+        for name in ("errors", "ranges", "trajectories")
+    }
+    ranges, errors = run.ranges(REALIZATION), run.errors()
+    for column in ("time", "distance", "refracted_range", "travel_time"):
+        unit = ranges.attrs["units"][column]
+        np.testing.assert_array_equal(read["ranges"][f"{column}_{unit}"], ranges[column])
+    assert read["ranges"]["status"].tolist() == ranges["status"].tolist()
+    np.testing.assert_array_equal(read["ranges"]["date"], ranges["date"])
+    np.testing.assert_array_equal(
+        read["errors"]["error_m"], errors[errors["realization"] == REALIZATION]["error"]
+    )
+    here = run.trajectories(REALIZATION)
+    np.testing.assert_array_equal(read["trajectories"]["latitude_deg"], here["latitude"])
+    np.testing.assert_array_equal(
+        read["trajectories"][["north_m", "down_m", "qw"]], here[["north", "down", "qw"]]
+    )
+
+
+def test_gtsam_reads_the_poses_and_odometry_of_g2o(run, exported, poses):
+    import gtsam
+
+    out = exported("g2o")
+    assert names_in(out) == ["refracted.g2o", "straight-all.g2o", "straight.g2o"]
+    graph, values = gtsam.readG2o(str(out / "refracted.g2o"), True)
+    n_agents, n = run.truth.status.shape
+    assert (values.size(), graph.size()) == (n_agents * n, n_agents * (n - 1))
+    for i, agent in enumerate(run.truth.name):
+        position, quaternion = poses["refracted", agent]
+        pose = values.atPose3(i * n + n - 1)
+        np.testing.assert_allclose(pose.translation(), position[-1], rtol=1e-15)
+        np.testing.assert_allclose(
+            pose.rotation().matrix(), matrix_from_quaternion(quaternion[-1]), atol=3e-7
+        )
+    step = graph.at(0).measured()
+    noisy = run.noisy_measurements(REALIZATION)
+    np.testing.assert_allclose(step.translation(), noisy.odometry_translation[0, 0], rtol=1e-15)
+
+
+def test_pyfg_of_the_first_realization_is_that_of_the_run(run, tmp_path):
+    out = export_run(run, "pyfg", tmp_path / "out")
+    for name in ("straight", "refracted", "straight-all"):
+        assert filecmp.cmp(out / f"{name}.pyfg", run.path / f"pyfg/realization-0-{name}.pyfg", shallow=False)
+    other = export_run(run, "pyfg", tmp_path / "other", realization=1)
+    graph, _ = read_pyfg(other / "refracted.pyfg")
+    heard = run.measurements.range_status == RayStatus.OK
+    noisy = run.noisy_measurements(1).refracted_range[heard]
+    np.testing.assert_allclose(graph["range"].column("distance").ravel(), noisy, rtol=1e-15)
+
+
+def test_rerun_reads_transforms_and_ranges(run, exported, poses):
+    chunk = pytest.importorskip("rerun.chunk")
+    columns = {}
+    for part in chunk.RrdReader(exported("rrd")).stream().to_chunks():
+        batch = part.to_record_batch()
+        for name in batch.schema.names:
+            columns.setdefault(part.entity_path, {})[name] = batch.column(name)
+    for (condition, agent), pose in poses.items():
+        entity = columns[f"/map/{condition}/{agent}"]
+        position, xyzw = (
+            np.array(entity[f"Transform3D:{name}"].to_pylist()).squeeze(1)
+            for name in ("translation", "quaternion")
+        )
+        assert_enu(position, xyzw, pose, rtol=FLOAT32)
+        time = entity["mission"].to_numpy(zero_copy_only=False)
+        np.testing.assert_array_equal(time, run.truth.start + run.truth.time.astype("m8[s]"))
+    ranges = run.ranges(REALIZATION)
+    heard = ranges[(ranges["status"] == "OK") & (ranges["transmitter"] == "A") & (ranges["receiver"] == "B")]
+    error = np.array(columns["/range_error/A/B"]["Scalars:scalars"].to_pylist()).ravel()
+    np.testing.assert_allclose(error, heard["refracted_range"] - heard["distance"], atol=1e-9)
+    strips = columns["/map/ranges"]["LineStrips3D:strips"].to_pylist()
+    assert sum(map(len, strips)) == (ranges["status"] == "OK").sum()
+    line = columns["/earth/B"]["GeoLineStrings:line_strings"].to_pylist()[0][0]
+    np.testing.assert_allclose(
+        line, run.trajectories().query("condition == 'truth' and agent == 'B'")[["latitude", "longitude"]]
+    )
+
+
+def messages_of_bag(folder):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    store, out = get_typestore(Stores.ROS2_HUMBLE), []
+    with rosbag2.Reader(folder) as reader:
+        for connection, time, raw in reader.messages():
+            out.append((connection.topic, time, store.deserialize_cdr(raw, connection.msgtype)))
+    return out
+
+
+def messages_of_mcap(file):
+    reader = pytest.importorskip("mcap.reader")
+    decoder = pytest.importorskip("mcap_ros2.decoder")
+    with file.open("rb") as stream:
+        decoded = reader.make_reader(
+            stream, decoder_factories=[decoder.DecoderFactory()]
+        ).iter_decoded_messages()
+        return [(channel.topic, message.log_time, content) for _, channel, message, content in decoded]
+
+
+def place_of(point):
+    return point.x, point.y, point.z
+
+
+def turn_of(q):
+    return q.x, q.y, q.z, q.w
+
+
+@pytest.mark.parametrize(("to", "messages"), [("bag", messages_of_bag), ("mcap", messages_of_mcap)])
+def test_messages_of_ros_are_the_runs_in_the_axes_of_ros(run, exported, poses, to, messages):
+    pytest.importorskip("rosbags")
+    topics, previous = {}, 0
+    for topic, time, content in messages(exported(to)):
+        assert time >= previous
+        previous = time
+        topics.setdefault(topic, []).append((time, content))
+    names = {condition: condition.replace("-", "_") for condition, _ in poses}
+    instants = (
+        (run.truth.start + (run.truth.time * 1e6).astype("m8[us]")).astype("M8[ns]").astype(int).tolist()
+    )
+    for (condition, agent), pose in poses.items():
+        stamped = topics[f"/{names[condition]}/{agent}/pose"]
+        assert [time for time, _ in stamped] == instants
+        contents = [content for _, content in stamped]
+        assert {c.header.frame_id for c in contents} == {"map"}
+        assert contents[1].header.stamp.sec * 10**9 + contents[1].header.stamp.nanosec == instants[1]
+        assert_enu(
+            [place_of(c.pose.position) for c in contents],
+            [turn_of(c.pose.orientation) for c in contents],
+            pose,
+        )
+        ((_, path),) = topics[f"/{names[condition]}/{agent}/path"]
+        assert place_of(path.poses[-1].pose.position) == place_of(contents[-1].pose.position)
+    last = {t.child_frame_id: t.transform for t in topics["/tf"][-1][1].transforms}
+    assert set(last) == {f"{agent}/base_link" for agent in run.truth.name}
+    assert_enu(
+        place_of(last["B/base_link"].translation),
+        turn_of(last["B/base_link"].rotation),
+        [p[-1] for p in poses["truth", "B"]],
+    )
+    noisy, static = run.noisy_measurements(REALIZATION), topics["/tf_static"][0][1].transforms
+    assert [t.child_frame_id for t in static] == noisy.landmark_name.tolist()
+    np.testing.assert_allclose(
+        [place_of(t.transform.translation) for t in static], noisy.landmark_position @ UP.T
+    )
+    fixes = [content for _, content in topics["/truth/B/fix"]]
+    here = run.trajectories().query("condition == 'truth' and agent == 'B'")
+    np.testing.assert_array_equal(
+        [[f.latitude, f.longitude, -f.altitude] for f in fixes], here[["latitude", "longitude", "down"]]
+    )
+    ranges = run.ranges(REALIZATION).query("status == 'OK'")
+    for (transmitter, receiver), rows in ranges.groupby(["transmitter", "receiver"]):
+        heard = topics.pop(f"/ranges/{transmitter}/{receiver}")
+        np.testing.assert_allclose([c.range for _, c in heard], rows["refracted_range"], rtol=FLOAT32)
+        assert heard[0][1].header.frame_id == (
+            receiver if receiver in noisy.landmark_name else f"{receiver}/base_link"
+        )
+    assert not any(topic.startswith("/ranges") for topic in topics)
+
+
+def test_names_that_ros_cannot_tell_apart_are_refused(run, tmp_path):
+    pytest.importorskip("rosbags")
+    recording = record(run, 0)
+    words = np.array(["glider-1", "glider_1", "3", "D"])
+    same = replace(
+        recording,
+        truth=replace(recording.truth, name=words),
+        measurements=replace(recording.measurements, name=words),
+    )
+    refused(
+        ExchangeError,
+        "glider-1 and glider_1 are both glider_1 in ROS, which has no - in names",
+        write_bag,
+        same,
+        tmp_path,
+    )
+    assert not names_in(tmp_path)
+
+
+@pytest.mark.parametrize(("to", "module", "message"), [
+    ("bag", "rosbags.rosbag2", r'bag and mcap need the extra ros; pip install "pymantaray\[ros\]"'),
+    ("mcap", "rosbags.rosbag2", r'bag and mcap need the extra ros; pip install "pymantaray\[ros\]"'),
+    ("rrd", "rerun", r'rrd needs the extra rerun; pip install "pymantaray\[rerun\]"'),
+    ("parquet", "pyarrow", r'parquet needs the extra parquet; pip install "pymantaray\[parquet\]"'),
+])  # fmt: skip
+def test_a_missing_library_is_named_and_nothing_is_left(run, tmp_path, monkeypatch, to, module, message):
+    monkeypatch.setitem(sys.modules, module, None)
+    refused(ExchangeError, message, export_run, run, to, tmp_path / "out")
+    assert not names_in(tmp_path)
+
+
+def test_what_cannot_be_exported_is_refused_and_leaves_nothing(run, tmp_path, monkeypatch):
+    refused(
+        ExchangeError,
+        f"no format 'ply'; there are {', '.join(FORMATS)}",
+        export_run,
+        run,
+        "ply",
+        tmp_path / "a",
+    )
+    refused(StudyError, "not a run folder", export_run, tmp_path, "tum", tmp_path / "a")
+    refused(
+        StudyError, "realization 2: the run has 0 to 1", export_run, run, "tum", tmp_path / "a", realization=2
+    )
+    full, file = tmp_path / "full", tmp_path / "there.rrd"
+    full.mkdir()
+    (full / "mine").touch()
+    file.touch()
+    refused(StudyError, "full", export_run, run, "tum", full)
+    refused(WriteError, r"there\.rrd: is already there", export_run, run, "rrd", file)
+    assert names_in(full) == ["mine"]
+    monkeypatch.setitem(vars(run.config.study), "conditions", ("odometry", "no-ranges"))
+    refused(
+        ExchangeError,
+        "no condition of the study has ranges; a graph needs one of straight",
+        export_run,
+        run,
+        "g2o",
+        tmp_path / "a",
+    )
+    assert names_in(tmp_path) == ["full", "there.rrd"]
+
+
+def test_a_run_without_estimates_is_refused(run, tmp_path, tiny_run_folder):
+    import shutil
+
+    from pymantaray.errors import RecordError
+
+    copy = tmp_path / "run"
+    shutil.copytree(tiny_run_folder, copy)
+    (copy / "estimates.nc").unlink()
+    refused(
+        RecordError,
+        r"estimates\.nc: not a readable NetCDF file: No such file",
+        export_run,
+        copy,
+        "tum",
+        tmp_path / "a",
+    )
+    assert names_in(tmp_path) == ["run"]
