@@ -1,12 +1,15 @@
 """Trajectories in the text format of the TUM RGB-D benchmark, which evo and others read."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pymantaray.errors import MantaRayError
+from pymantaray.errors import ExchangeError, MantaRayError
 from pymantaray.estimation import FactorGraph, GraphValues
+from pymantaray.exchange.frames import from_enu, from_enu_attitude
+from pymantaray.exchange.tracks import Poses
 from pymantaray.records import whole_file
 
 
@@ -85,3 +88,26 @@ def graph_tum_files(path: Path | str, graph: FactorGraph) -> list[Path]:
     if graph.agent_name.size == 1:
         return [path]
     return [path.with_name(f"{path.stem}-{name}{path.suffix}") for name in graph.agent_name.tolist()]
+
+
+def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
+    """
+    Trajectory of a TUM file, one vehicle called as the file is.
+
+    ``enu``: x, y, z are east, north, up and the body's axes forward, left, up (ROS, REP-103), not as `write_tum` has them.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of an empty file
+            table = np.loadtxt(path, ndmin=2)
+    except (OSError, ValueError) as error:
+        cause = getattr(error, "strerror", None) or str(error).partition(";")[0]
+        raise ExchangeError(f"{path}: not a readable TUM file: {cause}") from None
+    if table.shape[-1] != 8 or not len(table):
+        raise ExchangeError(
+            f"{path}: {len(table)} rows of {table.shape[-1]} numbers; a TUM file has 8 a row, time x y z qx qy qz qw"
+        )
+    place, quaternion = table[:, 1:4], table[:, [7, 4, 5, 6]]
+    if enu:
+        place, quaternion = from_enu(place), from_enu_attitude(quaternion)
+    return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path))]

@@ -30,6 +30,7 @@ class VehicleStatus(IntEnum):
     ACTIVE = 0
     GROUNDED = 1  # met the sea bed
     LEFT_DOMAIN = 2  # left the ocean that was given
+    ABSENT = 3  # before the first or after the last pose of a trajectory that was given
 
 
 class SolveStatus(IntEnum):

@@ -24,7 +24,7 @@ class Trajectories(DatedRecord):
 
     name: Column = column("agent", "", "vehicle name", "U", labels=True)
     role: Column = column(
-        "agent", "", "behaviour of the vehicle: float, station, drifting, twist or waypoints", "U"
+        "agent", "", "behaviour of the vehicle: float, station, drifting, twist, waypoints or track", "U"
     )
     time: Column = column("time", "s", "time since the start of the mission")
     position: Column = column("agent time axis", "m", "north, east, down in the local frame")

@@ -1,0 +1,252 @@
+"""
+Trajectories of CF data sets with discrete sampling geometry: gliders, floats, drifters, moorings.
+
+Layouts: CF conventions 1.11, chapter 9 and appendix H.4: one trajectory, contiguous and indexed ragged arrays, incomplete and
+orthogonal multidimensional arrays. OceanGliders' OG1, IMOS's and EGO's glider files are single trajectories; Argo's
+trajectory files (user's manual, doi:10.13155/29825) too, with places at the surface and pressures between.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import gsw
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.errors import ExchangeError, OceanError
+from pymantaray.exchange.tracks import Poses
+from pymantaray.ocean.convert import decoded_times, to_our_unit
+from pymantaray.ocean.files import numbers, open_file, text, unreadable
+from pymantaray.records.writing import NETCDF_LOCK
+
+Array = NDArray[np.float64]
+_BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing: of OceanGliders, IMOS, Argo and QARTOD alike
+_QUANTITIES = {
+    "time": ("time",),
+    "latitude": ("latitude",),
+    "longitude": ("longitude",),
+    "depth": ("depth",),
+    "pressure": ("sea_water_pressure", "sea_water_pressure_due_to_sea_water"),
+}
+_FILL = 99_999.0  # Argo's, also where it is not declared
+
+
+def read_cf(path: Path) -> tuple[list[Poses], list[str]]:
+    """Trajectories of a CF data set, and what was left out; places between known ones are linear in time."""
+    try:
+        with open_file(path) as data, NETCDF_LOCK:
+            try:
+                return _Reader(data, path).read()
+            except (OceanError, ExchangeError):
+                raise
+            except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
+                raise unreadable(path, error) from None
+    except OceanError as error:
+        raise ExchangeError(
+            f"{path}: {str(error).removeprefix(f'{path}: ').removeprefix(f'{path.name}: ')}"
+        ) from None
+
+
+class _Reader:
+    """One file, its variables found by their meaning."""
+
+    def __init__(self, data: xr.Dataset, path: Path) -> None:
+        self._data, self._path, self._notes = data, path, list[str]()
+        self._names = {quantity: self._candidates(quantity) for quantity in _QUANTITIES}
+        for needed in ("time", "latitude", "longitude"):
+            if not self._names[needed]:
+                raise ExchangeError(
+                    f"{path}: no variable with the standard_name {needed}; a trajectory needs time, latitude and longitude"
+                )
+
+    def read(self) -> tuple[list[Poses], list[str]]:
+        """All trajectories of the file."""
+        names = self._chosen()
+        time, lat, lon = (self._values(names[q]) for q in ("time", "latitude", "longitude"))
+        shape = np.broadcast_shapes(time.shape, lat.shape)
+        down = self._down(names, lat, shape)
+        columns = [np.broadcast_to(v, shape) for v in (time, lat, lon, down)]
+        poses = []
+        for name, rows in self._trajectories(names["latitude"], shape):
+            p = self._poses(name, names["time"], *(c[rows] for c in columns))
+            if p is not None:
+                poses.append(p)
+        if not poses:
+            raise ExchangeError(f"{self._path}: no trajectory has two known places and times")
+        return poses, self._notes
+
+    def _candidates(self, quantity: str) -> list[str]:
+        """Variables of a quantity: by standard name, or as cf-xarray tells coordinates by unit, axis and direction."""
+        import cf_xarray  # noqa: F401  registers the accessor
+
+        data = self._data.set_coords([str(n) for n, v in self._data.variables.items() if v.ndim < 3])
+        named = data.cf.standard_names
+        names = [str(n) for standard in _QUANTITIES[quantity] for n in named.get(standard, [])]
+        if quantity in ("time", "latitude", "longitude"):
+            names += [str(n) for n in data.cf.coordinates.get(quantity, [])]
+        return [n for n in dict.fromkeys(names) if self._data.variables[n].dtype.kind in "biuf"]
+
+    def _chosen(self) -> dict[str, str]:
+        """The variable of each quantity: those on the longest common dimension, where several are, of the shortest name."""
+        sizes = self._data.sizes
+
+        def on(dim: str) -> dict[str, str]:
+            return {
+                quantity: min(those, key=lambda n: (-self._data.variables[n].ndim, len(n)))
+                for quantity, names in self._names.items()
+                if (those := [n for n in names if dim in map(str, self._data.variables[n].dims)])
+            }
+
+        for dim in sorted(map(str, sizes), key=lambda d: -sizes[d]):
+            names = on(dim)
+            if {"time", "latitude", "longitude"} <= set(names):
+                return names
+        raise ExchangeError(
+            f"{self._path}: time, latitude and longitude share no dimension; needs a trajectory's"
+        )
+
+    def _values(self, name: str) -> Array:
+        """Numbers of a variable, NaN where missing or flagged as bad."""
+        values = numbers(self._data, name)
+        variable = self._data.variables[name]
+        linked = text(variable, "ancillary_variables").split()
+        for flags in (*linked, f"{name}_QC", f"{name}_qc", f"{name}_quality_control"):
+            known = self._data.variables.get(flags)
+            if known is None or known.shape != values.shape:
+                continue
+            raw = np.asarray(known.values)
+            if raw.dtype.kind in "SU":
+                letters = np.char.strip(raw.astype("U1"))
+                raw = np.where(np.char.isdigit(letters), letters, "0").astype(int)
+            elif not (
+                flags.lower().endswith(("_qc", "_quality_control", "flag"))
+                or "flag" in text(known, "standard_name")
+            ):
+                continue  # an uncertainty
+            bad = np.isin(raw, _BAD_FLAGS) & np.isfinite(values)
+            if bad.any():
+                self._notes.append(f"{self._path}: {bad.sum()} values of {name} left out for their flags")
+            return np.where(bad, np.nan, values)
+        return values
+
+    def _down(self, names: dict[str, str], lat: Array, shape: tuple[int, ...]) -> Array:
+        """Depth, positive down, or that of a pressure by TEOS-10; 0 where the file has neither. [m]"""
+        if "depth" in names:
+            variable = self._data.variables[names["depth"]]
+            down = to_our_unit(
+                self._values(names["depth"]), "length", text(variable, "units") or "m", where=str(self._path)
+            )
+            if np.isfinite(down).any():
+                return -down if text(variable, "positive").lower() == "up" else down
+        if "pressure" in names:
+            variable = self._data.variables[names["pressure"]]
+            pressure = self._values(names["pressure"])
+            pressure = to_our_unit(
+                np.where(np.abs(pressure) >= _FILL, np.nan, pressure),
+                "pressure",
+                text(variable, "units") or "dbar",
+                where=str(self._path),
+            )
+            place = np.where(np.abs(lat) <= 90.0, lat, np.nan)
+            place = np.where(
+                np.isfinite(place), place, np.nanmedian(place)
+            )  # between fixes; the effect is centimetres
+            self._notes.append(f"{self._path}: depth from {names['pressure']} by TEOS-10")
+            return np.asarray(-gsw.z_from_p(pressure, np.broadcast_to(place, shape)))
+        self._notes.append(f"{self._path}: no depth and no pressure: at the surface")
+        return np.zeros(shape)
+
+    def _trajectories(self, lat: str, shape: tuple[int, ...]) -> list[tuple[str, Any]]:
+        """Name and elements of each trajectory."""
+        dims = tuple(map(str, self._data.variables[lat].dims))
+        ids = self._identifiers()
+        if len(shape) == 2:
+            return [(self._name(ids, k), (k, slice(None))) for k in range(shape[0])]
+        of_row = self._index(dims[0])
+        if of_row is None:
+            if ids is not None and ids.shape == shape and shape[0] > 1:  # every row says whose it is
+                return [(str(one), np.flatnonzero(ids == one)) for one in dict.fromkeys(ids.tolist())]
+            return [(self._name(ids, 0), slice(None))]
+        return [
+            (self._name(ids, int(k)), np.flatnonzero(of_row == k)) for k in np.unique(of_row[of_row >= 0])
+        ]
+
+    def _index(self, dim: str) -> NDArray[np.int64] | None:
+        """Number of the trajectory of each row of a ragged array; None for one trajectory."""
+        size = self._data.sizes[dim]
+        for name, variable in self._data.variables.items():
+            if variable.attrs.get("sample_dimension") == dim:
+                counts = np.nan_to_num(numbers(self._data, str(name))).astype(np.int64)
+                if counts.min(initial=0) < 0 or counts.sum() > size:
+                    raise ExchangeError(
+                        f"{self._path}: {name} counts {counts.sum()} rows, there are {size} along {dim}"
+                    )
+                return np.pad(
+                    np.repeat(np.arange(counts.size), counts), (0, size - counts.sum()), constant_values=-1
+                )
+            if "instance_dimension" in variable.attrs and variable.dims == (dim,):
+                return np.nan_to_num(numbers(self._data, str(name)), nan=-1).astype(np.int64)
+        return None
+
+    def _identifiers(self) -> NDArray[Any] | None:
+        """Names that the file gives its trajectories."""
+        name = next(
+            (n for n, v in self._data.variables.items() if v.attrs.get("cf_role") == "trajectory_id"), None
+        )
+        if name is None:
+            name = next(
+                (n for n in ("PLATFORM_NUMBER", "TRAJECTORY", "trajectory") if n in self._data.variables),
+                None,
+            )
+        if name is None:
+            return None
+        raw = np.asarray(self._data.variables[name].values)
+        if raw.dtype.kind == "S" and raw.dtype.itemsize == 1 and raw.ndim:  # letters along the last dimension
+            raw = np.array([b"".join(row) for row in raw.reshape(-1, raw.shape[-1])])
+        if raw.dtype.kind == "f":
+            raw = raw.astype(np.int64) if np.array_equal(raw, np.round(raw)) else raw
+        cells = [
+            c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c) for c in raw.ravel().tolist()
+        ]
+        return np.array([c.strip("\0 ") for c in cells], dtype=object)
+
+    def _name(self, ids: NDArray[Any] | None, k: int) -> str:
+        if ids is None or k >= ids.size or not ids[k]:
+            return self._path.stem if k == 0 else f"{self._path.stem}_{k}"
+        return str(ids[k])
+
+    def _poses(self, name: str, time: str, instants: Array, *place: Array) -> Poses | None:
+        """One trajectory, rows without a time left out, gaps of its places filled."""
+        timed = np.isfinite(instants) & (np.abs(instants) < 1e15)
+        order = np.flatnonzero(timed)[np.argsort(instants[timed], kind="stable")]
+        seconds, whole = instants[order], np.empty((order.size, 3))
+        within = np.ones(order.size, dtype=bool)
+        for k, values in enumerate(place):
+            column = values[order]
+            known = np.isfinite(column) & (np.abs(column) < _FILL)
+            if not known.any():
+                return None
+            at = seconds[known]
+            own = np.unwrap(column[known], period=360.0) if k == 1 else column[known]
+            whole[:, k] = (
+                np.where(known, column, np.interp(seconds, at, own))
+                if k != 1
+                else np.interp(seconds, at, own)
+            )
+            within &= (seconds >= at[0]) & (seconds <= at[-1])
+        if np.count_nonzero(within) < 2:
+            return None
+        left = instants.size - np.count_nonzero(within)
+        if left:
+            self._notes.append(
+                f"{self._path}: {name}: {left} of {instants.size} rows without a time or outside the known places left out"
+            )
+        variable = self._data.variables[time]
+        dates = decoded_times(
+            seconds[within],
+            text(variable, "units"),
+            text(variable, "calendar"),
+            where=f"{self._path}: {time}",
+        )
+        return Poses(name, dates, whole[within], None, True, str(self._path))

@@ -1,0 +1,94 @@
+"""Trajectories of any format that is read, by the ending of the file."""
+
+import glob
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from pymantaray.errors import ExchangeError, OceanError, RecordError
+from pymantaray.exchange.cf import read_cf
+from pymantaray.exchange.rosbag import read_bag
+from pymantaray.exchange.table import read_table
+from pymantaray.exchange.tracks import Poses, Tracks
+from pymantaray.exchange.tum import read_tum
+from pymantaray.ocean.files import open_file
+from pymantaray.records import Trajectories
+
+Source = str | Path | Sequence[str | Path]
+
+
+def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
+    """
+    Trajectories that another program made, from one or more files.
+
+    Parameters
+    ----------
+    source : str, pathlib.Path or sequence of them
+        Files or patterns with ``*``. By their endings: tables (``.csv``, ``.tsv``, ``.txt``, ``.parquet``), TUM files of a
+        vehicle each (``.tum``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``, ``.mcap``,
+        ``.db3`` or their folder).
+    enu : bool
+        Whether TUM files have ROS's axes: east, north, up; forward, left, up.
+
+    Returns
+    -------
+    Tracks
+        Names, spans, dates, notes; `Tracks.at` gives poses at common times.
+
+    Raises
+    ------
+    ExchangeError
+        If a file is unreadable, lacks what a trajectory needs, or does not fit the others; one line.
+    """
+    paths = _paths([source] if isinstance(source, str | Path) else source)
+    poses: list[Poses] = []
+    notes: list[str] = []
+    for path in paths:
+        own, told = _reader(path)(path) if path.suffix.lower() != ".tum" else (read_tum(path, enu=enu), [])
+        poses += own
+        notes += told
+    return Tracks.of(poses, notes)
+
+
+def _paths(source: Sequence[str | Path]) -> list[Path]:
+    paths: list[Path] = []
+    for one in source:
+        names = sorted(glob.glob(str(one))) if "*" in str(one) else [str(one)]  # noqa: PTH207  patterns may be absolute
+        if not names:
+            raise ExchangeError(f"{one}: no file of that name")
+        paths += map(Path, names)
+    if not paths:
+        raise ExchangeError("trajectories: no file given; name at least one")
+    return paths
+
+
+def _reader(path: Path) -> Callable[[Path], tuple[list[Poses], list[str]]]:
+    if not path.exists():
+        raise ExchangeError(f"{path}: there is no such file")
+    if path.is_dir():
+        return read_bag
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ExchangeError(f"{path}: trajectories are read from {', '.join(sorted(_READERS))} and .tum")
+    return reader
+
+
+def _read_table(path: Path) -> tuple[list[Poses], list[str]]:
+    return read_table(path), []
+
+
+def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
+    try:
+        with open_file(path) as data:
+            own = data.attrs.get("mantaray_record") == Trajectories.kind
+        if own:
+            return list(Tracks.of_record(Trajectories.load(path), str(path)).poses), []
+    except (OceanError, RecordError) as error:
+        raise ExchangeError(str(error)) from None
+    return read_cf(path)
+
+
+_READERS = {
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".parquet"), _read_table),
+    ".nc": _read_netcdf,
+    **dict.fromkeys((".bag", ".mcap", ".db3"), read_bag),
+}

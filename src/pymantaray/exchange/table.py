@@ -1,0 +1,158 @@
+"""Tables of trajectories, one pose a row: CSV and its kin, Parquet."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.errors import ExchangeError, RecordError
+from pymantaray.exchange.tracks import Poses, level
+from pymantaray.records.text_table import TextTable, read_text_table
+
+Array = NDArray[np.float64]
+_METRES = {"": 1.0, "m": 1.0, "km": 1000.0}
+_DEGREES = {"": 1.0, "deg": 1.0}
+_ANGLE = {"": 1.0, "rad": 1.0, "deg": np.pi / 180.0}
+_NO_UNIT = {"": 1.0}
+# by what a column is: its names, and its units behind them, as in depth_m, "depth [m]" or heading_deg
+_COLUMNS: dict[str, tuple[str, dict[str, float]]] = {
+    "time": ("time timestamp datetime", {"": 1.0, "s": 1.0}),
+    "vehicle": ("vehicle name agent platform", _NO_UNIT),
+    "lat": ("lat latitude", _DEGREES),
+    "lon": ("lon longitude", _DEGREES),
+    "north": ("north", _METRES),
+    "east": ("east", _METRES),
+    "depth": ("depth down", _METRES),
+    "qw": ("qw", _NO_UNIT),
+    "qx": ("qx", _NO_UNIT),
+    "qy": ("qy", _NO_UNIT),
+    "qz": ("qz", _NO_UNIT),
+    "heading": ("heading yaw", _ANGLE),
+    "pitch": ("pitch", _ANGLE),
+    "roll": ("roll", _ANGLE),
+}
+_TITLES = {
+    f"{name}_{unit}".rstrip("_"): (column, factor)
+    for column, (names, units) in _COLUMNS.items()
+    for name in names.split()
+    for unit, factor in units.items()
+}
+_QUATERNION = ["qw", "qx", "qy", "qz"]
+_MOST_RADIANS = 6.5  # a little more than a turn
+
+
+def read_table(path: Path) -> list[Poses]:
+    """Trajectories of a table with a header; each name of a vehicle is one, without such a column there is one by the file's name."""
+    table, factors = _known_columns(_parquet(path) if path.suffix == ".parquet" else _text(path))
+    there = set(factors)
+    place = ["lat", "lon"] if {"lat", "lon"} <= there else ["north", "east"]
+    try:
+        table.require(["time", *place, "depth"])
+    except RecordError as error:
+        raise ExchangeError(
+            f"{error}; a trajectory needs time, lat and lon or north and east, and depth, and may have vehicle,"
+            " qw, qx, qy, qz or heading_deg, pitch_deg, roll_deg"
+        ) from None
+    place_of = _numbers(table, factors, [*place, "depth"])
+    time, quaternion = _times(table), _attitude(table, factors)
+    names = (
+        table.frame["vehicle"].astype(str).to_numpy() if "vehicle" in there else np.full(time.size, path.stem)
+    )
+    poses = []
+    for name in dict.fromkeys(names.tolist()):
+        rows = names == name
+        own = None if quaternion is None else quaternion[rows]
+        poses.append(Poses(name, time[rows], place_of[rows], own, place[0] == "lat", str(path)))
+    return poses
+
+
+def _text(path: Path) -> TextTable:
+    try:
+        return read_text_table(path)
+    except RecordError as error:
+        raise ExchangeError(str(error)) from None
+
+
+def _parquet(path: Path) -> TextTable:
+    """Table whose cells have types of their own; the line of a row is its number, from 1."""
+    try:
+        frame = pd.read_parquet(path)
+    except ImportError:
+        raise ExchangeError(
+            f'{path}: reading Parquet needs the extra; pip install "pymantaray[parquet]"'
+        ) from None
+    except Exception as error:  # noqa: BLE001  pyarrow raises whatever it stumbles over
+        raise ExchangeError(
+            f"{path}: not a readable Parquet file: {' '.join(str(error).split())[:100]}"
+        ) from None
+    frame = frame.reset_index() if frame.index.name else frame
+    return TextTable(path, frame.set_axis(range(1, len(frame) + 1)).rename(columns=str), [])
+
+
+def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
+    """Table whose known columns have our names, and the unit of each in ours."""
+    titles, factors = [], {}
+    for title in table.frame.columns:
+        key = re.sub(r"[\s_.\[\]()]+", "_", title.lower()).strip("_")
+        column, factor = _TITLES.get(key, (title, 1.0))
+        titles.append(column)
+        if key in _TITLES:
+            factors[column] = factor
+    return TextTable(table.path, table.frame.set_axis(titles, axis=1), table.comments), factors
+
+
+def _numbers(table: TextTable, factors: dict[str, float], columns: list[str]) -> Array:
+    try:
+        values = table.numbers(columns)
+    except RecordError as error:
+        raise ExchangeError(str(error)) from None
+    return values * [factors[name] for name in columns]
+
+
+def _times(table: TextTable) -> NDArray[Any]:
+    """Seconds, or dates in UTC; a date without a zone is taken as UTC."""
+    cells = table.frame["time"]
+    if not pd.api.types.is_datetime64_any_dtype(cells):
+        seconds = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+        if np.isfinite(seconds).all():
+            return seconds
+        dates = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
+        if np.isfinite(seconds).any() or dates.isna().any():
+            wrong = np.argmax(dates.isna() | np.isfinite(seconds))
+            raise ExchangeError(
+                f"{table.path}, line {table.frame.index[wrong]}: time is {str(cells.iloc[wrong])[:40]!r}; all are"
+                " seconds, or all are dates as 2014-07-15T12:00:00Z (without a zone: UTC)"
+            )
+        cells = dates
+    elif cells.isna().any():
+        raise ExchangeError(
+            f"{table.path}, line {table.frame.index[np.argmax(cells.isna())]}: time is missing"
+        )
+    if cells.dt.tz is not None:
+        cells = cells.dt.tz_convert("UTC").dt.tz_localize(None)
+    return cells.to_numpy(dtype="datetime64[ns]")
+
+
+def _attitude(table: TextTable, factors: dict[str, float]) -> Array | None:
+    """Quaternions of those or of headings, pitches and rolls; None where the table has neither."""
+    if set(_QUATERNION) <= set(factors):
+        return _numbers(table, factors, _QUATERNION)
+    angles = [name for name in ("heading", "pitch", "roll") if name in factors]
+    if not angles:
+        return None
+    if "heading" not in angles:
+        raise ExchangeError(
+            f"{table.path}: has {' and '.join(angles)}, but no heading; leave them out or add it"
+        )
+    values = _numbers(table, factors, angles)
+    for k, name in enumerate(angles):
+        if factors[name] == 1.0 and np.abs(values[:, k]).max() > _MOST_RADIANS:
+            raise ExchangeError(
+                f"{table.path}: {name} reaches {np.abs(values[:, k]).max():g}, more than a turn in radians; if it is in"
+                f" degrees call the column {name}_deg"
+            )
+    of = dict(zip(angles, values.T, strict=True))
+    return level(of["heading"], of.get("pitch", 0.0), of.get("roll", 0.0))
