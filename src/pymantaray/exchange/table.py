@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pymantaray.errors import ExchangeError, RecordError
+from pymantaray.errors import ExchangeError, RecordError, SensingError
 from pymantaray.exchange.tracks import Poses, level
 from pymantaray.records.text_table import TextTable, read_text_table
+from pymantaray.sensing.schedule import PingList
 
 Array = NDArray[np.float64]
 _METRES = {"": 1.0, "m": 1.0, "km": 1000.0}
@@ -67,6 +68,31 @@ def read_table(path: Path) -> list[Poses]:
         own = None if quaternion is None else quaternion[rows]
         poses.append(Poses(name, time[rows], place_of[rows], own, place[0] == "lat", str(path)))
     return poses
+
+
+def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
+    """
+    Pings of a table with columns time, transmitter and, if not everybody listens, receivers (names with blanks between).
+
+    Times are seconds since the mission's start, or dates, which need the instant of that start.
+    """
+    table, _ = _known_columns(_text(path))
+    try:
+        table.require(["time", "transmitter"])
+    except RecordError as error:
+        raise ExchangeError(f"{error}; a list of pings needs time and transmitter, and may have receivers") from None
+    time = _times(table)
+    if np.issubdtype(time.dtype, np.datetime64):
+        if start is None:
+            raise ExchangeError(f"{path}: times are dates, but the mission's start has none; give seconds since it")
+        time = (time - start) / np.timedelta64(1_000_000_000, "ns")
+    receivers = table.frame["receivers"].str.split() if "receivers" in table.frame else []
+    try:
+        return PingList(
+            tuple(time.tolist()), tuple(table.frame["transmitter"]), tuple(tuple(names) for names in receivers)
+        )
+    except SensingError as error:
+        raise ExchangeError(f"{path}: {error}") from None
 
 
 def _text(path: Path) -> TextTable:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pymantaray.sensing.measure import assemble, perturb
     from pymantaray.sensing.mistaken import Candidates, Picker, draw_picks, find_candidates
     from pymantaray.sensing.ranging import Links, Ranging, Reception, Sound, measure_ranges, sound_between
-    from pymantaray.sensing.schedule import PingSchedule
+    from pymantaray.sensing.schedule import PingList, PingSchedule, Schedule, SlotSchedule
     from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, TwoWay
 
 __all__ = [
@@ -29,9 +29,12 @@ __all__ = [
     "NoiseModel",
     "OneWay",
     "Picker",
+    "PingList",
     "PingSchedule",
     "Ranging",
     "Reception",
+    "Schedule",
+    "SlotSchedule",
     "Sound",
     "Timing",
     "TwoWay",
@@ -48,7 +51,7 @@ _HOME = {
     "measure": ("assemble", "perturb"),
     "mistaken": ("Candidates", "Picker", "draw_picks", "find_candidates"),
     "ranging": ("Links", "Ranging", "Reception", "Sound", "measure_ranges", "sound_between"),
-    "schedule": ("PingSchedule",),
+    "schedule": ("PingList", "PingSchedule", "Schedule", "SlotSchedule"),
     "timing": ("ClockModel", "Clocks", "OneWay", "Timing", "TwoWay"),
 }
 _LATER = {name: module for module, names in _HOME.items() for name in names}

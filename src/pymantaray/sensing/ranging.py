@@ -15,7 +15,7 @@ from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus,
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.detection import Detector
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
-from pymantaray.sensing.schedule import Attempts, PingSchedule, attempts
+from pymantaray.sensing.schedule import Attempts, Schedule
 from pymantaray.sensing.timing import ONE_WAY, Leg, Timing, TwoWay, half_round_trip, velocities
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def measure_ranges(
     truth: Trajectories,
     landmarks: Sequence[Landmark],
     medium: Medium | Callable[[float], Medium],
-    schedule: PingSchedule,
+    schedule: Schedule,
     reception: Reception = _DIRECT,
     *,
     currents: Currents | Callable[[float], Currents] | None = None,
@@ -99,7 +99,7 @@ def measure_ranges(
     progress: Progress | None = None,
 ) -> Ranging:
     """
-    Range every pair at every ping.
+    Range between those who ping and those who listen, at every ping.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ def measure_ranges(
     medium : Medium or callable
         Sound speed and bathymetry; where they vary in time, a function that gives them at a time of the truth
         [s]. It is called once a ping.
-    schedule : PingSchedule
-        When the vehicles ping.
+    schedule : PingSchedule, SlotSchedule or PingList
+        Who pings when.
     reception : Reception
         By default direct arrivals, all of them heard.
     currents : Currents or callable, optional
@@ -133,23 +133,24 @@ def measure_ranges(
     Raises
     ------
     SensingError
-        If an epoch is not a sample, or a name is used twice.
+        If a ping is not at a sample, or a name is used twice.
 
     Notes
     -----
     Sound runs through the water as it is at the ping, two-way also the answer: in the seconds of an exchange
     the ocean does not change. Media that vary are held one at a time.
 
-    Travel time is reciprocal but for the current, so each unordered pair is solved once. The two refracted
+    Travel time is reciprocal but for the current, so each unordered pair is solved once a sample, whoever pings. The two refracted
     ranges ``c t`` of a pair differ, since the sound speed is that at the transmitter (two-way: the initiator).
     """
     check_names(truth.name.tolist(), landmarks)
-    pairs = _pairs(truth, landmarks, schedule.samples(truth.time))
-    ends = [0, pairs.epoch.size]  # of the runs of links that share their water
+    pairs = _pairs(truth, landmarks, schedule)
+    runs = np.empty(0, dtype=np.int64)  # of links that share their water
     if callable(medium) or callable(currents):
-        ends = (pairs.first.size * np.arange(pairs.samples.size + 1)).tolist()
+        runs = np.flatnonzero(np.diff(pairs.sample)) + 1
     parts = []
-    for now, (start, stop) in zip(truth.time[pairs.samples].tolist(), pairwise(ends), strict=False):
+    for start, stop in pairwise([0, *runs.tolist(), pairs.sample.size]):
+        now = float(truth.time[pairs.sample[start]]) if stop else 0.0
         water = medium(now) if callable(medium) else medium
         flow = currents(now) if callable(currents) else currents
         parts.append(_run(reception, pairs, slice(start, stop), water, flow, progress))
@@ -158,38 +159,37 @@ def measure_ranges(
 
 
 class _Pairs(NamedTuple):
-    """Unordered pairs at every ping: links, pair by pair within each epoch."""
+    """Unordered pairs between which there are attempts, each once a sample: the links."""
 
+    table: Attempts
+    link: NDArray[np.int64]
+    """Of each attempt."""
+    sample: NDArray[np.int64]
     first: NDArray[np.int64]
     second: NDArray[np.int64]
-    """Participants of each pair."""
-    samples: NDArray[np.int64]
-    """Of each epoch."""
-    place: Array
-    """Shape (n_participants, n_epochs, 3). [m]"""
+    """Participants of each link, the first of the smaller number."""
+    source: Array
+    receiver: Array
+    """Places of both, shape (n_links, 3). [m]"""
     silent: NDArray[np.bool_]
-    """Shape (n_participants, n_epochs)."""
-    epoch: NDArray[np.int64]
-    pair: NDArray[np.int64]
-    """Of each link."""
-
-    def ends(self, links: slice) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Places of the source and the receiver of a run of links, and whether one of them is silent."""
-        epoch, pair = self.epoch[links], self.pair[links]
-        first, second = (self.first[pair], epoch), (self.second[pair], epoch)
-        return self.place[first], self.place[second], self.silent[first] | self.silent[second]
+    """Whether one of them is."""
 
 
-def _pairs(truth: Trajectories, landmarks: Sequence[Landmark], samples: NDArray[np.int64]) -> _Pairs:
-    n_agents, fixed = truth.name.size, landmark_positions(landmarks)
-    n = n_agents + len(fixed)
-    place, silent = np.empty((n, samples.size, 3)), np.zeros((n, samples.size), dtype=bool)
-    place[:n_agents], place[n_agents:] = truth.position[:, samples], fixed[:, None]
-    silent[:n_agents] = truth.status[:, samples] != VehicleStatus.ACTIVE
-    first, second = np.triu_indices(n, k=1)
-    first, second = first[first < n_agents], second[first < n_agents]
-    epoch, pair = np.divmod(np.arange(samples.size * first.size), max(first.size, 1))
-    return _Pairs(first, second, samples, place, silent, epoch, pair)
+def _pairs(truth: Trajectories, landmarks: Sequence[Landmark], schedule: Schedule) -> _Pairs:
+    table = schedule.attempts(truth.time, truth.name.tolist(), [landmark.name for landmark in landmarks])
+    ends = np.stack([table.sample, np.minimum(*table[1:]), np.maximum(*table[1:])], axis=-1)
+    links, link = np.unique(ends, axis=0, return_inverse=True)
+    sample, first, second = links.T
+    fixed, n_agents = landmark_positions(landmarks), truth.name.size
+
+    def place(who: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
+        moves, agent = who < n_agents, np.minimum(who, n_agents - 1)
+        places = truth.position[agent, sample]
+        places[~moves] = fixed[who[~moves] - n_agents]
+        return places, moves & (truth.status[agent, sample] != VehicleStatus.ACTIVE)
+
+    (source, one), (receiver, other) = place(first), place(second)
+    return _Pairs(table, link.reshape(-1), sample, first, second, source, receiver, one | other)
 
 
 class _Run(NamedTuple):
@@ -222,13 +222,13 @@ def _run(
     progress: Progress | None,
 ) -> _Run:
     """Rays of a run of links, and what each receiver ranges on."""
-    source, receiver, stopped = pairs.ends(links)
+    source, receiver, stopped = pairs.source[links], pairs.receiver[links], pairs.silent[links]
     loud, quiet = np.flatnonzero(~stopped), np.flatnonzero(stopped)
 
     def tell(before: int, count: int) -> Progress | None:
         if progress is None:
             return None
-        return lambda done, total: progress(before + done * count // max(total, 1), pairs.epoch.size)
+        return lambda done, total: progress(before + done * count // max(total, 1), pairs.sample.size)
 
     sound = sound_between(
         source[loud],
@@ -435,17 +435,13 @@ def _joined(parts: Sequence[_Run]) -> _Run:
 
 def _ranging(sound: _Run, pairs: _Pairs, truth: Trajectories, timing: Timing) -> Ranging:
     """From links, one an unordered pair, to range attempts."""
-    n_agents, n_epochs = truth.name.size, pairs.samples.size
-    table = attempts(n_agents, len(pairs.place) - n_agents, pairs.samples)
-    epoch = np.repeat(np.arange(n_epochs), table.sample.size // n_epochs)
-    pair_of = np.zeros((len(pairs.place),) * 2, dtype=np.int64)
-    pair_of[pairs.first, pairs.second] = pair_of[pairs.second, pairs.first] = np.arange(pairs.first.size)
-    link = epoch * pairs.first.size + pair_of[table.transmitter, table.receiver]
+    table, link = pairs.table, pairs.link
     forth = (table.transmitter > table.receiver).astype(np.int64)  # the way of the ping, and its sender's end
     back, travel_time = 1 - forth, sound.travel_time[link, forth]
     if isinstance(timing, TwoWay):
-        velocity = np.zeros(pairs.place.shape)
-        velocity[:n_agents] = velocities(truth, pairs.samples)
+        samples, epoch = np.unique(table.sample, return_inverse=True)
+        landmarks = max(int(table.receiver.max(initial=0)) + 1 - truth.name.size, 0)
+        velocity = np.pad(velocities(truth, samples), ((0, landmarks), (0, 0), (0, 0)))
         ping, answer = (
             Leg(
                 sound.travel_time[link, way],
@@ -461,20 +457,19 @@ def _ranging(sound: _Run, pairs: _Pairs, truth: Trajectories, timing: Timing) ->
         both = isinstance(timing, TwoWay)
         probability = sound.probability.prod(axis=-1)[link] if both else sound.probability[link, forth]
     heard = sound.heard
-    source, receiver, _ = pairs.ends(slice(None))
     return Ranging(
         attempts=table,
         status=sound.status[link],
         truth=RangingTruth(
-            distance=np.linalg.norm(receiver - source, axis=-1)[link],
+            distance=np.linalg.norm(pairs.receiver - pairs.source, axis=-1)[link],
             sound_speed=sound.sound_speed[link, forth],
             travel_time=travel_time,
             chord_travel_time=sound.chord_travel_time[link],
         ),
         links=Links(
-            sample=pairs.samples[pairs.epoch][heard],
-            first=pairs.first[pairs.pair][heard],
-            second=pairs.second[pairs.pair][heard],
+            sample=pairs.sample[heard],
+            first=pairs.first[heard],
+            second=pairs.second[heard],
         ),
         arrivals=sound.arrivals,
         link=np.where(heard, np.cumsum(heard) - 1, -1)[link],

@@ -1,7 +1,8 @@
 """Who pings when: ping epochs and the range attempts of each."""
 
 import math
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
-from pymantaray.geometry.checks import check_fields, check_number
+from pymantaray.geometry.checks import check_fields, check_number, checked_array
 from pymantaray.records import Measurements
 
 Array = NDArray[np.float64]
@@ -25,8 +26,43 @@ class Attempts(NamedTuple):
     receiver: Indices
 
 
+class Schedule(ABC):
+    """Who pings when and who listens: the one thing that range attempts come from."""
+
+    @abstractmethod
+    def times(self, duration: float) -> Array:
+        """When somebody pings in a mission that lasts so long, rising, each time once. [s]"""
+
+    @abstractmethod
+    def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
+        """Attempts of pings by the samples at which they are, one for each of `times`."""
+
+    def samples(self, time: Array) -> Indices:
+        """Sample index of each of `times`, for increasing sample times from 0. [s]"""
+        epochs = self.times(float(time[-1]))
+        if not epochs.size:
+            raise SensingError(
+                f"{self}, the mission lasts {time[-1]:g} s; at least one ping must fit: ping earlier or lengthen the mission"
+            )
+        right = np.clip(np.searchsorted(time, epochs), 1, time.size - 1)
+        nearest = np.where(epochs - time[right - 1] < time[right] - epochs, right - 1, right)
+        off = np.abs(time[nearest] - epochs)
+        if (off > 1e-6).any():
+            epoch = epochs[np.argmax(off > 1e-6)]
+            raise SensingError(
+                f"{self}: the ping at {epoch:g} s is no sample time; samples are every {time[1] - time[0]:g} s: make the"
+                " pings whole numbers of sampling periods, or give the truth samples there"
+            )
+        return nearest.astype(np.int64)
+
+    def attempts(self, time: Array, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
+        """Range attempts of a fleet sampled at times [s], by sample, transmitter, receiver, each once."""
+        table = self.at(self.samples(time), vehicles, landmarks)
+        return Attempts(*np.unique(np.stack(table, axis=-1), axis=0).T)
+
+
 @dataclass(frozen=True)
-class PingSchedule:
+class PingSchedule(Schedule):
     """All vehicles ping at every whole multiple of an interval [s], the first time after one interval."""
 
     interval: float
@@ -35,40 +71,132 @@ class PingSchedule:
         """Check the interval."""
         check_fields(SensingError, self, "s", "interval", positive=True)
 
-    def samples(self, time: NDArray[np.float64]) -> Indices:
-        """Sample index of each epoch, for increasing sample times from 0. [s]"""
-        count = math.floor(float(time[-1]) / self.interval * (1.0 + 1e-12))
-        if count < 1:
+    def __str__(self) -> str:
+        """Say it in refusals."""
+        return f"PingSchedule: interval is {self.interval:g} s"
+
+    def times(self, duration: float) -> Array:
+        """Whole multiples of the interval."""
+        count = math.floor(duration / self.interval * (1.0 + 1e-12))
+        return self.interval * np.arange(1, count + 1)
+
+    def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
+        """All pairs, both ways, and every landmark."""
+        return attempts(len(vehicles), len(landmarks), pings)
+
+
+@dataclass(frozen=True)
+class SlotSchedule(Schedule):
+    """
+    Vehicles ping in turn, one a slot, and begin anew after the last (TDMA); all others and the landmarks listen.
+
+    ``slots`` are names, in their order; a name may come twice. A slot lasts ``slot`` seconds, and its vehicle pings when it
+    begins; the first begins ``start`` seconds after the mission.
+    """
+
+    slots: tuple[str, ...]
+    slot: float
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check lengths and names."""
+        check_fields(SensingError, self, "s", "slot", positive=True)
+        check_fields(SensingError, self, "s", "start")
+        if not self.slots:
+            raise SensingError("SlotSchedule: there are no slots; name at least one vehicle")
+
+    def __str__(self) -> str:
+        """Say it in refusals."""
+        return f"SlotSchedule: slots of {self.slot:g} s from {self.start:g} s on"
+
+    def times(self, duration: float) -> Array:
+        """Beginnings of the slots."""
+        count = math.floor((duration - self.start) / self.slot * (1.0 + 1e-12)) + 1
+        return self.start + self.slot * np.arange(max(count, 0))
+
+    def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
+        """From the vehicle of each slot to all others and every landmark."""
+        turns = np.array([_number(str(self), name, vehicles) for name in self.slots])
+        return _to_all(pings, turns[np.arange(pings.size) % turns.size], len(vehicles) + len(landmarks))
+
+
+@dataclass(frozen=True, eq=False)
+class PingList(Schedule):
+    """
+    Pings one by one: when [s], who, and who listens; `read_pings` makes it of a table.
+
+    A listener is a vehicle or a landmark; none means all of them. Pings after the mission's end are left out.
+    """
+
+    time: tuple[float, ...]
+    transmitter: tuple[str, ...]
+    receivers: tuple[tuple[str, ...], ...] = ()
+    """By ping; none at all: everybody listens to every ping."""
+
+    def __post_init__(self) -> None:
+        """Check lengths and times."""
+        checked_array(SensingError, "PingList: time", self.time, (None,))
+        if min(self.time) < 0.0:
             raise SensingError(
-                f"PingSchedule: interval is {self.interval:g} s, the mission lasts {time[-1]:g} s; at least one"
-                " ping must fit: shorten the interval or lengthen the mission"
+                f"PingList: a ping is at {min(self.time):g} s; the mission begins at 0: leave it out"
             )
-        epochs = self.interval * np.arange(1, count + 1)
-        right = np.clip(np.searchsorted(time, epochs), 1, time.size - 1)
-        nearest = np.where(epochs - time[right - 1] < time[right] - epochs, right - 1, right)
-        off = np.abs(time[nearest] - epochs)
-        if (off > 1e-6).any():
-            epoch = epochs[np.argmax(off > 1e-6)]
+        for name in ("transmitter", "receivers"):
+            size = len(getattr(self, name))
+            if size != len(self.time) and (size or name == "transmitter"):
+                raise SensingError(f"PingList: {size} {name} of {len(self.time)} pings; give one for each")
+
+    def __str__(self) -> str:
+        """Say it in refusals."""
+        return f"PingList: the first of {len(self.time)} pings is at {min(self.time):g} s"
+
+    def times(self, duration: float) -> Array:
+        """Times of the pings."""
+        times = np.unique(np.asarray(self.time, dtype=float))
+        return times[times <= duration * (1.0 + 1e-12)]
+
+    def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
+        """From each transmitter to those that listen."""
+        row = np.searchsorted(np.unique(np.asarray(self.time, dtype=float)), self.time)
+        inside = np.flatnonzero(row < pings.size)
+        who = np.array([_number(str(self), self.transmitter[i], vehicles) for i in inside], dtype=np.int64)
+        everybody = _to_all(pings[row[inside]], who, len(vehicles) + len(landmarks))
+        if not self.receivers:
+            return everybody
+        names, rows = [*vehicles, *landmarks], []
+        for i, transmitter in zip(inside, who, strict=True):
+            heard = self.receivers[i] or [name for name in names if name != names[transmitter]]
+            rows += [(pings[row[i]], transmitter, _number(str(self), name, names)) for name in heard]
+        table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+        own = table[:, 1] == table[:, 2]
+        if own.any():
             raise SensingError(
-                f"PingSchedule: the epoch at {epoch:g} s is no sample time; with interval {self.interval:g} s"
-                f" and samples every {time[1] - time[0]:g} s it must be one: make the interval a whole number"
-                " of sampling periods"
+                f"{self}: {names[table[own][0, 1]]} listens to itself; leave it out of its receivers"
             )
-        return nearest.astype(np.int64)
+        return Attempts(*table.T)
 
 
 def attempts(n_agents: int, n_landmarks: int, epochs: Indices) -> Attempts:
     """At every epoch each vehicle transmits to every other vehicle and to every landmark; by epoch, transmitter, receiver."""
-    transmitter, receiver = np.divmod(
-        np.arange(n_agents * (n_agents + n_landmarks)), max(n_agents + n_landmarks, 1)
+    epochs = np.asarray(epochs, dtype=np.int64)
+    return _to_all(
+        np.repeat(epochs, n_agents), np.tile(np.arange(n_agents), epochs.size), n_agents + n_landmarks
     )
-    other = transmitter != receiver
-    transmitter, receiver = transmitter[other], receiver[other]
-    return Attempts(
-        sample=np.repeat(np.asarray(epochs, dtype=np.int64), transmitter.size),
-        transmitter=np.tile(transmitter, len(epochs)),
-        receiver=np.tile(receiver, len(epochs)),
-    )
+
+
+def _to_all(samples: Indices, transmitter: Indices, n_participants: int) -> Attempts:
+    """One ping a row, to all participants but the one that sends it."""
+    receiver = np.tile(np.arange(n_participants), samples.size)
+    sample, sender = np.repeat(samples, n_participants), np.repeat(transmitter, n_participants)
+    other = receiver != sender
+    return Attempts(sample[other], sender[other], receiver[other])
+
+
+def _number(schedule: str, name: str, names: Sequence[str]) -> int:
+    if name not in names:
+        raise SensingError(
+            f"{schedule}: there is no {name!r} that takes part so; there is {', '.join(names)}"
+        )
+    return list(names).index(name)
 
 
 def by_pair(measurements: Measurements, draw: Callable[[str, str, int], Array]) -> Array:

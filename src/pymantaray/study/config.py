@@ -12,6 +12,7 @@ from pymantaray.study.config_estimators import (
     Depth,
     Hours,
     InputFile,
+    InputFiles,
     NonNegativeFloat,
     OceanSource,
     PositiveFloat,
@@ -217,14 +218,27 @@ AnyVehicle = Annotated[
 
 
 class FleetSection(Section):
-    """The vehicles, and what the floats among them share."""
+    """
+    The vehicles, and what the floats among them share; or files with trajectories of vehicles that moved elsewhere.
+
+    ``enu``: TUM files among them have east, north, up and bodies forward, left, up.
+    """
 
     floats: FloatSection = FloatSection()
-    vehicles: tuple[AnyVehicle, ...] = Field(min_length=1, strict=False)
+    vehicles: tuple[AnyVehicle, ...] = Field(default=(), strict=False)
+    trajectories: InputFiles = ()
+    enu: bool = False
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
         require_unique("vehicle names", [v.name for v in self.vehicles])
+        return self
+
+    @model_validator(mode="after")
+    def _one_or_the_other(self) -> Self:
+        if bool(self.vehicles) == bool(self.trajectories):
+            there = "both are given" if self.vehicles else "neither is given"
+            raise ValueError(f"vehicles or trajectories make a fleet; {there}")
         return self
 
 
@@ -248,7 +262,7 @@ class StudySection(Section):
     seed: int = Field(default=20140715, ge=0)
     realizations: int = Field(default=25, ge=1, le=10**9)
     conditions: tuple[Condition, ...] = Field(
-        default=("odometry", "straight", "refracted"), min_length=1, strict=False
+        default=("odometry", "straight", "refracted"), strict=False
     )
 
     @model_validator(mode="after")
@@ -312,33 +326,39 @@ class OceanSection(Section):
         return self.half_extent_north, self.half_extent_east
 
 
+class SlotsSection(Section):
+    """Vehicles ping in turn, one a slot, over and over: TDMA."""
+
+    kind: Literal["slots"]
+    slots: tuple[str, ...] = Field(min_length=1, strict=False)
+    slot_s: PositiveSeconds
+    start_s: Seconds = 0.0
+
+
+class PingsSection(Section):
+    """Pings one by one, from a table of times, transmitters and, if not everybody listens, receivers."""
+
+    kind: Literal["pings"]
+    file: InputFile
+
+
+AnySchedule = Annotated[SlotsSection | PingsSection, Field(discriminator="kind")]
+
+
 class MissionSection(Section):
-    """Durations and periods, the paper's table of mission timing."""
+    """
+    Durations and periods, the paper's table of mission timing.
+
+    Without a ``schedule`` all vehicles ping at every multiple of ``ping_interval_h``. Trajectories that are given last from
+    their first pose to their last; ``duration_h`` may cut them.
+    """
 
     duration_h: PositiveHours = 168.0
     physics_step_s: PositiveSeconds = 0.125
     sampling_period_s: PositiveSeconds = 200.0
     ping_interval_h: PositiveHours = 4.0
+    schedule: AnySchedule | None = None
     gnss_depth: PositiveFloat = 1.0
-
-    @model_validator(mode="after")
-    def _multiples(self) -> Self:
-        duration, ping = self.duration_h * 3600.0, self.ping_interval_h * 3600.0
-        for long_name, long, short_name, short in (
-            ("sampling_period_s", self.sampling_period_s, "physics_step_s", self.physics_step_s),
-            ("ping_interval_h", ping, "sampling_period_s", self.sampling_period_s),
-            ("duration_h", duration, "sampling_period_s", self.sampling_period_s),
-        ):
-            ratio = long / short
-            if not 0.5 <= ratio < math.inf or abs(ratio - round(ratio)) > 1e-9 * ratio:
-                raise ValueError(
-                    f"{long_name} is {long:g} s; it must be a whole multiple of {short_name}, {short:g} s"
-                )
-        if duration < ping:
-            raise ValueError(
-                f"duration_h is {duration:g} s; it must not be less than ping_interval_h, {ping:g} s"
-            )
-        return self
 
 
 if TYPE_CHECKING:
@@ -431,7 +451,35 @@ class StudyConfig(SoundConfig):
     @property
     def files(self) -> tuple[str, ...]:
         """All input files, of the ocean and of estimators, each once."""
-        return tuple(dict.fromkeys([*self.ocean.files, *(f for e in self.estimators or () for f in e.files)]))
+        schedule, estimators = self.mission.schedule, self.estimators or ()
+        pings = (schedule.file,) if isinstance(schedule, PingsSection) else ()
+        own = [*self.ocean.files, *self.fleet.trajectories, *pings]
+        return tuple(dict.fromkeys([*own, *(file for e in estimators for file in e.files)]))
+
+    @model_validator(mode="after")
+    def _simulated_in_whole_steps(self) -> Self:
+        if self.fleet.trajectories:
+            return self
+        m = self.mission
+        duration, ping = m.duration_h * 3600.0, m.ping_interval_h * 3600.0
+        ratios = [
+            ("sampling_period_s", m.sampling_period_s, "physics_step_s", m.physics_step_s),
+            ("ping_interval_h", ping, "sampling_period_s", m.sampling_period_s),
+            ("duration_h", duration, "sampling_period_s", m.sampling_period_s),
+        ]
+        for long_name, long, short_name, short in ratios:
+            if long_name == "ping_interval_h" and m.schedule is not None:
+                continue
+            ratio = long / short
+            if not 0.5 <= ratio < math.inf or abs(ratio - round(ratio)) > 1e-9 * ratio:
+                raise ValueError(
+                    f"mission: {long_name} is {long:g} s; it must be a whole multiple of {short_name}, {short:g} s"
+                )
+        if duration < ping and m.schedule is None:
+            raise ValueError(
+                f"mission: duration_h is {duration:g} s; it must not be less than ping_interval_h, {ping:g} s"
+            )
+        return self
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
@@ -460,7 +508,7 @@ class StudyConfig(SoundConfig):
     def __repr__(self) -> str:
         """Give a line; `study_toml` gives all."""
         return (
-            f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles)} vehicles, {self.mission.duration_h:g} h,"
+            f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles) or 'own'} vehicles, {self.mission.duration_h:g} h,"
             f" {self.study.realizations} realizations, ocean {', '.join(self.ocean.source)}>"
         )
 

@@ -66,9 +66,8 @@ def _one_is_enough(value: object) -> object:
     return (value,) if isinstance(value, str) else value
 
 
-OceanSource = Annotated[
-    tuple[InputFile, ...], BeforeValidator(_one_is_enough), Field(min_length=1, strict=False)
-]
+InputFiles = Annotated[tuple[InputFile, ...], BeforeValidator(_one_is_enough), Field(strict=False)]
+OceanSource = Annotated[InputFiles, Field(min_length=1)]
 """What `open_ocean` takes: a file, several that belong together, or the name of a synthetic ocean."""
 
 
