@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from pymantaray.errors import MantaRayError
     from pymantaray.estimation import dead_reckon, read_pyfg, solve_conditions, write_pyfg
     from pymantaray.evaluation import dropout_table, error_table, range_error_table
+    from pymantaray.exchange import Tracks, read_trajectories
     from pymantaray.fleet import (
         ConstantTwist,
         Drifting,
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from pymantaray.geometry import LocalFrame
     from pymantaray.ocean import open_ocean, to_local
     from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, Trajectories
-    from pymantaray.sensing import Landmark, NoiseModel, PingSchedule, perturb
-    from pymantaray.study import StudyConfig, load_study, open_run, run_study
+    from pymantaray.sensing import Landmark, NoiseModel, PingList, PingSchedule, SlotSchedule, perturb
+    from pymantaray.study import StudyConfig, load_study, measure, open_run, run_study
 
 __version__ = "0.1.0"
 
@@ -33,6 +34,7 @@ _HOME = {
     "errors": ("MantaRayError",),
     "estimation": ("dead_reckon", "read_pyfg", "solve_conditions", "write_pyfg"),
     "evaluation": ("dropout_table", "error_table", "range_error_table"),
+    "exchange": ("Tracks", "read_trajectories"),
     "fleet": (
         "ConstantTwist",
         "Drifting",
@@ -45,8 +47,8 @@ _HOME = {
     "geometry": ("LocalFrame",),
     "ocean": ("open_ocean", "to_local"),
     "records": ("Arrivals", "Estimates", "Measurements", "RangingTruth", "Trajectories"),
-    "sensing": ("Landmark", "NoiseModel", "PingSchedule", "perturb"),
-    "study": ("StudyConfig", "load_study", "open_run", "run_study"),
+    "sensing": ("Landmark", "NoiseModel", "PingList", "PingSchedule", "SlotSchedule", "perturb"),
+    "study": ("StudyConfig", "load_study", "measure", "open_run", "run_study"),
 }
 _FOLDER_OF = {name: folder for folder, names in _HOME.items() for name in names}
 
@@ -62,10 +64,13 @@ __all__ = [
     "Measurements",
     "Medium",
     "NoiseModel",
+    "PingList",
     "PingSchedule",
     "RangingTruth",
+    "SlotSchedule",
     "StationKeeping",
     "StudyConfig",
+    "Tracks",
     "Trajectories",
     "Vehicle",
     "Waypoints",
@@ -74,11 +79,13 @@ __all__ = [
     "error_table",
     "find_eigenrays",
     "load_study",
+    "measure",
     "open_ocean",
     "open_run",
     "perturb",
     "range_error_table",
     "read_pyfg",
+    "read_trajectories",
     "run_study",
     "simulate",
     "solve_conditions",

@@ -83,8 +83,9 @@ def check(
     if study is not None:
         from pymantaray.study import load_study
         from pymantaray.study.assemble import fleet_plan
+        from pymantaray.study.tracks import with_tracks
 
-        config = load_study(study)
+        config = with_tracks(load_study(study))
         if not sources:
             sources = [*config.ocean.source]
             options["time"] = time or (config.ocean.time and config.ocean.time.isoformat())

@@ -10,7 +10,7 @@ from pymantaray.cli.options import OceanCommand, Quiet
 from pymantaray.cli.output import print_table, progress_bars
 
 if TYPE_CHECKING:
-    from pymantaray.study import Run
+    from pymantaray.study import Run, StudyConfig
 
 app = typer.Typer(help="Run the paper's study, or one of your own.", no_args_is_help=True)
 
@@ -82,10 +82,17 @@ def run(
     from pymantaray.study import load_study
 
     config = load_study(study, realizations=realizations, ocean=ocean)
+    run_and_report(config, out, workers=workers, figures=not no_figures, pdf=pdf, quiet=quiet)
+
+
+def run_and_report(
+    config: "StudyConfig", out: Path | None, *, workers: int | None, figures: bool, pdf: bool, quiet: bool
+) -> None:
+    """Run a study, draw what its mission shows meanwhile, and say what came out."""
     from pymantaray.report.parts import ReportProcess
 
     # it starts beside what takes seconds to import here, and not before the file is read
-    with nullcontext() if no_figures else ReportProcess(pdf=pdf) as report:
+    with ReportProcess(pdf=pdf) if figures else nullcontext() as report:
         from pymantaray.study import run_study
 
         with progress_bars(quiet=quiet) as progress:
@@ -144,12 +151,14 @@ def compare(
 
 def _print_summary(run: "Run") -> None:
     """Dropouts, range errors and trajectory errors, and warnings of solves and vehicles that did not end well."""
-    from pymantaray.evaluation import dropout_table, error_table, ping_error_table, range_error_table
+    from pymantaray.evaluation import dropout_table, range_error_table
 
-    study, hours, fleet = run.config.study, run.config.mission.duration_h, run.config.fleet.vehicles
-    count = f"{study.realizations} realization{'' if study.realizations == 1 else 's'}"
+    study, hours, vehicles = run.config.study, run.config.mission.duration_h, run.truth.name.size
+    count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
     water = "synthetic ocean" if run.synthetic else "ocean from files"
-    typer.echo(f"\n{study.name}: {hours:g} h, {len(fleet)} vehicles, {count}, {water}")
+    typer.echo(
+        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.config.solves else ''}, {water}"
+    )
     errors = range_error_table(run.measurements, run.ranging_truth, run.truth)
     print_table(
         "Refracted minus straight range",
@@ -164,6 +173,15 @@ def _print_summary(run: "Run") -> None:
             "99 % [m]": ("p99_m", "+.1f"),
         },
     )
+    if run.config.solves:
+        _print_errors(run)
+    for line in _warnings(run):
+        typer.echo(f"warning: {line}")
+
+
+def _print_errors(run: "Run") -> None:
+    from pymantaray.evaluation import error_table, ping_error_table
+
     print_table(
         "Trajectory error, all vehicles and realizations, no alignment",
         error_table(run.truth, run.estimates),
@@ -188,8 +206,6 @@ def _print_summary(run: "Run") -> None:
             "least possible [m]": ("bound_rmse_m", ".2f"),
         },
     )
-    for line in _warnings(run):
-        typer.echo(f"warning: {line}")
 
 
 def _print_comparison(folder: Path) -> None:

@@ -39,7 +39,7 @@ def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
     ExchangeError
         If a file is unreadable, lacks what a trajectory needs, or does not fit the others; one line.
     """
-    paths = _paths([source] if isinstance(source, str | Path) else source)
+    paths = files_of(source)
     poses: list[Poses] = []
     notes: list[str] = []
     for path in paths:
@@ -49,9 +49,10 @@ def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
     return Tracks.of(poses, notes)
 
 
-def _paths(source: Sequence[str | Path]) -> list[Path]:
+def files_of(source: Source) -> list[Path]:
+    """Files that a source names, those of a pattern sorted."""
     paths: list[Path] = []
-    for one in source:
+    for one in [source] if isinstance(source, str | Path) else source:
         names = sorted(glob.glob(str(one))) if "*" in str(one) else [str(one)]  # noqa: PTH207  patterns may be absolute
         if not names:
             raise ExchangeError(f"{one}: no file of that name")

@@ -80,16 +80,24 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
     try:
         table.require(["time", "transmitter"])
     except RecordError as error:
-        raise ExchangeError(f"{error}; a list of pings needs time and transmitter, and may have receivers") from None
+        raise ExchangeError(
+            f"{error}; a list of pings needs time and transmitter, and may have receivers"
+        ) from None
     time = _times(table)
     if np.issubdtype(time.dtype, np.datetime64):
         if start is None:
-            raise ExchangeError(f"{path}: times are dates, but the mission's start has none; give seconds since it")
+            raise ExchangeError(
+                f"{path}: times are dates, but the mission's start has none; give seconds since it"
+            )
         time = (time - start) / np.timedelta64(1_000_000_000, "ns")
-    receivers = table.frame["receivers"].str.split() if "receivers" in table.frame else []
+    receivers: list[list[str]] = []
+    if "receivers" in table.frame:
+        receivers = table.frame["receivers"].str.split().tolist()
     try:
         return PingList(
-            tuple(time.tolist()), tuple(table.frame["transmitter"]), tuple(tuple(names) for names in receivers)
+            tuple(time.tolist()),
+            tuple(table.frame["transmitter"]),
+            tuple(tuple(names) for names in receivers),
         )
     except SensingError as error:
         raise ExchangeError(f"{path}: {error}") from None
@@ -147,7 +155,7 @@ def _times(table: TextTable) -> NDArray[Any]:
             return seconds
         dates = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
         if np.isfinite(seconds).any() or dates.isna().any():
-            wrong = np.argmax(dates.isna() | np.isfinite(seconds))
+            wrong = int(np.argmax(dates.isna() | np.isfinite(seconds)))
             raise ExchangeError(
                 f"{table.path}, line {table.frame.index[wrong]}: time is {str(cells.iloc[wrong])[:40]!r}; all are"
                 " seconds, or all are dates as 2014-07-15T12:00:00Z (without a zone: UTC)"
@@ -155,7 +163,7 @@ def _times(table: TextTable) -> NDArray[Any]:
         cells = dates
     elif cells.isna().any():
         raise ExchangeError(
-            f"{table.path}, line {table.frame.index[np.argmax(cells.isna())]}: time is missing"
+            f"{table.path}, line {table.frame.index[int(np.argmax(cells.isna()))]}: time is missing"
         )
     if cells.dt.tz is not None:
         cells = cells.dt.tz_convert("UTC").dt.tz_localize(None)
@@ -166,7 +174,7 @@ def _attitude(table: TextTable, factors: dict[str, float]) -> Array | None:
     """Quaternions of those or of headings, pitches and rolls; None where the table has neither."""
     if set(_QUATERNION) <= set(factors):
         return _numbers(table, factors, _QUATERNION)
-    angles = [name for name in ("heading", "pitch", "roll") if name in factors]
+    angles = [name for name in factors if name in ("heading", "pitch", "roll")]
     if not angles:
         return None
     if "heading" not in angles:

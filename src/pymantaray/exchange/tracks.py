@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,7 @@ class Poses(NamedTuple):
     """One vehicle as a file has it: times as dates or in seconds, lat, lon [deg] or north, east [m], depth [m]."""
 
     name: str
-    time: NDArray[np.datetime64] | Array
+    time: NDArray[Any]
     place: Array
     """Shape (n, 3)."""
     quaternion: Array | None
@@ -130,8 +130,7 @@ class Tracks:
             are linear in time and attitudes turn at a constant rate (slerp). Before its first pose and after its last
             a vehicle is ABSENT, at that pose. Without attitudes it heads where it goes, level.
         """
-        times = np.asarray(time, dtype=float)
-        local = [_local(p, frame) if p.geodetic else p for p in self.poses]
+        times, local = np.asarray(time, dtype=float), self.in_frame(frame)
         sampled = [_at(p, times) for p in local]
         return Trajectories(
             name=np.array(self.names),
@@ -141,6 +140,10 @@ class Tracks:
             quaternion=np.stack([s[1] for s in sampled]),
             status=np.stack([s[2] for s in sampled]),
         )
+
+    def in_frame(self, frame: LocalFrame) -> list[Poses]:
+        """Each vehicle's own poses as north, east, down of a frame."""
+        return [_local(p, frame) if p.geodetic else p for p in self.poses]
 
 
 def with_times(truth: Trajectories, time: Array) -> Trajectories:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
+import numpy as np
+
 from pymantaray.geometry.frames import LocalFrame
 from pymantaray.records.base import Column, DatedRecord, column
 from pymantaray.records.status import VehicleStatus
@@ -62,3 +64,13 @@ class Trajectories(DatedRecord):
             return record
         centre = float(dataset.attrs["centre_latitude_deg"]), float(dataset.attrs["centre_longitude_deg"])
         return replace(record, centre=centre)
+
+    @property
+    def stops(self) -> dict[str, tuple[VehicleStatus, float]]:
+        """Of vehicles that are not active at the end, by name: their status then, and since when. [s]"""
+        out = {}
+        for name, row in zip(self.name.tolist(), self.status, strict=True):
+            if row[-1] != VehicleStatus.ACTIVE:
+                since = int(np.flatnonzero(row == VehicleStatus.ACTIVE).max(initial=-1)) + 1
+                out[name] = VehicleStatus(int(row[-1])), float(self.time[since])
+        return out

@@ -213,4 +213,5 @@ register(
     caption="Factor graph at the true positions: chains of poses coloured by the vehicle's greatest depth, the"
     " {r.heard:,} ranges that were heard in grey.",
     draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),
+    needs=lambda r: r.run.config.solves,
 )

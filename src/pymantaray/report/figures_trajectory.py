@@ -185,6 +185,7 @@ register(
         [ApePanel("logarithmic scale", r.errors, log=True), ApePanel("linear scale", r.errors, log=False)],
         r.header,
     ),
+    needs=lambda r: r.run.config.solves,
 )
 register(
     "error_over_time",
@@ -193,4 +194,5 @@ register(
     draw=lambda r: error_over_time(
         r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
     ),
+    needs=lambda r: r.run.config.solves,
 )

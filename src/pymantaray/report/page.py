@@ -8,7 +8,6 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pymantaray.evaluation import ALL_LINKS
-from pymantaray.records import VehicleStatus
 from pymantaray.report.figures import Results
 from pymantaray.report.style import condition_label
 from pymantaray.report.tables import TABLES
@@ -71,10 +70,10 @@ def render(template: str, **content: Any) -> str:
 def run_page(results: Results, pictures: Sequence[Picture]) -> str:
     """Page of a run, to be read offline beside its folders ``figures`` and ``tables``."""
     config = results.run.config
-    mission = (
-        f"{results.region}: {len(config.fleet.vehicles)} vehicles, {config.mission.duration_h:g} h,"
-        f" {config.study.realizations} noise realization{'' if config.study.realizations == 1 else 's'}"
-    )
+    mission = f"{results.region}: {results.run.truth.name.size} vehicles, {config.mission.duration_h:g} h"
+    if config.solves:
+        count = config.study.realizations
+        mission += f", {count} noise realization{'' if count == 1 else 's'}"
     shown = []
     for name, frame in results.tables.items():
         table = TABLES[name]
@@ -109,7 +108,14 @@ def headlines(results: Results) -> list[tuple[str, str, str]]:
         ("Mean range error", signed_metres(total["mean_m"]), spread),
         ("Mean bending", signed_metres(bending["mean_m"]), "the rest of the range error is reference speed"),
     ]
-    at_pings = tables["ping_error"].set_index("condition")["rmse_m"]
+    if results.run.config.solves:
+        cards += _error_cards(tables)
+    return cards
+
+
+def _error_cards(tables: Mapping[str, pd.DataFrame]) -> list[tuple[str, str, str]]:
+    """What was estimated, among the numbers that the page opens with."""
+    cards, at_pings = [], tables["ping_error"].set_index("condition")["rmse_m"]
     for row in tables["ate_pooled"].to_dict("records"):
         what = f"Position error, {condition_label(row['condition']).lower()}"
         mean = "–" if np.isnan(row["mean_m"]) else f"{row['mean_m']:.2f} m"
@@ -126,16 +132,13 @@ def headlines(results: Results) -> list[tuple[str, str, str]]:
 
 def troubles(results: Results) -> list[str]:
     """What a reader must know before trusting the numbers: unhealthy solves and vehicles that stopped, a line each."""
-    solves, truth = results.tables["solves"], results.run.truth
-    lines = []
+    solves, lines = results.tables.get("solves", pd.DataFrame(columns=["condition", "status"])), []
     for (condition, status), part in solves[solves["status"] != "OK"].groupby(["condition", "status"]):
         every = int((solves["condition"] == condition).sum())
         meaning = _MEANING.get(str(status), "")
         lines.append(f"Condition {condition}: {len(part)} of {every} solves have status {status}{meaning}.")
-    for name, row in zip(truth.name, truth.status, strict=True):
-        if row[-1] != VehicleStatus.ACTIVE:
-            hours = truth.time[np.argmax(row != VehicleStatus.ACTIVE)] / 3600.0
-            lines.append(f"Vehicle {name} stopped after {hours:.1f} h: {VehicleStatus(int(row[-1])).name}.")
+    for name, (stop, time) in results.run.truth.stops.items():
+        lines.append(f"Vehicle {name} stopped after {time / 3600.0:.1f} h: {stop.name}.")
     return lines
 
 

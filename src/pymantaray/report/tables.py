@@ -61,20 +61,25 @@ def _summary(run: Run) -> pd.DataFrame | None:
     return None if by_epoch is None else consistency_summary(by_epoch)
 
 
+def _solved(make: Callable[[Run], pd.DataFrame | None]) -> Callable[[Run], pd.DataFrame | None]:
+    """Table of estimates, which a run of ranges alone does not have."""
+    return lambda run: make(run) if run.config.solves else None
+
+
 TABLES: dict[str, Table] = {
     "ate_pooled": Table(
         "Position error by condition, pooled over vehicles, times and realizations",
-        lambda run: error_table(run.truth, run.estimates),
+        _solved(lambda run: error_table(run.truth, run.estimates)),
         f"condition failed_solves {_ERRORS}",
     ),
     "ping_error": Table(
         "Position error of vehicles under water at the pings, its distance from the estimate with straight ranges, and the"
         " least that is possible",
-        lambda run: ping_error_table(run.truth, run.estimates, run.measurements, run.bounds),
+        _solved(lambda run: ping_error_table(run.truth, run.estimates, run.measurements, run.bounds)),
     ),
     "ate_difference": Table(
         "Difference of position error between conditions, 95 % intervals over realizations",
-        lambda run: comparison_table(run.truth, run.estimates, root_seed=run.config.study.seed),
+        _solved(lambda run: comparison_table(run.truth, run.estimates, root_seed=run.config.study.seed)),
         "condition baseline statistic realizations pooled_difference_m bootstrap_low_m bootstrap_high_m",
     ),
     "consistency": Table(
@@ -90,7 +95,9 @@ TABLES: dict[str, Table] = {
     "attitude": Table(
         "Errors of attitudes about the horizontal axes and about the vertical",
         lambda run: (
-            attitude_table(run.truth, run.estimates) if run.measurements.attitude_agent.size else None
+            attitude_table(run.truth, run.estimates)
+            if run.measurements.attitude_agent.size and run.config.solves
+            else None
         ),
     ),
     "dropouts": Table(
@@ -109,13 +116,13 @@ TABLES: dict[str, Table] = {
     "region": Table("Region", lambda run: run.region.reset_index()),
     "ate_per_agent": Table(
         "Position error by condition and vehicle",
-        lambda run: error_table(run.truth, run.estimates, by=("agent",)),
+        _solved(lambda run: error_table(run.truth, run.estimates, by=("agent",))),
         f"condition agent {_ERRORS}",
         folded=True,
     ),
     "ate_per_realization": Table(
         "Position error by condition and realization",
-        lambda run: error_table(run.truth, run.estimates, by=("realization",)),
+        _solved(lambda run: error_table(run.truth, run.estimates, by=("realization",))),
         f"condition realization {_ERRORS}",
         folded=True,
     ),
@@ -140,9 +147,9 @@ TABLES: dict[str, Table] = {
     "bound": Table(
         "Least position error that is possible at each ping, without ranges and with them, and what the ranges of the ping"
         " alone do not see",
-        lambda run: bound_table(run.truth, run.measurements),
+        _solved(lambda run: bound_table(run.truth, run.measurements)),
         folded=True,
     ),
-    "solves": Table("Health of each solve", lambda run: solve_table(run.estimates), folded=True),
+    "solves": Table("Health of each solve", _solved(lambda run: solve_table(run.estimates)), folded=True),
 }
 """By the name of the CSV file; whatever adds one adds it to every report."""

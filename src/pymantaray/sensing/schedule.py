@@ -78,7 +78,7 @@ class PingSchedule(Schedule):
     def times(self, duration: float) -> Array:
         """Whole multiples of the interval."""
         count = math.floor(duration / self.interval * (1.0 + 1e-12))
-        return self.interval * np.arange(1, count + 1)
+        return np.asarray(self.interval * np.arange(1, count + 1))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
         """All pairs, both ways, and every landmark."""
@@ -112,7 +112,7 @@ class SlotSchedule(Schedule):
     def times(self, duration: float) -> Array:
         """Beginnings of the slots."""
         count = math.floor((duration - self.start) / self.slot * (1.0 + 1e-12)) + 1
-        return self.start + self.slot * np.arange(max(count, 0))
+        return np.asarray(self.start + self.slot * np.arange(max(count, 0)))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
         """From the vehicle of each slot to all others and every landmark."""

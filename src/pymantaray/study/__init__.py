@@ -10,6 +10,7 @@ from pymantaray.study.config import SoundConfig, StudyConfig
 from pymantaray.study.load import list_presets, load_sound, load_study, parse_study, preset_text, study_toml
 
 if TYPE_CHECKING:
+    from pymantaray.study.ranges import measure
     from pymantaray.study.runner import run_study
     from pymantaray.study.store import Run, open_run
 
@@ -20,6 +21,7 @@ __all__ = [
     "list_presets",
     "load_sound",
     "load_study",
+    "measure",
     "open_run",
     "parse_study",
     "preset_text",
@@ -27,7 +29,7 @@ __all__ = [
     "study_toml",
 ]
 
-_LATER = {"Run": "store", "open_run": "store", "run_study": "runner"}
+_LATER = {"measure": "ranges", "Run": "store", "open_run": "store", "run_study": "runner"}
 
 
 def __getattr__(name: str) -> Any:

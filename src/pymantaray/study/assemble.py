@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -24,6 +25,7 @@ from pymantaray.acoustics import (
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.profiles import Profile
 from pymantaray.errors import StudyError
+from pymantaray.exchange.table import read_pings
 from pymantaray.fleet import (
     Behaviour,
     ConstantTwist,
@@ -33,6 +35,7 @@ from pymantaray.fleet import (
     Vehicle,
     Waypoints,
 )
+from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean import (
     ocean_times,
@@ -46,7 +49,19 @@ from pymantaray.ocean import (
     with_ice,
 )
 from pymantaray.records import Trajectories
-from pymantaray.sensing import ClockModel, Detector, Landmark, OneWay, Picker, Reception, Timing, TwoWay
+from pymantaray.sensing import (
+    ClockModel,
+    Detector,
+    Landmark,
+    OneWay,
+    Picker,
+    PingSchedule,
+    Reception,
+    Schedule,
+    SlotSchedule,
+    Timing,
+    TwoWay,
+)
 from pymantaray.study.config import (
     AnyVehicle,
     DetectionSection,
@@ -54,12 +69,15 @@ from pymantaray.study.config import (
     FloatSection,
     FloatVehicle,
     OceanSection,
+    PingsSection,
     RangingSection,
+    SlotsSection,
     SoundConfig,
     StationVehicle,
     StudyConfig,
     TwistVehicle,
 )
+from pymantaray.study.tracks import read_fleet
 from pymantaray.study.varying import series_of, snapshot_at
 
 
@@ -186,15 +204,36 @@ def build_fleet(config: StudyConfig) -> list[Vehicle]:
 
 
 def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
-    """Points (n, 3) that each vehicle and landmark starts from and plans to reach, drift not foreseen. [m]"""
+    """
+    Points (n, 3) that each vehicle and landmark starts from and plans to reach, drift not foreseen; of trajectories, all. [m]
+
+    Those that have latitudes and longitudes need the frame's centre in the configuration, see `with_tracks`.
+    """
     plan = {vehicle.name: [tuple(vehicle.position)] for vehicle in build_fleet(config)}
     for vehicle in config.fleet.vehicles:
         if vehicle.kind == "float":
             plan[vehicle.name].append((vehicle.north, vehicle.east, vehicle.target_depth))
         elif vehicle.kind == "waypoints":
             plan[vehicle.name].extend(vehicle.points)
+    if config.fleet.trajectories:
+        tracks = read_fleet(config.fleet)
+        frame = LocalFrame(*(config.ocean.centre or (0.0, 0.0)))  # of places in the frame itself any will do
+        plan |= {p.name: [tuple(row) for row in p.place] for p in tracks.in_frame(frame)}
     plan.update({mark.name: [(mark.north, mark.east, mark.depth)] for mark in config.landmarks})
     return {name: np.array(points, dtype=float) for name, points in plan.items()}
+
+
+def build_schedule(config: StudyConfig) -> Schedule:
+    """Who pings when in a study."""
+    schedule = config.mission.schedule
+    if isinstance(schedule, SlotsSection):
+        return SlotSchedule(schedule.slots, schedule.slot_s, schedule.start_s)
+    if isinstance(schedule, PingsSection):
+        start = None if config.ocean.time is None else utc_instant(config.ocean.time)
+        if config.fleet.trajectories:
+            start = read_fleet(config.fleet).start
+        return read_pings(Path(schedule.file), start)
+    return PingSchedule(interval=config.mission.ping_interval_h * 3600.0)
 
 
 def build_landmarks(config: StudyConfig) -> list[Landmark]:

@@ -255,15 +255,13 @@ Condition = Literal["odometry", "straight", "refracted", "straight-all", "no-ran
 
 
 class StudySection(Section):
-    """Name, seed and size of the Monte Carlo study."""
+    """Name, seed and size of the Monte Carlo study; without conditions and estimators it has ranges alone."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
     description: str = ""
     seed: int = Field(default=20140715, ge=0)
     realizations: int = Field(default=25, ge=1, le=10**9)
-    conditions: tuple[Condition, ...] = Field(
-        default=("odometry", "straight", "refracted"), strict=False
-    )
+    conditions: tuple[Condition, ...] = Field(default=("odometry", "straight", "refracted"), strict=False)
 
     @model_validator(mode="after")
     def _no_duplicates(self) -> Self:
@@ -504,6 +502,11 @@ class StudyConfig(SoundConfig):
                     " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
                 )
         return self
+
+    @property
+    def solves(self) -> bool:
+        """Whether anything is estimated; a study without conditions and estimators has ranges alone."""
+        return bool(self.study.conditions or self.estimators)
 
     def __repr__(self) -> str:
         """Give a line; `study_toml` gives all."""

@@ -7,15 +7,18 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.acoustics import Medium, ray_picture, select
+from pymantaray.exchange import Tracks
+from pymantaray.exchange.tracks import with_times
 from pymantaray.fleet import simulate
+from pymantaray.geometry import LocalFrame
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
     Candidates,
     Hearing,
     Links,
     NoiseModel,
-    PingSchedule,
     Ranging,
+    Schedule,
     assemble,
     find_candidates,
     measure_ranges,
@@ -29,6 +32,7 @@ from pymantaray.study.assemble import (
     build_ocean,
     build_picker,
     build_reception,
+    build_schedule,
     build_sonar,
     build_timing,
     gnss_depth,
@@ -36,6 +40,7 @@ from pymantaray.study.assemble import (
 )
 from pymantaray.study.config import SoundConfig, StudyConfig
 from pymantaray.study.manifest import Stopwatch
+from pymantaray.study.tracks import follow, read_fleet
 
 Progress = Callable[[str, int, int], None]
 """Told the name of a stage, how many of its parts are done, and how many there are."""
@@ -59,8 +64,19 @@ class Mission:
     """What each attempt may take for its direct arrival; None if no receiver errs."""
 
 
-def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) -> Mission:
-    """Run a mission up to its measurements without noise; the watch gets the duration of each stage."""
+def simulate_mission(
+    config: StudyConfig,
+    watch: Stopwatch,
+    progress: Progress,
+    *,
+    tracks: Tracks | None = None,
+    schedule: Schedule | None = None,
+) -> Mission:
+    """
+    Run a mission up to its measurements without noise; the watch gets the duration of each stage.
+
+    ``tracks`` and ``schedule`` are those of the configuration where they are in memory.
+    """
     progress("ocean", 0, 1)
     with watch.stage("ocean"):
         ocean = mission_ocean(config)
@@ -68,7 +84,7 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
 
     progress("fleet", 0, 1)
     with watch.stage("fleet"):
-        truth = simulate_fleet(config, ocean)
+        truth = simulate_fleet(config, ocean, tracks=tracks, schedule=schedule)
     progress("fleet", 1, 1)
 
     progress("rays", 0, 1)
@@ -76,7 +92,12 @@ def simulate_mission(config: StudyConfig, watch: Stopwatch, progress: Progress) 
         medium = build_medium(config, ocean)
     with watch.stage("rays"):
         ranging = range_fleet(
-            config, ocean, medium, truth, lambda done, total: progress("rays", done, max(total, 1))
+            config,
+            ocean,
+            medium,
+            truth,
+            lambda done, total: progress("rays", done, max(total, 1)),
+            schedule=schedule,
         )
         mission = assemble_mission(config, ocean, truth, ranging)
     with watch.stage("picture"):
@@ -92,17 +113,27 @@ def mission_ocean(config: SoundConfig) -> StudyOcean:
     return build_ocean(section, config.mission.duration_h * 3600.0 if section.time_varying else 0.0)
 
 
-def simulate_fleet(config: StudyConfig, ocean: StudyOcean) -> Trajectories:
-    """Where the vehicles of a mission go."""
-    mission, start = config.mission, None if config.ocean.time is None else mission_start(config.ocean)
-    return simulate(
+def simulate_fleet(
+    config: StudyConfig, ocean: StudyOcean, *, tracks: Tracks | None = None, schedule: Schedule | None = None
+) -> Trajectories:
+    """Where the vehicles of a mission go, sampled at every ping too."""
+    mission, duration = config.mission, config.mission.duration_h * 3600.0
+    if config.fleet.trajectories:
+        frame = LocalFrame(*(ocean.local.attrs[f"centre_{axis}_deg"] for axis in ("latitude", "longitude")))
+        pings = (schedule or build_schedule(config)).times(duration)
+        return follow(tracks or read_fleet(config.fleet), duration, mission.sampling_period_s, pings, frame)
+    start = None if config.ocean.time is None else mission_start(config.ocean)
+    truth = simulate(
         build_fleet(config),
         ocean.drift,
-        duration=mission.duration_h * 3600.0,
+        duration=duration,
         physics_step=mission.physics_step_s,
         sampling_period=mission.sampling_period_s,
         start=start,
     )
+    if mission.schedule is None:
+        return truth
+    return with_times(truth, build_schedule(config).times(duration))
 
 
 def range_fleet(
@@ -111,13 +142,15 @@ def range_fleet(
     medium: Medium | Callable[[float], Medium],
     truth: Trajectories,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    schedule: Schedule | None = None,
 ) -> Ranging:
     """Ranges of a mission without noise: all of its rays."""
     return measure_ranges(
         truth,
         build_landmarks(config),
         medium,
-        PingSchedule(interval=config.mission.ping_interval_h * 3600.0),
+        schedule or build_schedule(config),
         build_reception(config, ocean),
         currents=build_currents(config, ocean),
         timing=build_timing(config.ranging),

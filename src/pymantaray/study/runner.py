@@ -1,7 +1,7 @@
 """A whole study: mission, realizations, and everything on disk."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from contextlib import nullcontext
 from functools import partial
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pymantaray.errors import StudyError
-from pymantaray.records import whole_file, write_netcdf
+from pymantaray.records import Estimates, whole_file, write_netcdf
 from pymantaray.study import store
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.folder import MANIFEST, staged_folder
@@ -19,6 +19,7 @@ from pymantaray.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
 from pymantaray.study.realization import Solved, collect_results, solve_realizations, start_solver
 from pymantaray.study.store import Run, open_run, run_in_memory, summarize, write_json
+from pymantaray.study.tracks import mission_size, with_tracks
 from pymantaray.study.workers import Workers
 
 _REALIZATIONS_PER_WORKER = 3
@@ -73,10 +74,11 @@ def run_study(
     >>> from pymantaray.study import load_study
     >>> run = run_study(load_study("quick"))  # doctest: +SKIP
     """
-    count = config.study.realizations
+    config = with_tracks(config)
+    count = config.study.realizations if config.solves else 0
     if workers is None:  # a fresh process takes as long to start as a few short realizations to solve
         workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
-    workers = min(workers, count)
+    workers = max(1, min(workers, count))
     refuse_too_large(config, workers)
     _refuse_missing_files(config)
     report, watch = progress or _silent, Stopwatch()
@@ -87,24 +89,24 @@ def run_study(
                 inputs = checksums(config)  # of what was read, whatever becomes of the files
                 _write_mission(config, mission, stage)
             drawing = None if mission_ready is None else mission_ready(stage)
-            report("realizations", 0, count)
-            with watch.stage("realizations"):
-                run, solved = Run(stage), dict[int, Solved]()
-                solving = solve_realizations(run, processes)
-                (stage / store.PYFG).mkdir()
-                write_graphs(run, 0, stage / store.PYFG, "realization-0-")  # while workers solve
-                for number, one in solving:
-                    solved[number] = one
-                    report("realizations", len(solved), count)
+            solved = dict[int, Solved]()
+            if config.solves:
+                report("realizations", 0, count)
+                with watch.stage("realizations"):
+                    run = Run(stage)
+                    solving = solve_realizations(run, processes)
+                    (stage / store.PYFG).mkdir()
+                    write_graphs(run, 0, stage / store.PYFG, "realization-0-")  # while workers solve
+                    for number, one in solving:
+                        solved[number] = one
+                        report("realizations", len(solved), count)
         report("files", 0, 1)
+        estimates = None
         with watch.stage("files"):
-            results = collect_results(run_in_memory(config, mission), [solved[n] for n in range(count)])
-            results.estimates.save(stage / store.ESTIMATES)
-            results.covariances.save(stage / store.COVARIANCES)
-            if results.unknowns is not None:
-                results.unknowns.save(stage / store.UNKNOWNS)
+            if config.solves:
+                estimates = _write_results(config, mission, [solved[n] for n in range(count)], stage)
         content = describe_run(config, inputs, watch.seconds, workers=workers)
-        content["outcome"] = summarize(mission, results.estimates)
+        content["outcome"] = summarize(mission, estimates)
         write_json(content, stage / MANIFEST)
         if drawing is not None:
             wait([drawing])
@@ -112,15 +114,23 @@ def run_study(
     return open_run(folder)
 
 
+def _write_results(
+    config: StudyConfig, mission: Mission, solved: Sequence[Solved], folder: Path
+) -> Estimates:
+    results = collect_results(run_in_memory(config, mission), solved)
+    results.estimates.save(folder / store.ESTIMATES)
+    results.covariances.save(folder / store.COVARIANCES)
+    if results.unknowns is not None:
+        results.unknowns.save(folder / store.UNKNOWNS)
+    return results.estimates
+
+
 def refuse_too_large(config: StudyConfig, workers: int) -> None:
     """Refuse what this machine's memory cannot hold, or what takes weeks, before any work."""
-    mission, n_vehicles = config.mission, len(config.fleet.vehicles)
-    duration = mission.duration_h * 3600.0
-    n_samples, n_steps = duration / mission.sampling_period_s, duration / mission.physics_step_s
+    size_of = mission_size(config)
+    n_vehicles, n_samples, n_steps = size_of.vehicles, size_of.samples, size_of.steps
     n_solves = config.study.realizations * (len(config.study.conditions) + len(config.estimators or ()))
-    n_links = (
-        n_vehicles * (n_vehicles + len(config.landmarks)) * duration / (mission.ping_interval_h * 3600.0)
-    )
+    n_links = size_of.pings * (n_vehicles + len(config.landmarks))
     needed = (
         n_vehicles * n_samples * (_POSE_BYTES * n_solves + _GRAPH_BYTES * workers) + _LINK_BYTES * n_links
     ) / 2**30

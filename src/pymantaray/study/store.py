@@ -24,7 +24,6 @@ from pymantaray.records import (
     SharedUnknowns,
     SolveStatus,
     Trajectories,
-    VehicleStatus,
     read_netcdf,
     whole_file,
 )
@@ -364,7 +363,7 @@ def write_json(content: dict[str, Any], path: Path) -> None:
         )
 
 
-def summarize(mission: "Mission", estimates: Estimates) -> dict[str, Any]:
+def summarize(mission: "Mission", estimates: Estimates | None) -> dict[str, Any]:
     """
     Count what happened to links, vehicles and solves, for the manifest and for warnings.
 
@@ -373,23 +372,22 @@ def summarize(mission: "Mission", estimates: Estimates) -> dict[str, Any]:
     ``expected_unheard``: mean number of attempts with an arrival that a realization does not hear; where
     receivers err, ``expected_mistaken``: mean number that take another arrival for the direct one.
     """
-    status, truth, candidates = mission.measurements.range_status, mission.truth, mission.candidates
+    status, candidates = mission.measurements.range_status, mission.candidates
     stopped = {
-        str(name): {
-            "status": VehicleStatus(int(row[-1])).name,
-            "time_s": float(truth.time[np.argmax(row != VehicleStatus.ACTIVE)]),
-        }
-        for name, row in zip(truth.name, truth.status, strict=True)
-        if row[-1] != VehicleStatus.ACTIVE
+        name: {"status": stop.name, "time_s": time} for name, (stop, time) in mission.truth.stops.items()
     }
-    unhealthy = [
-        {
-            "condition": str(estimates.condition[c]),
-            "realization": int(estimates.realization[r]),
-            "status": SolveStatus(int(estimates.solve_status[c, r])).name,
-        }
-        for c, r in np.argwhere(estimates.solve_status != SolveStatus.OK)
-    ]
+    unhealthy = (
+        []
+        if estimates is None
+        else [
+            {
+                "condition": str(estimates.condition[c]),
+                "realization": int(estimates.realization[r]),
+                "status": SolveStatus(int(estimates.solve_status[c, r])).name,
+            }
+            for c, r in np.argwhere(estimates.solve_status != SolveStatus.OK)
+        ]
+    )
     chance: dict[str, float] = {}
     if mission.hearing is not None:
         probability = mission.hearing.probability

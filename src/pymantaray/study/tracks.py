@@ -1,24 +1,94 @@
 """Trajectories of other programs as the fleet of a study, and the ranges alone that an ocean gives them."""
 
-import datetime as dt
-from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import StudyError
-from pymantaray.exchange.read import Source, files_of, read_trajectories
-from pymantaray.exchange.tracks import SAME_TIME, Tracks, union_of_times, with_times
+from pymantaray.exchange import Tracks, read_trajectories
+from pymantaray.exchange.tracks import union_of_times
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Trajectories
-from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
-from pymantaray.study.config import FleetSection, StudyConfig
-from pymantaray.study.load import parse_study
-from pymantaray.study.mission import simulate_mission
-from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.store import Run, run_in_memory
+from pymantaray.study.config import FleetSection, SlotsSection, StudyConfig
 
 Array = NDArray[np.float64]
+
+
+def read_fleet(fleet: FleetSection) -> Tracks:
+    """Trajectories of a fleet's files; the latest are kept in memory as long as their files do not change."""
+    stamps = []
+    for file in fleet.trajectories:
+        try:
+            status = Path(file).stat()
+        except OSError as error:
+            raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
+        stamps.append((status.st_mtime_ns, status.st_size))
+    return _read(fleet.trajectories, tuple(stamps), enu=fleet.enu)
+
+
+@lru_cache(maxsize=1)
+def _read(files: tuple[str, ...], _stamps: tuple[tuple[int, int], ...], *, enu: bool) -> Tracks:
+    return read_trajectories(files, enu=enu)
+
+
+class MissionSize(NamedTuple):
+    """How much there is to do in a mission, before it is done."""
+
+    vehicles: int
+    samples: float
+    """Of each vehicle, those at pings between not counted."""
+    steps: float
+    """Of each vehicle; none where it moved elsewhere."""
+    pings: float
+    """Of all vehicles; none where a table has them."""
+
+
+def mission_size(config: StudyConfig) -> MissionSize:
+    """Size of a mission by its configuration, and by its trajectories where they are given."""
+    mission, own = config.mission, bool(config.fleet.trajectories)
+    vehicles = len(read_fleet(config.fleet).poses) if own else len(config.fleet.vehicles)
+    duration, schedule = mission.duration_h * 3600.0, mission.schedule
+    pings = vehicles * duration / (mission.ping_interval_h * 3600.0)
+    if schedule is not None:
+        pings = duration / schedule.slot_s if isinstance(schedule, SlotsSection) else 0.0
+    steps = 0.0 if own else duration / mission.physics_step_s
+    return MissionSize(vehicles, duration / mission.sampling_period_s, steps, pings)
+
+
+def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfig:
+    """
+    Configuration with what it leaves to the trajectories of its fleet; that of simulated vehicles as it is.
+
+    The mission lasts as long as they do, the frame's centre is the middle of their latitudes and longitudes, and water that
+    varies is that of their dates.
+    """
+    if not config.fleet.trajectories:
+        return config
+    tracks = read_fleet(config.fleet) if tracks is None else tracks
+    lasts, ocean = tracks.duration / 3600.0, config.ocean
+    if "duration_h" not in config.mission.model_fields_set:
+        mission = config.mission.model_copy(update={"duration_h": lasts})
+        config = config.model_copy(update={"mission": mission})
+    elif config.mission.duration_h > lasts * (1.0 + 1e-9):
+        raise StudyError(
+            f"mission.duration_h is {config.mission.duration_h:g} h; the trajectories last {lasts:.6g} h: leave it out"
+        )
+    place: dict[str, Any] = {}
+    if ocean.centre is None and tracks.centre is not None:
+        place |= dict(zip(("centre_latitude_deg", "centre_longitude_deg"), tracks.centre, strict=True))
+    if ocean.time_varying and ocean.time is None and tracks.start is not None:
+        place["time"] = tracks.start.astype("datetime64[us]").item()
+    names = [*tracks.names, *(mark.name for mark in config.landmarks)]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise StudyError(f"names of vehicles and landmarks must differ; found {twice} more than once")
+    return config.model_copy(update={"ocean": ocean.model_copy(update=place)})
+
+
+def follow(tracks: Tracks, duration: float, period: float, pings: Array, frame: LocalFrame) -> Trajectories:
+    """Trajectories as a study samples them: every period [s] from the first pose on, at the end and at every ping."""
+    grid = np.append(np.arange(0.0, duration * (1.0 - 1e-12), period), duration)
+    return tracks.at(union_of_times(grid, pings), frame)

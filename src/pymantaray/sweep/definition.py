@@ -11,6 +11,7 @@ import tomli_w
 
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.study import StudyConfig, load_study, parse_study
+from pymantaray.study.tracks import with_tracks
 
 Tree = dict[str, Any]
 SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
@@ -136,7 +137,7 @@ class Sweep:
                 raise StudyError(f"{label}: {error}") from None
             except (KeyError, ValueError, TypeError, IndexError):
                 raise StudyError(f"{label}: {field}: there is no such field or entry to change") from None
-        return parse_study(tree, label, self._folder)
+        return with_tracks(parse_study(tree, label, self._folder))
 
     def to_toml(self) -> str:
         """Everything, the base included, as a sweep file; crossed fields are zipped alone, so that axes keep their order."""

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from pymantaray.errors import SweepError
 from pymantaray.study import StudyConfig
+from pymantaray.study.tracks import mission_size
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.sweep.plan import Plan
@@ -61,16 +62,14 @@ def known_cost(sweep: Sweep) -> Cost:
 
 
 def _seconds(config: StudyConfig) -> dict[str, float]:
-    mission, vehicles = config.mission, len(config.fleet.vehicles)
-    duration = mission.duration_h * 3600.0
-    pings = duration / (mission.ping_interval_h * 3600.0)
-    links = pings * vehicles * ((vehicles - 1) / 2 + len(config.landmarks))
+    size = mission_size(config)
+    links = size.pings * ((size.vehicles - 1) / 2 + len(config.landmarks))
     solves = config.study.realizations * (len(config.study.conditions) + len(config.estimators or ()))
     return {
         OCEAN: _OCEAN_SECONDS,
-        FLEET: _SECONDS_PER_STEP * vehicles * duration / mission.physics_step_s,
+        FLEET: _SECONDS_PER_STEP * size.vehicles * size.steps,
         RAYS: _MEDIUM_SECONDS + _SECONDS_PER_LINK * links,
-        POINT: _SECONDS_PER_POSE * solves * vehicles * duration / mission.sampling_period_s,
+        POINT: _SECONDS_PER_POSE * solves * size.vehicles * size.samples,
     }
 
 

@@ -17,6 +17,7 @@ _READS = {
     RAYS: (
         "landmarks",
         "mission.ping_interval_h",
+        "mission.schedule",
         "acoustics",
         "ranging.timing",
         "ranging.turn_around_s",
@@ -29,8 +30,11 @@ _TITLES = ("name", "description")  # of a study; nothing depends on them
 def reads(stage: str, config: StudyConfig) -> tuple[str, ...]:
     """Fields that a stage and those before it read."""
     before = STAGES[: STAGES.index(stage) + 1]
-    duration = ("mission.duration_h",) if config.ocean.time_varying else ()
-    return (*duration, *(field for name in before for field in _READS[name]))
+    first = ("mission.duration_h",) if config.ocean.time_varying else ()
+    own = config.fleet.trajectories or config.mission.schedule is not None  # sampled at pings too
+    if FLEET in before and own:
+        first = (*first, "mission.ping_interval_h", "mission.schedule")
+    return (*first, *(field for name in before for field in _READS[name]))
 
 
 def narrowed(config: StudyConfig, stage: str) -> StudyConfig:

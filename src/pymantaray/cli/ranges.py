@@ -1,0 +1,99 @@
+"""Command `mantaray ranges`: arrivals, ranges, dropouts and range errors of trajectories that were made elsewhere."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pymantaray.cli.options import Pair, Quiet
+from pymantaray.errors import SensingError
+
+
+def ranges(
+    trajectories: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="TRAJECTORIES...",
+            help="Tables (CSV, Parquet), TUM files, CF trajectories (NetCDF), ROS bags; see the how-to.",
+            show_default=False,
+        ),
+    ],
+    ocean: Annotated[
+        list[str], typer.Option("--ocean", metavar="NAME|FILE...", help="Files, or a synthetic ocean's name.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results; must be new or empty.")],
+    interval: Annotated[
+        float | None, typer.Option("--interval", metavar="S", help="All vehicles ping at every multiple. [s]")
+    ] = None,
+    slots: Annotated[
+        str | None,
+        typer.Option("--slots", metavar="A,B,...", help="Vehicles that ping in turn (TDMA); needs --slot."),
+    ] = None,
+    slot: Annotated[
+        float | None, typer.Option("--slot", metavar="S", help="Length of a slot; needs --slots. [s]")
+    ] = None,
+    pings: Annotated[
+        Path | None,
+        typer.Option(
+            "--pings",
+            metavar="CSV",
+            help="Pings one by one: columns time, transmitter and, maybe, receivers.",
+        ),
+    ] = None,
+    time: Annotated[
+        str | None, typer.Option("--time", help="Time of the ocean (UTC), where its files have several.")
+    ] = None,
+    centre: Annotated[
+        Pair | None,
+        typer.Option(
+            metavar="LAT LON",
+            help="Centre of the frame. Default: the middle of trajectories in lat and lon, else of the ocean.",
+        ),
+    ] = None,
+    sampling: Annotated[
+        float,
+        typer.Option("--sampling", metavar="S", help="Poses every so often, besides those at pings. [s]"),
+    ] = 200.0,
+    surface_bounces: Annotated[int, typer.Option("--max-surface-bounces")] = 0,
+    bottom_bounces: Annotated[int, typer.Option("--max-bottom-bounces")] = 0,
+    enu: Annotated[
+        bool, typer.Option("--enu", help="TUM files have ROS's axes: east, north, up; forward, left, up.")
+    ] = False,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Ranges between vehicles that moved elsewhere, through an ocean: data, tables, figures and a page in one folder."""
+    from pymantaray.cli.study import run_and_report
+    from pymantaray.exchange.read import files_of
+    from pymantaray.ocean.convert import parse_instant
+    from pymantaray.study.ranges import ranges_config
+
+    section: dict[str, Any] = {"source": ocean}
+    if time is not None:
+        section["time"] = parse_instant(time).astype("datetime64[us]").item()
+    if centre is not None:
+        section |= {"centre_latitude_deg": centre[0], "centre_longitude_deg": centre[1]}
+    config = ranges_config(
+        files_of(trajectories),
+        section,
+        mission={"sampling_period_s": sampling, **_schedule(interval, slots, slot, pings)},
+        acoustics={"max_surface_bounces": surface_bounces, "max_bottom_bounces": bottom_bounces},
+        enu=enu,
+    )
+    run_and_report(config, out, workers=1, figures=True, pdf=pdf, quiet=quiet)
+
+
+def _schedule(
+    interval: float | None, slots: str | None, slot: float | None, pings: Path | None
+) -> dict[str, Any]:
+    """Keys of a study's mission that say who pings when, by the one option that is given."""
+    if [interval, slots, pings].count(None) != 2:
+        raise SensingError("who pings when: give one of --interval, --slots with --slot, and --pings")
+    if (slots is None) != (slot is None):
+        raise SensingError("--slots and --slot: the one needs the other")
+    if interval is not None:
+        return {"ping_interval_h": interval / 3600.0}
+    if slots is not None:
+        names = [name.strip() for name in slots.split(",")]
+        return {"schedule": {"kind": "slots", "slots": names, "slot_s": slot}}
+    return {"schedule": {"kind": "pings", "file": str(pings)}}
