@@ -72,7 +72,7 @@ class Dumped:
     """A configuration whose fields are what a test says, allowed together or not: keys look at nothing else."""
 
     def __init__(self, config, tree):
-        self.ocean, self.files, self._tree = config.ocean, config.files, tree
+        self.ocean, self.fleet, self.files, self._tree = config.ocean, config.fleet, config.files, tree
 
     def model_dump(self, mode):
         assert mode == "json"

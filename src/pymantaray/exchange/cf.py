@@ -65,13 +65,16 @@ class _Reader:
         names = self._chosen()
         time, lat, lon = (self._values(names[q]) for q in ("time", "latitude", "longitude"))
         shape = np.broadcast_shapes(time.shape, lat.shape)
-        down = self._down(names, lat, shape)
+        down, is_pressure = self._down(names, shape)
         columns = [np.broadcast_to(v, shape) for v in (time, lat, lon, down)]
         poses = []
         for name, rows in self._trajectories(names["latitude"], shape):
             p = self._poses(name, names["time"], *(c[rows] for c in columns))
-            if p is not None:
-                poses.append(p)
+            if p is None:
+                continue
+            if is_pressure:
+                p.place[:, 2] = -gsw.z_from_p(p.place[:, 2], p.place[:, 0])
+            poses.append(p)
         if not poses:
             raise ExchangeError(f"{self._path}: no trajectory has two known places and times")
         return poses, self._notes
@@ -113,9 +116,9 @@ class _Reader:
         linked = text(variable, "ancillary_variables").split()
         for flags in (*linked, f"{name}_QC", f"{name}_qc", f"{name}_quality_control"):
             known = self._data.variables.get(flags)
-            if known is None or known.shape != values.shape:
+            if known is None or known.shape[: values.ndim] != values.shape or known.size != values.size:
                 continue
-            raw = np.asarray(known.values)
+            raw = np.asarray(known.values).reshape(values.shape)
             if raw.dtype.kind in "SU":
                 letters = np.char.strip(raw.astype("U1"))
                 raw = np.where(np.char.isdigit(letters), letters, "0").astype(int)
@@ -130,32 +133,21 @@ class _Reader:
             return np.where(bad, np.nan, values)
         return values
 
-    def _down(self, names: dict[str, str], lat: Array, shape: tuple[int, ...]) -> Array:
-        """Depth, positive down, or that of a pressure by TEOS-10; 0 where the file has neither. [m]"""
-        if "depth" in names:
-            variable = self._data.variables[names["depth"]]
+    def _down(self, names: dict[str, str], shape: tuple[int, ...]) -> tuple[Array, bool]:
+        """Depths, positive down [m], or pressures [dbar], and whether they are; 0 where the file has neither."""
+        for quantity, kind, unit in (("depth", "length", "m"), ("pressure", "pressure", "dbar")):
+            if quantity not in names:
+                continue
+            variable = self._data.variables[names[quantity]]
             down = to_our_unit(
-                self._values(names["depth"]), "length", text(variable, "units") or "m", where=str(self._path)
+                self._values(names[quantity]), kind, text(variable, "units") or unit, where=str(self._path)
             )
             if np.isfinite(down).any():
-                return -down if text(variable, "positive").lower() == "up" else down
-        if "pressure" in names:
-            variable = self._data.variables[names["pressure"]]
-            pressure = self._values(names["pressure"])
-            pressure = to_our_unit(
-                np.where(np.abs(pressure) >= _FILL, np.nan, pressure),
-                "pressure",
-                text(variable, "units") or "dbar",
-                where=str(self._path),
-            )
-            place = np.where(np.abs(lat) <= 90.0, lat, np.nan)
-            place = np.where(
-                np.isfinite(place), place, np.nanmedian(place)
-            )  # between fixes; the effect is centimetres
-            self._notes.append(f"{self._path}: depth from {names['pressure']} by TEOS-10")
-            return np.asarray(-gsw.z_from_p(pressure, np.broadcast_to(place, shape)))
+                if quantity == "pressure":
+                    self._notes.append(f"{self._path}: depth from {names[quantity]} by TEOS-10")
+                return (-down if text(variable, "positive").lower() == "up" else down), quantity == "pressure"
         self._notes.append(f"{self._path}: no depth and no pressure: at the surface")
-        return np.zeros(shape)
+        return np.zeros(shape), False
 
     def _trajectories(self, lat: str, shape: tuple[int, ...]) -> list[tuple[str, Any]]:
         """Name and elements of each trajectory."""
@@ -201,14 +193,15 @@ class _Reader:
             )
         if name is None:
             return None
-        raw = np.asarray(self._data.variables[name].values)
-        if raw.dtype.kind == "S" and raw.dtype.itemsize == 1 and raw.ndim:  # letters along the last dimension
-            raw = np.array([b"".join(row) for row in raw.reshape(-1, raw.shape[-1])])
-        if raw.dtype.kind == "f":
-            raw = raw.astype(np.int64) if np.array_equal(raw, np.round(raw)) else raw
+        variable = self._data.variables[name]
+        raw = np.asarray(variable.values)
+        if raw.dtype.kind == "f" and np.array_equal(raw, np.round(raw)):
+            raw = raw.astype(np.int64)
         cells = [
             c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c) for c in raw.ravel().tolist()
         ]
+        if raw.dtype.kind in "SUO" and "str" in str(variable.dims[-1:]).lower():  # letters along it
+            cells = ["".join(row) for row in np.array(cells).reshape(-1, raw.shape[-1])]
         return np.array([c.strip("\0 ") for c in cells], dtype=object)
 
     def _name(self, ids: NDArray[Any] | None, k: int) -> str:
@@ -243,9 +236,14 @@ class _Reader:
                 f"{self._path}: {name}: {left} of {instants.size} rows without a time or outside the known places left out"
             )
         variable = self._data.variables[time]
+        unit = text(variable, "units")
+        if " since " not in unit:
+            raise ExchangeError(
+                f"{self._path}: {time} has units {unit!r}; needs such as 'seconds since 1970-01-01'"
+            )
         dates = decoded_times(
             seconds[within],
-            text(variable, "units"),
+            unit,
             text(variable, "calendar"),
             where=f"{self._path}: {time}",
         )

@@ -26,7 +26,7 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     north, east, down, a child frame's in ``frd`` forward, right, down. Times are those of the headers.
     """
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise ExchangeError(f'{path}: reading bags needs the extra; pip install "pymantaray[ros]"') from None
@@ -35,10 +35,10 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     try:
         with AnyReader([path], default_typestore=store) as bag:
             topics = [c for c in bag.connections if c.msgtype in _POSES]
-            for connection, _, raw in bag.messages(connections=topics):
+            for connection, _, raw in bag.messages(connections=topics) if topics else []:
                 rows.setdefault(connection.topic, []).append(_row(bag.deserialize(raw, connection.msgtype)))
             others = sorted({c.msgtype for c in bag.connections})
-    except (AnyReaderError, OSError) as error:
+    except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
         raise ExchangeError(f"{path}: not a readable bag: {' '.join(str(error).split())[:120]}") from None
     if not rows:
         raise ExchangeError(

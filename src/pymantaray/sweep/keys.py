@@ -13,11 +13,16 @@ STAGES = (OCEAN, FLEET, RAYS)
 """In their order; points with the same share it."""
 _READS = {
     OCEAN: ("ocean",),
-    FLEET: ("fleet", "mission.duration_h", "mission.physics_step_s", "mission.sampling_period_s"),
+    FLEET: (
+        "fleet",
+        "mission.duration_h",
+        "mission.physics_step_s",
+        "mission.sampling_period_s",
+        "mission.schedule",
+    ),
     RAYS: (
         "landmarks",
         "mission.ping_interval_h",
-        "mission.schedule",
         "acoustics",
         "ranging.timing",
         "ranging.turn_around_s",
@@ -31,9 +36,8 @@ def reads(stage: str, config: StudyConfig) -> tuple[str, ...]:
     """Fields that a stage and those before it read."""
     before = STAGES[: STAGES.index(stage) + 1]
     first = ("mission.duration_h",) if config.ocean.time_varying else ()
-    own = config.fleet.trajectories or config.mission.schedule is not None  # sampled at pings too
-    if FLEET in before and own:
-        first = (*first, "mission.ping_interval_h", "mission.schedule")
+    if FLEET in before and config.fleet.trajectories:  # which are sampled at pings too
+        first = (*first, "mission.ping_interval_h")
     return (*first, *(field for name in before for field in _READS[name]))
 
 

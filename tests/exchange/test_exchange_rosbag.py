@@ -1,0 +1,100 @@
+"""Bags that rosbags writes, of ROS 1 and 2: names of vehicles, axes, clocks, and what is refused."""
+
+import numpy as np
+import pytest
+from refusals import refused
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from pymantaray import LocalFrame, read_trajectories
+from pymantaray.errors import ExchangeError
+
+TIME = np.array([0.0, 0.5, 1.25])
+UNIX = 1_700_000_000
+
+
+def stamped(store, ros, time, frame):
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=int(time), nanosec=round(time % 1 * 1e9))
+    more = {"seq": 0} if ros == 1 else {}
+    return store.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame, **more)
+
+
+def pose_of(store, p, q):
+    point = store.types["geometry_msgs/msg/Point"](*map(float, p))
+    w, x, y, z = map(float, q)
+    return store.types["geometry_msgs/msg/Pose"](
+        point, store.types["geometry_msgs/msg/Quaternion"](x, y, z, w)
+    )
+
+
+def write(path, topics, *, ros=2, start=UNIX, frame="map", child="base_link"):
+    """A bag with three poses on each topic, an odometry or a pose by its name: x = t, y = 2 t, z = -3 - t."""
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    attitude = Rotation.from_euler("ZYX", [0.3, 0.0, 0.0]).as_quat(scalar_first=True)
+    with Writer1(path) if ros == 1 else Writer2(path, version=9) as bag:
+        for topic in topics:
+            kind = "nav_msgs/msg/Odometry" if topic.endswith("odom") else "geometry_msgs/msg/PoseStamped"
+            connection = bag.add_connection(topic, kind, typestore=store)
+            for t in TIME:
+                header = stamped(store, ros, start + t, frame)
+                pose = pose_of(store, [t, 2 * t, -3 - t], attitude)
+                message = store.types["geometry_msgs/msg/PoseStamped"](header, pose)
+                if topic.endswith("odom"):
+                    zero = store.types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+                    twist = store.types["geometry_msgs/msg/Twist"](zero, zero)
+                    message = store.types["nav_msgs/msg/Odometry"](
+                        header,
+                        child,
+                        store.types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+                        store.types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
+                    )
+                raw = (store.serialize_ros1 if ros == 1 else store.serialize_cdr)(message, kind)
+                bag.write(connection, int((start + t) * 1e9) + 5_000_000, raw)  # received 5 ms later
+    return path
+
+
+@pytest.mark.parametrize(("name", "ros"), [("two", 2), ("one.bag", 1)])
+def test_topics_are_vehicles_and_enu_becomes_ned(name, ros, tmp_path):
+    tracks = read_trajectories(write(tmp_path / name, ["/auv1/odom", "/auv2/pose"], ros=ros))
+    assert sorted(tracks.names) == ["auv1", "auv2"]
+    assert tracks.start == np.datetime64(UNIX * 1_000_000_000, "ns")  # of the headers, not of the recorder
+    truth = tracks.at(TIME, LocalFrame(0, 0))
+    for k in range(2):
+        np.testing.assert_allclose(truth.position[k], np.column_stack([2 * TIME, TIME, 3 + TIME]))
+        body = Rotation.from_quat(truth.quaternion[k], scalar_first=True)
+        heading = np.pi / 2 - 0.3  # from east to the left by 0.3 is from north to the right by the rest
+        np.testing.assert_allclose(
+            body.apply([1.0, 0, 0]), np.tile([np.cos(heading), np.sin(heading), 0], (3, 1))
+        )
+        np.testing.assert_allclose(body.apply([0, 0, 1.0]), np.tile([0.0, 0, 1], (3, 1)), atol=1e-15)
+
+
+def test_a_frame_called_ned_is_one_and_a_simulation_has_a_clock_without_dates(tmp_path):
+    bag = write(
+        tmp_path / "ned", ["/robot/odom", "/robot/pose"], start=20, frame="world_ned", child="base_link_frd"
+    )
+    tracks = read_trajectories(bag)
+    assert sorted(tracks.names) == ["robot_odom", "robot_pose"]
+    assert tracks.start is None
+    bag = write(tmp_path / "ned3", ["/a/odom"], frame="map_ned", child="base_link_frd")
+    (own,) = read_trajectories(bag).poses
+    np.testing.assert_allclose(own.time, TIME)
+    assert own.quaternion[0] == pytest.approx(Rotation.from_euler("Z", [[0.3]]).as_quat(scalar_first=True)[0])
+
+
+def test_bags_without_poses_and_files_that_are_none_are_refused_in_one_line(tmp_path):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer2(tmp_path / "text", version=9) as bag:
+        connection = bag.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
+        message = store.types["std_msgs/msg/String"]("hello")
+        bag.write(connection, 1, store.serialize_cdr(message, "std_msgs/msg/String"))
+    refused(ExchangeError, "no topic of .*Odometry.*; found std_msgs/msg/String",
+            lambda: read_trajectories(tmp_path / "text"))  # fmt: skip
+    (tmp_path / "bad.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    refused(ExchangeError, "bad.bag: not a readable bag", lambda: read_trajectories(tmp_path / "bad.bag"))
+    (tmp_path / "bad.mcap").write_bytes(b"nothing of the kind")
+    refused(ExchangeError, "bad.mcap: not a readable bag", lambda: read_trajectories(tmp_path / "bad.mcap"))
+    (tmp_path / "empty").mkdir()
+    refused(ExchangeError, "empty: not a readable bag", lambda: read_trajectories(tmp_path / "empty"))

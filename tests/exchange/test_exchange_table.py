@@ -1,0 +1,186 @@
+"""Tables of trajectories and pings: units, attitudes, time zones, and what is refused."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from refusals import refused
+from scipy.spatial.transform import Rotation
+
+from pymantaray import LocalFrame, read_trajectories
+from pymantaray.errors import ExchangeError
+from pymantaray.exchange import write_tum
+from pymantaray.exchange.table import read_pings
+
+TIME = np.array([0.0, 12.5, 20.0])
+TABLE = pd.DataFrame(
+    {
+        "time": np.tile(TIME, 2),
+        "vehicle": np.repeat(["A", "B"], 3),
+        "north": [0.0, 1 / 3, 2.0, 10.0, 20.0, 30.0],
+        "east": [1.0, 2.0, 1e4 / 7, 0.0, -1.0, -2.0],
+        "depth": [5.0, 6.0, 7.0, 50.0, 60.0, 70.0],
+    }
+)
+
+
+@pytest.mark.parametrize("name", ["mission.csv", "mission.tsv", "mission.parquet"])
+def test_a_table_comes_back_to_the_last_digit(name, tmp_path):
+    path = tmp_path / name
+    if name.endswith("parquet"):
+        TABLE.to_parquet(path)
+    else:
+        TABLE.to_csv(path, index=False, sep="," if name.endswith("csv") else "\t")
+    tracks = read_trajectories(path)
+    assert (tracks.names, tracks.start, tracks.geodetic, tracks.notes) == (["A", "B"], None, False, ())
+    for own, rows in zip(tracks.poses, (slice(0, 3), slice(3, 6)), strict=True):
+        np.testing.assert_array_equal(own.time, TIME)
+        np.testing.assert_array_equal(own.place, TABLE[["north", "east", "depth"]].to_numpy()[rows])
+
+
+def test_names_of_columns_carry_units(tmp_path):
+    other = TABLE.rename(
+        columns={"north": "North [m]", "east": "east_km", "depth": "Depth (m)", "time": "time_s"}
+    )
+    other["east_km"] /= 1000.0
+    other.to_csv(tmp_path / "other.csv", index=False)
+    TABLE.to_csv(tmp_path / "plain.csv", index=False)
+    one, two = (read_trajectories(tmp_path / f"{name}.csv").poses for name in ("other", "plain"))
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_allclose(a.place, b.place, rtol=1e-15)
+
+
+def test_angles_and_quaternions_say_the_same(tmp_path):
+    angles = np.radians([[30.0, 10.0, -5.0], [200.0, -20.0, 3.0], [359.0, 0.0, 0.0]])
+    q = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True)
+    base = TABLE.iloc[:3].drop(columns="vehicle")
+    base.assign(
+        **dict(zip(("heading_deg", "pitch_deg", "roll_deg"), np.degrees(angles).T, strict=True))
+    ).to_csv(tmp_path / "angles.csv", index=False)
+    base.assign(**dict(zip(("yaw", "pitch", "roll"), angles.T, strict=True))).to_csv(
+        tmp_path / "radians.csv", index=False
+    )
+    base.assign(**dict(zip(("qw", "qx", "qy", "qz"), q.T, strict=True))).to_csv(
+        tmp_path / "quaternions.csv", index=False
+    )
+    for name in ("angles", "radians", "quaternions"):
+        tracks = read_trajectories(tmp_path / f"{name}.csv")
+        assert tracks.names == [name]
+        own = Rotation.from_quat(tracks.poses[0].quaternion, scalar_first=True)
+        np.testing.assert_allclose(
+            (own.inv() * Rotation.from_quat(q, scalar_first=True)).magnitude(), 0, atol=1e-14
+        )
+    # nose up is a positive pitch: forward then points to smaller depths
+    forward = own.apply([1.0, 0.0, 0.0])
+    assert forward[0, 2] < 0.0 < forward[1, 2]
+
+
+@pytest.mark.parametrize(
+    ("written", "start"),
+    [
+        (["2023-05-01T12:00:00+02:00", "2023-05-01T12:00:12.5+02:00", "2023-05-01T12:00:20+02:00"], "2023-05-01T10"),
+        (["2023-05-01 12:00:00Z", "2023-05-01 12:00:12.500Z", "2023-05-01 12:00:20Z"], "2023-05-01T12"),
+        (["2023-05-01T12:00", "2023-05-01T12:00:12.5", "2023-05-01T12:00:20"], "2023-05-01T12"),
+        # clocks go back: 02:30 comes twice, and zones tell which is meant
+        (["2023-10-29T02:59:50+02:00", "2023-10-29T02:00:02.5+01:00", "2023-10-29T02:00:10+01:00"],
+         "2023-10-29T00:59:50"),
+    ],
+)  # fmt: skip
+def test_dates_are_brought_to_utc(written, start, tmp_path):
+    TABLE.iloc[:3].assign(time=written).to_csv(tmp_path / "m.csv", index=False)
+    tracks = read_trajectories(tmp_path / "m.csv")
+    assert tracks.start == np.datetime64(start, "ns")
+    np.testing.assert_array_equal(tracks.poses[0].time, TIME)
+
+
+def test_dates_of_parquet_keep_their_zone(tmp_path):
+    when = pd.Timestamp("2023-05-01T12:00", tz="Europe/Oslo") + pd.to_timedelta(TIME, unit="s")
+    for name, times in (("zone", when), ("utc", when.tz_convert("UTC").tz_localize(None))):
+        TABLE.iloc[:3].assign(time=times).to_parquet(tmp_path / f"{name}.parquet")
+        tracks = read_trajectories(tmp_path / f"{name}.parquet")
+        assert tracks.start == np.datetime64("2023-05-01T10:00", "ns")
+        np.testing.assert_array_equal(tracks.poses[0].time, TIME)
+
+
+def test_a_table_in_latitude_and_longitude_is_where_the_frame_says(tmp_path):
+    frame = LocalFrame(74.5, -140.0)
+    lat, lon = frame.to_geodetic(TABLE["north"], TABLE["east"])
+    TABLE.drop(columns=["north", "east"]).assign(lat=lat, longitude=lon).to_csv(
+        tmp_path / "m.csv", index=False
+    )
+    truth = read_trajectories(tmp_path / "m.csv").at(TIME, frame)
+    np.testing.assert_allclose(
+        truth.position.reshape(-1, 3), TABLE[["north", "east", "depth"]], rtol=0, atol=1e-6
+    )  # metres; digits of a degree
+
+
+def test_several_files_are_one_fleet_on_one_clock(tmp_path):
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
+    for name, offset in (("A", 100.0), ("B", 107.0)):
+        write_tum(tmp_path / f"{name}.tum", TIME + offset, TABLE[["north", "east", "depth"]][:3], q)
+    tracks = read_trajectories(tmp_path / "*.tum")
+    assert (tracks.names, tracks.duration) == (["A", "B"], 27.0)
+    np.testing.assert_array_equal(tracks.poses[1].time, TIME + 7.0)
+    np.testing.assert_array_equal(tracks.poses[0].place, TABLE[["north", "east", "depth"]][:3])
+
+
+def test_tum_files_of_ros_have_other_axes(tmp_path):
+    # goes east, nose east, at 4 m depth: in ROS x is east and the attitude is none
+    rows = np.column_stack([TIME, TIME, 0 * TIME, -4 + 0 * TIME, np.tile([0.0, 0, 0, 1], (3, 1))])
+    np.savetxt(tmp_path / "a.tum", rows)
+    truth = read_trajectories(tmp_path / "a.tum", enu=True).at(TIME, LocalFrame(0, 0))
+    np.testing.assert_allclose(truth.position[0], np.column_stack([0 * TIME, TIME, 4 + 0 * TIME]))
+    body = Rotation.from_quat(truth.quaternion[0], scalar_first=True)
+    np.testing.assert_allclose(body.apply([1.0, 0, 0]), np.tile([0.0, 1, 0], (3, 1)), atol=1e-15)
+    np.testing.assert_allclose(body.apply([0, 0, 1.0]), np.tile([0.0, 0, 1], (3, 1)), atol=1e-15)
+
+
+def text(content, name="m.csv"):
+    def write(folder):
+        (folder / name).write_text(content)
+        return folder / name
+
+    return write
+
+
+REFUSED = {
+    "m.csv: lacks north, east; found time, lat, depth; a trajectory needs": text("time,lat,depth\n0,1,2\n1,1,2"),
+    "m.csv, line 3: every one of north, east, depth needs a number; depth is 'x'": text(
+        "time,north,east,depth\n0,0,0,0\n1,0,0,x"),
+    "m.csv, line 3: time is 'noon'; all are seconds, or all are dates": text(
+        "time,north,east,depth\n2020-01-01,0,0,0\nnoon,0,0,0"),
+    "m.csv, line 2: time is '5'; all are seconds, or all are dates": text(
+        "time,north,east,depth\n5,0,0,0\n2020-01-01,0,0,0"),
+    "m.csv: has pitch, but no heading; leave": text("time,north,east,depth,pitch\n0,0,0,0,0\n1,0,0,0,0"),
+    "m.csv: heading reaches 359, .* call the column heading_deg": text(
+        "time,north,east,depth,heading\n0,0,0,0,0\n1,0,0,0,359"),
+    "m.csv: A has 1 pose;": text("time,vehicle,north,east,depth\n0,A,0,0,0\n0,B,0,0,0\n1,B,0,0,0"),
+    "m.csv: needs a header": text(""),
+    "there is no such file": lambda folder: folder / "none.csv",
+    r"none\*.csv: no file of that name": lambda folder: folder / "none*.csv",
+    "trajectories are read from .bag, .csv": text("x", "m.xyz"),
+    "no file given": lambda _: [],
+    "m.parquet: not a readable Parquet file": text("PAR1", "m.parquet"),
+    "m.tum: 2 rows of 7 numbers; a TUM file has 8": text("0 1 2 3 4 5 6\n" * 2, "m.tum"),
+    "m.tum: not a readable TUM file: could not convert string 'x'": text("0 1 2 x 0 0 0 1\n", "m.tum"),
+    "m.tum: 0 rows": text("# nothing\n", "m.tum"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_bad_files_are_one_line_each(message, tmp_path):
+    refused(ExchangeError, message, lambda: read_trajectories(REFUSED[message](tmp_path)))
+
+
+def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
+    path = text("time,transmitter,receivers\n0,A,\n10.5,B,A C\n")(tmp_path)
+    pings = read_pings(path, None)
+    assert (pings.time, pings.transmitter, pings.receivers) == ((0.0, 10.5), ("A", "B"), ((), ("A", "C")))
+    path = text("time,transmitter\n2023-05-01T12:00:00+02:00,A\n")(tmp_path)
+    assert read_pings(path, np.datetime64("2023-05-01T09:59:00", "ns")).time == (60.0,)
+    refused(
+        ExchangeError, "times are dates, but the mission's start has none", lambda: read_pings(path, None)
+    )
+    refused(ExchangeError, "a ping is at -60 s; the mission begins at 0", lambda: read_pings(
+        path, np.datetime64("2023-05-01T10:01:00", "ns")))  # fmt: skip
+    refused(ExchangeError, "lacks transmitter; found time, who; a list of pings needs", lambda: read_pings(
+        text("time,who\n0,A\n")(tmp_path), None))  # fmt: skip

@@ -1,0 +1,190 @@
+"""Trajectories brought to common times and a local frame: no pose is changed, none is made up."""
+
+import numpy as np
+import pytest
+from refusals import refused
+from scipy.spatial.transform import Rotation
+
+from pymantaray.errors import ExchangeError
+from pymantaray.exchange import Poses, Tracks
+from pymantaray.exchange.frames import from_enu, from_enu_attitude
+from pymantaray.exchange.tracks import level, union_of_times, with_times
+from pymantaray.geometry import LocalFrame
+from pymantaray.records import VehicleStatus
+
+FRAME = LocalFrame(74.5, -140.0)
+TIME = np.array([0.0, 7.0, 30.0, 31.5, 60.0])
+PLACE = np.array([[0, 0, 5], [10, 3, 6], [40, -9, 8], [42, -8, 8], [42, 20, 3.0]])
+
+
+def poses(name="A", time=TIME, place=PLACE, quaternion=None, *, geodetic=False):
+    return Poses(name, np.asarray(time), np.asarray(place, dtype=float), quaternion, geodetic, "mission.csv")
+
+
+def random_attitudes(n, seed=1):
+    return Rotation.random(n, rng=np.random.default_rng(seed)).as_quat(scalar_first=True)
+
+
+def angle_between(one, other):
+    return (
+        Rotation.from_quat(one, scalar_first=True).inv() * Rotation.from_quat(other, scalar_first=True)
+    ).magnitude()
+
+
+def test_at_its_own_times_a_vehicle_has_the_poses_of_the_file_to_the_last_digit():
+    q = random_attitudes(TIME.size)
+    times = np.sort(np.concatenate([TIME, np.linspace(0.0, 60.0, 23)]))
+    truth = Tracks.of([poses(quaternion=q)]).at(times, FRAME)
+    own = np.searchsorted(times, TIME)
+    np.testing.assert_array_equal(truth.position[0, own], PLACE)
+    np.testing.assert_allclose(truth.quaternion[0, own], q, rtol=0, atol=1e-15)
+    assert truth.role.tolist() == ["track"]
+
+
+def test_between_its_times_places_are_linear_and_attitudes_turn_at_a_constant_rate():
+    q = random_attitudes(TIME.size)
+    share = np.array([0.1, 0.25, 0.7])
+    for k in range(TIME.size - 1):
+        times = TIME[k] + share * (TIME[k + 1] - TIME[k])
+        truth = Tracks.of([poses(quaternion=q)]).at(times, FRAME)
+        np.testing.assert_allclose(
+            truth.position[0], PLACE[k] + share[:, None] * (PLACE[k + 1] - PLACE[k]), rtol=0, atol=1e-12
+        )
+        whole = angle_between(q[k], q[k + 1])
+        np.testing.assert_allclose(
+            angle_between(q[k], truth.quaternion[0]), share * whole, rtol=0, atol=1e-12
+        )
+
+
+def test_outside_its_span_a_vehicle_is_not_there():
+    late = poses("B", TIME + 100.0, PLACE + 500.0)
+    truth = Tracks.of([poses(), late]).at([0.0, 60.0, 60.1, 99.9, 100.0, 160.0, 161.0], FRAME)
+    A, X = VehicleStatus.ACTIVE, VehicleStatus.ABSENT
+    np.testing.assert_array_equal(truth.status, [[A, A, X, X, X, X, X], [X, X, X, X, A, A, X]])
+    np.testing.assert_array_equal(truth.position[0, 2:], np.tile(PLACE[-1], (5, 1)))
+    np.testing.assert_array_equal(truth.position[1, :4], np.tile(PLACE[0] + 500.0, (4, 1)))
+    assert truth.stops == {"A": (X, 60.1), "B": (X, 161.0)}
+
+
+def test_without_attitudes_a_vehicle_is_level_and_heads_where_it_goes():
+    place = [[0, 0, 5], [0, 0, 9], [10, 0, 9], [10, 0, 2], [10, 5, 2.0]]
+    truth = Tracks.of([poses(place=place)]).at(TIME, FRAME)
+    heading = np.pi / 2 * np.array([0.0, 0.0, 0.0, 1.0, 1.0])  # at rest: as before, at first as then
+    heading[2] = 0.0
+    np.testing.assert_allclose(angle_between(truth.quaternion[0], level(heading)), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("centre", [(74.5, -140.0), (-60.0, 179.9), (10.0, 20.0)])
+def test_headings_by_true_north_are_those_of_the_motion_in_the_frame(centre):
+    frame, bearing = LocalFrame(*centre), 0.7
+    lat = centre[0] + 2.0 + 1e-6 * np.cos(bearing) * TIME
+    lon = centre[1] + 4.0 + 1e-6 * np.sin(bearing) * TIME / np.cos(np.radians(lat))
+    q = np.tile(level(bearing), (TIME.size, 1))
+    geographic = poses(place=np.column_stack([lat, lon, 0 * lat]), quaternion=q, geodetic=True)
+    by_file = Tracks.of([geographic]).at(TIME, frame).quaternion
+    by_motion = Tracks.of([geographic._replace(quaternion=None)]).at(TIME, frame).quaternion
+    assert angle_between(by_file, level(bearing)).min() > 0.01  # the frame's north is not true north there
+    # metres of a degree of latitude and of longitude differ by 1 in 150 on the ellipsoid
+    np.testing.assert_allclose(angle_between(by_file, by_motion), 0.0, atol=5e-3)
+
+
+def test_a_track_over_the_antimeridian_has_no_jump_and_its_middle_is_there():
+    lon = np.array([179.98, 179.99, -180.0, -179.99, -179.98])
+    tracks = Tracks.of([poses(place=np.column_stack([np.full(5, 60.0), lon, np.zeros(5)]), geodetic=True)])
+    assert tracks.centre == pytest.approx((60.0, -180.0))
+    east = tracks.at(TIME, LocalFrame(*tracks.centre)).position[0, :, 1]
+    np.testing.assert_allclose(np.diff(east), 0.01 * 111_413 * np.cos(np.radians(60.0)), rtol=2e-3)
+
+
+def test_dates_and_seconds_give_the_same_clock():
+    start = np.datetime64("2014-07-15T12:00:00.123456789", "ns")
+    dates = start + np.round(TIME * 1e9).astype("timedelta64[ns]")
+    tracks = Tracks.of([poses("B", dates + np.timedelta64(5, "s")), poses("A", dates)])
+    assert tracks.start == start
+    np.testing.assert_array_equal(tracks.poses[0].time, TIME + 5.0)
+    np.testing.assert_array_equal(tracks.poses[1].time, TIME)
+    assert (tracks.names, tracks.duration) == (["B", "A"], 65.0)
+    seconds = Tracks.of([poses("B", TIME + 1005.0), poses("A", TIME + 1000.0)])
+    assert seconds.start is None
+    np.testing.assert_array_equal(seconds.poses[0].time, TIME + 5.0)
+
+
+def test_rows_are_sorted_and_a_time_that_comes_twice_counts_once():
+    order = [3, 0, 4, 1, 2, 2]
+    tracks = Tracks.of([poses(time=TIME[order], place=PLACE[order])])
+    np.testing.assert_array_equal(tracks.poses[0].place, PLACE)
+    assert tracks.notes == ("mission.csv: A: 1 poses at times that it has already were left out",)
+
+
+def test_a_depth_sensor_may_be_a_little_above_the_surface():
+    place = PLACE - [0, 0, 3.4]
+    tracks = Tracks.of([poses(place=place)])
+    assert tracks.poses[0].place[:, 2].min() == 0.0
+    assert tracks.notes == ("mission.csv: A: 1 poses up to 0.4 m above the surface were put on it",)
+
+
+def test_a_name_that_a_study_cannot_have_becomes_one_that_it_can():
+    tracks = Tracks.of([poses("Seaglider 12/α")])
+    assert tracks.names == ["Seaglider_12"]
+    assert "Seaglider 12/α is called Seaglider_12 here" in tracks.notes[0]
+
+
+def test_a_record_comes_back_and_vehicles_that_stopped_are_not_there():
+    from factories import trajectories
+
+    truth = trajectories(np.cumsum(np.ones((2, 9, 3)), axis=1), names=["A", "B"])
+    again = Tracks.of_record(truth).at(truth.time, FRAME)
+    np.testing.assert_array_equal(again.position, truth.position)
+    np.testing.assert_array_equal(again.quaternion, truth.quaternion)
+
+
+def test_with_times_keeps_every_sample_and_adds_the_ones_between():
+    from factories import trajectories
+
+    truth = trajectories(np.cumsum(np.ones((2, 9, 3)), axis=1), names=["A", "B"])
+    step = truth.time[1]
+    more = with_times(truth, np.array([0.5 * step, 2.0 * step + 1e-7, 7.25 * step]))
+    assert more.time.size == truth.time.size + 2
+    own = np.isin(more.time, truth.time)
+    np.testing.assert_array_equal(more.position[:, own], truth.position)
+    np.testing.assert_allclose(
+        more.position[:, ~own], np.array([1.5, 8.25])[None, :, None] * np.ones((2, 1, 3))
+    )
+    assert with_times(truth, truth.time[[2, 5]]) is truth
+
+
+def test_union_of_times_holds_both_and_no_time_twice():
+    times = union_of_times(np.array([0.0, 10.0, 20.0]), np.array([30.0, 10.0 + 5e-7, 5.0, 5.0 + 5e-7, 20.0]))
+    np.testing.assert_array_equal(times, [0.0, 5.0, 10.0, 20.0, 30.0])
+
+
+def test_east_north_up_and_back_is_where_one_was():
+    rng = np.random.default_rng(3)
+    p, q = rng.normal(size=(7, 3)), random_attitudes(7)
+    np.testing.assert_allclose(from_enu(from_enu(p)), p, atol=1e-15)
+    np.testing.assert_allclose(from_enu_attitude(from_enu_attitude(q)), q, atol=1e-15)
+    # by matrices: a vector of the body, written in its axes of either kind, points to the same place
+    flu = rng.normal(size=(7, 3))
+    frd = flu * [1, -1, -1]
+    enu = Rotation.from_quat(q, scalar_first=True).apply(flu)
+    ned = Rotation.from_quat(from_enu_attitude(q), scalar_first=True).apply(frd)
+    np.testing.assert_allclose(ned, enu[:, [1, 0, 2]] * [1, 1, -1], atol=1e-14)
+
+
+IMPOSSIBLE = {
+    "A has 1 pose; a trajectory needs two or more": lambda: [poses(time=TIME[:1], place=PLACE[:1])],
+    "two vehicles are called A; names must differ": lambda: [poses(), poses()],
+    "pose 2 has a place that is not finite": lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))],
+    "latitude 95; latitudes lie in -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
+    "depth -92 m is above the surface; .*change the sign if": lambda: [poses(place=PLACE - 95.0)],
+    "the quaternion of pose 0 has length 0; it must be 1": lambda: [poses(quaternion=np.zeros((5, 4)))],
+    "A has latitude and longitude, B of mission.csv has not": lambda: [
+        poses(geodetic=True), poses("B")],
+    "A has dates, B of mission.csv has not": lambda: [
+        poses(time=TIME.astype("datetime64[ns]")), poses("B")],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", IMPOSSIBLE)
+def test_impossible_trajectories_are_refused_in_one_line(message):
+    refused(ExchangeError, message, lambda: Tracks.of(IMPOSSIBLE[message]()))
