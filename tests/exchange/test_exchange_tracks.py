@@ -138,6 +138,19 @@ def test_a_record_comes_back_and_vehicles_that_stopped_are_not_there():
     np.testing.assert_array_equal(again.quaternion, truth.quaternion)
 
 
+def test_places_about_another_centre_are_brought_to_the_frame():
+    q, near = random_attitudes(TIME.size), LocalFrame(74.6, -139.0)
+    (here,) = Tracks.of([poses(quaternion=q)._replace(centre=(74.5, -140.0))]).in_frame(near)
+    assert np.linalg.norm(here.place[0, :2]) > 20e3
+    (back,) = Tracks.of([here._replace(centre=(74.6, -139.0))]).in_frame(FRAME)
+    np.testing.assert_allclose(back.place, PLACE, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(angle_between(back.quaternion, q), 0.0, atol=1e-8)
+    north = [FRAME.to_geodetic([0.0, 1000.0], [0.0, 0.0])]
+    step = np.squeeze([np.diff(axis) for axis in near.to_local(*north[0])])
+    turn = angle_between(here.quaternion[0], q[0])
+    assert turn == pytest.approx(abs(np.arctan2(step[1], step[0])), abs=1e-4)
+
+
 def test_with_times_keeps_every_sample_and_adds_the_ones_between():
     from factories import trajectories
 

@@ -32,6 +32,8 @@ class Poses(NamedTuple):
     """Body (forward, right, down) to true north, east, down, (w, x, y, z); None where the file has none."""
     geodetic: bool
     file: str
+    centre: tuple[float, float] | None = None
+    """Latitude and longitude of the local frame's, where the file tells them. [degrees]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +83,11 @@ class Tracks:
     def of_record(cls, truth: Trajectories, file: str = "trajectories") -> Self:
         """Tracks of a record in the local frame; where a vehicle is not active, it is not there."""
         rows = [np.flatnonzero(status == VehicleStatus.ACTIVE) for status in truth.status]
+        time = truth.time
+        if not np.isnat(truth.start):
+            time = truth.start.astype("M8[ns]") + np.round(time * 1e9).astype("m8[ns]")
         poses = [
-            Poses(str(name), truth.time[r], truth.position[i, r], truth.quaternion[i, r], False, file)
+            Poses(str(name), time[r], truth.position[i, r], truth.quaternion[i, r], False, file, truth.centre)
             for i, (name, r) in enumerate(zip(truth.name, rows, strict=True))
         ]
         return cls.of(poses)
@@ -104,9 +109,9 @@ class Tracks:
 
     @property
     def centre(self) -> tuple[float, float] | None:
-        """Middle of the latitudes and longitudes [degrees]; None for places in a local frame."""
+        """Middle of the latitudes and longitudes, or centre of the local frame; None where no file tells it. [degrees]"""
         if not self.geodetic:
-            return None
+            return next((p.centre for p in self.poses if p.centre is not None), None)
         lat, lon = (np.concatenate([p.place[:, k] for p in self.poses]) for k in (0, 1))
         lon = lon[0] + (lon - lon[0] + 180.0) % 360.0 - 180.0
         middle = [0.5 * float(values.min() + values.max()) for values in (lat, lon)]
@@ -121,7 +126,8 @@ class Tracks:
         time : array_like, shape (n_times,)
             Since the first pose of all, rising. [s]
         frame : LocalFrame
-            What latitudes and longitudes are brought to; places in a local frame are taken to be in it.
+            What latitudes and longitudes are brought to, and places about another centre. Local places of no known centre
+            are taken to be in it.
 
         Returns
         -------
@@ -139,11 +145,13 @@ class Tracks:
             position=np.stack([s[0] for s in sampled]),
             quaternion=np.stack([s[1] for s in sampled]),
             status=np.stack([s[2] for s in sampled]),
+            start=np.datetime64("NaT") if self.start is None else self.start,
+            centre=(frame.latitude_deg, frame.longitude_deg),
         )
 
     def in_frame(self, frame: LocalFrame) -> list[Poses]:
         """Each vehicle's own poses as north, east, down of a frame."""
-        return [_local(p, frame) if p.geodetic else p for p in self.poses]
+        return [_local(p, frame) for p in self.poses]
 
 
 def with_times(truth: Trajectories, time: Array) -> Trajectories:
@@ -231,16 +239,33 @@ def _clean(p: Poses, told: list[str]) -> Poses:
 
 
 def _local(p: Poses, frame: LocalFrame) -> Poses:
-    """Poses brought from latitude, longitude and true north to a frame."""
+    """Poses brought from latitude, longitude and true north, or from another frame, to a frame."""
+    if not p.geodetic:
+        if p.centre in (None, (frame.latitude_deg, frame.longitude_deg)):
+            return p
+        p = _geodetic(p, LocalFrame(*p.centre))
     north, east = frame.to_local(p.place[:, 0], p.place[:, 1])
-    quaternion = p.quaternion
-    if quaternion is not None:
-        turn = Rotation.from_euler("Z", frame.convergence(p.place[:, 0], p.place[:, 1])[:, None])
-        own = Rotation.from_quat(quaternion, scalar_first=True)
-        quaternion = (turn * own).as_quat(scalar_first=True)
     return p._replace(
-        place=np.column_stack([north, east, p.place[:, 2]]), quaternion=quaternion, geodetic=False
+        place=np.column_stack([north, east, p.place[:, 2]]),
+        quaternion=_turned(p.quaternion, frame.convergence(p.place[:, 0], p.place[:, 1])),
+        geodetic=False,
     )
+
+
+def _geodetic(p: Poses, frame: LocalFrame) -> Poses:
+    """Local poses of a frame as latitudes, longitudes and attitudes to true north."""
+    lat, lon = frame.to_geodetic(p.place[:, 0], p.place[:, 1])
+    turn = -frame.convergence(lat, lon)
+    place = np.column_stack([lat, lon, p.place[:, 2]])
+    return p._replace(place=place, quaternion=_turned(p.quaternion, turn), geodetic=True)
+
+
+def _turned(quaternion: Array | None, angle: Array) -> Array | None:
+    """Attitudes after turns about down. [rad]"""
+    if quaternion is None:
+        return None
+    own = Rotation.from_quat(quaternion, scalar_first=True)
+    return np.asarray((Rotation.from_euler("Z", angle[:, None]) * own).as_quat(scalar_first=True))
 
 
 def _at(p: Poses, times: Array) -> tuple[Array, Array, NDArray[np.int8]]:
