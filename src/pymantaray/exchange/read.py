@@ -8,7 +8,7 @@ from pymantaray.errors import ExchangeError, OceanError, RecordError
 from pymantaray.exchange.cf import read_cf
 from pymantaray.exchange.rosbag import read_bag
 from pymantaray.exchange.table import read_table
-from pymantaray.exchange.tracks import Poses, Tracks
+from pymantaray.exchange.tracks import Poses, Tracks, poses_of_record
 from pymantaray.exchange.tum import read_tum
 from pymantaray.ocean.files import open_file
 from pymantaray.records import Trajectories
@@ -82,7 +82,7 @@ def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
         with open_file(path) as data:
             own = data.attrs.get("mantaray_record") == Trajectories.kind
         if own:
-            return list(Tracks.of_record(Trajectories.load(path), str(path)).poses), []
+            return poses_of_record(Trajectories.load(path), str(path)), []
     except (OceanError, RecordError) as error:
         raise ExchangeError(str(error)) from None
     return read_cf(path)

@@ -80,17 +80,9 @@ class Tracks:
         return cls(tuple(p._replace(time=(p.time - start) / second) for p in clean), start, tuple(told))
 
     @classmethod
-    def of_record(cls, truth: Trajectories, file: str = "trajectories") -> Self:
+    def of_record(cls, truth: Trajectories) -> Self:
         """Tracks of a record in the local frame; where a vehicle is not active, it is not there."""
-        rows = [np.flatnonzero(status == VehicleStatus.ACTIVE) for status in truth.status]
-        time = truth.time
-        if not np.isnat(truth.start):
-            time = truth.start.astype("M8[ns]") + np.round(time * 1e9).astype("m8[ns]")
-        poses = [
-            Poses(str(name), time[r], truth.position[i, r], truth.quaternion[i, r], False, file, truth.centre)
-            for i, (name, r) in enumerate(zip(truth.name, rows, strict=True))
-        ]
-        return cls.of(poses)
+        return cls.of(poses_of_record(truth, "trajectories"))
 
     @property
     def names(self) -> list[str]:
@@ -152,6 +144,18 @@ class Tracks:
     def in_frame(self, frame: LocalFrame) -> list[Poses]:
         """Each vehicle's own poses as north, east, down of a frame."""
         return [_local(p, frame) for p in self.poses]
+
+
+def poses_of_record(truth: Trajectories, file: str) -> list[Poses]:
+    """Each vehicle of a record while it is active, with dates where the record has one."""
+    time = truth.time
+    if not np.isnat(truth.start):
+        time = truth.start.astype("M8[ns]") + np.round(time * 1e9).astype("m8[ns]")
+    rows = [np.flatnonzero(status == VehicleStatus.ACTIVE) for status in truth.status]
+    return [
+        Poses(str(name), time[r], truth.position[i, r], truth.quaternion[i, r], False, file, truth.centre)
+        for i, (name, r) in enumerate(zip(truth.name, rows, strict=True))
+    ]
 
 
 def with_times(truth: Trajectories, time: Array) -> Trajectories:
