@@ -119,7 +119,7 @@ def test_labels_flags_and_dates_are_what_xarray_selects_by(tmp_path):
         assert down == truth.position[1, 2, 2]
         np.testing.assert_array_equal(data.quaternion.sel(agent="C", quat="w"), truth.quaternion[2, :, 0])
         flags = dict(zip(data.status.flag_meanings.split(), data.status.flag_values.tolist(), strict=True))
-        assert flags == {"ACTIVE": 0, "GROUNDED": 1, "LEFT_DOMAIN": 2}
+        assert flags == {"ACTIVE": 0, "GROUNDED": 1, "LEFT_DOMAIN": 2, "ABSENT": 3}
         assert data.status.flag_values.dtype == data.status.dtype
         north, east = LocalFrame(74.5, -140.0).to_local(data.latitude, data.longitude)
         np.testing.assert_allclose(np.stack([north, east], -1)[1:], truth.position[1:, :, :2], atol=1e-6)
