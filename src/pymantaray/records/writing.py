@@ -77,7 +77,7 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
     """Write a data set as CF has it, NetCDF-4, whole or not at all as `whole_file` does; title and history if it has none."""
     dataset, path = dataset.copy(), Path(path)
     about = {"title": path.stem.replace("_", " "), "history": f"pymantaray {version('pymantaray')}"}
-    dataset.attrs = {**about, **dataset.attrs, "Conventions": "CF-1.11"}
+    dataset.attrs = {"Conventions": "CF-1.11", **about, **dataset.attrs}
     for name in dataset.indexes:
         dataset[name].encoding["_FillValue"] = None
     with whole_file(path, replace=replace) as temporary, NETCDF_LOCK:
