@@ -35,6 +35,8 @@ _WORDS = {
 _COLOURS = dict(zip(_WORDS, (style.BLUE, style.SKY, style.GREEN, style.ORANGE, style.GREY), strict=True))
 _WATER, _LAND_COLUMN = 0, 1  # values of column_status
 _EDGE = "#f4f2ee"
+_FEW = 0.5  # share of the links without a direct path above which a safe place is marked
+_LINES = "////"
 _COLUMNS = 2  # of maps beside each other
 
 
@@ -121,10 +123,11 @@ def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Fi
         axes[k].pcolormesh(
             atlas["lon"], atlas["lat"], classes, cmap=ListedColormap(colours), norm=norm, **CELLS
         )
+        _hatch(axes[k], atlas, np.nan_to_num(_lost(atlas, distance)) > _FEW)
         _finish(axes[k], atlas, k, title)
     names = [f"≤ {x:g} m" for x in safe] + [f"> {safe[-1]:g} m"]
     handles = [Patch(color=c, label=name) for c, name in zip(colours, names, strict=True)]
-    figure.legend(handles=[*handles, *_other_patches(atlas)], loc="outside lower center", ncols=7)
+    figure.legend(handles=[*handles, *_other_patches(atlas)], loc="outside lower center", ncols=8)
     figure.draw_without_rendering()
     return figure
 
@@ -134,7 +137,7 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
     """Largest error of any pair and bearing, and the share of the links without a direct path."""
     figure, axes = _maps(atlas, 2, legend=False)
     worst = worst_error(atlas, convention, distance)
-    lost = atlas["no_direct_path"].isel(distance=distance).mean(("time", "pair")).values
+    lost = _lost(atlas, distance)
     known = worst[np.isfinite(worst) & (worst > 0.0)]
     low, high = (known.min(), known.max()) if known.size else (0.1, 1.0)
     norm = LogNorm(low, max(high, 1.01 * low))
@@ -225,6 +228,18 @@ def _over_pairs(atlas: xr.Dataset, convention: int, distance: int) -> style.Arra
     return np.asarray(np.fmax.reduce(errors, axis=-1))
 
 
+def _lost(atlas: xr.Dataset, distance: int) -> style.Array:
+    """Share (lat, lon) of all links of a distance that have no direct path, NaN where none is in the water."""
+    return np.asarray(atlas["no_direct_path"].isel(distance=distance).mean(("time", "pair")).values)
+
+
+def _hatch(axes: Axes, atlas: xr.Dataset, where: Any) -> None:
+    """Lines over the cells of some columns."""
+    if where.any():
+        look: dict[str, Any] = {"colors": "none", "hatches": [_LINES], "zorder": 2}
+        axes.contourf(atlas["lon"], atlas["lat"], where.astype(float), levels=[0.5, 1.5], **look)
+
+
 def _maps(atlas: xr.Dataset, count: int, *, legend: bool) -> tuple[Figure, list[Axes]]:
     """Figure with maps in rows, and room for what is common to them."""
     lat, lon = atlas["lat"].values, atlas["lon"].values
@@ -255,7 +270,12 @@ def _finish(axes: Axes, atlas: xr.Dataset, k: int, title: str) -> None:
 
 def _other_patches(atlas: xr.Dataset) -> list[Patch]:
     status = atlas["column_status"].values
-    patches = [Patch(color=style.PALE, label="no direct path")]
+    patches = [
+        Patch(color=style.PALE, label="no direct path"),
+        Patch(
+            facecolor="white", edgecolor=style.INK, linewidth=0.0, hatch=_LINES, label="on most links none"
+        ),
+    ]
     if (status == _LAND_COLUMN).any():
         patches.append(Patch(color=LAND, label="land"))
     if (status > _LAND_COLUMN).any():
