@@ -58,9 +58,10 @@ class RealizationSolver:
         return Solved(solutions, {s.name: factory.true_unknowns(s, realization) for s in joint})
 
 
-def solve_realizations(run: Run, workers: Workers | None) -> Iterator[tuple[int, Solved]]:
-    """Solve all realizations of a run, each with its number: by workers, who begin at once, or one by one as they are asked for."""
-    numbers = range(run.config.study.realizations)
+def solve_realizations(
+    run: Run, workers: Workers | None, numbers: Sequence[int]
+) -> Iterator[tuple[int, Solved]]:
+    """Solve some realizations of a run, each with its number: by workers, who begin at once, or one by one as they are asked for."""
     if workers is None:
         solver = RealizationSolver(run)
         return ((number, solver.solve(number)) for number in numbers)

@@ -20,6 +20,7 @@ from pymantaray.study.mission import Mission, Progress, simulate_mission
 from pymantaray.study.realization import Solved, collect_results, solve_realizations, start_solver
 from pymantaray.study.store import Run, open_run, run_in_memory, summarize, write_json
 from pymantaray.study.tracks import mission_size, with_tracks
+from pymantaray.study.unfinished import Unfinished
 from pymantaray.study.workers import Workers
 
 _REALIZATIONS_PER_WORKER = 3
@@ -46,7 +47,8 @@ def run_study(
         From `load_study`.
     out : str or pathlib.Path, optional
         Folder for the results, new or empty. By default a dated one in ``runs``, to which ``runs/latest``
-        then points.
+        then points. Of a named one that takes longer than half a minute, what is done lies in ``<out>.unfinished`` until
+        the study is; the same call goes on with it, whatever ended it.
     workers : int, optional
         Processes that solve realizations; by default one a core, at most one for every three realizations.
         The results do not depend on it.
@@ -83,41 +85,56 @@ def run_study(
     _refuse_missing_files(config)
     report, watch = progress or _silent, Stopwatch()
     with staged_folder(out, config.study.name) as (stage, folder):
+        left = Unfinished(folder if out is not None and mission is None else None, config)
         with Workers(partial(start_solver, stage), workers) if workers > 1 else nullcontext() as processes:
-            mission = mission or simulate_mission(config, watch, report)
-            with watch.stage("files"):
-                inputs = checksums(config)  # of what was read, whatever becomes of the files
-                _write_mission(config, mission, stage)
-            drawing = None if mission_ready is None else mission_ready(stage)
-            solved = dict[int, Solved]()
-            if config.solves:
-                report("realizations", 0, count)
-                with watch.stage("realizations"):
-                    run = Run(stage)
-                    solving = solve_realizations(run, processes)
-                    (stage / store.PYFG).mkdir()
-                    write_graphs(run, 0, stage / store.PYFG, "realization-0-")  # while workers solve
-                    for number, one in solving:
-                        solved[number] = one
-                        report("realizations", len(solved), count)
+            inputs = left.restore(stage)
+            if inputs is None:
+                mission = mission or simulate_mission(config, watch, report)
+                with watch.stage("files"):
+                    inputs = checksums(config)  # of what was read, whatever becomes of the files
+                    _write_mission(config, mission, stage)
+            known, solved = (
+                Run(stage) if mission is None else run_in_memory(config, mission),
+                left.solved(inputs),
+            )
+            with left.keeping(stage, inputs, solved) as keep:
+                drawing = None if mission_ready is None else mission_ready(stage)
+                if config.solves:
+                    with watch.stage("realizations"):
+                        _solve(Run(stage), processes, solved, keep, report)
         report("files", 0, 1)
         estimates = None
         with watch.stage("files"):
             if config.solves:
-                estimates = _write_results(config, mission, [solved[n] for n in range(count)], stage)
+                estimates = _write_results(known, [solved[n] for n in range(count)], stage)
         content = describe_run(config, inputs, watch.seconds, workers=workers)
-        content["outcome"] = summarize(mission, estimates)
+        content["outcome"] = summarize(known, estimates)
         write_json(content, stage / MANIFEST)
         if drawing is not None:
             wait([drawing])
         report("files", 1, 1)
+    left.clear()
     return open_run(folder)
 
 
-def _write_results(
-    config: StudyConfig, mission: Mission, solved: Sequence[Solved], folder: Path
-) -> Estimates:
-    results = collect_results(run_in_memory(config, mission), solved)
+def _solve(
+    run: Run, workers: Workers | None, solved: dict[int, Solved], keep: Callable[[], None], report: Progress
+) -> None:
+    """Add the realizations that are not solved yet, and write the graphs of the first."""
+    count = run.config.study.realizations
+    report("realizations", len(solved), count)
+    solving = solve_realizations(run, workers, [n for n in range(count) if n not in solved])
+    graphs = run.path / store.PYFG
+    graphs.mkdir()
+    write_graphs(run, 0, graphs, "realization-0-")  # while workers solve
+    for number, one in solving:
+        solved[number] = one
+        keep()
+        report("realizations", len(solved), count)
+
+
+def _write_results(run: Run, solved: Sequence[Solved], folder: Path) -> Estimates:
+    results = collect_results(run, solved)
     results.estimates.save(folder / store.ESTIMATES)
     results.covariances.save(folder / store.COVARIANCES)
     if results.unknowns is not None:

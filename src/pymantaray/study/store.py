@@ -363,7 +363,7 @@ def write_json(content: dict[str, Any], path: Path) -> None:
         )
 
 
-def summarize(mission: "Mission", estimates: Estimates | None) -> dict[str, Any]:
+def summarize(run: Run, estimates: Estimates | None) -> dict[str, Any]:
     """
     Count what happened to links, vehicles and solves, for the manifest and for warnings.
 
@@ -372,10 +372,8 @@ def summarize(mission: "Mission", estimates: Estimates | None) -> dict[str, Any]
     ``expected_unheard``: mean number of attempts with an arrival that a realization does not hear; where
     receivers err, ``expected_mistaken``: mean number that take another arrival for the direct one.
     """
-    status, candidates = mission.measurements.range_status, mission.candidates
-    stopped = {
-        name: {"status": stop.name, "time_s": time} for name, (stop, time) in mission.truth.stops.items()
-    }
+    status, candidates = run.measurements.range_status, run.candidates
+    stopped = {name: {"status": stop.name, "time_s": time} for name, (stop, time) in run.truth.stops.items()}
     unhealthy = (
         []
         if estimates is None
@@ -389,8 +387,8 @@ def summarize(mission: "Mission", estimates: Estimates | None) -> dict[str, Any]
         ]
     )
     chance: dict[str, float] = {}
-    if mission.hearing is not None:
-        probability = mission.hearing.probability
+    if run.hearing is not None:
+        probability = run.hearing.probability
         if candidates is not None:
             probability = np.bincount(candidates.attempt, candidates.probability, minlength=status.size)
         chance["expected_unheard"] = float(np.sum(1.0 - probability[status == RayStatus.OK]))

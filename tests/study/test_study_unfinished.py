@@ -1,0 +1,134 @@
+"""A study that was interrupted goes on where it was, and its results are those of one that was not."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from pymantaray.study import open_run, run_study, runner, unfinished
+from pymantaray.study.realization import RealizationSolver
+
+DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "ranging_truth", "links")
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """Keep everything as soon as it is done."""
+    monkeypatch.setattr(unfinished, "_EVERY", 0.0)
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Realizations that are solved in this process."""
+    numbers, solve = [], RealizationSolver.solve
+
+    def count(self, number):
+        numbers.append(number)
+        return solve(self, number)
+
+    monkeypatch.setattr(RealizationSolver, "solve", count)
+    return numbers
+
+
+def interrupted(config, out, after):
+    """Run until so many realizations are solved."""
+
+    def stop(stage, done, _total):
+        if stage == "realizations" and done == after:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(config, out, workers=1, progress=stop)
+
+
+def same(one, other):
+    """Whether all data of two runs are equal to the last digit."""
+    for name in DATA:
+        a, b = (getattr(run, name).to_dataset() for run in (one, other))
+        assert a.identical(b), name
+    assert one.manifest["outcome"] == other.manifest["outcome"]
+    names = [{str(path.relative_to(run.path)) for path in run.path.rglob("*")} for run in (one, other)]
+    assert names[0] == names[1]
+
+
+def test_the_same_call_goes_on_with_what_was_done(tiny, at_once, solved, monkeypatch, tmp_path, caplog):
+    config, out = tiny(study={"realizations": 3}), tmp_path / "run"
+    interrupted(config, out, 2)
+    assert solved == [0, 1]
+    assert [path.name for path in tmp_path.iterdir()] == ["run.unfinished"]
+    assert "2 realizations are kept in " in caplog.text
+    monkeypatch.setattr(runner, "simulate_mission", None)  # is not called again
+    told = []
+    run = run_study(config, out, workers=1, progress=lambda *counts: told.append(counts))
+    assert solved == [0, 1, 2]
+    assert [done for stage, done, _ in told if stage == "realizations"] == [2, 3]
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    monkeypatch.undo()
+    same(run, run_study(config, tmp_path / "undisturbed", workers=1))
+
+
+def test_workers_go_on_as_well(tiny, at_once, tmp_path):
+    config, out = tiny(study={"realizations": 3}), tmp_path / "run"
+    interrupted(config, out, 1)
+    same(run_study(config, out, workers=2), run_study(config, tmp_path / "undisturbed", workers=1))
+
+
+def test_what_another_configuration_left_is_not_taken(tiny, at_once, solved, tmp_path):
+    out = tmp_path / "run"
+    interrupted(tiny(study={"realizations": 3}), out, 2)
+    other = tiny(study={"realizations": 2, "seed": 7})
+    interrupted(other, out, 1)
+    assert len(list((tmp_path / "run.unfinished").iterdir())) == 1
+    run = run_study(other, out, workers=1)
+    assert solved == [0, 1, 0, 1]
+    assert run.config.study.seed == 7
+    assert not (tmp_path / "run.unfinished").exists()
+
+
+def test_a_short_study_leaves_nothing(tiny, tmp_path):
+    interrupted(tiny(study={"realizations": 2}), tmp_path / "run", 1)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_study_whose_folder_nobody_named_leaves_nothing(tiny, at_once, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    interrupted(tiny(study={"realizations": 2}), None, 1)
+    assert not list(tmp_path.iterdir())
+
+
+RUN = """
+import sys
+from pymantaray.study import load_study, run_study, unfinished
+unfinished._EVERY = 0.0
+run_study(load_study(sys.argv[1], realizations=12), sys.argv[2], workers=2)
+"""
+
+
+def begin(file, out):
+    return subprocess.Popen([sys.executable, "-c", RUN, file, out], stderr=subprocess.PIPE)
+
+
+@pytest.mark.slow
+def test_kill_minus_nine_at_any_moment_loses_no_realization(tmp_path):
+    out, rng, there, killed = tmp_path / "run", np.random.default_rng(11), set(), 0
+    for _ in range(12):
+        process = begin("quick", out)
+        time.sleep(rng.uniform(4.0, 12.0))
+        os.kill(process.pid, signal.SIGKILL)
+        process.communicate()
+        if out.exists():
+            break
+        killed += 1
+        now = {path.name for path in tmp_path.glob("run.unfinished/*/*.pickle")}
+        assert now >= there
+        there = now
+    assert killed >= 2
+    assert there
+    begin("quick", out).communicate()
+    begin("quick", tmp_path / "undisturbed").communicate()
+    same(open_run(out), open_run(tmp_path / "undisturbed"))
+    assert {path.name for path in tmp_path.iterdir()} == {"run", "undisturbed"}
