@@ -34,7 +34,7 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, ocean_file, tmp_path):
     ("words", "line"),
     [
         (("--distances", "far"), "--distances is 'far'; needs numbers with commas between"),
-        (("--pair", "20"), "--pair is '20'; needs 2 numbers with commas between"),
+        (("--pair", "20"), "--pair is '20'; needs two numbers with a comma between"),
         (("--window", "1,2,3"), "--window is '1,2,3'; needs 4 numbers with commas between"),
         (("--start", "2014-07-15"), "--start and --stop belong together, and exclude --time"),
         (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from pymantaray.cli.ocean import Equation, Files, SeaFloor
-from pymantaray.cli.options import Force, Quiet, SearchOptions, with_options
+from pymantaray.cli.options import Force, Quiet, SearchOptions, parse_pair, with_options
 from pymantaray.cli.output import check_output, counted_progress, print_table
 from pymantaray.errors import AtlasError
 
@@ -88,7 +88,7 @@ def run(
     """Compute an atlas, or what is left of it."""
     check_output(out, [".nc"], inputs=[Path(name) for name in files], force=True)
     if pair:
-        pairs = [_numbers("--pair", text, 2) for text in pair]
+        pairs = [parse_pair("--pair", text) for text in pair]
     else:
         pairs = list(combinations_with_replacement(_numbers("--depths", depths), 2))
     corners = None if window is None else _numbers("--window", window, 4)
@@ -96,7 +96,7 @@ def run(
     from pymantaray.atlas.plan import instants_between
 
     links = AtlasLinks(
-        pairs=tuple((first, second) for first, second in pairs),
+        pairs=tuple(pairs),
         distances=_numbers("--distances", distances),
         bearings=bearings,
         nominal_sound_speed=nominal,
@@ -154,6 +154,9 @@ def plot(
         float | None,
         typer.Option("--distance", metavar="M", help="One of the atlas'. Default: the middle one."),
     ] = None,
+    pair: Annotated[
+        str | None, typer.Option("--pair", metavar="M,M", help="One of its pairs of depths. Default: all.")
+    ] = None,
     at: Annotated[
         str | None,
         typer.Option(
@@ -167,14 +170,16 @@ def plot(
     from pymantaray.cli.output import progress_bars
     from pymantaray.report import write_atlas_plots
 
-    place = None if at is None else _numbers("--at", at, 2)
+    place = None if at is None else parse_pair("--at", at)
+    depths = None if pair is None else parse_pair("--pair", pair)
     with open_atlas(file) as dataset, progress_bars(quiet=quiet) as progress:
         paths = write_atlas_plots(
             dataset,
             out,
             convention=convention,
             distance=distance,
-            place=None if place is None else (place[0], place[1]),
+            pair=depths,
+            place=place,
             progress=progress,
         )
     for path in paths:

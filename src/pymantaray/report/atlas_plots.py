@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
+from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -33,9 +33,11 @@ _WORDS = {
     "nominal": "one speed",
 }
 _COLOURS = dict(zip(_WORDS, (style.BLUE, style.SKY, style.GREEN, style.ORANGE, style.GREY), strict=True))
-_WATER, _LAND_COLUMN = 0, 1  # values of column_status
-_EDGE = "#f4f2ee"
+_WATER = 0  # of column_status
+_OTHERS = ((LAND, "land"), ("#f4f2ee", "edge of the data"), (style.BED, "too shallow"))
+"""Colour and name of its values 1 and 2, and of water above the depths of all links."""
 _FEW = 0.5  # share of the links without a direct path above which a safe place is marked
+_LOGARITHMIC = 10.0  # greatest by least error above which colours are by the logarithm
 _LINES = "////"
 _COLUMNS = 2  # of maps beside each other
 
@@ -46,6 +48,7 @@ def write_atlas_plots(
     *,
     convention: str = "transmitter",
     distance: float | None = None,
+    pair: tuple[float, float] | None = None,
     place: tuple[float, float] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> list[Path]:
@@ -64,6 +67,8 @@ def write_atlas_plots(
         One of the atlas' conventions.
     distance : float, optional
         One of its distances, by default the middle one. [m]
+    pair : tuple of float, optional
+        Depths of transmitter and receiver, one of its pairs; by default the largest error of all. [m]
     place : tuple of float, optional
         Latitude and longitude of the series; its nearest column is drawn, by default that in the middle. [degrees]
     progress : callable, optional
@@ -77,7 +82,7 @@ def write_atlas_plots(
     Raises
     ------
     ReportError
-        If the atlas has no such convention or distance, or is a line of columns.
+        If the atlas has no such convention, distance or pair, or is a line of columns.
     WriteError
         If nothing can be written.
     """
@@ -86,6 +91,12 @@ def write_atlas_plots(
     here = _one_of(atlas, "convention", convention)
     distances = atlas["distance"].values
     where = _one_of(atlas, "distance", distances[len(distances) // 2] if distance is None else distance)
+    if pair is not None:
+        pairs = list(zip(atlas["transmitter_depth"].values, atlas["receiver_depth"].values, strict=True))
+        if pair not in pairs:
+            listed = ", ".join(f"{first:g},{second:g}" for first, second in pairs)
+            raise ReportError(f"pair {pair[0]:g},{pair[1]:g}: not in the atlas, which has {listed}")
+        atlas = atlas.isel(pair=[pairs.index(pair)])
     km = f"{float(atlas['distance'][where]) / 1e3:g} km"
     draw: dict[str, Callable[[], Figure]] = {
         "atlas_safe": lambda: safety_maps(
@@ -124,7 +135,7 @@ def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Fi
             atlas["lon"], atlas["lat"], classes, cmap=ListedColormap(colours), norm=norm, **CELLS
         )
         _hatch(axes[k], atlas, np.nan_to_num(_lost(atlas, distance)) > _FEW)
-        _finish(axes[k], atlas, k, title)
+        _finish(axes[k], atlas, (k, title), distance)
     names = [f"≤ {x:g} m" for x in safe] + [f"> {safe[-1]:g} m"]
     handles = [Patch(color=c, label=name) for c, name in zip(colours, names, strict=True)]
     figure.legend(handles=[*handles, *_other_patches(atlas)], loc="outside lower center", ncols=8)
@@ -140,7 +151,7 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
     lost = _lost(atlas, distance)
     known = worst[np.isfinite(worst) & (worst > 0.0)]
     low, high = (known.min(), known.max()) if known.size else (0.1, 1.0)
-    norm = LogNorm(low, max(high, 1.01 * low))
+    norm = LogNorm(low, high) if high > _LOGARITHMIC * low else Normalize(0.0, high)
     km = f"{float(atlas['distance'][distance]) / 1e3:g} km"
     words = _WORDS[str(atlas["convention"].values[convention])]
     looks: tuple[dict[str, Any], dict[str, Any]] = (
@@ -152,14 +163,14 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
         ((worst, f"{km}, {words}"), (100.0 * lost, f"{km}, share of the links"))
     ):
         mesh = axes[k].pcolormesh(atlas["lon"], atlas["lat"], values, **looks[k], **CELLS)
-        _finish(axes[k], atlas, k, title)
+        _finish(axes[k], atlas, (k, title), distance)
         bar = figure.colorbar(mesh, ax=axes[k], pad=0.02, aspect=20, location="bottom")
-        if k:
-            finish_bar(bar, labels[k])
-        else:
+        if k == 0 and isinstance(norm, LogNorm):
             bar.set_label(labels[k])
             bar.outline.set_linewidth(0.4)
             style.short_numbers(bar.ax.xaxis)
+        else:
+            finish_bar(bar, labels[k])
     figure.draw_without_rendering()
     return figure
 
@@ -176,7 +187,7 @@ def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
         mesh = axes[k].pcolormesh(
             atlas["lon"], atlas["lat"], share, cmap=style.WATER, vmin=0.0, vmax=100.0, **CELLS
         )
-        _finish(axes[k], atlas, k, f"safe to {limit:g} m")
+        _finish(axes[k], atlas, (k, f"safe to {limit:g} m"), distance)
     finish_bar(
         figure.colorbar(mesh, ax=list(axes), aspect=40, location="bottom"), "Share of the instants [%]"
     )
@@ -253,33 +264,39 @@ def _maps(atlas: xr.Dataset, count: int, *, legend: bool) -> tuple[Figure, list[
     return figure, list(panels[:count])
 
 
-def _finish(axes: Axes, atlas: xr.Dataset, k: int, title: str) -> None:
-    """Land and the edge, axes and title of one map."""
-    status = atlas["column_status"].isel(time=0).values
-    classes = np.where(status == _WATER, np.nan, np.where(status == _LAND_COLUMN, 0.0, 1.0))
+def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int) -> None:
+    """What is no water, axes and title of one map, by its place among the others."""
     axes.set_facecolor(style.PALE)
-    if np.isfinite(classes).any():
-        colours = ListedColormap([LAND, _EDGE])
-        axes.pcolormesh(atlas["lon"], atlas["lat"], classes, cmap=colours, vmin=0.0, vmax=1.0, **CELLS)
+    others = _others(atlas, distance)
+    if np.isfinite(others).any():
+        colours = ListedColormap([colour for colour, _ in _OTHERS])
+        last = len(_OTHERS) - 1
+        axes.pcolormesh(atlas["lon"], atlas["lat"], others, cmap=colours, vmin=0, vmax=last, **CELLS)
     lay_out_map(axes, atlas["lat"].values, atlas["lon"].values, ticks=4)
     axes.set_xlabel("Longitude [°]")
-    if k % _COLUMNS == 0:
+    if title[0] % _COLUMNS == 0:
         axes.set_ylabel("Latitude [°]")
-    style.panel_title(axes, "abcdefghij"[k % 10], title)
+    style.panel_title(axes, "abcdefghij"[title[0] % 10], title[1])
+
+
+def _others(atlas: xr.Dataset, distance: int) -> style.Array:
+    """Which of `_OTHERS` the columns are, NaN for water in which there are links of a distance."""
+    status = atlas["column_status"].isel(time=0).values
+    shallow = np.isnan(_lost(atlas, distance))
+    return np.where(status != _WATER, status - 1.0, np.where(shallow, len(_OTHERS) - 1.0, np.nan))
 
 
 def _other_patches(atlas: xr.Dataset) -> list[Patch]:
-    status = atlas["column_status"].values
     patches = [
         Patch(color=style.PALE, label="no direct path"),
         Patch(
             facecolor="white", edgecolor=style.INK, linewidth=0.0, hatch=_LINES, label="on most links none"
         ),
     ]
-    if (status == _LAND_COLUMN).any():
-        patches.append(Patch(color=LAND, label="land"))
-    if (status > _LAND_COLUMN).any():
-        patches.append(Patch(facecolor=_EDGE, edgecolor=style.GREY, linewidth=0.4, label="edge of the data"))
+    there = [_others(atlas, k) for k in range(atlas.sizes["distance"])]
+    for k, (colour, label) in enumerate(_OTHERS):
+        if any((others == k).any() for others in there):
+            patches.append(Patch(facecolor=colour, edgecolor=style.GREY, linewidth=0.4, label=label))
     return patches
 
 
@@ -287,4 +304,7 @@ def _header(atlas: xr.Dataset) -> str:
     times = np.datetime_as_string(atlas["time"].values, unit="m")
     attrs = {"title": atlas.attrs["ocean"], "synthetic": atlas.attrs["synthetic"], "time": times[0]}
     several = f" and {times.size - 1} more" if times.size > 1 else ""
-    return style.ocean_header(attrs) + several
+    depths = f"{atlas.sizes['pair']} pairs of depths"
+    if atlas.sizes["pair"] == 1:
+        depths = f"{float(atlas['transmitter_depth'][0]):g} m to {float(atlas['receiver_depth'][0]):g} m"
+    return f"{style.ocean_header(attrs)}{several}; {depths}"

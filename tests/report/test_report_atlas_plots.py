@@ -1,0 +1,140 @@
+"""Plots of an atlas show it: artists are read back and compared with what they were given."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.collections import QuadMesh
+from refusals import refused
+
+from pymantaray.errors import ReportError
+from pymantaray.report import write_atlas_plots
+from pymantaray.report.atlas_plots import error_maps, error_series, safety_maps, share_maps, worst_error
+
+CONVENTIONS = ["transmitter", "receiver", "mean", "chord", "nominal"]
+
+
+def made(times=1, seed=2):
+    """An atlas of 4 x 5 columns with land, an edge, a shallow place and one without a direct path."""
+    rng = np.random.default_rng(seed)
+    worst = rng.uniform(0.1, 40.0, (times, 4, 5, 5, 2, 3))
+    lost = rng.uniform(0.0, 0.4, (times, 4, 5, 2, 3))
+    status = np.zeros((times, 4, 5), dtype="i1")
+    status[:, 0], status[:, 1, 0] = 2, 1
+    worst[status > 0], lost[status > 0] = np.nan, np.nan
+    worst[:, 2, 2], lost[:, 2, 2] = np.nan, np.nan  # shallow
+    worst[:, 3, 3], lost[:, 3, 3] = np.nan, 1.0
+    place = ("time", "lat", "lon")
+    return xr.Dataset(
+        {
+            "worst_range_error": ((*place, "convention", "pair", "distance"), worst),
+            "no_direct_path": ((*place, "pair", "distance"), lost),
+            "column_status": (place, status),
+        },
+        {
+            "time": np.datetime64("2014-07-15T12", "ns") + np.timedelta64(1, "D") * np.arange(times),
+            "lat": 77.0 + 0.5 * np.arange(4),
+            "lon": -2.0 + np.arange(5),
+            "convention": CONVENTIONS,
+            "distance": [2e3, 5e3, 1e4],
+            "safe": [1.0, 5.0, 20.0],
+            "transmitter_depth": ("pair", [20.0, 20.0]),
+            "receiver_depth": ("pair", [20.0, 800.0]),
+        },
+        {"ocean": "Test Sea (synthetic)", "synthetic": 1},
+    )
+
+
+def meshes(axes):
+    return [c for c in axes.collections if isinstance(c, QuadMesh)]
+
+
+def values(mesh):
+    return np.ma.filled(mesh.get_array().astype(float), np.nan).reshape(4, 5)
+
+
+def test_classes_are_those_of_the_largest_error_of_a_place(look):
+    atlas = made()
+    figure = look.draw(safety_maps(atlas, [("here", 2, 1)]))
+    classes, others = (values(mesh) for mesh in meshes(figure.axes[0]))
+    worst = np.fmax.reduce(atlas["worst_range_error"].values[0, :, :, 2, :, 1], axis=-1)
+    np.testing.assert_array_equal(worst, worst_error(atlas, 2, 1))
+    expected = np.select(
+        [worst <= 1.0, worst <= 5.0, worst <= 20.0, worst > 20.0], [0.0, 1.0, 2.0, 3.0], np.nan
+    )
+    np.testing.assert_array_equal(classes, expected)
+    assert (others[0] == 1.0).all()
+    assert (others[1, 0], others[2, 2]) == (0.0, 2.0)
+    assert np.isnan(others[3]).all()  # no direct path: the grey beneath, and lines
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == [
+        "≤ 1 m",
+        "≤ 5 m",
+        "≤ 20 m",
+        "> 20 m",
+        "no direct path",
+        "on most links none",
+        "land",
+        "edge of the data",
+        "too shallow",
+    ]
+
+
+def test_errors_and_lost_paths_are_shown_with_their_units(look):
+    atlas = made()
+    figure = look.draw(error_maps(atlas, 0, 2))
+    error, lost = (values(meshes(axes)[0]) for axes in figure.axes[:2])
+    np.testing.assert_array_equal(error, worst_error(atlas, 0, 2))
+    np.testing.assert_allclose(lost, 100.0 * atlas["no_direct_path"].values[0, :, :, :, 2].mean(axis=-1))
+    assert [axes.get_xlabel() for axes in figure.axes[2:]] == [
+        "Largest range error [m]",
+        "No direct path [%]",
+    ]
+    assert "Test Sea, synthetic ocean" in figure.get_suptitle()
+
+
+def test_through_time_the_share_of_instants_and_the_series_of_a_place(look):
+    atlas = made(times=4)
+    figure = look.draw(share_maps(atlas, 1, 0))
+    worst = np.fmax.reduce(atlas["worst_range_error"].values[:, :, :, 1, :, 0], axis=-1)
+    for axes, limit in zip(figure.axes, (1.0, 5.0, 20.0), strict=False):
+        expected = np.where(np.isfinite(worst).any(axis=0), 100.0 * (worst <= limit).mean(axis=0), np.nan)
+        np.testing.assert_allclose(values(meshes(axes)[0]), expected)
+    figure = look.draw(error_series(atlas, 0, (78.4, 362.1)))  # nearest to 78.5 N 2 E, where there is no path
+    assert figure.axes[0].get_title(loc="left") == "78.5° N, 2° E, 2 km"
+    figure = look.draw(error_series(atlas, 0, (78.1, -1.9)))
+    lines = figure.axes[0].get_lines()
+    for k in range(5):
+        expected = atlas["worst_range_error"].values[:, 2, 0, k, :, 0].max(axis=-1)
+        np.testing.assert_array_equal(lines[k].get_ydata(), expected)
+
+
+def test_figures_are_written_and_what_is_not_there_is_refused(tmp_path):
+    paths = write_atlas_plots(made(times=2), tmp_path, pair=(20.0, 800.0), distance=1e4)
+    assert {path.stem for path in paths} == {
+        f"atlas_{name}" for name in ("safe", "error", "conventions", "share", "series")
+    }
+    atlas = made()
+    refused(
+        ReportError,
+        "convention best: not in the atlas, which has transmitter",
+        write_atlas_plots,
+        atlas,
+        tmp_path,
+        convention="best",
+    )
+    refused(ReportError, "distance 3.0: not in the atlas", write_atlas_plots, atlas, tmp_path, distance=3.0)
+    refused(
+        ReportError,
+        "pair 1,2: not in the atlas, which has 20,20, 20,800",
+        write_atlas_plots,
+        atlas,
+        tmp_path,
+        pair=(1.0, 2.0),
+    )
+    refused(ReportError, "needs two latitudes", write_atlas_plots, atlas.isel(lat=[0]), tmp_path)
+
+
+@pytest.mark.parametrize("synthetic", [0, 1])
+def test_a_synthetic_ocean_is_called_that(look, synthetic):
+    atlas = made().assign_attrs(synthetic=synthetic)
+    assert ("synthetic" in look.draw(error_maps(atlas, 0, 0)).get_suptitle()) == bool(synthetic)
