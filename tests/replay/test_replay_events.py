@@ -3,14 +3,15 @@
 import numpy as np
 import pyproj
 import pytest
+from factories import ridged
 from refusals import refused
 
-from pymantaray.acoustics import Medium
+from pymantaray.acoustics import Leakage, Medium, Sonar
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.replay import DetectionRule, Events, Water, read_events, replay_events
 from pymantaray.replay.water import choose_water, ends_of
-from pymantaray.sensing import Reception
+from pymantaray.sensing import Detector, Reception
 
 HEAD = "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,receiver_depth,travel_time"
 ROW = "2020-03-10T12:00:00Z,A,B,72,-145,30,72.02,-145.1,150,1.6"
@@ -134,6 +135,30 @@ def test_in_uniform_water_the_residual_is_the_clock_and_the_straight_time():
     assert row["residual_m"] == pytest.approx(1450.0 * row["residual_s"])
     assert row["loss_db"] == pytest.approx(20.0 * np.log10(distance), abs=1e-3)
     assert np.isnan(row["level_db"])
+
+
+def test_an_event_in_shadow_is_predicted_by_what_leaks_where_that_is_asked_for():
+    """Over the crest half-way: 2 x hypot(2000, 100) m."""
+    modem = Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0, noise=60.0)
+    events = Events(
+        time=[0.0],
+        source=["A"],
+        receiver=["B"],
+        source_position=[[0.0, 0.0, 250.0]],
+        receiver_position=[[4000.0, 0.0, 250.0]],
+        travel_time=[2.76],
+        geographic=False,
+    )
+    bare = Reception(detector=Detector(modem))
+    for reception, status in ((bare, "blocked"), (bare._replace(leakage=Leakage(250.0)), "leaked")):
+        replay = replay_events(events, Water(ridged(), reception))
+        (row,) = replay.events.to_dict("records")
+        assert row["status"] == status
+        assert replay.summary.loc[0, status] == 1
+    assert row["predicted_s"] == pytest.approx(2.0 * np.hypot(2000.0, 100.0) / 1450.0, abs=2e-4)
+    assert row["level_db"] == pytest.approx(190.0 - row["loss_db"])
+    assert replay.summary.loc[0, "predicted"] == 1
+    assert len(replay.candidates) == 1
 
 
 @pytest.mark.parametrize("word", ["loudest", "within", "within:-3", "within:six", "first:3", ""])

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from pymantaray.acoustics import WenzNoise
+from pymantaray.acoustics import Leakage, WenzNoise
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.records import RayStatus
@@ -18,8 +18,9 @@ from pymantaray.study.assemble import (
     build_ocean,
     build_picker,
     build_timing,
+    leakage_of,
 )
-from pymantaray.study.config import RangingSection
+from pymantaray.study.config import DetectionSection, RangingSection
 from pymantaray.study.realization import solve_realizations, start_solver
 from pymantaray.study.workers import Workers
 
@@ -51,6 +52,9 @@ def test_sections_become_what_ranging_takes(tiny):
     assert detector.sonar.noise == WenzNoise(wind_speed=12.0, shipping=0.5)
     assert (detector.surface.wind_speed, detector.surface.model) == (12.0, "coherent")
     assert detector.bottom is not None
+    assert leakage_of(config.detection) is None
+    leaky = DetectionSection(**DETECTION, leakage=True, leakage_reach_m=50.0, scatter_db=30.0)
+    assert leakage_of(leaky) == Leakage(reach=50.0, scatter_db=30.0)
     assert build_picker(config.ranging, None) is None
     early = RangingSection(mistaken="first-detected", below_strongest_db=9.0)
     assert build_picker(early, None) == Picker("first-detected", below_strongest_db=9.0)

@@ -3,6 +3,7 @@
 from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import find_eigenrays
+from pymantaray.acoustics.leakage import Leakage, Leaks, find_leaks
 from pymantaray.acoustics.loss import FluidBottom, IceCover, SeaSurface, transmission_loss
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.paths import (
@@ -22,6 +23,8 @@ __all__ = [
     "Currents",
     "FluidBottom",
     "IceCover",
+    "Leakage",
+    "Leaks",
     "Medium",
     "Rule",
     "SeaSurface",
@@ -30,6 +33,7 @@ __all__ = [
     "choose_arrivals",
     "current_delays",
     "find_eigenrays",
+    "find_leaks",
     "link_loss_db",
     "path_integrals",
     "probability_of_excess",

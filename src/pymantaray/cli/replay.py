@@ -122,7 +122,7 @@ def _waters(
     from pymantaray.ocean import open_ocean
     from pymantaray.replay import Water
     from pymantaray.sensing import Reception
-    from pymantaray.study.assemble import cast_absorption, detector_of, ocean_absorption
+    from pymantaray.study.assemble import cast_absorption, detector_of, leakage_of, ocean_absorption
     from pymantaray.study.load import load_detection
 
     if source_kind(medium) == "run":
@@ -138,7 +138,7 @@ def _waters(
         if section is not None:
             ocean = open_ocean(medium.ocean or [], time=medium.time)
             detector = detector_of(section, ocean_absorption(section, ocean, medium.centre))
-            reception = reception._replace(detector=detector)
+            reception = reception._replace(detector=detector, leakage=leakage_of(section))
         frame = LocalFrame(*loaded.record["centre_deg"])
         return [Water(loaded.medium, reception, frame=frame)], [loaded.record], loaded.notes
     waters, made, notes = list["Water"](), list[dict[str, Any]](), list[str]()
@@ -148,7 +148,7 @@ def _waters(
             heard = reception
             if section is not None:
                 detector = detector_of(section, cast_absorption(section, profile))
-                heard = reception._replace(detector=detector)
+                heard = reception._replace(detector=detector, leakage=leakage_of(section))
             waters.append(Water(loaded.medium, heard, profile.name, profile.time))
             made.append(loaded.record | {"cast": profile.name})
             notes += [note for note in loaded.notes if note not in notes]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import EvaluationError
 from pymantaray.records import Measurements, RangingTruth, RayStatus, Trajectories
+from pymantaray.records.status import ARRIVES
 
 Array = NDArray[np.float64]
 
@@ -154,7 +155,7 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
     -------
     pandas.DataFrame
         ``category``, ``attempts``, ``dropouts``, ``percent``, and the count of each `RayStatus` but OK
-        under its name in small letters.
+        under its name in small letters; of those by which something arrives, which are no dropouts, only where they occur.
 
     Raises
     ------
@@ -162,9 +163,11 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
         If the vehicles of both records differ.
     """
     rows: list[dict[str, Any]] = []
+    present = set(measurements.range_status.tolist())
+    told = [s for s in RayStatus if s not in ARRIVES or (s in present and s != RayStatus.OK)]
     for category, mask in _groups(measurements, truth):
         status = measurements.range_status[mask]
-        dropouts = int(np.count_nonzero(status != RayStatus.OK))
+        dropouts = int(np.count_nonzero(~np.isin(status, ARRIVES)))
         rows.append(
             {
                 "category": category,
@@ -172,7 +175,7 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
                 "dropouts": dropouts,
                 "percent": 100.0 * dropouts / status.size if status.size else np.nan,
             }
-            | {s.name.lower(): int(np.count_nonzero(status == s)) for s in RayStatus if s != RayStatus.OK}
+            | {s.name.lower(): int(np.count_nonzero(status == s)) for s in told}
         )
     return pd.DataFrame(rows)
 

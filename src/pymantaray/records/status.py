@@ -14,6 +14,12 @@ class RayStatus(IntEnum):
     STOPPED = 5  # one of the vehicles has stopped and is silent
     UNHEARD = 6  # an arrival exists, but by chance it was not heard (detection by the sonar equation)
     UNRESOLVED = 7  # the search was cut short, there being too many rays to look at, before one was found
+    LEAKED = 8  # no ray, but sound that leaks past the nearest one arrives (a model, off by default)
+    SCATTERED = 9  # no ray, but scattered sound arrives, louder than what leaks (a model, off by default)
+
+
+ARRIVES = (RayStatus.OK, RayStatus.LEAKED, RayStatus.SCATTERED)
+"""Outcomes of a link on which something arrives."""
 
 
 class RayAxis(IntEnum):

@@ -213,20 +213,25 @@ def _predict(
     def of(values: NDArray[Any], row: NDArray[np.int64] = picks) -> Array:
         return np.append(values.astype(float), np.nan)[row]
 
+    leaked = np.isin(sound.there.status, (RayStatus.LEAKED, RayStatus.SCATTERED))
     within = np.bincount(a.link[~(a.spreading_db > heard.cutoff_db)], minlength=rows.size)
     lost = np.where(within > 0, RayStatus.UNHEARD, RayStatus.WEAK)
-    status = np.where((a.status == RayStatus.OK) & (picks < 0), lost, a.status)
+    status = np.where((a.status == RayStatus.OK) & (picks < 0), lost, sound.there.status)
+    predicted, level = of(a.travel_time), of(loss)
+    if sound.leak_loss_db is not None:
+        predicted = np.where(leaked, sound.there.travel_time, predicted)
+        level = np.where(leaked, sound.leak_loss_db, level)
     frame = pd.DataFrame(
         {
             "cast": water.name,
             "distance_m": distance,
             "status": [RayStatus(int(code)).name.lower() for code in status],
             "n_arrivals": within,
-            "predicted_s": of(a.travel_time),
+            "predicted_s": predicted,
             "surface_bounces": of(a.surface_bounces),
             "bottom_bounces": of(a.bottom_bounces),
-            "loss_db": of(loss),
-            "level_db": np.nan if sonar is None else sonar.source_level_db - of(loss),
+            "loss_db": level,
+            "level_db": np.nan if sonar is None else sonar.source_level_db - level,
             "next_s": of(a.travel_time, after) - of(a.travel_time),
             "next_db": of(loss) - of(loss, after),
             "near_limit": heard.near_limit(rule, picks),
@@ -234,11 +239,10 @@ def _predict(
         },
         index=rows,
     ).astype({"surface_bounces": "Int64", "bottom_bounces": "Int64"})
-    others = pd.DataFrame(
-        {
-            "event": rows[a.link[candidates]],
-            "travel_time_s": a.travel_time[candidates],
-            "loss_db": loss[candidates],
-        }
-    )
-    return frame, others
+    columns = "event", "travel_time_s", "loss_db"
+    rays = rows[a.link[candidates]], a.travel_time[candidates], loss[candidates]
+    leaks = rows[leaked], predicted[leaked], level[leaked]
+    others = [
+        pd.DataFrame(dict(zip(columns, values, strict=True))) for values in (rays, leaks) if values[0].size
+    ]
+    return frame, pd.concat(others) if others else pd.DataFrame(columns=columns, dtype=float)

@@ -22,6 +22,8 @@ _STATUS_LOOK = {
     RayStatus.STOPPED: (style.SKY, "v", "vehicle stopped"),
     RayStatus.UNHEARD: (style.INK, "x", "not heard"),
     RayStatus.UNRESOLVED: (style.INK, "+", "search cut short"),
+    RayStatus.LEAKED: (style.GREY, "o", "leaked, no ray"),
+    RayStatus.SCATTERED: (style.GREY, "^", "scattered, no ray"),
 }
 
 

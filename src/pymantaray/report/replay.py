@@ -27,6 +27,8 @@ _CAPTIONS = {
 }
 _LOOKS = {
     "ok": (style.BLUE, "predicted"),
+    "leaked": ("#332288", "leaked, no ray"),
+    "scattered": ("#AA4499", "scattered, no ray"),
     "shadow": (style.ORANGE, "shadow"),
     "weak": (style.SKY, "too weak"),
     "blocked": (style.GREEN, "blocked by the bottom"),
@@ -156,7 +158,7 @@ def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: st
         style.note(whole, "no event has a predicted arrival")
         style.note(middle, "no event has a predicted arrival")
         return figure
-    bounces = (known["surface_bounces"] + known["bottom_bounces"]).astype(int)
+    bounces = (known["surface_bounces"] + known["bottom_bounces"]).fillna(0).astype(int)
     reach = float(np.percentile(known["residual_m"].abs(), 90.0)) * 1.3
     colours = (style.BLUE, style.ORANGE, style.GREEN, style.PINK)
     for axes in (whole, middle):
@@ -273,8 +275,8 @@ def coverage_bars(summary: pd.DataFrame, header: str) -> Figure:
         left, y = np.zeros(len(part)), np.arange(len(part))
         for name in present:
             colour, label = _LOOKS[name]
-            count = part["predicted" if name == "ok" else name].to_numpy(dtype=float)
-            share = 100.0 * count / part["events"].to_numpy()
+            count = part[name] if name in part else part["events"] - part[present[1:]].sum(axis=1)
+            share = 100.0 * (count / part["events"]).to_numpy(dtype=float)
             axes.barh(y, share, left=left, height=0.75, color=colour, label=label)
             left += share
         axes.set_yticks(y, [style.plain(style.short(str(name), 18)) for name in part["group"]])

@@ -17,6 +17,7 @@ from pymantaray.acoustics.loss import Surface
 from pymantaray.errors import SensingError
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
 from pymantaray.records.base import Column, Record, column
+from pymantaray.records.status import ARRIVES
 from pymantaray.sensing.schedule import chances
 
 Array = NDArray[np.float64]
@@ -78,11 +79,12 @@ def draw_unheard(
     """
     Let chance decide which of the arrivals are heard: the others are UNHEARD, with a refracted range of NaN.
 
-    Probabilities are read where the status is OK. A higher one only ever adds ranges, and nothing else moves.
+    Probabilities are read where something arrives. A higher one only ever adds ranges, and nothing else moves. What leaks
+    and is heard has status OK: the receiver knows no better.
     """
     o = measurements
     p = np.asarray(probability, dtype=float)
-    ok = o.range_status == RayStatus.OK
+    ok = np.isin(o.range_status, ARRIVES)
     if p.shape != ok.shape:
         raise SensingError(f"probability: shape {p.shape}; {ok.size} range attempts need one value each")
     wrong = ok & ~((p >= 0.0) & (p <= 1.0))
@@ -94,6 +96,8 @@ def draw_unheard(
     lost = ok & ~(chances(o, root_seed=root_seed, realization=realization) < p)
     return replace(
         o,
-        range_status=np.where(lost, np.int8(RayStatus.UNHEARD), o.range_status),
+        range_status=np.where(
+            lost, np.int8(RayStatus.UNHEARD), np.where(ok, np.int8(RayStatus.OK), o.range_status)
+        ),
         refracted_range=np.where(lost, np.nan, o.refracted_range),
     )

@@ -8,9 +8,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
+from pymantaray.acoustics import Leakage, Medium, find_eigenrays, find_leaks, quadrature, trace_paths
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.selection import Rule, choose_arrivals, select
+from pymantaray.errors import SensingError
 from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.detection import Detector
@@ -72,6 +73,8 @@ class Reception(NamedTuple):
         The arrival that is ranged on, see `pymantaray.acoustics.select`.
     detector : Detector, optional
         Gives the probability that an attempt is heard. By default every arrival is.
+    leakage : Leakage, optional
+        What arrives where no ray does, by the detector's frequency. By default nothing.
     threads : int, optional
         Threads of the ray solver; the result does not depend on it.
     """
@@ -81,6 +84,7 @@ class Reception(NamedTuple):
     max_bottom_bounces: int = 0
     arrival: Rule = "direct"
     detector: Detector | None = None
+    leakage: Leakage | None = None
     threads: int | None = None
 
 
@@ -279,6 +283,8 @@ class Sound(NamedTuple):
     """Transmission loss of each of the arrivals, None without a detector. [dB]"""
     delay: Array | None
     """What the current adds to each arrival's travel time from source to receiver, None at rest. [s]"""
+    leak_loss_db: Array | None = None
+    """Loss of what leaks to each link without a ray, NaN at others, None without a model. [dB]"""
 
     @property
     def gradient(self) -> Array:
@@ -368,7 +374,65 @@ def sound_between(
         for way, d in enumerate(delays):
             link, row = choose_arrivals(arrivals, reception.arrival, loss_db=loss, delay=d)
             probability[link, way] = heard[row]
-    return Sound(arrivals, there, back, probability, loss, delay)
+    sound = Sound(arrivals, there, back, probability, loss, delay)
+    if reception.leakage is None:
+        return sound
+    return _with_leaks(sound, (source, receiver), medium, reception, currents)
+
+
+_WITHOUT_RAY = (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.BLOCKED)
+
+
+def _with_leaks(
+    sound: Sound, ends: tuple[Array, Array], medium: Medium, reception: Reception, currents: Currents | None
+) -> Sound:
+    """Sound, and what leaks or is scattered to receivers without a ray; it is none of the arrivals."""
+    detector, leakage = reception.detector, reception.leakage
+    if leakage is None or detector is None or sound.probability is None:
+        raise SensingError("Reception: leakage needs a detector, whose frequency says how much leaks")
+    dark = np.flatnonzero(np.isin(sound.there.status, _WITHOUT_RAY))
+    source, receiver = (end[dark] for end in ends)
+    direct = reception.arrival == "direct"
+    leaks = find_leaks(
+        medium,
+        source,
+        receiver,
+        leakage,
+        detector.sonar.frequency_hz,
+        max_surface_bounces=0 if direct else reception.max_surface_bounces,
+        max_bottom_bounces=0 if direct else reception.max_bottom_bounces,
+        spreading_cutoff_db=reception.spreading_cutoff_db,
+        threads=reception.threads,
+    )
+    links, rays = dark[leaks.link], leaks.arrivals
+    delay, loss = _along_rays(reception, medium, currents, (source[leaks.link], leaks.place), rays, None)
+    assert loss is not None  # there is a detector
+    status = sound.there.status.copy()
+    status[links] = np.where(leaks.scattered, np.int8(RayStatus.SCATTERED), np.int8(RayStatus.LEAKED))
+    probability = sound.probability.copy()
+    probability[links] = detector.sonar.probability_heard(loss)[:, None]
+    ways = []
+    for way, sign in ((sound.there, 1.0), (sound.back, -1.0)):
+        columns = {
+            name: getattr(way, name).copy()
+            for name in ("travel_time", "source_slowness", "receiver_slowness")
+        }
+        columns["travel_time"][links] = (
+            rays.travel_time + leaks.shift + (0.0 if delay is None else sign * delay)
+        )
+        columns["source_slowness"][links] = rays.source_slowness
+        columns["receiver_slowness"][links] = rays.receiver_slowness
+        ways.append(replace(way, status=status, **columns))
+    return sound._replace(
+        there=ways[0], back=ways[1], probability=probability, leak_loss_db=_filled(status.size, links, loss)
+    )
+
+
+def _filled(n: int, rows: NDArray[np.int64], values: Array) -> Array:
+    """Values at some of n rows, NaN at the others."""
+    result = np.full(n, np.nan)
+    result[rows] = values
+    return result
 
 
 def _with_more(arrivals: Arrivals, more: Arrivals, links: NDArray[np.int64]) -> Arrivals:

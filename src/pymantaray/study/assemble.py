@@ -17,6 +17,7 @@ from pymantaray.acoustics import (
     Currents,
     FluidBottom,
     IceCover,
+    Leakage,
     Medium,
     SeaSurface,
     Sonar,
@@ -354,7 +355,13 @@ def build_reception(config: SoundConfig, ocean: StudyOcean) -> Reception:
         max_bottom_bounces=acoustics.max_bottom_bounces,
         arrival=acoustics.arrival,
         detector=build_detector(config, ocean),
+        leakage=leakage_of(config.detection),
     )
+
+
+def leakage_of(s: DetectionSection | None) -> Leakage | None:
+    """What arrives where no ray does; None if nothing."""
+    return Leakage(s.leakage_reach_m, s.scatter_db) if s is not None and s.leakage else None
 
 
 def build_sonar(s: DetectionSection | None) -> Sonar | None:

@@ -94,7 +94,8 @@ class DetectionSection(Section):
     The modems' sonar equation; without this section every arrival is heard, as in the paper.
 
     Levels are in dB re 1 µPa, the source's at 1 m and in the band. Noise is Wenz's, by wind and shipping (0.5
-    if not given), unless its spectral level is given, in dB re 1 µPa²/Hz.
+    if not given), unless its spectral level is given, in dB re 1 µPa²/Hz. Where no ray arrives, with ``leakage`` sound
+    leaks past the nearest ray within ``leakage_reach_m``, and scattered sound is so many dB weaker than spherical spreading.
     """
 
     source_level_db: float
@@ -110,6 +111,18 @@ class DetectionSection(Section):
     surface_loss: Literal["none", "bubbles", "coherent"] = "none"
     ice_loss_db: NonNegativeFloat | None = None
     sediment: Literal["none", "clay", "silt", "sand", "gravel", "moraine"] = "none"
+    leakage: bool = False
+    leakage_reach_m: PositiveFloat = 200.0
+    scatter_db: NonNegativeFloat | None = None
+
+    @model_validator(mode="after")
+    def _scatter_is_part_of_leakage(self) -> Self:
+        if self.scatter_db is not None and not self.leakage:
+            raise ValueError(
+                f"scatter_db is {self.scatter_db:g}, but leakage is false: nothing arrives without a ray; leave it out or set"
+                " leakage = true"
+            )
+        return self
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -392,6 +405,11 @@ class SoundConfig(Section):
         ranging, arrival = self.ranging, self.acoustics.arrival
         if ranging.mistaken == "off":
             return self
+        if self.detection is not None and self.detection.leakage:
+            raise ValueError(
+                f"ranging.mistaken is {ranging.mistaken} and detection.leakage is true: what leaks is no candidate; leave one"
+                " of them out"
+            )
         if arrival != "direct":
             raise ValueError(
                 f"ranging.mistaken is {ranging.mistaken}, but acoustics.arrival is {arrival}: what is taken for the"

@@ -27,6 +27,7 @@ from pymantaray.records import (
     read_netcdf,
     whole_file,
 )
+from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.assemble import build_clocks, build_timing
 from pymantaray.study.config import StudyConfig
@@ -391,7 +392,7 @@ def summarize(run: Run, estimates: Estimates | None) -> dict[str, Any]:
         probability = run.hearing.probability
         if candidates is not None:
             probability = np.bincount(candidates.attempt, candidates.probability, minlength=status.size)
-        chance["expected_unheard"] = float(np.sum(1.0 - probability[status == RayStatus.OK]))
+        chance["expected_unheard"] = float(np.sum(1.0 - probability[np.isin(status, ARRIVES)]))
     if candidates is not None:
         chance["expected_mistaken"] = candidates.expected_mistaken
     return {
