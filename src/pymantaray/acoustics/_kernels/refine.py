@@ -103,8 +103,8 @@ def refine(s, walls, course, bracket, accuracy, weak, work):
                 lo, f_lo = m, f
             else:
                 hi, f_hi = m, f
-            jump = abs(f_hi - f_lo)
-            if hi - lo < _LOST and jump > max(weak * (hi - lo), miss_noise(tol, y[at.XI], course.length)):
+            noise = miss_noise(tol, min(abs(y[at.XI]), weak), course.length)
+            if hi - lo < _LOST and abs(f_hi - f_lo) > max(weak * (hi - lo), noise):
                 break
         new = m - f / y[at.XI] if y[at.XI] != 0.0 else 0.5 * (lo + hi)
         if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):
