@@ -27,8 +27,9 @@ MAX_RAYS = 20_000
 MAX_RAYS_INTERVAL = 1000
 _RESOLVED = 0.3  # of the vertical slowness: defect of its cubic up to which its cycles are taken as resolved
 _NARROW = 5e-5  # rad; between two weak rays so near to each other none is looked for
-_BOUND = 4.0 / 27.0  # a cubic Hermite departs from its chord by at most this times each end's slope defect;
-_WHOLE, _HALVED = 4.0, 1.5  # safety of it in an interval of the first fan, and in half of one
+_BOUND = (
+    16.0 / 27.0
+)  # four times that by which a cubic Hermite departs from its chord at most, for each end's slope defect
 # Where rays diverge, measured by straight ones, the errors made on their way grow with them
 _DIVERGING = 3.0  # from here on a ray is traced anew with a tolerance that allows for it,
 _HOPELESS = 1e3  # up to here: weaker ones are no arrivals
@@ -248,13 +249,12 @@ def _search_interval(s, walls, course, i, search, so_far, work):
     budget = rays + MAX_RAYS_INTERVAL
     room = min(work.brackets.shape[0], n_brackets + at.MAX_ROOTS // 4)
     outwards = fan[i, at.ANGLE] + fan[i + 1, at.ANGLE] > 0.0
-    width = fan[i + 1, at.ANGLE] - fan[i, at.ANGLE]
     top = 0
     while top >= 0:
         a, b = st[top, 0], st[top, 1]
         e, tol_here = a[at.DEFECT], max(a[at.TOL], b[at.TOL])
         h = b[at.ANGLE] - a[at.ANGLE]
-        verdict, same = _judge(a, b, h == width, s.n_range > 1, course, search)
+        verdict, same = _judge(a, b, s.n_range > 1, course, search)
         top -= 1
         if verdict == _BRACKET:
             if n_brackets < room:
@@ -290,6 +290,11 @@ def _search_interval(s, walls, course, i, search, so_far, work):
             complete = complete and reflecting and not same and h < _NARROW
             continue
         growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
+        expected = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
+        if (
+            abs(expected) > _ERRING * tol_here * growth
+        ):  # far away errors do not matter: `shoot` has the last word
+            growth = 0.0
         shoot(s, walls, course, 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol_here, growth, m, work)
         rays += 1
         if m[at.GOOD] > 0.0:
@@ -323,11 +328,8 @@ def _add_bracket(a, b, n, work):
 
 
 @inlined
-def _judge(a, b, whole, varies, course, search):
-    """What is to become of the interval between two rays, and whether the miss is smooth there.
-
-    whole is it if it was not halved before, varies the section if it does along its range.
-    """
+def _judge(a, b, varies, course, search):
+    """What is to become of the interval between two rays in a section that varies along its range or does not, and whether the miss is smooth there."""
     rule, h = course.rule, b[at.ANGLE] - a[at.ANGLE]
     reflecting = rule.kind != at.OPEN
     alive = a[at.GOOD] > 0.0 and b[at.GOOD] > 0.0
@@ -345,11 +347,11 @@ def _judge(a, b, whole, varies, course, search):
         return _DROP if h < search.min_width else _SPLIT, False
     if not reflecting and _leave_alike(a, b, course.length):
         return _GONE, same
-    return _judge_smooth(a, b, whole, varies, course.length, search), same
+    return _judge_smooth(a, b, varies, course.length, search), same
 
 
 @inlined
-def _judge_smooth(a, b, whole, varies, length, search):
+def _judge_smooth(a, b, varies, length, search):
     """What is to become of an interval between rays with the same reflections."""
     h, fa, fb, e = b[at.ANGLE] - a[at.ANGLE], a[at.MISS], b[at.MISS], a[at.DEFECT]
     rise = fb - fa
@@ -366,7 +368,7 @@ def _judge_smooth(a, b, whole, varies, length, search):
         return _BRACKET if monotonic or h < search.min_width else _SPLIT
     tol = max(a[at.TOL], b[at.TOL])
     nearest = min(abs(fa), abs(fb))
-    reach = (_WHOLE if whole else _HALVED) * _BOUND * (abs(ea) + abs(eb)) + e
+    reach = _BOUND * (abs(ea) + abs(eb)) + e
     # Next to an end that is nearer to zero than the tolerance all others would be halved without end;
     # on which side of zero that end is, only the fine tolerance tells.
     sure = tol <= search.fine or nearest > 4.0 * tol
