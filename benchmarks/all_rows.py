@@ -91,6 +91,7 @@ ROWS = (
     Row("kinematics of the fleet", "none", "bench_kinematics.py"),
     Row("range models and joint estimation", "none", "bench_range_models.py", "", True),
     Row("robust estimation", "none", "bench_robust.py", "", True),
+    Row("a ping of 11 vehicles in a simulator's loop", "10 ms", "bench_service.py", "1 x 10", True),
     Row("a sweep beside its studies", "none", "bench_sweep.py", "", True),
 )
 
