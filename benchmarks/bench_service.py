@@ -1,7 +1,7 @@
 """Time the ranging service: latency and throughput of pings in a process and over HTTP, and memory under many requests.
 
 Run with ``python benchmarks/bench_service.py``. The ocean is the synthetic Beaufort Sea in full, places are drawn in 10 km x 10 km and the
-upper 900 m: 11 vehicles are 1 ping x 10 receivers, a crowd is 1 x 1,000. Each line has the CPU time of a ping, which
+upper 900 m, or are those of the paper's fleet: 11 vehicles are 1 ping x 10 receivers, a crowd is 1 x 1,000. Each line has the CPU time of a ping, which
 other work on the machine disturbs less, the median and the 99th percentile of its wall time, and pings a second by the wall. Over HTTP there is one client with one connection, or several at a time.
 
 ``--requests N`` sends so many instead, good, malformed and oversized ones in turn by chance, from 4 clients, and prints the server's
@@ -26,6 +26,7 @@ from pathlib import Path
 
 import numpy as np
 from all_rows import machine
+from bench_links import GRID, TARGETS
 
 from pymantaray.service import RangingService
 from pymantaray.service.server import MOST_BYTES
@@ -51,6 +52,17 @@ def places(n_pings: int, n_receivers: int) -> list[Place]:
     rng = np.random.default_rng(0)
     low, high = (-5e3, -5e3, 1.0), (5e3, 5e3, 900.0)
     return [(rng.uniform(low, high), rng.uniform(low, high, (n_receivers, 3))) for _ in range(n_pings)]
+
+
+def fleet(n_pings: int) -> list[Place]:
+    """The paper's 11 vehicles as `bench_links` places them, one of which pings."""
+    rng, pings = np.random.default_rng(0), []
+    for k in range(n_pings):
+        depth = np.where(rng.random(len(GRID)) < 0.1, 0.5, TARGETS)
+        place = np.column_stack([GRID + rng.normal(0.0, 2e3, GRID.shape), depth])
+        sender = k % len(GRID)
+        pings.append((place[sender], np.delete(place, sender, axis=0)))
+    return pings
 
 
 def report(what: str, walls: list[float], cpu: str, together: float) -> None:
@@ -93,14 +105,14 @@ def together(
 
 
 def in_process() -> None:
-    for name, tree, n_receivers, n_pings in (
-        ("1 x 1", STILL, 1, 500),
-        ("1 x 10", STILL, 10, 500),
-        ("1 x 1,000", STILL, 1000, 10),
-        ("1 x 10, bounces, currents, sonar, two-way", LOUD, 10, 100),
+    for name, tree, pings in (
+        ("1 x 1", STILL, places(500, 1)),
+        ("1 x 10", STILL, places(500, 10)),
+        ("1 x 10, the paper's fleet", STILL, fleet(500)),
+        ("1 x 1,000", STILL, places(10, 1000)),
+        ("1 x 10, bounces, currents, sonar, two-way", LOUD, places(100, 10)),
     ):
         service = RangingService(sound(tree))
-        pings = places(n_pings, n_receivers)
         one_by_one(f"in the process: {name}", lambda p, s=service: s.ping(0.0, *p), pings)
     varying = sound(VARYING)
     for name, interval, n_pings in (("each its own water", 0.0, 20), ("water of 600 s", 600.0, 500)):

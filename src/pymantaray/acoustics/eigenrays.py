@@ -261,7 +261,7 @@ def in_blocks(
     done, pace = timed(0, start)
     yield done
     workers = min(threads or os.cpu_count() or 1, n_rows - start)
-    if workers <= 1:
+    if workers <= 1 or pace * (n_rows - start) < _SECONDS:  # threads would take longer to start
         while start < n_rows:
             stop = after(start)
             done, pace = timed(start, stop)
