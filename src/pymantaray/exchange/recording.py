@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.records import Measurements, RayStatus, Trajectories
+from pymantaray.records import Measurements, RayStatus, Trajectories, VehicleStatus
 
 Array = NDArray[np.float64]
 TRUTH = "truth"
@@ -23,14 +23,16 @@ class FleetPoses(NamedTuple):
 
 
 class VehiclePoses(NamedTuple):
-    """One vehicle's poses under one condition."""
+    """One vehicle's poses under one condition, where it is there at all."""
 
     condition: str
     agent: str
+    samples: NDArray[np.intp]
+    """Indices into the times of the truth, (n,)."""
     position: Array
-    """Shape (time, 3). [m]"""
+    """North, east, down (n, 3). [m]"""
     quaternion: Array
-    """Shape (time, 4)."""
+    """Body to world (w, x, y, z), (n, 4)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +47,12 @@ class Recording:
     @property
     def poses(self) -> Iterator[VehiclePoses]:
         """Poses of every vehicle, the true ones first."""
-        fleets = {TRUTH: FleetPoses(self.truth.position, self.truth.quaternion), **self.estimates}
+        truth = self.truth
+        there = [np.flatnonzero(status != VehicleStatus.ABSENT) for status in truth.status]
+        fleets = {TRUTH: FleetPoses(truth.position, truth.quaternion), **self.estimates}
         for condition, fleet in fleets.items():
-            for agent, *poses in zip(self.truth.name.tolist(), *fleet, strict=True):
-                yield VehiclePoses(condition, agent, *poses)
+            for agent, rows, position, quaternion in zip(truth.name.tolist(), there, *fleet, strict=True):
+                yield VehiclePoses(condition, agent, rows, position[rows], quaternion[rows])
 
     @property
     def participants(self) -> list[str]:

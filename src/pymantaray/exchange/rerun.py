@@ -55,32 +55,30 @@ def _times(rr: Any, recording: Recording, samples: Any) -> Any:
 
 def _static(rr: Any, recording: Recording) -> Iterator[tuple[str, Any]]:
     truth, m = recording.truth, recording.measurements
+    if m.landmark_name.size:
+        yield "map/landmarks", rr.Points3D(to_enu(m.landmark_position), labels=m.landmark_name.tolist())
     for p in recording.poses:
         yield f"map/path/{p.condition}/{p.agent}", rr.LineStrips3D([to_enu(p.position)])
         yield f"map/{p.condition}/{p.agent}", rr.Points3D([[0.0, 0.0, 0.0]], labels=[p.agent])
-    if m.landmark_name.size:
-        landmarks = rr.Points3D(to_enu(m.landmark_position), labels=m.landmark_name.tolist())
-        yield "map/landmarks", landmarks
-    if truth.frame is not None:
-        latitude, longitude = truth.frame.to_geodetic(truth.position[..., 0], truth.position[..., 1])
-        for agent, places in zip(truth.name.tolist(), np.stack([latitude, longitude], axis=-1), strict=True):
-            yield f"earth/{agent}", rr.GeoLineStrings(lat_lon=[places])
+        if p.condition == TRUTH and truth.frame is not None:
+            places = np.stack(truth.frame.to_geodetic(*p.position[:, :2].T), axis=-1)
+            yield f"earth/{p.agent}", rr.GeoLineStrings(lat_lon=[places])
 
 
 def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
     """Entities, the samples at which they have values, and these."""
     truth, m, heard = recording.truth, recording.measurements, recording.heard
-    every, true = np.arange(truth.time.size), dict(zip(truth.name.tolist(), truth.position, strict=True))
+    true = dict(zip(truth.name.tolist(), truth.position, strict=True))
     for p in recording.poses:
         xyzw = to_enu_attitude(p.quaternion)[:, [1, 2, 3, 0]]
         yield (
             f"map/{p.condition}/{p.agent}",
-            every,
+            p.samples,
             rr.Transform3D.columns(translation=to_enu(p.position), quaternion=xyzw),
         )
         if p.condition != TRUTH:
-            error = np.linalg.norm(p.position - true[p.agent], axis=1)
-            yield f"error/{p.condition}/{p.agent}", every, rr.Scalars.columns(scalars=error)
+            error = np.linalg.norm(p.position - true[p.agent][p.samples], axis=1)
+            yield f"error/{p.condition}/{p.agent}", p.samples, rr.Scalars.columns(scalars=error)
     ends = np.stack([m.range_transmitter, m.range_receiver], axis=1)[heard]
     samples, count = np.unique(m.range_sample[heard], return_counts=True)
     places = np.array(

@@ -12,9 +12,22 @@ import numpy as np
 from pymantaray.errors import ExchangeError
 from pymantaray.exchange.frames import from_enu as to_enu  # each is its own inverse
 from pymantaray.exchange.frames import from_enu_attitude as to_enu_attitude
-from pymantaray.exchange.recording import TRUTH, Array, Recording
+from pymantaray.exchange.recording import TRUTH, Array, Recording, VehiclePoses
 
 MAP = "map"
+
+
+_POSE = "geometry_msgs/msg/PoseStamped"
+
+
+class _Track(NamedTuple):
+    """One vehicle under one condition: what it is called, and by sample poses and geodetic places."""
+
+    topic: str
+    frame: str
+    true: bool
+    poses: dict[int, tuple[Array, Array]]
+    fixes: dict[int, Array]
 
 
 class _Message(NamedTuple):
@@ -92,63 +105,59 @@ class _Messages:
 
     def __iter__(self) -> Iterator[_Message]:
         """Give what does not change, then sample by sample poses and ranges."""
-        r, names = self._recording, self._names
-        poses = [
-            (f"/{names[p.condition]}/{names[p.agent]}", to_enu(p.position), to_enu_attitude(p.quaternion))
-            for p in r.poses
-        ]
-        yield from self._static(poses)
-        fixes, heard = self._fixes(), r.heard
-        first = np.searchsorted(r.measurements.range_sample[heard], np.arange(len(self._nanoseconds) + 1))
+        m, heard = self._recording.measurements, self._recording.heard
+        tracks = [self._track(p) for p in self._recording.poses]
+        yield from self._static(tracks)
+        first = np.searchsorted(m.range_sample[heard], np.arange(len(self._nanoseconds) + 1))
         for k in range(len(self._nanoseconds)):
-            yield self._tf("/tf", k, [
-                (f"{names[agent]}/base_link", position[k], quaternion[k])
-                for agent, (_, position, quaternion) in zip(r.truth.name.tolist(), poses, strict=False)
-            ])  # fmt: skip
-            for topic, position, quaternion in poses:
-                yield self._message(
-                    f"{topic}/pose",
-                    "geometry_msgs/msg/PoseStamped",
-                    k,
-                    MAP,
-                    pose=self._pose(position[k], quaternion[k]),
-                )
-            for agent, fix in fixes.items():
-                yield self._fix(agent, k, fix[k])
+            there = [track for track in tracks if k in track.poses]
+            yield self._tf("/tf", k, [(t.frame, *t.poses[k]) for t in there if t.true])
+            for track in there:
+                pose = self._pose(*track.poses[k])
+                yield self._message(f"{track.topic}/pose", _POSE, k, MAP, pose=pose)
+                if k in track.fixes:
+                    yield self._fix(track, k)
             for row in heard[first[k] : first[k + 1]]:
                 yield self._range(int(row), k)
 
-    def _static(self, poses: list[tuple[str, Array, Array]]) -> Iterator[_Message]:
+    def _track(self, p: VehiclePoses) -> _Track:
+        """Poses of a vehicle in ROS's axes, and fixes of its true ones."""
+        names, frame = self._names, self._recording.truth.frame
+        poses = zip(to_enu(p.position), to_enu_attitude(p.quaternion), strict=True)
+        fixes = np.empty((0, 3))
+        if p.condition == TRUTH and frame is not None:
+            north, east, down = p.position.T
+            fixes = np.stack([*frame.to_geodetic(north, east), -down], axis=-1)
+        samples = p.samples.tolist()
+        return _Track(
+            f"/{names[p.condition]}/{names[p.agent]}",
+            f"{names[p.agent]}/base_link",
+            p.condition == TRUTH,
+            dict(zip(samples, poses, strict=True)),
+            dict(zip(samples, fixes, strict=False)),
+        )
+
+    def _static(self, tracks: list[_Track]) -> Iterator[_Message]:
         m = self._recording.measurements
+        level = np.array([1.0, 0.0, 0.0, 0.0])
         yield self._tf("/tf_static", 0, [
-            (self._names[name], place, np.array([1.0, 0.0, 0.0, 0.0]))
+            (self._names[name], place, level)
             for name, place in zip(m.landmark_name.tolist(), to_enu(m.landmark_position), strict=True)
         ])  # fmt: skip
-        for topic, position, quaternion in poses:
+        for track in tracks:
             stamped = [
-                self._make(
-                    "geometry_msgs/msg/PoseStamped", header=self._header(k, MAP), pose=self._pose(*pose)
-                )
-                for k, pose in enumerate(zip(position, quaternion, strict=True))
+                self._make(_POSE, header=self._header(k, MAP), pose=self._pose(*pose))
+                for k, pose in track.poses.items()
             ]
-            yield self._message(f"{topic}/path", "nav_msgs/msg/Path", 0, MAP, poses=stamped)
+            yield self._message(f"{track.topic}/path", "nav_msgs/msg/Path", 0, MAP, poses=stamped)
 
-    def _fixes(self) -> dict[str, Array]:
-        """Latitude, longitude [degrees] and altitude [m] of each vehicle, if the frame is somewhere."""
-        truth = self._recording.truth
-        if truth.frame is None:
-            return {}
-        north, east, down = np.moveaxis(truth.position, -1, 0)
-        geodetic = np.stack([*truth.frame.to_geodetic(north, east), -down], axis=-1)
-        return dict(zip(truth.name.tolist(), geodetic, strict=True))
-
-    def _fix(self, agent: str, k: int, place: Array) -> _Message:
-        latitude, longitude, altitude = place.tolist()
+    def _fix(self, track: _Track, k: int) -> _Message:
+        latitude, longitude, altitude = track.fixes[k].tolist()
         return self._message(
-            f"/{TRUTH}/{self._names[agent]}/fix",
+            f"{track.topic}/fix",
             "sensor_msgs/msg/NavSatFix",
             k,
-            f"{self._names[agent]}/base_link",
+            track.frame,
             status=self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
             latitude=latitude,
             longitude=longitude,

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.evaluation import trajectory_errors
-from pymantaray.records import DatedRecord, RayStatus
+from pymantaray.records import DatedRecord, RayStatus, VehicleStatus
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,6 +64,8 @@ def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
     for condition in run.estimates.condition.tolist():
         parts[condition] = _poses(estimates.sel(condition=condition))
     frame = pd.concat(parts, names=["condition"]).reset_index("condition").reset_index(drop=True)
+    status = np.array([member.name for member in VehicleStatus])[run.truth.status].ravel()
+    frame["status"] = np.tile(status, len(parts))
     if (local := run.truth.frame) is not None:
         latitude, longitude = local.to_geodetic(frame["north"], frame["east"])
         frame.insert(3, "latitude", latitude)

@@ -95,14 +95,15 @@ def record(run: Run, realization: int) -> Recording:
 
 def _tum(run: Run, realization: int, folder: Path) -> None:
     for p in record(run, realization).poses:
-        write_tum(folder / f"{p.condition}-{p.agent}.tum", run.truth.time, p.position, p.quaternion)
+        write_tum(
+            folder / f"{p.condition}-{p.agent}.tum", run.truth.time[p.samples], p.position, p.quaternion
+        )
 
 
 def _kitti(run: Run, realization: int, folder: Path) -> None:
     for p in record(run, realization).poses:
         write_kitti(folder / f"{p.condition}-{p.agent}.txt", p.position, p.quaternion)
-    with whole_file(folder / "times.txt") as temporary:
-        np.savetxt(temporary, run.truth.time, fmt="%.17g")
+        np.savetxt(folder / f"times-{p.agent}.txt", run.truth.time[p.samples], fmt="%.17g")
 
 
 def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:

@@ -255,7 +255,8 @@ class Run:
         -------
         pandas.DataFrame
             ``condition``, ``agent``, ``time`` and ``date``, ``latitude``, ``longitude``, ``north``, ``east``, ``down``; ``qw``,
-            ``qx``, ``qy``, ``qz`` turn body (forward, right, down) to north, east, down. Units are in ``attrs["units"]``.
+            ``qx``, ``qy``, ``qz`` turn body (forward, right, down) to north, east, down; ``status`` (`VehicleStatus`). Units are in
+            ``attrs["units"]``.
 
         Raises
         ------
