@@ -1,10 +1,14 @@
 """Independent solvers and closed forms that tests hold the package against; none of them uses its kernels."""
 
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
 
 import gtsam
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline, NdBSpline, RegularGridInterpolator, make_interp_spline
@@ -377,3 +381,12 @@ def sheet_under(north, east, sheet, place):
     slopes = (((b10 - b00) * (1 - v) + (b11 - b01) * v) / dn, ((b01 - b00) * (1 - u) + (b11 - b10) * u) / de)
     edge = np.minimum(np.minimum(u, 1.0 - u) * dn, np.minimum(v, 1.0 - v) * de)
     return depth, np.stack(slopes, axis=-1), edge
+
+
+def cf_errors(files):
+    """Errors against the CF conventions, by the checker of the IOOS, in a process of its own: what it imports warns."""
+    pytest.importorskip("compliance_checker", reason="needs compliance-checker")
+    command = [Path(sys.executable).with_name("compliance-checker"), "-t", "cf:1.11", "-c", "lenient"]
+    checked = subprocess.run([*command, *files], capture_output=True, text=True, check=False)
+    failed = checked.returncode or "exceptions occurred" in checked.stdout + checked.stderr
+    return checked.stdout + checked.stderr if failed else ""

@@ -1,15 +1,13 @@
 """Records: conversion, freezing, round trips through NetCDF, and every message."""
 
-import subprocess
-import sys
 from dataclasses import FrozenInstanceError, dataclass, fields, replace
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
 import xarray as xr
 from factories import make_arrivals
+from oracles import cf_errors
 from refusals import refused
 
 import pymantaray.acoustics.bellhop.output
@@ -253,15 +251,6 @@ def test_first_arrival_of_each_link():
     np.testing.assert_array_equal(first.chord_travel_time, [1, 2, 3])
 
 
-def compliance(files):
-    """Errors against the CF conventions, by the checker of the IOOS, in a process of its own: what it imports warns."""
-    pytest.importorskip("compliance_checker", reason="needs compliance-checker")
-    command = [Path(sys.executable).with_name("compliance-checker"), "-t", "cf:1.11", "-c", "lenient"]
-    checked = subprocess.run([*command, *files], capture_output=True, text=True, check=False)
-    failed = checked.returncode or "exceptions occurred" in checked.stdout + checked.stderr
-    return checked.stdout + checked.stderr if failed else ""
-
-
 @pytest.mark.slow
 def test_files_of_a_run_and_of_every_kind_of_record_comply_with_cf(tiny_run_folder, tmp_path):
     files = sorted(tiny_run_folder.glob("*.nc"))
@@ -273,6 +262,6 @@ def test_files_of_a_run_and_of_every_kind_of_record_comply_with_cf(tiny_run_fold
                 data[name] = data[name].copy(data=np.arange(data.sizes[name], dtype=data[name].dtype))
         files.append(tmp_path / f"{kind.kind}.nc")
         write_netcdf(data, files[-1])
-    assert not compliance(files)
+    assert not cf_errors(files)
     xr.Dataset({"depth": ("x", [1.0], {"units": "fathom-ish"})}).to_netcdf(tmp_path / "wrong.nc")
-    assert "fathom-ish" in compliance([tmp_path / "wrong.nc"])
+    assert "fathom-ish" in cf_errors([tmp_path / "wrong.nc"])

@@ -8,20 +8,25 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from factories import names_in
+from oracles import cf_errors
 from refusals import refused
 
 from pymantaray.errors import ExchangeError, StudyError, WriteError
 from pymantaray.estimation import read_pyfg
+from pymantaray.exchange import read_trajectories
+from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.ros import write_bag
 from pymantaray.geometry.se3 import matrix_from_quaternion
-from pymantaray.records import RayStatus
+from pymantaray.records import RayStatus, VehicleStatus
 from pymantaray.study import open_run
 from pymantaray.study.export import FORMATS, export_run, record
 
 REALIZATION = 1
 UP = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 """North, east, down to east, north, up."""
+LATE = 3  # samples
 FLOAT32 = 1e-6  # relative; a little more than its rounding
 
 
@@ -252,6 +257,49 @@ def test_messages_of_ros_are_the_runs_in_the_axes_of_ros(run, exported, poses, t
             receiver if receiver in noisy.landmark_name else f"{receiver}/base_link"
         )
     assert not any(topic.startswith("/ranges") for topic in topics)
+
+
+@pytest.fixture(scope="module")
+def late(run):
+    """A recording in which B is not there at first."""
+    recording = record(run, REALIZATION)
+    status = run.truth.status.copy()
+    status[1, :LATE] = VehicleStatus.ABSENT
+    return replace(recording, truth=replace(run.truth, status=status))
+
+
+@pytest.mark.parametrize(
+    ("write", "file", "name"), [(write_cf, "truth.nc", "B"), (write_bag, "", "truth_B_pose")]
+)
+def test_our_own_readers_take_back_places_dates_and_who_is_there(run, late, tmp_path, write, file, name):
+    if write is write_bag:
+        pytest.importorskip("rosbags")
+    write(replace(late, estimates={}), tmp_path)
+    tracks = read_trajectories(tmp_path / file)
+    track = next(p for p in tracks.in_frame(run.truth.frame) if p.name == name)
+    np.testing.assert_allclose(track.place, run.truth.position[1, LATE:], atol=1e-6)
+    np.testing.assert_allclose(track.time, run.truth.time[LATE:], atol=1e-6)
+    assert tracks.start == run.truth.start
+
+
+def test_cf_trajectories_point_where_the_vehicles_do_and_comply(run, late, tmp_path):
+    write_cf(late, tmp_path)
+    with xr.open_dataset(tmp_path / "truth.nc") as data:
+        b = data.isel(trajectory=1)
+        assert int(b["time"].count()) == run.truth.time.size - LATE
+        north, east, _ = np.moveaxis(matrix_from_quaternion(run.truth.quaternion[1, LATE:])[:, :, 0], -1, 0)
+        bearing = run.truth.frame.convergence(b["latitude"][:-LATE], b["longitude"][:-LATE])
+        heading = np.degrees(np.arctan2(east, north) - bearing) % 360.0
+        np.testing.assert_allclose(b["heading"][:-LATE], heading, atol=1e-9)
+    assert not cf_errors(sorted(tmp_path.glob("*.nc")))
+    nowhere = replace(late, truth=replace(late.truth, centre=None))
+    refused(
+        ExchangeError,
+        "CF trajectories need a date and a place on Earth; the run has none",
+        write_cf,
+        nowhere,
+        tmp_path,
+    )
 
 
 def test_names_that_ros_cannot_tell_apart_are_refused(run, tmp_path):

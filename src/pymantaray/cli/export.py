@@ -8,7 +8,9 @@ import typer
 
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
-    to: Annotated[str, typer.Option("--to", help="tum, kitti, csv, parquet, g2o, pyfg, rrd, mcap or bag.")],
+    to: Annotated[
+        str, typer.Option("--to", help="tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap or bag.")
+    ],
     out: Annotated[
         Path, typer.Option("--out", help="A new or empty folder; for rrd and mcap a file that is not there.")
     ],

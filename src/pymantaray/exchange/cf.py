@@ -13,12 +13,14 @@ import gsw
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pymantaray.errors import ExchangeError, OceanError
-from pymantaray.exchange.tracks import Poses
+from pymantaray.exchange.recording import Recording, VehiclePoses
+from pymantaray.exchange.tracks import Poses, geodetic
 from pymantaray.ocean.convert import decoded_times, to_our_unit
 from pymantaray.ocean.files import numbers, open_file, text, unreadable
-from pymantaray.records.writing import NETCDF_LOCK
+from pymantaray.records import NETCDF_LOCK, write_netcdf
 
 Array = NDArray[np.float64]
 _BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing: of OceanGliders, IMOS, Argo and QARTOD alike
@@ -248,3 +250,60 @@ class _Reader:
             where=f"{self._path}: {time}",
         )
         return Poses(name, dates, whole[within], None, True, str(self._path))
+
+
+_WRITTEN = {
+    "time": "time",
+    "latitude": "latitude",
+    "longitude": "longitude",
+    "depth": "depth",
+    "heading": "platform_orientation",
+    "pitch": "platform_pitch_fore_up",
+    "roll": "platform_roll_starboard_down",
+}
+"""Variables of our files, and their standard names."""
+_UNITS = {"latitude": "degrees_north", "longitude": "degrees_east", "depth": "m"}
+
+
+def write_cf(recording: Recording, folder: Path) -> None:
+    """
+    Write the poses of each condition as a CF data set of trajectories (incomplete multidimensional arrays), a file each.
+
+    Attitudes are those against true north. Where a vehicle is not there, its trajectory is shorter.
+
+    Raises
+    ------
+    ExchangeError
+        If the mission has no date, or its frame no place on Earth.
+    """
+    truth = recording.truth
+    if np.isnat(truth.start) or truth.frame is None:
+        raise ExchangeError(
+            f"{recording.name}: CF trajectories need a date and a place on Earth; the run has none"
+        )
+    units = {**_UNITS, "time": f"seconds since {np.datetime_as_string(truth.start)}"}
+    files: dict[str, list[VehiclePoses]] = {}
+    for p in recording.poses:
+        files.setdefault(p.condition, []).append(p)
+    for condition, fleet in files.items():
+        columns = np.full((len(_WRITTEN), len(fleet), max(p.samples.size for p in fleet)), np.nan)
+        for k, p in enumerate(fleet):
+            local = Poses(p.agent, truth.time[p.samples], p.position, p.quaternion, False, recording.name)
+            columns[:, k, : p.samples.size] = _columns(geodetic(local, truth.frame))
+        data = xr.Dataset(
+            {"trajectory": ("trajectory", [p.agent for p in fleet], {"cf_role": "trajectory_id"})},
+            attrs={"title": f"{recording.name}: {condition}", "featureType": "trajectory"},
+        )
+        data["trajectory"].encoding["dtype"] = "S1"
+        for (name, standard), values in zip(_WRITTEN.items(), columns, strict=True):
+            attrs = {"standard_name": standard, "units": units.get(name, "degrees")}
+            data[name] = ("trajectory", "obs"), values, attrs
+        data["time"].attrs |= {"calendar": "standard", "units_metadata": "leap_seconds: none"}
+        data["depth"].attrs |= {"positive": "down", "axis": "Z"}
+        write_netcdf(data.set_coords(["time", "latitude", "longitude", "depth"]), folder / f"{condition}.nc")
+
+
+def _columns(p: Poses) -> Array:
+    """Time, latitude, longitude, depth, heading, pitch and roll of poses, shape (7, n). [s, degrees, m]"""
+    turn = Rotation.from_quat(np.asarray(p.quaternion), scalar_first=True).as_euler("ZYX", degrees=True)
+    return np.column_stack([p.time, p.place, turn[:, 0] % 360.0, turn[:, 1:]]).T

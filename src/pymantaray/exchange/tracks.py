@@ -247,7 +247,7 @@ def _local(p: Poses, frame: LocalFrame) -> Poses:
     if not p.geodetic:
         if p.centre in (None, (frame.latitude_deg, frame.longitude_deg)):
             return p
-        p = _geodetic(p, LocalFrame(*p.centre))
+        p = geodetic(p, LocalFrame(*p.centre))
     north, east = frame.to_local(p.place[:, 0], p.place[:, 1])
     return p._replace(
         place=np.column_stack([north, east, p.place[:, 2]]),
@@ -256,7 +256,7 @@ def _local(p: Poses, frame: LocalFrame) -> Poses:
     )
 
 
-def _geodetic(p: Poses, frame: LocalFrame) -> Poses:
+def geodetic(p: Poses, frame: LocalFrame) -> Poses:
     """Local poses of a frame as latitudes, longitudes and attitudes to true north."""
     lat, lon = frame.to_geodetic(p.place[:, 0], p.place[:, 1])
     turn = -frame.convergence(lat, lon)

@@ -12,6 +12,7 @@ import pandas as pd
 from pymantaray.errors import ExchangeError, StudyError
 from pymantaray.estimation import CONDITIONS, GraphValues
 from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
+from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
 from pymantaray.exchange.recording import FleetPoses, Recording
 from pymantaray.exchange.rerun import write_rrd
@@ -122,6 +123,10 @@ def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:
     return frames
 
 
+def _cf(run: Run, realization: int, folder: Path) -> None:
+    write_cf(record(run, realization), folder)
+
+
 def _csv(run: Run, realization: int, folder: Path) -> None:
     for name, frame in _tables(run, realization).items():
         frame.to_csv(folder / f"{name}.csv", index=False)
@@ -186,6 +191,7 @@ def _mcap(run: Run, realization: int, file: Path) -> None:
 FORMATS = {
     "tum": Format("evo and others: a text file of poses for each condition and vehicle", _tum),
     "kitti": Format("evo and others: the same as matrices, without times", _kitti),
+    "cf": Format("CF trajectories, a NetCDF file for each condition", _cf),
     "csv": Format("tables of trajectories, ranges and errors", _csv),
     "parquet": Format("the same in columns, for pandas, polars and DuckDB", _parquet),
     "g2o": Format("pose graphs of conditions with ranges: poses and odometry alone", _g2o),
