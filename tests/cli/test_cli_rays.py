@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.acoustics import Medium, find_eigenrays, thin_profile, trace_paths
+from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.records import Arrivals, FirstArrivals, RayPaths, RayStatus
@@ -216,6 +217,26 @@ def test_a_named_ocean_about_a_centre(rays):
     assert medium_of("out.csv")["centre_deg"] == [79.0, 1.0]
 
 
+def test_links_in_latitude_and_longitude_are_those_in_the_frame(rays):
+    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", 20000, 15000)
+    plain, frame = pd.read_csv("links.csv", comment="#").iloc[[0, 2]], LocalFrame(79.0, 1.0)
+    plain.to_csv("plain.csv", index=False)
+    for end in ("source", "receiver"):
+        plain[f"{end}_lat"], plain[f"{end}_lon"] = frame.to_geodetic(
+            plain.pop(f"{end}_north"), plain.pop(f"{end}_east")
+        )
+    plain.to_csv("geographic.csv", index=False)
+    for command in ("times", "eigen"):
+        rays(command, "plain.csv", f"{command}-plain.csv", *words)
+        rays(command, "geographic.csv", f"{command}.csv", *words)
+        one, other = pd.read_csv(f"{command}.csv"), pd.read_csv(f"{command}-plain.csv")
+        np.testing.assert_allclose(one["travel_time_s"], other["travel_time_s"], rtol=0, atol=1e-9)
+    assert "source_lat" not in one.columns
+    fan = ("--fan", -5, 5, 3, "--azimuth", 0, "--distance", 1000)
+    rays("trace", "geographic.csv", "fan.csv", *fan, *words)
+    assert pd.read_csv("fan.csv")["north"].iloc[0] == pytest.approx(0.0, abs=1e-5)
+
+
 def test_ice_reflects_over_a_profile_and_an_ocean(rays):
     Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,100,3000,4000,400\n0,0,40,3000,4000,400\n")
     words = ("--ice", 50, "--max-surface-bounces", 1)
@@ -247,6 +268,8 @@ TABLES = {
     "lacks.csv": LINKS.replace("source_depth", "Source_depth"),
     "twice.csv": f"{HEAD},source_east\nE,0,0,1,2,3,4,5,6\n",
     "word.csv": LINKS.replace("500,0,4500", "500,x,4500"),
+    "lat.csv": HEAD.replace("north", "lat").replace("east", "lon") + "\nA,74,0,20,74,0.1,500,1",
+    "far.csv": HEAD.replace("north", "lat").replace("east", "lon") + "\nA,94,0,20,74,0.1,500,1",
     "inf.csv": f"{HEAD}\nE,inf,0,1,2,3,4,5\n",
     "binary.csv": "\0\1",
     "falls.csv": "depth,sound_speed\n0,1500\n10,1500\n5,1500\n",
@@ -265,6 +288,8 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times lacks.csv out.csv W": "lacks.csv: lacks source_depth; found name, source_north, source_east, Source_depth",
     "times twice.csv out.csv W": "twice.csv: has two columns source_east; keep one",
     "times word.csv out.csv W": "word.csv, line 5: every one of .* needs a number; receiver_east is 'x'",
+    "times lat.csv out.csv W": "lat.csv: has latitudes and longitudes, but a profile has no place; give north and east",
+    "times far.csv out.csv --ocean synthetic:fram": "far.csv: a latitude is beyond 90 degrees",
     "times inf.csv out.csv W": "inf.csv, line 2: .* source_north is 'inf'",
     "times binary.csv out.csv W": "binary.csv: not a table of text",
     "times nothing.csv out.csv W": "nothing.csv: cannot be read: No such file",

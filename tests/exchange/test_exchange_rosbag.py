@@ -76,12 +76,21 @@ def test_a_frame_called_ned_is_one_and_a_simulation_has_a_clock_without_dates(tm
         tmp_path / "ned", ["/robot/odom", "/robot/pose"], start=20, frame="world_ned", child="base_link_frd"
     )
     tracks = read_trajectories(bag)
-    assert sorted(tracks.names) == ["robot_odom", "robot_pose"]
+    assert sorted(tracks.names) == ["odom", "pose"]
     assert tracks.start is None
     bag = write(tmp_path / "ned3", ["/a/odom"], frame="map_ned", child="base_link_frd")
     (own,) = read_trajectories(bag).poses
     np.testing.assert_allclose(own.time, TIME)
     assert own.quaternion[0] == pytest.approx(Rotation.from_euler("Z", [[0.3]]).as_quat(scalar_first=True)[0])
+
+
+def test_topics_are_called_by_what_tells_them_apart(tmp_path):
+    bag = write(tmp_path / "fleet", ["/fleet/A/odom", "/fleet/A/pose", "/fleet/B/pose"])
+    assert sorted(read_trajectories(bag).names) == ["A_odom", "A_pose", "B_pose"]
+    assert sorted(read_trajectories(write(tmp_path / "two", ["/fleet/A/pose", "/fleet/B/pose"])).names) == [
+        "A",
+        "B",
+    ]
 
 
 def test_bags_without_poses_and_files_that_are_none_are_refused_in_one_line(tmp_path):

@@ -134,6 +134,19 @@ def test_tum_files_of_ros_have_other_axes(tmp_path):
     np.testing.assert_allclose(body.apply([0, 0, 1.0]), np.tile([0.0, 0, 1], (3, 1)), atol=1e-15)
 
 
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_tables_and_bags_of_a_run_that_was_exported_are_its_truth(kind, tiny_run_folder, tmp_path):
+    from pymantaray import open_run
+    from pymantaray.study.export import export_run
+
+    run = open_run(tiny_run_folder)
+    export_run(run, kind, tmp_path / "out")
+    tracks = read_trajectories(tmp_path / "out" / f"trajectories.{kind}")
+    assert tracks.names == run.truth.name.tolist()
+    truth = tracks.at(run.truth.time, LocalFrame(*run.truth.centre))
+    np.testing.assert_allclose(truth.position, run.truth.position, rtol=0, atol=1e-6)
+
+
 def text(content, name="m.csv"):
     def write(folder):
         (folder / name).write_text(content)

@@ -18,7 +18,7 @@ Pair = tuple[float, float]
 LINKS = typer.Argument(
     metavar="LINKS.csv",
     help="Columns source_north, source_east, source_depth, receiver_north, receiver_east, receiver_depth, all in metres;"
-    " one link a row.",
+    " with --ocean also source_lat, source_lon and so on; one link a row.",
     show_default=False,
 )
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]

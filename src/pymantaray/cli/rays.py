@@ -233,8 +233,7 @@ def _begin(
     import pymantaray
     from pymantaray.cli.output import check_output
     from pymantaray.cli.rays_medium import load_medium
-    from pymantaray.cli.rays_tables import SOURCE, read_links, sidecar
-    from pymantaray.records.text_table import read_text_table
+    from pymantaray.cli.rays_tables import read_links, sidecar
 
     check_output(
         out,
@@ -243,13 +242,10 @@ def _begin(
         beside=[sidecar(out)] if out.suffix == ".csv" else [],
         force=force,
     )
-    if receivers:
-        table, source, receiver = read_links(links)
-    else:
-        table = read_text_table(links)
-        source = table.numbers(SOURCE)
-        receiver = np.full_like(source, np.nan)
+    content = read_links(links, receivers=receivers)
     loaded = load_medium(medium)
+    source, *others = content.places(loaded.frame)
+    receiver = others[0] if others else np.full_like(source, np.nan)
     record = {
         "mantaray": pymantaray.__version__,
         "command": command,
@@ -257,7 +253,7 @@ def _begin(
         "medium": loaded.record,
         "search": asdict(search),
     }
-    return Job(out, quiet, search, loaded, table, source, receiver, record)
+    return Job(out, quiet, search, loaded, content.table, source, receiver, record)
 
 
 def _fan_angles(first: float, last: float, count: int) -> "Array":

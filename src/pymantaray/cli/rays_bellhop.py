@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pymantaray.acoustics import Medium
+    from pymantaray.geometry import LocalFrame
 
     Array = NDArray[np.float64]
 
@@ -50,8 +51,9 @@ def compare_bellhop(
     from pymantaray.cli.rays_tables import read_links, write_table
 
     check_output(out, (".csv",), inputs=[links, *medium.files], force=force)
-    _, source, receiver = read_links(links)
-    straight, options = _straight_medium(medium, refine), BellhopOptions(step=step)
+    content, options = read_links(links), BellhopOptions(step=step)
+    straight, frame = _straight_medium(medium, refine)
+    source, receiver = content.places(frame)
     with progress_bars(quiet=quiet) as progress:
         table = compare_with_bellhop(
             straight, source, receiver, options, program=program, timeout=timeout, progress=progress
@@ -97,24 +99,25 @@ def write_bellhop(
     if there and not force:
         raise AcousticsError(f"{there[0]}: exists already; give another folder or --force")
     options = BellhopOptions(run=output, beams=beams, bottom=sea_bed, step=step)
-    straight = _straight_medium(medium, refine)
+    straight, frame = _straight_medium(medium, refine)
     if links is not None:
-        _, source, receiver = read_links(links)
+        source, receiver = read_links(links).places(frame)
     else:
         source, receiver = _links_of_run(medium.run, link or [])
     for path in write_files(out, straight, source, receiver, options):
         typer.echo(str(path))
 
 
-def _straight_medium(options: MediumOptions, refine: int) -> "Medium":
-    """Medium with straight lines between its grid points: linear, or a smooth one sampled on finer cells."""
+def _straight_medium(options: MediumOptions, refine: int) -> "tuple[Medium, LocalFrame | None]":
+    """Medium with straight lines between its grid points, linear, or a smooth one sampled on finer cells; and its frame."""
     from pymantaray.acoustics.bellhop import linear_medium
     from pymantaray.cli.rays_medium import load_medium
 
-    medium = load_medium(options, default="linear").medium
+    loaded = load_medium(options, default="linear")
+    medium = loaded.medium
     if medium.interpolation == "smooth":
-        return linear_medium(medium, horizontal=refine, vertical=refine)
-    return medium
+        medium = linear_medium(medium, horizontal=refine, vertical=refine)
+    return medium, loaded.frame
 
 
 def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from pymantaray.acoustics import Medium
     from pymantaray.acoustics.medium import Interpolation
     from pymantaray.acoustics.profiles import Profile
+    from pymantaray.geometry import LocalFrame
 
 _GAP = 100.0  # m; a profile that ends higher above the sea bed is worth a note
 _ONLY = {
@@ -25,6 +26,13 @@ class LoadedMedium(NamedTuple):
     medium: "Medium"
     record: dict[str, Any]
     notes: list[str]
+
+    @property
+    def frame(self) -> "LocalFrame | None":
+        """Frame of the medium; None of a profile, which has no place."""
+        from pymantaray.geometry import LocalFrame
+
+        return LocalFrame(*self.record["centre_deg"]) if "centre_deg" in self.record else None
 
 
 def load_medium(options: MediumOptions, *, default: "Interpolation | None" = None) -> LoadedMedium:

@@ -1,7 +1,7 @@
 """Tables of `mantaray rays`: links in; travel times, arrivals and paths out, whole or not at all."""
 
 import json
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,12 +11,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import choose_arrivals
+from pymantaray.errors import AcousticsError
+from pymantaray.geometry import LocalFrame
 from pymantaray.records import Arrivals, RayPaths, RayStatus, whole_file, write_netcdf
 from pymantaray.records.text_table import TextTable, read_text_table
 
 Array = NDArray[np.float64]
-SOURCE, RECEIVER = (
-    [f"{end}_{axis}" for axis in ("north", "east", "depth")] for end in ("source", "receiver")
+LOCAL, GEOGRAPHIC = (
+    [f"{end}_{axis}" for end in ("source", "receiver") for axis in axes]
+    for axes in (("north", "east", "depth"), ("lat", "lon", "depth"))
 )
 _DIGITS = "%.12g"
 _BOUNDARIES = np.array(["water", "surface", "bottom"])
@@ -32,11 +35,36 @@ class TracedRays(NamedTuple):
     launch_angle: Array | None = None
 
 
-def read_links(path: Path) -> tuple[TextTable, Array, Array]:
-    """A table of links, and north, east, down of their sources and receivers (n_links, 3). [m]"""
+@dataclass(frozen=True, eq=False)
+class LinkTable:
+    """A table of links, and its ends as it has them: north, east or latitude, longitude, and depth (n_links, 3)."""
+
+    table: TextTable
+    ends: tuple[Array, ...]
+    geographic: bool
+
+    def places(self, frame: LocalFrame | None) -> tuple[Array, ...]:
+        """North, east, down of the sources and, where they were read, the receivers, in a frame. [m]"""
+        if not self.geographic:
+            return self.ends
+        if frame is None:
+            raise AcousticsError(
+                f"{self.table.path}: has latitudes and longitudes, but a profile has no place; give north and east"
+            )
+        if max(np.abs(end[:, 0]).max(initial=0.0) for end in self.ends) > 90.0:
+            raise AcousticsError(f"{self.table.path}: a latitude is beyond 90 degrees")
+        return tuple(np.column_stack([*frame.to_local(end[:, 0], end[:, 1]), end[:, 2]]) for end in self.ends)
+
+
+def read_links(path: Path, *, receivers: bool = True) -> LinkTable:
+    """Links of a table, or their sources alone."""
     table = read_text_table(path)
-    ends = table.numbers(SOURCE + RECEIVER)
-    return table, ends[:, :3].copy(), ends[:, 3:].copy()
+    geographic = GEOGRAPHIC[0] in table.frame
+    names = GEOGRAPHIC if geographic else LOCAL
+    values = table.numbers(names if receivers else names[:3])
+    return LinkTable(
+        table, tuple(values[:, k : k + 3].copy() for k in range(0, values.shape[1], 3)), geographic
+    )
 
 
 def sidecar(out: Path) -> Path:
@@ -88,7 +116,7 @@ def times_table(links: pd.DataFrame, source: Array, receiver: Array, arrivals: A
 
 def arrivals_table(links: pd.DataFrame, arrivals: Arrivals) -> pd.DataFrame:
     """One row an arrival, with the columns beyond the coordinates that its link came with."""
-    own = links.drop(columns=[*SOURCE, *RECEIVER]).iloc[arrivals.link]
+    own = links.drop(columns=[*LOCAL, *GEOGRAPHIC], errors="ignore").iloc[arrivals.link]
     added = pd.DataFrame(
         {
             "row": arrivals.link,

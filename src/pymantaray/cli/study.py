@@ -218,7 +218,10 @@ def _print_comparison(folder: Path) -> None:
         "range_error_split": "Its parts, mean",
         "ate_pooled": "Trajectory error, all vehicles and realizations, no alignment",
     }.items():
-        table = pd.read_csv(folder / "tables" / f"{name}.csv")
+        file = folder / "tables" / f"{name}.csv"
+        if not file.is_file():  # of runs with ranges alone
+            continue
+        table = pd.read_csv(file)
         numbers = table.select_dtypes("number").columns
         print_table(title, table, {name: (name, ".2f" if name in numbers else "") for name in table.columns})
 

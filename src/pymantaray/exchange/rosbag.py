@@ -21,10 +21,14 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     """
     Trajectory of each topic of poses or odometry in a bag, and what was left out.
 
-    A vehicle is called as its topic's first part, or as the whole topic where that does not tell them apart. Places are
+    A vehicle is called as the first part of its topic that tells topics apart, or as all of them (``/fleet/A/odom`` and
+    ``/fleet/B/odom`` are A and B). Places are
     east, north, up about the local frame's centre, bodies forward, left, up (REP-103); a frame whose name ends in ``ned`` is
     north, east, down, a child frame's in ``frd`` forward, right, down. Times are those of the headers.
     """
+    files = [path]
+    if path.is_dir() and path.suffix == ".bag":  # which the library takes for a file of ROS 1
+        files = sorted(file for kind in ("*.db3", "*.mcap") for file in path.glob(kind))
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -33,7 +37,7 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     store = get_typestore(Stores.ROS2_HUMBLE)
     rows: dict[str, list[tuple[Any, ...]]] = {}
     try:
-        with AnyReader([path], default_typestore=store) as bag:
+        with AnyReader(files, default_typestore=store) as bag:
             topics = [c for c in bag.connections if c.msgtype in _POSES]
             for connection, _, raw in bag.messages(connections=topics) if topics else []:
                 rows.setdefault(connection.topic, []).append(_row(bag.deserialize(raw, connection.msgtype)))
@@ -44,10 +48,17 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
         raise ExchangeError(
             f"{path}: no topic of {', '.join(sorted(_POSES))}; found {', '.join(others) or 'no messages'}"
         )
-    firsts = [topic.strip("/").partition("/")[0] for topic in rows]
-    tell = len(set(firsts)) == len(firsts)
-    names = firsts if tell else [topic.strip("/").replace("/", "_") for topic in rows]
+    names = _names(list(rows))
     return [_poses(name, values, path) for name, values in zip(names, rows.values(), strict=True)], []
+
+
+def _names(topics: list[str]) -> list[str]:
+    """What tells topics apart."""
+    parts = [topic.strip("/").split("/") for topic in topics]
+    while len(parts) > 1 and min(map(len, parts)) > 1 and len({p[0] for p in parts}) == 1:
+        parts = [p[1:] for p in parts]
+    firsts = [p[0] for p in parts]
+    return firsts if len(set(firsts)) == len(firsts) else ["_".join(p) for p in parts]
 
 
 def _row(message: Any) -> tuple[Any, ...]:

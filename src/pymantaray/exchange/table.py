@@ -48,6 +48,9 @@ _MOST_RADIANS = 6.5  # a little more than a turn
 def read_table(path: Path) -> list[Poses]:
     """Trajectories of a table with a header; each name of a vehicle is one, without such a column there is one by the file's name."""
     table, factors = _known_columns(_parquet(path) if path.suffix == ".parquet" else _text(path))
+    conditions = table.frame.get("condition")
+    if conditions is not None and (conditions == "truth").any():  # an exported run, whose estimates are none
+        table = TextTable(path, table.frame[conditions == "truth"], table.comments)
     there = set(factors)
     place = ["lat", "lon"] if {"lat", "lon"} <= there else ["north", "east"]
     try:
@@ -65,8 +68,8 @@ def read_table(path: Path) -> list[Poses]:
     poses = []
     for name in dict.fromkeys(names.tolist()):
         rows = names == name
-        own = None if quaternion is None else quaternion[rows]
-        poses.append(Poses(name, time[rows], place_of[rows], own, place[0] == "lat", str(path)))
+        turned = None if quaternion is None else quaternion[rows]
+        poses.append(Poses(name, time[rows], place_of[rows], turned, place[0] == "lat", str(path)))
     return poses
 
 

@@ -1,9 +1,12 @@
 """What the estimator says: trajectories, how sure it is of them, how its ranges fit, and what it found of modes and clocks."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
+
+import numpy as np
 
 from pymantaray.records.base import Column, DatedRecord, Record, column
+from pymantaray.records.measurements import Measurements
 from pymantaray.records.status import SolveStatus
 
 
@@ -44,6 +47,27 @@ class Estimates(DatedRecord):
     gated_links: Column = column(
         "condition realization", "1", "ranges that the believed ocean does not allow", "i4"
     )
+
+    @classmethod
+    def of_nothing(cls, measurements: Measurements) -> Self:
+        """Estimates under no condition, of one realization of these measurements."""
+        m = measurements
+        named = {"realization": np.zeros(1), "name": m.name, "time": m.time, "landmark_name": m.landmark_name}
+        sizes = {
+            "condition": 0,
+            "realization": 1,
+            "agent": m.name.size,
+            "time": m.time.size,
+            "axis": 3,
+            "quat": 4,
+        }
+        sizes["landmark"] = m.landmark_name.size
+        empty = {
+            f.name: np.zeros([sizes[dim] for dim in f.metadata["dims"]])
+            for f in cls._columns()
+            if f.name not in named
+        }
+        return cls(**empty, **named, start=m.start)
 
 
 @dataclass(frozen=True, eq=False)

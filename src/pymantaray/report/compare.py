@@ -87,11 +87,6 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
     errors = of_all_links("range_error")
     parts = {f"{name} [m]": t.set_index("part") for name, t in of_all_links("range_error_split").items()}
     regions = {name: r.tables["region"].set_index("property") for name, r in runs.items()}
-    pooled = pd.concat(
-        {name: r.tables["ate_pooled"].set_index("condition") for name, r in runs.items()},
-        axis=1,
-        sort=False,
-    )
     return {
         "range_drop_category_compare": _side_by_side(
             {name: t["percent"] for name, t in dropouts.items()}, "link category", last=ALL_LINKS
@@ -100,15 +95,29 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
             {name: t.drop(columns="category").iloc[0] for name, t in errors.items()}, "quantity"
         ),
         "range_error_split": _side_by_side({name: t["mean_m"] for name, t in parts.items()}, "part"),
-        "ate_pooled": pd.DataFrame(
-            [
-                {"condition": c, "quantity": s, **{name: pooled.loc[c, (name, s)] for name in runs}}
-                for c in pooled.index
-                for s in _STATISTICS
-            ]
-        ),
+        **({"ate_pooled": _joint_errors(runs)} if _all_solved(runs) else {}),
         "region": _side_by_side({name: t.iloc[:, 0] for name, t in regions.items()}, "property"),
     }
+
+
+def _all_solved(runs: Mapping[str, Results]) -> bool:
+    """Whether none of them has ranges alone."""
+    return all(r.run.config.solves for r in runs.values())
+
+
+def _joint_errors(runs: Mapping[str, Results]) -> pd.DataFrame:
+    pooled = pd.concat(
+        {name: r.tables["ate_pooled"].set_index("condition") for name, r in runs.items()},
+        axis=1,
+        sort=False,
+    )
+    return pd.DataFrame(
+        [
+            {"condition": c, "quantity": s, **{name: pooled.loc[c, (name, s)] for name in runs}}
+            for c in pooled.index
+            for s in _STATISTICS
+        ]
+    )
 
 
 def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
@@ -137,8 +146,14 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
             " (black).",
             lambda: range_error_histogram([(name, r.ranges.total) for name, r in runs.items()], header),
         ),
-        ape("ape_pooled", "logarithmic", log=True),
-        ape("ape_pooled_linear", "linear", log=False),
+        *(
+            []
+            if not _all_solved(runs)
+            else [
+                ape("ape_pooled", "logarithmic", log=True),
+                ape("ape_pooled_linear", "linear", log=False),
+            ]
+        ),
     ]
 
 
@@ -164,6 +179,8 @@ def _page(
     synthetic = [name for name, r in runs.items() if r.synthetic]
     shown = []
     for name, caption in _CAPTIONS.items():
+        if name not in tables:
+            continue
         table = numbers_from_text(tables[name]) if name == "region" else tables[name]
         if "quantity" in table:
             table = table.assign(quantity=table["quantity"].map(heading))

@@ -3,7 +3,7 @@
 import datetime as dt
 import math
 from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, create_model, model_validator
 
@@ -24,6 +24,7 @@ from pymantaray.study.config_estimators import (
     own_files,
     require_unique,
 )
+from pymantaray.study.geographic import with_local_places
 
 Bounces = Annotated[int, Field(ge=0, le=15, description="what the solver can count")]
 
@@ -155,7 +156,7 @@ class FloatSection(Section):
 
 
 class _Placed(Section):
-    """A vehicle's name and starting place in the local frame."""
+    """A vehicle's name and starting place in the local frame; a file may give it by ``lat`` and ``lon``, see `with_local_places`."""
 
     name: ParticipantName
     north: float
@@ -463,6 +464,11 @@ class StudyConfig(SoundConfig):
     landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
     estimator: EstimatorSection = EstimatorSection()
     estimators: tuple[RangeEstimatorSection, ...] | None = Field(default=None, strict=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _places(cls, tree: Any) -> Any:
+        return with_local_places(tree)
 
     @property
     def files(self) -> tuple[str, ...]:

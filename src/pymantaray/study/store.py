@@ -135,6 +135,8 @@ class Run:
     @cached_property
     def estimates(self) -> Estimates:
         """Estimated trajectories of all conditions and realizations, with the health of each solve."""
+        if not self.config.solves:
+            return Estimates.of_nothing(self.measurements)
         return Estimates.load(self.path / ESTIMATES)
 
     @cached_property

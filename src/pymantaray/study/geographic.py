@@ -1,0 +1,68 @@
+"""Vehicles and landmarks placed by latitude and longitude: before anything is checked they become north and east."""
+
+from typing import Any
+
+from pymantaray.geometry import LocalFrame
+
+_CENTRE = ("centre_latitude_deg", "centre_longitude_deg")
+
+
+def with_local_places(tree: Any) -> Any:
+    """
+    Nested dictionaries of a study whose vehicles, waypoints and landmarks are all in the frame of its ocean.
+
+    One with ``lat`` and ``lon`` gets ``north`` and ``east`` in their place, and a vehicle's ``points`` are then latitude,
+    longitude and depth. What is no study is left to who checks it.
+    """
+    try:
+        fleet, landmarks = tree.get("fleet", {}), tree.get("landmarks", ())
+        vehicles = fleet.get("vehicles", ())
+        if not any("lat" in entry or "lon" in entry for entry in (*vehicles, *landmarks)):
+            return tree
+    except (AttributeError, TypeError):
+        return tree
+    centre = [tree.get("ocean", {}).get(name) for name in _CENTRE]
+    if not all(isinstance(value, int | float) for value in centre):
+        raise ValueError(
+            f"vehicles or landmarks have lat and lon, which need the frame's centre: give ocean.{_CENTRE[0]} and"
+            f" {_CENTRE[1]}"
+        )
+    frame = LocalFrame(*map(float, centre))
+    placed = (
+        {"fleet": {**fleet, "vehicles": [_local(vehicle, frame) for vehicle in vehicles]}} if vehicles else {}
+    )
+    return {**tree, **placed, "landmarks": [_local(mark, frame) for mark in landmarks]}
+
+
+def _local(entry: dict[str, Any], frame: LocalFrame) -> dict[str, Any]:
+    if "lat" not in entry and "lon" not in entry:
+        return entry
+    who, out = f"{entry.get('name', 'a vehicle')}", dict(entry)
+    if "lat" not in entry or "lon" not in entry or "north" in entry or "east" in entry:
+        raise ValueError(
+            f"{who}: its place is lat and lon, or north and east; found {', '.join(_keys(entry))}"
+        )
+    out["north"], out["east"] = _place(who, out.pop("lat"), out.pop("lon"), frame)
+    if "points" in entry:
+        out["points"] = [_point(who, point, frame) for point in entry["points"]]
+    return out
+
+
+def _point(who: str, point: Any, frame: LocalFrame) -> Any:
+    if not isinstance(point, list | tuple) or len(point) != 3:
+        return point
+    lat, lon, depth = point
+    return [*_place(who, lat, lon, frame), depth]
+
+
+def _place(who: str, lat: Any, lon: Any, frame: LocalFrame) -> tuple[float, float]:
+    if not all(isinstance(value, int | float) for value in (lat, lon)) or abs(lat) > 90.0:
+        raise ValueError(
+            f"{who}: found lat {lat!r}, lon {lon!r}; allowed: numbers, lat from -90 to 90 degrees"
+        )
+    north, east = frame.to_local(lat, lon)
+    return float(north), float(east)
+
+
+def _keys(entry: dict[str, Any]) -> list[str]:
+    return [key for key in ("lat", "lon", "north", "east") if key in entry]

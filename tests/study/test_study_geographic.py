@@ -1,0 +1,68 @@
+"""Vehicles, waypoints and landmarks by latitude and longitude are where they are by north and east."""
+
+import copy
+
+import pytest
+from factories import TINY
+from refusals import refused
+
+from pymantaray import LocalFrame
+from pymantaray.errors import StudyError
+from pymantaray.study import parse_study, study_toml
+
+FRAME = LocalFrame(74.5, -140.0)
+
+
+def geographic():
+    tree = copy.deepcopy(TINY)
+    for entry in (*tree["fleet"]["vehicles"], *tree["landmarks"]):
+        entry["lat"], entry["lon"] = map(float, FRAME.to_geodetic(entry.pop("north"), entry.pop("east")))
+        if "points" in entry:
+            entry["points"] = [[*map(float, FRAME.to_geodetic(n, e)), d] for n, e, d in entry["points"]]
+    return tree
+
+
+def test_they_are_in_the_same_places_and_in_the_resolved_file_by_north_and_east():
+    config, plain = parse_study(geographic()), parse_study(TINY)
+    for one, other in zip(
+        (*config.fleet.vehicles, *config.landmarks), (*plain.fleet.vehicles, *plain.landmarks), strict=True
+    ):
+        assert (one.north, one.east) == pytest.approx((other.north, other.east), abs=1e-6)
+    route, expected = (c.fleet.vehicles[2].points for c in (config, plain))
+    for one, other in zip(route, expected, strict=True):
+        assert one == pytest.approx(other, abs=1e-6)
+    assert "lat = " not in study_toml(config)
+
+
+def changed(**of_first):
+    tree = geographic()
+    tree["fleet"]["vehicles"][0] |= of_first
+    return {**tree, "fleet": {**tree["fleet"], "vehicles": [
+        {k: v for k, v in vehicle.items() if v is not None} for vehicle in tree["fleet"]["vehicles"]]}}  # fmt: skip
+
+
+def no_centre():
+    tree = geographic()
+    return {**tree, "ocean": {"source": "synthetic:beaufort"}}
+
+
+REFUSED = {
+    "A: its place is lat and lon, or north and east; found lat, lon, north": lambda: changed(north=1.0),
+    "A: its place is lat and lon, or north and east; found lat$": lambda: changed(lon=None),
+    "A: found lat 95.0, lon -140.0; allowed: numbers, lat from -90 to 90": lambda: changed(
+        lat=95.0, lon=-140.0
+    ),
+    "A: found lat 'north', lon": lambda: changed(lat="north"),
+    "which need the frame's centre: give ocean.centre_latitude_deg": no_centre,
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_places_that_are_none_are_one_line_each(message):
+    refused(StudyError, message, lambda: parse_study(REFUSED[message]()))
+
+
+@pytest.mark.parametrize("tree", [[], {"fleet": 3}, {"fleet": {"vehicles": 5}}, {"landmarks": [1]}])
+def test_what_is_no_study_is_told_so_by_the_study(tree):
+    with pytest.raises(StudyError, match="study"):
+        parse_study(tree)
