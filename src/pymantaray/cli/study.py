@@ -227,12 +227,13 @@ def _print_comparison(folder: Path) -> None:
 
 
 def _warnings(run: "Run") -> list[str]:
-    """Which solves failed their health gate and which vehicles stopped, a line each."""
+    """Which solves failed their health gate, which vehicles stopped, what was changed in reading trajectories; a line each."""
     outcome = run.manifest["outcome"]
     lines = [
         f"vehicle {name} stopped after {stop['time_s'] / 3600.0:.1f} h: {stop['status']}"
         for name, stop in outcome["stopped_vehicles"].items()
     ]
+    lines += run.manifest.get("fleet", {}).get("notes", [])
     by_kind: dict[tuple[str, str], list[int]] = {}
     for solve in outcome["unhealthy_solves"]:
         by_kind.setdefault((solve["condition"], solve["status"]), []).append(solve["realization"])

@@ -15,6 +15,7 @@ from typing import Any
 
 import pymantaray
 from pymantaray.study.config import StudyConfig
+from pymantaray.study.tracks import read_fleet
 
 _PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
 
@@ -54,6 +55,7 @@ def describe_run(
             "time_varying": config.ocean.time_varying,
             "sha256": inputs,
         },
+        **({"fleet": _own_fleet(config)} if config.fleet.trajectories else {}),
         "random": {
             "seed": config.study.seed,
             "realizations": config.study.realizations,
@@ -73,6 +75,16 @@ def describe_run(
         },
         "seconds": {name: round(value, 3) for name, value in seconds.items()},
         "peak_memory_mib": memory,
+    }
+
+
+def _own_fleet(config: StudyConfig) -> dict[str, Any]:
+    """Where the trajectories of a fleet are from, when they begin, and what was changed in reading them."""
+    tracks = read_fleet(config.fleet)
+    return {
+        "trajectories": list(config.fleet.trajectories),
+        "start": None if tracks.start is None else str(tracks.start),
+        "notes": list(tracks.notes),
     }
 
 
