@@ -11,6 +11,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator
 
 from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import wrapped
@@ -168,6 +169,7 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
         if k == 0 and isinstance(norm, LogNorm):
             bar.set_label(labels[k])
             bar.outline.set_linewidth(0.4)
+            bar.ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             style.short_numbers(bar.ax.xaxis)
         else:
             finish_bar(bar, labels[k])
@@ -205,7 +207,7 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
         int(np.argmin(np.abs(axis - x))) for axis, x in ((lat, at[0]), (lon, wrapped(at[1], about=middle)))
     )
     figure = style.new_figure(style.DOUBLE, 3.2, _header(atlas))
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1.0))
     time = atlas["time"].values
     for k, name in enumerate(map(str, atlas["convention"].values)):
         worst = np.fmax.reduce(atlas["worst_range_error"][:, i, j, k, :, distance].values, axis=-1)
@@ -217,7 +219,7 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
     lower.plot(time, lost, "o-", markersize=2.5, color=style.INK)
     lower.set_ylim(-3.0, 103.0)
     upper.set_ylabel("Largest range error [m]")
-    lower.set_ylabel("No direct path [%]")
+    lower.set_ylabel("No path [%]")
     locator: Any = AutoDateLocator()  # type: ignore[no-untyped-call]
     lower.xaxis.set_major_locator(locator)
     lower.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
