@@ -17,6 +17,6 @@ def export(
     realization: Annotated[int, typer.Option("--realization", help="Which one, from 0.")] = 0,
 ) -> None:
     """Write a realization of a run for evo, pandas, g2o, PyFactorGraph, Rerun, Foxglove or ROS 2."""
-    from pymantaray.study.export import export_run
+    from pymantaray.study import export_run
 
     typer.echo(str(export_run(run, to, out, realization=realization)))

@@ -10,6 +10,7 @@ from pymantaray.study.config import SoundConfig, StudyConfig
 from pymantaray.study.load import list_presets, load_sound, load_study, parse_study, preset_text, study_toml
 
 if TYPE_CHECKING:
+    from pymantaray.study.export import export_run
     from pymantaray.study.ranges import measure
     from pymantaray.study.runner import run_study
     from pymantaray.study.store import Run, open_run
@@ -18,6 +19,7 @@ __all__ = [
     "Run",
     "SoundConfig",
     "StudyConfig",
+    "export_run",
     "list_presets",
     "load_sound",
     "load_study",
@@ -29,7 +31,13 @@ __all__ = [
     "study_toml",
 ]
 
-_LATER = {"measure": "ranges", "Run": "store", "open_run": "store", "run_study": "runner"}
+_LATER = {
+    "Run": "store",
+    "export_run": "export",
+    "measure": "ranges",
+    "open_run": "store",
+    "run_study": "runner",
+}
 
 
 def __getattr__(name: str) -> Any:

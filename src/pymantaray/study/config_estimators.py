@@ -230,7 +230,7 @@ class RangeEstimatorSection(Section):
     uncertainty_down_to: PositiveFloat | None = None
     loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
     solver: Literal["batch", "incremental", "fixed-lag"] = "batch"
-    lag_h: PositiveFloat | None = None
+    lag_h: PositiveHours | None = None
     start: Literal["truth", "dead-reckoning"] = "truth"
     modes: ModesSection | None = None
     clocks: ClocksSection | None = None
