@@ -164,6 +164,8 @@ REFUSED = [
     ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}, "exclude each other"),
     ("detection", DETECTION | {"surface_loss": "bubbles"}, "is bubbles, but acoustics.max_surface_bounces is 0"),
     ("detection", DETECTION | {"sediment": "sand"}, "is sand, but acoustics.max_bottom_bounces is 0"),
+    ("ocean", {"internal_tide": {"amplitude": 5.0}, "time_varying": True}, "internal_tide runs through one snapshot"),
+    ("ocean.internal_tide", {"amplitude": -5.0}, "ocean.internal_tide.amplitude: found -5"),
     ("", ICE | BOUNCE, "there is no ice"),
     ("", ICE | {"ocean": {"ice": 2.0}}, "max_surface_bounces is 0"),
     (
@@ -209,6 +211,14 @@ REFUSED_ESTIMATORS = [
     (
         {"range_model": "constant", "sound_speed": 1450.0, "belief": {"kind": "mean"}},
         "needs sound_speed or belief",
+    ),
+    (
+        EIGENRAY | {"belief": {"kind": "offset", "depth": [9.0, 3.0], "sound_speed": [0.5, 1.0]}},
+        "depths increasing",
+    ),
+    (
+        EIGENRAY | {"belief": {"kind": "offset", "depth": [9.0], "sound_speed": [0.5, 1.0]}},
+        "sound_speed 2; needs as many",
     ),
     ({"clocks": {}}, "estimator e estimates clocks, but their priors are 0"),
     (EIGENRAY | VARYING, "estimator e believes in water that varies, but the study's stands still"),

@@ -14,6 +14,7 @@ from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon, solve_conditions
 from pymantaray.estimation.build import timed_ranges
 from pymantaray.estimation.range_models import BelievedRanges, RangeLinks
+from pymantaray.evaluation import ping_error_table
 from pymantaray.geometry import stream
 from pymantaray.ocean import (
     cast_ocean,
@@ -24,6 +25,7 @@ from pymantaray.ocean import (
     read_cast,
     to_local,
 )
+from pymantaray.ocean.internal_tide import PRESSURE_GRADIENT, displaced
 from pymantaray.records import SolveStatus, write_netcdf
 from pymantaray.study import parse_study, preset_text, run_study, study_toml
 from pymantaray.study.assemble import mission_start
@@ -34,6 +36,8 @@ from pymantaray.study.config_estimators import (
     ExactBelief,
     FileBelief,
     MeanBelief,
+    NumericsBelief,
+    OffsetBelief,
     OtherDayBelief,
     PerturbedBelief,
     RangeEstimatorSection,
@@ -134,6 +138,64 @@ def test_exact_eigenrays_do_as_well_as_straight_ranges_and_transmitter_as_refrac
     costs = [solved[name].final_cost for name in ("straight", "e2", "refracted")]
     assert costs == sorted(costs)
     assert solved["e3"].final_cost > costs[1]  # one wrong speed against the right profile
+
+
+def profile(belief):
+    return belief.local["sound_speed"].mean(("north", "east")).values
+
+
+def test_errors_that_depend_on_depth_and_those_of_an_instrument_are_what_is_asked_for(beliefs):
+    exact = beliefs.believed(ExactBelief(kind="exact"), 0)
+    depth = exact.local["depth"].values
+    bias = OffsetBelief(kind="offset", sound_speed=(0.5,))
+    np.testing.assert_allclose(profile(beliefs.believed(bias, 0)) - profile(exact), 0.5, atol=1e-9)
+    deep = OffsetBelief(kind="offset", depth=(400.0, 600.0), sound_speed=(0.0, -2.0))
+    expected = -2.0 * np.clip((depth - 400.0) / 200.0, 0.0, 1.0)
+    np.testing.assert_allclose(profile(beliefs.believed(deep, 0)) - profile(exact), expected, atol=1e-9)
+    cast = profile(beliefs.believed(CastBelief(kind="cast"), 0))
+    instrument = CastBelief(kind="cast", bias_sigma=0.3, noise_sigma=0.1)
+    error = np.array([profile(beliefs.believed(instrument, r)) - cast for r in range(12)])
+    np.testing.assert_array_equal(error[7], profile(beliefs.believed(instrument, 7)) - cast)
+    assert error.mean(axis=1).std() == pytest.approx(np.hypot(0.3, 0.1 / np.sqrt(depth.size)), rel=0.6)
+    assert error.std(axis=1).mean() == pytest.approx(0.1, rel=0.1)
+    short = profile(beliefs.believed(CastBelief(kind="cast", down_to=500.0), 0))
+    np.testing.assert_allclose(short[depth <= 500.0], cast[depth <= 500.0], atol=1e-6)
+    gradient = np.diff(short[depth > 500.0]) / np.diff(depth[depth > 500.0])
+    np.testing.assert_allclose(gradient, PRESSURE_GRADIENT, rtol=0.15, err_msg="water of one kind below")
+
+
+def test_other_numerics_are_those_of_the_same_water(beliefs):
+    exact = beliefs.believed(ExactBelief(kind="exact"), 0)
+    sparse = beliefs.believed(NumericsBelief(kind="numerics", every_level=2), 0)
+    depth = sparse.local["depth"].values
+    assert depth.size == exact.local["depth"].size // 2 + 1
+    wet = depth[depth < 3000.0]  # what is below the sea bed continues the level above
+    same, other = (b.local["sound_speed"].sel(depth=wet) for b in (exact, sparse))
+    np.testing.assert_allclose(other.transpose(*same.dims), same, atol=1e-6)
+    linear = beliefs.believed(NumericsBelief(kind="numerics", interpolation="linear"), 0)
+    assert (linear.medium.interpolation, exact.medium.interpolation) == ("linear", "smooth")
+    other = beliefs.believed(NumericsBelief(kind="numerics", equation="unesco"), 0)
+    apart = np.abs(profile(other) - profile(exact)).max()
+    assert 1e-3 < apart < 1.0
+
+
+def test_an_internal_tide_moves_the_truth_and_the_exact_ocean_is_its_mean(tmp_path):
+    tree = tomllib.loads(preset_text("quick"))
+    tree["study"] |= {"realizations": 1, "conditions": ["straight"]}
+    tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
+    tree["ocean"]["internal_tide"] = {"amplitude": 10.0, "period_h": 12.0}
+    tree["mission"] |= {"physics_step_s": 1.0, "duration_h": 12.0, "ping_interval_h": 3.0}
+    tree["estimators"] = [{"name": "e", "range_model": "eigenray", "belief": EXACT}]
+    run = run_study(parse_study(tree), tmp_path / "run", workers=1)
+    local = Beliefs(run).believed(ExactBelief(kind="exact"), 0).local
+    still = displaced(local, 3.0 * 3600.0).sel(east=0.0, method="nearest")
+    apart = still["sound_speed"] - local["sound_speed"].sel(east=0.0, method="nearest")
+    assert np.abs(apart).max() < 0.05, "a quarter of a period: between crest and trough, in the middle"
+    there, half = (displaced(local, t)["sound_speed"] - local["sound_speed"] for t in (0.0, 6.0 * 3600.0))
+    assert 0.1 < np.abs(there).max() < 10.0
+    np.testing.assert_allclose(there.isel(depth=20), -half.isel(depth=20), atol=0.2)
+    table = ping_error_table(run.truth, run.estimates, run.measurements).set_index("condition")
+    assert table.loc["e", "from_straight_rmse_m"] > 0.01, "which the estimator does not know of"
 
 
 def test_conditions_are_the_same_bytes_with_and_without_estimators(day):

@@ -49,6 +49,7 @@ from pymantaray.ocean import (
     window_of,
     with_ice,
 )
+from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
 from pymantaray.records import Trajectories
 from pymantaray.sensing import (
     ClockModel,
@@ -84,7 +85,7 @@ from pymantaray.study.varying import series_of, snapshot_at
 
 @dataclass(frozen=True, eq=False)
 class StudyOcean:
-    """The water of a study; where it varies, all but `series` is of the last snapshot at or before the start."""
+    """The water of a study; where its source varies, all but `series` is of the last snapshot at or before the start."""
 
     geographic: xr.Dataset
     """Temperature, salinity and currents as the source has them: depth, lat, lon."""
@@ -102,8 +103,15 @@ class StudyOcean:
         """The local ocean that the fleet drifts in, over time where it varies."""
         return self.local if self.series is None else self.series
 
+    @property
+    def varies(self) -> bool:
+        """Whether sound runs through other water at another time."""
+        return self.series is not None or has_internal_tide(self.local)
+
     def local_at(self, time: float) -> xr.Dataset:
         """Local ocean at a time since the start of the mission. [s]"""
+        if has_internal_tide(self.local):
+            return displaced(self.local, time)
         return self.local if self.series is None else snapshot_at(self.series, time)
 
 
@@ -137,7 +145,13 @@ def local_ocean(section: OceanSection, geographic: xr.Dataset, sea_floor: xr.Dat
         sea_floor=sea_floor,
         equation=section.equation,
     )
-    return local if section.ice is None else with_ice(local, section.ice)
+    local = local if section.ice is None else with_ice(local, section.ice)
+    tide = section.internal_tide
+    if tide is None:
+        return local
+    return with_internal_tide(
+        local, amplitude=tide.amplitude, period=3600.0 * tide.period_h, wavelength=tide.wavelength
+    )
 
 
 def gnss_depth(config: StudyConfig, ocean: StudyOcean, truth: Trajectories) -> float | NDArray[np.float64]:
@@ -308,7 +322,7 @@ def build_picker(section: RangingSection, sonar: Sonar | None) -> Picker | None:
 def build_medium(config: SoundConfig, ocean: StudyOcean) -> Medium | Callable[[float], Medium]:
     """Medium of a study's rays; a function of the time since the mission's start [s] if the ocean varies."""
     at = partial(_medium_at, ocean, config.acoustics.interpolation)  # which another process can be given
-    return at(0.0) if ocean.series is None else at
+    return at if ocean.varies else at(0.0)
 
 
 def _medium_at(ocean: StudyOcean, interpolation: Interpolation, time: float) -> Medium:
@@ -321,7 +335,7 @@ def build_currents(config: SoundConfig, ocean: StudyOcean) -> Currents | Callabl
         return None
 
     at = partial(_currents_at, ocean)
-    return at(0.0) if ocean.series is None else at
+    return at if ocean.varies else at(0.0)
 
 
 def _currents_at(ocean: StudyOcean, time: float) -> Currents:

@@ -1,4 +1,4 @@
-"""The oceans that estimators believe in: exact, perturbed, averaged, one cast, another day's, or a file's."""
+"""The oceans that estimators believe in: exact, in error, averaged, one cast, another day's, a file's, or by other numerics."""
 
 import datetime as dt
 from dataclasses import dataclass, replace
@@ -26,6 +26,7 @@ from pymantaray.ocean import (
     sea_floor_depth,
     vertical_modes,
 )
+from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window
 from pymantaray.study.assemble import (
     StudyOcean,
@@ -44,6 +45,8 @@ from pymantaray.study.config_estimators import (
     FileBelief,
     MeanBelief,
     ModesSection,
+    NumericsBelief,
+    OffsetBelief,
     OtherDayBelief,
     PerturbedBelief,
     own_files,
@@ -87,7 +90,10 @@ class Beliefs:
 
     def believed(self, section: AnyBelief, realization: int) -> Belief:
         """Ocean that an estimator believes in; where the true one varies in time, a snapshot of its start."""
-        member = realization if isinstance(section, PerturbedBelief) else -1
+        drawn = isinstance(section, PerturbedBelief) or (
+            isinstance(section, CastBelief) and (section.bias_sigma or section.noise_sigma) > 0.0
+        )
+        member = realization if drawn else -1
         if section not in self._latest or self._latest[section][0] != member:
             self._latest[section] = member, self._make(section, realization)
         return self._latest[section][1]
@@ -131,18 +137,40 @@ class Beliefs:
 
     def _make(self, section: AnyBelief, realization: int) -> Belief:
         ocean, acoustics = self.config.ocean, self.config.acoustics
-        local = self._run.ocean
+        local, interpolation = self._run.ocean, acoustics.interpolation
         if isinstance(section, FileBelief):
             local = self._from_files(section)
+        elif isinstance(section, OffsetBelief):
+            local = _offset(local, np.interp(local["depth"].values, section.depth, section.sound_speed))
+        elif isinstance(section, NumericsBelief):
+            equation, interpolation = (
+                section.equation or ocean.equation,
+                section.interpolation or interpolation,
+            )
+            geographic = self._true.isel(depth=_every(self._true["depth"].size, section.every_level))
+            local = self._local_by(equation, geographic)
         elif not isinstance(section, ExactBelief):
             geographic = self._geographic_belief(section, realization)
-            local = local_ocean(ocean, geographic, build_sea_floor(ocean, self._true))
+            local = self._local_by(ocean.equation, geographic)
+        if isinstance(section, CastBelief):
+            local = self._with_instrument_error(local, section, realization)
         return Belief(
             local=local,
-            medium=Medium.from_dataset(local, interpolation=acoustics.interpolation),
+            medium=Medium.from_dataset(local, interpolation=interpolation),
             currents=Currents.from_dataset(local) if acoustics.currents else None,
             spreading_cutoff_db=acoustics.cutoff_db,
         )
+
+    def _local_by(self, equation: Equation, geographic: xr.Dataset) -> xr.Dataset:
+        """Local ocean over the study's domain and sea floor."""
+        section = self.config.ocean.model_copy(update={"equation": equation})
+        return local_ocean(section, geographic, build_sea_floor(section, self._true))
+
+    def _with_instrument_error(self, local: xr.Dataset, section: CastBelief, realization: int) -> xr.Dataset:
+        """The same with a bias, and noise at each level."""
+        rng = stream(self.config.study.seed, realization, "belief", "cast")
+        bias, noise = rng.standard_normal(), rng.standard_normal(local["depth"].size)
+        return _offset(local, section.bias_sigma * bias + section.noise_sigma * noise)
 
     def _from_files(self, section: FileBelief) -> xr.Dataset:
         """Local ocean of files or of a cast, over what they hold of the study's domain; the fleet must be in it."""
@@ -222,7 +250,8 @@ class Beliefs:
         if isinstance(section, MeanBelief):
             return mean_ocean(true)
         if isinstance(section, CastBelief):
-            return column_ocean(true, self._cast_place(section))
+            cast = column_ocean(true, self._cast_place(section))
+            return cast if section.down_to is None else _constant_below(cast, section.down_to)
         assert isinstance(section, OtherDayBelief)  # the exact one is on disk; for the type checker
         earlier = np.timedelta64(round(section.days_earlier * 86400), "s")
         time = np.datetime64(str(true["time"].values), "ns") - earlier
@@ -247,6 +276,32 @@ class Beliefs:
     def _frame(self) -> LocalFrame:
         attrs = self._run.ocean.attrs
         return LocalFrame(attrs["centre_latitude_deg"], attrs["centre_longitude_deg"])
+
+
+def _offset(local: xr.Dataset, by_level: Array) -> xr.Dataset:
+    """Local ocean with an error of sound speed at each level. [m/s]"""
+    speed = local["sound_speed"]
+    return local.assign(sound_speed=(speed + xr.DataArray(by_level, dims="depth")).assign_attrs(speed.attrs))
+
+
+def _every(size: int, step: int) -> NDArray[np.intp]:
+    """Every so many levels, the first and the last among them."""
+    return np.unique(np.append(np.arange(0, size, step), size - 1))
+
+
+def _constant_below(geographic: xr.Dataset, depth: float) -> xr.Dataset:
+    """Ocean with the temperature and salinity of the last level down to a depth below it, where there is water."""
+    levels = geographic["depth"].values
+    last = int(np.searchsorted(levels, depth, side="right")) - 1
+    if last < 0:
+        raise OceanError(f"belief: a cast down to {depth:g} m ends above the first level, {levels[0]:g} m")
+    upper = geographic.isel(depth=np.minimum(np.arange(levels.size), last))
+    return geographic.assign(
+        {
+            name: geographic[name].where(geographic[name].isnull(), upper[name].values)
+            for name in ("water_temp", "salinity")
+        }
+    )
 
 
 def _reach(local: xr.Dataset) -> Array:

@@ -283,6 +283,14 @@ class StudySection(Section):
         return self
 
 
+class InternalTideSection(Section):
+    """A first-mode internal tide that lifts and lowers the true water as it runs east; estimators know nothing of it."""
+
+    amplitude: PositiveFloat
+    period_h: PositiveFloat = 12.42
+    wavelength: PositiveFloat = 1e5
+
+
 class OceanSection(Section):
     """Where the water and the sea floor come from, whether they vary, and the centre of the local frame."""
 
@@ -293,6 +301,7 @@ class OceanSection(Section):
     equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
     bathymetry: InputFile | None = None
     ice: NonNegativeFloat | InputFile | None = None
+    internal_tide: InternalTideSection | None = None
     centre_latitude_deg: float | None = Field(default=None, ge=-90.0, le=90.0)
     centre_longitude_deg: float | None = Field(default=None, ge=-180.0, le=360.0)
     half_extent_north: PositiveFloat | None = None
@@ -308,6 +317,10 @@ class OceanSection(Section):
         ):
             if (getattr(self, one) is None) != (getattr(self, other) is None):
                 raise ValueError(f"{one} and {other} must be given together")
+        if self.internal_tide is not None and self.time_varying:
+            raise ValueError(
+                "internal_tide runs through one snapshot; set time_varying = false or leave it out"
+            )
         return self
 
     @property

@@ -5,6 +5,7 @@ import re
 from collections.abc import Sequence
 from decimal import Decimal
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -118,17 +119,52 @@ class MeanBelief(Section):
 
 
 class CastBelief(Section):
-    """One cast at the start, everywhere; by default where the first vehicle on station is, or the centre."""
+    """
+    One cast at the start, everywhere; by default where the first vehicle on station is, or the centre.
+
+    Its sound speed errs by a bias and by noise at each level, drawn for each realization; below ``down_to`` its last temperature
+    and salinity are taken.
+    """
 
     kind: Literal["cast"]
     north: float | None = None
     east: float | None = None
+    bias_sigma: NonNegativeFloat = 0.0
+    noise_sigma: NonNegativeFloat = 0.0
+    down_to: PositiveFloat | None = None
 
     @model_validator(mode="after")
     def _both_or_none(self) -> Self:
         if (self.north is None) != (self.east is None):
             raise ValueError("north and east must be given together")
         return self
+
+
+class OffsetBelief(Section):
+    """The true ocean with an error of sound speed [m/s] that depends on depth alone: linear between depths, constant beyond."""
+
+    kind: Literal["offset"]
+    depth: tuple[Depth, ...] = Field(default=(0.0,), strict=False, min_length=1)
+    sound_speed: tuple[float, ...] = Field(strict=False, min_length=1)
+
+    @model_validator(mode="after")
+    def _a_table(self) -> Self:
+        rising = all(a < b for a, b in pairwise(self.depth))
+        if len(self.depth) != len(self.sound_speed) or not rising:
+            raise ValueError(
+                f"depth has {len(self.depth)} values, sound_speed {len(self.sound_speed)}; needs as many of each, depths"
+                " increasing"
+            )
+        return self
+
+
+class NumericsBelief(Section):
+    """The true ocean by other numerics: every so many levels, another equation of sound speed, another interpolation."""
+
+    kind: Literal["numerics"]
+    every_level: int = Field(default=1, ge=1)
+    equation: Literal["teos-10", "del-grosso", "unesco"] | None = None
+    interpolation: Literal["smooth", "linear"] | None = None
 
 
 class OtherDayBelief(Section):
@@ -154,7 +190,14 @@ class FileBelief(Section):
 
 
 AnyBelief = Annotated[
-    ExactBelief | PerturbedBelief | MeanBelief | CastBelief | OtherDayBelief | FileBelief,
+    ExactBelief
+    | PerturbedBelief
+    | MeanBelief
+    | CastBelief
+    | OffsetBelief
+    | NumericsBelief
+    | OtherDayBelief
+    | FileBelief,
     Field(discriminator="kind"),
 ]
 
