@@ -183,6 +183,8 @@ class _Fleet:
             again = plain and (e.initial is None or not first.usable)
             return self._lower(first, e, o, solver) if again else first
         scale = _fitted_scale(lambda k, at: self._solved(e, _scaled(o, k), at, solver), start)
+        if scale is None:
+            return self._solved(e, o, start, solver)
         solution = self._solved(e, _scaled(o, scale), start, solver)
         sigma, none = np.array([scale * float(np.median(o.range_sigma))]), np.full((1, 1), np.nan)
         return replace(solution, unknowns=UnknownsEstimate(("range sigma",), ("m",), none[0], sigma, none))
@@ -310,8 +312,8 @@ def _scaled(o: Measurements, scale: float) -> Measurements:
     return replace(o, range_sigma=scale * o.range_sigma)
 
 
-def _fitted_scale(solve: Callable[[float, GraphValues], Solution], start: GraphValues) -> float:
-    """Factor on the standard deviations of ranges at which the cost of a solve is what is expected of it; 1 at least."""
+def _fitted_scale(solve: Callable[[float, GraphValues], Solution], start: GraphValues) -> float | None:
+    """Factor on the standard deviations of ranges at which the cost of a solve is as expected, 1 at least; None if there is none."""
     latest = start
 
     def excess(log_scale: float) -> float:
@@ -327,7 +329,7 @@ def _fitted_scale(solve: Callable[[float, GraphValues], Solution], start: GraphV
             return 1.0
         return float(np.exp(brentq(excess, 0.0, np.log(_MOST_SCALE), xtol=_SCALE_TOLERANCE)))
     except (_NoFitError, ValueError):  # not usable, or over its expectation however little ranges weigh
-        return 1.0
+        return None
 
 
 def _believed(graph: FactorGraph, o: Measurements, e: Estimator) -> tuple[FactorGraph, BelievedRanges | None]:
