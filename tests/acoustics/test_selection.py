@@ -6,7 +6,8 @@ from factories import make_arrivals
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pymantaray.acoustics import choose_arrivals, select
+from pymantaray.acoustics import Medium, choose_arrivals, find_eigenrays, select
+from pymantaray.acoustics.selection import first_is_near_cutoff, within_cutoff
 from pymantaray.records import RayStatus
 
 # link, travel time [s], surface and bottom bounces, spreading [dB]; link 2 has no arrival, link 3 only bounced ones
@@ -97,3 +98,34 @@ def test_rules_are_the_minima_they_say(rows):
             found = select(arrivals, rule)
             np.testing.assert_array_equal(found.travel_time[link], time)
             assert (found.status[link] == RayStatus.OK) == np.isfinite(time)
+
+
+def test_a_first_arrival_that_one_decibel_of_the_cutoff_decides_is_marked():
+    """Links whose first arrival would be lost, would get an earlier one, would come in at all, and would not change."""
+    spreading = [14.5, 3.0, 15.5, 3.0, 15.9, 3.0, 15.5, 13.9]
+    link = [0, 0, 1, 1, 2, 3, 3, 4]
+    time = np.array([1.0, 2.0, 1.0, 2.0, 1.0, 1.0, 2.0, 1.0])
+    wide = make_arrivals(
+        link, [RayStatus.OK] * 5 + [RayStatus.SHADOW], travel_time=time, spreading_db=spreading
+    )
+    np.testing.assert_array_equal(first_is_near_cutoff(wide, 15.0), [1, 1, 1, 0, 0, 0])
+    narrow = within_cutoff(wide, 15.0)
+    assert narrow.link.tolist() == [0, 0, 1, 3, 4]
+    ok, weak = RayStatus.OK, RayStatus.WEAK
+    assert narrow.status.tolist() == [ok, ok, weak, ok, ok, RayStatus.SHADOW]
+
+
+def test_arrivals_within_a_cutoff_are_those_that_it_finds():
+    """A search with a higher cut-off finds the same rays to the last digit, and more."""
+    z = np.array([0.0, 40.0, 60.0, 100.0, 200.0, 1000.0])
+    medium = Medium.from_profile(z, [1435.0, 1436.0, 1442.0, 1438.0, 1443.0, 1465.0], bottom_depth=1000.0)
+    rng = np.random.default_rng(3)
+    source, receiver = np.zeros((60, 3)), np.zeros((60, 3))
+    source[:, 2], receiver[:, 2] = rng.uniform(10.0, 200.0, (2, 60))
+    receiver[:, 0] = rng.uniform(1e3, 8e3, 60)
+    one = find_eigenrays(medium, source, receiver, 1, spreading_cutoff_db=9.0)
+    wide = find_eigenrays(medium, source, receiver, 1, spreading_cutoff_db=10.0)
+    other = within_cutoff(wide, 9.0)
+    assert one.link.size < wide.link.size
+    for name in ("link", "travel_time", "spreading_db", "status"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)

@@ -14,7 +14,7 @@ from pymantaray.acoustics.paths import (
     trace_paths,
     travel_time_sensitivity,
 )
-from pymantaray.acoustics.profiles import read_profile, smooth_profile, thin_profile
+from pymantaray.acoustics.profiles import read_profile, read_profiles, smooth_profile, thin_profile
 from pymantaray.acoustics.selection import Rule, choose_arrivals, select
 from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
 
@@ -40,6 +40,7 @@ __all__ = [
     "quadrature",
     "ray_picture",
     "read_profile",
+    "read_profiles",
     "select",
     "smooth_profile",
     "thin_profile",

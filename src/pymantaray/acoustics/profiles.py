@@ -78,7 +78,7 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
 
 
 def read_profiles(path: str | Path, position: tuple[float, float] | None = None) -> list[Profile]:
-    """Read all profiles of a table, one a station, each as `read_profile` does."""
+    """Read all profiles of a table, one a station, each as `read_profile` does; each has its name and, if the table says it, its time."""
     from pymantaray.ocean.cast import read_cast_table
 
     try:

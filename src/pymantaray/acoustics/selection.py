@@ -1,6 +1,6 @@
 """Which of a link's arrivals a receiver ranges on: the direct one, the first or the strongest."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -11,6 +11,8 @@ from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 
 Array = NDArray[np.float64]
 Rule = Literal["direct", "first", "strongest"]
+NEAR_DB = 1.0
+"""A pick that another limit, so much higher or lower, would change is marked. [dB]"""
 
 
 class Chosen(NamedTuple):
@@ -49,6 +51,35 @@ def choose_arrivals(
     order = order[allowed[order]]
     link, at = np.unique(arrivals.link[order], return_index=True)
     return Chosen(link=link.astype(np.int64), row=order[at].astype(np.int64))
+
+
+def first_is_near_cutoff(arrivals: Arrivals, cutoff_db: float) -> NDArray[np.bool_]:
+    """
+    Whether a cut-off of spreading `NEAR_DB` higher or lower would change the first arrival of each link (n_links,).
+
+    By arrivals that were looked for with a cut-off `NEAR_DB` higher than the one that is asked about [dB].
+    """
+    picks = []
+    for cutoff in (cutoff_db - NEAR_DB, cutoff_db, cutoff_db + NEAR_DB):
+        link, row = choose_arrivals(arrivals, "first", heard=~(arrivals.spreading_db > cutoff))
+        pick = np.full(arrivals.status.size, -1)
+        pick[link] = row
+        picks.append(pick)
+    return np.asarray((picks[0] != picks[1]) | (picks[2] != picks[1]))
+
+
+def within_cutoff(arrivals: Arrivals, cutoff_db: float) -> Arrivals:
+    """Arrivals by a lower cut-off than they were looked for with [dB]; a link that loses all of its own is WEAK, missed by nothing."""
+    kept = ~(arrivals.spreading_db > cutoff_db)
+    rows = {
+        f.name: getattr(arrivals, f.name)[kept]
+        for f in fields(arrivals)
+        if f.metadata["dims"][0] == "arrival"
+    }
+    lost = (arrivals.status == RayStatus.OK) & (
+        np.bincount(rows["link"], minlength=arrivals.status.size) == 0
+    )
+    return replace(arrivals, **rows, status=np.where(lost, np.int8(RayStatus.WEAK), arrivals.status))
 
 
 def select(

@@ -55,11 +55,20 @@ def times(
     quiet: Quiet = False,
 ) -> None:
     """Travel time of the earliest arrival of each link, and why there is none."""
+    from pymantaray.acoustics.selection import NEAR_DB, first_is_near_cutoff, within_cutoff
     from pymantaray.cli.rays_tables import times_table
 
-    job = _begin("times", links, out, medium, search, force=force, quiet=quiet)
-    arrivals = job.solve()
-    table = times_table(job.table.frame, job.source, job.receiver, arrivals)
+    job, cutoff = (
+        _begin("times", links, out, medium, search, force=force, quiet=quiet),
+        search.spreading_cutoff_db,
+    )
+    if cutoff is None:
+        arrivals = job.solve()
+        near = None
+    else:
+        wide = job.solve(cutoff + NEAR_DB)
+        near, arrivals = first_is_near_cutoff(wide, cutoff), within_cutoff(wide, cutoff)
+    table = times_table(job.table.frame, job.source, job.receiver, arrivals, near)
     job.finish(arrivals.first().to_dataset() if out.suffix == ".nc" else table, arrivals.status)
 
 
@@ -143,8 +152,8 @@ class Job:
     receiver: "Array"
     record: dict[str, Any]
 
-    def solve(self) -> "Arrivals":
-        """Arrivals of all links."""
+    def solve(self, cutoff_db: float | None = None) -> "Arrivals":
+        """Arrivals of all links, by the cut-off of the search unless another is given. [dB]"""
         from pymantaray.acoustics import find_eigenrays
         from pymantaray.cli.output import progress_bars
 
@@ -155,7 +164,7 @@ class Job:
                 self.receiver,
                 self.search.max_surface_bounces,
                 self.search.max_bottom_bounces,
-                self.search.spreading_cutoff_db,
+                self.search.spreading_cutoff_db if cutoff_db is None else cutoff_db,
                 tolerance=self.search.tolerance,
                 progress=None if report is None else lambda done, total: report("links", done, total),
             )

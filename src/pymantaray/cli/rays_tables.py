@@ -88,8 +88,14 @@ def write_result(result: pd.DataFrame | xr.Dataset, out: Path, record: dict[str,
         write_table(result, out)
 
 
-def times_table(links: pd.DataFrame, source: Array, receiver: Array, arrivals: Arrivals) -> pd.DataFrame:
-    """One row a link: the columns it came with and its earliest arrival."""
+def times_table(
+    links: pd.DataFrame,
+    source: Array,
+    receiver: Array,
+    arrivals: Arrivals,
+    near_cutoff: NDArray[np.bool_] | None = None,
+) -> pd.DataFrame:
+    """One row a link: the columns it came with and its earliest arrival, and whether 1 dB of the cut-off decides which that is."""
     link, row = choose_arrivals(arrivals, "first")
 
     def of_first(values: NDArray[Any], kind: str = "float64") -> "pd.Series[Any]":
@@ -109,9 +115,16 @@ def times_table(links: pd.DataFrame, source: Array, receiver: Array, arrivals: A
             "bottom_bounces": of_first(arrivals.bottom_bounces, "Int64"),
             "launch_angle_deg": np.degrees(of_first(arrivals.launch_angle)),
             "shadow_margin_m": arrivals.shadow_margin,
+            "near_cutoff": _flag(near_cutoff, time.notna()),
         }
     )
     return _beside(links, added)
+
+
+def _flag(near: NDArray[np.bool_] | None, arrives: "pd.Series[bool]") -> "pd.Series[Any]":
+    """1 where near, 0 where not but something arrives, else nothing."""
+    flag = arrives.astype("Int64") * 0 if near is None else pd.Series(near.astype(int), dtype="Int64")
+    return flag.where(arrives | (flag == 1))
 
 
 def arrivals_table(links: pd.DataFrame, arrivals: Arrivals) -> pd.DataFrame:

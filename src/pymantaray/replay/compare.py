@@ -9,11 +9,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.errors import ReplayError
 from pymantaray.records import RayStatus
 from pymantaray.replay.clocks import reciprocity_table
 from pymantaray.replay.events import Events
-from pymantaray.replay.rules import DEFAULT_RULE, NEAR_DB, DetectionRule, Heard
+from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule, Heard
 from pymantaray.replay.summary import summary_table
 from pymantaray.replay.switching import fit_clocks, switching_table
 from pymantaray.replay.water import Water, choose_water, ends_of

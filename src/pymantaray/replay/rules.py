@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Rule, choose_arrivals, link_loss_db
+from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.acoustics.sonar import Sonar
 from pymantaray.errors import ReplayError
 from pymantaray.records import Arrivals
@@ -16,8 +17,6 @@ Rows = NDArray[np.int64]
 Kind = Literal["first", "strongest", "within", "threshold"]
 DEFAULT_RULE = "within:6"
 """The first arrival within 6 dB of the link's strongest."""
-NEAR_DB = 1.0
-"""A pick that another limit, so much higher or lower, would change is marked. [dB]"""
 
 
 @dataclass(frozen=True)
