@@ -1,5 +1,7 @@
 """Other people's trajectories as a fleet: the same ranges by every road, schedules of all kinds, lines for what is wrong."""
 
+import datetime as dt
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -236,7 +238,30 @@ def test_the_mission_is_as_long_as_the_trajectories_unless_it_is_cut(table):
     )
 
 
+def test_water_that_varies_is_that_of_the_dates(table, tmp_path):
+    varying = {**OCEAN, "time_varying": True}
+    frame, runs = pd.read_csv(table), {}
+    for hour in (10, 15):
+        start = pd.Timestamp(f"2014-07-15T{hour + 2}:00:00+02:00")
+        dated = frame.assign(time=start + pd.to_timedelta(frame["time"], unit="s"))
+        dated.to_csv(tmp_path / "dated.csv", index=False)
+        runs[hour] = measure(tmp_path / "dated.csv", varying, 1800.0)
+        assert runs[hour].truth.start == np.datetime64(f"2014-07-15T{hour}:00:00")
+    by_hand = measure(table, {**varying, "time": dt.datetime(2014, 7, 15, 10)}, 1800.0)  # noqa: DTZ001
+    same_ranges(runs[10], by_hand)
+    one, other = (run.ranging_truth.travel_time for run in runs.values())
+    assert np.nanmax(np.abs(one - other)) > 1e-7
+
+
+def far_away(table):
+    frame = pd.read_csv(table)
+    frame.assign(north=frame["north"] + 1e6).to_csv(table.with_name("far.csv"), index=False)
+    return table.with_name("far.csv")
+
+
 IMPOSSIBLE = {
+    "far.csv: no pose lies in the ocean: they are 10.* km north, .* the ocean reaches -15.0 to 15.0": lambda table: (
+        measure(far_away(table), OCEAN, 600.0)),
     "SlotSchedule: slots of 10 s from 0 s on: there is no 'Z' that takes part so; there is A, B, M":
         lambda table: measure(table, OCEAN, SlotSchedule(("A", "Z"), 10.0)),
     "PingSchedule: interval is 7200 s, the mission lasts 3600 s; at least one ping":

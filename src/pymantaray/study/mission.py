@@ -10,7 +10,6 @@ from pymantaray.acoustics import Medium, ray_picture, select
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times
 from pymantaray.fleet import simulate
-from pymantaray.geometry import LocalFrame
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
     Candidates,
@@ -119,9 +118,9 @@ def simulate_fleet(
     """Where the vehicles of a mission go, sampled at every ping too."""
     mission, duration = config.mission, config.mission.duration_h * 3600.0
     if config.fleet.trajectories:
-        frame = LocalFrame(*(ocean.local.attrs[f"centre_{axis}_deg"] for axis in ("latitude", "longitude")))
         pings = (schedule or build_schedule(config)).times(duration)
-        return follow(tracks or read_fleet(config.fleet), duration, mission.sampling_period_s, pings, frame)
+        own = tracks or read_fleet(config.fleet)
+        return follow(own, duration, mission.sampling_period_s, pings, ocean.local)
     start = None if config.ocean.time is None else mission_start(config.ocean)
     truth = simulate(
         build_fleet(config),

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import StudyError
@@ -88,7 +89,19 @@ def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfi
     return config.model_copy(update={"ocean": ocean.model_copy(update=place)})
 
 
-def follow(tracks: Tracks, duration: float, period: float, pings: Array, frame: LocalFrame) -> Trajectories:
-    """Trajectories as a study samples them: every period [s] from the first pose on, at the end and at every ping."""
+def follow(tracks: Tracks, duration: float, period: float, pings: Array, local: xr.Dataset) -> Trajectories:
+    """Trajectories as a study samples them in a local ocean: every period [s] from the first pose on, at the end, at every ping."""
+    frame = LocalFrame(*(local.attrs[f"centre_{axis}_deg"] for axis in ("latitude", "longitude")))
     grid = np.append(np.arange(0.0, duration * (1.0 - 1e-12), period), duration)
-    return tracks.at(union_of_times(grid, pings), frame)
+    truth = tracks.at(union_of_times(grid, pings), frame)
+    place = truth.position[..., :2]
+    low, high = ([float(local[axis][end]) for axis in ("north", "east")] for end in (0, -1))
+    if not ((place >= low) & (place <= high)).all(axis=-1).any():
+        (north, east), (far_north, far_east) = place.min(axis=(0, 1)) / 1e3, place.max(axis=(0, 1)) / 1e3
+        raise StudyError(
+            f"{tracks.poses[0].file}: no pose lies in the ocean: they are {north:.1f} to {far_north:.1f} km north, {east:.1f} to"
+            f" {far_east:.1f} km east of {frame.latitude_deg:g} N {frame.longitude_deg:g} E, the ocean reaches"
+            f" {low[0] / 1e3:.1f} to {high[0] / 1e3:.1f} and {low[1] / 1e3:.1f} to {high[1] / 1e3:.1f}; give another"
+            " ocean or centre"
+        )
+    return truth
