@@ -1,5 +1,5 @@
 """
-Trajectories of CF data sets with discrete sampling geometry: gliders, floats, drifters, moorings.
+Trajectories of CF data sets with discrete sampling geometry: gliders, floats, drifters.
 
 Layouts: CF conventions 1.11, chapter 9 and appendix H.4: one trajectory, contiguous and indexed ragged arrays, incomplete and
 orthogonal multidimensional arrays. OceanGliders' OG1, IMOS's and EGO's glider files are single trajectories; Argo's
