@@ -43,6 +43,8 @@ class Recording:
     truth: Trajectories
     estimates: Mapping[str, FleetPoses]
     measurements: Measurements
+    landmarks: Array
+    """True places of the landmarks, (landmark, 3). [m]"""
 
     @property
     def poses(self) -> Iterator[VehiclePoses]:
@@ -71,4 +73,4 @@ class Recording:
         n = self.truth.name.size
         if participant < n:
             return np.asarray(self.truth.position[participant, sample])
-        return np.asarray(self.measurements.landmark_position[participant - n])
+        return np.asarray(self.landmarks[participant - n])

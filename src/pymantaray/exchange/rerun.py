@@ -56,7 +56,7 @@ def _times(rr: Any, recording: Recording, samples: Any) -> Any:
 def _static(rr: Any, recording: Recording) -> Iterator[tuple[str, Any]]:
     truth, m = recording.truth, recording.measurements
     if m.landmark_name.size:
-        yield "map/landmarks", rr.Points3D(to_enu(m.landmark_position), labels=m.landmark_name.tolist())
+        yield "map/landmarks", rr.Points3D(to_enu(recording.landmarks), labels=m.landmark_name.tolist())
     for p in recording.poses:
         yield f"map/path/{p.condition}/{p.agent}", rr.LineStrips3D([to_enu(p.position)])
         yield f"map/{p.condition}/{p.agent}", rr.Points3D([[0.0, 0.0, 0.0]], labels=[p.agent])

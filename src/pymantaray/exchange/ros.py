@@ -15,8 +15,6 @@ from pymantaray.exchange.frames import from_enu_attitude as to_enu_attitude
 from pymantaray.exchange.recording import TRUTH, Array, Recording, VehiclePoses
 
 MAP = "map"
-
-
 _POSE = "geometry_msgs/msg/PoseStamped"
 
 
@@ -52,7 +50,6 @@ def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None
         If rosbags is not installed, or two names are one in ROS.
     """
     try:
-        from rosbags.interfaces import Qos
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
@@ -66,7 +63,7 @@ def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None
         with Writer(bag, version=8, storage_plugin=plugin) as writer:
             for topic, kind, nanoseconds, content in _Messages(recording, store.types):
                 if topic not in connections:
-                    qos = [_latched(Qos)] if topic == "/tf_static" or topic.endswith("/path") else []
+                    qos = [_latched()] if topic == "/tf_static" or topic.endswith("/path") else []
                     connections[topic] = writer.add_connection(
                         topic, kind, typestore=store, offered_qos_profiles=qos
                     )
@@ -75,12 +72,12 @@ def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None
             shutil.move(file, folder / file.name)
 
 
-def _latched(qos: Any) -> Any:
+def _latched() -> Any:
     """Quality of service of a topic of which late subscribers get the last message."""
-    from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     forever = QosTime(2147483647, 4294967295)
-    return qos(
+    return Qos(
         QosHistory.KEEP_LAST,
         1,
         QosReliability.RELIABLE,
@@ -138,11 +135,11 @@ class _Messages:
         )
 
     def _static(self, tracks: list[_Track]) -> Iterator[_Message]:
-        m = self._recording.measurements
+        marks = self._recording.measurements.landmark_name.tolist()
         level = np.array([1.0, 0.0, 0.0, 0.0])
         yield self._tf("/tf_static", 0, [
             (self._names[name], place, level)
-            for name, place in zip(m.landmark_name.tolist(), to_enu(m.landmark_position), strict=True)
+            for name, place in zip(marks, to_enu(self._recording.landmarks), strict=True)
         ])  # fmt: skip
         for track in tracks:
             stamped = [

@@ -27,9 +27,8 @@ _SUFFIXES = {"s": "s", "m": "m", "degrees": "deg", "m s-1": "m_per_s"}
 
 
 class Format(NamedTuple):
-    """One format: what it is for, how it is written, and whether that makes a folder of files."""
+    """How a realization is written, and whether that makes a folder of files."""
 
-    purpose: str
     write: Callable[[Run, int, Path], None]
     folder: bool = True
 
@@ -91,7 +90,8 @@ def record(run: Run, realization: int) -> Recording:
         if np.isfinite(position).all()
     }
     name = f"{run.config.study.name}-{realization}"
-    return Recording(name, run.truth, estimates, run.noisy_measurements(realization))
+    noisy = run.noisy_measurements(realization)
+    return Recording(name, run.truth, estimates, noisy, run.measurements.landmark_position)
 
 
 def _tum(run: Run, realization: int, folder: Path) -> None:
@@ -189,14 +189,14 @@ def _mcap(run: Run, realization: int, file: Path) -> None:
 
 
 FORMATS = {
-    "tum": Format("evo and others: a text file of poses for each condition and vehicle", _tum),
-    "kitti": Format("evo and others: the same as matrices, without times", _kitti),
-    "cf": Format("CF trajectories, a NetCDF file for each condition", _cf),
-    "csv": Format("tables of trajectories, ranges and errors", _csv),
-    "parquet": Format("the same in columns, for pandas, polars and DuckDB", _parquet),
-    "g2o": Format("pose graphs of conditions with ranges: poses and odometry alone", _g2o),
-    "pyfg": Format("factor graphs of conditions with ranges", _pyfg),
-    "rrd": Format("a file for the viewer Rerun", _rrd, folder=False),
-    "mcap": Format("a file of ROS 2 messages, for Foxglove", _mcap, folder=False),
-    "bag": Format("a ROS 2 bag", _bag),
+    "tum": Format(_tum),
+    "kitti": Format(_kitti),
+    "cf": Format(_cf),
+    "csv": Format(_csv),
+    "parquet": Format(_parquet),
+    "g2o": Format(_g2o),
+    "pyfg": Format(_pyfg),
+    "rrd": Format(_rrd, folder=False),
+    "mcap": Format(_mcap, folder=False),
+    "bag": Format(_bag),
 }
