@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from pymantaray.errors import ExchangeError
 from pymantaray.exchange import Poses, Tracks
-from pymantaray.exchange.frames import from_enu, from_enu_attitude
+from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import level, union_of_times, with_times
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import VehicleStatus
@@ -174,13 +174,13 @@ def test_union_of_times_holds_both_and_no_time_twice():
 def test_east_north_up_and_back_is_where_one_was():
     rng = np.random.default_rng(3)
     p, q = rng.normal(size=(7, 3)), random_attitudes(7)
-    np.testing.assert_allclose(from_enu(from_enu(p)), p, atol=1e-15)
-    np.testing.assert_allclose(from_enu_attitude(from_enu_attitude(q)), q, atol=1e-15)
+    np.testing.assert_allclose(swap_enu(swap_enu(p)), p, atol=1e-15)
+    np.testing.assert_allclose(swap_enu_attitude(swap_enu_attitude(q)), q, atol=1e-15)
     # by matrices: a vector of the body, written in its axes of either kind, points to the same place
     flu = rng.normal(size=(7, 3))
     frd = flu * [1, -1, -1]
     enu = Rotation.from_quat(q, scalar_first=True).apply(flu)
-    ned = Rotation.from_quat(from_enu_attitude(q), scalar_first=True).apply(frd)
+    ned = Rotation.from_quat(swap_enu_attitude(q), scalar_first=True).apply(frd)
     np.testing.assert_allclose(ned, enu[:, [1, 0, 2]] * [1, 1, -1], atol=1e-14)
 
 

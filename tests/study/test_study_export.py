@@ -17,7 +17,7 @@ from pymantaray.errors import ExchangeError, StudyError, WriteError
 from pymantaray.estimation import read_pyfg
 from pymantaray.exchange import read_trajectories
 from pymantaray.exchange.cf import write_cf
-from pymantaray.exchange.ros import write_bag
+from pymantaray.exchange.rosbag import write_bag
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import RayStatus, VehicleStatus
 from pymantaray.study import open_run
@@ -269,9 +269,7 @@ def late(run):
     return replace(recording, truth=replace(run.truth, status=status))
 
 
-@pytest.mark.parametrize(
-    ("write", "file"), [(write_cf, "truth.nc"), (write_bag, "")]
-)
+@pytest.mark.parametrize(("write", "file"), [(write_cf, "truth.nc"), (write_bag, "")])
 def test_our_own_readers_take_back_places_dates_and_who_is_there(run, late, tmp_path, write, file):
     if write is write_bag:
         pytest.importorskip("rosbags")

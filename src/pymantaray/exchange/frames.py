@@ -6,13 +6,13 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
-def from_enu(place: ArrayLike) -> Array:
+def swap_enu(place: ArrayLike) -> Array:
     """North, east, down (..., 3) of east, north, up, and the other way round. [m]"""
     p = np.asarray(place, dtype=float)
     return np.asarray(p[..., [1, 0, 2]] * [1.0, 1.0, -1.0])
 
 
-def from_enu_attitude(quaternion: ArrayLike) -> Array:
+def swap_enu_attitude(quaternion: ArrayLike) -> Array:
     """
     Body (forward, right, down) to north, east, down of body (forward, left, up) to east, north, up, and the other way round.
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from pymantaray.errors import ExchangeError
-from pymantaray.exchange.frames import from_enu as to_enu  # each is its own inverse
-from pymantaray.exchange.frames import from_enu_attitude as to_enu_attitude
+from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.recording import TRUTH, Recording
 
 TIMELINE = "mission"
@@ -56,9 +55,9 @@ def _times(rr: Any, recording: Recording, samples: Any) -> Any:
 def _static(rr: Any, recording: Recording) -> Iterator[tuple[str, Any]]:
     truth, m = recording.truth, recording.measurements
     if m.landmark_name.size:
-        yield "map/landmarks", rr.Points3D(to_enu(recording.landmarks), labels=m.landmark_name.tolist())
+        yield "map/landmarks", rr.Points3D(swap_enu(recording.landmarks), labels=m.landmark_name.tolist())
     for p in recording.poses:
-        yield f"map/path/{p.condition}/{p.agent}", rr.LineStrips3D([to_enu(p.position)])
+        yield f"map/path/{p.condition}/{p.agent}", rr.LineStrips3D([swap_enu(p.position)])
         yield f"map/{p.condition}/{p.agent}", rr.Points3D([[0.0, 0.0, 0.0]], labels=[p.agent])
         if p.condition == TRUTH and truth.frame is not None:
             places = np.stack(truth.frame.to_geodetic(*p.position[:, :2].T), axis=-1)
@@ -70,11 +69,11 @@ def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
     truth, m, heard = recording.truth, recording.measurements, recording.heard
     true = dict(zip(truth.name.tolist(), truth.position, strict=True))
     for p in recording.poses:
-        xyzw = to_enu_attitude(p.quaternion)[:, [1, 2, 3, 0]]
+        xyzw = swap_enu_attitude(p.quaternion)[:, [1, 2, 3, 0]]
         yield (
             f"map/{p.condition}/{p.agent}",
             p.samples,
-            rr.Transform3D.columns(translation=to_enu(p.position), quaternion=xyzw),
+            rr.Transform3D.columns(translation=swap_enu(p.position), quaternion=xyzw),
         )
         if p.condition != TRUTH:
             error = np.linalg.norm(p.position - true[p.agent][p.samples], axis=1)
@@ -88,7 +87,7 @@ def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
         ]
     ).reshape(-1, 2, 3)
     if heard.size:
-        yield "map/ranges", samples, rr.LineStrips3D.columns(strips=list(to_enu(places))).partition(count)
+        yield "map/ranges", samples, rr.LineStrips3D.columns(strips=list(swap_enu(places))).partition(count)
     error = m.refracted_range[heard] - np.linalg.norm(places[:, 0] - places[:, 1], axis=1)
     for pair in np.unique(ends, axis=0):
         rows = (ends == pair).all(axis=1)

@@ -1,19 +1,26 @@
-"""Poses in ROS bags, of ROS 1 and 2, by the library rosbags."""
+"""
+Bags of ROS, by the library rosbags: poses are read (ROS 1 and 2), recordings written (ROS 2, as a bag or an MCAP file).
 
+World and body have the axes of REP 103, `swap_enu` turning them both ways, frames the names of REP 105.
+"""
+
+import re
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pymantaray.errors import ExchangeError
-from pymantaray.exchange.frames import from_enu, from_enu_attitude
+from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
+from pymantaray.exchange.recording import TRUTH, Array, Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses
 
-_POSES = {
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "geometry_msgs/msg/PoseStamped",
-}
+MAP = "map"
+_POSE = "geometry_msgs/msg/PoseStamped"
+_POSES = {"nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped", _POSE}
 _UNIX = 1e8  # s; later stamps are dates, earlier ones a simulation's clock
 
 
@@ -83,12 +90,229 @@ def _poses(name: str, rows: list[tuple[Any, ...]], path: Path) -> Poses:
     p, q = np.array(place, dtype=float), np.array(quaternion, dtype=float)
     ned, frd = frames[0].lower().endswith("ned"), children[0].lower().endswith("frd")
     if not ned:
-        p = from_enu(p)
+        p = swap_enu(p)
     return Poses(
         name,
         time.astype("datetime64[ns]") if time[0] > _UNIX * 1e9 else time * 1e-9,
         p,
-        from_enu_attitude(q) if not ned and not frd else q,
+        swap_enu_attitude(q) if not ned and not frd else q,
         False,
         str(path),
     )
+
+
+class _Track(NamedTuple):
+    """One vehicle under one condition: what it is called, and by sample poses and geodetic places."""
+
+    topic: str
+    frame: str
+    true: bool
+    poses: dict[int, tuple[Array, Array]]
+    fixes: dict[int, Array]
+
+
+class _Message(NamedTuple):
+    topic: str
+    kind: str
+    nanoseconds: int
+    content: Any
+
+
+def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None:
+    """
+    Write a recording as files of a ROS 2 bag, SQLite's or MCAP's, into an empty folder.
+
+    ``/<condition>/<vehicle>/pose`` and ``path`` hold the truth's and the estimates' poses in the frame ``map`` (east, north, up;
+    body forward, left, up), ``/truth/<vehicle>/fix`` latitudes and longitudes, ``/tf`` true poses of ``<vehicle>/base_link``,
+    ``/tf_static`` landmarks, ``/ranges/<transmitter>/<receiver>`` refracted ranges as measured. Times are dates, or
+    seconds since the start where the mission has no date.
+
+    Raises
+    ------
+    ExchangeError
+        If rosbags is not installed, or two names are one in ROS.
+    """
+    try:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise ExchangeError('bag and mcap need the extra ros; pip install "pymantaray[ros]"') from None
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    with TemporaryDirectory(dir=folder) as temporary:  # the writer makes its folder itself
+        bag = Path(temporary, recording.name)
+        connections: dict[str, Any] = {}
+        # version 8 of the format, which ROS 2 Humble and all after it read
+        with Writer(bag, version=8, storage_plugin=plugin) as writer:
+            for topic, kind, nanoseconds, content in _Messages(recording, store.types):
+                if topic not in connections:
+                    qos = [_latched()] if topic == "/tf_static" or topic.endswith("/path") else []
+                    connections[topic] = writer.add_connection(
+                        topic, kind, typestore=store, offered_qos_profiles=qos
+                    )
+                writer.write(connections[topic], nanoseconds, store.serialize_cdr(content, kind))
+        for file in bag.iterdir():
+            shutil.move(file, folder / file.name)
+
+
+def _latched() -> Any:
+    """Quality of service of a topic of which late subscribers get the last message."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    forever = QosTime(2147483647, 4294967295)
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        forever,
+        forever,
+        QosLiveliness.AUTOMATIC,
+        forever,
+        False,
+    )
+
+
+class _Messages:
+    """All messages of a recording, by time."""
+
+    def __init__(self, recording: Recording, types: Any) -> None:
+        self._recording, self._types = recording, types
+        truth = recording.truth
+        start = 0 if np.isnat(truth.start) else int(truth.start.astype("M8[ns]").astype(np.int64))
+        self._nanoseconds = [start + round(t * 1e9) for t in truth.time.tolist()]
+        self._names = _ros_names([*recording.participants, TRUTH, *recording.estimates])
+
+    def __iter__(self) -> Iterator[_Message]:
+        """Give what does not change, then sample by sample poses and ranges."""
+        m, heard = self._recording.measurements, self._recording.heard
+        tracks = [self._track(p) for p in self._recording.poses]
+        yield from self._static(tracks)
+        first = np.searchsorted(m.range_sample[heard], np.arange(len(self._nanoseconds) + 1))
+        for k in range(len(self._nanoseconds)):
+            there = [track for track in tracks if k in track.poses]
+            yield self._tf("/tf", k, [(t.frame, *t.poses[k]) for t in there if t.true])
+            for track in there:
+                pose = self._pose(*track.poses[k])
+                yield self._message(f"{track.topic}/pose", _POSE, k, MAP, pose=pose)
+                if k in track.fixes:
+                    yield self._fix(track, k)
+            for row in heard[first[k] : first[k + 1]]:
+                yield self._range(int(row), k)
+
+    def _track(self, p: VehiclePoses) -> _Track:
+        """Poses of a vehicle in ROS's axes, and fixes of its true ones."""
+        names, frame = self._names, self._recording.truth.frame
+        poses = zip(swap_enu(p.position), swap_enu_attitude(p.quaternion), strict=True)
+        fixes = np.empty((0, 3))
+        if p.condition == TRUTH and frame is not None:
+            north, east, down = p.position.T
+            fixes = np.stack([*frame.to_geodetic(north, east), -down], axis=-1)
+        samples = p.samples.tolist()
+        return _Track(
+            f"/{names[p.condition]}/{names[p.agent]}",
+            f"{names[p.agent]}/base_link",
+            p.condition == TRUTH,
+            dict(zip(samples, poses, strict=True)),
+            dict(zip(samples, fixes, strict=False)),
+        )
+
+    def _static(self, tracks: list[_Track]) -> Iterator[_Message]:
+        marks = self._recording.measurements.landmark_name.tolist()
+        level = np.array([1.0, 0.0, 0.0, 0.0])
+        yield self._tf("/tf_static", 0, [
+            (self._names[name], place, level)
+            for name, place in zip(marks, swap_enu(self._recording.landmarks), strict=True)
+        ])  # fmt: skip
+        for track in tracks:
+            stamped = [
+                self._make(_POSE, header=self._header(k, MAP), pose=self._pose(*pose))
+                for k, pose in track.poses.items()
+            ]
+            yield self._message(f"{track.topic}/path", "nav_msgs/msg/Path", 0, MAP, poses=stamped)
+
+    def _fix(self, track: _Track, k: int) -> _Message:
+        latitude, longitude, altitude = track.fixes[k].tolist()
+        return self._message(
+            f"{track.topic}/fix",
+            "sensor_msgs/msg/NavSatFix",
+            k,
+            track.frame,
+            status=self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
+            latitude=latitude,
+            longitude=longitude,
+            altitude=altitude,
+            position_covariance=np.zeros(9),
+            position_covariance_type=0,
+        )
+
+    def _range(self, row: int, k: int) -> _Message:
+        r, m = self._recording, self._recording.measurements
+        transmitter, receiver = int(m.range_transmitter[row]), int(m.range_receiver[row])
+        ends = [self._names[r.participants[end]] for end in (transmitter, receiver)]
+        return self._message(
+            f"/ranges/{ends[0]}/{ends[1]}",
+            "sensor_msgs/msg/Range",
+            k,
+            f"{ends[1]}/base_link" if receiver < r.truth.name.size else ends[1],
+            radiation_type=0,  # ultrasound, the message's only word for sound
+            field_of_view=2.0 * np.pi,
+            min_range=0.0,
+            max_range=np.inf,
+            range=float(m.refracted_range[row]),
+        )
+
+    def _tf(self, topic: str, k: int, frames: list[tuple[str, Array, Array]]) -> _Message:
+        transforms = []
+        for name, place, quaternion in frames:
+            x, y, z = place.tolist()
+            transform = self._make(
+                "geometry_msgs/msg/Transform",
+                translation=self._make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+                rotation=self._quaternion(quaternion),
+            )
+            transforms.append(
+                self._make(
+                    "geometry_msgs/msg/TransformStamped",
+                    header=self._header(k, MAP),
+                    child_frame_id=name,
+                    transform=transform,
+                )
+            )
+        kind = "tf2_msgs/msg/TFMessage"
+        return _Message(topic, kind, self._nanoseconds[k], self._make(kind, transforms=transforms))
+
+    def _message(self, topic: str, kind: str, k: int, frame: str, **fields: Any) -> _Message:
+        content = self._make(kind, header=self._header(k, frame), **fields)
+        return _Message(topic, kind, self._nanoseconds[k], content)
+
+    def _header(self, k: int, frame: str) -> Any:
+        sec, nanosec = divmod(self._nanoseconds[k], 1_000_000_000)
+        stamp = self._make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def _pose(self, place: Array, quaternion: Array) -> Any:
+        x, y, z = place.tolist()
+        position = self._make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+        return self._make(
+            "geometry_msgs/msg/Pose", position=position, orientation=self._quaternion(quaternion)
+        )
+
+    def _quaternion(self, quaternion: Array) -> Any:
+        w, x, y, z = quaternion.tolist()
+        return self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+    def _make(self, kind: str, **fields: Any) -> Any:
+        return self._types[kind](**fields)
+
+
+def _ros_names(names: list[str]) -> dict[str, str]:
+    """Names as ROS allows them in topics: letters, digits and _, no digit first."""
+    ros = {name: re.sub(r"^(?=\d)", "_", name.replace("-", "_")) for name in names}
+    for name, word in ros.items():
+        other = next((o for o, w in ros.items() if w == word and o != name), None)
+        if other is not None:
+            raise ExchangeError(
+                f"{name} and {other} are both {word} in ROS, which has no - in names; rename one"
+            )
+    return ros

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from pymantaray.errors import ExchangeError, MantaRayError
 from pymantaray.estimation import FactorGraph, GraphValues
-from pymantaray.exchange.frames import from_enu, from_enu_attitude
+from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
 from pymantaray.records import whole_file
 
@@ -109,5 +109,5 @@ def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
         )
     place, quaternion = table[:, 1:4], table[:, [7, 4, 5, 6]]
     if enu:
-        place, quaternion = from_enu(place), from_enu_attitude(quaternion)
+        place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
     return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path))]

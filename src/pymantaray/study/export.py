@@ -16,7 +16,7 @@ from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
 from pymantaray.exchange.recording import FleetPoses, Recording
 from pymantaray.exchange.rerun import write_rrd
-from pymantaray.exchange.ros import write_bag
+from pymantaray.exchange.rosbag import write_bag
 from pymantaray.exchange.tum import write_tum
 from pymantaray.records import whole_file
 from pymantaray.study.folder import staged_folder
