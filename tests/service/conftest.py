@@ -1,12 +1,14 @@
 """Services in small waters, and a mission of the study `factories.TINY` to hold them against."""
 
+import threading
+
 import numpy as np
 import pytest
 from factories import TINY
 
 from pymantaray.acoustics import Medium, Sonar
 from pymantaray.sensing import Detector, Reception, TwoWay
-from pymantaray.service import RangingService
+from pymantaray.service import RangingService, make_server
 from pymantaray.study import parse_study
 from pymantaray.study.assemble import build_landmarks, build_medium
 from pymantaray.study.mission import mission_ocean, range_fleet, simulate_fleet
@@ -32,6 +34,24 @@ def loud(medium):
     """Two-way, with a sonar and one reflection at either boundary."""
     reception = Reception(max_surface_bounces=1, max_bottom_bounces=1, detector=Detector(SONAR))
     return RangingService(medium, reception=reception, timing=TwoWay(turn_around=0.25))
+
+
+@pytest.fixture(scope="session")
+def serve():
+    """Serve from a thread until the tests are over, and tell the port."""
+    servers = []
+
+    def one(service):
+        server = make_server(service)
+        thread = threading.Thread(target=server.run, daemon=True)
+        thread.start()
+        servers.append(server)
+        return server.effective_port
+
+    yield one
+    for server in servers:
+        server.task_dispatcher.shutdown()
+        server.trigger.pull_trigger(server.close)
 
 
 @pytest.fixture(scope="session")

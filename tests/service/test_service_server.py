@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -25,24 +24,6 @@ from pymantaray.service.server import MOST_BYTES
 
 pytestmark = pytest.mark.network
 NAMES = ("north", "east", "depth")
-
-
-@pytest.fixture(scope="module")
-def serve():
-    """Serve from a thread until the tests are over."""
-    servers = []
-
-    def one(service):
-        server = make_server(service)
-        thread = threading.Thread(target=server.run, daemon=True)
-        thread.start()
-        servers.append(server)
-        return server.effective_port
-
-    yield one
-    for server in servers:
-        server.task_dispatcher.shutdown()
-        server.trigger.pull_trigger(server.close)
 
 
 @pytest.fixture(scope="module")
