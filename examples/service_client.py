@@ -33,7 +33,7 @@ def main() -> None:
         others = [{"name": name, **end} for name, end in FLEET.items() if name != source]
         answer = ask(connection, "POST", "/ping", {"time": 10.0 * turn, "source": place, "receivers": others})
         for end in answer["receivers"]:
-            when = f"at {end['arrival_time']:.6f} s" if end["status"] == "ok" else "not"
+            when = "not" if end["arrival_time"] is None else f"at {end['arrival_time']:.6f} s"
             print(f"{end['name']} hears {source} {when} ({end['status']})")  # noqa: T201
 
 

@@ -32,7 +32,7 @@ def main() -> None:
                 others = [k for k in range(len(NAMES)) if k != sender]
                 ping = service.ping(now, position[sender], position[others])
                 for row, k in enumerate(others):
-                    if ping.status[row] == RayStatus.OK:
+                    if np.isfinite(ping.arrival_time[row]):
                         straight = float(ping.straight_range[row])
                         event = (float(ping.arrival_time[row]), NAMES[k], NAMES[sender], now, straight)
                         heapq.heappush(on_its_way, event)

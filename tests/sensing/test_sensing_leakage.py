@@ -5,12 +5,21 @@ import pytest
 from factories import HIDDEN, assert_same, range_fleet, ridged
 from refusals import refused
 
-from pymantaray.acoustics import Leakage, Sonar
+from pymantaray.acoustics import Currents, Leakage, Sonar
 from pymantaray.errors import SensingError
 from pymantaray.evaluation import dropout_table
 from pymantaray.records import RayStatus
 from pymantaray.records.status import ARRIVES
-from pymantaray.sensing import Detector, NoiseModel, OneWay, TwoWay, assemble, perturb
+from pymantaray.sensing import (
+    Detector,
+    NoiseModel,
+    OneWay,
+    Reception,
+    TwoWay,
+    assemble,
+    perturb,
+    sound_between,
+)
 
 WATER = ridged(200.0, speed=1480.0)
 LOUD = Detector(Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0, noise=60.0))
@@ -94,3 +103,17 @@ def test_beyond_reach_nothing_leaks_and_without_a_frequency_nobody_knows(truth, 
     np.testing.assert_array_equal(near.status, plain.status)
     np.testing.assert_array_equal(near.truth.travel_time, plain.truth.travel_time)
     refused(SensingError, "leakage needs a detector", ranged, truth, Leakage(), None, timing=OneWay())
+
+
+def test_what_leaks_takes_as_long_from_either_end():
+    source = np.array([[-2e3, 0.0, 260.0], [-1e3, 300.0, 240.0]])
+    receiver = np.array([HIDDEN.position] * 2)
+    reception = Reception(detector=LOUD, leakage=Leakage(250.0))
+    for currents in (None, Currents.uniform(0.5, 0.2)):
+        one = sound_between(source, receiver, WATER, reception, currents=currents)
+        other = sound_between(receiver, source, WATER, reception, currents=currents)
+        assert (one.there.status == RayStatus.LEAKED).all()
+        np.testing.assert_array_equal(one.there.travel_time, other.back.travel_time)
+        np.testing.assert_array_equal(one.back.travel_time, other.there.travel_time)
+        np.testing.assert_array_equal(one.leak_loss_db, other.leak_loss_db)
+        np.testing.assert_array_equal(one.gradient, other.gradient[:, ::-1, ::-1])

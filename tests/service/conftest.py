@@ -84,7 +84,7 @@ def fly():
 
 @pytest.fixture(scope="session")
 def varying(fly):
-    """What `fly` gives where the water varies and carries sound, there and back with a sonar."""
+    """What `fly` gives where the water varies and carries sound, which leaks: there and back with a sonar."""
     return fly(
         ocean={"time_varying": True},
         acoustics={"currents": True},
@@ -94,6 +94,8 @@ def varying(fly):
             "frequency_hz": 25e3,
             "bandwidth_hz": 4e3,
             "absorption": "thorp",
+            "leakage": True,
+            "scatter_db": 30.0,
         },
     )
 

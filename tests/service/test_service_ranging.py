@@ -68,6 +68,7 @@ def test_ping_by_ping_is_what_a_study_measures(fly, sections):
 
 def test_ping_by_ping_in_water_that_varies_is_what_a_study_measures(varying, in_varying):
     check_against_study(varying, in_varying)
+    assert np.isin([RayStatus.OK, RayStatus.SCATTERED], varying[3].status).all()
 
 
 def check_against_study(flight, service=None):
@@ -94,6 +95,7 @@ def check_against_study(flight, service=None):
             np.testing.assert_array_equal(ping.refracted_range, ranging.truth.refracted_range[rows])
             if ranging.probability is not None:
                 np.testing.assert_allclose(ping.probability, ranging.probability[rows], rtol=1e-12)
+                np.testing.assert_array_equal(np.isnan(ping.level_db), np.isnan(ping.travel_time))
             measured += np.count_nonzero(ping.status == RayStatus.OK)
     assert measured > 0.5 * ranging.status.size
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Leakage, Medium, find_eigenrays, find_leaks, quadrature, trace_paths
 from pymantaray.acoustics.currents import Currents, current_delays
+from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.selection import Rule, choose_arrivals, select
 from pymantaray.errors import SensingError
 from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
@@ -392,11 +393,13 @@ def _with_leaks(
         raise SensingError("Reception: leakage needs a detector, whose frequency says how much leaks")
     dark = np.flatnonzero(np.isin(sound.there.status, _WITHOUT_RAY))
     source, receiver = (end[dark] for end in ends)
+    backwards = solved_backwards(source, receiver)[:, None]  # as rays are: the same from either end
+    start, end = np.where(backwards, receiver, source), np.where(backwards, source, receiver)
     direct = reception.arrival == "direct"
     leaks = find_leaks(
         medium,
-        source,
-        receiver,
+        start,
+        end,
         leakage,
         detector.sonar.frequency_hz,
         max_surface_bounces=0 if direct else reception.max_surface_bounces,
@@ -405,23 +408,27 @@ def _with_leaks(
         threads=reception.threads,
     )
     links, rays = dark[leaks.link], leaks.arrivals
-    delay, loss = _along_rays(reception, medium, currents, (source[leaks.link], leaks.place), rays, None)
+    delay, loss = _along_rays(reception, medium, currents, (start[leaks.link], leaks.place), rays, None)
     assert loss is not None  # there is a detector
     status = sound.there.status.copy()
     status[links] = np.where(leaks.scattered, np.int8(RayStatus.SCATTERED), np.int8(RayStatus.LEAKED))
     probability = sound.probability.copy()
     probability[links] = detector.sonar.probability_heard(loss)[:, None]
+    turned = backwards[leaks.link]
+    along = np.where(turned[:, 0], -1.0, 1.0) * (0.0 if delay is None else delay)
+    slowness = {
+        "source_slowness": np.where(turned, -rays.receiver_slowness, rays.source_slowness),
+        "receiver_slowness": np.where(turned, -rays.source_slowness, rays.receiver_slowness),
+    }
     ways = []
-    for way, sign in ((sound.there, 1.0), (sound.back, -1.0)):
+    for way, late in ((sound.there, along), (sound.back, -along)):
         columns = {
             name: getattr(way, name).copy()
             for name in ("travel_time", "source_slowness", "receiver_slowness")
         }
-        columns["travel_time"][links] = (
-            rays.travel_time + leaks.shift + (0.0 if delay is None else sign * delay)
-        )
-        columns["source_slowness"][links] = rays.source_slowness
-        columns["receiver_slowness"][links] = rays.receiver_slowness
+        columns["travel_time"][links] = rays.travel_time + leaks.shift + late
+        for name, values in slowness.items():
+            columns[name][links] = values
         ways.append(replace(way, status=status, **columns))
     return sound._replace(
         there=ways[0], back=ways[1], probability=probability, leak_loss_db=_filled(status.size, links, loss)

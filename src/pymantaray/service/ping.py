@@ -120,14 +120,16 @@ class Pinger:
         return time - time % self._interval if self._interval else time
 
     def _level(self, sound: Sound) -> Array:
-        level = np.full(sound.there.status.size, np.nan)
-        reception = self._water.reception
-        if reception.detector is not None and sound.loss_db is not None:
-            link, row = choose_arrivals(
-                sound.arrivals, reception.arrival, loss_db=sound.loss_db, delay=sound.delay
-            )
-            level[link] = reception.detector.sonar.source_level_db - sound.loss_db[row]
-        return level
+        """Received level of what each receiver ranges on, an arrival or what leaks to it. [dB]"""
+        reception, n = self._water.reception, sound.there.status.size
+        if reception.detector is None or sound.loss_db is None:
+            return np.full(n, np.nan)
+        loss = np.full(n, np.nan) if sound.leak_loss_db is None else sound.leak_loss_db.copy()
+        link, row = choose_arrivals(
+            sound.arrivals, reception.arrival, loss_db=sound.loss_db, delay=sound.delay
+        )
+        loss[link] = sound.loss_db[row]
+        return np.asarray(reception.detector.sonar.source_level_db - loss)
 
     def _probability(self, sound: Sound) -> Array:
         if sound.probability is None:
