@@ -199,3 +199,24 @@ def test_a_file_that_is_no_sweep_is_told_in_one_line(tmp_path, monkeypatch, text
 def test_a_file_that_is_not_there_is_told_in_one_line():
     with pytest.raises(SweepError, match=r"^nowhere.toml: cannot be read: No such file or directory$"):
         load_sweep("nowhere.toml")
+
+
+def test_a_mission_is_as_long_as_the_trajectories_of_each_point(tmp_path):
+    for name, last in (("short", 1800), ("long", 7200)):
+        (tmp_path / f"{name}.csv").write_text(f"time,north,east,depth\n0,0,0,5\n{last},900,0,5\n")
+    (tmp_path / "base.toml").write_text("""
+[study]
+name = "own"
+
+[ocean]
+source = "synthetic:beaufort"
+
+[mission]
+ping_interval_h = 0.25
+
+[fleet]
+trajectories = "short.csv"
+""")
+    files = [[str(tmp_path / f"{name}.csv")] for name in ("short", "long")]
+    sweep = Sweep(tmp_path / "base.toml", cross={"fleet.trajectories": files})
+    assert [sweep.point(n).mission.duration_h for n in (0, 1)] == [0.5, 2.0]

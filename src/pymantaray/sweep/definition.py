@@ -84,6 +84,8 @@ class Sweep:
         config = base if isinstance(base, StudyConfig) else load_study(base)
         self.name = config.study.name
         self._base: Tree = config.model_dump(exclude_none=True)
+        if config.fleet.trajectories and "duration_h" not in config.mission.model_fields_set:
+            del self._base["mission"]["duration_h"]  # which is theirs
         self._folder = Path(folder).resolve()
         axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
         axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]
