@@ -249,3 +249,16 @@ def test_velocities_are_one_for_each(loud):
 def test_options_that_cannot_be_are_refused_in_one_line(medium):
     refused(ServiceError, "workers: -1; a number of processes", RangingService, medium, workers=-1)
     refused(ServiceError, "water_interval is -1 s", RangingService, medium, water_interval=-1.0)
+
+
+def test_the_frame_of_a_study_is_about_its_trajectories(tmp_path):
+    (tmp_path / "glider.csv").write_text(
+        "time,vehicle,latitude,longitude,depth\n0,G,74.2,-141.0,50\n3600,G,74.22,-140.9,80\n"
+    )
+    file = tmp_path / "study.toml"
+    file.write_text(
+        '[study]\nname = "s"\nconditions = []\n[ocean]\nsource = "synthetic:beaufort"\nhalf_extent_north = 9e3\n'
+        'half_extent_east = 9e3\n[mission]\nping_interval_h = 1.0\n[fleet]\ntrajectories = "glider.csv"\n'
+    )
+    frame = RangingService(load_sound(file)).water.frame
+    assert (frame.latitude_deg, frame.longitude_deg) == pytest.approx((74.21, -140.95), abs=1e-9)

@@ -80,7 +80,7 @@ class Pinger:
     def __init__(self, water: Water, interval: float = 0.0) -> None:
         self._water, self._interval = water, interval
         self._at = lru_cache(_KEPT)(water.at)
-        self._warm_up()
+        self(self.down_the_deepest())  # what compiles does so now
 
     def __call__(self, ends: Ends) -> Ping:
         """What becomes of a ping."""
@@ -137,12 +137,12 @@ class Pinger:
         both = isinstance(self._water.timing, TwoWay)
         return np.asarray(sound.probability.prod(axis=-1) if both else sound.probability[:, 0])
 
-    def _warm_up(self) -> None:
-        """Ping down the deepest place once, so that what compiles does so now."""
+    def down_the_deepest(self) -> Ends:
+        """Who pings straight down in the deepest place, where sound surely goes."""
         time = max(self._water.span[0], 0.0)
         medium, _ = self._at(self._instant(time))
         ends = _deepest(medium)
-        self(Ends(time, ends[0], ends[1:], np.zeros((1, 3)), np.zeros(3)))
+        return Ends(time, ends[0], ends[1:], np.zeros((1, 3)), np.zeros(3))
 
 
 def _deepest(medium: Medium) -> Array:

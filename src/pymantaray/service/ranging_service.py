@@ -81,12 +81,16 @@ class RangingService:
             Water.of(ocean), **{name: value for name, value in options.items() if value is not None}
         )
         self._pinger = Pinger(self.water, water_interval)
-        self._running = ExitStack()
         self._workers: Workers | None = None
-        if workers:
-            one_thread = replace(self.water, reception=self.water.reception._replace(threads=1))
-            start = partial(Pinger, one_thread, water_interval)
-            self._workers = self._running.enter_context(Workers(start, workers))
+        with ExitStack() as running:
+            if workers:
+                one_thread = replace(self.water, reception=self.water.reception._replace(threads=1))
+                start = partial(Pinger, one_thread, water_interval)
+                self._workers = running.enter_context(Workers(start, workers))
+                first = [self._workers.submit(self._pinger.down_the_deepest()) for _ in range(workers)]
+                for ping in first:  # one for each process, which builds what it needs with it
+                    ping.result()
+            self._running = running.pop_all()
 
     def __enter__(self) -> Self:
         """Use the service in a block, at whose end its processes end."""

@@ -16,7 +16,7 @@ from pymantaray.errors import ServiceError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import to_local
 from pymantaray.sensing import OneWay, Reception, Timing, TwoWay
-from pymantaray.study import SoundConfig
+from pymantaray.study import SoundConfig, StudyConfig
 from pymantaray.study.assemble import (
     build_currents,
     build_medium,
@@ -26,6 +26,7 @@ from pymantaray.study.assemble import (
 )
 from pymantaray.study.load import parse
 from pymantaray.study.mission import mission_ocean
+from pymantaray.study.tracks import with_tracks
 
 Array = NDArray[np.float64]
 Ocean = SoundConfig | Medium | xr.Dataset | str | Path | Sequence[str | Path]
@@ -74,6 +75,8 @@ class Water:
 
     @classmethod
     def _configured(cls, config: SoundConfig) -> Self:
+        if isinstance(config, StudyConfig):
+            config = with_tracks(config)  # whose frame may be about its vehicles
         ocean = mission_ocean(config)
         span = (-np.inf, np.inf)
         start = str(ocean.local.attrs["time"])
