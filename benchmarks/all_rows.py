@@ -93,6 +93,12 @@ ROWS = (
     Row("robust estimation", "none", "bench_robust.py", "", True),
     Row("a ping of 11 vehicles in a simulator's loop", "10 ms", "bench_service.py", "1 x 10", True),
     Row("a sweep beside its studies", "none", "bench_sweep.py", "", True),
+    Row(
+        "a column of an atlas, all of a region's",
+        "minutes on two cores",
+        "bench_atlas.py columns",
+        "columns a second",
+    ),
 )
 
 

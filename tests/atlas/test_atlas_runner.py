@@ -367,6 +367,16 @@ def test_kill_minus_nine_at_any_moment_loses_no_finished_block(file, links, tmp_
 
 
 @pytest.mark.slow
+def test_two_runners_of_one_atlas_lose_and_change_nothing(file, tmp_path):
+    out = tmp_path / "atlas.nc"
+    processes = [begin(file, out) for _ in range(2)]
+    assert [process.communicate()[1] for process in processes] == [b"", b""]
+    begin(file, tmp_path / "alone.nc").communicate()
+    assert out.read_bytes() == (tmp_path / "alone.nc").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["alone.nc", "atlas.nc"]
+
+
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_loses_nothing(file, links, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()

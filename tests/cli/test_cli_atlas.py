@@ -12,7 +12,7 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, ocean_file, tmp_path):
     ran = mantaray("atlas", "run", ocean_file, "--out", out, *WORDS)
     assert (ran.code, ran.err) == (0, "")
     lines = ran.out.splitlines()
-    assert lines[0] == "3 x 5 columns, 1 instant, 4 links each; 1 blocks"
+    assert lines[0] == "3 x 5 columns, 1 instant, 4 links each; 1 block"
     assert lines[-1] == str(out)
     assert sum(line.startswith(" transmitter ") for line in lines) == 2
     assert not list(tmp_path.glob("*.blocks"))

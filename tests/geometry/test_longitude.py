@@ -33,3 +33,10 @@ def test_any_window_less_than_a_circle_becomes_contiguous(start, step, n, turn):
     np.testing.assert_allclose(np.diff(lon), step, atol=1e-9)
     np.testing.assert_allclose((lon - written[order] + 1.0) % 360.0, 1.0, atol=1e-9)
     assert -180.0 <= 0.5 * (lon[0] + lon[-1]) < 180.0 + 1e-9
+
+
+def test_an_axis_that_is_in_a_row_keeps_every_digit():
+    lon = np.round(np.arange(-1.2, 3.0, 0.08), 6)
+    for turns in (0.0, 360.0):  # as a file from 0 to 360 has them, the sum of both rounded once
+        _, rising = contiguous(lon + turns)
+        np.testing.assert_array_equal(rising, (lon + turns) - turns)

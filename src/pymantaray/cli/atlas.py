@@ -122,9 +122,8 @@ def run(
     if not quiet:
         n, columns, rows = atlas.shape
         instants = "1 instant" if n == 1 else f"{n} instants"
-        typer.echo(
-            f"{columns} x {rows} columns, {instants}, {links.count} links each; {len(atlas.blocks)} blocks"
-        )
+        blocks = "1 block" if len(atlas.blocks) == 1 else f"{len(atlas.blocks)} blocks"
+        typer.echo(f"{columns} x {rows} columns, {instants}, {links.count} links each; {blocks}")
     with counted_progress("blocks", quiet=quiet) as progress:
         run_atlas(atlas, out, client=scheduler, workers=workers, force=force, progress=progress)
     if not quiet:
