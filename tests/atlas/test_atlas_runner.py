@@ -1,8 +1,10 @@
 """Atlases of files: every column where it belongs, the same whoever computes it and in whatever pieces, nothing computed twice."""
 
+import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from functools import partial
 
 import cf_xarray  # noqa: F401  the accessor .cf
@@ -272,6 +274,7 @@ def test_a_window_across_the_seam_of_a_global_grid_is_that_of_any_other(
     )
     np.testing.assert_array_equal(one["lon"], [-4.0, 0.0, 4.0])
     np.testing.assert_array_equal(two["lon"], one["lon"])
+    np.testing.assert_array_equal(two["lon_bounds"], one["lon_bounds"])
     assert np.isfinite(one["range_error"]).all()
     np.testing.assert_array_equal(one["range_error"], two["range_error"])
 
@@ -376,6 +379,10 @@ def test_two_runners_of_one_atlas_lose_and_change_nothing(file, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["alone.nc", "atlas.nc"]
 
 
+def interrupt(*_, **__):
+    raise KeyboardInterrupt
+
+
 @pytest.mark.slow
 def test_a_full_disk_is_one_line_and_loses_nothing(file, links, tmp_path):
     disk = tmp_path / "disk"
@@ -391,6 +398,17 @@ def test_a_full_disk_is_one_line_and_loses_nothing(file, links, tmp_path):
         assert not (disk / "atlas.nc").exists()
         filler.unlink()
         subprocess.run(["mount", "-o", "remount,size=8m", disk], check=True)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(runner, "write_atlas", interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                run_atlas(atlas, disk / "atlas.nc", workers=1)
+        with suppress(OSError):
+            filler.write_bytes(bytes(8 << 20))  # all that is left of the disk, all blocks being done
+        os.truncate(filler, filler.stat().st_size - (32 << 10))
+        with pytest.raises(WriteError, match=r"atlas.nc: cannot be written: No space left on device$"):
+            run_atlas(atlas, disk / "atlas.nc", workers=1)
+        assert sorted(path.name for path in disk.iterdir()) == ["atlas.nc.blocks", "filler"]
+        filler.unlink()
         run_atlas(atlas, disk / "atlas.nc", workers=1)
         assert [path.name for path in disk.iterdir()] == ["atlas.nc"]
     finally:

@@ -15,8 +15,11 @@ from pymantaray.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.atlas.plan import Atlas
 from pymantaray.errors import AtlasError
 from pymantaray.records import NETCDF_LOCK, RayStatus, whole_file
+from pymantaray.records.writing import check_room
 
 FORMAT = "pymantaray atlas 1"
+Placed = tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]
+"""Where a block belongs, and its variables."""
 _LINK = ("pair", "distance", "bearing")
 _PLACE = ("time", "lat", "lon")
 _SECOND = np.timedelta64(1, "s")
@@ -146,7 +149,8 @@ def attributes(atlas: Atlas, title: str, synthetic: bool) -> dict[str, Any]:
         "atlas_key": atlas.key,
         "title": f"Bias of straight-line ranging: {title}",
         "ocean": title,
-        "source": f"pymantaray {pymantaray.__version__}, eigenrays through {', '.join(atlas.files)}",
+        "source": f"pymantaray {pymantaray.__version__}: eigenrays",
+        "ocean_files": ", ".join(Path(name).name for name in atlas.checksums),
         "synthetic": int(synthetic),
         "nominal_sound_speed": links.nominal_sound_speed,
         "spreading_cutoff": cutoff,
@@ -162,40 +166,53 @@ def attributes(atlas: Atlas, title: str, synthetic: bool) -> dict[str, Any]:
 
 def write_atlas(
     atlas: Atlas,
-    blocks: Iterable[tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]],
+    blocks: Iterable[Placed],
     path: Path,
     *,
     title: str,
     synthetic: bool,
 ) -> None:
     """Write the file of an atlas block by block, whole or not at all."""
+    cells = int(np.prod(atlas.shape))
+    size = sum(
+        np.dtype(v.dtype).itemsize * int(np.prod(shape_of(v, atlas.links))) for v in VARIABLES.values()
+    )
+    with whole_file(path) as temporary, NETCDF_LOCK:
+        check_room(temporary, cells * size)  # before they are compressed
+        try:
+            _fill(temporary, atlas, attributes(atlas, title, synthetic), blocks)
+        except RuntimeError as error:  # netCDF4's word for a full disk
+            raise OSError(str(error)) from None
+
+
+def _fill(path: Path, atlas: Atlas, attrs: dict[str, Any], blocks: Iterable[Placed]) -> None:
     from netCDF4 import Dataset
 
-    with whole_file(path) as temporary, NETCDF_LOCK, Dataset(temporary, "w", format="NETCDF4") as file:
-        file.setncatts(attributes(atlas, title, synthetic))
-        for name, (dims, values, attrs) in coordinates(atlas).items():
+    with Dataset(path, "w", format="NETCDF4") as file:
+        file.setncatts(attrs)
+        for name, (dims, values, own) in coordinates(atlas).items():
             for dim, size in zip(dims, np.shape(values), strict=True):
                 if dim not in file.dimensions:
                     file.createDimension(dim, size)
             variable = file.createVariable(name, str if values.dtype == object else "f8", dims)
-            variable.setncatts(attrs)
+            variable.setncatts(own)
             variable[:] = values
-        for name, (dims, dtype, _, attrs) in VARIABLES.items():
+        for name, v in VARIABLES.items():
             variable = file.createVariable(
                 name,
-                dtype,
-                (*_PLACE, *dims),
+                v.dtype,
+                (*_PLACE, *v.dims),
                 compression="zlib",
                 complevel=2,
                 shuffle=True,
-                chunksizes=(1, *_chunk(atlas), *shape_of(VARIABLES[name], atlas.links)),
-                fill_value=np.float32(np.nan) if dtype == "f4" else False,
+                chunksizes=(1, *_chunk(atlas), *shape_of(v, atlas.links)),
+                fill_value=np.float32(np.nan) if v.dtype == "f4" else False,
             )
-            variable.setncatts(attrs)
-            if "pair" in dims:
+            variable.setncatts(v.attrs)
+            if "pair" in v.dims:
                 variable.setncattr("coordinates", "transmitter_depth receiver_depth")
-        for (time, rows, columns), values in blocks:
-            for name, array in values.items():
+        for (time, rows, columns), arrays in blocks:
+            for name, array in arrays.items():
                 file[name][time, rows, columns] = array
 
 

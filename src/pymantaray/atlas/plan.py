@@ -123,22 +123,25 @@ class Atlas:
     def cells(self) -> tuple[Array, Array]:
         """Bounds (lat, 2) and (lon, 2) of the cells that the columns stand for. [degrees]"""
         bounds = []
-        for axis, chosen in ((self._index.lat, self._rows), (self._index.lon, self._columns)):
+        for axis, own, chosen in (
+            (self._index.lat, self.lat, self._rows),
+            (self._index.lon, self.lon, self._columns),
+        ):
             half = 0.5 * self.every * np.gradient(axis)[chosen]
-            bounds.append(np.stack([axis[chosen] - half, axis[chosen] + half], axis=-1))
+            bounds.append(np.stack([own - half, own + half], axis=-1))
         return np.clip(bounds[0], -90.0, 90.0), bounds[1]
+
+    def _files(self, time: np.datetime64) -> tuple[str, ...]:
+        """Names of what is read of an instant."""
+        there = np.flatnonzero(self._index.times == time)
+        return self._index.files[int(there[0]) if there.size else 0]
 
     @cached_property
     def checksums(self) -> dict[str, str]:
         """SHA-256 of every file that is read."""
-        files = {file for files in self._index.files for file in files if not file.startswith(_SYNTHETIC)}
-        return {file: sha256(Path(file)) for file in sorted(files | {self.sea_floor or ""} - {""})}
-
-    @cached_property
-    def files(self) -> tuple[str, ...]:
-        """Names of all that is read, without folders."""
-        files = dict.fromkeys(file for files in self._index.files for file in files)
-        return tuple(file if file.startswith(_SYNTHETIC) else Path(file).name for file in files)
+        files = dict.fromkeys(file for time in self.times for file in self._files(time))
+        names = [*files, *([] if self.sea_floor is None else [self.sea_floor])]
+        return {name: sha256(Path(name)) for name in names if not name.startswith(_SYNTHETIC)}
 
     @property
     def key(self) -> str:
@@ -155,8 +158,7 @@ class Atlas:
 
     def _block(self, t: int, rows: slice, columns: slice, reach: GeographicWindow) -> Block:
         time, lat, lon = self.times[t], self.lat[rows].tolist(), self.lon[columns].tolist()
-        there = np.flatnonzero(self._index.times == time)
-        files = self._index.files[int(there[0]) if there.size else 0]
+        files = self._files(time)
         content = {
             "files": files,
             "sea_floor": self.sea_floor,

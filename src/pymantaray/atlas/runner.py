@@ -3,12 +3,10 @@
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from pymantaray.atlas.blocks import block_name, perform, read_block
-from pymantaray.atlas.dataset import open_atlas, write_atlas
+from pymantaray.atlas.dataset import Placed, open_atlas, write_atlas
 from pymantaray.atlas.plan import Atlas, Block, described
 from pymantaray.errors import AtlasError, SweepError, WriteError
 from pymantaray.ocean.open import read_ocean
@@ -111,9 +109,7 @@ def _is_of(path: Path, atlas: Atlas) -> bool:
         return False
 
 
-def _contents(
-    store: Store, atlas: Atlas
-) -> Iterator[tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]]:
+def _contents(store: Store, atlas: Atlas) -> Iterator[Placed]:
     """What is in the blocks, one after the other."""
     for block in atlas.blocks:
         content = store.read(block_name(block.key))

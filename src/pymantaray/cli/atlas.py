@@ -138,7 +138,7 @@ def show(file: AtlasFile) -> None:
     from pymantaray.atlas import open_atlas, safety_table
 
     with open_atlas(file) as dataset:
-        typer.echo(f"{dataset.attrs['title']}; {dataset.attrs['source']}")
+        typer.echo(dataset.attrs["title"])
         _print(safety_table(dataset))
 
 

@@ -81,14 +81,14 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
     for name in dataset.indexes:
         dataset[name].encoding["_FillValue"] = None
     with whole_file(path, replace=replace) as temporary, NETCDF_LOCK:
-        _check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
+        check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
         except RuntimeError as error:  # netCDF4's word for a full disk
             raise OSError(str(error)) from None
 
 
-def _check_room(temporary: Path, size: int) -> None:
+def check_room(temporary: Path, size: int) -> None:
     """Have the system say that a disk is full before HDF5 does, which keeps a file open that it could not write."""
     if not hasattr(os, "posix_fallocate"):
         return
