@@ -187,6 +187,13 @@ def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_p
     assert n - own.time.size == 2
 
 
+def test_a_gap_over_the_antimeridian_is_filled_on_the_short_way(tmp_path):
+    lon = np.array([179.9, np.nan, -179.9])
+    variables("obs", np.full(3, 60.0), lon, np.full(3, 5.0), TIME[:3]).to_netcdf(tmp_path / "g.nc")
+    (own,) = read_trajectories(tmp_path / "g.nc").poses
+    np.testing.assert_allclose(own.place[:, 1] % 360.0, [179.9, 180.0, 180.1])
+
+
 def test_a_drifter_without_depth_is_at_the_surface_and_altitudes_point_up(tmp_path):
     drifter = contiguous().drop_vars("depth")
     drifter.to_netcdf(tmp_path / "drifter.nc")

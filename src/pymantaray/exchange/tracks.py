@@ -219,7 +219,6 @@ def _clean(p: Poses, told: list[str]) -> Poses:
         far = np.abs(place[:, 0]) > 90.0
         if far.any():
             raise ExchangeError(f"{who}: latitude {place[far][0, 0]:g}; latitudes lie in -90 to 90 degrees")
-        place[:, 1] = np.unwrap(place[:, 1], period=360.0)
     top = float(place[:, 2].min())
     if top < -_ABOVE_SURFACE:
         raise ExchangeError(

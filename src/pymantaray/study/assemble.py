@@ -224,6 +224,7 @@ def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
 
     Those that have latitudes and longitudes need the frame's centre in the configuration, see `with_tracks`.
     """
+    marks = {mark.name: np.array([[mark.north, mark.east, mark.depth]]) for mark in config.landmarks}
     plan = {vehicle.name: [tuple(vehicle.position)] for vehicle in build_fleet(config)}
     for vehicle in config.fleet.vehicles:
         if vehicle.kind == "float":
@@ -233,9 +234,8 @@ def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
     if config.fleet.trajectories:
         tracks = read_fleet(config.fleet)
         frame = LocalFrame(*(config.ocean.centre or (0.0, 0.0)))  # of places in the frame itself any will do
-        plan |= {p.name: [tuple(row) for row in p.place] for p in tracks.in_frame(frame)}
-    plan.update({mark.name: [(mark.north, mark.east, mark.depth)] for mark in config.landmarks})
-    return {name: np.array(points, dtype=float) for name, points in plan.items()}
+        return {p.name: p.place for p in tracks.in_frame(frame)} | marks
+    return {name: np.array(points, dtype=float) for name, points in plan.items()} | marks
 
 
 def build_schedule(config: StudyConfig) -> Schedule:
