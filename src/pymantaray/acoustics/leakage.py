@@ -97,8 +97,7 @@ def find_leaks(
     leakage: Leakage,
     frequency_hz: float,
     *,
-    max_surface_bounces: int = 0,
-    max_bottom_bounces: int = 0,
+    bounces: tuple[int, int] = (0, 0),
     spreading_cutoff_db: float | None = 15.0,
     threads: int | None = None,
 ) -> Leaks:
@@ -113,8 +112,8 @@ def find_leaks(
     leakage : Leakage
     frequency_hz : float
         Middle of the signal's band.
-    max_surface_bounces, max_bottom_bounces : int
-        Reflections that the nearest ray may have.
+    bounces : tuple of int
+        Reflections at the surface and at the sea bed that the nearest ray may have.
     spreading_cutoff_db : float or None
         As in `find_eigenrays`: how strong the nearest ray has to be. [dB]
     threads : int, optional
@@ -130,7 +129,6 @@ def find_leaks(
     def solve(link: Indices, offset: Array, cutoff_db: float | None = spreading_cutoff_db) -> Arrivals:
         """Arrivals at places so far below the receivers of links."""
         place = receiver[link] + offset[:, None] * _DOWN
-        bounces = max_surface_bounces, max_bottom_bounces
         return find_eigenrays(medium, source[link], place, *bounces, cutoff_db, threads=threads)
 
     room = medium.bottom_depth(receiver) - receiver[:, 2], receiver[:, 2] - medium.surface_depth(receiver)
@@ -138,19 +136,7 @@ def find_leaks(
     at_edge = _strongest(solve(dark, edge))
     inside = solve(dark, edge + np.copysign(_INSIDE, edge))
     chord = np.linalg.norm(receiver[dark] - source[dark], axis=-1)
-    level, delay = np.empty(dark.size), -edge * at_edge.receiver_slowness[:, 2]
-    for i, (m, d) in enumerate(zip(np.abs(edge).tolist(), chord.tolist(), strict=True)):
-        rays = np.flatnonzero(inside.link == i)
-        rays = rays[np.argsort(np.abs(inside.travel_time[rays] - at_edge.travel_time[i]))]
-        speed = at_edge.receiver_sound_speed[i]
-        if _is_fold(inside, rays):
-            apart = abs(float(np.diff(inside.travel_time[rays[:2]])[0]))
-            phase = 2.0 * math.pi * frequency_hz * apart
-            level[i] = airy_spreading_db(m, phase, inside.spreading_db[rays[:2]])
-        else:
-            before = inside.spreading_db[rays[0]] if rays.size else at_edge.spreading_db[i]
-            level[i] = before + knife_edge_db(m * math.sqrt(2.0 * frequency_hz / (speed * d)))
-            delay[i] += m * m / (speed * d)  # the way by an edge half-way, as in Fresnel's parameter
+    level, delay = _beyond(edge, at_edge, inside, chord, frequency_hz)
     n = len(source)
     weakest = None if spreading_cutoff_db is None else max(spreading_cutoff_db, _WEAKEST)
     weak = solve(np.arange(n), np.zeros(n), weakest)
@@ -167,6 +153,26 @@ def find_leaks(
     place = receiver[link] + offset[link, None] * _DOWN
     nearest = replace(_strongest(solve(link, offset[link], weakest)), spreading_db=spreading)
     return Leaks(link, place, nearest, shift[link], scattered)
+
+
+def _beyond(
+    edge: Array, at_edge: Arrivals, inside: Arrivals, chord: Array, frequency_hz: float
+) -> tuple[Array, Array]:
+    """Spreading at receivers beyond an edge [dB], and what the way from there adds to the travel time [s]."""
+    level, delay = np.empty(edge.size), -edge * at_edge.receiver_slowness[:, 2]
+    for i, (m, d) in enumerate(zip(np.abs(edge).tolist(), chord.tolist(), strict=True)):
+        rays = np.flatnonzero(inside.link == i)
+        rays = rays[np.argsort(np.abs(inside.travel_time[rays] - at_edge.travel_time[i]))]
+        if _is_fold(inside, rays):
+            apart = abs(float(np.diff(inside.travel_time[rays[:2]])[0]))
+            phase = 2.0 * math.pi * frequency_hz * apart
+            level[i] = airy_spreading_db(m, phase, inside.spreading_db[rays[:2]])
+        else:
+            speed = at_edge.receiver_sound_speed[i]
+            before = inside.spreading_db[rays[0]] if rays.size else at_edge.spreading_db[i]
+            level[i] = before + knife_edge_db(m * math.sqrt(2.0 * frequency_hz / (speed * d)))
+            delay[i] += m * m / (speed * d)  # the way by an edge half-way, as in Fresnel's parameter
+    return level, delay
 
 
 def airy_spreading_db(distance: float, phase: float, spreading_db: Array) -> float:
@@ -191,7 +197,11 @@ def knife_edge_db(nu: float) -> float:
 
 
 def _edges(solve: Solve, room: Array, reach: float) -> tuple[Indices, Array]:
-    """Links within reach of a ray, and how far below the receiver the nearest lit place is; room (2, n_links) is that of water below and above. [m]"""
+    """
+    Links within reach of a ray, and how far below the receiver the nearest lit place is. [m]
+
+    Room (2, n_links) is that of the water below and above the receivers. [m]
+    """
 
     def lit(link: Indices, offset: Array) -> NDArray[np.bool_]:
         return np.bincount(solve(link, offset).link, minlength=link.size) > 0

@@ -402,8 +402,7 @@ def _with_leaks(
         end,
         leakage,
         detector.sonar.frequency_hz,
-        max_surface_bounces=0 if direct else reception.max_surface_bounces,
-        max_bottom_bounces=0 if direct else reception.max_bottom_bounces,
+        bounces=(0, 0) if direct else (reception.max_surface_bounces, reception.max_bottom_bounces),
         spreading_cutoff_db=reception.spreading_cutoff_db,
         threads=reception.threads,
     )
