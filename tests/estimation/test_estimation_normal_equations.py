@@ -5,9 +5,19 @@ import numpy as np
 import pytest
 from factories import make_fleet, values_at
 
-from pymantaray.estimation import LOSSES, GraphSolver, build_graph, to_gtsam
+from pymantaray.estimation import (
+    LOSSES,
+    FactorGraph,
+    GraphSolver,
+    GraphValues,
+    SolveOptions,
+    build_graph,
+    to_gtsam,
+)
+from pymantaray.estimation.graph import KINDS
 from pymantaray.estimation.normal_equations import SIZE, NormalEquations, Structure
 from pymantaray.estimation.problems import State, distance_problem
+from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
 
 
@@ -103,3 +113,93 @@ def test_near_the_optimum_of_ranges_that_conflict_curvature_leaves_less_than_hal
         end = start.moved(problem.structure, equations.factorize().solve(-equations.gradient))
         left.append(np.abs(end.place - optimum.place).max())
     assert left[1] < 0.5 * left[0]
+
+
+def wound(rings, angle, length, seed=0):
+    """A pose graph that winds from pole to pole of a sphere: each pose is seen from the one before and from that below."""
+    rng = np.random.default_rng(seed)
+    n = rings * rings
+    around, up = 2.0 * np.pi * np.arange(n) / rings, np.pi * ((np.arange(n) + 0.5) / n - 0.5)
+    out = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=1)
+    east = np.stack([-np.sin(around), np.cos(around), np.zeros(n)], axis=1)
+    rotation, place = np.stack([east, np.cross(out, east), out], axis=2), 50.0 * out
+    one = np.concatenate([np.arange(n - 1), np.arange(n - rings)])
+    other = np.concatenate([np.arange(1, n), np.arange(rings, n)])
+    back = np.swapaxes(rotation[one], 1, 2)
+    step = np.einsum("nij,nj->ni", back, place[other] - place[one]) + rng.normal(0, length, (one.size, 3))
+    turn = quaternion_from_matrix(back @ rotation[other] @ so3_exp(rng.normal(0, angle, (one.size, 3))))
+    root = np.diag([angle] * 3 + [length] * 3) @ (np.eye(6) + 0.2 * rng.normal(size=(one.size, 6, 6)))
+    edges = KINDS["edge"].table(np.stack([one, other], axis=1), [step, turn], root @ np.swapaxes(root, 1, 2))
+    graph = FactorGraph(
+        agent_name=np.array(["A"]),
+        landmark_name=np.array([], dtype=str),
+        pose_agent=np.zeros(n, dtype=int),
+        pose_number=np.arange(n),
+        pose_time=np.arange(n, dtype=float),
+        factors={"edge": edges},
+    )
+    values = GraphValues(place, quaternion_from_matrix(rotation), np.empty((0, 3)))
+    return anchor_loose_parts(graph, values)[0], values
+
+
+def test_a_matrix_with_all_curvature_is_the_second_derivative_along_arcs():
+    graph, values = wound(4, 0.3, 2.0)
+    graph = graph.with_factors(prior=graph["prior"][:0])  # its own curvature is left out
+    problem, state = distance_problem(graph), State.of(values)
+    equations = problem.linearize(state, 4)
+    matrix, gradient = equations.information().toarray(), equations.gradient[problem.structure.row].ravel()
+    gauss_newton = problem.linearize(state, 1).information().toarray()
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        direction = rng.normal(size=matrix.shape[0])
+        by_row = np.empty((graph.n_poses, SIZE))
+        by_row[problem.structure.row] = direction.reshape(-1, SIZE)
+        h = 1e-4
+        ahead, behind = (
+            problem.cost(state.moved(problem.structure, s * h * by_row, arc=True)) for s in (1, -1)
+        )
+        assert (ahead - behind) / (2 * h) == pytest.approx(gradient @ direction, rel=1e-5)
+        second = (ahead - 2.0 * equations.cost + behind) / h**2
+        assert direction @ matrix @ direction == pytest.approx(second, rel=1e-5)
+        assert abs(direction @ gauss_newton @ direction / second - 1.0) > 1e-3
+
+
+def test_along_arcs_what_turns_as_a_whole_keeps_its_shape():
+    graph, values = wound(4, 0.3, 2.0)
+    problem, state = distance_problem(graph), State.of(values)
+    turn, centre = np.array([0.4, -0.7, 1.1]), np.array([10.0, -20.0, 5.0])
+    step = np.concatenate(
+        [np.swapaxes(state.rotation, 1, 2) @ turn, np.cross(turn, state.place - centre)], axis=1
+    )
+    by_row = np.empty_like(step)
+    by_row[problem.structure.row] = step
+    moved = state.moved(problem.structure, by_row, arc=True)
+    whole = so3_exp(turn)
+    np.testing.assert_allclose(moved.rotation, whole @ state.rotation, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(moved.place, centre + (state.place - centre) @ whole.T, rtol=0, atol=1e-11)
+    small = state.moved(problem.structure, 1e-4 * by_row, arc=True)  # by series
+    by_hand = centre + (state.place - centre) @ so3_exp(1e-4 * turn).T
+    np.testing.assert_allclose(small.place, by_hand, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize(("angle", "start"), [(0.1, "composed"), (0.3, "chordal")])
+def test_wound_pose_graphs_are_solved_in_few_steps_to_gtsams_cost(angle, start):
+    graph, values = wound(18, angle, 0.2)
+    begin = dead_reckon_graph(graph, values)[0] if start == "composed" else chordal(graph, values)
+    ours = GraphSolver().solve(graph, begin, model_is_right=False)
+    assert ours.status.name == "OK"
+    assert ours.iterations <= 60
+    factors, where = to_gtsam(graph, chordal(graph, values))
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setRelativeErrorTol(1e-12)
+    best = gtsam.LevenbergMarquardtOptimizer(factors, where, parameters).optimize()
+    assert ours.final_cost <= factors.error(best) * (1.0 + 1e-6)
+
+
+def test_steps_are_reported_with_the_cost_behind_them():
+    graph, values = wound(8, 0.1, 0.2)
+    told = []
+    options = SolveOptions(report=lambda step, cost: told.append((step, cost)))
+    ours = GraphSolver(options).solve(graph, dead_reckon_graph(graph, values)[0], model_is_right=False)
+    assert [step for step, _ in told] == list(range(1, ours.iterations + 1))
+    assert told[-1][1] == ours.final_cost

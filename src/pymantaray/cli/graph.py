@@ -101,6 +101,7 @@ def solve(
     quiet: Annotated[bool, typer.Option("--quiet", help="No summary.")] = False,
 ) -> None:
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
+    from pymantaray.cli.output import step_line
     from pymantaray.errors import EstimationError
     from pymantaray.estimation import open_graph, solve_graph
     from pymantaray.estimation.external import G2O
@@ -112,13 +113,15 @@ def solve(
     with ExitStack() as stack:
         # refused before the solve
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
-        result = solve_graph(
-            content,
-            estimator=estimator,
-            start=start,
-            anchor=anchor,
-            truth=file.suffix != G2O if truth is None else truth,
-        )
+        with step_line(quiet=quiet) as report:
+            result = solve_graph(
+                content,
+                estimator=estimator,
+                start=start,
+                anchor=anchor,
+                truth=file.suffix != G2O if truth is None else truth,
+                report=report,
+            )
         if folder is not None:
             errors = {
                 f"trajectory_error{what}": graph_errors(result.graph, values, result.truth)

@@ -132,6 +132,18 @@ def progress_bars(*, quiet: bool) -> Iterator[Report | None]:
 
 
 @contextmanager
+def step_line(*, quiet: bool) -> Iterator[Callable[[int, float], None] | None]:
+    """What shows the last step of a solve and its cost on standard error; None if ``quiet`` or where that is no terminal."""
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("solving") as status:
+        yield lambda step, cost: status.update(f"step {step}, cost {cost:.6g}")
+
+
+@contextmanager
 def counted_progress(noun: str, *, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
     """A bar with points or blocks done, failed and left and the time left; a line a minute where standard error is no terminal."""
     if quiet or sys.stderr is None:

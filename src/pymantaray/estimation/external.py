@@ -22,7 +22,7 @@ from pymantaray.estimation.graph import (
 )
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
-from pymantaray.estimation.solution import Solution
+from pymantaray.estimation.solution import Solution, SolveOptions
 from pymantaray.estimation.solve import METHODS, GraphSolver
 from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.records import whole_file, write_netcdf
@@ -145,6 +145,7 @@ def solve_graph(
     start: Start = "file",
     anchor: bool = False,
     truth: bool = True,
+    report: Callable[[int, float], None] | None = None,
 ) -> GraphResult:
     """
     Run an estimator on a graph that was read from a file; ``diagnosis`` of the result says what is wrong.
@@ -163,6 +164,8 @@ def solve_graph(
         all ties a graph to the world, that is done unasked.
     truth : bool
         Whether the file's vertices are the ground truth, as in PyFactorGraph files.
+    report : callable, optional
+        Told the number of each step of a named estimator and the cost behind it.
 
     Raises
     ------
@@ -183,7 +186,7 @@ def solve_graph(
         initial = chordal(graph, values)
     elif guessed:
         start = "chordal"
-    name, solution = _solved(graph, initial, estimator)
+    name, solution = _solved(graph, initial, estimator, SolveOptions(report=report))
     diagnosis = None
     if not solution.usable:
         diagnosis = diagnose(graph, initial) or _misfit(graph, initial, name, solution)
@@ -220,7 +223,10 @@ def anchored(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGraph, 
 
 
 def _solved(
-    graph: FactorGraph, initial: GraphValues, estimator: str | EstimatorFunction
+    graph: FactorGraph,
+    initial: GraphValues,
+    estimator: str | EstimatorFunction,
+    options: SolveOptions,
 ) -> tuple[str, Solution]:
     """Name of an estimator and its solution."""
     if graph.degrees_of_freedom < 0:
@@ -228,7 +234,7 @@ def _solved(
         raise EstimationError(diagnose(graph, initial) or fallback)
     try:
         if isinstance(estimator, str):
-            return estimator, GraphSolver().solve(graph, initial, method=METHODS[estimator])
+            return estimator, GraphSolver(options).solve(graph, initial, method=METHODS[estimator])
         return getattr(estimator, "__name__", "estimator"), estimator(graph, initial)
     except (RuntimeError, ValueError) as error:  # what GTSAM throws where it does not abort
         reason = diagnose(graph, initial) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"

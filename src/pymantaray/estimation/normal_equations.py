@@ -108,7 +108,8 @@ class NormalEquations:
     """
     Matrix, gradient and cost of residuals linearized at one place; ``factorize`` uses the matrix up.
 
-    Of order 1 the matrix is that of Gauss-Newton, of order 2 it has the curvature of odometry as well, of order 3 that of distances.
+    Of order 1 the matrix is that of Gauss-Newton, of order 2 it has the largest part of the curvature of odometry as well, of
+    order 3 that of distances, of order 4 all of odometry's, for steps along arcs. ``scale`` is the diagonal before that of order 4.
     """
 
     def __init__(self, structure: Structure, order: int = 1) -> None:
@@ -116,6 +117,7 @@ class NormalEquations:
         n = structure.row.size
         self.diagonal, self.above = np.zeros((n, SIZE, SIZE)), np.zeros((structure.column.size, SIZE, SIZE))
         self.gradient, self.cost = np.zeros((n, SIZE)), 0.0
+        self.scale: Array | None = None
 
     @property
     def matrix(self) -> Matrix:
@@ -131,12 +133,12 @@ class NormalEquations:
         return Factor(s, self.diagonal, self.above)
 
     def damped(self, factor: float) -> "NormalEquations":
-        """A copy with a multiple of its diagonal added."""
+        """A copy with a multiple of its diagonal added, that without curvature where there is one."""
         copy = NormalEquations(self.structure)
         copy.diagonal, copy.above = self.diagonal.copy(), self.above.copy()
         copy.gradient, copy.cost = self.gradient, self.cost
         i = np.arange(SIZE)
-        copy.diagonal[:, i, i] *= 1.0 + factor
+        copy.diagonal[:, i, i] += factor * (self.diagonal[:, i, i] if self.scale is None else self.scale)
         return copy
 
     def add(self, variables: Indices, matrix: Array, gradient: Array) -> None:

@@ -12,10 +12,11 @@ from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, GraphValues
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.normal_equations import SIZE, Blocks, Indices, NormalEquations, Structure
 from pymantaray.estimation.range_models import Rows, TimedRanges, chord
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
 Array = NDArray[np.float64]
 _OUT_OF_PLANE = np.array([0, 1, 5])  # rx, ry and z of a block
+_TURN = 1e-5  # rad; of central differences of gradients, which leaves 1e-10 of them
 _MIN_WEIGHT = 1e-12  # of a range under a loss; less would leave its rows without digits
 
 
@@ -39,10 +40,10 @@ class State(NamedTuple):
         n = graph.n_poses
         return GraphValues(self.place[:n], quaternion_from_matrix(self.rotation[:n]), self.place[n:])
 
-    def moved(self, structure: Structure, step: Array) -> "State":
-        """State after a step in the order of rows, (n, 6)."""
+    def moved(self, structure: Structure, step: Array, *, arc: bool = False) -> "State":
+        """State after a step in the order of rows, (n, 6), straight on or along arcs."""
         rotation, place = np.empty_like(self.rotation), np.empty_like(self.place)
-        residuals.move(self.rotation, self.place, structure.row, step, rotation, place)
+        residuals.move(self.rotation, self.place, structure.row, step, arc, rotation, place)
         shared = step[structure.row[len(place) :]].ravel()[: self.shared.size]
         return State(rotation, place, self.shared + shared)
 
@@ -92,8 +93,61 @@ class Fixed:
 
     def add(self, state: State, blocks: FixedBlocks, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, and the curvature of odometry from order 2 on."""
-        costs = self._evaluate(state, blocks, out.matrix, min(out.order, 2))
+        costs = self._evaluate(state, blocks, out.matrix, 1 if out.order > 3 else min(out.order, 2))
         out.cost += sum(float(cost.sum()) for cost in costs)
+
+    def add_curvature(self, state: State, blocks: FixedBlocks, out: NormalEquations) -> None:
+        """
+        Add all curvature of poses seen from others: what a product of Jacobians lacks of the Hessian.
+
+        Residuals are linear in positions, so that what is lacking has to do with rotations: it is the change of each
+        residual's own gradient as its two poses, copied for it alone, are turned, by central differences.
+        """
+        inner, m = self._inner, len(self._seen_pairs)
+        one, other = self._seen_pairs.T
+        row = np.arange(2 * m)
+        copies = residuals.Seen(row[:m], row[m:], *(column[inner] for column in self._seen[2:]))
+        pairs = Blocks(row[:m], np.zeros(m, dtype=np.bool_))
+        place = np.concatenate([state.place[one], state.place[other]])
+        rotation = np.concatenate([state.rotation[one], state.rotation[other]])
+
+        def each(turned: Array) -> residuals.Matrix:
+            """Blocks and gradient of each residual by itself."""
+            by_itself = residuals.Matrix(
+                row, np.zeros((2 * m, SIZE, SIZE)), np.zeros((m, SIZE, SIZE)), np.zeros((2 * m, SIZE))
+            )
+            poses = residuals.Poses(turned, place)
+            residuals.add_relative(copies, pairs, poses, by_itself, 1, np.empty(m), _scratch())
+            return by_itself
+
+        at = each(rotation)
+        lacking = np.empty(
+            (m, 2, 3, 2, SIZE)
+        )  # by which end is turned and about what axis: of which end's gradient
+        for end, axis in np.ndindex(2, 3):
+            some = slice(end * m, (end + 1) * m)
+            gradients = []
+            for angle in (_TURN, -_TURN):
+                turned = rotation.copy()
+                turned[some] = rotation[some] @ so3_exp(angle * np.eye(3)[axis])
+                gradients.append(each(turned).gradient.reshape(2, m, SIZE))
+            change = np.moveaxis(gradients[0] - gradients[1], 0, 1) / (2.0 * _TURN)
+            ends = (at.diagonal[:m, axis], at.above[:, axis])
+            if end == 1:
+                ends = (at.above[:, :, axis], at.diagonal[m:, axis])
+            lacking[:, end, axis] = change - np.stack(ends, axis=1)
+        whole = np.zeros((m, 2, SIZE, 2, SIZE))
+        whole[:, :, :3] = lacking
+        whole[:, :, 3:, :, :3] = np.moveaxis(lacking[..., 3:], (1, 2), (3, 4))
+        turns = whole[:, :, :3, :, :3]  # symmetric but for how the body's axes turn
+        whole[:, :, :3, :, :3] = 0.5 * (turns + np.moveaxis(turns, (1, 2), (3, 4)))
+        rows = out.structure.row
+        np.add.at(out.diagonal, rows[one], whole[:, 0, :, 0])
+        np.add.at(out.diagonal, rows[other], whole[:, 1, :, 1])
+        between = whole[:, 0, :, 1]
+        back = blocks.seen.turned[inner]
+        between[back] = np.swapaxes(between[back], 1, 2)
+        np.add.at(out.above, blocks.seen.block[inner], between)
 
     def cost(self, state: State) -> float:
         """Half the sum of squares."""
@@ -353,6 +407,10 @@ class Problem:
         out.diagonal[row[m:, None], i, i] = 1.0  # prior of what is shared
         self.fixed.add(state, self._blocks, out)
         self.ranges.add(state, self._range_blocks, self.loss, out)
+        if order > 3:
+            out.scale = np.diagonal(out.diagonal, axis1=1, axis2=2).copy()
+            self.fixed.add_curvature(state, self._blocks, out)
+            _add_arcs(state, out, row[:n])
         if self.fixed.planar:
             _hold_in_plane(out, row[:m])
         return out
@@ -360,6 +418,15 @@ class Problem:
     def whitened(self, state: State) -> Array:
         """Residuals of the ranges in their standard deviations."""
         return self.ranges.whitened(state)
+
+
+def _add_arcs(state: State, out: NormalEquations, rows: Indices) -> None:
+    """Add the curvature that a gradient has because poses move along arcs: half of ``g . (R w) x d``, either way."""
+    pull = np.cross(out.gradient[rows][:, None, 3:], np.eye(3)[None])  # [g], transposed
+    mixed = 0.5 * np.swapaxes(state.rotation[: rows.size], 1, 2) @ pull
+    turn, shift = np.arange(3), np.arange(3, 6)
+    out.diagonal[rows[:, None, None], turn[:, None], shift] += mixed
+    out.diagonal[rows[:, None, None], shift[:, None], turn] += np.swapaxes(mixed, 1, 2)
 
 
 def _hold_in_plane(out: NormalEquations, rows: Indices) -> None:

@@ -1,6 +1,7 @@
 """What a solve is asked for and what it ends with: method, options, progress, health gate and solution."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -84,6 +85,8 @@ class SolveOptions:
         model is right, in standard deviations of the chi-square distribution. [-]
     replay : ReplayOptions
         Of a replay in the order of time.
+    report : callable, optional
+        Told the number of each step of a batch and the cost behind it.
     """
 
     step_tolerance: float = 4e-5
@@ -92,6 +95,7 @@ class SolveOptions:
     decrement_tolerance: float = 1e-3
     chi_square_sigmas: float = 5.0
     replay: ReplayOptions = field(default_factory=ReplayOptions)
+    report: Callable[[int, float], None] | None = None
 
 
 @dataclass(frozen=True)

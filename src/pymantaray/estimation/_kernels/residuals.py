@@ -9,7 +9,7 @@ landmark is a pose that does not turn. Row ``row[i]`` of the matrix is that of v
 import math
 from collections import namedtuple
 
-from pymantaray.compile import entry, inlined
+from pymantaray.compile import entry, inlined, kernel
 from pymantaray.estimation._kernels.cholesky import add_product
 
 _SMALL = 1e-2  # rad; below it series replace closed forms: what they leave out is below 1e-16
@@ -374,9 +374,26 @@ def add_pairs(pairs, blocks, residual, slope, bend, information, matrix):  # typ
                     above[block[i], 3 + r, 3 + c] += along * a * slope[i, 3 + c]
 
 
+@kernel
+def _bend_way(rotation, step, a, b, square, place):  # type: ignore[no-untyped-def]
+    """Add to a place that was moved straight on what the way along an arc has besides: ``b u x d + c u x (u x d)``, u the turn in the world."""
+    c = (1.0 - a) / square if square > _SMALL * _SMALL else (1.0 - square / 20.0) / 6.0
+    ux = rotation[0, 0] * step[0] + rotation[0, 1] * step[1] + rotation[0, 2] * step[2]
+    uy = rotation[1, 0] * step[0] + rotation[1, 1] * step[1] + rotation[1, 2] * step[2]
+    uz = rotation[2, 0] * step[0] + rotation[2, 1] * step[1] + rotation[2, 2] * step[2]
+    x, y, z = uy * step[5] - uz * step[4], uz * step[3] - ux * step[5], ux * step[4] - uy * step[3]
+    place[0] += b * x + c * (uy * z - uz * y)
+    place[1] += b * y + c * (uz * x - ux * z)
+    place[2] += b * z + c * (ux * y - uy * x)
+
+
 @entry
-def move(rotation, place, row, step, new_rotation, new_place):  # type: ignore[no-untyped-def]
-    """Poses after a step (n, 6) in the order of rows: ``R Exp(w), p + d``."""
+def move(rotation, place, row, step, arc, new_rotation, new_place):  # type: ignore[no-untyped-def]
+    """
+    Poses after a step (n, 6) in the order of rows: ``R Exp(w), p + d``, or along an arc ``R Exp(w), p + R V(w) R^T d``.
+
+    Along arcs, screw motions, what turns as a whole about some place stays as it is.
+    """
     for i in range(place.shape[0]):
         k = row[i]
         x, y, z = step[k, 0], step[k, 1], step[k, 2]
@@ -388,6 +405,9 @@ def move(rotation, place, row, step, new_rotation, new_place):  # type: ignore[n
             a, b = math.sin(t) / t, 2.0 * math.sin(0.5 * t) ** 2 / t2
         for r in range(3):
             new_place[i, r] = place[i, r] + step[k, 3 + r]
+        if arc:
+            _bend_way(rotation[i], step[k], a, b, t2, new_place[i])
+        for r in range(3):
             r0, r1, r2 = rotation[i, r, 0], rotation[i, r, 1], rotation[i, r, 2]
             u0, u1, u2 = r1 * z - r2 * y, r2 * x - r0 * z, r0 * y - r1 * x  # row of R times [w]
             new_rotation[i, r, 0] = r0 + a * u0 + b * (u1 * z - u2 * y)
