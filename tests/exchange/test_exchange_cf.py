@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from refusals import refused
+from scipy.spatial.transform import Rotation
 
 from pymantaray import read_trajectories
 from pymantaray.errors import ExchangeError
@@ -185,6 +186,20 @@ def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_p
     np.testing.assert_allclose(own.place[[1, 3], 2], -gsw.z_from_p([500.0, 400.0], 70.2), rtol=1e-5)
     assert any("rows without a time or outside the known places left out" in note for note in tracks.notes)
     assert n - own.time.size == 2
+
+
+def test_attitudes_have_their_standard_names_and_gaps_are_turned_through_on_the_short_way(tmp_path):
+    data = contiguous()
+    heading = np.array([350.0, np.nan, 10.0, 20.0, 30.0, 90.0, 80.0, 70.0])
+    data["HEADING"] = "obs", heading, {"standard_name": "platform_orientation", "units": "degree"}
+    data["PITCH"] = "obs", np.full(8, -0.4), {"standard_name": "platform_pitch_fore_up", "units": "rad"}
+    data.to_netcdf(tmp_path / "g.nc")
+    one, other = read_trajectories(tmp_path / "g.nc").poses
+    expected = [np.radians(h) for h in ([350.0, 0.0, 10.0, 20.0, 30.0], [90.0, 80.0, 70.0])]
+    for own, headings in zip((one, other), expected, strict=True):
+        turn = Rotation.from_quat(own.quaternion, scalar_first=True).as_euler("ZYX")
+        np.testing.assert_allclose(np.exp(1j * turn[:, 0]), np.exp(1j * headings), atol=1e-12)
+        np.testing.assert_allclose(turn[:, 1:], np.tile([-0.4, 0.0], (len(headings), 1)), atol=1e-12)
 
 
 def test_a_gap_over_the_antimeridian_is_filled_on_the_short_way(tmp_path):

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pymantaray.errors import ExchangeError, OceanError
 from pymantaray.exchange.recording import Recording, VehiclePoses
-from pymantaray.exchange.tracks import Poses, geodetic
+from pymantaray.exchange.tracks import Poses, geodetic, level
 from pymantaray.ocean.convert import decoded_times, to_our_unit
 from pymantaray.ocean.files import numbers, open_file, text, unreadable
 from pymantaray.records import NETCDF_LOCK, write_netcdf
@@ -30,7 +30,12 @@ _QUANTITIES = {
     "longitude": ("longitude",),
     "depth": ("depth",),
     "pressure": ("sea_water_pressure", "sea_water_pressure_due_to_sea_water"),
+    "heading": ("platform_orientation",),
+    "pitch": ("platform_pitch_fore_up", "platform_pitch"),
+    "roll": ("platform_roll_starboard_down", "platform_roll"),
 }
+_PERIODS = (None, 360.0, None, 2.0 * np.pi, 2.0 * np.pi, 2.0 * np.pi)
+"""Of latitude, longitude, depth, heading, pitch and roll."""
 _FILL = 99_999.0  # Argo's, also where it is not declared
 
 
@@ -68,7 +73,7 @@ class _Reader:
         time, lat, lon = (self._values(names[q]) for q in ("time", "latitude", "longitude"))
         shape = np.broadcast_shapes(time.shape, lat.shape)
         down, is_pressure = self._down(names, shape)
-        columns = [np.broadcast_to(v, shape) for v in (time, lat, lon, down)]
+        columns = [np.broadcast_to(v, shape) for v in (time, lat, lon, down, *self._angles(names, shape))]
         poses = []
         for name, rows in self._trajectories(names["latitude"], shape):
             p = self._poses(name, names["time"], *(c[rows] for c in columns))
@@ -151,6 +156,20 @@ class _Reader:
         self._notes.append(f"{self._path}: no depth and no pressure: at the surface")
         return np.zeros(shape), False
 
+    def _angles(self, names: dict[str, str], shape: tuple[int, ...]) -> list[Array]:
+        """Heading, pitch and roll, level where the file does not tell; nothing without a heading. [rad]"""
+        if "heading" not in names:
+            return []
+        angles = [np.zeros(shape)] * 3
+        for k, quantity in enumerate(("heading", "pitch", "roll")):
+            if quantity in names:
+                values = self._values(names[quantity])
+                if not np.isfinite(values).any():
+                    return []
+                in_radians = text(self._data.variables[names[quantity]], "units").lower().startswith("rad")
+                angles[k] = values if in_radians else np.radians(values)
+        return angles
+
     def _trajectories(self, lat: str, shape: tuple[int, ...]) -> list[tuple[str, Any]]:
         """Name and elements of each trajectory."""
         dims = tuple(map(str, self._data.variables[lat].dims))
@@ -211,25 +230,21 @@ class _Reader:
             return self._path.stem if k == 0 else f"{self._path.stem}_{k}"
         return str(ids[k])
 
-    def _poses(self, name: str, time: str, instants: Array, *place: Array) -> Poses | None:
-        """One trajectory, rows without a time left out, gaps of its places filled."""
+    def _poses(self, name: str, time: str, instants: Array, *columns: Array) -> Poses | None:
+        """One trajectory of its place and angles, rows without a time left out, gaps filled."""
         timed = np.isfinite(instants) & (np.abs(instants) < 1e15)
         order = np.flatnonzero(timed)[np.argsort(instants[timed], kind="stable")]
-        seconds, whole = instants[order], np.empty((order.size, 3))
-        within = np.ones(order.size, dtype=bool)
-        for k, values in enumerate(place):
+        seconds, within = instants[order], np.ones(order.size, dtype=bool)
+        whole = []
+        for values, period in zip(columns, _PERIODS, strict=False):
             column = values[order]
             known = np.isfinite(column) & (np.abs(column) < _FILL)
             if not known.any():
                 return None
-            at = seconds[known]
-            own = np.unwrap(column[known], period=360.0) if k == 1 else column[known]
-            whole[:, k] = (
-                np.where(known, column, np.interp(seconds, at, own))
-                if k != 1
-                else np.interp(seconds, at, own)
-            )
-            within &= (seconds >= at[0]) & (seconds <= at[-1])
+            at, own = seconds[known], column[known]
+            whole.append(np.interp(seconds, at, own if period is None else np.unwrap(own, period=period)))
+            if len(whole) <= 3:  # of a place
+                within &= (seconds >= at[0]) & (seconds <= at[-1])
         if np.count_nonzero(within) < 2:
             return None
         left = instants.size - np.count_nonzero(within)
@@ -249,7 +264,9 @@ class _Reader:
             text(variable, "calendar"),
             where=f"{self._path}: {time}",
         )
-        return Poses(name, dates, whole[within], None, True, str(self._path))
+        lines = [column[within] for column in whole]
+        attitude = level(*lines[3:]) if lines[3:] else None
+        return Poses(name, dates, np.column_stack(lines[:3]), attitude, True, str(self._path))
 
 
 _WRITTEN = {
