@@ -134,17 +134,24 @@ def test_tum_files_of_ros_have_other_axes(tmp_path):
     np.testing.assert_allclose(body.apply([0, 0, 1.0]), np.tile([0.0, 0, 1], (3, 1)), atol=1e-15)
 
 
-@pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_tables_and_bags_of_a_run_that_was_exported_are_its_truth(kind, tiny_run_folder, tmp_path):
+@pytest.mark.parametrize(
+    ("kind", "file"), [("csv", "trajectories.csv"), ("parquet", "trajectories.parquet"), ("cf", "truth.nc")]
+)
+def test_what_was_exported_of_a_run_is_read_as_its_truth(kind, file, tiny_run_folder, tmp_path):
     from pymantaray import open_run
     from pymantaray.study.export import export_run
 
     run = open_run(tiny_run_folder)
     export_run(run, kind, tmp_path / "out")
-    tracks = read_trajectories(tmp_path / "out" / f"trajectories.{kind}")
+    tracks = read_trajectories(tmp_path / "out" / file)
     assert tracks.names == run.truth.name.tolist()
     truth = tracks.at(run.truth.time, LocalFrame(*run.truth.centre))
     np.testing.assert_allclose(truth.position, run.truth.position, rtol=0, atol=1e-6)
+    if (
+        kind == "cf"
+    ):  # whose attitudes are against true north, as are ours of places in latitude and longitude
+        same = np.abs(np.sum(truth.quaternion * run.truth.quaternion, axis=-1))
+        np.testing.assert_allclose(same, 1.0, rtol=0, atol=1e-12)
 
 
 def text(content, name="m.csv"):
