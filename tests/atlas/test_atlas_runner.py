@@ -11,6 +11,7 @@ import cf_xarray  # noqa: F401  the accessor .cf
 import numpy as np
 import pytest
 import xarray as xr
+from oracles import cf_errors
 from refusals import refused
 
 from pymantaray.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_atlas, runner, safety_table
@@ -280,8 +281,11 @@ def test_a_window_across_the_seam_of_a_global_grid_is_that_of_any_other(
 
 
 def test_the_file_is_cf(here, ocean, file, links, content, tmp_path):
-    own = content(run_atlas(Atlas(file, links, every=20), tmp_path / "atlas.nc"))
+    path = run_atlas(Atlas(file, links, every=20), tmp_path / "atlas.nc")
+    assert not cf_errors([path])
+    own = content(path)
     assert own.attrs["Conventions"] == "CF-1.8"
+    assert own["convention"].values.tolist() == ["transmitter", "receiver", "mean", "chord", "nominal"]
     for name in ("latitude", "longitude", "time"):
         assert own.cf[name].ndim == 1
     np.testing.assert_allclose(own.cf.get_bounds("latitude").mean("bound"), own["lat"])

@@ -123,9 +123,9 @@ def coordinates(atlas: Atlas) -> dict[str, tuple[tuple[str, ...], Any, dict[str,
         "lat_bounds": (("lat", "bound"), lat_bounds, {}),
         "lon_bounds": (("lon", "bound"), lon_bounds, {}),
         "convention": (
-            ("convention",),
-            np.array(CONVENTIONS, dtype=object),
-            {"long_name": "sound speed that a travel time is multiplied with"},
+            ("convention", "letter"),
+            np.array(CONVENTIONS, dtype="S")[:, None].view("S1"),  # CF takes no strings there
+            {"long_name": "sound speed that a travel time is multiplied with", "_Encoding": "utf-8"},
         ),
         "transmitter_depth": (("pair",), pairs[:, 0], depth | {"long_name": "depth of the transmitter"}),
         "receiver_depth": (("pair",), pairs[:, 1], depth | {"long_name": "depth of the receiver"}),
@@ -194,7 +194,8 @@ def _fill(path: Path, atlas: Atlas, attrs: dict[str, Any], blocks: Iterable[Plac
             for dim, size in zip(dims, np.shape(values), strict=True):
                 if dim not in file.dimensions:
                     file.createDimension(dim, size)
-            variable = file.createVariable(name, str if values.dtype == object else "f8", dims)
+            variable = file.createVariable(name, "S1" if values.dtype.kind == "S" else "f8", dims)
+            variable.set_auto_chartostring(False)
             variable.setncatts(own)
             variable[:] = values
         for name, v in VARIABLES.items():
