@@ -139,7 +139,8 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     free axis, and read back as what they were. PyFactorGraph's own reader [1]_ replaces each
     covariance by a multiple of the identity and so loses the depth priors; it also refuses a range
     between two landmarks, which is written here. It knows a vehicle by one letter: more than 25 vehicles get names of several
-    letters, AA, AB and so on, which `read_pyfg` reads and it does not. A comment would stop it, hence the table beside.
+    letters, AA, AB and so on, which `read_pyfg` reads and it does not. A comment or a word that it does not know would
+    stop it, hence the table beside.
 
     References
     ----------
