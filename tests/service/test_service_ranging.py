@@ -209,7 +209,12 @@ def test_water_of_an_interval_is_that_at_its_beginning(varying, in_varying):
     np.testing.assert_array_equal(coarse.ping(4199.0, place[0], place[1:]).travel_time, begin)
     assert not np.array_equal(later, begin, equal_nan=True)
     line = r"time: 22000 s; there is water from 0 to 21600 s after 2014-07-15T12:00:00 UTC"
-    refused(ServiceError, line, in_varying.ping, 22e3, place[0], place[1:])
+    for service in (in_varying, coarse):
+        refused(ServiceError, line, service.ping, 22e3, place[0], place[1:])
+    line = "geographic positions: latitudes 95 to 95; they must lie in -90 to 90"
+    refused(
+        ServiceError, line, in_varying.ping, 0.0, (95.0, 0.0, 5.0), [(74.5, -140.0, 5.0)], geographic=True
+    )
 
 
 def test_nobody_hears_a_ping_to_nobody(service):

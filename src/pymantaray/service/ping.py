@@ -117,7 +117,8 @@ class Pinger:
         """Time of the water that a ping runs through; that of one that stands still is the same at all times."""
         if not self._water.varies:
             return 0.0
-        return time - time % self._interval if self._interval else time
+        self._water.require(time)
+        return max(time - time % self._interval, self._water.span[0]) if self._interval else time
 
     def _level(self, sound: Sound) -> Array:
         """Received level of what each receiver ranges on, an arrival or what leaks to it. [dB]"""

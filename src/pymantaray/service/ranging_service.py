@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 class RangingService:
     """
-    Ranging, ping by ping, for who moves vehicles himself.
+    Ranging, ping by ping, for those who move vehicles themselves.
 
     Travel times are to the last digit those of a study in the same water. A service may be asked from any number of
     threads; what it answers does not depend on them. What compiles does so when it is built.

@@ -124,12 +124,15 @@ class Water:
         along = [v_north * cos - v_east * sin, v_north * sin + v_east * cos, v_down]
         return np.stack([north, east, places[:, 2]], axis=-1), np.stack(along, axis=-1)
 
-    def at(self, time: float) -> tuple[Medium, Currents | None]:
-        """Medium and currents at a time. [s]"""
+    def require(self, time: float) -> None:
+        """Refuse a time for which there is no water. [s]"""
         if not self.span[0] <= time <= self.span[1]:
             raise ServiceError(
                 f"time: {time:g} s; there is water from {self.span[0]:g} to {self.span[1]:g} s after {self.start} UTC"
             )
+
+    def at(self, time: float) -> tuple[Medium, Currents | None]:
+        """Medium and currents at a time. [s]"""
         medium = self.medium(time) if callable(self.medium) else self.medium
         return medium, self.currents(time) if callable(self.currents) else self.currents
 
