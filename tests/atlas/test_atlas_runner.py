@@ -18,6 +18,7 @@ from pymantaray.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_at
 from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.atlas.plan import instants_between
 from pymantaray.errors import AtlasError, OceanError, SweepError, WriteError
+from pymantaray.records import RayStatus
 from pymantaray.sweep.workers import crew_of
 
 
@@ -249,6 +250,19 @@ def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, li
     assert [block.files for block in Atlas(days, links, window=window, times=times).blocks] == [
         (str(path),) for path in days
     ]
+
+
+def test_a_sea_floor_of_its_own_is_taken(here, ocean, file, links, content, tmp_path):
+    lat, lon = np.arange(77.0, 79.0, 0.02), np.arange(-2.5, 3.0, 0.04)
+    floor = xr.Dataset({"elevation": (("lat", "lon"), np.full((lat.size, lon.size), -150.0))})
+    floor = floor.assign_coords(lat=("lat", lat, ocean["lat"].attrs), lon=("lon", lon, ocean["lon"].attrs))
+    floor["elevation"].attrs = {"units": "m", "standard_name": "height_above_mean_sea_level"}
+    floor.to_netcdf(tmp_path / "floor.nc")
+    atlas = Atlas(file, links, window=_window(ocean, 12, 12, 12, 13), sea_floor=tmp_path / "floor.nc")
+    own = content(run_atlas(atlas, tmp_path / "atlas.nc"))
+    assert (own["link_status"].isel(pair=1) == RayStatus.OUTSIDE).all()  # at 300 m
+    assert (own["link_status"].isel(pair=0, distance=0) == RayStatus.OK).all()
+    assert np.isnan(own["no_direct_path"].isel(pair=1)).all()
 
 
 def test_a_window_across_the_seam_of_a_global_grid_is_that_of_any_other(
