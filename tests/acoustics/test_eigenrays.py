@@ -55,6 +55,18 @@ def test_picture_holds_the_eigenrays_from_end_to_end():
     assert (picture.sea_floor_depth == 3500.0).all()
 
 
+def test_picture_of_a_link_without_rays_has_none():
+    """In uniform water over a sill no ray is left to draw."""
+    north = np.linspace(-1e3, 11e3, 13)
+    sill = np.where(np.abs(north - 5e3) < 1.0, 100.0, 3000.0)
+    medium = Medium.from_grid(
+        north, [-1e3, 1e3], [0.0, 3000.0], np.full((13, 2, 2), 1500.0), bathymetry=np.tile(sill[:, None], 2)
+    )
+    picture = ray_picture(medium, [0.0, 0.0, 900.0], [10e3, 0.0, 900.0])
+    assert picture.sizes["ray"] == 0
+    assert np.isfinite(picture.sound_speed).any()
+
+
 def test_a_bounced_arrival_makes_a_link_without_direct_ray_ok():
     """Behind a ridge and in a shadow; the first arrival and the slowness are those of the bounced ray."""
     north = np.linspace(0.0, 10e3, 11)

@@ -74,7 +74,7 @@ class Made:
         for name, record in zip(files, self.records(), strict=True):
             record.save(folder / name)
         attrs = {"title": self.title, "source": "test", "synthetic": self.synthetic}
-        write_netcdf(xr.Dataset(attrs=attrs | {"time": "2014-07-15T12:00:00"}), folder / store.OCEAN)
+        write_netcdf(make_water().assign_attrs(attrs | {"time": "2014-07-15T12:00:00"}), folder / store.OCEAN)
         write_netcdf(make_profile().assign_attrs(attrs), folder / store.PROFILE)
         region = {"centre [deg N]": "74.5", "made up": "yes" if self.synthetic else "no", "source": "test"}
         pd.Series(region, name=self.title).rename_axis("property").to_csv(folder / store.REGION)
@@ -88,6 +88,18 @@ def make_profile():
     mean = np.where(depth < 4000.0, 1440.0 + 0.017 * depth, np.nan)
     columns = {"mean": mean, "min": mean - 3.0, "max": mean + 5.0, "count": np.where(depth < 4000.0, 9, 0)}
     return xr.Dataset({name: ("depth", values) for name, values in columns.items()}, coords={"depth": depth})
+
+
+def make_water():
+    horizontal, depth = np.linspace(-3e4, 3e4, 4), np.array([0.0, 50.0, 100.0, 300.0, 1000.0, 3000.0, 5000.0])
+    speed = np.broadcast_to(1440.0 + 0.017 * depth, (4, 4, 7))
+    return xr.Dataset(
+        {
+            "sound_speed": (("north", "east", "depth"), speed),
+            "sea_floor_depth": (("north", "east"), np.full((4, 4), 4000.0)),
+        },
+        coords={"north": horizontal, "east": horizontal, "depth": depth},
+    )
 
 
 def make_rays(n_arriving=1):

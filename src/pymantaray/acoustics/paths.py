@@ -240,7 +240,7 @@ def resample(paths: RayPaths, n_points: int) -> Array:
     """Positions (n_rays, n_points, 3) at equal steps of travel time along every ray. [m]"""
     starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
     out = np.empty((starts.size, n_points, 3))
-    for i, nodes in enumerate(np.split(np.arange(paths.arrival.size), starts[1:])):
+    for i, nodes in enumerate(np.split(np.arange(paths.arrival.size), starts)[1:]):
         nodes = nodes[np.append(np.diff(paths.travel_time[nodes]) > 0.0, True)]  # of a reflection the second
         if nodes.size < 2:
             out[i] = paths.position[nodes[0]]

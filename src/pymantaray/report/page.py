@@ -1,13 +1,16 @@
 """The page of a run: what is told of it, and numbers and tables as people read them; the templates lay it out."""
 
+from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from plotly.offline import get_plotlyjs
 
 from pymantaray.evaluation import ALL_LINKS
+from pymantaray.report.explore import explorer
 from pymantaray.report.figures import Results
 from pymantaray.report.style import condition_label
 from pymantaray.report.tables import TABLES
@@ -64,11 +67,12 @@ def render(template: str, **content: Any) -> str:
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    environment.filters["base64"] = lambda content: b64encode(content).decode()
     return environment.get_template(template).render(content) + "\n"
 
 
-def run_page(results: Results, pictures: Sequence[Picture]) -> str:
-    """Page of a run, to be read offline beside its folders ``figures`` and ``tables``."""
+def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> str:
+    """Page of a run, whole by itself; it links to the files in ``figures`` and ``tables`` beside it."""
     config = results.run.config
     mission = f"{results.region}: {results.run.truth.name.size} vehicles, {config.mission.duration_h:g} h"
     if config.solves:
@@ -89,6 +93,8 @@ def run_page(results: Results, pictures: Sequence[Picture]) -> str:
         description=config.study.description,
         notes=[*([SYNTHETIC_NOTE] if results.synthetic else []), *troubles(results)],
         cards=headlines(results),
+        explorer=explorer(results, rays),
+        plotly=get_plotlyjs(),
         pictures=pictures,
         run_tables=shown,
         origin=[show_table(manifest, "Manifest", "manifest.json")],

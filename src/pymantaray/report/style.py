@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import as_file, files
 from io import BytesIO
-from itertools import cycle
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -156,6 +156,11 @@ def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
         name: (CONDITION_COLOURS[name] if name in CONDITION_COLOURS else next(more), next(markers))
         for name in conditions
     }
+
+
+def vehicle_colours(count: int) -> list[str]:
+    """A colour each for vehicles, which come again after the eleventh."""
+    return list(islice(cycle((BLUE, ORANGE, GREEN, PINK, SKY, *_MORE_COLOURS[1:], GREY)), count))
 
 
 def panel_title(axes: Axes, letter: str, text: str) -> None:

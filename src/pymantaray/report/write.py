@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 import pandas as pd
 
+from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import Plate, Results, find_figures, run_plates
 from pymantaray.report.page import Picture, run_page
 from pymantaray.report.parts import PAGE, PARTS, write_files
@@ -54,6 +55,7 @@ class ReportMaker:
 
     def __init__(self, *, pdf: bool) -> None:
         self._pdf, self._drawn = pdf, dict[str, Picture]()
+        self._rays: str | None = None
 
     def import_all(self) -> None:
         """Find the figures, which import what they need."""
@@ -61,14 +63,17 @@ class ReportMaker:
 
     def draw_mission(self, folder: Path) -> None:
         """Draw what realizations do not change."""
-        plates = run_plates(Results(Run(folder)), of_mission=True)
+        results = Results(Run(folder))
+        plates = run_plates(results, of_mission=True)
         self._drawn = {picture.name: picture for picture in draw(plates, pdf=self._pdf)}
+        self._rays = mission_rays(results)
 
     def make(self, folder: Path, progress: Progress | None = None) -> dict[str, bytes]:
         """Files of the report of a run that is whole, by their names."""
         results = Results(open_run(folder))
         pictures = draw(run_plates(results), pdf=self._pdf, drawn=self._drawn, progress=progress)
-        return all_files(results.tables, pictures, run_page(results, pictures))
+        rays = self._rays or mission_rays(results)
+        return all_files(results.tables, pictures, run_page(results, pictures, rays))
 
 
 def draw(

@@ -1,0 +1,252 @@
+"""What the page of a run shows by moving: the fleet, the links of each ping, and rays of some of them, as plain numbers for its script."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium, find_eigenrays, ray_picture
+from pymantaray.records import RayStatus
+from pymantaray.report.figures import Results, range_ends
+from pymantaray.report.style import Array, condition_label, condition_looks, vehicle_colours
+from pymantaray.study.store import Run
+
+WORST = 50
+"""Links besides those of the chosen ping whose rays are shown, by the size of their range error."""
+_FRAMES, _PINGS, _BED = 160, 120, 41  # at most, evenly over the mission or the sea bed
+_RANGES, _DEPTHS, _POINTS = 41, 301, 81  # of a section, and of each of its rays
+_LEVELS, _BELOW = 51, 1.3  # of a section that are shown, and how far down, in depths of its rays
+_MOST_RAYS = 8  # of a link, earliest first
+_QUANTILES = np.linspace(0.0, 1.0, 101)
+
+
+def explorer(results: Results, rays: str) -> str:
+    """Give all that the script of the page shows, as JSON that may stand in a page; rays are those of `mission_rays`."""
+    run, pings = results.run, _shown_pings(results.run)
+    content = {
+        "fleet": _fleet(run, pings),
+        "links": Ends(results, pings).rows(),
+        "statuses": [status.name for status in RayStatus],
+        "errors": _errors(results),
+        "nees": _nees(results),
+    }
+    return f'{_json(content)[:-1]},"rays":{rays}}}'
+
+
+def mission_rays(results: Results) -> str:
+    """Give sections with rays of some links as JSON, which realizations do not change."""
+    return _json(list(_rays(results.run, Ends(results, _shown_pings(results.run)))))
+
+
+def _shown_pings(run: Run) -> NDArray[np.int64]:
+    return _evenly(np.unique(run.measurements.range_sample), _PINGS)
+
+
+class Ends:
+    """Unordered pairs at the pings of the page: who, when, and what the range was each way."""
+
+    def __init__(self, results: Results, pings: NDArray[np.int64]) -> None:
+        m, truth = results.run.measurements, results.run.ranging_truth
+        shown = np.flatnonzero(np.isin(m.range_sample, pings))
+        first = np.minimum(m.range_transmitter, m.range_receiver)[shown]
+        second = np.maximum(m.range_transmitter, m.range_receiver)[shown]
+        keys = np.stack([m.range_sample[shown], first, second], axis=1)
+        pairs, row = np.unique(keys, axis=0, return_inverse=True)
+        self.sample, self.first, self.second = pairs.T
+        self.ping = np.searchsorted(pings, self.sample)
+        self._attempt = np.full((len(pairs), 2), -1)
+        self._attempt[row.ravel(), (m.range_transmitter[shown] != first).astype(int)] = shown
+        some = self._attempt.max(axis=1)
+        self.status, self.distance = m.range_status[some], truth.distance[some]
+        source, receiver = range_ends(results.run.truth, m)
+        turned = (m.range_transmitter != np.minimum(m.range_transmitter, m.range_receiver))[some]
+        self.source = np.where(turned[:, None], receiver[some], source[some])
+        self.receiver = np.where(turned[:, None], source[some], receiver[some])
+        self._errors = results.ranges
+
+    def _each_way(self, values: Array) -> Array:
+        return np.where(self._attempt >= 0, values[self._attempt], np.nan)
+
+    def rows(self) -> dict[str, Any]:
+        """Columns of all links, one row each."""
+        errors = self._errors
+        return {
+            "ping": self.ping,
+            "first": self.first,
+            "second": self.second,
+            "status": self.status,
+            "distance": _rounded(self.distance, 1),
+            "depth": _rounded(np.maximum(self.source[:, 2], self.receiver[:, 2]), 1),
+            "error": _rounded(self._each_way(errors.total), 3),
+            "reference": _rounded(self._each_way(errors.reference_speed), 3),
+            "bending": _rounded(self._each_way(errors.bending), 3),
+        }
+
+    def with_rays(self) -> NDArray[np.int64]:
+        """Links whose rays are shown: those of the ping at which most are heard, and the worst."""
+        total = self._each_way(self._errors.total)
+        worst = np.where(
+            np.isfinite(total).any(axis=1), np.nanmax(np.abs(np.nan_to_num(total)), axis=1), -1.0
+        )
+        heard = np.bincount(self.ping[self.status == RayStatus.OK], minlength=1)
+        chosen = int(np.argmax(heard))
+        order = np.argsort(-worst, kind="stable")[:WORST]
+        apart = np.linalg.norm((self.receiver - self.source)[:, :2], axis=1) > 0.0
+        links = np.union1d(np.flatnonzero(self.ping == chosen), order[worst[order] >= 0.0])
+        return np.asarray(links[apart[links] & (self.status[links] != RayStatus.STOPPED)])
+
+
+def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
+    truth, ocean = run.truth, run.ocean
+    samples = np.union1d(_evenly(np.arange(truth.time.size), _FRAMES), pings)
+    reach = np.nanmax(np.abs(truth.position[..., :2]), initial=1e3) * 1.15
+    bed = ocean["sea_floor_depth"]
+    north, east = (np.linspace(*_within(ocean[name].to_numpy(), reach), _BED) for name in ("north", "east"))
+    return {
+        "names": [*truth.name.tolist(), *run.measurements.landmark_name.tolist()],
+        "vehicles": truth.name.size,
+        "colours": vehicle_colours(truth.name.size),
+        "hour": _rounded(truth.time[samples] / 3600.0, 4),
+        "ping": np.searchsorted(samples, pings),
+        "north": _rounded(truth.position[:, samples, 0], 1),
+        "east": _rounded(truth.position[:, samples, 1], 1),
+        "down": _rounded(truth.position[:, samples, 2], 1),
+        "landmarks": _rounded(run.measurements.landmark_position, 1),
+        "bed": {
+            "north": _rounded(north, 0),
+            "east": _rounded(east, 0),
+            "down": _rounded(bed.interp(north=north, east=east).transpose("north", "east").to_numpy(), 0),
+        },
+    }
+
+
+def _rays(run: Run, ends: Ends) -> Iterator[dict[str, Any]]:
+    """Sections with rays; none where the water of a ping is not in the folder."""
+    if run.config.ocean.time_varying or not ends.sample.size:
+        return
+    acoustics = run.config.acoustics
+    surface, bottom, cutoff = acoustics.max_surface_bounces, acoustics.max_bottom_bounces, acoustics.cutoff_db
+    medium = Medium.from_dataset(run.ocean, interpolation=acoustics.interpolation)
+    for link in ends.with_rays().tolist():
+        source, receiver = ends.source[link], ends.receiver[link]
+        arrivals = find_eigenrays(medium, source, receiver, surface, bottom, cutoff, threads=1)
+        picture = ray_picture(
+            medium,
+            source,
+            receiver,
+            n_range=_RANGES,
+            n_depth=_DEPTHS,
+            n_points=_POINTS,
+            max_surface_bounces=surface,
+            max_bottom_bounces=bottom,
+            spreading_cutoff_db=cutoff,
+        )
+        rays = slice(0, min(arrivals.link.size, _MOST_RAYS))
+        lowest = max(source[2], receiver[2], float(picture["ray_depth"].max()) if arrivals.link.size else 0.0)
+        depth = picture["depth"].to_numpy()
+        levels = _evenly(
+            np.arange(np.searchsorted(depth, _BELOW * lowest + 20.0).clip(2, depth.size)), _LEVELS
+        )
+        yield {
+            "link": link,
+            "range": _rounded(picture["range"].to_numpy(), 0),
+            "depth": _rounded(depth[levels], 1),
+            "speed": _rounded(picture["sound_speed"].transpose("depth", "range").to_numpy()[levels], 1),
+            "bed": _rounded(picture["sea_floor_depth"].to_numpy(), 0),
+            "ray_range": _rounded(picture["ray_range"].to_numpy()[rays], 0),
+            "ray_depth": _rounded(picture["ray_depth"].to_numpy()[rays], 1),
+            "time": _rounded(arrivals.travel_time[rays], 7),
+            "chord": _rounded(arrivals.chord_travel_time, 7)[0],
+            "surface": arrivals.surface_bounces[rays],
+            "bottom": arrivals.bottom_bounces[rays],
+            "spreading": _rounded(arrivals.spreading_db[rays], 1),
+        }
+
+
+def _errors(results: Results) -> dict[str, Any]:
+    """Position errors by condition: over time of each vehicle, with what its covariances say, and of all together."""
+    run = results.run
+    samples = _evenly(np.arange(run.truth.time.size), _FRAMES)
+    conditions = []
+    looks = condition_looks(list(results.errors))
+    for c, (name, error) in enumerate(results.errors.items()):
+        usable = error[np.isfinite(error)]
+        entry = {
+            "name": name,
+            "label": condition_label(name),
+            "colour": looks[name][0],
+            "rms": _rounded(_rms(error[..., samples]), 2),
+            "quantiles": _rounded(np.quantile(usable, _QUANTILES), 2) if usable.size else [],
+        }
+        conditions.append(entry | _sigma(run, c))
+    return {"hour": _rounded(run.truth.time[samples] / 3600.0, 4), "conditions": conditions}
+
+
+def _sigma(run: Run, condition: int) -> dict[str, Any]:
+    """Three standard deviations of the length of the error that the covariances of the solves allow, root mean square over realizations."""
+    covariances = run.covariances
+    if covariances is None:
+        return {}
+    own = covariances.position_covariance[condition]
+    variance = np.einsum("reaiai->rea", own)
+    with np.errstate(invalid="ignore"):
+        sigma = (
+            np.sqrt(np.nanmean(variance, axis=0))
+            if np.isfinite(variance).any()
+            else np.full(variance.shape[1:], np.nan)
+        )
+    return {"sigma_hour": _rounded(covariances.time / 3600.0, 4), "sigma3": _rounded(3.0 * sigma.T, 2)}
+
+
+def _nees(results: Results) -> list[Mapping[str, Any]]:
+    table = results.tables.get("consistency_per_epoch", pd.DataFrame())
+    if table.empty:
+        return []
+    part = table[table["statistic"] == "horizontal"]
+    columns = ["condition", "time_h", "ratio", "low", "high"]
+    return [{str(k): v for k, v in row.items()} for row in part[columns].round(4).to_dict("records")]
+
+
+def _rms(error: Array) -> Array:
+    """Over realizations, of shape (vehicles, times)."""
+    usable = np.isfinite(error)
+    total = np.where(usable, error, 0.0) ** 2
+    count = usable.sum(axis=0)
+    mean: Array = np.divide(total.sum(axis=0), count, out=np.full(count.shape, np.nan), where=count > 0)
+    return np.asarray(np.sqrt(mean))
+
+
+def _evenly(values: NDArray[Any], most: int) -> NDArray[Any]:
+    """At most so many of the values, first and last among them."""
+    if len(values) <= most:
+        return values
+    return np.asarray(values[np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))])
+
+
+def _within(axis: Array, reach: float) -> tuple[float, float]:
+    return max(float(axis[0]), -reach), min(float(axis[-1]), reach)
+
+
+def _rounded(values: Any, digits: int) -> Array:
+    return np.round(np.asarray(values, dtype=float), digits)
+
+
+def _json(content: Any) -> str:
+    return json.dumps(_plain(content), separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _plain(value: Any) -> Any:
+    """Arrays as lists, and what is not finite as null."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return None if not math.isfinite(value) else int(value) if value.is_integer() else value
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,135 @@
+"""The page of a run in a real browser: it draws without a word on the console, and every control does what it says."""
+
+import shutil
+from types import SimpleNamespace
+
+import pytest
+
+from pymantaray.report import write_report
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+BROWSER = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine"),
+]
+HARMLESS = ("GPU stall", "Canvas2D: Multiple readback")  # what software drawing says of its speed
+
+
+@pytest.fixture(scope="module")
+def page_file(tiny_run_folder, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("browser") / "run"
+    shutil.copytree(tiny_run_folder, folder)
+    return write_report(folder)
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with playwright.sync_playwright() as driver:
+        drawing = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        browser = driver.chromium.launch(executable_path=BROWSER, args=drawing)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
+def opened(request, chromium, page_file):
+    width, scheme = request.param
+    context = chromium.new_context(
+        viewport={"width": width, "height": 900}, color_scheme=scheme, reduced_motion="reduce"
+    )
+    page, said, asked = context.new_page(), [], []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(page_file.as_uri())
+    page.wait_for_selector("html[data-ready=yes]", timeout=120_000)
+    yield SimpleNamespace(page=page, said=said, asked=asked)
+    context.close()
+
+
+def fleet_markers(page):
+    """East of the vehicles as drawn."""
+    return page.evaluate("document.getElementById('fleet').data.find((t) => t.mode === 'markers+text').x")
+
+
+def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_file):
+    assert [line for line in opened.said if not any(known in line for known in HARMLESS)] == []
+    assert [url for url in opened.asked if not url.startswith(("data:", "blob:"))] == [page_file.as_uri()]
+    assert page_file.stat().st_size < 10e6
+    overflow = opened.page.evaluate(
+        "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    )
+    assert overflow <= 0
+
+
+def test_the_slider_moves_the_fleet_by_keyboard(opened):
+    page = opened.page
+    page.focus("#time")
+    page.keyboard.press("Home")
+    before, hour = fleet_markers(page), page.inner_text("#hour")
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
+    assert fleet_markers(page) != before
+    assert page.inner_text("#hour") != hour
+    assert page.get_attribute("#time", "aria-valuetext") == page.inner_text("#hour")
+
+
+def test_play_and_pings_by_keyboard(opened):
+    page = opened.page
+    page.focus("#time")
+    page.keyboard.press("Home")
+    start = page.input_value("#time")
+    page.focus("#play")
+    page.keyboard.press("Enter")
+    assert page.get_attribute("#play", "aria-pressed") == "true"
+    page.wait_for_function(f"document.getElementById('time').value > {start}")
+    page.keyboard.press("Enter")
+    assert page.inner_text("#play") == "Play"
+    page.focus("#after")
+    page.keyboard.press("Enter")
+    ping = page.inner_text("#hour")
+    page.focus("#before")
+    page.keyboard.press("Enter")
+    assert page.inner_text("#hour") != ping or page.input_value("#time") != start
+
+
+def test_a_link_chosen_by_keyboard_shows_its_rays_and_numbers(opened):
+    page = opened.page
+    page.select_option("#which", "rays")
+    assert page.locator("#links option").count() > 1
+    page.focus("#links")
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowDown")
+    chosen = page.locator("#links option:checked").inner_text()
+    pair = chosen.strip("* ").split(":")[0]
+    assert page.inner_text("#link").startswith(pair)
+    assert "Ray 1:" in page.inner_text("#link")
+    traces = page.evaluate("document.getElementById('rays').data.map((t) => t.type)")
+    assert traces[0] == "heatmap"
+    assert traces.count("scatter") >= 2  # a ray and the sea bed
+
+
+def test_a_click_on_a_range_error_chooses_its_link(opened):
+    page = opened.page
+    page.locator("#by-distance").scroll_into_view_if_needed()
+    spot = page.evaluate(
+        """() => {
+          const plot = document.getElementById("by-distance"), box = plot.getBoundingClientRect();
+          const trace = plot.data.find((t) => t.x.length), { xaxis, yaxis, _size } = plot._fullLayout;
+          const last = trace.x.length - 1;
+          return [box.x + _size.l + xaxis.d2p(trace.x[last]), box.y + _size.t + yaxis.d2p(trace.y[last]), trace.text[last]];
+        }"""
+    )
+    page.mouse.move(spot[0], spot[1])
+    page.wait_for_timeout(300)
+    page.mouse.click(spot[0], spot[1])
+    page.wait_for_function(f"document.getElementById('link').textContent.startsWith({spot[2]!r})")
+
+
+def test_in_print_the_figures_stay_and_the_controls_go(opened):
+    opened.page.emulate_media(media="print")
+    assert not opened.page.locator("#look").is_visible()
+    assert opened.page.locator("figure img").first.is_visible()
