@@ -203,3 +203,17 @@ def test_steps_are_reported_with_the_cost_behind_them():
     ours = GraphSolver(options).solve(graph, dead_reckon_graph(graph, values)[0], model_is_right=False)
     assert [step for step, _ in told] == list(range(1, ours.iterations + 1))
     assert told[-1][1] == ours.final_cost
+
+
+def test_chordal_initialization_is_off_by_its_noise_and_as_good_as_gtsams():
+    graph, values = wound(8, 1e-6, 1e-6)
+    almost = chordal(graph, values)
+    np.testing.assert_allclose(almost.position, values.position, rtol=0, atol=1e-3)
+    graph, values = wound(8, 0.1, 0.2)
+    factors, _ = to_gtsam(graph, values)
+    theirs = gtsam.InitializePose3.initialize(factors)  # with a step of Gauss-Newton
+    problem = distance_problem(graph)
+    start = State.of(chordal(graph, values))
+    equations = problem.linearize(start)
+    stepped = start.moved(problem.structure, equations.factorize().solve(-equations.gradient))
+    assert problem.cost(stepped) < 1.2 * factors.error(theirs)

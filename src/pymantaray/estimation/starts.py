@@ -102,11 +102,8 @@ def chordal(graph: FactorGraph, values: GraphValues) -> GraphValues:
     Values by chordal initialization: rotations first, then positions, each by linear least squares, whatever was known before.
 
     Rotations are any matrices that fit the edges and the priors, and then the nearest rotations; the first pose of a chain
-    without a prior, and landmarks that nothing but ranges sees, have their ``values``.
-
-    References
-    ----------
-    .. [1] L. Carlone, R. Tron, K. Daniilidis and F. Dellaert, "Initialization techniques for 3D SLAM", ICRA 2015, section III.
+    without a prior, and landmarks that nothing but ranges sees, have their ``values``. GTSAM's `InitializePose3` does the same
+    for edges alone.
     """
     n, prior, edge, sighting = graph.n_poses, graph["prior"], graph["edge"], graph["sighting"]
     first = _first_of_chains(graph, np.unique(prior.subject))
