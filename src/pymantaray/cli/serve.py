@@ -16,8 +16,8 @@ def serve(
         list[str],
         typer.Argument(
             metavar="OCEAN|CONFIG",
-            help="Ocean files or synthetic:beaufort or synthetic:fram, or a preset or TOML file with a study's sections"
-            " [ocean], [acoustics], [ranging] and [detection].",
+            help="Ocean files or synthetic:beaufort or synthetic:fram, or a preset, or a TOML file with a study's"
+            " sections ocean, acoustics, ranging and detection.",
         ),
     ],
     port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes one that is free.")] = 8642,
