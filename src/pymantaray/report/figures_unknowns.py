@@ -1,5 +1,7 @@
 """What the ranges say of water and clocks, beside what was known of them beforehand."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -45,6 +47,11 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
     return figure
 
 
+def _with_prior(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """What was known of before; a fitted sigma was not."""
+    return tables["unknowns"].dropna(subset="prior_sigma")
+
+
 def _too_wide(names: pd.Series) -> bool:
     """Whether names would touch on an axis of the figure's width."""
     return len(names) * (int(names.str.len().max()) + 2) > _LEVEL
@@ -56,6 +63,6 @@ register(
     caption="Sound-speed modes and clocks estimated with the poses, over {r.realizations}: standard deviation that the"
     " estimator gives (blue) and error of its estimate (orange), both by the standard deviation beforehand (grey"
     " line): on it the ranges say nothing.",
-    draw=lambda r: unknowns_before_and_after(r.tables["unknowns"], r.header),
-    needs=lambda r: "unknowns" in r.tables,
+    draw=lambda r: unknowns_before_and_after(_with_prior(r.tables), r.header),
+    needs=lambda r: "unknowns" in r.tables and len(_with_prior(r.tables)) > 0,
 )
