@@ -12,7 +12,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from pymantaray.errors import StudyError
-from pymantaray.study.config import SoundConfig, StudyConfig
+from pymantaray.study.config import DetectionSection, SoundConfig, StudyConfig
 from pymantaray.study.config_estimators import input_file
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -136,6 +136,15 @@ def load_sound(name_or_file: str | Path) -> SoundConfig:
     others = StudyConfig.model_fields.keys() - SoundConfig.model_fields.keys()
     sound = {name: section for name, section in tree.items() if name not in others}
     return parse(SoundConfig, sound, str(name_or_file), folder)
+
+
+def load_detection(file: Path) -> DetectionSection:
+    """Section ``[detection]`` of a TOML file, whatever else is in it."""
+    tree, folder = _tree(file)
+    section = tree.get("detection")
+    if not isinstance(section, dict):
+        raise StudyError(f"{file}: has no section [detection]")
+    return parse(DetectionSection, section, f"{file}: detection", folder)
 
 
 def _tree(name_or_file: str | Path) -> tuple[dict[str, Any], Path | None]:
