@@ -27,10 +27,12 @@ NODE_TIME, NODE_POSITION, NODE_SLOWNESS, NODE_BOUNDARY = 0, 1, 4, 7
 N_NODE = 8
 
 # Ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, code of its reflections; for the
-# search only: error of the cubic about it, tolerance, how far it diverged on its way, and GONE with what is known of it.
+# search only: error of the cubic about it, tolerance, how far it diverged on its way, GONE with what is known of it, and how far it
+# was expected to diverge. The lower end of an interval has the number of the fan's that it is of, and the lower end of that the
+# rays and the brackets that it took.
 ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT, TOL, GROWTH = range(10)
-LEFT, LEFT_RATE, LEFT_BEND = range(10, 13)
-N_RAY = 13
+LEFT, LEFT_RATE, LEFT_BEND, EXPECTED, INTERVAL, RAYS_SPENT, BRACKETS_HELD = range(10, 17)
+N_RAY = 17
 N_BRACKET = 7  # of these an end of a bracket has the first
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
@@ -128,18 +130,19 @@ Ray.__doc__ = """What one ray is integrated in; K (7, N_FULL) asks for the full 
 path (n, N_PATH) takes every accepted step of a full ray when it has rows.
 """
 
-N_LANES = 41  # rows of eight numbers, see `march`
+N_LANES = 42  # rows of eight numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_PATH = 32_768
 MAX_NODES = 4096
 MAX_ROOTS = 256
-MAX_STACK = 40
+MAX_STACK = 160
+HALVED_AT_ONCE = 8
 MAX_CANDIDATES = 96
 _ANGLES = 768  # nodes of a first fan besides those of the levels: twice the widest fan over its spacing
 
 Work = namedtuple(
     "Work",
-    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts nodes node fan extremes stack brackets rows lanes",
+    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts nodes fan extremes stack halves middles brackets rows lanes",
 )
 Work.__doc__ = """Workspaces of one thread, shared by all kernels; never read before they are written for a link.
 
@@ -171,10 +174,11 @@ def shapes(
         store=(columns, n_depth, 16),
         cuts=(n_depth + columns + 4,),
         nodes=(nodes,),
-        node=(N_RAY,),
         fan=(nodes, N_RAY),
         extremes=(2, n_depth),
         stack=(MAX_STACK, 2, N_RAY),
+        halves=(HALVED_AT_ONCE, 2, N_RAY),
+        middles=(HALVED_AT_ONCE, N_RAY),
         brackets=(MAX_ROOTS, 2, N_BRACKET),
         rows=(MAX_ROOTS, N_ARRIVAL),
         lanes=(N_LANES, 8),

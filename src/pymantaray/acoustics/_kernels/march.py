@@ -26,9 +26,19 @@ from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, A, C
 from pymantaray.compile import inlined, kernel
 
 # Rows of the workspace: state, its derivatives at the seven stages of a step, and what belongs to each ray
-_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT, _RATE, _BEND = 4, *range(32, 41)
+_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT, _RATE, _BEND, _TOL = 4, *range(32, 42)
 FIRST_STEP = 60.0  # m
 _COME, _FAILED = 1.0, 2.0
+# Where rays diverge, measured by straight ones, the errors made on their way grow with them
+DIVERGING = 3.0  # from here on a ray is traced with a tolerance that allows for it,
+HOPELESS = 1e3  # up to here: weaker ones are no arrivals
+_AMPLIFIED, _MOST = 2.0, 30.0  # smaller by the first times the divergence, or times the second
+
+
+@kernel
+def allowed(tol, growth):
+    """Tolerance of a ray that is expected to diverge by growth."""
+    return tol / (_AMPLIFIED * min(growth, _MOST)) if DIVERGING < growth < HOPELESS else tol
 
 
 @inlined
@@ -136,16 +146,18 @@ def _launch(rows, lane, fan, n_rays, length):
     """Start the next ray of the fan in a lane; one beyond the last is the first again. Return whether it counts."""
     ray = int(rows[_NEXT, 0])
     rows[_NEXT, 0] += 1.0
-    angle = fan[ray if ray < n_rays else 0, at.ANGLE]
+    node = fan[ray if ray < n_rays else 0]
+    angle = node[at.ANGLE]
     for row in (at.W, at.XI, _POS, _GONE, _GROWN):
         rows[row, lane] = 0.0
     rows[at.P, lane], rows[at.ETA, lane] = math.sin(angle), math.cos(angle)
     rows[_LENGTH, lane], rows[_RAY, lane] = min(length, FIRST_STEP), ray
+    rows[_TOL, lane] = allowed(node[at.TOL], node[at.EXPECTED]) / length
     return ray < n_rays
 
 
 @kernel
-def _relay(rows, fan, n_rays, course, tol):
+def _relay(rows, fan, n_rays, course):
     """Write rays that have come, or failed, into their nodes and start the next in their lanes; return the change of their number."""
     change = 0
     for lane in range(WIDTH):
@@ -156,7 +168,7 @@ def _relay(rows, fan, n_rays, course, tol):
             node[at.MISS], node[at.SLOPE] = rows[at.W, lane] - course.target, rows[at.XI, lane]
             node[at.SLOWNESS], node[at.TURN] = rows[at.P, lane], rows[at.ETA, lane]
             node[at.GOOD], node[at.CODE] = 1.0 if rows[_DONE, lane] == _COME else 0.0, 0.0
-            node[at.LEFT], node[at.TOL] = rows[_GONE, lane], tol
+            node[at.LEFT] = rows[_GONE, lane]
             node[at.LEFT_RATE], node[at.LEFT_BEND] = rows[_RATE, lane], rows[_BEND, lane]
             node[at.GROWTH] = rows[_GROWN, lane] / course.length
             change -= 1
@@ -207,16 +219,16 @@ def _stored(rows, state, pos, h, gone, grown):
 
 
 @inlined
-def _controlled(rows, h, left, room, tol):
+def _controlled(rows, h, left, room):
     """Whether steps are good enough, with what their length is to be multiplied, and whether they are too short to go on.
 
     Derivatives at the end of a good step become those at the beginning of the next.
     """
     error = h * (_embedded(rows, at.W) + left * _embedded(rows, at.P)) + 1e-300
-    allowed = tol * h
-    factor = root(root(allowed / error))
+    most = load(rows, _TOL) * h
+    factor = root(root(most / error))
     forward = room > 0.0
-    good = forward & (error < allowed)
+    good = forward & (error < most)
     larger, smaller = 0.75 * factor, 0.9 * factor
     larger = choose(larger < 4.0, larger, 4.0)
     smaller = choose(forward & (smaller > 0.2), smaller, 0.2)
@@ -227,8 +239,8 @@ def _controlled(rows, h, left, room, tol):
 
 
 @kernel
-def march(s, walls, course, fan, n_rays, tol, rows):
-    """Trace rays of a fan, given by their angles, into its rows as `search.shoot` does; GOOD is 0 for those left to it."""
+def march(s, walls, course, fan, n_rays, rows):
+    """Trace rays of a fan, given by ANGLE, TOL and EXPECTED, into its rows as `search.shoot` does; GOOD is 0 for those left to it."""
     z_source, _, _, c_ref = course.axis
     length = course.length
     flat = walls.ice.depth.size == 1
@@ -244,7 +256,7 @@ def march(s, walls, course, fan, n_rays, tol, rows):
         last = left < h * (1.0 + 1e-12)
         h = choose(last, left, h)
         w, p, xi, eta, room = _step(s, rows, pos, h, state, first_stage, (z_source, c_ref))
-        good, factor = _controlled(rows, h, left, room, tol / length)
+        good, factor = _controlled(rows, h, left, room)
         failed = h < 1e-9 * length
         state = (
             choose(good, w, state[0]),
@@ -269,6 +281,6 @@ def march(s, walls, course, fan, n_rays, tol, rows):
         if any_lane(done > 0.0):
             _stored(rows, state, pos, h, gone, grown)
             store(rows, _DONE, done)
-            running += _relay(rows, fan, n_rays, course, tol)
+            running += _relay(rows, fan, n_rays, course)
             state, pos, h, gone, grown = _loaded(rows)
             first_stage = 0

@@ -144,11 +144,11 @@ def _widened(s, walls, course, bracket, tol, work):
             continue
         if fa * fb <= 0.0 or width > 1e-3:
             break
-        width = max(4.0 * width, 1e-9)
-        if abs(fa) < abs(fb):
+        if abs(fa) < abs(fb):  # not by more than it is wide: beside a caustic's other ray there is none
             a -= width
         else:
             b += width
+        width *= 2.0
     return True, a, b, fa, fb, q
 
 
@@ -171,7 +171,7 @@ def _in_plane(s, walls, course, bracket, accuracy, work):
     """Launch angle of the root of the miss in a bracket, in the plane of the link; ok False where it slips away."""
     lo, hi, fa, code = bracket[0, at.ANGLE], bracket[1, at.ANGLE], bracket[0, at.MISS], bracket[0, at.CODE]
     m = 0.5 * (lo + hi)
-    node = work.node
+    node = work.middles[0]
     previous = math.inf
     for it in range(60):
         shoot(s, walls, course, m, accuracy.fine, 0.0, node, work)

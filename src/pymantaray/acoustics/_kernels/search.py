@@ -17,7 +17,7 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.layout import Course
-from pymantaray.acoustics._kernels.march import march
+from pymantaray.acoustics._kernels.march import DIVERGING, HOPELESS, allowed, march
 from pymantaray.acoustics._kernels.trace import fan_ray, trace
 from pymantaray.compile import inlined, kernel
 
@@ -30,14 +30,8 @@ _NARROW = 5e-5  # rad; between two weak rays so near to each other none is looke
 _BOUND = (
     16.0 / 27.0
 )  # four times that by which a cubic Hermite departs from its chord at most, for each end's slope defect
-# Where rays diverge, measured by straight ones, the errors made on their way grow with them
-_DIVERGING = 3.0  # from here on a ray is traced anew with a tolerance that allows for it,
-_HOPELESS = 1e3  # up to here: weaker ones are no arrivals
-_AMPLIFIED, _MOST = (
-    2.0,
-    30.0,
-)  # the tolerance is smaller by the first times the divergence, or times the second
 _ERRING = 100.0  # times tolerance and divergence away from the receiver, errors do not matter
+_FEW = 2  # rays are traced one by one
 _APART = 0.25  # of the link: rays that left the water so far from each other did so at other cycles,
 _LEAST_RISE = 0.3  # of their own rise is left to rays of which all between leave the water as they do,
 _SAME_PLACE = 0.3  # at places that their rates foretell within this share of the distance
@@ -60,6 +54,12 @@ def aimed_at(course, target):
 
 
 @kernel
+def _needs_more(growth, expected):
+    """Whether a ray that diverged so much is to be traced again, more finely than was expected."""
+    return max(DIVERGING, 1.5 * expected) <= growth <= HOPELESS
+
+
+@kernel
 def shoot(s, walls, course, angle, tol, growth, node, work):
     """Trace a ray of a fan into a node, so that it ends within tol of where it should; growth is the divergence to expect.
 
@@ -69,12 +69,11 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
     rule, y = course.rule, work.y
     grown = 0.0
     while True:
-        allowed = tol / (_AMPLIFIED * min(growth, _MOST)) if _DIVERGING < growth < _HOPELESS else tol
-        ok, _, _, code = trace(s, walls, course, angle, 0.0, allowed, fan_ray(work))
+        ok, _, _, code = trace(s, walls, course, angle, 0.0, allowed(tol, growth), fan_ray(work))
         grown = y[at.GROWN] / course.length
         gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
-        far = gone or grown > _HOPELESS or abs(y[at.W] - course.target) > _ERRING * tol * grown
-        if grown < max(_DIVERGING, 1.5 * growth) or far:
+        far = gone or abs(y[at.W] - course.target) > _ERRING * tol * grown
+        if far or not _needs_more(grown, growth):
             break
         growth = grown
     node[at.ANGLE], node[at.MISS], node[at.SLOPE] = angle, y[at.W] - course.target, y[at.XI]
@@ -189,18 +188,18 @@ def copy_ray(source, target):
 
 
 @kernel
-def _shoot_fan(s, walls, course, n_nodes, search, work, lanes):
-    """Trace rays at all of work.nodes into the fan: direct ones side by side, those that are then left one by one."""
-    fan = work.fan
-    for i in range(n_nodes):
-        fan[i, at.ANGLE], fan[i, at.GOOD], fan[i, at.GROWTH], fan[i, at.DEFECT] = work.nodes[i], 0.0, 0.0, 0.0
-    if lanes is not None and s.kind == at.SMOOTH and course.rule.kind == at.OPEN:  # None on CUDA: left out
-        march(s, walls, course, fan, n_nodes, search.coarse, lanes)
-    for i in range(n_nodes):
-        growth = fan[i, at.GROWTH]
-        near = fan[i, at.LEFT] == 0.0 and abs(fan[i, at.MISS]) < _ERRING * search.coarse * growth
-        if fan[i, at.GOOD] == 0.0 or (near and _DIVERGING < growth < _HOPELESS):
-            shoot(s, walls, course, work.nodes[i], search.coarse, growth, fan[i], work)
+def _shoot_all(s, walls, course, rays, n, work, lanes):
+    """Trace n rays of given ANGLE, TOL and EXPECTED: direct ones side by side, those that are then left one by one."""
+    for i in range(n):
+        rays[i, at.GOOD], rays[i, at.GROWTH] = 0.0, 0.0
+    if lanes is not None and s.kind == at.SMOOTH and course.rule.kind == at.OPEN and n > _FEW:  # None on CUDA
+        march(s, walls, course, rays, n, lanes)
+    for i in range(n):
+        ray = rays[i]
+        growth = max(ray[at.GROWTH], ray[at.EXPECTED])
+        near = ray[at.LEFT] == 0.0 and abs(ray[at.MISS]) < _ERRING * ray[at.TOL] * ray[at.GROWTH]
+        if ray[at.GOOD] == 0.0 or (near and _needs_more(ray[at.GROWTH], ray[at.EXPECTED])):
+            shoot(s, walls, course, ray[at.ANGLE], ray[at.TOL], growth, ray, work)
 
 
 @kernel
@@ -211,12 +210,15 @@ def find_brackets(s, walls, course, n_nodes, search, work):
     one code; across a change of code it may bend or jump. Where it comes as near to zero as the tolerance is large, or
     changes sign without getting smooth, rays are traced anew with the fine tolerance.
     Between rays that all have too many reflections, but got them far apart, rays with fewer are looked for in
-    wider intervals. work.brackets receives the rays at both ends. Returns their number, the smallest
-    miss met, the rays traced and whether the budget sufficed.
+    wider intervals. Several intervals are halved at a time. work.brackets receives the rays at both ends. Returns their number,
+    the smallest miss met, the rays traced and whether the budget sufficed.
     """
     fan = work.fan
     margin = np.inf
-    _shoot_fan(s, walls, course, n_nodes, search, work, work.lanes)
+    for i in range(n_nodes):
+        fan[i, at.ANGLE], fan[i, at.TOL], fan[i, at.EXPECTED] = work.nodes[i], search.coarse, 0.0
+        fan[i, at.DEFECT], fan[i, at.RAYS_SPENT], fan[i, at.BRACKETS_HELD] = 0.0, 0.0, 0.0
+    _shoot_all(s, walls, course, fan, n_nodes, work, work.lanes)
     for i in range(n_nodes):
         if fan[i, at.GOOD] > 0.0:
             margin = min(margin, abs(fan[i, at.MISS]))
@@ -225,105 +227,133 @@ def find_brackets(s, walls, course, n_nodes, search, work):
         if a[at.GOOD] * m[at.GOOD] * b[at.GOOD] > 0.0 and a[at.CODE] == m[at.CODE] == b[at.CODE]:
             m[at.DEFECT] = 2.0 * _defect(a, m, b)
     so_far = 0, margin, n_nodes, True
-    left, right = 0, n_nodes - 2
-    while left <= right:  # the steepest interval first: towards the axis rays may be without number
-        if abs(work.nodes[left]) >= abs(work.nodes[right + 1]):
-            i = left
-            left += 1
-        else:
-            i = right
-            right -= 1
-        so_far = _search_interval(s, walls, course, i, search, so_far, work)
-    return so_far
+    waiting = 0, 0, n_nodes - 2
+    while True:
+        n, waiting, so_far = _gather(s, walls, course, search, waiting, so_far, work)
+        if n == 0:
+            return so_far
+        _shoot_all(s, walls, course, work.middles, n, work, work.lanes)
+        waiting, so_far = _put_halves(course, n, waiting, so_far, work)
+
+
+@kernel
+def _next_interval(waiting, work):
+    """Lay the steepest of the fan's intervals that wait on the empty stack: towards the axis rays may be without number."""
+    _, left, right = waiting
+    fan, ends = work.fan, work.stack[0]
+    i = left if abs(fan[left, at.ANGLE]) >= abs(fan[right + 1, at.ANGLE]) else right
+    copy_ray(fan[i], ends[0])
+    copy_ray(fan[i + 1], ends[1])
+    ends[0, at.DEFECT] = max(fan[i, at.DEFECT], fan[i + 1, at.DEFECT])
+    ends[0, at.INTERVAL] = i
+    return (1, left + 1, right) if i == left else (1, left, right - 1)
 
 
 @inlined
-def _search_interval(s, walls, course, i, search, so_far, work):
-    """Halve interval i of the fan until each part holds one root or none; so_far is what `find_brackets` returns."""
+def _gather(s, walls, course, search, waiting, so_far, work):
+    """Take up intervals until there is room for no more that are to be halved, with their middles; return their number.
+
+    waiting are the intervals on the stack and those of the fan from left to right, so_far is what `find_brackets` returns.
+    """
     n_brackets, margin, rays, complete = so_far
-    fan, st, m, fine = work.fan, work.stack, work.node, search.fine
-    fold, reflecting = course.rule.fold, course.rule.kind != at.OPEN
-    copy_ray(fan[i], st[0, 0])
-    copy_ray(fan[i + 1], st[0, 1])
-    st[0, 0, at.DEFECT] = max(fan[i, at.DEFECT], fan[i + 1, at.DEFECT])
-    budget = rays + MAX_RAYS_INTERVAL
-    room = min(work.brackets.shape[0], n_brackets + at.MAX_ROOTS // 4)
-    outwards = fan[i, at.ANGLE] + fan[i + 1, at.ANGLE] > 0.0
-    top = 0
-    while top >= 0:
-        a, b = st[top, 0], st[top, 1]
-        e, tol_here = a[at.DEFECT], max(a[at.TOL], b[at.TOL])
-        h = b[at.ANGLE] - a[at.ANGLE]
-        verdict, same = _judge(a, b, s.n_range > 1, course, search)
+    top, left, right = waiting
+    fan, st, fine = work.fan, work.stack, search.fine
+    reflecting = course.rule.kind != at.OPEN
+    n = 0
+    while n < work.middles.shape[0] and (top > 0 or left <= right):
+        if top == 0:
+            top, left, right = _next_interval((top, left, right), work)
         top -= 1
+        a, b = st[top, 0], st[top, 1]
+        tol_here, h = max(a[at.TOL], b[at.TOL]), b[at.ANGLE] - a[at.ANGLE]
+        spent = fan[int(a[at.INTERVAL])]
+        room = n_brackets < work.brackets.shape[0] and spent[at.BRACKETS_HELD] < at.MAX_ROOTS // 4
+        verdict, same = _judge(a, b, s.n_range > 1, course, search)
+        crosses = a[at.MISS] * b[at.MISS] < 0.0
+        if (
+            verdict == _SPLIT
+            and same
+            and h < _NARROW
+            and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak
+        ):
+            verdict = _BRACKET if crosses and room else _DROP
         if verdict == _BRACKET:
-            if n_brackets < room:
-                n_brackets = _add_bracket(a, b, n_brackets, work)
-            else:
-                complete = False
+            complete = complete and room
+            if room:
+                n_brackets = _add_bracket(a, b, n_brackets, spent, work)
         elif verdict == _EDGE and search.overhang > 0.0:
             for end in (0, 1):
-                ray, beyond = st[top + 1, end], search.overhang if end == 0 else -search.overhang
-                if n_brackets < room and _points_across(ray, course.rule, beyond):
-                    n_brackets = _add_bracket(ray, ray, n_brackets, work)
+                ray, beyond = st[top, end], search.overhang if end == 0 else -search.overhang
+                if room and n_brackets < work.brackets.shape[0] and _points_across(ray, course.rule, beyond):
+                    n_brackets = _add_bracket(ray, ray, n_brackets, spent, work)
         elif verdict == _GONE and a[at.MISS] * b[at.MISS] <= 0.0:
             margin = 0.0
         if verdict != _SPLIT:
             continue
-        if same and h < _NARROW and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak:
-            if a[at.MISS] * b[at.MISS] < 0.0 and n_brackets < room:
-                n_brackets = _add_bracket(a, b, n_brackets, work)
-            continue
-        doubtful = (
-            a[at.MISS] * b[at.MISS] < 0.0 and h < _NARROW
-        )  # rays part so fast that the fan's tolerance shows
-        if same and tol_here > fine and (doubtful or min(abs(a[at.MISS]), abs(b[at.MISS])) < 4.0 * tol_here):
+        # rays part so fast that the fan's tolerance shows
+        doubtful = (crosses and h < _NARROW) or min(abs(a[at.MISS]), abs(b[at.MISS])) < 4.0 * tol_here
+        if same and tol_here > fine and doubtful:
             for end in (a, b):
                 if end[at.TOL] > fine:
                     shoot(s, walls, course, end[at.ANGLE], fine, end[at.GROWTH], end, work)
                     rays += 1
-            a[at.DEFECT] = e
+                    spent[at.RAYS_SPENT] += 1.0
             top += 1
             continue
-        if rays >= budget or rays >= MAX_RAYS or top + 3 >= st.shape[0]:
-            # an edge between reflections is no ray
+        full = spent[at.RAYS_SPENT] >= MAX_RAYS_INTERVAL or top + 2 * n + 4 > st.shape[0]
+        if full or rays >= MAX_RAYS:  # an edge between reflections is no ray
             complete = complete and reflecting and not same and h < _NARROW
             continue
-        growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
-        expected = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
-        if (
-            abs(expected) > _ERRING * tol_here * growth
-        ):  # far away errors do not matter: `shoot` has the last word
-            growth = 0.0
-        shoot(s, walls, course, 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol_here, growth, m, work)
+        copy_ray(a, work.halves[n, 0])
+        copy_ray(b, work.halves[n, 1])
+        _aim_between(a, b, tol_here, work.middles[n])
+        spent[at.RAYS_SPENT] += 1.0
         rays += 1
-        if m[at.GOOD] > 0.0:
-            margin = min(margin, abs(m[at.MISS]))
-        if m[at.GOOD] > 0.0 and same and _same_code(a, m, fold) and _same_code(m, b, fold):
-            e = 4.0 * _defect(a, m, b)
-        elif reflecting:
-            e = 1e30  # not known: judge the halves by their own middles
-        # the steeper half goes on top: towards a sound-speed minimum's axis rays may be without number
-        top += 1
-        if outwards:
-            copy_ray(b, st[top + 1, 1])
-            copy_ray(m, st[top + 1, 0])
-            copy_ray(m, b)
-        else:
-            copy_ray(a, st[top + 1, 0])
-            copy_ray(m, st[top + 1, 1])
-            copy_ray(m, a)
-        for half in range(2):
-            st[top + half, 0, at.DEFECT] = e
-        top += 1
-    return n_brackets, margin, rays, complete
+        n += 1
+    return n, (top, left, right), (n_brackets, margin, rays, complete)
 
 
 @kernel
-def _add_bracket(a, b, n, work):
-    """Append a bracket; return their number."""
+def _aim_between(a, b, tol, middle):
+    """Aim a ray between two: traced finely at once where they diverge and their cubic comes near the receiver."""
+    h = b[at.ANGLE] - a[at.ANGLE]
+    growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
+    miss = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
+    middle[at.ANGLE], middle[at.TOL] = 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol
+    middle[at.EXPECTED] = growth if abs(miss) <= _ERRING * tol * growth else 0.0
+
+
+@inlined
+def _put_halves(course, n, waiting, so_far, work):
+    """Put both halves of n intervals on the stack, the steeper on top."""
+    n_brackets, margin, rays, complete = so_far
+    top, left, right = waiting
+    fold, reflecting = course.rule.fold, course.rule.kind != at.OPEN
+    for i in range(n):
+        a, m, b = work.halves[i, 0], work.middles[i], work.halves[i, 1]
+        e = a[at.DEFECT]
+        if m[at.GOOD] > 0.0:
+            margin = min(margin, abs(m[at.MISS]))
+        if m[at.GOOD] * a[at.GOOD] * b[at.GOOD] > 0.0 and _same_code(a, m, fold) and _same_code(m, b, fold):
+            e = 4.0 * _defect(a, m, b)
+        elif reflecting:
+            e = 1e30  # not known: judge the halves by their own middles
+        a[at.DEFECT], m[at.DEFECT], m[at.INTERVAL] = e, e, a[at.INTERVAL]
+        upper = 1 if a[at.ANGLE] + b[at.ANGLE] > 0.0 else 0
+        for half in range(2):
+            ends = work.stack[top + (half if upper == 1 else 1 - half)]
+            copy_ray(m if half == 1 else a, ends[0])
+            copy_ray(b if half == 1 else m, ends[1])
+        top += 2
+    return (top, left, right), (n_brackets, margin, rays, complete)
+
+
+@kernel
+def _add_bracket(a, b, n, spent, work):
+    """Append a bracket of an interval of the fan; return their number."""
     copy_ray(a, work.brackets[n, 0])
     copy_ray(b, work.brackets[n, 1])
+    spent[at.BRACKETS_HELD] += 1.0
     return n + 1
 
 
