@@ -30,15 +30,15 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False
 _TRIED = (0, 61), (0, 68)
 
 
-def _compilers() -> tuple[dict[str, Any], dict[str, Any]]:
-    """Options of kernels and of entries by which kernels are only linked into entries; none in an untried Numba."""
+def _compilers() -> tuple[dict[str, Any], ...]:
+    """Options of kernels, shared kernels and entries by which kernels are only linked into entries; none in an untried Numba."""
     if not _TRIED[0] <= tuple(int(n) for n in numba.__version__.split(".")[:2]) <= _TRIED[1]:
-        return {}, {}
+        return {}, {}, {}
     try:
-        from pymantaray.linking import EntryCompiler, KernelCompiler
+        from pymantaray.linking import EntryCompiler, KernelCompiler, SharedCompiler
     except ImportError:
-        return {}, {}
-    return {"pipeline_class": KernelCompiler}, {"pipeline_class": EntryCompiler}
+        return {}, {}, {}
+    return tuple({"pipeline_class": x} for x in (KernelCompiler, SharedCompiler, EntryCompiler))
 
 
 def announce_compilation() -> None:
@@ -47,7 +47,7 @@ def announce_compilation() -> None:
         _say_once("compiling kernels: some seconds, the first time only")
 
 
-_KERNEL, _ENTRY = _compilers()
+_KERNEL, _SHARED, _ENTRY = _compilers()
 
 
 @cache
@@ -129,7 +129,7 @@ def kernel(function: Callable[..., Any], **options: Any) -> Any:
         return function
     if not _KERNEL:
         return kept_on_disk(njit, function, **_OPTIONS, **options)
-    compiled = njit(**_KERNEL, **_OPTIONS, **options)(function)
+    compiled = njit(**{**_KERNEL, **_OPTIONS, **options})(function)
     template = compiled.get_call_template
 
     def template_of_types(args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
@@ -140,6 +140,11 @@ def kernel(function: Callable[..., Any], **options: Any) -> Any:
 
     compiled.get_call_template = template_of_types
     return compiled
+
+
+def shared(function: Callable[..., Any]) -> Any:
+    """Compile a large kernel that several entries call, once for all of them."""
+    return kernel(function, **_SHARED)
 
 
 def inlined(function: Callable[..., Any]) -> Any:

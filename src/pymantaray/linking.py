@@ -1,13 +1,19 @@
-"""Compilers of Numba's by which kernels are linked, optimized as a whole and compiled in the entries that call them."""
+"""Compilers of Numba's by which kernels are linked, optimized as a whole and compiled in the entries that call them.
+
+Large kernels that several entries call are shared: compiled once with all that they call, and found by the entries under a name
+that is the same in every process. An entry is kept on disk with the machine code of those that it calls.
+"""
 
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from functools import partial
+from typing import Any, ClassVar
 
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
+from numba.core.registry import cpu_target
 from numba.core.typed_passes import NativeLowering
 from numba.core.types import functions
 
@@ -46,14 +52,18 @@ class EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
     _linking_libraries: list[Any]
 
     def finalize(self) -> None:
-        """Take up the code of all kernels, optimize and compile it."""
+        """Take up the code of all kernels, optimize and compile it; that of shared ones is loaded before it."""
         waiting, all_libraries = list(self._linking_libraries), dict[Any, None]()
         while waiting:
             library = waiting.pop()
             if library not in all_libraries:
                 all_libraries[library] = None
-                waiting += library._linking_libraries if isinstance(library, KernelLibrary) else []
-        self._linking_libraries = list(all_libraries)
+                waiting += [] if isinstance(library, EntryLibrary) else library._linking_libraries
+        self._linking_libraries = [x for x in all_libraries if not isinstance(x, SharedLibrary)]
+        for library in all_libraries:
+            if isinstance(library, SharedLibrary):
+                self._reload_init |= library._reload_init
+                self._reload_init.add(partial(load_shared, library.symbol, library.code))
         super().finalize()
 
     def _optimize_final_module(self) -> None:
@@ -63,16 +73,45 @@ class EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
         manager.run(self._final_module, *builder)
 
 
+class SharedLibrary(EntryLibrary):
+    """Code of a shared kernel and of all kernels that it calls, optimized once as a whole; one of a name in a process."""
+
+    loaded: ClassVar[dict[str, "SharedLibrary"]] = {}
+    symbol = ""
+    code = b""
+
+    def finalize(self) -> None:
+        """Compile it, unless an entry that was kept on disk has brought it."""
+        if self.symbol not in self.loaded:
+            super().finalize()
+            self.code = self._get_compiled_object()
+            self.loaded[self.symbol] = self
+        self.code = self.loaded[self.symbol].code
+        self._finalized = True
+
+
+def load_shared(symbol: str, code: bytes) -> None:
+    """Load the machine code of a shared kernel, once in a process."""
+    if symbol not in SharedLibrary.loaded:
+        library = SharedLibrary(cpu_target.target_context.codegen(), symbol)
+        library.symbol, library.code = symbol, code
+        library.enable_object_caching()
+        library._set_compiled_object(code)
+        library._finalize_final_module()
+        SharedLibrary.loaded[symbol] = library
+
+
 @register_pass(mutates_CFG=True, analysis_only=False)
 class KernelLowering(NativeLowering):  # type: ignore[misc]
     """Numba's last pass without what serves calls from Python."""
 
     _name = "kernel_lowering"
+    library: Any = KernelLibrary
 
     def run_pass(self, state: Any) -> bool:
         """Lower a kernel into a library of its own."""
         name = state.func_id.func_qualname
-        state.library = KernelLibrary(state.targetctx.codegen(), name)
+        state.library = self.library(state.targetctx.codegen(), name)
         state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
         changed: bool = super().run_pass(state)
         # The dispatcher wants a built-in function, one of its own for each kernel; this one raises KeyError with
@@ -80,6 +119,22 @@ class KernelLowering(NativeLowering):  # type: ignore[misc]
         no_entry = ("{" + f"{name} is called by kernels only" + "}").format
         state.targetctx.insert_user_function(no_entry, state.cr.fndesc, [state.library])
         state["cr"] = state.cr._replace(cfunc=no_entry)
+        return changed
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class SharedLowering(KernelLowering):
+    """The same into a library that is compiled for all entries, under a name without Numba's counter."""
+
+    _name = "shared_lowering"
+    library = SharedLibrary
+
+    def run_pass(self, state: Any) -> bool:
+        """Lower a shared kernel."""
+        state.func_id.unique_id = 0
+        changed = super().run_pass(state)
+        state.library.symbol = state.cr.fndesc.mangled_name
+        state.library.enable_object_caching()
         return changed
 
 
@@ -112,6 +167,12 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
         ]
         manager.finalize()
         return [manager]
+
+
+class SharedCompiler(KernelCompiler):
+    """The same for a kernel that entries share."""
+
+    lowering = SharedLowering
 
 
 class EntryCompiler(KernelCompiler):

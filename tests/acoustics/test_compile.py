@@ -38,6 +38,38 @@ def two_files(tmp_path):
     return run
 
 
+SHARED = """
+from pymantaray.compile import entry, kernel, shared
+
+@kernel
+def square(x):
+    return x * x
+
+@shared
+def twice_the_square(x):
+    return 2.0 * square(x)
+
+@entry
+def plain(x):
+    return twice_the_square(x)
+
+@entry
+def raised(x):
+    return twice_the_square(x) + square(x)
+"""
+
+
+def test_shared_kernel_is_found_by_entries_that_are_compiled_and_by_those_kept_on_disk(tmp_path):
+    (tmp_path / "both.py").write_text(SHARED)
+    for first, second, lines in (("plain", "plain", 1), ("plain", "raised", 1), ("raised", "plain", 0)):
+        code = f"import both\nprint(both.{first}(3.0), both.{second}(3.0))"
+        done = python(code, environment={"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, cwd=tmp_path)
+        assert done.stdout.split() == [{"plain": "18.0", "raised": "27.0"}[x] for x in (first, second)], (
+            done.stderr
+        )
+        assert done.stderr.count("compiling kernels") == lines
+
+
 @kernel
 def square(values, i):
     return values[i] ** 2

@@ -14,7 +14,7 @@ import math
 
 from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.layout import Section
-from pymantaray.compile import entry, inlined, kernel
+from pymantaray.compile import entry, inlined, kernel, shared
 
 LUT_SIZE = 512
 _LEAST_STEP = 50.0  # m; between columns
@@ -297,7 +297,7 @@ def _cut_linear(domain, line, breaks, n_cells, data):
             data[b, k, 5] = 2.0 * f11 * bn * be
 
 
-@kernel
+@shared
 def cut_section(domain, line, horizontal, work):
     """Section of the medium along a baseline, filled into work.store."""
     store, breaks, levels = work.store, work.breaks, (domain.depth, domain.lut, domain.lut_scale)

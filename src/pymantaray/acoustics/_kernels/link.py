@@ -41,7 +41,7 @@ from pymantaray.acoustics._kernels.search import (
 )
 from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
 from pymantaray.acoustics._kernels.trace import direct_course, full_ray, trace
-from pymantaray.compile import entry, kernel
+from pymantaray.compile import entry, kernel, shared
 
 _CLEAR, _THROUGH, _BLOCKED = range(3)  # where a ray goes: in the water, through the surface, to the sea bed
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
@@ -247,7 +247,7 @@ def _place(launch, course, walls, work):
     return _BLOCKED if above_bottom < -TOUCH else _CLEAR
 
 
-@kernel
+@shared
 def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
     """Refine the direct rays of a fan, its number of brackets and their course, and keep those that stay in the water.
 

@@ -19,7 +19,7 @@ from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.layout import Course
 from pymantaray.acoustics._kernels.march import DIVERGING, HOPELESS, allowed, march
 from pymantaray.acoustics._kernels.trace import fan_ray, trace
-from pymantaray.compile import inlined, kernel
+from pymantaray.compile import inlined, kernel, shared
 
 STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
 BEYOND = 0.02  # rad; the fan goes beyond the steepest ray that may arrive by this
@@ -202,7 +202,7 @@ def _shoot_all(s, walls, course, rays, n, work, lanes):
             shoot(s, walls, course, ray[at.ANGLE], ray[at.TOL], growth, ray, work)
 
 
-@kernel
+@shared
 def find_brackets(s, walls, course, n_nodes, search, work):
     """Brackets of all roots of the miss between the first and the last of work.nodes.
 

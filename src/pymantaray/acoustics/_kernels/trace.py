@@ -31,7 +31,7 @@ from pymantaray.acoustics._kernels.boundary import (
 from pymantaray.acoustics._kernels.field import find_level, move_level
 from pymantaray.acoustics._kernels.layout import Course, Ray, Rule
 from pymantaray.acoustics._kernels.step import derivative, step, step_error
-from pymantaray.compile import inlined, kernel, out_of_line
+from pymantaray.compile import inlined, kernel, out_of_line, shared
 
 MAX_STEPS = 100_000
 _MOST_STUCK = 20  # steps too short to be shortened, of a ray so flat that the field's last digits turn it
@@ -91,7 +91,7 @@ def fan_ray(work):
     return Ray(work.y, work.K_fan, work.ynew, work.no_path)
 
 
-@kernel
+@shared
 def trace(s, walls, course, angle, q0, tol, ray):
     """Trace one ray to the course's length, for LEGS to the end of the last leg.
 
