@@ -47,9 +47,13 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
 
 
 class EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """Code of an entry and of all kernels that it calls, directly or not, optimized once as a whole."""
+    """Code of an entry and of all kernels that it calls, directly or not, optimized once as a whole.
+
+    needs is the machine code of shared kernels by symbol, of each after those that it calls.
+    """
 
     _linking_libraries: list[Any]
+    needs: dict[str, bytes]
 
     def finalize(self) -> None:
         """Take up the code of all kernels, optimize and compile it; that of shared ones is loaded before it."""
@@ -60,10 +64,8 @@ class EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
                 all_libraries[library] = None
                 waiting += [] if isinstance(library, EntryLibrary) else library._linking_libraries
         self._linking_libraries = [x for x in all_libraries if not isinstance(x, SharedLibrary)]
-        for library in all_libraries:
-            if isinstance(library, SharedLibrary):
-                self._reload_init |= library._reload_init
-                self._reload_init.add(partial(load_shared, library.symbol, library.code))
+        self.needs = {k: v for x in all_libraries if isinstance(x, SharedLibrary) for k, v in x.needs.items()}
+        self._reload_init = {partial(load_shared, tuple(self.needs.items()))}
         super().finalize()
 
     def _optimize_final_module(self) -> None:
@@ -78,27 +80,27 @@ class SharedLibrary(EntryLibrary):
 
     loaded: ClassVar[dict[str, "SharedLibrary"]] = {}
     symbol = ""
-    code = b""
 
     def finalize(self) -> None:
-        """Compile it, unless an entry that was kept on disk has brought it."""
+        """Compile it, unless an entry that was kept on disk has brought it; its own code is the last that it needs."""
         if self.symbol not in self.loaded:
             super().finalize()
-            self.code = self._get_compiled_object()
+            self.needs[self.symbol] = self._get_compiled_object()
             self.loaded[self.symbol] = self
-        self.code = self.loaded[self.symbol].code
+        self.needs = self.loaded[self.symbol].needs
         self._finalized = True
 
 
-def load_shared(symbol: str, code: bytes) -> None:
-    """Load the machine code of a shared kernel, once in a process."""
-    if symbol not in SharedLibrary.loaded:
-        library = SharedLibrary(cpu_target.target_context.codegen(), symbol)
-        library.symbol, library.code = symbol, code
-        library.enable_object_caching()
-        library._set_compiled_object(code)
-        library._finalize_final_module()
-        SharedLibrary.loaded[symbol] = library
+def load_shared(needs: tuple[tuple[str, bytes], ...]) -> None:
+    """Load the machine code of shared kernels, once in a process, of each after those that it calls."""
+    for i, (symbol, code) in enumerate(needs):
+        if symbol not in SharedLibrary.loaded:
+            library = SharedLibrary(cpu_target.target_context.codegen(), symbol)
+            library.needs = dict(needs[: i + 1])
+            library.enable_object_caching()
+            library._set_compiled_object(code)
+            library._finalize_final_module()
+            SharedLibrary.loaded[symbol] = library
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)

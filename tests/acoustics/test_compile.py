@@ -49,9 +49,13 @@ def square(x):
 def twice_the_square(x):
     return 2.0 * square(x)
 
+@shared
+def half_of_it(x):
+    return 0.25 * twice_the_square(x)
+
 @entry
 def plain(x):
-    return twice_the_square(x)
+    return half_of_it(x) + 0.75 * twice_the_square(x)
 
 @entry
 def raised(x):
