@@ -27,12 +27,12 @@ NODE_TIME, NODE_POSITION, NODE_SLOWNESS, NODE_BOUNDARY = 0, 1, 4, 7
 N_NODE = 8
 
 # Ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, code of its reflections; for the
-# search only: error of the cubic about it, tolerance, how far it diverged on its way, GONE with what is known of it, and how far it
-# was expected to diverge. The lower end of an interval has the number of the fan's that it is of, and the lower end of that the
-# rays and the brackets that it took.
+# search only: error of the cubic about it, tolerance, how far it diverged on its way (before it is traced, is expected to), and GONE
+# with what is known of it. The upper end of an interval has in place of DEFECT the number of the fan's interval that it is of.
 ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT, TOL, GROWTH = range(10)
-LEFT, LEFT_RATE, LEFT_BEND, EXPECTED, INTERVAL, RAYS_SPENT, BRACKETS_HELD = range(10, 17)
-N_RAY = 17
+LEFT, LEFT_RATE, LEFT_BEND = range(10, 13)
+INTERVAL = DEFECT
+N_RAY = 13
 N_BRACKET = 7  # of these an end of a bracket has the first
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
@@ -130,13 +130,12 @@ Ray.__doc__ = """What one ray is integrated in; K (7, N_FULL) asks for the full 
 path (n, N_PATH) takes every accepted step of a full ray when it has rows.
 """
 
-N_LANES = 42  # rows of eight numbers, see `march`
+N_LANES = 43  # rows of eight numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_PATH = 32_768
 MAX_NODES = 4096
 MAX_ROOTS = 256
-MAX_STACK = 160
-HALVED_AT_ONCE = 8
+MAX_HALVED = 8  # intervals at a time
 MAX_CANDIDATES = 96
 _ANGLES = 768  # nodes of a first fan besides those of the levels: twice the widest fan over its spacing
 
@@ -156,8 +155,9 @@ def shapes(
     lines: int = MAX_COLUMNS,
     nodes: int = MAX_NODES,
     path: int = MAX_PATH,
+    halved: int = MAX_HALVED,
 ) -> Work:
-    """Shapes of the workspaces, for so many columns of a section, grid lines under a link, angles of a fan and steps."""
+    """Shapes of the workspaces, for so many columns of a section, grid lines under a link, angles of a fan, steps, and intervals halved at a time."""
     return Work(
         y=(N_STATE,),
         K=(7, N_FULL),
@@ -176,9 +176,9 @@ def shapes(
         nodes=(nodes,),
         fan=(nodes, N_RAY),
         extremes=(2, n_depth),
-        stack=(MAX_STACK, 2, N_RAY),
-        halves=(HALVED_AT_ONCE, 2, N_RAY),
-        middles=(HALVED_AT_ONCE, N_RAY),
+        stack=(20 + 16 * halved, 2, N_RAY),
+        halves=(halved, 2, N_RAY),
+        middles=(halved, N_RAY),
         brackets=(MAX_ROOTS, 2, N_BRACKET),
         rows=(MAX_ROOTS, N_ARRIVAL),
         lanes=(N_LANES, 8),
@@ -192,9 +192,9 @@ def least_shapes(domain: Any, longest: float) -> Work:
     n_depth = domain.depth.size
     if domain.kind == SMOOTH:  # one column more: distances may round differently on another processor
         columns = min(int(np.ceil(longest / domain.column_step)) + 2, MAX_COLUMNS)
-        return shapes(n_depth, columns, lines, min(_ANGLES + 2 * n_depth, MAX_NODES), path)
+        return shapes(n_depth, columns, lines, min(_ANGLES + 2 * n_depth, MAX_NODES), path, 1)
     columns = min(domain.north.size + domain.east.size, MAX_COLUMNS)
-    return shapes(n_depth, columns, lines, min(_ANGLES + 2 * n_depth * columns, MAX_NODES), path)
+    return shapes(n_depth, columns, lines, min(_ANGLES + 2 * n_depth * columns, MAX_NODES), path, 1)
 
 
 def workspace(n_depth: int) -> Work:

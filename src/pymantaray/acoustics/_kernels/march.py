@@ -26,19 +26,26 @@ from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, A, C
 from pymantaray.compile import inlined, kernel
 
 # Rows of the workspace: state, its derivatives at the seven stages of a step, and what belongs to each ray
-_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT, _RATE, _BEND, _TOL = 4, *range(32, 42)
+_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT, _RATE, _BEND, _TOL, _EXPECTED = 4, *range(32, 43)
 FIRST_STEP = 60.0  # m
 _COME, _FAILED = 1.0, 2.0
 # Where rays diverge, measured by straight ones, the errors made on their way grow with them
-DIVERGING = 3.0  # from here on a ray is traced with a tolerance that allows for it,
-HOPELESS = 1e3  # up to here: weaker ones are no arrivals
+_DIVERGING = 3.0  # from here on a ray is traced with a tolerance that allows for it,
+_HOPELESS = 1e3  # up to here: weaker ones are no arrivals
 _AMPLIFIED, _MOST = 2.0, 30.0  # smaller by the first times the divergence, or times the second
+ERRING = 100.0  # times tolerance and divergence away from the receiver, errors do not matter
 
 
 @kernel
 def allowed(tol, growth):
     """Tolerance of a ray that is expected to diverge by growth."""
-    return tol / (_AMPLIFIED * min(growth, _MOST)) if DIVERGING < growth < HOPELESS else tol
+    return tol / (_AMPLIFIED * min(growth, _MOST)) if _DIVERGING < growth < _HOPELESS else tol
+
+
+@kernel
+def needs_more(miss, tol, growth, expected):
+    """Whether a ray that diverged so much near the receiver is to be traced again, more finely than was expected."""
+    return max(_DIVERGING, 1.5 * expected) <= growth <= _HOPELESS and abs(miss) <= ERRING * tol * growth
 
 
 @inlined
@@ -152,7 +159,8 @@ def _launch(rows, lane, fan, n_rays, length):
         rows[row, lane] = 0.0
     rows[at.P, lane], rows[at.ETA, lane] = math.sin(angle), math.cos(angle)
     rows[_LENGTH, lane], rows[_RAY, lane] = min(length, FIRST_STEP), ray
-    rows[_TOL, lane] = allowed(node[at.TOL], node[at.EXPECTED]) / length
+    rows[_EXPECTED, lane] = node[at.GROWTH]
+    rows[_TOL, lane] = allowed(node[at.TOL], node[at.GROWTH]) / length
     return ray < n_rays
 
 
@@ -171,6 +179,9 @@ def _relay(rows, fan, n_rays, course):
             node[at.LEFT] = rows[_GONE, lane]
             node[at.LEFT_RATE], node[at.LEFT_BEND] = rows[_RATE, lane], rows[_BEND, lane]
             node[at.GROWTH] = rows[_GROWN, lane] / course.length
+            more = needs_more(node[at.MISS], node[at.TOL], node[at.GROWTH], rows[_EXPECTED, lane])
+            if node[at.LEFT] == 0.0 and more:
+                node[at.GOOD] = 0.0
             change -= 1
         if _launch(rows, lane, fan, n_rays, course.length):
             change += 1
@@ -240,7 +251,7 @@ def _controlled(rows, h, left, room):
 
 @kernel
 def march(s, walls, course, fan, n_rays, rows):
-    """Trace rays of a fan, given by ANGLE, TOL and EXPECTED, into its rows as `search.shoot` does; GOOD is 0 for those left to it."""
+    """Trace rays of a fan, given by ANGLE, TOL and expected GROWTH, into its rows as `search.shoot` does; GOOD is 0 for those left to it."""
     z_source, _, _, c_ref = course.axis
     length = course.length
     flat = walls.ice.depth.size == 1

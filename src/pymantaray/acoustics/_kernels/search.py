@@ -17,7 +17,7 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.layout import Course
-from pymantaray.acoustics._kernels.march import DIVERGING, HOPELESS, allowed, march
+from pymantaray.acoustics._kernels.march import ERRING, allowed, march, needs_more
 from pymantaray.acoustics._kernels.trace import fan_ray, trace
 from pymantaray.compile import inlined, kernel, shared
 
@@ -25,12 +25,12 @@ STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
 BEYOND = 0.02  # rad; the fan goes beyond the steepest ray that may arrive by this
 MAX_RAYS = 20_000
 MAX_RAYS_INTERVAL = 1000
+_A_BRACKET = 15.0  # rays that a bracket counts as
 _RESOLVED = 0.3  # of the vertical slowness: defect of its cubic up to which its cycles are taken as resolved
 _NARROW = 5e-5  # rad; between two weak rays so near to each other none is looked for
 _BOUND = (
     16.0 / 27.0
 )  # four times that by which a cubic Hermite departs from its chord at most, for each end's slope defect
-_ERRING = 100.0  # times tolerance and divergence away from the receiver, errors do not matter
 _FEW = 2  # rays are traced one by one
 _APART = 0.25  # of the link: rays that left the water so far from each other did so at other cycles,
 _LEAST_RISE = 0.3  # of their own rise is left to rays of which all between leave the water as they do,
@@ -54,12 +54,6 @@ def aimed_at(course, target):
 
 
 @kernel
-def _needs_more(growth, expected):
-    """Whether a ray that diverged so much is to be traced again, more finely than was expected."""
-    return max(DIVERGING, 1.5 * expected) <= growth <= HOPELESS
-
-
-@kernel
 def shoot(s, walls, course, angle, tol, growth, node, work):
     """Trace a ray of a fan into a node, so that it ends within tol of where it should; growth is the divergence to expect.
 
@@ -72,8 +66,7 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
         ok, _, _, code = trace(s, walls, course, angle, 0.0, allowed(tol, growth), fan_ray(work))
         grown = y[at.GROWN] / course.length
         gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
-        far = gone or abs(y[at.W] - course.target) > _ERRING * tol * grown
-        if far or not _needs_more(grown, growth):
+        if gone or not needs_more(y[at.W] - course.target, tol, grown, growth):
             break
         growth = grown
     node[at.ANGLE], node[at.MISS], node[at.SLOPE] = angle, y[at.W] - course.target, y[at.XI]
@@ -189,17 +182,15 @@ def copy_ray(source, target):
 
 @kernel
 def _shoot_all(s, walls, course, rays, n, work, lanes):
-    """Trace n rays of given ANGLE, TOL and EXPECTED: direct ones side by side, those that are then left one by one."""
+    """Trace n rays of given ANGLE, TOL and expected GROWTH: direct ones side by side, those that are then left one by one."""
     for i in range(n):
-        rays[i, at.GOOD], rays[i, at.GROWTH] = 0.0, 0.0
+        rays[i, at.GOOD] = 0.0
     if lanes is not None and s.kind == at.SMOOTH and course.rule.kind == at.OPEN and n > _FEW:  # None on CUDA
         march(s, walls, course, rays, n, lanes)
     for i in range(n):
         ray = rays[i]
-        growth = max(ray[at.GROWTH], ray[at.EXPECTED])
-        near = ray[at.LEFT] == 0.0 and abs(ray[at.MISS]) < _ERRING * ray[at.TOL] * ray[at.GROWTH]
-        if ray[at.GOOD] == 0.0 or (near and _needs_more(ray[at.GROWTH], ray[at.EXPECTED])):
-            shoot(s, walls, course, ray[at.ANGLE], ray[at.TOL], growth, ray, work)
+        if ray[at.GOOD] == 0.0:
+            shoot(s, walls, course, ray[at.ANGLE], ray[at.TOL], ray[at.GROWTH], ray, work)
 
 
 @shared
@@ -216,8 +207,9 @@ def find_brackets(s, walls, course, n_nodes, search, work):
     fan = work.fan
     margin = np.inf
     for i in range(n_nodes):
-        fan[i, at.ANGLE], fan[i, at.TOL], fan[i, at.EXPECTED] = work.nodes[i], search.coarse, 0.0
-        fan[i, at.DEFECT], fan[i, at.RAYS_SPENT], fan[i, at.BRACKETS_HELD] = 0.0, 0.0, 0.0
+        fan[i, at.ANGLE], fan[i, at.TOL] = work.nodes[i], search.coarse
+        fan[i, at.GROWTH], fan[i, at.DEFECT] = 0.0, 0.0
+        work.nodes[i] = 0.0  # from here on what the search of the interval above has taken
     _shoot_all(s, walls, course, fan, n_nodes, work, work.lanes)
     for i in range(n_nodes):
         if fan[i, at.GOOD] > 0.0:
@@ -245,7 +237,7 @@ def _next_interval(waiting, work):
     copy_ray(fan[i], ends[0])
     copy_ray(fan[i + 1], ends[1])
     ends[0, at.DEFECT] = max(fan[i, at.DEFECT], fan[i + 1, at.DEFECT])
-    ends[0, at.INTERVAL] = i
+    ends[1, at.INTERVAL] = i
     return (1, left + 1, right) if i == left else (1, left, right - 1)
 
 
@@ -257,7 +249,7 @@ def _gather(s, walls, course, search, waiting, so_far, work):
     """
     n_brackets, margin, rays, complete = so_far
     top, left, right = waiting
-    fan, st, fine = work.fan, work.stack, search.fine
+    spent, st, fine = work.nodes, work.stack, search.fine
     reflecting = course.rule.kind != at.OPEN
     n = 0
     while n < work.middles.shape[0] and (top > 0 or left <= right):
@@ -266,8 +258,8 @@ def _gather(s, walls, course, search, waiting, so_far, work):
         top -= 1
         a, b = st[top, 0], st[top, 1]
         tol_here, h = max(a[at.TOL], b[at.TOL]), b[at.ANGLE] - a[at.ANGLE]
-        spent = fan[int(a[at.INTERVAL])]
-        room = n_brackets < work.brackets.shape[0] and spent[at.BRACKETS_HELD] < at.MAX_ROOTS // 4
+        k = int(b[at.INTERVAL])
+        room = n_brackets < work.brackets.shape[0] and spent[k] + _A_BRACKET <= MAX_RAYS_INTERVAL
         verdict, same = _judge(a, b, s.n_range > 1, course, search)
         crosses = a[at.MISS] * b[at.MISS] < 0.0
         if (
@@ -280,12 +272,12 @@ def _gather(s, walls, course, search, waiting, so_far, work):
         if verdict == _BRACKET:
             complete = complete and room
             if room:
-                n_brackets = _add_bracket(a, b, n_brackets, spent, work)
+                n_brackets = _add_bracket(a, b, n_brackets, k, work)
         elif verdict == _EDGE and search.overhang > 0.0:
             for end in (0, 1):
                 ray, beyond = st[top, end], search.overhang if end == 0 else -search.overhang
                 if room and n_brackets < work.brackets.shape[0] and _points_across(ray, course.rule, beyond):
-                    n_brackets = _add_bracket(ray, ray, n_brackets, spent, work)
+                    n_brackets = _add_bracket(ray, ray, n_brackets, k, work)
         elif verdict == _GONE and a[at.MISS] * b[at.MISS] <= 0.0:
             margin = 0.0
         if verdict != _SPLIT:
@@ -297,17 +289,17 @@ def _gather(s, walls, course, search, waiting, so_far, work):
                 if end[at.TOL] > fine:
                     shoot(s, walls, course, end[at.ANGLE], fine, end[at.GROWTH], end, work)
                     rays += 1
-                    spent[at.RAYS_SPENT] += 1.0
+                    spent[k] += 1.0
             top += 1
             continue
-        full = spent[at.RAYS_SPENT] >= MAX_RAYS_INTERVAL or top + 2 * n + 4 > st.shape[0]
+        full = spent[k] >= MAX_RAYS_INTERVAL or top + 2 * n + 4 > st.shape[0]
         if full or rays >= MAX_RAYS:  # an edge between reflections is no ray
             complete = complete and reflecting and not same and h < _NARROW
             continue
         copy_ray(a, work.halves[n, 0])
         copy_ray(b, work.halves[n, 1])
         _aim_between(a, b, tol_here, work.middles[n])
-        spent[at.RAYS_SPENT] += 1.0
+        spent[k] += 1.0
         rays += 1
         n += 1
     return n, (top, left, right), (n_brackets, margin, rays, complete)
@@ -320,7 +312,7 @@ def _aim_between(a, b, tol, middle):
     growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
     miss = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
     middle[at.ANGLE], middle[at.TOL] = 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol
-    middle[at.EXPECTED] = growth if abs(miss) <= _ERRING * tol * growth else 0.0
+    middle[at.GROWTH] = growth if abs(miss) <= ERRING * tol * growth else 0.0
 
 
 @inlined
@@ -338,22 +330,22 @@ def _put_halves(course, n, waiting, so_far, work):
             e = 4.0 * _defect(a, m, b)
         elif reflecting:
             e = 1e30  # not known: judge the halves by their own middles
-        a[at.DEFECT], m[at.DEFECT], m[at.INTERVAL] = e, e, a[at.INTERVAL]
         upper = 1 if a[at.ANGLE] + b[at.ANGLE] > 0.0 else 0
         for half in range(2):
             ends = work.stack[top + (half if upper == 1 else 1 - half)]
             copy_ray(m if half == 1 else a, ends[0])
             copy_ray(b if half == 1 else m, ends[1])
+            ends[0, at.DEFECT], ends[1, at.INTERVAL] = e, b[at.INTERVAL]
         top += 2
     return (top, left, right), (n_brackets, margin, rays, complete)
 
 
 @kernel
-def _add_bracket(a, b, n, spent, work):
+def _add_bracket(a, b, n, interval, work):
     """Append a bracket of an interval of the fan; return their number."""
     copy_ray(a, work.brackets[n, 0])
     copy_ray(b, work.brackets[n, 1])
-    spent[at.BRACKETS_HELD] += 1.0
+    work.nodes[interval] += _A_BRACKET
     return n + 1
 
 
