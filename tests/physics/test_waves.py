@@ -5,10 +5,10 @@ import pytest
 
 pytest.importorskip("pyram", reason="pyram, the parabolic equation, is not installed")
 
-from waves_beside_rays import LINKS, Band, Link, arctic, compare, fram, middle_column, parabolic, section  # noqa: E402
+from waves_beside_rays import LINKS, Band, Link, arctic, compare, fram, middle_column, parabolic, section
 
-from pymantaray.acoustics import Medium, find_eigenrays  # noqa: E402
-from pymantaray.records import RayStatus  # noqa: E402
+from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.records import RayStatus
 
 pytestmark = pytest.mark.slow
 NAMES = {link.name: link for link in LINKS}
