@@ -1,5 +1,6 @@
 """The command `mantaray`: what it prints, what it refuses in one line, and that refusal leaves nothing behind."""
 
+import webbrowser
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,31 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, small, ocean_file):
     assert run.config.study.description == f"{small} with 2 realizations and the ocean {ocean_file}"
     assert list(run.manifest["ocean"]["sha256"]) == [str(ocean_file)]
     assert run.estimates.realization.tolist() == [0, 1]
+
+
+def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkeypatch):
+    assert mantaray("study", "run", small, "--out", "run", "--no-figures", "--workers", 1).code == 0
+    browser = Path("browser")
+    browser.write_text(f'#!/bin/sh\necho "$1" > {browser.resolve()}.opened\n')
+    browser.chmod(0o755)
+    monkeypatch.setattr("pymantaray.report.write.run_plates", lambda _: [])  # other tests look at figures
+    for command, said in (
+        (f"{browser.resolve()} %s", ""),
+        ("/nowhere %s", "warning: no browser is there to open"),
+    ):
+        monkeypatch.setenv("BROWSER", command)
+        monkeypatch.setenv("PATH", "/bin" if not said else "/nowhere")
+        monkeypatch.setattr(webbrowser, "_tryorder", None)  # it looks for browsers once a process
+        monkeypatch.setattr(webbrowser, "_browsers", {})
+        done = mantaray("study", "report", "run", "--open")
+        assert (done.code, done.out) == (0, f"{Path('run').resolve() / 'index.html'}\n")
+        assert done.err.startswith(said)
+        assert bool(done.err) == bool(said)
+    assert Path("browser.opened").read_text().strip() == (Path("run").resolve() / "index.html").as_uri()
+    refused = mantaray("study", "run", small, "--out", "other", "--no-figures", "--open")
+    assert refused.code == 2
+    assert "there is no page with --no-figures" in refused.err
+    assert not Path("other").exists()
 
 
 @pytest.mark.slow

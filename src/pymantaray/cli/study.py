@@ -8,6 +8,7 @@ import typer
 
 from pymantaray.cli.options import OceanCommand, Quiet
 from pymantaray.cli.output import print_table, progress_bars
+from pymantaray.report.parts import PAGE
 
 if TYPE_CHECKING:
     from pymantaray.study import Run, StudyConfig
@@ -16,6 +17,7 @@ app = typer.Typer(help="Run the paper's study, or one of your own.", no_args_is_
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")]
+Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 NameOrFile = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, or a TOML file.")]
 
 
@@ -76,19 +78,26 @@ def run(
         bool, typer.Option("--no-figures", help="Data only: no tables and figures.")
     ] = False,
     pdf: Pdf = False,
+    open_page: Open = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a study: data, tables and figures go into one folder."""
     from pymantaray.study import load_study
 
+    if open_page and no_figures:
+        raise typer.BadParameter(
+            "there is no page with --no-figures; leave one of them out", param_hint="--open"
+        )
     config = load_study(study, realizations=realizations, ocean=ocean)
-    run_and_report(config, out, workers=workers, figures=not no_figures, pdf=pdf, quiet=quiet)
+    folder = run_and_report(config, out, workers=workers, figures=not no_figures, pdf=pdf, quiet=quiet)
+    if open_page:
+        _open(folder / PAGE)
 
 
 def run_and_report(
     config: "StudyConfig", out: Path | None, *, workers: int | None, figures: bool, pdf: bool, quiet: bool
-) -> None:
-    """Run a study, draw what its mission shows meanwhile, and say what came out."""
+) -> Path:
+    """Run a study, draw what its mission shows meanwhile, and say what came out and where; that folder."""
     from pymantaray.report.parts import ReportProcess
 
     # it starts beside what takes seconds to import here, and not before the file is read
@@ -114,13 +123,17 @@ def run_and_report(
                     raise
     if not quiet:
         _print_summary(results)
+        if figures:
+            typer.echo(f"page: {results.path / PAGE}")
     typer.echo(str(results.path))
+    return results.path
 
 
 @app.command()
 def report(
     folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
     pdf: Pdf = False,
+    open_page: Open = False,
     quiet: Quiet = False,
 ) -> None:
     """Write tables, figures and page of a run: those that it has again, or those that an interrupted one lacks."""
@@ -129,6 +142,8 @@ def report(
     with progress_bars(quiet=quiet) as progress:
         page = write_report(folder, pdf=pdf, progress=progress)
     typer.echo(str(page))
+    if open_page:
+        _open(page)
 
 
 @app.command()
@@ -137,6 +152,7 @@ def compare(
     second: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of another run.")],
     out: Out = None,
     pdf: Pdf = False,
+    open_page: Open = False,
     quiet: Quiet = False,
 ) -> None:
     """Set two runs side by side: tables, figures and a page in a folder of their own."""
@@ -147,6 +163,16 @@ def compare(
     if not quiet:
         _print_comparison(page.parent)
     typer.echo(str(page))
+    if open_page:
+        _open(page)
+
+
+def _open(page: Path) -> None:
+    """Open a page in the user's browser, or say that there is none."""
+    import webbrowser
+
+    if not webbrowser.open(page.resolve().as_uri()):
+        typer.echo(f"warning: no browser is there to open {page}", err=True)
 
 
 def _print_summary(run: "Run") -> None:
