@@ -1,5 +1,7 @@
 """Laws that hold for every figure, and figures of the water and the fleet read back and compared with what they were given."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
@@ -157,6 +159,38 @@ def test_fleet_is_drawn_east_to_the_right(records):
     for line, path in zip(plan.lines, truth.position, strict=False):
         np.testing.assert_allclose(line.get_xydata(), path[:, [1, 0]] / 1e3)
     np.testing.assert_allclose(plan.collections[0].get_offsets(), truth.position[:, 0, [1, 0]] / 1e3)
+
+
+def test_each_vehicle_has_a_colour_of_its_own_and_no_name_covers_another(look, made_run):
+    truth, measurements, _, _ = made_run(names=tuple("ABCDEFGHIJK"), landmarks=2).records()
+    crowd = replace(truth, position=truth.position[:1] + 30.0 * np.arange(11)[:, None, None])
+    for figure in (fleet_layout(crowd, measurements, HEADER), factor_graph(crowd, measurements, HEADER)):
+        renderer = look.draw(figure).canvas.get_renderer()
+        for axes in figure.axes:
+            boxes = [text.get_window_extent(renderer) for text in axes.texts]
+            assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    plan = fleet_layout(crowd, measurements, HEADER).axes[0]
+    assert sorted(text.get_text() for text in plan.texts) == sorted(
+        [*"ABCDEFGHIJK", *measurements.landmark_name.tolist()]
+    )
+    assert len({to_hex(line.get_color()) for line in plan.lines[:11]}) == 11
+
+
+def test_a_condition_has_one_colour_on_all_figures(tables):
+    names = ["straight", "first", "second"]
+    colours = {name: colour for name, (colour, _) in style.condition_looks(names).items()}
+    rows = tables.consistency.assign(condition="second")
+    figure = consistency_over_time(rows, HEADER, names)
+    assert figure.legends[0].get_lines()[0].get_color() == colours["second"]
+    panel = ApePanel("p", {name: np.ones((1, 1, 9)) for name in names}, log=True)
+    ridges = pooled_ape([panel], HEADER).axes
+    assert [axes.texts[0].get_color() for axes in ridges] == list(colours.values())
+
+
+def test_the_page_begins_with_the_result(run):
+    names = [plate.name for plate in run_plates(Results(run))]
+    assert names[:4] == ["range_error", "range_error_split", "ape_pooled", "error_over_time"]
+    assert names.index("sound_speed") > names.index("fleet_layout")
 
 
 def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, records):

@@ -1,5 +1,6 @@
 """Whether estimators are as good as they think: NEES and range innovations over time, with their bounds."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,15 @@ _LINEAR_REACH = 4.0  # above this, or below its inverse, ratios need a logarithm
 
 
 @style.styled
-def consistency_over_time(table: pd.DataFrame, header: str) -> Figure:
-    """NEES of the fleet and innovations of its ranges, each by its degrees of freedom, at the fixed epochs."""
-    looks = style.condition_looks(list(dict.fromkeys(table["condition"])))
+def consistency_over_time(table: pd.DataFrame, header: str, conditions: Sequence[str] = ()) -> Figure:
+    """
+    NEES of the fleet and innovations of its ranges, each by its degrees of freedom, at the fixed epochs.
+
+    ``conditions`` are all of the run, which keep their colours where the table lacks some.
+    """
+    judged = list(dict.fromkeys(table["condition"]))
+    every = style.condition_looks(list(dict.fromkeys([*conditions, *judged])))
+    looks = {name: every[name] for name in judged}
     lines = style.legend_lines(len(looks) + 2)
     tables = [table[table["statistic"] == key] for key, _ in _PANELS]
     ratio = np.concatenate([part["ratio"].to_numpy(dtype=float) for part in tables])
@@ -50,7 +57,9 @@ def consistency_over_time(table: pd.DataFrame, header: str) -> Figure:
         axes.set_ylabel("NIS / degrees of freedom")
     point = {"markersize": 3.6}
     handles = [
-        style.entry(style.condition_style(name)[1], color=colour, marker=marker, linewidth=0.9, **point)
+        style.entry(
+            style.plain(style.condition_label(name)), color=colour, marker=marker, linewidth=0.9, **point
+        )
         for name, (colour, marker) in looks.items()
     ]
     outside = {"color": style.INK, "marker": "o", "markerfacecolor": "white", "linestyle": "none", **point}
@@ -87,11 +96,11 @@ def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
 
 register(
     "consistency",
-    place=110,
+    place=60,
     caption="Consistency over {r.realizations} at fixed epochs: (a) squared error of the fleet's horizontal positions"
     " in their joint covariance, (b) squared innovation of the ranges of a ping, each by its degrees of freedom; where"
     " they are drawn, (c, d) the same near the bounds. A consistent estimator is at 1 on average and inside the grey"
     " 95 % bounds; empty markers are outside.",
-    draw=lambda r: consistency_over_time(r.tables["consistency_per_epoch"], r.header),
+    draw=lambda r: consistency_over_time(r.tables["consistency_per_epoch"], r.header, list(r.errors)),
     needs=lambda r: "consistency_per_epoch" in r.tables,
 )

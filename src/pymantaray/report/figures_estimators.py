@@ -31,7 +31,7 @@ def error_and_consistency(
     panels = 2 if consistency is None else 3
     figure = style.new_figure(style.DOUBLE, 1.0 + _ROW * len(names), header)
     grid = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
-    colours = [style.CONDITION_COLOURS.get(name, style.INK) for name in names]
+    colours = [colour for colour, _ in style.condition_looks(names).values()]
     handles = list[Line2D | Patch]()
     under_water = at_pings.set_index("condition").reindex(names)
     _draw_errors(grid[0], errors["rmse_m"].to_numpy(dtype=float), colours)
@@ -40,7 +40,7 @@ def error_and_consistency(
         look: dict[str, Any] = {"color": style.GREY, "linewidth": 0.8, "linestyle": "--"}
         handles.append(grid[1].axvline(least, label="least that is possible", **look))
     axes = grid[0]
-    axes.set_yticks(range(len(names)), [style.condition_style(name)[1] for name in names])
+    axes.set_yticks(range(len(names)), [style.plain(style.condition_label(name)) for name in names])
     axes.set_ylim(len(names) - 0.4, -0.6)
     style.panel_title(axes, "a", "error at all times")
     style.panel_title(grid[1], "b", "under water at pings")
@@ -94,7 +94,7 @@ def _draw_consistency(axes: Axes, table: pd.DataFrame, names: list[str], colours
 
 register(
     "estimators",
-    place=100,
+    place=50,
     caption="What each estimator is worth, over {r.realizations}: (a) root mean square of the position error over all"
     " poses; (b) the same of vehicles under water at the pings, where ranges act, dashed the least that an unbiased"
     " estimator reaches with these measurements; (c) squared error of the fleet's horizontal positions in the covariance"

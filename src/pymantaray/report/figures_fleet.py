@@ -1,15 +1,14 @@
 """Where the vehicles are: layout in plan and in depth, and the factor graph that joins them."""
 
-from dataclasses import dataclass
 from itertools import takewhile
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
+from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
 from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.report import style
@@ -18,32 +17,31 @@ from pymantaray.report.figures import range_ends, register
 _ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down
 _SHALLOWEST = 0.05  # km; depth of the axes where nobody dives
 _LONG = 6  # letters; longer names cover each other
+_WAYS = np.array([(1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (-1, -1), (0, 1), (0, -1)])  # from mark to name
+_REACH = (3.0, 9.0, 16.0, 24.0)  # points
+_NAME: dict[str, Any] = {
+    "fontsize": 6.5,
+    "fontweight": "bold",
+    "color": style.INK,
+    "va": "bottom",
+    "zorder": 9,
+    "path_effects": style.halo(),
+}
 _MAX_VERTICES = 600  # of a chain in three dimensions, where every vertex costs
-
-
-@dataclass(frozen=True)
-class _Shades:
-    """Colour of each vehicle by its greatest depth; the ones that never dive are ink."""
-
-    colours: list[str | tuple[float, ...]]
-    mappable: ScalarMappable
 
 
 @style.styled
 def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
     """Fleet in plan, in depth over time, and in three dimensions."""
-    shades = _shades(truth)
+    colours = style.vehicle_colours(truth.name.size)
     figure = style.new_figure(style.DOUBLE, 4.6, header, layout=None)
     plan = figure.add_axes((0.075, 0.47, 0.40, 0.45))
     solid = figure.add_axes((0.50, 0.40, 0.44, 0.54), projection="3d")
-    time = figure.add_axes((0.075, 0.09, 0.80, 0.24))
-    _draw_plan(plan, truth, measurements, shades)
+    time = figure.add_axes((0.075, 0.09, 0.90, 0.24))
+    _draw_plan(plan, truth, measurements, colours)
     assert isinstance(solid, Axes3D)
-    _draw_solid(solid, truth, measurements, shades)
-    _draw_depths(time, truth, shades)
-    bar = figure.colorbar(shades.mappable, cax=figure.add_axes((0.895, 0.09, 0.016, 0.24)))
-    bar.set_label("Greatest depth [m]")
-    bar.ax.invert_yaxis()
+    _draw_solid(solid, truth, measurements, colours)
+    _draw_depths(time, truth, colours)
     style.panel_title(plan, "a", "plan")
     figure.text(0.55, 0.9335, "(b) start, greatest depth and track", fontsize=7.5)
     style.panel_title(time, "c", "depth")
@@ -53,7 +51,7 @@ def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -
 @style.styled
 def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
     """Factor graph in three dimensions: each vehicle's chain of poses coloured, ranges grey."""
-    shades = _shades(truth)
+    colours = style.vehicle_colours(truth.name.size)
     figure = style.new_figure(style.COLUMN, 3.1, header, layout=None)
     axes = figure.add_axes((-0.03, 0.08, 0.96, 0.88), projection="3d")
     assert isinstance(axes, Axes3D)
@@ -65,14 +63,12 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
         axes.add_collection3d(
             Line3DCollection(lines, colors="#8a8a8a", linewidths=0.25, alpha=alpha, rasterized=True)
         )
-    for path, colour in zip(truth.position / 1e3, shades.colours, strict=True):
+    for path, colour in zip(truth.position / 1e3, colours, strict=True):
         _line(axes, path, color=colour, linewidth=1.3)
-    for name, start, colour in zip(
-        _marks(truth.name), truth.position[:, 0] / 1e3, shades.colours, strict=True
-    ):
+    starts = truth.position[:, 0] / 1e3
+    for start, colour in zip(starts, colours, strict=True):
         axes.plot(*start[_ENU, None], "o", color=colour, markersize=3.4, markeredgecolor="white", zorder=8)
-        _mark(axes, start, str(name))
-    _finish(axes, truth, measurements)
+    _finish(axes, truth, measurements, starts)
     poses = truth.position.shape[0] * truth.position.shape[1]
     figure.text(
         0.5, 0.02, f"{poses:,} poses, {len(edges):,} range edges", ha="center", fontsize=6.5, color=style.GREY
@@ -80,57 +76,35 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
     return figure
 
 
-def _shades(truth: Trajectories) -> _Shades:
-    deepest = truth.position[:, :, 2].max(axis=1)
-    diving = deepest > 1.0
-    norm = Normalize(0.0, max(float(deepest.max()), 1.0))
-    colours = [style.DEPTH(norm(z)) if dives else style.INK for z, dives in zip(deepest, diving, strict=True)]
-    return _Shades(colours, ScalarMappable(norm, style.DEPTH))
-
-
-def _draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, shades: _Shades) -> None:
+def _draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, colours: list[str]) -> None:
     starts = truth.position[:, 0, :2] / 1e3
-    for path, colour in zip(truth.position[:, :, :2] / 1e3, shades.colours, strict=True):
+    for path, colour in zip(truth.position[:, :, :2] / 1e3, colours, strict=True):
         axes.plot(path[:, 1], path[:, 0], color=colour, linewidth=0.9)
-    axes.scatter(
-        starts[:, 1], starts[:, 0], c=shades.colours, s=16, edgecolors=style.INK, linewidths=0.5, zorder=3
-    )
-    for name, (north, east) in zip(_marks(truth.name), starts, strict=True):
-        axes.annotate(
-            style.plain(str(name)),
-            (east, north),
-            (4, 4),
-            textcoords="offset points",
-            fontweight="bold",
-            path_effects=style.halo(),
-            zorder=4,
-        )
-    places = measurements.landmark_position / 1e3
+    axes.scatter(starts[:, 1], starts[:, 0], c=colours, s=16, edgecolors=style.INK, linewidths=0.5, zorder=3)
+    places = measurements.landmark_position[:, :2] / 1e3
     axes.plot(places[:, 1], places[:, 0], "^", color=style.INK, markersize=4)
-    for name, (north, east, _) in zip(_marks(measurements.landmark_name, "L"), places, strict=True):
-        axes.annotate(style.plain(str(name)), (east, north), (4, 4), textcoords="offset points")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
     axes.set_xlabel("East [km]")
     axes.set_ylabel("North [km]")
+    _write_names(axes, np.concatenate([starts, places])[:, ::-1], _all_marks(truth, measurements))
 
 
-def _draw_solid(axes: Axes3D, truth: Trajectories, measurements: Measurements, shades: _Shades) -> None:
+def _draw_solid(axes: Axes3D, truth: Trajectories, measurements: Measurements, colours: list[str]) -> None:
     deepest = truth.position[:, :, 2].max(axis=1) / 1e3
-    names = _marks(truth.name)
-    for i, colour in enumerate(shades.colours):
-        start = truth.position[i, 0] / 1e3
-        foot = np.array([start[0], start[1], deepest[i]])
+    feet = truth.position[:, 0] / 1e3
+    feet[:, 2] = deepest
+    for i, colour in enumerate(colours):
+        start, foot = truth.position[i, 0] / 1e3, feet[i]
         _line(axes, np.stack([start, foot]), color=colour, linewidth=0.6, linestyle=":")
         _line(axes, truth.position[i] / 1e3, color=colour, linewidth=0.7)
         axes.plot(*foot[_ENU, None], "o", color=colour, markersize=3.2)
-        _mark(axes, foot if deepest[i] > 1e-3 else start, names[i])
-    _finish(axes, truth, measurements)
+    _finish(axes, truth, measurements, feet)
 
 
-def _draw_depths(axes: Axes, truth: Trajectories, shades: _Shades) -> None:
+def _draw_depths(axes: Axes, truth: Trajectories, colours: list[str]) -> None:
     hours = truth.time / 3600.0
-    for path, colour in zip(truth.position[:, :, 2], shades.colours, strict=True):
+    for path, colour in zip(truth.position[:, :, 2], colours, strict=True):
         axes.plot(hours, path, color=colour, linewidth=0.9)
     deepest = float(truth.position[:, :, 2].max())
     axes.set_ylim(1.06 * max(deepest, 1.0), -0.04 * deepest)
@@ -156,24 +130,35 @@ def _marks(names: style.Array, letter: str = "") -> list[str]:
     return marks
 
 
-def _mark(axes: Axes3D, place: style.Array, name: str) -> None:
-    east, north, depth = place[_ENU]
-    look = {
-        "fontsize": 6.5,
-        "fontweight": "bold",
-        "color": style.INK,
-        "zorder": 9,
-        "path_effects": style.halo(),
-    }
-    axes.text(east, north, depth, f" {style.plain(name)}", **look)
+def _all_marks(truth: Trajectories, measurements: Measurements) -> list[str]:
+    """What stands beside the marks of vehicles and landmarks."""
+    return [*_marks(truth.name), *_marks(measurements.landmark_name, "L")]
 
 
-def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements) -> None:
-    """Landmarks, and axes around everything, depth downward, north and east at one scale."""
+def _write_names(axes: Axes, places: style.Array, names: list[str]) -> None:
+    """Names beside places in the axes' own coordinates, of shape (names, 2), each where it covers least of others."""
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    axes.apply_aspect()
+    dots = axes.transData.transform(places)
+    per_point = figure.dpi / 72.0
+    covered = np.stack([dots - 2.0 * per_point, dots + 2.0 * per_point], axis=1)  # markers, then names too
+    for name, place, dot in zip(names, places, dots, strict=True):
+        text = axes.annotate(style.plain(name), place, (0, 0), textcoords="offset points", **_NAME)
+        box = text.get_window_extent()
+        size = np.array([box.width, box.height])
+        low = np.concatenate([dot + r * per_point * _WAYS + 0.5 * (_WAYS - 1) * size for r in _REACH])
+        common = np.minimum(covered[:, 1], (low + size)[:, None]) - np.maximum(covered[:, 0], low[:, None])
+        best = low[np.argmin(np.prod(np.maximum(common, 0.0), axis=-1).sum(axis=1))]
+        text.set_position((best - dot) / per_point)
+        covered = np.concatenate([covered, [[best, best + size]]])
+
+
+def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks: style.Array) -> None:
+    """Landmarks, axes around everything, depth downward, north and east at one scale; names at the vehicles' marks."""
     places = measurements.landmark_position / 1e3
-    for name, place in zip(_marks(measurements.landmark_name, "L"), places, strict=True):
+    for place in places:
         axes.plot(*place[_ENU, None], "^", color=style.INK, markersize=4)
-        _mark(axes, place, str(name))
     points = np.concatenate([truth.position.reshape(-1, 3) / 1e3, places])
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.maximum(1.08 * (high - low), [0.5 * (high - low)[:2].max()] * 2 + [1e-3])
@@ -195,22 +180,25 @@ def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements) -> No
     axes.set_xlabel("East [km]")
     axes.set_ylabel("North [km]")
     axes.set_zlabel("Depth [km]")
+    axes.apply_aspect()
+    x, y, _ = proj_transform(*np.concatenate([marks, places])[:, _ENU].T, axes.get_proj())
+    _write_names(axes, np.stack([x, y], axis=1), _all_marks(truth, measurements))
 
 
 register(
     "fleet_layout",
-    place=20,
+    place=80,
     of_mission=True,
     caption="Fleet layout: (a) start positions and drift in plan, (b) start (dotted line downward to the vehicle's"
-    " greatest depth) and track, (c) depth against time. Colour is each vehicle's greatest depth; a vehicle that"
-    " stays at the surface is black.",
+    " greatest depth) and track, (c) depth against time. Each vehicle has one colour in all figures"
+    " of the fleet.",
     draw=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header),
 )
 register(
     "factor_graph",
-    place=40,
+    place=90,
     of_mission=True,
-    caption="Factor graph at the true positions: chains of poses coloured by the vehicle's greatest depth, the"
+    caption="Factor graph at the true positions: chains of poses coloured by vehicle, the"
     " {r.heard:,} ranges that were heard in grey.",
     draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),
     needs=lambda r: r.run.config.solves,

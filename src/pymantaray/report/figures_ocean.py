@@ -146,7 +146,7 @@ def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) ->
 
 register(
     "sound_speed",
-    place=10,
+    place=100,
     of_mission=True,
     caption="Sound speed against depth over the whole region: mean of each level (line), least to greatest (shaded);"
     " (a) all depths, (b) the upper part.",
@@ -154,7 +154,7 @@ register(
 )
 register(
     "ray_picture",
-    place=30,
+    place=110,
     of_mission=True,
     caption=_caption_of_rays,
     draw=lambda r: ray_picture(r.run.ray_picture, r.header),

@@ -181,7 +181,7 @@ def _histogram(axes: Axes, errors: style.Array) -> None:
 
 register(
     "range_error",
-    place=50,
+    place=10,
     of_mission=True,
     caption="Signed range error, refracted minus straight, of {r.heard:,} ranges: mean (orange), zero (dashed) and"
     " fitted normal (black), with linear and logarithmic counts.",
@@ -189,7 +189,7 @@ register(
 )
 register(
     "range_error_split",
-    place=60,
+    place=20,
     of_mission=True,
     caption="Exact split of the range error: (a, b) the part from the reference speed, because the sound speed at the"
     " transmitter is not the path's mean, and the part from the bending of the ray; (c) bending at its own scale.",

@@ -60,11 +60,14 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
         log: _ape_edges([p for p, panel in zip(pooled, panels, strict=True) if panel.log == log], log=log)
         for log in {panel.log for panel in panels}
     }
+    looks = style.condition_looks(conditions)
     for c, (panel, values) in enumerate(zip(panels, pooled, strict=True)):
         style.panel_title(grid[0, c], "abcdefgh"[c], style.plain(style.short(panel.title)))
         grid[-1, c].set_xlabel("Absolute position error [m]")
         for axes, name in zip(grid[:, c], conditions, strict=False):
-            _ridge(axes, values.get(name, np.empty(0)), edges[panel.log], name, log=panel.log)
+            _ridge(
+                axes, values.get(name, np.empty(0)), edges[panel.log], (name, looks[name][0]), log=panel.log
+            )
     figure.supylabel("Share of poses in a bin [%]")
     mean = style.entry("mean", color=style.INK, linewidth=1.2)
     style.common_legend(
@@ -107,7 +110,9 @@ def error_over_time(
         for i, axes in enumerate(grid.flat[: len(names)]):
             if len(errors) <= style.HEADER_LINE:
                 axes.fill_between(hours, low[i], high[i], color=looks[name][0], alpha=0.25, linewidth=0.0)
-            axes.plot(hours, middle[i], color=looks[name][0], linewidth=0.9)
+            axes.plot(
+                hours, middle[i], color=looks[name][0], linewidth=0.9, linestyle=style.condition_line(name)
+            )
     for i, axes in enumerate(grid.flat):
         if i >= len(names):
             axes.set_visible(False)
@@ -123,7 +128,14 @@ def error_over_time(
             axes.tick_params(labelbottom=True)
     figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom")
     figure.supylabel("Position error [m]", x=0.06 / width, ha="left")
-    handles = [style.entry(style.condition_style(name)[1], color=looks[name][0]) for name in errors]
+    handles = [
+        style.entry(
+            style.plain(style.condition_label(name)),
+            color=looks[name][0],
+            linestyle=style.condition_line(name),
+        )
+        for name in errors
+    ]
     style.common_legend(figure, [*handles, style.entry("GNSS fix", color=style.SKY, linewidth=2.5)])
     return figure
 
@@ -148,8 +160,12 @@ def _ape_edges(pools: Sequence[Mapping[str, style.Array]], *, log: bool) -> styl
     return np.linspace(0.0, max(1.05 * reach, _LEAST), _LINEAR_BINS + 1)
 
 
-def _ridge(axes: Axes, values: style.Array, edges: style.Array, name: str, *, log: bool) -> None:
-    colour, label = style.condition_style(name)
+def _ridge(
+    axes: Axes, values: style.Array, edges: style.Array, condition: tuple[str, str], *, log: bool
+) -> None:
+    """Distribution of one condition, which is its name and colour."""
+    name, colour = condition
+    label = style.plain(style.condition_label(name))
     axes.grid(visible=False, axis="y")
     axes.locator_params(axis="y", nbins=3)
     if log:
@@ -177,7 +193,7 @@ def _ridge(axes: Axes, values: style.Array, edges: style.Array, name: str, *, lo
 
 register(
     "ape_pooled",
-    place=80,
+    place=30,
     caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by ranging condition,"
     " without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear scale, which ends where the"
     " conditions other than odometry do.",
@@ -189,7 +205,7 @@ register(
 )
 register(
     "error_over_time",
-    place=90,
+    place=40,
     caption=_caption_over_time,
     draw=lambda r: error_over_time(
         r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header

@@ -59,7 +59,7 @@ def _too_wide(names: pd.Series) -> bool:
 
 register(
     "unknowns",
-    place=120,
+    place=65,
     caption="Sound-speed modes and clocks estimated with the poses, over {r.realizations}: standard deviation that the"
     " estimator gives (blue) and error of its estimate (orange), both by the standard deviation beforehand (grey"
     " line): on it the ranges say nothing.",

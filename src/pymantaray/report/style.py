@@ -48,6 +48,11 @@ CONDITION_COLOURS = {
     "straight-all": SKY,
     "no-ranges": GREEN,
 }
+_CONDITION_LINES = {
+    "refracted": (0, (4.0, 1.2)),
+    "straight-all": (0, (1.2, 0.9)),
+    "no-ranges": (0, (6.0, 1.2, 1.2, 1.2)),
+}
 CONDITION_LABELS = {
     "odometry": "Odometry only",
     "straight": "Straight ranges",
@@ -76,8 +81,6 @@ def _stretch(colormap: Colormap, low: float, high: float) -> Colormap:
 
 SOUND_SPEED = _stretch(cmocean.cm.ice, 0.99, 0.55)
 """Light blues: black, grey and orange lines stand out on all of them."""
-DEPTH = _stretch(cmocean.cm.thermal, 0.88, 0.08)
-"""Light at the surface, dark below; lines of all its colours stand out on white."""
 WATER = _stretch(cmocean.cm.thermal, 0.12, 0.98)
 """Sound speed where its structure is the subject: slow dark, fast light."""
 FLOOR = _stretch(cmocean.cm.deep, 0.04, 0.85)
@@ -144,13 +147,13 @@ def condition_label(name: str) -> str:
     return CONDITION_LABELS.get(name, name)
 
 
-def condition_style(name: str) -> tuple[str, str]:
-    """Colour and label of a ranging condition; estimators share one colour."""
-    return CONDITION_COLOURS.get(name, PINK), plain(condition_label(name))
+def condition_line(name: str) -> Any:
+    """Line style of a ranging condition: what lies under another shows through its gaps."""
+    return _CONDITION_LINES.get(name, "-")
 
 
 def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Colour and marker of each condition of one figure; colours come again after `DISTINCT` estimators."""
+    """Colour and marker of each of a run's conditions, the same on all its figures; colours come again after `DISTINCT` estimators."""
     more, markers = cycle(_MORE_COLOURS), cycle(_MARKERS)
     return {
         name: (CONDITION_COLOURS[name] if name in CONDITION_COLOURS else next(more), next(markers))
