@@ -450,3 +450,31 @@ def over_time(times, oceans):
         for name in ("current_north", "current_east")
     }
     return oceans[0].assign(fields).assign_coords(time=np.asarray(times, dtype=float))
+
+
+class _Done:
+    """A task that is done when it is given out."""
+
+    def __init__(self, value):
+        self.result = lambda: value
+
+    def add_done_callback(self, call):
+        call(self)
+
+
+class CrewHere:
+    """In place of a crew of workers: does tasks in this process, one after the other."""
+
+    window = 1
+
+    def __init__(self, work, *_):
+        self.work = work
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def submit(self, task):
+        return _Done(self.work(task))

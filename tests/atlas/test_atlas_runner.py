@@ -8,6 +8,7 @@ from contextlib import suppress
 from functools import partial
 
 import cf_xarray  # noqa: F401  the accessor .cf
+import factories
 import numpy as np
 import pytest
 import xarray as xr
@@ -27,28 +28,10 @@ def here(monkeypatch):
     """Do blocks in this process, and count them."""
     done = []
 
-    class Done:
-        def __init__(self, value):
-            self.result = lambda: value
-
-        def add_done_callback(self, call):
-            call(self)
-
-    class Crew:
-        window = 1
-
-        def __init__(self, work, *_):
-            self.work = work
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
+    class Crew(factories.CrewHere):
         def submit(self, block):
             done.append(block.key)
-            return Done(self.work(block))
+            return super().submit(block)
 
     monkeypatch.setattr(runner, "crew_of", Crew)
     return done

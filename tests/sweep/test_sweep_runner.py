@@ -9,6 +9,7 @@ import sys
 import time
 from functools import partial
 
+import factories
 import numpy as np
 import pandas as pd
 import pytest
@@ -35,30 +36,7 @@ def depths(small):
 @pytest.fixture
 def here(monkeypatch):
     """Do a sweep's tasks in this process, one after the other."""
-
-    class Done:
-        def __init__(self, value):
-            self.result = lambda: value
-
-        def add_done_callback(self, call):
-            call(self)
-
-    class Crew:
-        window = 1
-
-        def __init__(self, work, *_):
-            self.work = work
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-        def submit(self, task):
-            return Done(self.work(task))
-
-    monkeypatch.setattr("pymantaray.sweep.runner.crew_of", Crew)
+    monkeypatch.setattr("pymantaray.sweep.runner.crew_of", factories.CrewHere)
 
 
 @pytest.fixture
