@@ -43,14 +43,14 @@ def optimize(problem: Problem, initial: State, options: SolveOptions) -> Optimum
     Values that minimize a cost of squares, and how it went.
 
     Where Gauss-Newton does not get below its lowest cost within three steps or meets a singular system, damped steps take
-    over: from where it was lowest, or from the start. Gauss-Newton polishes their end, unless that moves away again,
+    over: from the start, of a graph without ranges from where it was lowest. Gauss-Newton polishes their end, unless that moves away again,
     where large residuals make the optimum repel it. The last system solved is undamped, and proves convergence.
     """
     first, lowest = _gauss_newton(problem, initial, options)
     progress = first.progress
     if not (progress.singular or np.isnan(progress.last_step)):
         return first
-    begin, taken = (initial, 0) if progress.singular else (lowest, progress.iterations)
+    begin, taken = (lowest, progress.iterations) if problem.bare and not progress.singular else (initial, 0)
     damped, iterations = _levenberg_marquardt(problem, begin, options, taken, singular=progress.singular)
     if iterations == 0 and begin is initial:
         return Optimum(initial, replace(progress, iterations=0, final_cost=progress.initial_cost))
@@ -133,13 +133,14 @@ def _levenberg_marquardt(
     """
     End of damped steps and their number: at a minimum, where no damping lowers the cost, or where a singular graph begins to crawl.
 
-    Poses move along arcs, so that a chain may turn as a whole. Where a step gained little Gauss-Newton's matrix is not the cost's
-    own: then that with all of the curvature is asked first. Away from a minimum it is not positive definite.
+    Without ranges poses move along arcs, so that a chain may turn as a whole; ranges tie it to other chains, and from afar arcs end
+    in other minima. Where a step along arcs gained little Gauss-Newton's matrix is not the cost's own: then that with all of the
+    curvature is asked first. Away from a minimum it is not positive definite.
     """
     state, damping, fall = initial, _FIRST_DAMPING, np.inf
     for iteration in range(10 * options.max_iterations):
         matrices = [problem.linearize(state)]
-        if fall <= _LITTLE and not singular:
+        if fall <= _LITTLE and problem.bare and not singular:
             matrices.insert(0, problem.linearize(state, 4))
         before = matrices[0].cost
         damped = _damped_step(problem, state, matrices, damping, options.step_tolerance)
@@ -180,7 +181,7 @@ def _damped_step(
                 step = factor.solve(-equations.gradient)
                 if damping <= _FIRST_DAMPING and float(np.abs(step).max()) <= tolerance:
                     return None
-                trial = state.moved(problem.structure, step, arc=True)
+                trial = state.moved(problem.structure, step, arc=problem.bare)
                 cost = problem.cost(trial)
                 if cost < equations.cost:
                     return _DampedStep(trial, cost, damping)

@@ -390,6 +390,11 @@ class Problem:
         self._blocks = fixed.blocks(structure)
         self._range_blocks = structure.blocks(ranges.pairs)
 
+    @property
+    def bare(self) -> bool:
+        """Whether it is a pose graph without ranges, whose chains may turn as a whole."""
+        return isinstance(self.ranges, Distances) and not len(self.ranges.pairs)
+
     def under(self, loss: Loss | None) -> "Problem":
         """The same ranges under another loss."""
         return Problem(self.fixed, self.ranges, self.structure, loss)
