@@ -84,6 +84,21 @@ def test_a_frame_called_ned_is_one_and_a_simulation_has_a_clock_without_dates(tm
     assert own.quaternion[0] == pytest.approx(Rotation.from_euler("Z", [[0.3]]).as_quat(scalar_first=True)[0])
 
 
+def test_a_body_called_frd_in_a_world_east_north_up_is_turned_by_the_world_alone(tmp_path):
+    (own,) = read_trajectories(write(tmp_path / "frd", ["/a/odom"], child="base_link_frd")).poses
+    turned = Rotation.from_quat(own.quaternion[0], scalar_first=True)
+    in_enu = Rotation.from_euler("ZYX", [0.3, 0.0, 0.0])  # as the file has it
+    for axis in np.eye(3):
+        east, north, up = in_enu.apply(axis)
+        np.testing.assert_allclose(turned.apply(axis), [north, east, -up], atol=1e-15)
+
+
+def test_true_poses_of_an_exported_run_are_vehicles_and_estimates_are_not(tmp_path):
+    tracks = read_trajectories(write(tmp_path / "run", ["/truth/A/pose", "/refracted/A/pose"]))
+    assert tracks.names == ["A"]
+    assert tracks.notes == (f"{tmp_path / 'run'}: topics of poses beside /truth left out: 1",)
+
+
 def test_topics_are_called_by_what_tells_them_apart(tmp_path):
     bag = write(tmp_path / "fleet", ["/fleet/A/odom", "/fleet/A/pose", "/fleet/B/pose"])
     assert sorted(read_trajectories(bag).names) == ["A_odom", "A_pose", "B_pose"]

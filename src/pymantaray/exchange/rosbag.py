@@ -21,6 +21,7 @@ from pymantaray.exchange.tracks import Poses
 MAP = "map"
 _POSE = "geometry_msgs/msg/PoseStamped"
 _POSES = {"nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped", _POSE}
+_TRUE = re.compile(f"/{TRUTH}/[^/]+/pose")
 _UNIX = 1e8  # s; later stamps are dates, earlier ones a simulation's clock
 
 
@@ -31,7 +32,8 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     A vehicle is called as the first part of its topic that tells topics apart, or as all of them (``/fleet/A/odom`` and
     ``/fleet/B/odom`` are A and B). Places are
     east, north, up about the local frame's centre, bodies forward, left, up (REP-103); a frame whose name ends in ``ned`` is
-    north, east, down, a child frame's in ``frd`` forward, right, down. Times are those of the headers.
+    north, east, down, a child frame's in ``frd`` forward, right, down. Times are those of the headers. Of a run that
+    `write_bag` wrote the true poses are read.
     """
     files = [path]
     if path.is_dir() and path.suffix == ".bag":  # which the library takes for a file of ROS 1
@@ -55,6 +57,11 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
         raise ExchangeError(
             f"{path}: no topic of {', '.join(sorted(_POSES))}; found {', '.join(others) or 'no messages'}"
         )
+    true = {topic: values for topic, values in rows.items() if _TRUE.fullmatch(topic)}
+    if true:  # an exported run, whose estimates are none
+        left = len(rows) - len(true)
+        notes = [f"{path}: topics of poses beside /{TRUTH} left out: {left}"] if left else []
+        return [_poses(topic.split("/")[2], values, path) for topic, values in true.items()], notes
     names = _names(list(rows))
     return [_poses(name, values, path) for name, values in zip(names, rows.values(), strict=True)], []
 
@@ -88,14 +95,15 @@ def _poses(name: str, rows: list[tuple[Any, ...]], path: Path) -> Poses:
         )
     time = np.array(nanoseconds, dtype=np.int64)
     p, q = np.array(place, dtype=float), np.array(quaternion, dtype=float)
-    ned, frd = frames[0].lower().endswith("ned"), children[0].lower().endswith("frd")
-    if not ned:
-        p = swap_enu(p)
+    if not frames[0].lower().endswith("ned"):
+        if children[0].lower().endswith("frd"):
+            q = q[:, [1, 0, 3, 2]] * [-1.0, 1.0, 1.0, -1.0]  # half a turn about forward: of forward, left, up
+        p, q = swap_enu(p), swap_enu_attitude(q)
     return Poses(
         name,
         time.astype("datetime64[ns]") if time[0] > _UNIX * 1e9 else time * 1e-9,
         p,
-        swap_enu_attitude(q) if not ned and not frd else q,
+        q,
         False,
         str(path),
     )
