@@ -54,7 +54,7 @@ def test_angles_and_quaternions_say_the_same(tmp_path):
     q = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True)
     base = TABLE.iloc[:3].drop(columns="vehicle")
     base.assign(
-        **dict(zip(("heading_deg", "pitch_deg", "roll_deg"), np.degrees(angles).T, strict=True))
+        **dict(zip(("heading_deg", "pitch [degrees]", "roll_deg"), np.degrees(angles).T, strict=True))
     ).to_csv(tmp_path / "angles.csv", index=False)
     base.assign(**dict(zip(("yaw", "pitch", "roll"), angles.T, strict=True))).to_csv(
         tmp_path / "radians.csv", index=False
@@ -90,6 +90,15 @@ def test_dates_are_brought_to_utc(written, start, tmp_path):
     tracks = read_trajectories(tmp_path / "m.csv")
     assert tracks.start == np.datetime64(start, "ns")
     np.testing.assert_array_equal(tracks.poses[0].time, TIME)
+
+
+def test_endings_may_be_in_capitals(tmp_path):
+    pytest.importorskip("pyarrow")
+    TABLE.to_parquet(tmp_path / "M.PARQUET")
+    assert (
+        read_trajectories(tmp_path / "M.PARQUET").names
+        == read_trajectories(text(TABLE.to_csv(index=False), "M.CSV")(tmp_path)).names
+    )
 
 
 def test_dates_of_parquet_keep_their_zone(tmp_path):
@@ -173,6 +182,10 @@ REFUSED = {
     "m.csv: has pitch, but no heading; leave": text("time,north,east,depth,pitch\n0,0,0,0,0\n1,0,0,0,0"),
     "m.csv: heading reaches 359, .* call the column heading_deg": text(
         "time,north,east,depth,heading\n0,0,0,0,0\n1,0,0,0,359"),
+    "m.csv: has qw, qx, qy; a quaternion is qw, qx, qy, qz": text(
+        "time,north,east,depth,qw,qx,qy\n0,0,0,0,1,0,0\n1,0,0,0,1,0,0"),
+    "m.csv: has two columns vehicle; keep one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
+    "m.csv, line 3: no name of a vehicle": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0\n2,a,0,0,0"),
     "m.csv: A has 1 pose;": text("time,vehicle,north,east,depth\n0,A,0,0,0\n0,B,0,0,0\n1,B,0,0,0"),
     "m.csv: needs a header": text(""),
     "there is no such file": lambda folder: folder / "none.csv",
@@ -195,6 +208,8 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     path = text("time,transmitter,receivers\n0,A,\n10.5,B,A C\n")(tmp_path)
     pings = read_pings(path, None)
     assert (pings.time, pings.transmitter, pings.receivers) == ((0.0, 10.5), ("A", "B"), ((), ("A", "C")))
+    path = text("Time,Transmitter,receiver\n0,A,B\n")(tmp_path)  # a list that is not everybody
+    assert read_pings(path, None).receivers == (("B",),)
     path = text("time,transmitter\n2023-05-01T12:00:00+02:00,A\n")(tmp_path)
     assert read_pings(path, np.datetime64("2023-05-01T09:59:00", "ns")).time == (60.0,)
     refused(

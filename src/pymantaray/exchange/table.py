@@ -15,8 +15,8 @@ from pymantaray.sensing.schedule import PingList
 
 Array = NDArray[np.float64]
 _METRES = {"": 1.0, "m": 1.0, "km": 1000.0}
-_DEGREES = {"": 1.0, "deg": 1.0}
-_ANGLE = {"": 1.0, "rad": 1.0, "deg": np.pi / 180.0}
+_DEGREES = {"": 1.0, "deg": 1.0, "degrees": 1.0}
+_ANGLE = {"": 1.0, "rad": 1.0, "radians": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0}
 _NO_UNIT = {"": 1.0}
 # by what a column is: its names, and its units behind them, as in depth_m, "depth [m]" or heading_deg
 _COLUMNS: dict[str, tuple[str, dict[str, float]]] = {
@@ -34,6 +34,8 @@ _COLUMNS: dict[str, tuple[str, dict[str, float]]] = {
     "heading": ("heading yaw", _ANGLE),
     "pitch": ("pitch", _ANGLE),
     "roll": ("roll", _ANGLE),
+    "transmitter": ("transmitter", _NO_UNIT),
+    "receivers": ("receivers receiver", _NO_UNIT),
 }
 _TITLES = {
     f"{name}_{unit}".rstrip("_"): (column, factor)
@@ -47,14 +49,14 @@ _MOST_RADIANS = 6.5  # a little more than a turn
 
 def read_table(path: Path) -> list[Poses]:
     """Trajectories of a table with a header; each name of a vehicle is one, without such a column there is one by the file's name."""
-    table, factors = _known_columns(_parquet(path) if path.suffix == ".parquet" else _text(path))
+    table, factors = _known_columns(_parquet(path) if path.suffix.lower() == ".parquet" else _text(path))
     conditions = table.frame.get("condition")
     if conditions is not None and (conditions == "truth").any():  # an exported run, whose estimates are none
         table = TextTable(path, table.frame[conditions == "truth"], table.comments)
     there = set(factors)
     place = ["lat", "lon"] if {"lat", "lon"} <= there else ["north", "east"]
     try:
-        table.require(["time", *place, "depth"])
+        table.require(["time", *place, "depth", *({"vehicle"} & there)])
     except RecordError as error:
         raise ExchangeError(
             f"{error}; a trajectory needs time, lat and lon or north and east, and depth, and may have vehicle,"
@@ -62,9 +64,7 @@ def read_table(path: Path) -> list[Poses]:
         ) from None
     place_of = _numbers(table, factors, [*place, "depth"])
     time, quaternion = _times(table), _attitude(table, factors)
-    names = (
-        table.frame["vehicle"].astype(str).to_numpy() if "vehicle" in there else np.full(time.size, path.stem)
-    )
+    names = _vehicles(table) if "vehicle" in there else np.full(time.size, path.stem)
     poses = []
     for name in dict.fromkeys(names.tolist()):
         rows = names == name
@@ -149,6 +149,18 @@ def _numbers(table: TextTable, factors: dict[str, float], columns: list[str]) ->
     return values * [factors[name] for name in columns]
 
 
+def _vehicles(table: TextTable) -> NDArray[Any]:
+    """Name of the vehicle of each row."""
+    cells = table.frame["vehicle"]
+    nameless = cells.isna() | (cells == "")
+    if nameless.any():
+        line = table.frame.index[int(np.argmax(nameless))]
+        raise ExchangeError(
+            f"{table.path}, line {line}: no name of a vehicle; each row needs one, or leave out the column"
+        )
+    return np.asarray(cells.astype(str).to_numpy())
+
+
 def _times(table: TextTable) -> NDArray[Any]:
     """Seconds, or dates in UTC; a date without a zone is taken as UTC."""
     cells = table.frame["time"]
@@ -178,6 +190,9 @@ def _attitude(table: TextTable, factors: dict[str, float]) -> Array | None:
     if set(_QUATERNION) <= set(factors):
         return _numbers(table, factors, _QUATERNION)
     angles = [name for name in factors if name in ("heading", "pitch", "roll")]
+    quaternion = [name for name in _QUATERNION if name in factors]
+    if not angles and quaternion:
+        raise ExchangeError(f"{table.path}: has {', '.join(quaternion)}; a quaternion is qw, qx, qy, qz")
     if not angles:
         return None
     if "heading" not in angles:
