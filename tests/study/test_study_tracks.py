@@ -202,6 +202,17 @@ def test_vehicles_that_are_not_there_are_silent(tmp_path, table):
     assert dropout_table(m, run.truth)["stopped"].iloc[-1] == (of_b & ~there).sum()
 
 
+def test_an_interval_below_zero_is_refused_by_the_name_of_its_option(table, tmp_path, capsys):
+    from pymantaray.cli.main import main
+
+    words = ["ranges", str(table), "--ocean", "synthetic:beaufort", "--interval", "-3"]
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--out", str(tmp_path / "out")])
+    assert ended.value.code == 2
+    assert "--interval is -3 s; it must be finite and positive" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_folder_of_ranges_alone_has_a_report_and_no_estimates(table, tmp_path):
     from pymantaray.cli.main import main
 

@@ -7,6 +7,7 @@ import typer
 
 from pymantaray.cli.options import Pair, Quiet
 from pymantaray.errors import SensingError
+from pymantaray.geometry.checks import check_number
 
 
 def ranges(
@@ -92,6 +93,7 @@ def _schedule(
     if (slots is None) != (slot is None):
         raise SensingError("--slots and --slot: the one needs the other")
     if interval is not None:
+        check_number(SensingError, "--interval", interval, "s", positive=True)
         return {"ping_interval_h": interval / 3600.0}
     if slots is not None:
         names = [name.strip() for name in slots.split(",")]
