@@ -269,7 +269,7 @@ class _Reader:
         return Poses(name, dates, np.column_stack(lines[:3]), attitude, True, str(self._path))
 
 
-_WRITTEN = {
+_VARIABLES = {
     "time": "time",
     "latitude": "latitude",
     "longitude": "longitude",
@@ -303,7 +303,7 @@ def write_cf(recording: Recording, folder: Path) -> None:
     for p in recording.poses:
         files.setdefault(p.condition, []).append(p)
     for condition, fleet in files.items():
-        columns = np.full((len(_WRITTEN), len(fleet), max(p.samples.size for p in fleet)), np.nan)
+        columns = np.full((len(_VARIABLES), len(fleet), max(p.samples.size for p in fleet)), np.nan)
         for k, p in enumerate(fleet):
             local = Poses(p.agent, truth.time[p.samples], p.position, p.quaternion, False, recording.name)
             columns[:, k, : p.samples.size] = _columns(geodetic(local, truth.frame))
@@ -312,7 +312,7 @@ def write_cf(recording: Recording, folder: Path) -> None:
             attrs={"title": f"{recording.name}: {condition}", "featureType": "trajectory"},
         )
         data["trajectory"].encoding["dtype"] = "S1"
-        for (name, standard), values in zip(_WRITTEN.items(), columns, strict=True):
+        for (name, standard), values in zip(_VARIABLES.items(), columns, strict=True):
             attrs = {"standard_name": standard, "units": units.get(name, "degrees")}
             data[name] = ("trajectory", "obs"), values, attrs
         data["time"].attrs |= {"calendar": "standard", "units_metadata": "leap_seconds: none"}

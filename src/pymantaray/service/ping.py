@@ -16,7 +16,7 @@ from pymantaray.sensing.timing import Leg, half_round_trip
 from pymantaray.service.water import Water
 
 Array = NDArray[np.float64]
-_KEPT = 4  # instants whose water is kept; that of a basin takes 15 MB
+_INSTANTS = 4  # whose water stays in memory; that of a basin takes 15 MB
 
 
 class Ends(NamedTuple):
@@ -79,7 +79,7 @@ class Pinger:
 
     def __init__(self, water: Water, interval: float = 0.0) -> None:
         self._water, self._interval = water, interval
-        self._at = lru_cache(_KEPT)(water.at)
+        self._at = lru_cache(_INSTANTS)(water.at)
         self(self.down_the_deepest())  # what compiles does so now
 
     def __call__(self, ends: Ends) -> Ping:
