@@ -29,7 +29,7 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
     assert names == ["ape_pooled.png", "ape_pooled_linear.png", "range_error.png", "sound_speed.png"]
     assert all(f'href="figures/{name}"' in text for name in names)
     assert text.count('src="data:image/png;base64,') == len(names)
-    assert len(list((tmp_path / "both" / "tables").iterdir())) == 5
+    assert len(list((tmp_path / "both" / "tables").iterdir())) == 6
     assert "Test Sea and Other {Sea}" in text
     assert "Test Sea: The ocean of this study is synthetic" in text
     assert [p.name for p in tmp_path.iterdir()] == ["both"]
@@ -57,6 +57,19 @@ def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_
     assert pd.isna(errors.loc[("odometry", "mean_m"), "other"])
     assert errors.loc[("no-ranges", "mean_m"), "other"] > 0.0
     assert set(tables["range_error_split"]["part"]) == {"total", "reference speed", "bending"}
+
+
+def test_the_keys_that_differ_come_first_and_no_others(run, other_folder, run_folder):
+    tables = comparison_tables({"one": Results(run), "other": Results(open_run(other_folder))})
+    assert next(iter(tables)) == "configuration"
+    ((key, *values),) = tables["configuration"].to_numpy().tolist()
+    assert (key, values[0], values[1].endswith("somewhere.nc")) == (
+        "ocean.source",
+        "synthetic:beaufort",
+        True,
+    )
+    again = comparison_tables({"one": Results(run), "other": Results(open_run(run_folder))})
+    assert again["configuration"].empty
 
 
 def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):

@@ -18,7 +18,7 @@ from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.report import write, write_report
 from pymantaray.report.figures import Results
-from pymantaray.report.page import heading, run_page, show
+from pymantaray.report.page import heading, headlines, run_page, show
 from pymantaray.report.parts import ReportProcess
 from pymantaray.study import open_run
 from pymantaray.study.folder import staged_parts
@@ -250,6 +250,25 @@ def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(tmp_path,
 def test_a_folder_that_is_no_run_is_one_clear_line(tmp_path):
     refused(MantaRayError, r"not a run folder", write_report, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_one_realization_has_no_interval_and_three_have_one(made_run, run, tmp_path):
+    one = Results(open_run(made_run(realizations=1).write(tmp_path / "run")))
+    assert not any("95 %" in remark or "– to –" in remark for _, _, remark in headlines(one))
+    assert any("(95 %)" in remark for _, _, remark in headlines(Results(run)))
+
+
+def test_many_conditions_are_a_table_and_each_word_is_explained(made_run, run, reported, tmp_path):
+    conditions = tuple(f"estimator-{i}" for i in range(7))
+    many = run_page(Results(open_run(made_run(conditions=conditions).write(tmp_path / "run"))), [], "[]")
+    few = run_page(Results(run), [], "[]")
+    assert many.count('class="card"') == 3
+    assert all(f"Position error, {name}" in many for name in conditions)
+    assert few.count('class="card"') == len(headlines(Results(run))) <= 8
+    assert "Refracted ranges: the same graph" in few
+    assert "NEES: squared position error" in reported.text
+    assert "NEES: squared position error" not in few, "it has no covariances"
+    assert "water of 2014-07-15 12:00 UTC, seed 20140715; again with: mantaray study run config.toml" in few
 
 
 def test_page_tells_of_a_vehicle_that_stopped(made_run, tmp_path):

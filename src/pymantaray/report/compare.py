@@ -11,7 +11,15 @@ from pymantaray.report.figures import Plate, Results, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
-from pymantaray.report.page import SYNTHETIC_NOTE, Picture, heading, numbers_from_text, render, show_table
+from pymantaray.report.page import (
+    SYNTHETIC_NOTE,
+    Picture,
+    entries,
+    heading,
+    numbers_from_text,
+    render,
+    show_table,
+)
 from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.style import short
 from pymantaray.report.write import Progress, all_files, draw
@@ -19,6 +27,7 @@ from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import open_run
 
 _CAPTIONS = {
+    "configuration": "What differs in the configurations",
     "range_drop_category_compare": "Ranging failure rate by link category [%]",
     "range_error": "Signed range error, refracted minus straight",
     "range_error_split": "Mean of the range error and of its parts, all links",
@@ -88,6 +97,7 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
     parts = {f"{name} [m]": t.set_index("part") for name, t in of_all_links("range_error_split").items()}
     regions = {name: r.tables["region"].set_index("property") for name, r in runs.items()}
     return {
+        "configuration": _differences(runs),
         "range_drop_category_compare": _side_by_side(
             {name: t["percent"] for name, t in dropouts.items()}, "link category", last=ALL_LINKS
         ),
@@ -98,6 +108,16 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
         **({"ate_pooled": _joint_errors(runs)} if _all_solved(runs) else {}),
         "region": _side_by_side({name: t.iloc[:, 0] for name, t in regions.items()}, "property"),
     }
+
+
+def _differences(runs: Mapping[str, Results]) -> pd.DataFrame:
+    """Keys of the configuration, as in the file, whose values are not the same in all runs."""
+    settings = {name: dict(entries(r.run.config.model_dump(mode="json"))) for name, r in runs.items()}
+    keys = dict.fromkeys(key for values in settings.values() for key in values)
+    rows = [
+        [key.replace(" / ", "."), *(values.get(key, "–") for values in settings.values())] for key in keys
+    ]
+    return pd.DataFrame([row for row in rows if len(set(row[1:])) > 1], columns=["key", *runs])
 
 
 def _all_solved(runs: Mapping[str, Results]) -> bool:

@@ -35,8 +35,20 @@ _WORDS = {
     "p95_m": "95 % [m]",
     "p99_m": "99 % [m]",
     "percent": "dropouts [%]",
-    "percent_beyond_3_sigma": "beyond 3 sigma [%]",
+    "percent_beyond_3_sigma": "beyond 3 sigma of range noise [%]",
 }
+_CONDITIONS = {
+    "odometry": "the noisy odometry, composed from the first pose",
+    "straight": "the fleet's factor graph with straight distances plus noise as ranges",
+    "refracted": "the same graph, noise and links with ranges as a modem reports them: travel time times the sound speed"
+    " at the transmitter",
+    "straight-all": "straight ranges of all attempts, none of them lost",
+    "no-ranges": "the graph without ranges",
+}
+_NEES = (
+    "NEES: squared position error in the covariance that the estimator gives; by its degrees of freedom it is 1 where the"
+    " estimator is as good as it thinks, above 1 where it is too sure."
+)
 _LONG = 40  # characters of a cell that may be broken
 
 
@@ -85,20 +97,41 @@ def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> str:
             frame = numbers_from_text(frame)
         columns = frame[table.columns.split()] if table.columns else frame
         shown.append(show_table(columns, table.caption, f"tables/{name}.csv", folded=table.folded))
-    manifest = pd.DataFrame(_entries(results.run.manifest), columns=["entry", "value"])
+    manifest = pd.DataFrame(entries(results.run.manifest), columns=["entry", "value"])
     return render(
         "run.html",
         title=config.study.name,
-        facts=[mission],
+        facts=[mission, _provenance(results)],
         description=config.study.description,
         notes=[*([SYNTHETIC_NOTE] if results.synthetic else []), *troubles(results)],
         cards=headlines(results),
+        words=_words(results),
         explorer=explorer(results, rays),
         plotly=get_plotlyjs(),
         pictures=pictures,
         run_tables=shown,
         origin=[show_table(manifest, "Manifest", "manifest.json")],
     )
+
+
+def _provenance(results: Results) -> str:
+    """What made the run, which water, and the command that makes it again."""
+    manifest, time = results.run.manifest, str(results.run.ocean.attrs.get("time", ""))
+    version = manifest["versions"].get("pymantaray")
+    made = [f"MantaRay {version}"] if version else []
+    made += [f"water of {time[:16].replace('T', ' ')} UTC"] if time else []
+    made.append(f"seed {results.run.config.study.seed}")
+    return ", ".join(made) + "; again with: mantaray study run config.toml"
+
+
+def _words(results: Results) -> list[str]:
+    """What conditions and NEES are, a line each."""
+    if not results.run.config.solves:
+        return []
+    lines = [
+        f"{condition_label(name)}: {_CONDITIONS[name]}." for name in results.errors if name in _CONDITIONS
+    ]
+    return [*lines, _NEES] if "consistency" in results.tables else lines
 
 
 def headlines(results: Results) -> list[tuple[str, str, str]]:
@@ -130,9 +163,10 @@ def _error_cards(tables: Mapping[str, pd.DataFrame]) -> list[tuple[str, str, str
         )
         cards.append((what, mean, remark))
     for row in tables["ate_difference"].head(1).to_dict("records"):
-        ends = " to ".join(signed_metres(row[f"bootstrap_{end}_m"]) for end in ("low", "high"))
+        ends = [row[f"bootstrap_{end}_m"] for end in ("low", "high")]
+        interval = f"; {' to '.join(map(signed_metres, ends))} (95 %)" if np.isfinite(ends).all() else ""
         what = f"{row['condition']} minus {row['baseline']}".capitalize()
-        cards.append((what, signed_metres(row["pooled_difference_m"]), f"mean position error; {ends} (95 %)"))
+        cards.append((what, signed_metres(row["pooled_difference_m"]), f"mean position error{interval}"))
     return cards
 
 
@@ -228,11 +262,11 @@ def _row(table: pd.DataFrame, **where: str) -> dict[str, Any]:
     return {str(key): value for key, value in row.items()}
 
 
-def _entries(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
+def entries(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
     """Entries of nested dictionaries, each by the way to it."""
     if isinstance(content, dict) and content:
         for name, item in content.items():
-            yield from _entries(item, f"{path} / {name}" if path else str(name))
+            yield from entries(item, f"{path} / {name}" if path else str(name))
     elif isinstance(content, list):
         yield path, ", ".join(str(item) for item in content) or "none"
     else:
