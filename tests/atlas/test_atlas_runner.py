@@ -229,6 +229,11 @@ def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, li
     assert instants_between(days, "2014-07-15", "2014-07-18", 48.0).size == 2
     assert instants_between("synthetic:fram", "2014-07-15", "2014-07-18").size == 4
     refused(AtlasError, "no time of the ocean lies in", instants_between, days, "2015-01-01", "2015-02-01")
+    for source in (days, "synthetic:fram"):
+        span = instants_between, source, "2014-07-18", "2014-07-15"
+        refused(AtlasError, "the last is before the first", *span)
+        for step in (0.0, -4.0, np.nan):
+            refused(AtlasError, "steps of a second and more", *span[:2], *span[:1:-1], step)
     # each instant reads its own file alone
     assert [block.files for block in Atlas(days, links, window=window, times=times).blocks] == [
         (str(path),) for path in days

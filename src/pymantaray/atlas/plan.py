@@ -226,8 +226,12 @@ def instants_between(
 ) -> NDArray[np.datetime64]:
     """Instants (UTC) of a source from one to another, both included, at least so many hours apart; of a synthetic one by default a day."""
     index, first, last = ocean_index(source), parse_instant(start), parse_instant(stop)
+    if last < first:
+        raise AtlasError(f"times from {start} to {stop}: the last is before the first")
+    if step_h is not None and not 1.0 / 3600.0 <= step_h < np.inf:
+        raise AtlasError(f"times every {step_h:g} h; allowed are steps of a second and more")
     if index.files[0][0].startswith(_SYNTHETIC):
-        step = np.timedelta64(round((step_h or 24.0) * 3600.0), "s")
+        step = np.timedelta64(round((24.0 if step_h is None else step_h) * 3600.0), "s")
         return np.arange(first, last + np.timedelta64(1, "ns"), step)
     chosen: list[np.datetime64] = []
     for time in index.times[(index.times >= first) & (index.times <= last)]:

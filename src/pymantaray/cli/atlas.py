@@ -110,6 +110,8 @@ def run(
     )
     if (start is None) != (stop is None) or (start is not None and time):
         raise AtlasError("--start and --stop belong together, and exclude --time")
+    if step_h is not None and start is None:
+        raise AtlasError("--step-h: there are steps from --start to --stop alone; give both")
     atlas = Atlas(
         files,
         links,
