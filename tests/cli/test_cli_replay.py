@@ -51,6 +51,7 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
     assert done.code == 0, done.err
     assert done.out.splitlines()[0] == "8 events: 8 ok"
     assert "clocks [ms]: A +0.000 ± 0.000, B +1.000 ± 0.000" in done.out
+    assert "interval over pairs [m]" in " ".join(done.out.split())
     assert done.out.splitlines()[-1].endswith("out/index.html")
     assert names_in(files / "out") == ["figures", "index.html", "replay.json", "tables"]
     assert names_in(files / "out" / "figures") == [
@@ -85,6 +86,7 @@ REFUSED = {
     "empty.toml: has no section [detection]": (*WATER, "--detection", "empty.toml"),
     "francois-garrison, but cast first lacks temperature or salinity": (*WATER, "--detection", "salty.toml"),
     "reference 'Z' is no node": (*WATER, "--reference", "Z"),
+    "window -5 s; allowed are 0 s and more": (*WATER, "--window", -5),
     "--run: events are replayed in --profile or --ocean": ("--run", "."),
 }
 

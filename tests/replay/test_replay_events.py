@@ -52,7 +52,10 @@ BAD = {
     "line 2: time is 'noon'; UTC as": (HEAD, ROW.replace("2020-03-10T12:00:00Z", "noon")),
     "line 2: receiver has no name": (HEAD, ROW.replace(",B,", ",,")),
     "travel_time of event 1 is -1.6; allowed: seconds above 0": (HEAD, ROW.replace("1.6", "-1.6")),
-    "travel_time of event 1 is 4000.0; allowed": (HEAD, ROW.replace("1.6", "4000")),
+    "travel_time of event 1 is 4000.0; allowed: seconds above 0, below 3600": (
+        HEAD,
+        ROW.replace("1.6", "4000"),
+    ),
     "source and receiver of event 1 is A and A; allowed: two nodes": (HEAD, ROW.replace(",B,", ",A,")),
     "latitude in -90 to 90": (HEAD, ROW.replace(",72,", ",720,")),
     "line 2: sigma is 'small'; seconds are needed, or nothing": (f"{HEAD},sigma", f"{ROW},small"),

@@ -203,7 +203,7 @@ def print_table(title: str, table: "pd.DataFrame", columns: Mapping[str, tuple[s
     from rich.markup import escape
     from rich.table import Table
 
-    shown = Table(title=title, title_justify="left", box=box.SIMPLE, pad_edge=False)
+    shown = Table(title=escape(title), title_justify="left", box=box.SIMPLE, pad_edge=False)
     for heading, (_, form) in columns.items():
         justify: Literal["left", "right"] = "right" if form else "left"
         shown.add_column(escape(heading), no_wrap=bool(form), overflow="fold", justify=justify)

@@ -142,12 +142,15 @@ def replay_events(
     Raises
     ------
     ReplayError
-        If an event names a cast that is not there, none can be chosen, or the rule needs a sonar that is not given.
+        If an event names a cast that is not there, none can be chosen, the rule needs a sonar that is not given, or the window is
+        negative.
     """
     waters = [waters] if isinstance(waters, Water) else list(waters)
     rule = DetectionRule.parse(rule) if isinstance(rule, str) else rule
     if rule.kind == "threshold" and any(water.reception.detector is None for water in waters):
         raise ReplayError("rule threshold: a sonar says what is heard; give [detection], or another rule")
+    if not window >= 0.0:
+        raise ReplayError(f"window {window:g} s; allowed are 0 s and more")
     nodes = set(events.source) | set(events.receiver)
     if reference is not None and reference not in nodes:
         raise ReplayError(f"reference {reference!r} is no node; there are {', '.join(sorted(nodes)[:12])}")

@@ -75,7 +75,9 @@ class Events:
             raise ReplayError(f"events: sigma has shape {sigma.shape}; it needs ({n},)")
         object.__setattr__(self, "sigma", sigma)
         self._refuse(
-            "travel_time", ~((self.travel_time > 0.0) & (self.travel_time < _SLOWEST)), "seconds above 0"
+            "travel_time",
+            ~((self.travel_time > 0.0) & (self.travel_time < _SLOWEST)),
+            f"seconds above 0, below {_SLOWEST:g}",
         )
         self._refuse("sigma", sigma <= 0.0, "seconds above 0, or empty")
         self._refuse("source and receiver", self.source == self.receiver, "two nodes")
