@@ -1,5 +1,7 @@
 """A study that was interrupted goes on where it was, and its results are those of one that was not."""
 
+import errno
+import os
 import subprocess
 import sys
 import time
@@ -7,6 +9,7 @@ import time
 import numpy as np
 import pytest
 
+from pymantaray.errors import WriteError
 from pymantaray.study import open_run, run_study, runner, unfinished
 from pymantaray.study.realization import RealizationSolver
 
@@ -67,6 +70,17 @@ def test_the_same_call_goes_on_with_what_was_done(tiny, at_once, solved, monkeyp
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     monkeypatch.undo()
     same(run, run_study(config, tmp_path / "undisturbed", workers=1))
+
+
+def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(tiny, at_once, monkeypatch, tmp_path, caplog):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(unfinished, "_link", full)
+    with pytest.raises(WriteError, match="No space left"):
+        run_study(tiny(), tmp_path / "run", workers=1)
+    assert "what is done could not be kept whole" in caplog.text
+    assert "are kept in" not in caplog.text
 
 
 def test_workers_go_on_as_well(tiny, at_once, tmp_path):

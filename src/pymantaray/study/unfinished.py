@@ -8,7 +8,7 @@ import pickle
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pymantaray
@@ -35,7 +35,7 @@ class Unfinished:
     def __init__(self, folder: Path | None, config: StudyConfig) -> None:
         self._place = None if folder is None else folder.with_name(f"{folder.name}.unfinished")
         self._config, self._latest = config, time.monotonic()
-        self._kept: set[int] = set()
+        self._there: set[int] = set()
 
     def restore(self, stage: Path) -> dict[str, str] | None:
         """Put the files of a mission that is there into a stage; the checksums of its input, None if there is none."""
@@ -53,7 +53,7 @@ class Unfinished:
         if self._place is None:
             return {}
         files = {int(path.stem): path for path in self._own(inputs).glob("*.pickle")}
-        self._kept = set(files)
+        self._there = set(files)
         if files:
             _LOG.warning("going on with %d realizations of an interrupted run, %s", len(files), self._place)
         return {number: pickle.loads(path.read_bytes()) for number, path in sorted(files.items())}
@@ -76,11 +76,14 @@ class Unfinished:
             yield look
         except BaseException:
             if self._place is not None and time.monotonic() - begun >= _EVERY:
-                with suppress(WriteError):
+                try:
                     self._keep(stage, names, self._own(inputs), solved)
-                _LOG.warning(
-                    "%d realizations are kept in %s; the same call goes on", len(self._kept), self._place
-                )
+                except WriteError as error:
+                    _LOG.warning("what is done could not be kept whole: %s", error)
+                if self._there:
+                    _LOG.warning(
+                        "%d realizations are kept in %s; the same call goes on", len(self._there), self._place
+                    )
             raise
 
     def clear(self) -> None:
@@ -103,10 +106,10 @@ class Unfinished:
                 part.rename(own / _MISSION)
             except OSError as error:
                 raise WriteError(f"{own}: cannot be written: {error.strerror}") from None
-        for number in sorted(solved.keys() - self._kept):
+        for number in sorted(solved.keys() - self._there):
             with whole_file(own / f"{number}.pickle") as temporary:
                 temporary.write_bytes(pickle.dumps(solved[number]))
-            self._kept.add(number)
+            self._there.add(number)
 
 
 def _link(source: Path, target: Path, names: list[str] | None = None) -> None:
