@@ -83,6 +83,8 @@ def ping_by_ping(config: StudyConfig, fleet: pd.DataFrame, times: list[float]) -
 
 def main(folder: Path) -> None:
     """Write the table, take the three roads, compare."""
+    if folder.exists():
+        sys.exit(f"{folder}: is already there; give a new folder")
     folder.mkdir(parents=True)
     fleet = unicycles()
     fleet.to_csv(folder / "mission.csv", index=False)

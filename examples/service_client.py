@@ -28,6 +28,10 @@ def main() -> None:
     """Let each vehicle ping once, ten seconds apart."""
     port = int(sys.argv[1]) if len(sys.argv) > 1 else 8642
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    try:
+        connection.connect()
+    except ConnectionRefusedError:
+        sys.exit(f"nobody listens on port {port}; start `mantaray serve synthetic:beaufort` first")
     print(ask(connection, "GET", "/")["title"])  # noqa: T201
     for turn, (source, place) in enumerate(FLEET.items()):
         others = [{"name": name, **end} for name, end in FLEET.items() if name != source]

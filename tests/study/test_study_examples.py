@@ -44,6 +44,8 @@ def test_python_example_prints_every_condition(tmp_path, monkeypatch, capsys):
 def test_own_trajectories_have_the_same_travel_times_by_three_roads(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["own_trajectories.py", str(tmp_path / "own")])
     runpy.run_path(str(EXAMPLES / "own_trajectories.py"), run_name="__main__")
+    with pytest.raises(SystemExit, match="own: is already there; give a new folder"):
+        runpy.run_path(str(EXAMPLES / "own_trajectories.py"), run_name="__main__")
     printed = capsys.readouterr().out
     assert "study: the same travel times: True" in printed
     assert "service: the same travel times: True" in printed
