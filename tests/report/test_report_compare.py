@@ -1,5 +1,7 @@
 """Two runs side by side."""
 
+from types import SimpleNamespace
+
 import pandas as pd
 import pytest
 
@@ -8,7 +10,7 @@ from pymantaray.report import compare, write_comparison
 from pymantaray.report import write as write_module
 from pymantaray.report.compare import by_name, comparison_plates, comparison_tables
 from pymantaray.report.figures import Results
-from pymantaray.study import open_run
+from pymantaray.study import load_study, open_run
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +72,17 @@ def test_the_keys_that_differ_come_first_and_no_others(run, other_folder, run_fo
     )
     again = comparison_tables({"one": Results(run), "other": Results(open_run(run_folder))})
     assert again["configuration"].empty
+
+
+def test_a_vehicle_that_differs_is_named_by_its_key():
+    quick = load_study("quick")
+    vehicles = list(quick.fleet.vehicles)
+    vehicles[2] = vehicles[2].model_copy(update={"north": 5.0})
+    other = quick.model_copy(update={"fleet": quick.fleet.model_copy(update={"vehicles": tuple(vehicles)})})
+    runs = {
+        name: SimpleNamespace(run=SimpleNamespace(config=c)) for name, c in (("one", quick), ("other", other))
+    }
+    assert compare._differences(runs).to_numpy().tolist() == [["fleet.vehicles.C.north", "2000.0", "5.0"]]
 
 
 def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):

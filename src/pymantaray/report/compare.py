@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -112,12 +113,23 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
 
 def _differences(runs: Mapping[str, Results]) -> pd.DataFrame:
     """Keys of the configuration, as in the file, whose values are not the same in all runs."""
-    settings = {name: dict(entries(r.run.config.model_dump(mode="json"))) for name, r in runs.items()}
+    settings = {
+        name: dict(entries(_by_names(r.run.config.model_dump(mode="json")))) for name, r in runs.items()
+    }
     keys = dict.fromkeys(key for values in settings.values() for key in values)
     rows = [
         [key.replace(" / ", "."), *(values.get(key, "–") for values in settings.values())] for key in keys
     ]
     return pd.DataFrame([row for row in rows if len(set(row[1:])) > 1], columns=["key", *runs])
+
+
+def _by_names(content: Any) -> Any:
+    """Configuration with its lists of tables, vehicles and the like, as tables by their names or numbers."""
+    if isinstance(content, dict):
+        return {key: _by_names(value) for key, value in content.items()}
+    if isinstance(content, list) and content and all(isinstance(item, dict) for item in content):
+        return {str(item.get("name", i + 1)): _by_names(item) for i, item in enumerate(content)}
+    return content
 
 
 def _all_solved(runs: Mapping[str, Results]) -> bool:
