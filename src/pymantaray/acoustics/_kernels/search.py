@@ -201,7 +201,7 @@ def find_brackets(s, walls, course, n_nodes, search, work):
     one code; across a change of code it may bend or jump. Where it comes as near to zero as the tolerance is large, or
     changes sign without getting smooth, rays are traced anew with the fine tolerance.
     Between rays that all have too many reflections, but got them far apart, rays with fewer are looked for in
-    wider intervals. Several intervals are halved at a time. work.brackets receives the rays at both ends. Returns their number,
+    wider intervals. Several intervals of direct rays are halved at a time. work.brackets receives the rays at both ends. Returns their number,
     the smallest miss met, the rays traced and whether the budget sufficed.
     """
     fan = work.fan
@@ -251,8 +251,9 @@ def _gather(s, walls, course, search, waiting, so_far, work):
     top, left, right = waiting
     spent, st, fine = work.nodes, work.stack, search.fine
     reflecting = course.rule.kind != at.OPEN
+    most = 1 if reflecting else work.middles.shape[0]  # reflected rays are traced one by one
     n = 0
-    while n < work.middles.shape[0] and (top > 0 or left <= right):
+    while n < most and (top > 0 or left <= right):
         if top == 0:
             top, left, right = _next_interval((top, left, right), work)
         top -= 1
