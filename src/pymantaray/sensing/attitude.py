@@ -19,9 +19,19 @@ class AttitudeNoise:
     each sample anew, and by a bias that a vehicle keeps through a realization and no estimator is told of.
     """
 
-    attitude_tilt_sigma: float = level(0.0, may_be_zero=True)
-    attitude_heading_sigma: float = level(0.0, may_be_zero=True)
-    attitude_heading_bias_sigma: float = level(0.0, may_be_zero=True)
+    attitude_tilt_sigma: float = level(
+        0.0, "Standard deviation of roll and pitch; 0 for no such sensor. [rad]", may_be_zero=True
+    )
+    attitude_heading_sigma: float = level(
+        0.0,
+        "Standard deviation of heading, drawn at each sample; 0 for no such sensor. [rad]",
+        may_be_zero=True,
+    )
+    attitude_heading_bias_sigma: float = level(
+        0.0,
+        "Standard deviation of a bias of heading that a vehicle keeps and no estimator is told of. [rad]",
+        may_be_zero=True,
+    )
 
     def __post_init__(self) -> None:
         """Refuse half a sensor."""

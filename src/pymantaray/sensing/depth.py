@@ -12,7 +12,7 @@ from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 class DepthNoise:
     """Standard deviation of a depth. [m]"""
 
-    depth_sigma: float = level(0.01)
+    depth_sigma: float = level(0.01, "Standard deviation of a depth. [m]")
 
 
 def measure(scene: Scene, noise: DepthNoise) -> Columns:

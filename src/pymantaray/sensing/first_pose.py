@@ -13,8 +13,12 @@ from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 class FirstPoseNoise:
     """Standard deviation of each axis of the first pose, position [m] and rotation [rad]."""
 
-    first_position_sigma: float = level(0.10)
-    first_rotation_sigma: float = level(1e-4)
+    first_position_sigma: float = level(
+        0.10, "Standard deviation of each axis of the first position. Ours, record 0001. [m]"
+    )
+    first_rotation_sigma: float = level(
+        1e-4, "Standard deviation of each axis of the first rotation. Ours, record 0001. [rad]"
+    )
 
 
 def measure(scene: Scene, noise: FirstPoseNoise) -> Columns:

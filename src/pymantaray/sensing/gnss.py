@@ -13,7 +13,7 @@ from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 class GnssNoise:
     """Standard deviation of each axis of a fix. [m]"""
 
-    gnss_sigma: float = level(0.10)
+    gnss_sigma: float = level(0.10, "Standard deviation of each axis of a GNSS fix. [m]")
 
 
 def measure(scene: Scene, noise: GnssNoise) -> Columns:

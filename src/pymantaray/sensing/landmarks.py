@@ -42,7 +42,9 @@ class Landmark:
 class SurveyNoise:
     """Standard deviation of each axis of a landmark's survey. [m]"""
 
-    landmark_sigma: float = level(0.10)
+    landmark_sigma: float = level(
+        0.10, "Standard deviation of each axis of a landmark's survey. Ours, record 0001. [m]"
+    )
 
 
 def measure(scene: Scene, noise: SurveyNoise) -> Columns:

@@ -15,7 +15,7 @@ SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose, att
 class RangeNoise:
     """Standard deviation of a range, modem jitter included. [m]"""
 
-    range_sigma: float = level(1.0)
+    range_sigma: float = level(1.0, "Standard deviation of a range, modem jitter included. [m]")
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,17 @@ from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 class OdometryNoise:
     """Shares of an edge's rotation angle and length [-], and what is added per time [rad s⁻¹, m s⁻¹]."""
 
-    odometry_rotation_fraction: float = level(1e-6, may_be_zero=True)
-    odometry_rotation_drift: float = level(5e-7)
-    odometry_xy_fraction: float = level(0.05, may_be_zero=True)
-    odometry_z_fraction: float = level(0.001, may_be_zero=True)
-    odometry_translation_drift: float = level(0.0125)
+    odometry_rotation_fraction: float = level(
+        1e-6, "Error of an edge's rotation as a share of its angle. [-]", may_be_zero=True
+    )
+    odometry_rotation_drift: float = level(5e-7, "Error of rotation that is added per time. [rad/s]")
+    odometry_xy_fraction: float = level(
+        0.05, "Error forward and to the right as a share of an edge's length. [-]", may_be_zero=True
+    )
+    odometry_z_fraction: float = level(
+        0.001, "Error downward as a share of an edge's length. [-]", may_be_zero=True
+    )
+    odometry_translation_drift: float = level(0.0125, "Error of translation that is added per time. [m/s]")
 
     def odometry_sigma(
         self, rotation: ArrayLike, translation: ArrayLike, time: ArrayLike

@@ -36,6 +36,6 @@ class Sensor(Protocol):
         """Those of its columns that noise changes."""
 
 
-def level(default: float, *, may_be_zero: bool = False) -> Any:
+def level(default: float, description: str, *, may_be_zero: bool = False) -> Any:
     """Give a field of a noise model; a configuration refuses 0 where no estimator could weigh it."""
-    return field(default=default, metadata={"may_be_zero": may_be_zero})
+    return field(default=default, metadata={"description": description, "may_be_zero": may_be_zero})

@@ -26,18 +26,24 @@ from pymantaray.study.config_estimators import (
 )
 from pymantaray.study.geographic import with_local_places
 
-Bounces = Annotated[int, Field(ge=0, le=15, description="what the solver can count")]
+Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
 
 
 class AcousticsSection(Section):
     """How eigenrays are looked for, which of them is ranged on, and whether the current carries them."""
 
     spreading_cutoff_db: PositiveFloat | Literal["off"] = 15.0
+    """An eigenray that is so much weaker than spherical spreading is no arrival; ``"off"`` keeps all. Ours, record 0001. [dB]"""
     interpolation: Literal["smooth", "linear"] = "smooth"
+    """What lies between grid points of sound speed: cubic splines, or straight lines as in Bellhop. Ours, record 0001."""
     max_surface_bounces: Bounces = 0
+    """Reflections at the surface, or under ice, that an eigenray may have."""
     max_bottom_bounces: Bounces = 0
+    """Reflections at the sea bed that an eigenray may have."""
     arrival: Literal["direct", "first", "strongest"] = "direct"
+    """Which arrival is ranged on: the earliest that met no boundary, the earliest of all, or the one of least loss."""
     currents: bool = False
+    """Whether the current carries sound along the rays."""
 
     @property
     def cutoff_db(self) -> float | None:
@@ -55,12 +61,19 @@ class RangingSection(Section):
     """
 
     timing: Literal["one-way", "two-way"] = "one-way"
+    """One way by synchronous clocks, or two ways with an answer."""
     turn_around_s: Seconds = 0.0
+    """Time from hearing a ping to answering it; two-way only. [s]"""
     clock_offset_sigma: NonNegativeFloat = 0.0
+    """Standard deviation of each clock's error when the mission starts. [s]"""
     clock_skew_sigma: NonNegativeFloat = 0.0
+    """Standard deviation of each clock's rate, as a share of time. [-]"""
     mistaken: Literal["off", "first-detected", "strongest-detected"] = "off"
+    """What a receiver takes for the direct arrival: that itself, or the first or strongest that it detects."""
     below_strongest_db: NonNegativeFloat | None = None
+    """An arrival is detected if it is at most so much weaker than the link's strongest; without ``[detection]`` only. [dB]"""
     mistaken_correlation_s: Seconds = 0.0
+    """How long a receiver stays with an arrival that it has taken, as a correlation time. [s]"""
 
     @model_validator(mode="after")
     def _only_two_way_turns_around(self) -> Self:
@@ -94,27 +107,41 @@ class DetectionSection(Section):
     """
     The modems' sonar equation; without this section every arrival is heard, as in the paper.
 
-    Levels are in dB re 1 µPa, the source's at 1 m and in the band. Noise is Wenz's, by wind and shipping (0.5
-    if not given), unless its spectral level is given, in dB re 1 µPa²/Hz. Where no ray arrives, with ``leakage`` sound
-    leaks past the nearest ray within ``leakage_reach_m``, and scattered sound is so many dB weaker than spherical spreading.
+    Noise is Wenz's, by wind and shipping, unless its spectral level is given.
     """
 
     source_level_db: float
+    """Level of a ping at 1 m, in the band. [dB re 1 µPa]"""
     frequency_hz: PositiveFloat
+    """Middle of the band. [Hz]"""
     bandwidth_hz: PositiveFloat
+    """Width of the band. [Hz]"""
     wind_speed: NonNegativeFloat = 5.0
+    """Wind, for noise and for reflections at the surface. [m/s]"""
     shipping: float | None = Field(default=None, ge=0.0, le=1.0)
+    """Activity of ships for noise, from 0 (none near) to 1 (heavy); 0.5 unless given. [-]"""
     noise_spectral_level_db: float | None = None
+    """Noise at the receiver in place of wind's and ships', flat in the band. [dB re 1 µPa²/Hz]"""
     processing_gain_db: float = 0.0
+    """What pulse compression and directivity add to the signal-to-noise ratio. [dB]"""
     threshold_db: float = 10.0
+    """Signal-to-noise ratio at which half the pings are heard. [dB]"""
     spread_db: NonNegativeFloat = 6.0
+    """Standard deviation of the level about the predicted one; with 0 a ping is heard or not. [dB]"""
     absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = "francois-garrison"
+    """Formula of absorption by sea water."""
     surface_loss: Literal["none", "bubbles", "coherent"] = "none"
+    """Loss at reflections by a sea under wind: what bubbles take, or what is not coherent any more."""
     ice_loss_db: NonNegativeFloat | None = None
+    """Lost at each reflection under ice, which ``ocean.ice`` gives. [dB]"""
     sediment: Literal["none", "clay", "silt", "sand", "gravel", "moraine"] = "none"
+    """What the sea bed is made of, for loss at reflections; ``"none"`` reflects everything."""
     leakage: bool = False
+    """Whether sound leaks past the nearest ray to where no ray arrives."""
     leakage_reach_m: PositiveFloat = 200.0
+    """How far a receiver may be from the nearest ray that leaks. [m]"""
     scatter_db: NonNegativeFloat | None = None
+    """Scattered sound in shadows is so much weaker than spherical spreading; none unless given. [dB]"""
 
     @model_validator(mode="after")
     def _scatter_is_part_of_leakage(self) -> Self:
@@ -139,90 +166,116 @@ class DetectionSection(Section):
         return self
 
 
-ParticipantName = Annotated[
-    str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$", description="letters, digits, _ and -, 64 at most")
-]
+ParticipantName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 
 
 class FloatSection(Section):
     """What all floats share unless a vehicle says otherwise."""
 
     hold_depth_h: Hours = 24.0
+    """Time at the target depth. [h]"""
     hold_surface_h: Hours = 1.0
+    """Time at the surface. [h]"""
     vertical_speed: PositiveFloat = 0.5
+    """Limit of the vertical speed, up and down. [m/s]"""
     surface_depth: Depth = 0.5
+    """Depth that counts as surfaced. Ours, record 0001. [m]"""
     depth_gain: PositiveFloat = 0.1
+    """Vertical speed that is commanded per metre of depth error. Ours, record 0001. [1/s]"""
     arrival_tolerance: PositiveFloat = 0.1
+    """A hold begins so near to its depth. Ours, record 0001. [m]"""
 
 
 class _Placed(Section):
     """A vehicle's name and starting place in the local frame; a file may give it by ``lat`` and ``lon``, see `with_local_places`."""
 
     name: ParticipantName
+    """Unique; letters, digits, _ and -, 64 at most."""
     north: float
+    """North of the frame's centre, at the start; in its place ``lat`` [degrees]. [m]"""
     east: float
+    """East of the frame's centre, at the start; in its place ``lon`` [degrees]. [m]"""
     heading_deg: float = 0.0
+    """Where its bow points at the start, clockwise from north. [degrees]"""
 
 
 class FloatVehicle(_Placed):
     """Argo-style float: sink, hold, rise, hold at the surface; drifts with the current."""
 
     kind: Literal["float"]
+    """An Argo-style float."""
     target_depth: Depth
+    """Depth of the hold below; deeper than the surface's. [m]"""
     start_delay_h: Hours = 0.0
+    """Time of its first descent. [h]"""
     hold_depth_h: Hours | None = None
+    """Its own, in place of ``[fleet.floats]``. [h]"""
     hold_surface_h: Hours | None = None
+    """Its own, in place of ``[fleet.floats]``. [h]"""
     vertical_speed: PositiveFloat | None = None
+    """Its own, in place of ``[fleet.floats]``. [m/s]"""
     surface_depth: Depth | None = None
+    """Its own, in place of ``[fleet.floats]``. [m]"""
     depth_gain: PositiveFloat | None = None
+    """Its own, in place of ``[fleet.floats]``. [1/s]"""
     arrival_tolerance: PositiveFloat | None = None
+    """Its own, in place of ``[fleet.floats]``. [m]"""
 
 
 class StationVehicle(_Placed):
     """Station-keeping vehicle: stays where it is put."""
 
     kind: Literal["station"]
+    """A vehicle that keeps its station."""
     depth: Depth = 0.5
+    """Depth that it keeps. [m]"""
 
 
 class DriftingVehicle(_Placed):
     """Buoy that drifts with the current at its depth, or at that of its drogue."""
 
     kind: Literal["drifting"]
+    """A buoy."""
     depth: Depth = 0.5
+    """Depth that it keeps. [m]"""
     drogue_depth: Depth | None = None
+    """Depth of the water that carries it; its own unless given. [m]"""
 
 
 class TwistVehicle(_Placed):
-    """
-    Vehicle under one constant body twist, angular velocity first. [rad/s, m/s].
-
-    Over ground, or with ``current`` through water that carries it.
-    """
+    """Vehicle under one constant body twist, over ground, or with ``current`` through water that carries it."""
 
     kind: Literal["twist"]
+    """A vehicle that moves with one twist for ever."""
     depth: Depth
+    """Depth at the start. [m]"""
     twist: tuple[float, float, float, float, float, float] = Field(strict=False)
+    """Angular velocity about, and velocity along, forward, right and down. [rad/s, m/s]"""
     current: bool = False
+    """Whether the current carries it besides."""
 
 
 class WaypointVehicle(_Placed):
-    """
-    Vehicle that steers for points (north, east, depth) at one speed and a limited turn rate.
-
-    The speed is over ground, or with ``current`` through water that carries the vehicle.
-    """
+    """Vehicle that steers for points at one speed and a limited turn rate."""
 
     kind: Literal["waypoints"]
+    """A vehicle that steers for points."""
     depth: Depth
+    """Depth at the start. [m]"""
     points: tuple[Annotated[tuple[float, float, Depth], Field(strict=False)], ...] = Field(
         min_length=1, strict=False
     )
+    """North, east and depth of each; latitude, longitude and depth where its place is ``lat`` and ``lon``. [m]"""
     speed: PositiveFloat
+    """Over ground, or through water with ``current``. [m/s]"""
     turn_rate_deg: PositiveFloat = 5.0
+    """Limit of the angular speed. [degrees/s]"""
     capture_radius: PositiveFloat = 20.0
+    """A point counts as reached so near; not less than the turning radius. [m]"""
     loop: bool = False
+    """Whether it goes on from the last point to the first; else it stops there."""
     current: bool = False
+    """Whether the current carries it."""
 
 
 AnyVehicle = Annotated[
@@ -232,16 +285,16 @@ AnyVehicle = Annotated[
 
 
 class FleetSection(Section):
-    """
-    The vehicles, and what the floats among them share; or files with trajectories of vehicles that moved elsewhere.
-
-    ``enu``: TUM files among them have east, north, up and bodies forward, left, up.
-    """
+    """The vehicles, and what the floats among them share; or files with trajectories of vehicles that moved elsewhere."""
 
     floats: FloatSection = FloatSection()
+    """What all floats share."""
     vehicles: tuple[AnyVehicle, ...] = Field(default=(), strict=False)
+    """Each with its ``kind``; a table ``[[fleet.vehicles]]`` for each."""
     trajectories: InputFiles = ()
+    """Files of vehicles that moved elsewhere, in place of ``vehicles``; relative to this file."""
     enu: bool = False
+    """Whether TUM files among them have east, north, up and bodies forward, left, up."""
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
@@ -260,9 +313,13 @@ class LandmarkSection(Section):
     """Fixed point whose surveyed place is known; takes part in ranging."""
 
     name: ParticipantName
+    """Unique; letters, digits, _ and -, 64 at most."""
     north: float
+    """North of the frame's centre; in its place ``lat`` [degrees]. [m]"""
     east: float
+    """East of the frame's centre; in its place ``lon`` [degrees]. [m]"""
     depth: Depth
+    """Positive down. [m]"""
 
 
 Condition = Literal["odometry", "straight", "refracted", "straight-all", "no-ranges"]
@@ -272,10 +329,15 @@ class StudySection(Section):
     """Name, seed and size of the Monte Carlo study; without conditions and estimators it has ranges alone."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    """Letters, digits, dot, _ and -."""
     description: str = ""
+    """One line for lists and reports."""
     seed: int = Field(default=20140715, ge=0)
+    """Root of all random numbers. Ours, record 0001."""
     realizations: int = Field(default=25, ge=1, le=10**9)
+    """How many times noise is drawn."""
     conditions: tuple[Condition, ...] = Field(default=("odometry", "straight", "refracted"), strict=False)
+    """What is estimated: dead reckoning, all sensors but ranges, or ranges that are straight (all, or only those that refracted ones have) or refracted."""
 
     @model_validator(mode="after")
     def _no_duplicates(self) -> Self:
@@ -287,25 +349,40 @@ class InternalTideSection(Section):
     """A first-mode internal tide that lifts and lowers the true water as it runs east; estimators know nothing of it."""
 
     amplitude: PositiveFloat
+    """Greatest displacement of water, up and down. [m]"""
     period_h: PositiveFloat = 12.42
+    """From crest to crest. [h]"""
     wavelength: PositiveFloat = 1e5
+    """From crest to crest, along east. [m]"""
 
 
 class OceanSection(Section):
     """Where the water and the sea floor come from, whether they vary, and the centre of the local frame."""
 
     source: OceanSource
+    """Files that belong together, ``"synthetic:beaufort"`` or ``"synthetic:fram"``; files are relative to this one."""
     time: dt.datetime | None = None
+    """Instant of the water, UTC; the start of the mission where it varies. The files' only one unless given."""
     time_varying: bool = False
+    """Whether the water changes while the mission lasts."""
     currents: Literal["required", "rest"] = "required"
+    """Whether files must have currents, or water without them is at rest."""
     equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
+    """Equation of sound speed by temperature, salinity and pressure."""
     bathymetry: InputFile | None = None
+    """File of a sea floor that is finer than the ocean's."""
     ice: NonNegativeFloat | InputFile | None = None
+    """Draft of an ice cover: the same everywhere, or a file's. [m]"""
     internal_tide: InternalTideSection | None = None
+    """A wave through the true water; none unless given."""
     centre_latitude_deg: float | None = Field(default=None, ge=-90.0, le=90.0)
+    """Latitude of the local frame's centre; the middle of the data unless given. [degrees]"""
     centre_longitude_deg: float | None = Field(default=None, ge=-180.0, le=360.0)
+    """Longitude of the local frame's centre; the middle of the data unless given. [degrees]"""
     half_extent_north: PositiveFloat | None = None
+    """Half of the domain's side from south to north; the largest that fits unless given. [m]"""
     half_extent_east: PositiveFloat | None = None
+    """Half of the domain's side from west to east; the largest that fits unless given. [m]"""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -355,16 +432,22 @@ class SlotsSection(Section):
     """Vehicles ping in turn, one a slot, over and over: TDMA."""
 
     kind: Literal["slots"]
+    """Vehicles ping in turn."""
     slots: tuple[str, ...] = Field(min_length=1, strict=False)
+    """Names of who pings, in order."""
     slot_s: PositiveSeconds
+    """Time from one slot to the next. [s]"""
     start_s: Seconds = 0.0
+    """Time of the first slot. [s]"""
 
 
 class PingsSection(Section):
     """Pings one by one, from a table of times, transmitters and, if not everybody listens, receivers."""
 
     kind: Literal["pings"]
+    """Pings are listed."""
     file: InputFile
+    """CSV with columns ``time`` [s], ``transmitter`` and, if not all listen, ``receivers``; relative to this file."""
 
 
 AnySchedule = Annotated[SlotsSection | PingsSection, Field(discriminator="kind")]
@@ -379,11 +462,17 @@ class MissionSection(Section):
     """
 
     duration_h: PositiveHours = 168.0
+    """Time from the first sample to the last. [h]"""
     physics_step_s: PositiveSeconds = 0.125
+    """Step of the vehicles' motion. [s]"""
     sampling_period_s: PositiveSeconds = 200.0
+    """Time between samples of poses and sensors. Both ends are samples: ours, record 0001. [s]"""
     ping_interval_h: PositiveHours = 4.0
+    """All vehicles ping at every multiple. Not at 0: ours, record 0001. [h]"""
     schedule: AnySchedule | None = None
+    """Who pings when, in place of ``ping_interval_h``."""
     gnss_depth: PositiveFloat = 1.0
+    """A vehicle has a GNSS fix while it is shallower. Ours, record 0001. [m]"""
 
 
 if TYPE_CHECKING:
@@ -394,7 +483,13 @@ else:
         "NoiseSection",
         __base__=Section,
         __doc__="Levels of `NoiseModel`, the paper's table of noise; those it leaves open are in record 0001.",
-        **{f.name: (_SIGN[f.metadata["may_be_zero"]], f.default) for f in fields(NoiseModel)},
+        **{
+            f.name: (
+                _SIGN[f.metadata["may_be_zero"]],
+                Field(default=f.default, description=f.metadata["description"]),
+            )
+            for f in fields(NoiseModel)
+        },
     )
 
 
@@ -402,17 +497,24 @@ class EstimatorSection(Section):
     """Where the optimizer starts from, and how often covariances are kept, the end included."""
 
     initialise: Literal["truth", "dead-reckoning"] = "truth"
+    """Where the optimizer starts from. Ours, record 0001."""
     covariance_interval_h: PositiveHours = 24.0
+    """How often covariances of poses are kept. [h]"""
 
 
 class SoundConfig(Section):
     """What of a study decides who hears whom, and when, but the places: all that ranging needs without a fleet."""
 
     ocean: OceanSection
+    """Water and sea floor."""
     mission: MissionSection = MissionSection()
+    """Durations and periods."""
     acoustics: AcousticsSection = AcousticsSection()
+    """Eigenrays."""
     ranging: RangingSection = RangingSection()
+    """How travel times are measured."""
     detection: DetectionSection | None = None
+    """Who is heard; everybody unless given."""
 
     @model_validator(mode="after")
     def _mistakes_need_a_rule(self) -> Self:
@@ -472,11 +574,17 @@ class StudyConfig(SoundConfig):
     """A whole study: everything that its results depend on, apart from the input files' content."""
 
     study: StudySection
+    """Name, seed and size."""
     noise: NoiseSection = NoiseSection()
+    """Levels of all noise."""
     fleet: FleetSection
+    """The vehicles."""
     landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
+    """Fixed points; a table ``[[landmarks]]`` for each."""
     estimator: EstimatorSection = EstimatorSection()
+    """The optimizer."""
     estimators: tuple[RangeEstimatorSection, ...] | None = Field(default=None, strict=False)
+    """Further conditions; a table ``[[estimators]]`` for each."""
 
     @model_validator(mode="before")
     @classmethod

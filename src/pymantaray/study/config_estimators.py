@@ -21,7 +21,7 @@ from pydantic import (
 
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
-Depth = Annotated[float, Field(ge=0.0, description="positive down [m]")]
+Depth = NonNegativeFloat  # positive down
 
 _SECONDS = {"s": 1, "min": 60, "h": 3600, "d": 86400}
 _PART = rf"(\d+(?:\.\d*)?|\.\d+)\s*({'|'.join(_SECONDS)})"
@@ -80,7 +80,9 @@ def own_files(source: Sequence[str]) -> tuple[str, ...]:
 class Section(BaseModel):
     """Base of all sections: frozen, strict about types, no unknown keys, finite numbers only."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 def require_unique(what: str, values: Sequence[str]) -> None:
@@ -94,7 +96,9 @@ class ExactBelief(Section):
     """The true ocean; where it varies, its first snapshot, or with ``time_varying`` that of each ping."""
 
     kind: Literal["exact"]
+    """The true ocean."""
     time_varying: bool = False
+    """Whether each ping's water is believed, not the first snapshot."""
 
 
 class PerturbedBelief(Section):
@@ -106,16 +110,22 @@ class PerturbedBelief(Section):
     """
 
     kind: Literal["perturbed"]
+    """The true ocean with random errors."""
     rms: PositiveFloat
+    """Size of the errors of sound speed, root mean square. [m/s]"""
     horizontal_scale: PositiveFloat
+    """Correlation length of the errors. [m]"""
     down_to: PositiveFloat | None = None
+    """Depth over which ``rms`` is meant; all of the water column unless given. [m]"""
     n_modes: int | None = Field(default=None, ge=1)
+    """How many vertical modes err; those that carry 99.99 % of the variance unless given."""
 
 
 class MeanBelief(Section):
     """The horizontal mean of each level, as a climatology has it."""
 
     kind: Literal["mean"]
+    """The region's mean profile."""
 
 
 class CastBelief(Section):
@@ -127,11 +137,17 @@ class CastBelief(Section):
     """
 
     kind: Literal["cast"]
+    """One cast of the true ocean."""
     north: float | None = None
+    """Where it is taken; with ``east``. [m]"""
     east: float | None = None
+    """Where it is taken; with ``north``. [m]"""
     bias_sigma: NonNegativeFloat = 0.0
+    """Standard deviation of the instrument's bias of sound speed. [m/s]"""
     noise_sigma: NonNegativeFloat = 0.0
+    """Standard deviation of sound speed at each level. [m/s]"""
     down_to: PositiveFloat | None = None
+    """How deep it reaches; to the bed unless given. [m]"""
 
     @model_validator(mode="after")
     def _both_or_none(self) -> Self:
@@ -144,8 +160,11 @@ class OffsetBelief(Section):
     """The true ocean with an error of sound speed [m/s] that depends on depth alone: linear between depths, constant beyond."""
 
     kind: Literal["offset"]
+    """The true ocean with an error that depends on depth."""
     depth: tuple[Depth, ...] = Field(default=(0.0,), strict=False, min_length=1)
+    """Depths of the table, increasing. [m]"""
     sound_speed: tuple[float, ...] = Field(strict=False, min_length=1)
+    """Errors at these depths. [m/s]"""
 
     @model_validator(mode="after")
     def _a_table(self) -> Self:
@@ -162,17 +181,24 @@ class NumericsBelief(Section):
     """The true ocean by other numerics: every so many levels, another equation of sound speed, another interpolation."""
 
     kind: Literal["numerics"]
+    """The true ocean by other numerics."""
     every_level: int = Field(default=1, ge=1)
+    """Every how many levels of the ocean one is taken."""
     equation: Literal["teos-10", "del-grosso", "unesco"] | None = None
+    """Equation of sound speed; the study's unless given."""
     interpolation: Literal["smooth", "linear"] | None = None
+    """What lies between grid points; the study's unless given."""
 
 
 class OtherDayBelief(Section):
     """The same source some days earlier: as it was then, or with ``time_varying`` as it changed from then on."""
 
     kind: Literal["other-day"]
+    """The source at another time."""
     days_earlier: float
+    """How much earlier than the study's. [days]"""
     time_varying: bool = False
+    """Whether it changes from then on."""
 
 
 class FileBelief(Section):
@@ -184,9 +210,13 @@ class FileBelief(Section):
     """
 
     kind: Literal["file"]
+    """An ocean of its own."""
     path: OceanSource
+    """What ``ocean.source`` takes, or a file of casts; relative to this file."""
     time: dt.datetime | None = None
+    """Which of several instants, UTC; the start of the mission unless given."""
     cast: str | None = None
+    """Name of one of several casts."""
 
 
 AnyBelief = Annotated[
@@ -212,9 +242,13 @@ class ModesSection(Section):
     """
 
     count: int = Field(ge=1)
+    """How many, from the one that varies most."""
     rms: PositiveFloat | None = None
+    """Standard deviation of sound speed beforehand; what the region varies by unless given. [m/s]"""
     down_to: PositiveFloat | None = None
+    """Depth over which ``rms`` is meant; all of the water column unless given. [m]"""
     casts: tuple[InputFile, ...] = Field(default=(), strict=False)
+    """Files whose modes are taken in place of the ocean's; relative to this file."""
 
     @model_validator(mode="after")
     def _depth_of_something(self) -> Self:
@@ -227,7 +261,9 @@ class ClocksSection(Section):
     """Offset and skew of all clocks, estimated with the poses; priors are the study's unless given."""
 
     offset_sigma: NonNegativeFloat | None = None
+    """Standard deviation of each clock's error beforehand; ``ranging.clock_offset_sigma`` unless given. [s]"""
     skew_sigma: NonNegativeFloat | None = None
+    """Standard deviation of each clock's rate beforehand; ``ranging.clock_skew_sigma`` unless given. [-]"""
 
     def priors(self, offset_sigma: float, skew_sigma: float) -> tuple[float, float]:
         """Standard deviations of offset and skew, where those given are the study's. [s, -]."""
@@ -251,36 +287,50 @@ class RangeEstimatorSection(Section):
     """
     One estimator: one more condition of the study, on the same noise.
 
-    ``sound_speed`` belongs to ``constant``; ``belief`` to the models that need an ocean, and to ``constant`` for its mean
-    slowness down to the deepest vehicle. The variance is the
-    fixed one of the ranges, or has that of the travel time by the ocean's uncertainty added, alone or with
-    the covariances between the links of a ping: of sound speed ``uncertainty_rms`` in the study's vertical
-    modes, by default what a perturbed belief has. ``range_sigma`` [m] is believed in place of the study's, ``"fitted"`` the
-    one at which the cost is what is expected of it. With ``modes`` or ``clocks`` water or clocks are estimated
-    too, with ``scale_sigma`` [-] and ``bias_sigma`` [m] a factor on all travel times and a bias of each ordered pair.
-    ``directions = "mean"`` gives both ranges of a pair their mean.
+    Models of range that need an ocean take a ``belief``; ``constant`` takes a ``sound_speed``, or the mean slowness of a belief
+    down to the deepest vehicle.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    """Name of the condition; letters, digits, dot, _ and -."""
     ranges: Literal["refracted", "straight"] = "refracted"
+    """What is measured: refracted ranges, or straight ones."""
     links: Literal["refracted", "all"] = "refracted"
+    """Links whose ranges are taken: those that refracted ranges have, or all."""
     range_model: RangeModelName = "transmitter"
+    """What the estimator expects of a travel time: one speed, that at the transmitter, the mean of a profile, or rays through an ocean."""
     sound_speed: PositiveFloat | None = None
+    """The one speed of the range model ``constant``. [m/s]"""
     belief: AnyBelief | None = None
+    """The ocean that is believed in; for range models that need one."""
     variance: Literal["fixed", "per-link", "correlated"] = "fixed"
+    """Variance of a range: the study's, or with the travel time's own by the uncertain ocean added, alone or with covariances between the links of a ping."""
     uncertainty_rms: PositiveFloat | None = None
+    """How wrong the ocean is, for ``variance``; as a perturbed belief says unless given. [m/s]"""
     uncertainty_horizontal_scale: PositiveFloat | None = None
+    """Correlation length of these errors; as a perturbed belief says unless given. [m]"""
     uncertainty_down_to: PositiveFloat | None = None
+    """Depth over which ``uncertainty_rms`` is meant. [m]"""
     loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
+    """Robust loss of ranges; least squares without."""
     solver: Literal["batch", "incremental", "fixed-lag"] = "batch"
+    """All at once, epoch by epoch, or with a lag after which poses are let go."""
     lag_h: PositiveHours | None = None
+    """How long the solver ``fixed-lag`` keeps a pose. [h]"""
     start: Literal["truth", "dead-reckoning"] = "truth"
+    """Where the optimizer starts from."""
     modes: ModesSection | None = None
+    """Water that is estimated too."""
     clocks: ClocksSection | None = None
+    """Clocks that are estimated too."""
     range_sigma: PositiveFloat | Literal["fitted"] | None = None
+    """Standard deviation believed of ranges in place of the study's; ``"fitted"``: that at which the cost is what is expected of it. [m]"""
     directions: Literal["each", "mean"] = "each"
+    """Whether each range of a pair is taken as it is, or both as their mean."""
     scale_sigma: PositiveFloat | None = None
+    """A factor on all travel times is estimated, which differs so much from 1 beforehand. [-]"""
     bias_sigma: PositiveFloat | None = None
+    """A bias of each ordered pair is estimated, so large beforehand. [m]"""
 
     @model_validator(mode="after")
     def _ranges_fit(self) -> Self:
