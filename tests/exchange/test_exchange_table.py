@@ -179,6 +179,8 @@ REFUSED = {
         "time,north,east,depth\n2020-01-01,0,0,0\nnoon,0,0,0"),
     "m.csv, line 2: time is '5'; all are seconds, or all are dates": text(
         "time,north,east,depth\n5,0,0,0\n2020-01-01,0,0,0"),
+    "m.csv, line 3: time is 'inf'; all are seconds": text(
+        "time,north,east,depth\n0,0,0,0\ninf,0,0,0\n1,1,1,1"),
     "m.csv: has pitch, but no heading; leave": text("time,north,east,depth,pitch\n0,0,0,0,0\n1,0,0,0,0"),
     "m.csv: heading reaches 359, .* call the column heading_deg": text(
         "time,north,east,depth,heading\n0,0,0,0,0\n1,0,0,0,359"),
@@ -196,12 +198,18 @@ REFUSED = {
     "m.tum: 2 rows of 7 numbers; a TUM file has 8": text("0 1 2 3 4 5 6\n" * 2, "m.tum"),
     "m.tum: not a readable TUM file: could not convert string 'x'": text("0 1 2 x 0 0 0 1\n", "m.tum"),
     "m.tum: 0 rows": text("# nothing\n", "m.tum"),
+    "m.tum: pose 1 has a number that is not finite": text("0 0 0 0 0 0 0 1\nnan 0 0 0 0 0 0 1\n", "m.tum"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("message", REFUSED)
 def test_bad_files_are_one_line_each(message, tmp_path):
     refused(ExchangeError, message, lambda: read_trajectories(REFUSED[message](tmp_path)))
+
+
+def test_a_table_of_parquet_without_rows_is_refused(tmp_path):
+    TABLE.iloc[:0].assign(heading=[]).to_parquet(tmp_path / "m.parquet")
+    refused(ExchangeError, "m.parquet: has no rows", read_trajectories, tmp_path / "m.parquet")
 
 
 def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
@@ -219,3 +227,5 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
         path, np.datetime64("2023-05-01T10:01:00", "ns")))  # fmt: skip
     refused(ExchangeError, "lacks transmitter; found time, who; a list of pings needs", lambda: read_pings(
         text("time,who\n0,A\n")(tmp_path), None))  # fmt: skip
+    both = text("time,transmitter,receiver,receivers\n0,A,B,B\n")(tmp_path)
+    refused(ExchangeError, "has two columns receivers; keep one", read_pings, both, None)

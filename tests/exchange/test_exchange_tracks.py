@@ -66,6 +66,12 @@ def test_outside_its_span_a_vehicle_is_not_there():
     assert truth.stops == {"A": (X, 60.1), "B": (X, 161.0)}
 
 
+def test_a_record_in_which_a_vehicle_is_never_there_is_refused():
+    late = poses("B", TIME + 100.0)
+    truth = Tracks.of([poses(), late]).at([0.0, 30.0, 60.0], FRAME)
+    refused(ExchangeError, "B has 0 poses; a trajectory needs two or more", Tracks.of_record, truth)
+
+
 def test_without_attitudes_a_vehicle_is_level_and_heads_where_it_goes():
     place = [[0, 0, 5], [0, 0, 9], [10, 0, 9], [10, 0, 2], [10, 5, 2.0]]
     truth = Tracks.of([poses(place=place)]).at(TIME, FRAME)

@@ -81,7 +81,7 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
     """
     table, _ = _known_columns(_text(path))
     try:
-        table.require(["time", "transmitter"])
+        table.require(["time", "transmitter", *({"receivers"} & set(table.frame.columns))])
     except RecordError as error:
         raise ExchangeError(
             f"{error}; a list of pings needs time and transmitter, and may have receivers"
@@ -125,6 +125,8 @@ def _parquet(path: Path) -> TextTable:
         raise ExchangeError(
             f"{path}: not a readable Parquet file: {' '.join(str(error).split())[:100]}"
         ) from None
+    if frame.empty:
+        raise ExchangeError(f"{path}: has no rows; a trajectory needs two or more")
     frame = frame.reset_index() if frame.index.name else frame
     return TextTable(path, frame.set_axis(range(1, len(frame) + 1)).rename(columns=str), [])
 
@@ -162,27 +164,11 @@ def _vehicles(table: TextTable) -> NDArray[Any]:
 
 
 def _times(table: TextTable) -> NDArray[Any]:
-    """Seconds, or dates in UTC; a date without a zone is taken as UTC."""
-    cells = table.frame["time"]
-    if not pd.api.types.is_datetime64_any_dtype(cells):
-        seconds = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
-        if np.isfinite(seconds).all():
-            return seconds
-        dates = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
-        if np.isfinite(seconds).any() or dates.isna().any():
-            wrong = int(np.argmax(dates.isna() | np.isfinite(seconds)))
-            raise ExchangeError(
-                f"{table.path}, line {table.frame.index[wrong]}: time is {str(cells.iloc[wrong])[:40]!r}; all are"
-                " seconds, or all are dates as 2014-07-15T12:00:00Z (without a zone: UTC)"
-            )
-        cells = dates
-    elif cells.isna().any():
-        raise ExchangeError(
-            f"{table.path}, line {table.frame.index[int(np.argmax(cells.isna()))]}: time is missing"
-        )
-    if cells.dt.tz is not None:
-        cells = cells.dt.tz_convert("UTC").dt.tz_localize(None)
-    return cells.to_numpy(dtype="datetime64[ns]")
+    """Seconds, or dates in UTC."""
+    try:
+        return table.times("time")
+    except RecordError as error:
+        raise ExchangeError(str(error)) from None
 
 
 def _attitude(table: TextTable, factors: dict[str, float]) -> Array | None:

@@ -203,7 +203,8 @@ def _clean(p: Poses, told: list[str]) -> Poses:
     order = np.argsort(p.time, kind="stable")
     time, place = p.time[order], np.array(p.place[order], dtype=float)
     least = np.timedelta64(1, "us") if np.issubdtype(time.dtype, np.datetime64) else SAME_TIME
-    first = np.concatenate([[True], np.diff(time) > least])
+    first = np.ones(time.size, dtype=bool)
+    first[1:] = np.diff(time) > least
     if not first.all():
         told.append(f"{who}: {np.count_nonzero(~first)} poses at times that it has already were left out")
     order, time, place = order[first], time[first], place[first]

@@ -107,6 +107,9 @@ def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
         raise ExchangeError(
             f"{path}: {len(table)} rows of {table.shape[-1]} numbers; a TUM file has 8 a row, time x y z qx qy qz qw"
         )
+    finite = np.isfinite(table).all(axis=1)
+    if not finite.all():
+        raise ExchangeError(f"{path}: pose {int(np.argmin(finite))} has a number that is not finite")
     place, quaternion = table[:, 1:4], table[:, [7, 4, 5, 6]]
     if enu:
         place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)

@@ -4,7 +4,7 @@ import io
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pymantaray.errors import RecordError
 
@@ -53,6 +53,31 @@ class TextTable:
                 f" {columns[k]} is {self.frame[columns[k]].iloc[row]!r}"
             )
         return values
+
+    def times(self, column: str) -> "NDArray[Any]":
+        """Column of seconds, or of dates, in UTC where they have no zone; a cell that is neither, or not as most are, is refused by its line."""
+        import numpy as np
+        import pandas as pd
+
+        cells = self.frame[column]
+        if pd.api.types.is_datetime64_any_dtype(cells):
+            dates, wrong = cells, cells.isna().to_numpy()
+        else:
+            seconds = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+            number = np.isfinite(seconds)
+            if number.all():
+                return seconds
+            dates = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
+            wrong = ~number if 2 * np.count_nonzero(number) > number.size else number | dates.isna()
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise RecordError(
+                f"{self.path}, line {self.frame.index[row]}: {column} is {str(cells.iloc[row])[:40]!r}; all are seconds, or all"
+                " are dates as 2014-07-15T12:00:00Z (without a zone: UTC)"
+            )
+        if dates.dt.tz is not None:
+            dates = dates.dt.tz_convert("UTC").dt.tz_localize(None)
+        return dates.to_numpy(dtype="datetime64[ns]")
 
 
 def read_text_table(path: str | Path) -> TextTable:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pymantaray.errors import ReplayError
+from pymantaray.errors import RecordError, ReplayError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.records.text_table import TextTable, read_text_table
 
@@ -125,13 +125,19 @@ def read_events(path: str | Path) -> Events:
     ReplayError
         If a column is missing, or a cell is not what it has to be, which is named by its line.
     """
-    table = read_text_table(path)
-    columns = set(table.frame.columns)
+    try:
+        return _events(read_text_table(path))
+    except RecordError as error:
+        raise ReplayError(str(error)) from None
+
+
+def _events(table: TextTable) -> Events:
+    path, columns = table.path, set(table.frame.columns)
     geographic = {f"{end}_lat" for end in _ENDS} <= columns
     if geographic and "source_north" in columns:
         raise ReplayError(f"{path}: has positions in lat, lon and in north, east; keep one")
     places = [f"{end}_{axis}" for end in _ENDS for axis in _PLACES[geographic]]
-    table.require(["time", *_ENDS, *places, "travel_time"])
+    table.require(["time", *_ENDS, *places, "travel_time", *sorted({"sigma", "cast"} & columns)])
     numbers = table.numbers([*places, "travel_time"])
     names = {end: _words(table, end) for end in _ENDS}
     for end, words in names.items():
@@ -172,16 +178,7 @@ def _sigmas(table: TextTable) -> Array:
 
 def _times(table: TextTable) -> tuple[Array, np.datetime64]:
     """Seconds since the first event, and when that was; seconds as they stand where the column has numbers."""
-    cells = table.frame["time"]
-    seconds = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
-    if np.isfinite(seconds).all():
-        return seconds, np.datetime64("NaT", "ns")
-    instants = pd.to_datetime(cells, utc=True, errors="coerce", format="ISO8601")
-    if instants.isna().any():
-        row = int(np.argmax(instants.isna()))
-        raise ReplayError(
-            f"{table.path}, line {table.frame.index[row]}: time is {cells.iloc[row]!r}; UTC as 2020-03-10T12:00:00 is needed"
-            " in every line, or seconds in every line"
-        )
-    stamps = instants.dt.tz_localize(None).to_numpy(dtype="datetime64[ns]")
-    return (stamps - stamps[0]) / np.timedelta64(1, "s"), stamps[0]
+    times = table.times("time")
+    if not np.issubdtype(times.dtype, np.datetime64):
+        return times, np.datetime64("NaT", "ns")
+    return (times - times[0]) / np.timedelta64(1, "s"), times[0]
