@@ -52,6 +52,19 @@ def test_one_range_and_one_pose():
     np.testing.assert_allclose(without, FIRST**2 * np.eye(2), rtol=1e-9, atol=1e-9)
 
 
+def test_what_leaks_is_a_range_like_others():
+    place, pair = [[[0, 0, 0.5]], [[2000, 0, 500]]], [(0, 1, 0)]
+    fixes = ([0], [0])
+    truth, o = measured(place, pair, fixes=fixes)
+    _, leaked = measured(place, pair, fixes=fixes, range_status=np.array([RayStatus.LEAKED]))
+    _, lost = measured(place, pair, fixes=fixes, range_status=np.array([RayStatus.SHADOW]))
+    np.testing.assert_array_equal(error_bound(truth, leaked), error_bound(truth, o))
+    assert [bound_table(truth, m)["unseen"].item() for m in (o, leaked, lost)] == [1, 1, 2]
+    assert (
+        bound_table(truth, lost)["bound_rmse_m"].item() > 1.1 * bound_table(truth, o)["bound_rmse_m"].item()
+    )
+
+
 @pytest.mark.parametrize("condition", ["odometry", "no-ranges"])
 def test_a_straight_chain_of_odometry(condition):
     k = 12

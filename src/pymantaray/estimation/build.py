@@ -11,6 +11,7 @@ from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, check_ancho
 from pymantaray.estimation.range_models import TimedRanges
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import Measurements, RayStatus
+from pymantaray.records.status import ARRIVES
 
 Ranges = Literal["straight", "refracted"] | None
 Links = Literal["refracted", "all"]
@@ -27,7 +28,7 @@ def build_graph(measurements: Measurements, ranges: Ranges = None, links: Links 
     ranges : {"straight", "refracted"} or None
         Which range of each link is measured; None leaves ranges out.
     links : {"refracted", "all"}
-        "refracted" takes exactly the links with a refracted range (status OK), whichever range is used;
+        "refracted" takes exactly the links with a refracted range, whichever range is used;
         "all" takes also the acoustic dropouts, but no silent vehicle, and needs ``ranges="straight"``.
 
     Returns
@@ -105,7 +106,7 @@ def _used(o: Measurements, ranges: Ranges, links: Links) -> NDArray[np.bool_]:
     if ranges is None:
         return np.zeros(o.range_status.size, dtype=bool)
     if links == "refracted":
-        return np.asarray(o.range_status == RayStatus.OK)
+        return np.isin(o.range_status, ARRIVES)
     return np.asarray(o.range_status != RayStatus.STOPPED)
 
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, covariances_at
 from pymantaray.estimation.covariance import reckoned_covariances
-from pymantaray.records import Measurements, RayStatus, Trajectories, VehicleStatus
+from pymantaray.records import Measurements, Trajectories, VehicleStatus
+from pymantaray.records.status import ARRIVES
 
 Array = NDArray[np.float64]
 _RANK = 1e-9  # of the largest singular value; a direction below is not seen
@@ -157,7 +158,7 @@ def _unseen(truth: Trajectories, o: Measurements, sample: int, fixed: NDArray[np
     column = np.full(len(truth.name) + o.landmark_name.size, -1)
     column[active] = np.arange(active.size)
     place = np.concatenate([truth.position[:, sample], o.landmark_position])
-    heard = np.flatnonzero((o.range_sample == sample) & (o.range_status == RayStatus.OK))
+    heard = np.flatnonzero((o.range_sample == sample) & np.isin(o.range_status, ARRIVES))
     ends = np.stack([o.range_transmitter[heard], o.range_receiver[heard]], axis=1)
     apart = place[ends[:, 1]] - place[ends[:, 0]]
     unit = apart / np.linalg.norm(apart, axis=1, keepdims=True)

@@ -10,7 +10,8 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
-from pymantaray.records import Measurements, RayStatus, Trajectories
+from pymantaray.records import Measurements, Trajectories
+from pymantaray.records.status import ARRIVES
 from pymantaray.report import style
 from pymantaray.report.figures import range_ends, register
 
@@ -55,7 +56,7 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
     figure = style.new_figure(style.COLUMN, 3.1, header, layout=None)
     axes = figure.add_axes((-0.03, 0.08, 0.96, 0.88), projection="3d")
     assert isinstance(axes, Axes3D)
-    heard = measurements.range_status == RayStatus.OK
+    heard = np.isin(measurements.range_status, ARRIVES)
     edges = np.stack(range_ends(truth, measurements), axis=1)[heard]
     if len(edges):
         alpha = float(np.clip(600 / len(edges), 0.08, 0.5))
