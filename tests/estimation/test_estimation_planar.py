@@ -289,8 +289,8 @@ def test_g2o_there_and_back(tmp_path, text, symbols):
     lost = write_g2o(graph, tmp_path / "again.g2o", initial=values, leave_out=most, symbols=symbols)
     expected = {"landmarks": 2, "pose priors": 1, "fixes": 1, "landmark priors": 1, "ranges": 6}
     assert lost == (expected if graph.planar else {})
-    again, where, left_out, guessed = load_g2o(tmp_path / "again.g2o")
-    assert (left_out, guessed, again.planar) == ({}, False, graph.planar)
+    again, where, left_out, valueless = load_g2o(tmp_path / "again.g2o")
+    assert (left_out, valueless, again.planar) == ({}, False, graph.planar)
     np.testing.assert_allclose(where.quaternion, values.quaternion, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(where.position, values.position)
     for kind in ("edge", "sighting"):
@@ -317,7 +317,7 @@ def test_a_graph_of_edges_alone_starts_from_chordal_initialization(plaza, tmp_pa
     lines = (tmp_path / "g.g2o").read_text().splitlines(keepends=True)
     (tmp_path / "edges.g2o").write_text("".join(x for x in lines if x.startswith("EDGE")))
     whole, edges = (open_graph(tmp_path / f"{name}.g2o") for name in ("g", "edges"))
-    assert (whole.guessed, edges.guessed) == (False, True)
+    assert (whole.valueless, edges.valueless) == (False, True)
     np.testing.assert_allclose(edges.values.position[0], 0.0, atol=1e-12)  # the first pose
     result = solve_graph(edges)
     assert (result.start, result.truth) == ("chordal", None)

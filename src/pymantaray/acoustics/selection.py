@@ -70,16 +70,16 @@ def first_is_near_cutoff(arrivals: Arrivals, cutoff_db: float) -> NDArray[np.boo
 
 def within_cutoff(arrivals: Arrivals, cutoff_db: float) -> Arrivals:
     """Arrivals by a lower cut-off than they were looked for with [dB]; a link that loses all of its own is WEAK, missed by nothing."""
-    kept = ~(arrivals.spreading_db > cutoff_db)
+    strong = ~(arrivals.spreading_db > cutoff_db)
     rows = {
-        f.name: getattr(arrivals, f.name)[kept]
+        f.name: getattr(arrivals, f.name)[strong]
         for f in fields(arrivals)
         if f.metadata["dims"][0] == "arrival"
     }
-    lost = (arrivals.status == RayStatus.OK) & (
+    weak = (arrivals.status == RayStatus.OK) & (
         np.bincount(rows["link"], minlength=arrivals.status.size) == 0
     )
-    return replace(arrivals, **rows, status=np.where(lost, np.int8(RayStatus.WEAK), arrivals.status))
+    return replace(arrivals, **rows, status=np.where(weak, np.int8(RayStatus.WEAK), arrivals.status))
 
 
 def select(

@@ -48,12 +48,12 @@ def show(
     """Print what is in a graph, and whether it can be solved."""
     from pymantaray.estimation import open_graph
     from pymantaray.estimation.diagnose import diagnose
-    from pymantaray.estimation.external import anchored
+    from pymantaray.estimation.external import anchor_graph
 
     content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
     for name, text in _contents(content):
         typer.echo(f"{name:<18} {text}")
-    graph, poses = anchored(content)
+    graph, poses = anchor_graph(content)
     if poses.size:
         names = ", ".join(graph.variable_name(int(pose)) for pose in poses)
         typer.echo(f"{'anchor':<18} none; solve gives a prior to {names}")
@@ -226,7 +226,7 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
         ("priors", ", ".join(priors) or "none"),
         ("degrees of freedom", f"{g.degrees_of_freedom}"),
     ]
-    if file.guessed:
+    if file.valueless:
         lines.append(("values", "none in the file; by chordal initialization"))
     return lines + [("left out", f"{count} {what}") for what, count in file.left_out.items()]
 

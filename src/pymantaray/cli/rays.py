@@ -58,13 +58,10 @@ def times(
     from pymantaray.acoustics.selection import NEAR_DB, first_is_near_cutoff, within_cutoff
     from pymantaray.cli.rays_tables import times_table
 
-    job, cutoff = (
-        _begin("times", links, out, medium, search, force=force, quiet=quiet),
-        search.spreading_cutoff_db,
-    )
+    job = _begin("times", links, out, medium, search, force=force, quiet=quiet)
+    cutoff, near = search.spreading_cutoff_db, None
     if cutoff is None:
         arrivals = job.solve()
-        near = None
     else:
         wide = job.solve(cutoff + NEAR_DB)
         near, arrivals = first_is_near_cutoff(wide, cutoff), within_cutoff(wide, cutoff)

@@ -70,7 +70,7 @@ def replay(
     from pymantaray.report import write_replay
 
     measured, kind = read_events(events), DetectionRule.parse(rule)
-    waters, made, notes = _waters(medium, search, detection)
+    waters, sources, notes = _waters(medium, search, detection)
     with progress_bars(quiet=quiet) as report:
         result = replay_events(
             measured,
@@ -81,7 +81,7 @@ def replay(
             notes=notes,
             progress=None if report is None else lambda done, total: report("events", done, total),
         )
-        record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": made}
+        record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {"search": asdict(search), "detection": None if detection is None else str(detection)}
         page = write_replay(result, out, made_by=record, pdf=pdf, progress=report)
     if not quiet:
@@ -141,7 +141,7 @@ def _waters(
             reception = reception._replace(detector=detector, leakage=leakage_of(section))
         frame = LocalFrame(*loaded.record["centre_deg"])
         return [Water(loaded.medium, reception, frame=frame)], [loaded.record], loaded.notes
-    waters, made, notes = list["Water"](), list[dict[str, Any]](), list[str]()
+    waters, sources, notes = list["Water"](), list[dict[str, Any]](), list[str]()
     for path in medium.profile:
         for profile in read_profiles(path, medium.position):
             loaded = from_profile(path, profile, medium, medium.interpolation or "smooth")
@@ -150,6 +150,6 @@ def _waters(
                 detector = detector_of(section, cast_absorption(section, profile))
                 heard = reception._replace(detector=detector, leakage=leakage_of(section))
             waters.append(Water(loaded.medium, heard, profile.name, profile.time))
-            made.append(loaded.record | {"cast": profile.name})
+            sources.append(loaded.record | {"cast": profile.name})
             notes += [note for note in loaded.notes if note not in notes]
-    return waters, made, notes
+    return waters, sources, notes

@@ -177,14 +177,14 @@ def solve_graph(
         raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
     if start not in get_args(Start):
         raise EstimationError(f"start {start!r}; allowed: {', '.join(get_args(Start))}")
-    graph, poses = anchored(file, all_parts=anchor)
-    values, guessed = file.values, file.guessed
+    graph, poses = anchor_graph(file, all_parts=anchor)
+    values, valueless = file.values, file.valueless
     initial, as_in_file = values, 0
     if start == "dead-reckoning":
         initial, as_in_file = dead_reckon_graph(graph, values)
     elif start == "chordal":
         initial = chordal(graph, values)
-    elif guessed:
+    elif valueless:
         start = "chordal"
     name, solution = _solved(graph, initial, estimator, SolveOptions(report=report))
     diagnosis = None
@@ -197,14 +197,14 @@ def solve_graph(
         initial=initial,
         as_in_file=as_in_file,
         anchored=poses,
-        truth=values if truth and not guessed else None,
+        truth=values if truth and not valueless else None,
         solution=solution,
         diagnosis=diagnosis,
         left_out=file.left_out,
     )
 
 
-def anchored(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGraph, NDArray[np.int32]]:
+def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGraph, NDArray[np.int32]]:
     """
     A file's graph, checked and tied to the world, and the poses that were given a prior for that.
 

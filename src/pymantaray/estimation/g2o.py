@@ -157,12 +157,12 @@ def load_g2o(
                 f"{word} in a graph in {'two' if planar else 'three'} dimensions", "one kind of graph"
             )
         rows[word].append(_take(lines, word, fields))
-    graph, values, guessed = _Reader(lines, rows, planar=bool(planar), half_angles=half_angles).graph()
+    graph, values, valueless = _Reader(lines, rows, planar=bool(planar), half_angles=half_angles).graph()
     try:
         check_graph(graph)
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
-    return GraphFile(graph, chordal(graph, values) if guessed else values, lines.left_out, guessed)
+    return GraphFile(graph, chordal(graph, values) if valueless else values, lines.left_out, valueless)
 
 
 def _lines(
@@ -230,7 +230,7 @@ class _Reader:
 
     def graph(self) -> tuple[FactorGraph, GraphValues, bool]:
         """Graph, values of its variables, and whether these are no more than places to begin at."""
-        poses, landmarks, guessed = self._vertices()
+        poses, landmarks, valueless = self._vertices()
         names = [_name(k) for k in poses]
         agents = list(dict.fromkeys(letter for letter, _ in names))
         numbers = [number for _, number in names]
@@ -244,26 +244,26 @@ class _Reader:
         )
         self._pose = {k: i for i, k in enumerate(poses)}
         self._landmark = {k: i for i, k in enumerate(landmarks, start=len(poses))}
-        if guessed:
+        if valueless:
             level = np.tile([1.0, 0.0, 0.0, 0.0], (len(poses), 1))
             values = GraphValues(np.zeros((len(poses), 3)), level, np.zeros((len(landmarks), 3)))
         else:
             pose, landmark = self._measured(POSE), self._measured(LANDMARK)
             values = GraphValues(pose[:, :3], pose[:, 3:][:, TO_WXYZ], landmark)
-        return graph.with_factors(edge=self._edges(), sighting=self._sightings()), values, guessed
+        return graph.with_factors(edge=self._edges(), sighting=self._sightings()), values, valueless
 
     def _vertices(self) -> tuple[list[int], list[int], bool]:
         """Ids of poses and landmarks, those of the edges where there are no vertices, and whether that is so."""
         poses, landmarks = (self._ids(word) for word in (POSE, LANDMARK))
-        guessed = not (poses or landmarks)
-        if guessed:
+        valueless = not (poses or landmarks)
+        if valueless:
             edges, sightings = self._of[EDGE], self._of[SIGHTING]
             poses = sorted({k for row in edges for k in row.ids} | {row.ids[0] for row in sightings})
             landmarks = sorted({row.ids[1] for row in sightings})
         if not poses:
             words = f"{POSE}, {EDGE}, {_FLAT[POSE]} or {_FLAT[EDGE]}"
             self._lines.refuse(f"no {words} in the file", "one pose at least", 0)
-        return poses, landmarks, guessed
+        return poses, landmarks, valueless
 
     def _ids(self, word: str) -> list[int]:
         """Ids of vertices; a landmark may have that of a pose, as in files where they are counted apart."""

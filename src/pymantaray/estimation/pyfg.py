@@ -100,13 +100,13 @@ class GraphFile(NamedTuple):
     """
     A graph read from a file, the file's values of its variables, and what was left out, counted by word.
 
-    ``guessed`` says that the file has no values: those here are by chordal initialization.
+    ``valueless`` says that the file has no values: those here are by chordal initialization.
     """
 
     graph: FactorGraph
     values: GraphValues
     left_out: dict[str, int]
-    guessed: bool = False
+    valueless: bool = False
 
 
 def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) -> None:

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.errors import ExchangeError, RecordError, SensingError
+from pymantaray.exchange.recording import TRUTH
 from pymantaray.exchange.tracks import Poses, level
 from pymantaray.records.text_table import TextTable, read_text_table
 from pymantaray.sensing.schedule import PingList
@@ -51,8 +52,8 @@ def read_table(path: Path) -> list[Poses]:
     """Trajectories of a table with a header; each name of a vehicle is one, without such a column there is one by the file's name."""
     table, factors = _known_columns(_parquet(path) if path.suffix.lower() == ".parquet" else _text(path))
     conditions = table.frame.get("condition")
-    if conditions is not None and (conditions == "truth").any():  # an exported run, whose estimates are none
-        table = TextTable(path, table.frame[conditions == "truth"], table.comments)
+    if conditions is not None and (conditions == TRUTH).any():  # an exported run, whose estimates are none
+        table = TextTable(path, table.frame[conditions == TRUTH], table.comments)
     there = set(factors)
     place = ["lat", "lon"] if {"lat", "lon"} <= there else ["north", "east"]
     try:

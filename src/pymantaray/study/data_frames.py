@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.evaluation import trajectory_errors
+from pymantaray.exchange.recording import TRUTH
 from pymantaray.records import DatedRecord, RayStatus, VehicleStatus
 
 if TYPE_CHECKING:
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
 
     from pymantaray.study.store import Run
 
-TRUTH = "truth"
 _POSE = ("north", "east", "down", "qw", "qx", "qy", "qz")
 _UNITS = {
     "time": "s",
