@@ -55,6 +55,24 @@ def test_picture_holds_the_eigenrays_from_end_to_end():
     assert (picture.sea_floor_depth == 3500.0).all()
 
 
+def test_picture_says_of_each_eigenray_what_the_search_says_of_its_arrival():
+    medium, ends = uniform(), ([0.0, 0.0, 100.0], [6e3, 0.0, 900.0])
+    arrivals = find_eigenrays(medium, *ends, 1, 1)
+    picture = ray_picture(medium, *ends, max_surface_bounces=1, max_bottom_bounces=1, fan_angles=[0.1])
+    rays = picture.isel(ray=picture.ray_arrives.values == 1)
+    np.testing.assert_array_equal(rays.ray_travel_time, arrivals.travel_time)
+    np.testing.assert_array_equal(rays.ray_surface_bounces, arrivals.surface_bounces)
+    np.testing.assert_array_equal(rays.ray_bottom_bounces, arrivals.bottom_bounces)
+    np.testing.assert_array_equal(rays.ray_spreading, arrivals.spreading_db)
+    assert set(zip(arrivals.surface_bounces, arrivals.bottom_bounces, strict=True)) >= {
+        (0, 0),
+        (1, 0),
+        (0, 1),
+    }
+    assert np.isnan(picture.ray_spreading[-1])
+    assert picture.attrs["status"] == "OK"
+
+
 def test_picture_of_a_link_without_rays_has_none():
     """In uniform water over a sill no ray is left to draw."""
     north = np.linspace(-1e3, 11e3, 13)
@@ -64,6 +82,7 @@ def test_picture_of_a_link_without_rays_has_none():
     )
     picture = ray_picture(medium, [0.0, 0.0, 900.0], [10e3, 0.0, 900.0])
     assert picture.sizes["ray"] == 0
+    assert picture.attrs["status"] == "BLOCKED"
     assert np.isfinite(picture.sound_speed).any()
 
 

@@ -360,8 +360,8 @@ def test_the_how_to_runs_as_it_stands(rays):
             for line in map(str.split, text.splitlines()):
                 if not {"runs/latest", "ts3z.nc"} & set(line):  # files of the user's own
                     rays(*line[2:])
-                    ran.append(Path(line[4]))
-    assert len(ran) == 9
+                    ran.append(Path(line[3 if line[2] == "plot" else 4]))
+    assert len(ran) == 12
     assert all(path.exists() for path in ran)
     table = pd.read_csv("times.csv")
     assert table["status"].tolist() == ["ok", "ok", "ok"]
@@ -369,3 +369,42 @@ def test_the_how_to_runs_as_it_stands(rays):
     sensitivity = names["travel_time_sensitivity"](names["paths"], names["layers"])
     assert np.all(sensitivity <= 0.0)
     assert names["loss"].total_db.shape == names["several"].link.shape
+
+
+DIRECT = ("--source", "0,0,20", "--receiver", "6000,0,500")
+
+
+@pytest.mark.parametrize(("name", "magic"), [("rays.png", b"\x89PNG"), ("rays.pdf", b"%PDF")])
+def test_plot_draws_a_link_of_the_command_line(rays, folder, name, magic):
+    bounces = ("--max-surface-bounces", 1, "--max-bottom-bounces", 1)
+    out = rays("plot", name, *DIRECT, *WATER, *bounces, "--fan", -10, 10, 5)
+    expected = find_eigenrays(own_medium(), [0.0, 0.0, 20.0], [6000.0, 0.0, 500.0], 1, 1).link.size
+    assert out.splitlines()[0] == f"(0, 0, 20) to (6000, 0, 500) m: {expected} rays, ok"
+    assert out.splitlines()[-1] == name
+    assert Path(name).read_bytes().startswith(magic)
+
+
+def test_plot_draws_the_links_of_a_table_by_their_names(rays, folder):
+    table = pd.read_csv("links.csv", skiprows=1, dtype={"name": str}).iloc[:3]
+    table.to_csv("three.csv", index=False)
+    lines = rays("plot", "rays.png", "--links", "three.csv", *WATER).splitlines()
+    assert [line.partition(": (")[0] for line in lines[:3]] == ["007", "A #4, deep", "C"]
+    assert lines[1].endswith("0 rays, outside")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "give --source and --receiver, or --links with a table of them"),
+        (("--source", "0,0,20"), "give --source and --receiver, or --links"),
+        ((*DIRECT, "--links", "links.csv"), "give --source and --receiver, or --links"),
+        (("--source", "0,0", "--receiver", "1,1,1"), "--source is '0,0'; needs north, east and depth"),
+        (("--links", "links.csv"), r"(5, 5, 40) to (5, 5, 40) m: source and receiver coincide"),
+        (("--source", "0,0,1", *("--receiver", "9,9,9") * 7), "--receiver: 7 links; a figure shows 1 to 6"),
+    ],
+)
+def test_plot_refuses_what_it_cannot_draw(mantaray, folder, words, message):
+    done = mantaray("rays", "plot", "rays.png", *words, *WATER)
+    assert done.code == 2
+    assert message in done.err
+    assert not Path("rays.png").exists()

@@ -15,7 +15,7 @@ from pymantaray.report.figures import Results, register, run_plates
 from pymantaray.report.figures_consistency import consistency_over_time
 from pymantaray.report.figures_estimators import error_and_consistency
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
-from pymantaray.report.figures_ocean import ray_picture, sound_speed_profiles
+from pymantaray.report.figures_ocean import ray_picture, rays_of_links, sound_speed_profiles
 from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
 from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pooled_ape
 from pymantaray.report.figures_unknowns import unknowns_before_and_after
@@ -124,6 +124,28 @@ def test_ray_picture_draws_eigenrays_over_fan_and_states_its_exaggeration(look, 
         assert line.get_zorder() > max(other.get_zorder() for other in fan)
     chord = next(line for line in look.markers(axes, style.INK) if line.get_linestyle() == "--")
     np.testing.assert_allclose(chord.get_xydata(), [[0.0, 100.0], [6.0, 800.0]])
+
+
+def test_rays_of_links_are_told_apart_by_what_reflects_them_over_one_scale(look, water):
+    kinds = {"direct": (0, 0), "surface": (1, 0), "bottom": (0, 2), "surface and bottom": (1, 1)}
+    surface, bottom = np.array([*kinds.values(), *[(0, 0)] * 3]).T
+    seen = water.rays(4).assign(
+        ray_surface_bounces=("ray", surface),
+        ray_bottom_bounces=("ray", bottom),
+        ray_travel_time=("ray", np.arange(2.0, 9.0)),
+    )
+    silent = water.rays(0).assign_attrs(status="SHADOW")
+    silent = silent.assign(sound_speed=silent["sound_speed"] + 30.0)
+    figure = look.draw(rays_of_links([seen, silent], ["one", "other"], HEADER))
+    one, other = figure.axes[:2]
+    assert one.get_title(loc="left").startswith("one, first of 4 after 2 s, vertical")
+    assert other.get_title(loc="left").startswith("other, no arrival (shadow), vertical")
+    thick = [line for line in one.lines if line.get_linewidth() > 1.0 and len(line.get_xdata()) == 41]
+    assert len({(line.get_color(), str(line.get_linestyle()), line.get_linewidth()) for line in thick}) == 4
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == [*(f"{kind} eigenrays" for kind in kinds), "straight chord", "other rays"]
+    assert one.collections[0].get_clim() == other.collections[0].get_clim()
+    assert one.collections[0].get_clim()[1] > np.nanmax(one.collections[0].get_array())
 
 
 def test_ray_picture_shows_the_ice_and_no_water_in_it(look, water):

@@ -4,7 +4,7 @@ import math
 import threading
 from collections.abc import Callable
 from contextlib import closing
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.eigenrays import as_positions, find_eigenrays, in_blocks, solved_backwards
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
-from pymantaray.records import Arrivals, RayPaths
+from pymantaray.records import Arrivals, RayPaths, RayStatus
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -316,8 +316,10 @@ def ray_picture(
     -------
     xarray.Dataset
         Section ``sound_speed (range, depth)``, ``sea_floor_depth`` and ``sea_ice_draft (range)``; rays ``ray_range``,
-        ``ray_depth (ray, point)`` and ``ray_arrives (ray)``; the chord
-        ``chord_range``, ``chord_depth (end)``. All lengths in metres.
+        ``ray_depth (ray, point)`` and, of dimension ray, ``ray_arrives``, ``ray_travel_time`` [s],
+        ``ray_surface_bounces``, ``ray_bottom_bounces`` and ``ray_spreading`` [dB beyond spherical; NaN in the fan];
+        eigenrays come first, by travel time. The chord ``chord_range``, ``chord_depth (end)`` and ``chord_travel_time`` [s].
+        All lengths in metres. Attribute ``status`` is the link's `RayStatus` by name.
     """
     import xarray as xr
 
@@ -330,7 +332,7 @@ def ray_picture(
         raise AcousticsError("source and receiver coincide; a picture needs two places")
     unit = step[:2] / horizontal if horizontal > 0.0 else np.array([1.0, 0.0])
     arrivals = find_eigenrays(medium, a, b, max_surface_bounces, max_bottom_bounces, spreading_cutoff_db)
-    rays = [resample(trace_paths(medium, a, b, arrivals), n_points)]
+    rays = [trace_paths(medium, a, b, arrivals)]
     fan = np.asarray(fan_angles, dtype=float)
     fan = fan[np.abs(fan) <= _STEEPEST]
     if fan.size and horizontal > 0.0:
@@ -344,9 +346,17 @@ def ray_picture(
             max_surface_bounces=max_surface_bounces,
             max_bottom_bounces=max_bottom_bounces,
         )
-        rays.append(resample(others, n_points))
-    paths = np.concatenate(rays)
+        rays.append(others)
+    paths = np.concatenate([resample(some, n_points) for some in rays])
+    last = np.concatenate([_per_ray(some.travel_time, some, np.maximum) for some in rays])
+    surface, bottom = (
+        np.concatenate([_per_ray(some.boundary == where, some, np.add) for some in rays])
+        // 2  # nodes a bounce
+        for where in (1, 2)
+    )
     arrives = np.arange(len(paths)) < arrivals.link.size
+    spreading = np.full(len(paths), np.nan)
+    last[arrives], spreading[arrives] = arrivals.travel_time, arrivals.spreading_db
 
     domain, (work, _) = medium.domain(), _room(medium)
     line = a, (unit[0], unit[1]), horizontal
@@ -362,6 +372,11 @@ def ray_picture(
         "ray_range": (("ray", "point"), (paths[..., :2] - a[:2]) @ unit, "m", "range along the ray"),
         "ray_depth": (("ray", "point"), paths[..., 2], "m", "depth along the ray"),
         "ray_arrives": ("ray", arrives.astype(np.int8), "1", "whether the ray is an eigenray"),
+        "ray_travel_time": ("ray", last, "s", "travel time to the ray's end"),
+        "ray_surface_bounces": ("ray", surface.astype(np.int16), "1", "reflections at the surface"),
+        "ray_bottom_bounces": ("ray", bottom.astype(np.int16), "1", "reflections at the sea bed"),
+        "ray_spreading": ("ray", spreading, "1", "geometric spreading beyond spherical, in dB"),
+        "chord_travel_time": ((), arrivals.chord_travel_time[0], "s", "travel time along the chord"),
         "chord_range": ("end", [0.0, horizontal], "m", "range of the ends"),
         "chord_depth": ("end", [a[2], b[2]], "m", "depth of the ends"),
         "range": ("range", ranges, "m", "horizontal range from the source"),
@@ -374,7 +389,15 @@ def ray_picture(
         }
     ).set_coords(["range", "depth"])
     picture["depth"].attrs |= {"standard_name": "depth", "positive": "down"}
-    return picture
+    return picture.assign_attrs(status=RayStatus(int(arrivals.status[0])).name)
+
+
+def _per_ray(values: NDArray[Any], paths: RayPaths, reduce: np.ufunc) -> NDArray[Any]:
+    """Values of the nodes of each ray as one."""
+    starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
+    return np.asarray(
+        reduce.reduceat(values, starts, dtype=np.result_type(values, np.int64)) if starts.size else starts
+    )
 
 
 def _hermite(t: Array, h: Array, x0: Array, v0: Array, x1: Array, v1: Array) -> Array:

@@ -5,13 +5,17 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry.checks import check_number
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 _OCEAN = "--ocean"
 Pair = tuple[float, float]
@@ -25,6 +29,16 @@ Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no summary.")]
 
 
+Fan = Annotated[
+    tuple[float, float, int] | None,
+    typer.Option(
+        metavar="FROM TO COUNT",
+        help="So many rays launched between two angles in degrees, positive down: instead of eigenrays, of a plot behind them.",
+    ),
+]
+_MOST_RAYS = 100_000  # of a fan
+
+
 def parse_pair(option: str, text: str) -> Pair:
     """Two numbers with a comma between."""
     try:
@@ -32,6 +46,28 @@ def parse_pair(option: str, text: str) -> Pair:
     except ValueError:
         raise OceanError(f"{option} is {text!r}; needs two numbers with a comma between, as 73,76") from None
     return first, second
+
+
+def parse_place(option: str, text: str) -> tuple[float, float, float]:
+    """North, east and depth with commas between. [m]"""
+    try:
+        north, east, depth = (float(word) for word in text.split(","))
+    except ValueError:
+        raise AcousticsError(
+            f"{option} is {text!r}; needs north, east and depth in metres with commas between, as 6000,0,500"
+        ) from None
+    return north, east, depth
+
+
+def fan_angles(first: float, last: float, count: int) -> "NDArray[np.float64]":
+    """Launch angles of a fan from degrees. [rad]"""
+    import numpy as np
+
+    if not 1 <= count <= _MOST_RAYS or not first <= last or (count > 1 and first == last):
+        raise AcousticsError(
+            f"--fan {first:g} {last:g} {count}: needs FROM below TO and a COUNT of 1 to {_MOST_RAYS}"
+        )
+    return np.radians(np.linspace(first, last, count))
 
 
 class OceanCommand(TyperCommand):

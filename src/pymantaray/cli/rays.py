@@ -10,14 +10,17 @@ import typer
 
 from pymantaray.cli.options import (
     LINKS,
+    Fan,
     Force,
     MediumOptions,
     OceanCommand,
     Quiet,
     SearchOptions,
+    fan_angles,
     with_options,
 )
 from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
+from pymantaray.cli.rays_plot import plot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,11 +37,11 @@ if TYPE_CHECKING:
     Status = NDArray[np.int8]
 
 app = typer.Typer(help="Travel times and rays between your own positions.", no_args_is_help=True)
+app.command("plot", cls=OceanCommand)(plot)
 app.command("compare-bellhop", cls=OceanCommand)(compare_bellhop)
 app.command("write-bellhop", cls=OceanCommand)(write_bellhop)
 
 _MANY = 4096  # links that are worth a progress bar
-_MOST_RAYS = 100_000  # of a fan
 
 In = Annotated[Path, LINKS]
 Out = Annotated[Path, typer.Argument(metavar="OUT.csv", help="Table to write; OUT.nc for NetCDF.")]
@@ -95,13 +98,7 @@ def trace(
     out: Out,
     medium: MediumOptions,
     search: SearchOptions,
-    fan: Annotated[
-        tuple[float, float, int] | None,
-        typer.Option(
-            metavar="FROM TO COUNT",
-            help="Trace so many rays launched between two angles in degrees, positive down, instead of eigenrays.",
-        ),
-    ] = None,
+    fan: Fan = None,
     azimuth: Annotated[
         float | None,
         typer.Option(
@@ -123,7 +120,7 @@ def trace(
         raise AcousticsError("--azimuth and --distance go with --fan FROM TO COUNT")
     if fan is not None and search.cutoff_db != SearchOptions.cutoff_db:
         raise AcousticsError("--cutoff-db: a fan is traced whole, without a cut-off; leave one of them out")
-    angles = None if fan is None else _fan_angles(*fan)
+    angles = None if fan is None else fan_angles(*fan)
     aimed = fan is None or azimuth is None or distance is None
     job = _begin("trace", links, out, medium, search, force=force, quiet=quiet, receivers=aimed)
     status = None
@@ -260,15 +257,3 @@ def _begin(
         "search": asdict(search),
     }
     return Job(out, quiet, search, loaded, content.table, source, receiver, record)
-
-
-def _fan_angles(first: float, last: float, count: int) -> "Array":
-    import numpy as np
-
-    from pymantaray.errors import AcousticsError
-
-    if not 1 <= count <= _MOST_RAYS or not first <= last or (count > 1 and first == last):
-        raise AcousticsError(
-            f"--fan {first:g} {last:g} {count}: needs FROM below TO and a COUNT of 1 to {_MOST_RAYS}"
-        )
-    return np.radians(np.linspace(first, last, count))

@@ -26,6 +26,8 @@ class LoadedMedium(NamedTuple):
     medium: "Medium"
     record: dict[str, Any]
     notes: list[str]
+    attrs: dict[str, Any]
+    """Title, time and whether it is synthetic, as an ocean has them."""
 
     @property
     def frame(self) -> "LocalFrame | None":
@@ -84,7 +86,7 @@ def load_medium(options: MediumOptions, *, default: "Interpolation | None" = Non
         f"{named}: north +-{reach[0]:.0f} m, east +-{reach[1]:.0f} m about {centre[0]:g} N {centre[1]:g} E,"
         f" sea bed {medium.bathymetry.min():.0f} to {medium.bathymetry.max():.0f} m"
     )
-    return LoadedMedium(medium, record, [note])
+    return LoadedMedium(medium, record, [note], {str(key): value for key, value in local.attrs.items()})
 
 
 def source_kind(options: MediumOptions) -> str:
@@ -158,4 +160,4 @@ def from_profile(
         )
     record |= {"levels": int(depth.size), "bottom_depth_m": bottom, "interpolation": interpolation}
     record |= {"last_level_m": last} | ({"ice": ice} if ice else {})
-    return LoadedMedium(medium, record, notes)
+    return LoadedMedium(medium, record, notes, {"title": path.name})

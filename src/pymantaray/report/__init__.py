@@ -1,4 +1,4 @@
-"""Tables, figures and a page for the results of a study, and for two of them side by side; plots of an ocean and of an atlas.
+"""Tables, figures and a page for the results of a study, and for two of them side by side; plots of an ocean, of rays and of an atlas.
 
 matplotlib is imported when the first of them is asked for.
 """
@@ -10,15 +10,24 @@ if TYPE_CHECKING:
     from pymantaray.report.atlas_plots import write_atlas_plots
     from pymantaray.report.compare import write_comparison
     from pymantaray.report.ocean_plots import write_ocean_plots
+    from pymantaray.report.ray_plots import write_ray_plot
     from pymantaray.report.replay import write_replay
     from pymantaray.report.write import write_report
 
-__all__ = ["write_atlas_plots", "write_comparison", "write_ocean_plots", "write_replay", "write_report"]
+__all__ = [
+    "write_atlas_plots",
+    "write_comparison",
+    "write_ocean_plots",
+    "write_ray_plot",
+    "write_replay",
+    "write_report",
+]
 
 _ROOMS = {
     "write_atlas_plots": "atlas_plots",
     "write_comparison": "compare",
     "write_ocean_plots": "ocean_plots",
+    "write_ray_plot": "ray_plots",
     "write_replay": "replay",
     "write_report": "write",
 }

@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from pymantaray.report import style
 from pymantaray.report.figures import Results, register
@@ -18,6 +19,13 @@ _BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest
 _LEAST_DEPTH = 100.0  # m
 _ROWS = 300  # of the colour image
 _FAN: dict[str, Any] = {"color": "#565656", "linewidth": 0.35, "alpha": 0.8, "zorder": 3}
+_KINDS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("direct", {"color": style.ORANGE, "linewidth": 1.8}),
+    ("surface", {"color": "#332288", "linewidth": 1.3, "linestyle": (0, (6, 1.2))}),
+    ("bottom", {"color": "#117733", "linewidth": 1.3, "linestyle": (0, (5, 1, 1.2, 1))}),
+    ("surface and bottom", {"color": "#882255", "linewidth": 1.1, "linestyle": (0, (1.6, 1))}),
+)
+"""Eigenrays by what they are reflected at: what they are called, and how they look (after Okabe and Ito, Tol)."""
 _CHORD: dict[str, Any] = {"color": style.INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
 _REGION_COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.PINK)
 _REGION_LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), "-.")
@@ -54,55 +62,134 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
 @style.styled
 def ray_picture(picture: xr.Dataset, header: str) -> Figure:
     """Vertical section along one link: sound speed, sea bed, a fan of rays, eigenrays and the chord."""
-    figure = style.new_figure(style.DOUBLE, 3.0, header)
-    axes = figure.subplots()
-    axes.grid(visible=False)
-    km = picture["range"].values / 1e3
+    hour = f", {float(picture.attrs['time_h']):g} h" if "time_h" in picture.attrs else ""
+    source, receiver = _names(picture)
+    return _ray_pictures([picture], [f"{source} to {receiver}{hour}"], header)
+
+
+@style.styled
+def rays_of_links(pictures: Sequence[xr.Dataset], titles: Sequence[str], header: str) -> Figure:
+    """`ray_picture` of several links below each other, with one scale of sound speed; the titles say when the first ray arrives."""
+    return _ray_pictures(
+        pictures, [f"{title}, {_outcome(p)}" for title, p in zip(titles, pictures, strict=True)], header
+    )
+
+
+def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header: str) -> Figure:
+    used = [kind for kind in range(len(_KINDS)) if any((_eigenray_kinds(p) == kind).any() for p in pictures)]
+    fan = any((picture["ray_arrives"] == 0).any() for picture in pictures)
+    handles = _ray_handles(pictures, used, fan=fan)
+    below = 0.14 * style.legend_lines(len(handles))
+    height = 0.55 + below + (2.45 if len(pictures) == 1 else 2.05 * len(pictures))
+    figure = style.new_figure(style.DOUBLE, height, header)
+    panels = figure.subplots(len(pictures), 1, squeeze=False)[:, 0]
+    water = [_water_shown(picture) for picture in pictures]
+    low, high = (
+        f([f(np.append(c[np.isfinite(c)], np.nan)) for *_, c in water]) for f in (np.nanmin, np.nanmax)
+    )
+    for axes, picture, (lowest, rows, speed) in zip(panels, pictures, water, strict=True):
+        km = picture["range"].values / 1e3
+        axes.grid(visible=False)
+        look: dict[str, Any] = {"cmap": style.SOUND_SPEED, "shading": "nearest", "rasterized": True}
+        mesh = axes.pcolormesh(km, rows, speed, vmin=low, vmax=high, **look)
+        _draw_boundaries(axes, picture)
+        _draw_rays(axes, picture)
+        _draw_ends(axes, picture, lowest)
+        axes.set_xlim(km[0], km[-1])
+        axes.set_ylim(lowest, rows[0])
+        axes.set_ylabel("Depth [m]")
+    panels[-1].set_xlabel("Horizontal range [km]")
+    figure.colorbar(mesh, ax=panels.tolist(), label="Sound speed [m/s]", pad=0.015, aspect=30)
+    style.common_legend(figure, handles, handlelength=2.4)
+    for axes, title in zip(panels, titles, strict=True):
+        axes.set_title(style.plain(title), loc="left")
+    style.freeze_layout(figure)  # which must be known to measure the exaggeration
+    for axes, title in zip(panels, titles, strict=True):
+        words = style.plain(title)
+        axes.set_title(f"{words}, vertical exaggeration {_exaggeration(axes):.2g}", loc="left")
+    return figure
+
+
+def _water_shown(picture: xr.Dataset) -> tuple[float, style.Array, style.Array]:
+    """How far down a picture goes, its depths, and sound speed at depths and ranges; NaN where there is no water."""
     depth, floor = picture["depth"].values, picture["sea_floor_depth"].values
     lowest = _lowest_shown(picture)
     rows = np.linspace(depth[0], lowest, _ROWS)
     speed = np.stack([np.interp(rows, depth, column) for column in picture["sound_speed"].values], axis=1)
-    ice = picture["sea_ice_draft"].values if "sea_ice_draft" in picture else np.zeros(km.size)
-    speed = np.where((rows[:, None] <= floor) & (rows[:, None] >= ice), speed, np.nan)
-    mesh = axes.pcolormesh(km, rows, speed, cmap=style.SOUND_SPEED, shading="nearest", rasterized=True)
-    figure.colorbar(mesh, ax=axes, label="Sound speed [m/s]", pad=0.015, aspect=30)
-    axes.fill_between(km, floor, max(depth[-1], floor.max()) * 2.0, color=style.BED, linewidth=0.0, zorder=2)
+    wet = (rows[:, None] <= floor) & (rows[:, None] >= _ice_of(picture))
+    return lowest, rows, np.where(wet, speed, np.nan)
+
+
+def _ice_of(picture: xr.Dataset) -> style.Array:
+    if "sea_ice_draft" not in picture:
+        return np.zeros(picture.sizes["range"])
+    return np.asarray(picture["sea_ice_draft"].values)
+
+
+def _draw_boundaries(axes: Axes, picture: xr.Dataset) -> None:
+    """Sea bed and ice."""
+    km, floor, ice = picture["range"].values / 1e3, picture["sea_floor_depth"].values, _ice_of(picture)
+    deepest = max(float(picture["depth"].values[-1]), floor.max()) * 2.0
+    axes.fill_between(km, floor, deepest, color=style.BED, linewidth=0.0, zorder=2)
     axes.plot(km, floor, color=style.SHORE, linewidth=0.8, zorder=2)
     if ice.any():
         axes.fill_between(km, 0.0, ice, color=style.ICE, linewidth=0.0, zorder=2)
         axes.plot(km, ice, color=style.GREY, linewidth=0.8, zorder=2)
 
-    arrives = picture["ray_arrives"].values.astype(bool)
-    for hit, x, z in zip(arrives, picture["ray_range"].values, picture["ray_depth"].values, strict=True):
-        look: dict[str, Any] = {"color": style.ORANGE, "linewidth": 1.8, "zorder": 4} if hit else _FAN
+
+def _draw_rays(axes: Axes, picture: xr.Dataset) -> None:
+    """The fan in grey, eigenrays by their kinds, the earliest on top."""
+    arrives, kinds = picture["ray_arrives"].values.astype(bool), _kinds(picture)
+    rows = zip(arrives, kinds, picture["ray_range"].values, picture["ray_depth"].values, strict=True)
+    for i, (hit, kind, x, z) in enumerate(rows):
+        look: dict[str, Any] = {**_KINDS[kind][1], "zorder": 5.0 - 1e-3 * i} if hit else _FAN
         axes.plot(x / 1e3, z, **look)
+
+
+def _draw_ends(axes: Axes, picture: xr.Dataset, lowest: float) -> None:
+    """The chord, and the names of its ends."""
     chord, ends = picture["chord_range"].values / 1e3, picture["chord_depth"].values
-    axes.plot(chord, ends, zorder=5, **_CHORD)
+    axes.plot(chord, ends, zorder=6, **_CHORD)
     axes.plot(
-        chord, ends, "o", color="white", markeredgecolor=style.INK, markersize=4.5, zorder=6, clip_on=False
+        chord, ends, "o", color="white", markeredgecolor=style.INK, markersize=4.5, zorder=7, clip_on=False
     )
-    source, receiver = (str(picture.attrs.get(key, key)) for key in ("source", "receiver"))
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0.0}
     words: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontweight": "bold", "bbox": box}
-    for x, z, text, ha in zip(chord, ends, (source, receiver), ("left", "right"), strict=True):
+    for x, z, text, ha in zip(chord, ends, _names(picture), ("left", "right"), strict=True):
         offset = (8 if ha == "left" else -8, 10 if z > 0.7 * lowest else -10)
-        axes.annotate(style.plain(text), (x, z), offset, ha=ha, zorder=7, **words)
-    axes.set_xlim(km[0], km[-1])
-    axes.set_ylim(lowest, depth[0])
-    axes.set_xlabel("Horizontal range [km]")
-    axes.set_ylabel("Depth [m]")
-    handles = _ray_handles(count=int(arrives.sum()), fan=bool((~arrives).any()))
-    style.common_legend(figure, handles, handlelength=2.4)
-    hour = f", {float(picture.attrs['time_h']):g} h" if "time_h" in picture.attrs else ""
-    link = style.plain(f"{source} to {receiver}{hour}")
-    axes.set_title(link, loc="left")
-    style.freeze_layout(figure)  # which must be known to measure the exaggeration
-    panel = axes.get_window_extent()
-    exaggeration = (panel.height / max(lowest - depth[0], 1e-9)) / (
-        panel.width / max((km[-1] - km[0]) * 1e3, 1e-9)
-    )
-    axes.set_title(f"{link}, vertical exaggeration {exaggeration:.2g}", loc="left")
-    return figure
+        axes.annotate(style.plain(text), (x, z), offset, ha=ha, zorder=8, **words)
+
+
+def _exaggeration(axes: Axes) -> float:
+    """How much steeper lines are than in the water."""
+    panel, (left, right), (lowest, top) = axes.get_window_extent(), axes.get_xlim(), axes.get_ylim()
+    return (panel.height / max(lowest - top, 1e-9)) / (panel.width / max((right - left) * 1e3, 1e-9))
+
+
+def _names(picture: xr.Dataset) -> tuple[str, str]:
+    """What source and receiver are called."""
+    return str(picture.attrs.get("source", "source")), str(picture.attrs.get("receiver", "receiver"))
+
+
+def _kinds(picture: xr.Dataset) -> NDArray[np.intp]:
+    """Row of `_KINDS` of each ray; those of a picture of an older version are direct."""
+    if "ray_surface_bounces" not in picture:
+        return np.zeros(picture.sizes["ray"], dtype=np.intp)
+    by_surface, by_bed = (picture[f"ray_{where}_bounces"].values > 0 for where in ("surface", "bottom"))
+    return np.asarray(by_surface + 2 * by_bed, dtype=np.intp)
+
+
+def _eigenray_kinds(picture: xr.Dataset) -> NDArray[np.intp]:
+    return np.asarray(_kinds(picture)[picture["ray_arrives"].values.astype(bool)])
+
+
+def _outcome(picture: xr.Dataset) -> str:
+    """When the first ray of a link arrives, or why none does."""
+    count = int(picture["ray_arrives"].sum())
+    if not count:
+        return f"no arrival ({str(picture.attrs['status']).lower()})"
+    first = float(picture["ray_travel_time"][0])
+    return f"{first:.5g} s" if count == 1 else f"first of {count} after {first:.5g} s"
 
 
 def _caption_of_rays(results: Results) -> str:
@@ -122,16 +209,17 @@ def _lowest_shown(picture: xr.Dataset) -> float:
     return min(max(_BELOW * deepest, _LEAST_DEPTH), float(depth[-1]))
 
 
-def _ray_handles(*, count: int, fan: bool) -> list[Line2D]:
-    eigenray = style.entry(
-        "direct eigenray" if count == 1 else f"{count} direct eigenrays", color=style.ORANGE, linewidth=1.8
-    )
-    other = style.entry("other rays", color=_FAN["color"], linewidth=0.6)
-    return [
-        *([eigenray] if count else []),
-        style.entry("straight chord", **_CHORD),
-        *([other] if fan else []),
-    ]
+def _ray_handles(pictures: Sequence[xr.Dataset], used: Sequence[int], *, fan: bool) -> list[Line2D]:
+    """Of eigenrays, counted where there is one picture, the chord and the fan."""
+    handles = []
+    for kind in used:
+        word, look = _KINDS[kind]
+        count = sum(int((_eigenray_kinds(picture) == kind).sum()) for picture in pictures)
+        few = f"{word} eigenray" if count == 1 else f"{count} {word} eigenrays"
+        label = few if len(pictures) == 1 else f"{word} eigenrays"
+        handles.append(style.entry(label, **look))
+    handles.append(style.entry("straight chord", **_CHORD))
+    return [*handles, *([style.entry("other rays", color=_FAN["color"], linewidth=0.6)] if fan else [])]
 
 
 def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) -> None:

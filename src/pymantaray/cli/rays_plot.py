@@ -1,0 +1,129 @@
+"""Command `mantaray rays plot`: rays of one or some links over the sound speed that they run through."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pymantaray.cli.options import (
+    Fan,
+    Force,
+    MediumOptions,
+    Quiet,
+    SearchOptions,
+    fan_angles,
+    parse_place,
+    with_options,
+)
+from pymantaray.errors import AcousticsError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from pymantaray.geometry import LocalFrame
+
+    Array = NDArray[np.float64]
+
+_MOST = 6  # links that one figure can show
+
+
+@dataclass(frozen=True)
+class EndOptions:
+    """Between which places rays are drawn."""
+
+    source: Annotated[
+        str | None,
+        typer.Option(metavar="N,E,D", help="Where sound starts: north, east and depth in metres, as 0,0,20."),
+    ] = None
+    receiver: Annotated[
+        list[str] | None,
+        typer.Option(metavar="N,E,D", help="Where it is heard; may be repeated, a panel each."),
+    ] = None
+    links: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LINKS.csv", help="A table of links instead, as for times, eigen and trace; a panel each."
+        ),
+    ] = None
+
+
+@with_options
+def plot(
+    out: Annotated[Path, typer.Argument(metavar="OUT.png", help="Figure to write; OUT.pdf for a paper.")],
+    ends: EndOptions,
+    medium: MediumOptions,
+    search: SearchOptions,
+    fan: Fan = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Draw the rays of one link, or of some, over sound speed and sea bed."""
+    from pymantaray.acoustics import ray_picture
+    from pymantaray.cli.output import check_output
+    from pymantaray.cli.rays_medium import load_medium
+    from pymantaray.report import write_ray_plot
+    from pymantaray.report.style import ocean_header
+
+    inputs = [*medium.files, *([ends.links] if ends.links else [])]
+    check_output(out, (".png", ".pdf"), inputs=inputs, force=force)
+    angles = () if fan is None else fan_angles(*fan)
+    _check_ends(ends)
+    loaded = load_medium(medium)
+    titles, pictures = [], []
+    for name, source, receiver in _links(ends, loaded.frame):
+        title = f"{name}{_words(source)} to {_words(receiver)} m"
+        try:
+            pictures.append(
+                ray_picture(
+                    loaded.medium,
+                    source,
+                    receiver,
+                    fan_angles=angles,
+                    max_surface_bounces=search.max_surface_bounces,
+                    max_bottom_bounces=search.max_bottom_bounces,
+                    spreading_cutoff_db=search.spreading_cutoff_db,
+                )
+            )
+        except AcousticsError as error:
+            raise AcousticsError(f"{title}: {error}") from None
+        titles.append(title)
+    write_ray_plot(pictures, out, titles=titles, header=ocean_header(loaded.attrs))
+    if not quiet:
+        for title, picture in zip(titles, pictures, strict=True):
+            count = int(picture["ray_arrives"].sum())
+            typer.echo(f"{title}: {count} ray{'' if count == 1 else 's'}, {picture.attrs['status'].lower()}")
+        for note in loaded.notes:
+            typer.echo(note)
+    typer.echo(str(out))
+
+
+def _check_ends(ends: EndOptions) -> None:
+    direct = ends.source is not None or bool(ends.receiver)
+    if direct == (ends.links is not None) or (direct and (ends.source is None or not ends.receiver)):
+        raise AcousticsError("give --source and --receiver, or --links with a table of them")
+
+
+def _links(ends: EndOptions, frame: "LocalFrame | None") -> "list[tuple[str, Array, Array]]":
+    """What each link is called, and its ends. [m]"""
+    import numpy as np
+
+    from pymantaray.cli.rays_tables import read_links
+
+    if ends.links is None:
+        source = np.array(parse_place("--source", str(ends.source)))
+        places = [np.array(parse_place("--receiver", text)) for text in ends.receiver or []]
+        links, where = [("", source, place) for place in places], "--receiver"
+    else:
+        content = read_links(ends.links)
+        frame_of = content.table.frame
+        names = [f"{name}: " for name in frame_of["name"]] if "name" in frame_of else [""] * len(frame_of)
+        links, where = list(zip(names, *content.places(frame), strict=True)), str(ends.links)
+    if not 1 <= len(links) <= _MOST:
+        raise AcousticsError(f"{where}: {len(links)} links; a figure shows 1 to {_MOST} of them")
+    return links
+
+
+def _words(place: "Array") -> str:
+    return f"({', '.join(f'{value:.6g}' for value in place)})"
