@@ -20,8 +20,8 @@ from pymantaray.ocean import (
 from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.schema import validate_ocean
 from pymantaray.records import write_netcdf
-from pymantaray.study import load_study
-from pymantaray.study.assemble import fleet_plan
+from pymantaray.study import load_study, preset_text
+from pymantaray.study.assemble import build_ocean, fleet_plan
 
 CAST = """# drop 9, 2014-07-24/1920 UTC, lat 74.0, lon -140.0; bottom 450 m
 depth_m,temperature_degC,practical_salinity
@@ -59,18 +59,33 @@ def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, t
     study.write_text(small_text, encoding="utf-8")
     assert mantaray("ocean", "check", "--study", study).code == 0, "its own ocean holds it"
     assert mantaray("ocean", "check", ocean_file, "--study", study).code == 0
+    own = small_text.replace('source = "synthetic:beaufort"', f'source = "{ocean_file}"')
     for side, half, says in (
         ("north", 90e3, "wrong: coverage (74.5 N -140 E): domain of +-90 km north"),
         ("east", 2e3, "coverage (vehicle"),
     ):
-        text = small_text.replace(f"half_extent_{side} = 15000.0", f"half_extent_{side} = {half}")
-        study.write_text(text, encoding="utf-8")
-        result = mantaray("ocean", "check", ocean_file, "--study", study)
+        study.write_text(
+            own.replace(f"half_extent_{side} = 15000.0", f"half_extent_{side} = {half}"), encoding="utf-8"
+        )
+        result = mantaray("ocean", "check", "--study", study)
         assert (result.code, says in result.out) == (2, True)
-    result = mantaray("ocean", "check", ocean_file, "--study", "fram")
-    assert (result.code, "is not inside the data" in result.out) == (2, True)
     result = mantaray("ocean", "check")
     assert (result.code, "name one, or a study" in result.err) == (2, True)
+
+
+def test_files_are_checked_about_the_centre_that_a_run_gives_them(mantaray, ocean_file, tmp_path):
+    with xr.open_dataset(ocean_file) as data:
+        narrow = data.isel(lat=slice(None, 10))  # 40 km north to south, 74.34 N in the middle
+        narrow.to_netcdf(tmp_path / "south.nc")
+    files = [str(tmp_path / "south.nc")]
+    local = build_ocean(load_study("quick", ocean=files).ocean, 0.0).local
+    assert local.attrs["centre_latitude_deg"] == pytest.approx(float(narrow["lat"].values[[0, -1]].mean()))
+    assert mantaray("ocean", "check", *files, "--study", "quick").code == 0
+    assert mantaray("ocean", "check", *files, "--study", "fram").code == 0, "whose centre lies elsewhere"
+    far = preset_text("quick").replace("north = 2000.0", "north = 40000.0")
+    (tmp_path / "far.toml").write_text(far, encoding="utf-8")
+    result = mantaray("ocean", "check", *files, "--study", tmp_path / "far.toml")
+    assert (result.code, "outside the domain" in result.out) == (2, True)
 
 
 def test_the_plan_of_a_fleet_holds_starts_targets_and_landmarks():

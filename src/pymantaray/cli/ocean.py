@@ -85,7 +85,8 @@ def check(
         from pymantaray.study.assemble import fleet_plan
         from pymantaray.study.tracks import with_tracks
 
-        config = with_tracks(load_study(study))
+        # files given here take the place of the study's ocean as those of `study run --ocean` do
+        config = with_tracks(load_study(study, ocean=sources or None))
         if not sources:
             sources = [*config.ocean.source]
             options["time"] = time or (config.ocean.time and config.ocean.time.isoformat())
