@@ -207,4 +207,4 @@ def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path):
     content.write_bytes(b"ocean")
     config = tiny(ocean={"source": [str(content)]})
     assert checksums(config) == {str(content): hashlib.sha256(b"ocean").hexdigest()}
-    assert describe_run(config, {}, {}, workers=1)["ocean"]["synthetic"] is False
+    assert manifest["ocean"]["synthetic"] is True

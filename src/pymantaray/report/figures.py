@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import pymantaray.report
 from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
 from pymantaray.records import Measurements, Trajectories
-from pymantaray.report.style import Array, is_synthetic, ocean_header, ocean_name
+from pymantaray.report.style import Array, ocean_header, ocean_name
 from pymantaray.report.tables import TABLES
 from pymantaray.study.store import Run
 
@@ -64,13 +64,13 @@ class Results:
 
     @property
     def synthetic(self) -> bool:
-        """Whether the data or the configuration say that the ocean is made up."""
-        return is_synthetic(self.run.ocean.attrs) or self.run.synthetic
+        """Whether the ocean is made up."""
+        return self.run.synthetic
 
     @property
     def header(self) -> str:
         """Line on top of every figure."""
-        return ocean_header({**self.run.ocean.attrs, "synthetic": int(self.synthetic)})
+        return ocean_header(self.run.ocean.attrs)
 
     @property
     def realizations(self) -> str:

@@ -42,7 +42,7 @@ def checksums(config: StudyConfig) -> dict[str, str]:
 
 
 def describe_run(
-    config: StudyConfig, inputs: dict[str, str], seconds: dict[str, float], *, workers: int
+    config: StudyConfig, inputs: dict[str, str], seconds: dict[str, float], *, synthetic: bool, workers: int
 ) -> dict[str, Any]:
     """Collect what results depend on, with checksums of inputs, and their cost: the manifest but for the outcome."""
     memory = peak_memory_mib()  # before git is called: a child counts as large as its parent at first
@@ -51,7 +51,7 @@ def describe_run(
         "study": config.study.name,
         "ocean": {
             "source": list(config.ocean.source),
-            "synthetic": config.ocean.synthetic,
+            "synthetic": synthetic,
             "time_varying": config.ocean.time_varying,
             "sha256": inputs,
         },

@@ -107,7 +107,7 @@ def run_study(
         with watch.stage("files"):
             if config.solves:
                 estimates = _write_results(known, [solved[n] for n in range(count)], stage)
-        content = describe_run(config, inputs, watch.seconds, workers=workers)
+        content = describe_run(config, inputs, watch.seconds, synthetic=known.synthetic, workers=workers)
         content["outcome"] = summarize(known, estimates)
         write_json(content, stage / MANIFEST)
         if drawing is not None:

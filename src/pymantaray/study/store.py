@@ -172,8 +172,8 @@ class Run:
 
     @property
     def synthetic(self) -> bool:
-        """Whether the ocean is a synthetic one."""
-        return self.config.ocean.synthetic
+        """Whether the ocean is made up: a synthetic one of ours, or a file that says so of itself."""
+        return bool(self.ocean.attrs["synthetic"])
 
     def noisy_measurements(self, realization: int) -> Measurements:
         """
