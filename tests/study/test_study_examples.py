@@ -1,4 +1,4 @@
-"""The examples run: the real Gulf Stream from HYCOM's files, and the few lines of Python."""
+"""The examples run for somebody who has nothing but them; the Gulf Stream's in HYCOM's real files too."""
 
 import runpy
 from pathlib import Path
@@ -10,16 +10,25 @@ from pymantaray.records import RayStatus, SolveStatus
 from pymantaray.study import load_study, run_study
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+HYCOM = EXAMPLES.parents[1] / "shared" / "data" / "hycom"
 
 
-def test_gulf_stream_runs_on_the_real_files(tmp_path):
-    config = load_study(EXAMPLES / "gulf_stream.toml", realizations=1)
-    absent = [name for name in config.ocean.files if not Path(name).exists()]
-    if absent:
-        pytest.skip(f"real HYCOM files are absent: {', '.join(absent)}")
+@pytest.mark.parametrize("real", [False, True])
+def test_gulf_stream_runs(tmp_path, monkeypatch, real):
+    text = (EXAMPLES / "gulf_stream.toml").read_text(encoding="utf-8")
+    if real:
+        files = [str(HYCOM / f"hycom_glby_930_2019030712_t003_{kind}.nc") for kind in ("ts3z", "uv3z")]
+        if not HYCOM.is_dir():
+            pytest.skip(f"real HYCOM files are not at {HYCOM}")
+        text = text.replace('source = "gulf_stream.nc"', f"source = {files}")
+    else:
+        monkeypatch.setattr("sys.argv", ["gulf_stream.py", str(tmp_path / "gulf_stream.nc")])
+        runpy.run_path(str(EXAMPLES / "gulf_stream.py"), run_name="__main__")
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    config = load_study(tmp_path / "study.toml", realizations=1)
     run = run_study(config, tmp_path / "run", workers=1)
-    assert not run.synthetic
-    assert run.region.loc["synthetic"].item() == "no"
+    assert run.synthetic is run.manifest["ocean"]["synthetic"] is not real
+    assert run.region.loc["synthetic"].item() == ("no" if real else "yes")
     assert set(run.manifest["ocean"]["sha256"]) == set(config.ocean.files)
     assert run.manifest["outcome"]["stopped_vehicles"] == {}
     right = run.estimates.condition != "refracted"
