@@ -17,9 +17,8 @@ import numpy as np
 from pymantaray.ocean import assemble_ocean
 
 DEPTH = np.array(
-    [0, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 125, 150, 200, 250, 300, 350, 400, 500, 600, 700, 800, 900]
-    + [1000, 1250, 1500, 2000, 2500, 3000, 4000.0]
-)  # m
+    [*range(0, 100, 10), *range(100, 400, 50), *range(400, 1000, 100), *range(1000, 4500, 500)], float
+)
 LAT, LON = np.linspace(34.0, 35.28, 33), np.linspace(-75.68, -73.84, 24)
 FRONT = (34.9, -75.1)  # a point of it
 ALONG = np.radians(45.0)  # its direction, clockwise from north
