@@ -43,6 +43,7 @@ from pymantaray.study.config_estimators import (
     CastBelief,
     ExactBelief,
     FileBelief,
+    InternalTideBelief,
     MeanBelief,
     ModesSection,
     NumericsBelief,
@@ -98,13 +99,15 @@ class Beliefs:
             self._latest[section] = member, self._make(section, realization)
         return self._latest[section][1]
 
-    def varying(self, section: ExactBelief | OtherDayBelief) -> StudyOcean:
-        """Ocean over the mission, of the day that is believed in."""
+    def varying(self, section: AnyBelief) -> StudyOcean:
+        """Ocean over the mission that is believed to vary: as the study's, of the day that is believed in, or by a tide."""
         if section not in self._over_time:
             ocean = self.config.ocean
             if isinstance(section, OtherDayBelief):
                 day = mission_start(ocean) - np.timedelta64(dt.timedelta(days=section.days_earlier))
                 ocean = ocean.model_copy(update={"time": day.astype("datetime64[us]").item()})
+            elif isinstance(section, InternalTideBelief):
+                ocean = ocean.model_copy(update={"internal_tide": section, "time_varying": False})
             self._over_time[section] = build_ocean(ocean, self.config.mission.duration_h * 3600.0)
         return self._over_time[section]
 

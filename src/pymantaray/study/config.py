@@ -13,6 +13,7 @@ from pymantaray.study.config_estimators import (
     Hours,
     InputFile,
     InputFiles,
+    InternalTideSection,
     NonNegativeFloat,
     OceanSource,
     PositiveFloat,
@@ -345,17 +346,6 @@ class StudySection(Section):
         return self
 
 
-class InternalTideSection(Section):
-    """A first-mode internal tide that lifts and lowers the true water as it runs east; estimators know nothing of it."""
-
-    amplitude: PositiveFloat
-    """Greatest displacement of water, up and down. [m]"""
-    period_h: PositiveFloat = 12.42
-    """From crest to crest. [h]"""
-    wavelength: PositiveFloat = 1e5
-    """From crest to crest, along east. [m]"""
-
-
 class OceanSection(Section):
     """Where the water and the sea floor come from, whether they vary, and the centre of the local frame."""
 
@@ -636,7 +626,7 @@ class StudyConfig(SoundConfig):
     def _estimators_fit(self) -> Self:
         own = self.ranging.clock_offset_sigma, self.ranging.clock_skew_sigma
         for e in self.estimators or ():
-            if e.belief_varies and not self.ocean.time_varying:
+            if e.follows_ocean and not self.ocean.time_varying:
                 raise ValueError(
                     f"estimator {e.name} believes in water that varies, but the study's stands still: set"
                     " ocean.time_varying = true, or leave time_varying out of the belief"

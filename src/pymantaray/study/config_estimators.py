@@ -190,6 +190,24 @@ class NumericsBelief(Section):
     """What lies between grid points; the study's unless given."""
 
 
+class InternalTideSection(Section):
+    """A first-mode internal tide that lifts and lowers water as it runs east."""
+
+    amplitude: PositiveFloat
+    """Greatest displacement of water, up and down. [m]"""
+    period_h: PositiveFloat = 12.42
+    """From crest to crest. [h]"""
+    wavelength: PositiveFloat = 1e5
+    """From crest to crest, along east. [m]"""
+
+
+class InternalTideBelief(InternalTideSection):
+    """The true ocean's first snapshot with an internal tide through it, in place of its own if it has one."""
+
+    kind: Literal["internal-tide"]
+    """The true ocean with an internal tide through it."""
+
+
 class OtherDayBelief(Section):
     """The same source some days earlier: as it was then, or with ``time_varying`` as it changed from then on."""
 
@@ -226,6 +244,7 @@ AnyBelief = Annotated[
     | CastBelief
     | OffsetBelief
     | NumericsBelief
+    | InternalTideBelief
     | OtherDayBelief
     | FileBelief,
     Field(discriminator="kind"),
@@ -397,9 +416,14 @@ class RangeEstimatorSection(Section):
         return belief if self.modes is None else (*belief, *self.modes.casts)
 
     @property
+    def follows_ocean(self) -> bool:
+        """Whether what is believed varies as the study's ocean does."""
+        return isinstance(self.belief, ExactBelief | OtherDayBelief) and self.belief.time_varying
+
+    @property
     def belief_varies(self) -> bool:
         """Whether the water that is believed varies in time."""
-        return isinstance(self.belief, ExactBelief | OtherDayBelief) and self.belief.time_varying
+        return self.follows_ocean or isinstance(self.belief, InternalTideBelief)
 
     @model_validator(mode="after")
     def _varying_rays_fit(self) -> Self:
@@ -407,7 +431,7 @@ class RangeEstimatorSection(Section):
             self.range_model != "eigenray" or self.variance != "fixed" or self.modes is not None
         ):
             raise ValueError(
-                'a belief with time_varying is for range_model "eigenray" with variance "fixed" and without modes'
+                'a belief that varies in time is for range_model "eigenray" with variance "fixed" and without modes'
             )
         return self
 

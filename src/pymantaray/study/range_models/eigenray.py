@@ -3,7 +3,7 @@
 from pymantaray.estimation import RangeModel
 from pymantaray.study.assemble import build_currents, build_medium
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config_estimators import ExactBelief, OtherDayBelief, RangeEstimatorSection
+from pymantaray.study.config_estimators import RangeEstimatorSection
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.range_models.varying_eigenrays import VaryingEigenrays
 
@@ -12,7 +12,7 @@ def build(section: RangeEstimatorSection, beliefs: Beliefs, realization: int) ->
     """Range model of the belief; estimators that share the belief share the rays."""
     assert section.belief is not None  # checked by the section; for the type checker
     config, belief = beliefs.config, section.belief
-    if isinstance(belief, ExactBelief | OtherDayBelief) and belief.time_varying:
+    if section.belief_varies:
         ocean, cutoff = beliefs.varying(belief), config.acoustics.cutoff_db
         medium_at, currents_at = build_medium(config, ocean), build_currents(config, ocean)
         assert callable(medium_at)  # it varies
