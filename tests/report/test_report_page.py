@@ -29,7 +29,7 @@ FIGURES = {
 }  # fmt: skip
 TABLES = {
     "ate_difference", "ate_per_agent", "ate_per_realization", "ate_pooled", "bound", "consistency", "consistency_per_agent",
-    "consistency_per_epoch", "coverage", "dropouts", "ping_error", "range_error", "range_error_split", "region", "solves",
+    "consistency_per_epoch", "costs", "coverage", "dropouts", "ping_error", "range_error", "range_error_split", "region", "solves",
 }  # fmt: skip
 LATER = ("covariances.nc", "estimates.nc", "manifest.json")  # written when realizations are solved
 VOID = {"meta", "img", "br", "input"}
@@ -94,6 +94,18 @@ def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run
     assert [done for _, done, _ in reported.calls] == list(range(len(FIGURES) + 1))
     report = {"figures", "tables", "index.html"}
     assert {p.name for p in folder.iterdir()} == {p.name for p in tiny_run_folder.iterdir()} | report
+
+
+def test_costs_are_those_of_the_solves_of_each_condition(reported):
+    table = pd.read_csv(reported.folder / "tables" / "costs.csv")
+    run = open_run(reported.folder)
+    assert table["condition"].tolist() == run.estimates.condition.tolist()
+    assert set(table["seed"]) == {run.config.study.seed}
+    assert set(table["realizations"]) == {run.config.study.realizations}
+    assert (table["cpu_total_s"] > 0.0).all()
+    assert (
+        table["cpu_total_s"] <= 60.0 * run.manifest["seconds"]["realizations"]
+    ).all()  # seconds, no other unit
 
 
 def test_page_needs_no_network_and_says_that_the_ocean_is_synthetic(reported):

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from time import process_time
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -156,7 +157,9 @@ def solve_conditions(
     fleet = _Fleet(measurements, covariance_samples)
     solved: dict[str, Solution] = {}
     for name, e in [*((c, replace(CONDITIONS[c], initial=initial)) for c in conditions), *more.items()]:
-        solved[name] = fleet.reckoned_solution() if e.dead_reckoned else fleet.solve(e, solver)
+        begun = process_time()
+        solution = fleet.reckoned_solution() if e.dead_reckoned else fleet.solve(e, solver)
+        solved[name] = replace(solution, seconds=process_time() - begun)
     return solved
 
 

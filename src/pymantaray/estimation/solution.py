@@ -119,7 +119,8 @@ class Solution:
     Fields mean what they mean in `Estimates`; ``position`` and ``quaternion`` have one row for each pose of
     the graph, or the shape ``(n_agents, n_times, ...)`` where `solve_conditions` returns them. Of a solve
     with a range model, ``gated_links`` counts the ranges that the believed ocean does not allow in the end,
-    and ``expansions`` the times that the model was asked and the graph solved.
+    and ``expansions`` the times that the model was asked and the graph solved. ``seconds`` of CPU time are told by
+    `solve_conditions`; what estimators share is paid by the first that needs it.
     """
 
     position: Array
@@ -133,6 +134,7 @@ class Solution:
     gradient_norm: float
     gated_links: int = 0
     expansions: int = 0
+    seconds: float = math.nan
     covariances: EpochCovariances | None = None  # at the epochs asked for, if the values are usable
     unknowns: UnknownsEstimate | None = None  # what the ranges share, likewise
 

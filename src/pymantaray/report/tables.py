@@ -1,5 +1,6 @@
 """Tables of a run: what is in each, and how it stands on the page, in the order of the page."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -48,6 +49,25 @@ def solve_table(estimates: Estimates) -> pd.DataFrame:
     }
     numbers = ["iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm", "gated_links"]
     return pd.DataFrame(columns | {name: np.asarray(getattr(e, name)).ravel() for name in numbers})
+
+
+def cost_table(run: Run) -> pd.DataFrame:
+    """What each condition is, as the configuration has it, its seed and the CPU time of its solves."""
+    sections = {e.name: e.model_dump(mode="json", exclude_defaults=True) for e in run.config.estimators or ()}
+    rows = []
+    for name, seconds in run.manifest.get("solve_cpu_seconds", {}).items():
+        settings = {key: value for key, value in sections.get(name, {}).items() if key != "name"}
+        rows.append(
+            {
+                "condition": name,
+                "settings": json.dumps(settings) if settings else "-",
+                "seed": run.config.study.seed,
+                "realizations": len(seconds),
+                "cpu_median_s": float(np.median(seconds)),
+                "cpu_total_s": float(np.sum(seconds)),
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def _consistency(run: Run, *, by_agent: bool = False) -> pd.DataFrame | None:
@@ -148,6 +168,12 @@ TABLES: dict[str, Table] = {
         "Least position error that is possible at each ping, without ranges and with them, and what the ranges of the ping"
         " alone do not see",
         _solved(lambda run: bound_table(run.truth, run.measurements)),
+        folded=True,
+    ),
+    "costs": Table(
+        "What each condition is, its seed and the CPU time of a solve on the machine that ran it; mantaray study run config.toml"
+        " runs it again",
+        _solved(lambda run: cost_table(run) if "solve_cpu_seconds" in run.manifest else None),
         folded=True,
     ),
     "solves": Table("Health of each solve", _solved(lambda run: solve_table(run.estimates)), folded=True),

@@ -1,7 +1,7 @@
 """A whole study: mission, realizations, and everything on disk."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
 from contextlib import nullcontext
 from functools import partial
@@ -108,6 +108,7 @@ def run_study(
             if config.solves:
                 estimates = _write_results(known, [solved[n] for n in range(count)], stage)
         content = describe_run(config, inputs, watch.seconds, synthetic=known.synthetic, workers=workers)
+        content["solve_cpu_seconds"] = _cpu_seconds(solved)
         content["outcome"] = summarize(known, estimates)
         write_json(content, stage / MANIFEST)
         if drawing is not None:
@@ -131,6 +132,14 @@ def _solve(
         solved[number] = one
         keep()
         report("realizations", len(solved), count)
+
+
+def _cpu_seconds(solved: Mapping[int, Solved]) -> dict[str, list[float]]:
+    """Of every solve, by condition, in the order of the realizations."""
+    ordered = [solved[number].solutions for number in sorted(solved)]
+    return {
+        name: [round(one[name].seconds, 3) for one in ordered] for name in (ordered[0] if ordered else ())
+    }
 
 
 def _write_results(run: Run, solved: Sequence[Solved], folder: Path) -> Estimates:
