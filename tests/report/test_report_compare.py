@@ -31,7 +31,7 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
     assert names == ["ape_pooled.png", "ape_pooled_linear.png", "range_error.png", "sound_speed.png"]
     assert all(f'href="figures/{name}"' in text for name in names)
     assert text.count('src="data:image/png;base64,') == len(names)
-    assert len(list((tmp_path / "both" / "tables").iterdir())) == 6
+    assert len(list((tmp_path / "both" / "tables").iterdir())) == 7
     assert "Test Sea and Other {Sea}" in text
     assert "Test Sea: The ocean of this study is synthetic" in text
     assert [p.name for p in tmp_path.iterdir()] == ["both"]
@@ -58,6 +58,12 @@ def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_
     errors = tables["ate_pooled"].set_index(["condition", "quantity"])
     assert pd.isna(errors.loc[("odometry", "mean_m"), "other"])
     assert errors.loc[("no-ranges", "mean_m"), "other"] > 0.0
+    at_pings = tables["ping_error"].set_index(["condition", "quantity"])
+    assert (
+        at_pings.loc[("straight", "rmse_m"), "one"]
+        > at_pings.loc[("straight", "from_straight_rmse_m"), "one"]
+        == 0.0
+    )
     assert set(tables["range_error_split"]["part"]) == {"total", "reference speed", "bending"}
 
 

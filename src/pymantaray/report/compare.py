@@ -33,9 +33,14 @@ _CAPTIONS = {
     "range_error": "Signed range error, refracted minus straight",
     "range_error_split": "Mean of the range error and of its parts, all links",
     "ate_pooled": "Position error by condition, pooled over vehicles, times and realizations",
+    "ping_error": "Position error of vehicles under water at the pings, its distance from the estimate with straight ranges, and"
+    " the least that is possible",
     "region": "Regions",
 }
-_STATISTICS = ("mean_m", "median_m", "rmse_m", "p25_m", "p75_m", "p95_m")
+_STATISTICS = {
+    "ate_pooled": ("mean_m", "median_m", "rmse_m", "p25_m", "p75_m", "p95_m"),
+    "ping_error": ("rmse_m", "median_m", "from_straight_rmse_m", "from_straight_median_m", "bound_rmse_m"),
+}
 
 
 def write_comparison(
@@ -106,7 +111,7 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
             {name: t.drop(columns="category").iloc[0] for name, t in errors.items()}, "quantity"
         ),
         "range_error_split": _side_by_side({name: t["mean_m"] for name, t in parts.items()}, "part"),
-        **({"ate_pooled": _joint_errors(runs)} if _all_solved(runs) else {}),
+        **({name: _joint_errors(runs, name) for name in _STATISTICS} if _all_solved(runs) else {}),
         "region": _side_by_side({name: t.iloc[:, 0] for name, t in regions.items()}, "property"),
     }
 
@@ -137,9 +142,9 @@ def _all_solved(runs: Mapping[str, Results]) -> bool:
     return all(r.run.config.solves for r in runs.values())
 
 
-def _joint_errors(runs: Mapping[str, Results]) -> pd.DataFrame:
+def _joint_errors(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
     pooled = pd.concat(
-        {name: r.tables["ate_pooled"].set_index("condition") for name, r in runs.items()},
+        {name: r.tables[table].set_index("condition") for name, r in runs.items()},
         axis=1,
         sort=False,
     )
@@ -147,7 +152,7 @@ def _joint_errors(runs: Mapping[str, Results]) -> pd.DataFrame:
         [
             {"condition": c, "quantity": s, **{name: pooled.loc[c, (name, s)] for name in runs}}
             for c in pooled.index
-            for s in _STATISTICS
+            for s in _STATISTICS[table]
         ]
     )
 
