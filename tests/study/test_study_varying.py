@@ -1,7 +1,9 @@
 """An ocean that varies in time, from the configuration to the run folder; and a sea floor from a file."""
 
 import datetime as dt
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from pymantaray.fleet import simulate
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.records import write_netcdf
+from pymantaray.report.explore import Ends, mission_rays
+from pymantaray.report.figures import Results
 from pymantaray.study import open_run, run_study
 from pymantaray.study.assemble import build_currents, build_fleet, build_medium, mission_start
 from pymantaray.study.estimators import EstimatorFactory
@@ -225,3 +229,38 @@ def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(run_tiny
     at = run.estimates.condition.tolist().index
     same_day, varying = (run.estimates.position[at(n)] for n in ("same-day", "varying"))
     np.testing.assert_array_equal(same_day, varying)
+
+
+def check_page_rays(run):
+    """Rays on the page take as long as those that the study has found; how many of them."""
+    rays, ends = (
+        json.loads(mission_rays(Results(run))),
+        Ends(Results(run), np.unique(run.measurements.range_sample)),
+    )
+    first, links = run.arrivals.first().travel_time, run.links
+    for section in rays:
+        sample, one, other = (int(of[section["link"]]) for of in (ends.sample, ends.first, ends.second))
+        here = (links.sample == sample) & (np.minimum(links.first, links.second) == one)
+        (row,) = np.flatnonzero(here & (np.maximum(links.first, links.second) == other))
+        np.testing.assert_allclose(section["time"][:1], first[row], atol=1e-6)
+    return len(rays)
+
+
+def test_rays_on_the_page_run_through_the_water_of_their_ping(run_tiny, tmp_path):
+    files = written(tmp_path, hours(0, 3, 6))
+    for file, degrees in zip(files[1:], (2.0, 4.0), strict=True):  # 2 degrees are 10 m/s, 7 ms/s
+        with xr.open_dataset(file) as ocean:
+            warmer = ocean.load().assign(water_temp=ocean["water_temp"] + degrees)
+        write_netcdf(warmer, Path(file))
+    run = run_tiny(
+        study={"conditions": ["straight"], "realizations": 1}, ocean={"source": files, "time_varying": True}
+    )
+    assert check_page_rays(run) > 3
+    Path(files[1]).unlink()
+    assert json.loads(mission_rays(Results(open_run(run.path)))) == []
+
+
+def test_rays_on_the_page_run_through_the_internal_tide_of_their_ping(run_tiny):
+    tide = {"amplitude": 30.0, "period_h": 5.0, "wavelength": 20e3}
+    run = run_tiny(study={"conditions": ["straight"], "realizations": 1}, ocean={"internal_tide": tide})
+    assert check_page_rays(run) > 3

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium, find_eigenrays, ray_picture
+from pymantaray.acoustics import ray_picture
 from pymantaray.records import RayStatus
 from pymantaray.report.figures import Results, range_ends
 from pymantaray.report.style import Array, condition_label, condition_looks, vehicle_colours
+from pymantaray.study.mission import medium_of_run
 from pymantaray.study.store import Run
 
 WORST = 50
@@ -125,46 +127,48 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _rays(run: Run, ends: Ends) -> Iterator[dict[str, Any]]:
-    """Sections with rays; none where the water of a ping is not in the folder."""
-    if run.config.ocean.time_varying or not ends.sample.size:
+    """Sections with rays, each in the water of its ping; none where that is no longer to be had."""
+    water = medium_of_run(run) if ends.sample.size else None
+    if water is None:
         return
     acoustics = run.config.acoustics
-    surface, bottom, cutoff = acoustics.max_surface_bounces, acoustics.max_bottom_bounces, acoustics.cutoff_db
-    medium = Medium.from_dataset(run.ocean, interpolation=acoustics.interpolation)
-    for link in ends.with_rays().tolist():
-        source, receiver = ends.source[link], ends.receiver[link]
-        arrivals = find_eigenrays(medium, source, receiver, surface, bottom, cutoff, threads=1)
+    for link in ends.with_rays().tolist():  # in the order of their pings
         picture = ray_picture(
-            medium,
-            source,
-            receiver,
+            water(float(run.truth.time[ends.sample[link]])),
+            ends.source[link],
+            ends.receiver[link],
             n_range=_RANGES,
             n_depth=_DEPTHS,
             n_points=_POINTS,
-            max_surface_bounces=surface,
-            max_bottom_bounces=bottom,
-            spreading_cutoff_db=cutoff,
+            max_surface_bounces=acoustics.max_surface_bounces,
+            max_bottom_bounces=acoustics.max_bottom_bounces,
+            spreading_cutoff_db=acoustics.cutoff_db,
         )
-        rays = slice(0, min(arrivals.link.size, _MOST_RAYS))
-        lowest = max(source[2], receiver[2], float(picture["ray_depth"].max()) if arrivals.link.size else 0.0)
-        depth = picture["depth"].to_numpy()
-        levels = _evenly(
-            np.arange(np.searchsorted(depth, _BELOW * lowest + 20.0).clip(2, depth.size)), _LEVELS
-        )
-        yield {
-            "link": link,
-            "range": _rounded(picture["range"].to_numpy(), 0),
-            "depth": _rounded(depth[levels], 1),
-            "speed": _rounded(picture["sound_speed"].transpose("depth", "range").to_numpy()[levels], 1),
-            "bed": _rounded(picture["sea_floor_depth"].to_numpy(), 0),
-            "ray_range": _rounded(picture["ray_range"].to_numpy()[rays], 0),
-            "ray_depth": _rounded(picture["ray_depth"].to_numpy()[rays], 1),
-            "time": _rounded(arrivals.travel_time[rays], 7),
-            "chord": _rounded(arrivals.chord_travel_time, 7)[0],
-            "surface": arrivals.surface_bounces[rays],
-            "bottom": arrivals.bottom_bounces[rays],
-            "spreading": _rounded(arrivals.spreading_db[rays], 1),
-        }
+        yield {"link": link, **section(picture)}
+
+
+def section(picture: xr.Dataset) -> dict[str, Any]:
+    """Section along one link with its earliest rays, as far down as these go and some."""
+    rays = picture.isel(ray=slice(0, _MOST_RAYS))
+    lowest = max(
+        float(picture["chord_depth"].max()), float(rays["ray_depth"].max()) if rays.sizes["ray"] else 0.0
+    )
+    depth = picture["depth"].to_numpy()
+    shown = int(np.clip(np.searchsorted(depth, _BELOW * lowest + 20.0), 2, depth.size))
+    levels = _evenly(np.arange(shown), _LEVELS)
+    return {
+        "range": _rounded(picture["range"], 0),
+        "depth": _rounded(depth[levels], 1),
+        "speed": _rounded(picture["sound_speed"].transpose("depth", "range").to_numpy()[levels], 1),
+        "bed": _rounded(picture["sea_floor_depth"], 0),
+        "ray_range": _rounded(rays["ray_range"], 0),
+        "ray_depth": _rounded(rays["ray_depth"], 1),
+        "time": _rounded(rays["ray_travel_time"], 7),
+        "chord": float(picture["chord_travel_time"].round(7)),
+        "surface": rays["ray_surface_bounces"].to_numpy(),
+        "bottom": rays["ray_bottom_bounces"].to_numpy(),
+        "spreading": _rounded(rays["ray_spreading"], 1),
+    }
 
 
 def _errors(results: Results) -> dict[str, Any]:

@@ -2,14 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from pymantaray.acoustics import Medium, ray_picture, select
+from pymantaray.errors import MantaRayError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times
 from pymantaray.fleet import simulate
+from pymantaray.ocean.internal_tide import displaced, has_internal_tide
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
     Candidates,
@@ -40,6 +44,9 @@ from pymantaray.study.assemble import (
 from pymantaray.study.config import SoundConfig, StudyConfig
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.tracks import follow, read_fleet
+
+if TYPE_CHECKING:
+    from pymantaray.study.store import Run
 
 Progress = Callable[[str, int, int], None]
 """Told the name of a stage, how many of its parts are done, and how many there are."""
@@ -189,6 +196,33 @@ def mission_picture(
         mission.links,
         mission.arrivals,
         spreading_cutoff_db=config.acoustics.cutoff_db,
+    )
+
+
+def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
+    """
+    Medium of a finished mission's rays by the time since its start [s].
+
+    The folder of a run has the water of the start alone: what varies by files is read from these again. None if they are gone
+    or others.
+    """
+    config, at_start = run.config, run.ocean
+    if config.ocean.time_varying:
+        try:
+            ocean = mission_ocean(config)
+        except MantaRayError:
+            return None
+        same = ocean.local["sound_speed"].shape == at_start["sound_speed"].shape
+        if not same or not np.array_equal(ocean.local["sound_speed"], at_start["sound_speed"]):
+            return None
+        local_at = ocean.local_at
+    elif has_internal_tide(at_start):
+        local_at = partial(displaced, at_start)
+    else:
+        still = Medium.from_dataset(at_start, interpolation=config.acoustics.interpolation)
+        return lambda _: still
+    return lru_cache(maxsize=1)(
+        lambda time: Medium.from_dataset(local_at(time), interpolation=config.acoustics.interpolation)
     )
 
 
