@@ -4,10 +4,14 @@ import os
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 from pymantaray.acoustics import Medium
@@ -478,3 +482,29 @@ class CrewHere:
 
     def submit(self, task):
         return _Done(self.work(task))
+
+
+@contextmanager
+def small_disk(folder: Path, size: str) -> Iterator[Callable[[str], None]]:
+    """
+    A folder as a file system of its own, of a size as ``256k``; gives what sets its options anew, as ``size=8m`` or ``ro``.
+
+    A test is skipped where none can be mounted.
+    """
+    folder.mkdir(exist_ok=True)
+
+    def mount(*words: str) -> bool:
+        try:
+            return subprocess.run(["mount", *words, folder], capture_output=True, check=False).returncode == 0
+        except OSError:
+            return False
+
+    def remount(options: str) -> None:
+        assert mount("-o", f"remount,{options}")
+
+    if not mount("-t", "tmpfs", "-o", f"size={size}", "tmpfs"):
+        pytest.skip("no small file system can be mounted here")
+    try:
+        yield remount
+    finally:
+        subprocess.run(["umount", "-l", folder], check=True)

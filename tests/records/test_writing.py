@@ -2,13 +2,12 @@
 
 import resource
 import signal
-import subprocess
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import xarray as xr
-from factories import python
+from factories import python, small_disk
 from refusals import refused
 
 from pymantaray.errors import RecordError, WriteError
@@ -137,22 +136,13 @@ for name in "ab":
 
 def test_full_disk(tmp_path):
     """In a process of its own: what HDF5 could not write stays open in it."""
-    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(tmp_path)]
-    try:
-        mounted = subprocess.run(mount, capture_output=True, check=False).returncode == 0
-    except OSError:
-        mounted = False
-    if not mounted:
-        pytest.skip("no small file system can be mounted here")
-    try:
+    with small_disk(tmp_path, "200k"):
         done = python(FULL_DISK, tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.splitlines() == [
             f"{tmp_path}/{name}: cannot be written: No space left on device" for name in "ab"
         ]
         assert list(tmp_path.iterdir()) == []
-    finally:
-        subprocess.run(["umount", "-l", str(tmp_path)], check=True)
 
 
 def test_netcdf_from_many_threads(tmp_path):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from pymantaray.cli.ocean import Equation, Files, SeaFloor
-from pymantaray.cli.options import Force, Quiet, SearchOptions, parse_pair, with_options
+from pymantaray.cli.options import Force, Quiet, Scheduler, SearchOptions, Workers, parse_pair, with_options
 from pymantaray.cli.output import check_output, counted_progress, print_table
 from pymantaray.errors import AtlasError
 
@@ -76,12 +76,8 @@ def run(
     interpolation: Annotated[
         Literal["smooth", "linear"], typer.Option("--interpolation", help="What lies between grid points.")
     ] = "smooth",
-    workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes of this machine.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:PORT.")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:

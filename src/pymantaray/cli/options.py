@@ -37,6 +37,10 @@ Fan = Annotated[
     ),
 ]
 _MOST_RAYS = 100_000  # of a fan
+Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Processes of this machine.")]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:PORT.")
+]
 
 
 def parse_pair(option: str, text: str) -> Pair:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import Quiet
+from pymantaray.cli.options import Quiet, Scheduler, Workers
 from pymantaray.cli.output import check_output, counted_progress, duration
 
 if TYPE_CHECKING:
@@ -78,12 +78,8 @@ def run(
     out: Annotated[
         str, typer.Option("--out", help="Folder or URL of the results; what is done there is not done again.")
     ],
-    workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes of this machine.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:PORT.")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     studies: Annotated[bool, typer.Option("--studies", help="Keep the run folder of each point.")] = False,
     keep_stages: Annotated[
         bool, typer.Option("--keep-stages", help="Keep oceans, fleets and rays for sweeps to come.")
