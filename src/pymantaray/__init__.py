@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pymantaray.ocean import open_ocean, to_local
     from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, Trajectories
     from pymantaray.sensing import Landmark, NoiseModel, PingList, PingSchedule, SlotSchedule, perturb
-    from pymantaray.study import StudyConfig, load_study, measure, open_run, run_study
+    from pymantaray.study import StudyConfig, citation, load_study, measure, open_run, run_study
 
 __version__ = "0.1.0"
 
@@ -48,7 +48,7 @@ _HOME = {
     "ocean": ("open_ocean", "to_local"),
     "records": ("Arrivals", "Estimates", "Measurements", "RangingTruth", "Trajectories"),
     "sensing": ("Landmark", "NoiseModel", "PingList", "PingSchedule", "SlotSchedule", "perturb"),
-    "study": ("StudyConfig", "load_study", "measure", "open_run", "run_study"),
+    "study": ("StudyConfig", "citation", "load_study", "measure", "open_run", "run_study"),
 }
 _FOLDER_OF = {name: folder for folder, names in _HOME.items() for name in names}
 
@@ -74,6 +74,7 @@ __all__ = [
     "Trajectories",
     "Vehicle",
     "Waypoints",
+    "citation",
     "dead_reckon",
     "dropout_table",
     "error_table",

@@ -60,6 +60,18 @@ def init(
     typer.echo(f"{file}: copied from preset {name}; edit it, then: mantaray study run {file}")
 
 
+@app.command()
+def cite(
+    study: NameOrFile,
+    bibtex: Annotated[bool, typer.Option("--bibtex", help="As BibTeX.")] = False,
+) -> None:
+    """List the publications that a study relies on."""
+    from pymantaray.study import citation, load_study
+
+    references = citation(load_study(study))
+    typer.echo(references.bibtex if bibtex else references, nl=not bibtex)
+
+
 @app.command(cls=OceanCommand)
 def run(
     study: NameOrFile,

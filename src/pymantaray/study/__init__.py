@@ -12,6 +12,7 @@ from pymantaray.study.load import list_presets, load_sound, load_study, parse_st
 if TYPE_CHECKING:
     from pymantaray.study.export import export_run
     from pymantaray.study.ranges import measure
+    from pymantaray.study.references import citation
     from pymantaray.study.runner import run_study
     from pymantaray.study.store import Run, open_run
 
@@ -19,6 +20,7 @@ __all__ = [
     "Run",
     "SoundConfig",
     "StudyConfig",
+    "citation",
     "export_run",
     "list_presets",
     "load_sound",
@@ -33,6 +35,7 @@ __all__ = [
 
 _LATER = {
     "Run": "store",
+    "citation": "references",
     "export_run": "export",
     "measure": "ranges",
     "open_run": "store",

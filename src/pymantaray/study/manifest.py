@@ -15,6 +15,7 @@ from typing import Any
 
 import pymantaray
 from pymantaray.study.config import StudyConfig
+from pymantaray.study.references import citation
 from pymantaray.study.tracks import read_fleet
 
 _PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
@@ -73,6 +74,7 @@ def describe_run(
             "cores": os.cpu_count(),
             "workers": workers,
         },
+        "references": [str(reference) for reference in citation(config)],
         "seconds": {name: round(value, 3) for name, value in seconds.items()},
         "peak_memory_mib": memory,
     }

@@ -1,0 +1,211 @@
+"""Which publications a study relies on, as text and as BibTeX; they themselves are in `references.toml`."""
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pymantaray
+from pymantaray.ocean import holds_casts
+from pymantaray.ocean.files import open_file
+from pymantaray.study.config import DetectionSection, StudyConfig
+from pymantaray.study.config_estimators import FileBelief, NumericsBelief, RangeEstimatorSection
+
+_SYNTHETIC = {
+    "synthetic:beaufort": "steele2004 shimada2005 timmermans2014 timmermans2003 timmermans2008 zhao2014 zhao2015",
+    "synthetic:fram": "rudels2005 rudels2000 beszczynska2012 richter2018 hofmann2021 wekerle2020",
+}
+_SAYS = {
+    "hycom": "chassignet2008",
+    "glorys": "lellouche2021",
+    "gebco": "weatherall2015",
+    "etopo1": "amante2009",
+}
+"""What a file's attributes say of whose data it holds."""
+_EQUATIONS = {
+    "teos-10": ("mcdougall2011",),
+    "del-grosso": ("delgrosso1974", "wong1995"),
+    "unesco": ("chen1977", "wong1995"),
+}
+_ABSORPTION = {
+    "francois-garrison": ("francois1982a", "francois1982b"),
+    "ainslie-mccolm": ("ainslie1998",),
+    "thorp": ("thorp1967", "jensen"),
+}
+_SURFACE = {"bubbles": ("apl-uw1994",), "coherent": ("pierson1964",)}
+_SPECIAL = re.compile(r"([&%#_])")
+_SOLVERS = {"incremental": ("dellaert2012", "kaess2012"), "fixed-lag": ("dellaert2012",)}
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A publication, and what of a study relies on it."""
+
+    key: str
+    fields: Mapping[str, Any]
+    used_for: str
+
+    def __str__(self) -> str:
+        """One line: authors, year, title, where, DOI."""
+        f = self.fields
+        year = f" ({f['year']})" if "year" in f else ""
+        place = " ".join(str(f[name]) for name in ("journal", "volume") if name in f)
+        pages = str(f.get("pages", "")).replace("--", "-")
+        parts = [
+            f.get("title"), f.get("booktitle"), place, pages, f.get("institution"), f.get("number"),
+            f.get("publisher"), f.get("version"), f.get("note"), f"doi:{f['doi']}" if "doi" in f else "",
+        ]  # fmt: skip
+        authors = f.get("author", "").strip("{}").replace(" and others", " et al.").replace(" and ", "; ")
+        return ", ".join(part for part in (authors + year, *parts) if part)
+
+    @property
+    def bibtex(self) -> str:
+        """The BibTeX entry."""
+        values = {
+            name: _SPECIAL.sub(r"\\\1", str(value)) for name, value in self.fields.items() if name != "type"
+        }
+        lines = [f"  {name} = {{{value}}}," for name, value in values.items()]
+        return "\n".join([f"@{self.fields['type']}{{{self.key},", *lines, "}"])
+
+
+class Citations(tuple[Reference, ...]):
+    """References in the order of the data flow; as text a line each under what relies on them."""
+
+    __slots__ = ()
+
+    def __str__(self) -> str:
+        """Text to read."""
+        groups: dict[str, list[str]] = {}
+        for reference in self:
+            groups.setdefault(reference.used_for, []).append(f"  {reference}")
+        return "\n".join(line for used_for, lines in groups.items() for line in (f"{used_for}:", *lines))
+
+    @property
+    def bibtex(self) -> str:
+        """All entries, for a `.bib` file."""
+        return "\n\n".join(reference.bibtex for reference in self) + "\n"
+
+
+def citation(config: StudyConfig) -> Citations:
+    """
+    List the publications that a study with this configuration relies on.
+
+    Parameters
+    ----------
+    config : StudyConfig
+        See `pymantaray.load_study`. Whose data its files hold, their attributes say; they have to be there.
+
+    Returns
+    -------
+    Citations
+        A tuple of references, each with ``key``, ``fields``, ``used_for`` and ``bibtex``; ``str`` gives text, ``.bibtex`` a
+        `.bib` file. A data set that is not recognized is named without a reference: cite it as its provider asks.
+
+    Raises
+    ------
+    OceanError
+        If an ocean file cannot be opened.
+
+    Examples
+    --------
+    >>> from pymantaray import citation, load_study
+    >>> [reference.key for reference in citation(load_study("fram"))][-3:]
+    ['dormand1980', 'snieder1998', 'sturm2012']
+    """
+    uses: dict[str, str] = {}
+    for key, used_for in _relied_on(config):
+        uses.setdefault(key, used_for)
+    return Citations(Reference(Path(key).stem, _fields(key), used_for) for key, used_for in uses.items())
+
+
+def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
+    """Keys of references, and what relies on them; some more than once."""
+    yield "mantaray", "the software"
+    yield "kogucki-papalia", "the study that it runs"
+    o, a, estimators = config.ocean, config.acoustics, config.estimators or ()
+    for source in o.source:
+        yield from _data(source, "ocean")
+    if isinstance(o.bathymetry, str):
+        yield from _data(o.bathymetry, "sea floor")
+    for key in _EQUATIONS[o.equation]:
+        yield key, "sound speed"
+    yield "dormand1980", "integration of rays"
+    if a.spreading_cutoff_db != "off":
+        yield "snieder1998", "reciprocal spreading of rays, by which weak ones are left out"
+    if a.currents:
+        yield "munk1995", "sound in moving water"
+    if config.detection is not None:
+        yield from _sonar(config.detection)
+    for estimator in estimators:
+        yield from _estimator(estimator)
+    if config.solves:
+        yield "sturm2012", "absolute trajectory error"
+
+
+def _data(source: str, what: str) -> Iterator[tuple[str, str]]:
+    """Whose data a source has: those of a synthetic ocean, or what a file says of itself."""
+    if source in _SYNTHETIC:
+        for key in _SYNTHETIC[source].split():
+            yield key, f"{what}, water masses of {source}"
+        return
+    said = ""
+    if not holds_casts(source):
+        with open_file(source) as data:
+            said = " ".join(map(str, data.attrs.values())).lower()
+    keys = [key for word, key in _SAYS.items() if word in said]
+    for key in keys or [source]:
+        yield key, what
+
+
+def _sonar(s: DetectionSection) -> Iterator[tuple[str, str]]:
+    """What a sonar equation relies on."""
+    for key in _ABSORPTION.get(s.absorption, ()):
+        yield key, "absorption"
+    if s.noise_spectral_level_db is None:
+        yield "wenz1962", "ambient noise, in the form of Coates (1990)"
+    for key in _SURFACE.get(s.surface_loss, ()):
+        yield key, "loss at the surface"
+    if s.sediment != "none":
+        yield "jensen", "sediments"
+    if s.leakage:
+        yield "itu-p526", "sound behind an edge"
+
+
+def _estimator(e: RangeEstimatorSection) -> Iterator[tuple[str, str]]:
+    """What one estimator relies on."""
+    if isinstance(e.belief, FileBelief):
+        for source in e.belief.path:
+            yield from _data(source, "ocean that is believed")
+    if isinstance(e.belief, NumericsBelief) and e.belief.equation is not None:
+        for key in _EQUATIONS[e.belief.equation]:
+            yield key, "sound speed that is believed"
+    if e.modes is not None or e.variance != "fixed":
+        yield "munk1995", "travel times that depend on uncertain water"
+    if e.loss == "gnc":
+        yield "yang2020", "graduated non-convexity"
+    for key in _SOLVERS.get(e.solver, ()):
+        yield key, f"solver {e.solver}"
+
+
+@cache
+def _references() -> dict[str, dict[str, Any]]:
+    return tomllib.loads((files("pymantaray.study") / "references.toml").read_text(encoding="utf-8"))
+
+
+def _fields(key: str) -> Mapping[str, Any]:
+    """BibTeX fields of a reference; a key that is none is a file, named as it is."""
+    if key == "mantaray":
+        title = "MantaRay: what the real ocean does to acoustic ranges between vehicles"
+        return {
+            "type": "misc",
+            "author": "{The MantaRay developers}",
+            "title": title,
+            "version": pymantaray.__version__,
+        }
+    if key in _references():
+        return _references()[key]
+    return {"type": "misc", "title": key, "note": "data; cite as their provider asks"}
