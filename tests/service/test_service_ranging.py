@@ -6,6 +6,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from factories import assert_same
+from oracles import cf_errors
 from refusals import refused
 
 from pymantaray.acoustics import Currents, Medium, Sonar, find_eigenrays
@@ -222,10 +223,12 @@ def test_nobody_hears_a_ping_to_nobody(service):
     assert all(getattr(ping, f.name).size == 0 for f in fields(ping) if "dims" in f.metadata)
 
 
-def test_a_ping_goes_into_a_data_set(loud, links):
+def test_a_ping_goes_into_a_data_set_as_cf_has_it(loud, links, tmp_path):
     data = loud.ping(0.0, *links(7)).to_dataset()
     assert dict(data.sizes) == {"receiver": 7}
-    assert data["level_db"].attrs["units"] == "dB"
+    assert data["status"].attrs["flag_meanings"].split()[:2] == ["OK", "SHADOW"]
+    write_netcdf(data, tmp_path / "ping.nc")
+    assert not cf_errors([tmp_path / "ping.nc"])
 
 
 A = (0.0, 0.0, 50.0)

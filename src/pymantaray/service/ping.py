@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.selection import choose_arrivals
-from pymantaray.records import Arrivals
+from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing import Sound, TwoWay, sound_between
 from pymantaray.sensing.timing import Leg, half_round_trip
@@ -53,7 +53,7 @@ class Ping(Record):
     arrivals: Arrivals
     delay: Array | None
     loss_db: Array | None
-    status: Column = column("receiver", "1", "RayStatus", "i1")
+    status: Column = column("receiver", "1", "what becomes of the ping", "i1", flags=RayStatus)
     travel_time: Column = column(
         "receiver", "s", "travel time of the arrival ranged on, two-way half of the round trip"
     )
@@ -65,7 +65,7 @@ class Ping(Record):
     source_sound_speed: Column = column("receiver", "m s-1", "sound speed at the source")
     chord_travel_time: Column = column("receiver", "s", "travel time along the straight chord")
     level_db: Column = column(
-        "receiver", "dB", "received level in the band, re 1 uPa, of what the receiver ranges on"
+        "receiver", "1", "received level in the band, in dB re 1 uPa, of what the receiver ranges on"
     )
     probability: Column = column("receiver", "1", "that it is heard, two-way the ping and the answer")
 
