@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 
 from pymantaray.errors import SensingError
-from pymantaray.sensing import Landmark, PingSchedule
+from pymantaray.sensing import Landmark, PingList, PingSchedule, SlotSchedule
 from pymantaray.sensing.schedule import attempts
 
 WEEK = np.arange(3025) * 200.0  # s; the paper's samples
@@ -42,11 +42,18 @@ IMPOSSIBLE = {
     "interval is 1e.06 s, the mission lasts 604800 s; .*: ping earlier or lengthen": lambda: ping(1e6),
     "interval is 0 s; it must be finite and positive": lambda: ping(0.0),
     "interval is nan s": lambda: ping(np.nan),
+    "there is no vehicle and no landmark 'C'; there is A, B, L": lambda: pings("C"),
+    "L listens to itself; leave it out": lambda: pings("L", "L"),
+    "M listens to L, both landmarks; one has to be a vehicle": lambda: pings("L", "A", "M"),
     "Landmark: the name is empty": lambda: Landmark("", (0, 0, 1)),
     r"landmark 'L': position: shape \(2,\); it needs \(3,\)": lambda: Landmark("L", (0, 0)),
     "landmark 'L': position: 1 values are not finite": lambda: Landmark("L", (0, 0, np.nan)),
     "landmark 'L': depth is -4 m; .*: place it in the water": lambda: Landmark("L", (0, 0, -4.0)),
 }  # fmt: skip
+
+
+def pings(transmitter, *receivers):
+    return PingList((200.0,), (transmitter,), (receivers,)).attempts(WEEK, ["A", "B"], ["L", "M"])
 
 
 def ping(interval):
@@ -56,6 +63,17 @@ def ping(interval):
 @pytest.mark.parametrize("message", IMPOSSIBLE)
 def test_impossible_schedules_and_landmarks_are_refused_in_one_line(message):
     refused(SensingError, message, IMPOSSIBLE[message])
+
+
+def test_landmarks_ping_to_vehicles_in_slots_and_lists():
+    time, who = np.arange(5) * 60.0, (["A", "B"], ["L", "M"])
+    slots = SlotSchedule(("A", "L"), slot=60.0).attempts(time, *who)
+    expected = [(k, 0, j) for k in (0, 2, 4) for j in (1, 2, 3)] + [(k, 2, j) for k in (1, 3) for j in (0, 1)]
+    assert list(zip(*slots, strict=True)) == sorted(expected)
+    to_all = PingList((60.0, 120.0), ("M", "B")).attempts(time, *who)
+    assert list(zip(*to_all, strict=True)) == [(1, 3, 0), (1, 3, 1), (2, 1, 0), (2, 1, 2), (2, 1, 3)]
+    some = PingList((60.0, 120.0), ("M", "L"), ((), ("B",))).attempts(time, *who)
+    assert list(zip(*some, strict=True)) == [(1, 3, 0), (1, 3, 1), (2, 2, 1)]
 
 
 @pytest.mark.parametrize("names", ["A", "LL"])

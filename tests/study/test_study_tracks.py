@@ -159,6 +159,38 @@ def test_a_list_of_pings_is_that_and_both_ways_at_one_time_are_one_link(table, t
     assert str(tmp_path / "pings.csv") in written.manifest["ocean"]["sha256"]
 
 
+@pytest.mark.parametrize("timing", ["one-way", "two-way"])
+def test_a_landmark_that_transmits_is_heard_as_it_hears(table, timing):
+    mark = {"name": "L", "north": 200.0, "east": -400.0, "depth": 150.0}
+    options = {"landmarks": [mark], "ranging": {"timing": timing}}
+    both = measure(table, OCEAN, PingList((600.0, 600.0), ("M", "L"), (("L",), ("M",))), **options)
+    true = both.ranging_truth
+    assert (both.measurements.range_status == RayStatus.OK).all()
+    assert true.travel_time[0] == true.travel_time[1]  # both at rest, in water at rest
+    assert true.sound_speed[0] != true.sound_speed[1]
+    alone = measure(table, OCEAN, SlotSchedule(("L",), slot=600.0), **options)
+    m = alone.measurements
+    assert (m.range_transmitter == 3).all()
+    assert m.range_receiver.tolist() == [0, 1, 2] * 7
+    heard_by_m = alone.ranging_truth.travel_time[m.range_receiver == 2]
+    np.testing.assert_array_equal(heard_by_m, true.travel_time[1])
+
+
+def test_estimators_run_on_the_pings_of_landmarks_alone(table, tmp_path):
+    marks = [
+        {"name": f"L{k}", "north": north, "east": east, "depth": 150.0}
+        for k, (north, east) in enumerate([(4e3, 0.0), (-2e3, 3e3), (0.0, -4e3)])
+    ]
+    tree = {**TINY, "ocean": OCEAN, "fleet": {"trajectories": [str(table)]}, "landmarks": marks}
+    tree["study"] = {**TINY["study"], "conditions": ["odometry", "straight", "refracted"], "realizations": 2}
+    tree["mission"] = {"schedule": {"kind": "slots", "slots": ["L0", "L1", "L2"], "slot_s": 100.0}}
+    run = run_study(parse_study(tree), tmp_path / "run")
+    assert (run.measurements.range_transmitter >= 3).all()
+    error = run.errors().groupby("condition")["error"].mean()
+    assert error["straight"] < 0.5 * error["odometry"]
+    assert run.ranges(0)["transmitter"].unique().tolist() == ["L0", "L1", "L2"]
+
+
 def test_every_schedule_gives_a_pair_the_travel_time_that_it_has_at_that_time(table):
     interval = measure(table, OCEAN, 600.0)
     slots = measure(table, OCEAN, SlotSchedule(("A", "B", "M"), slot=600.0, start=600.0))
@@ -275,11 +307,11 @@ def far_away(table):
 IMPOSSIBLE = {
     "far.csv: no pose lies in the ocean: they are 10.* km north, .* the ocean reaches -15.0 to 15.0": lambda table: (
         measure(far_away(table), OCEAN, 600.0)),
-    "SlotSchedule: slots of 10 s from 0 s on: there is no 'Z' that takes part so; there is A, B, M":
+    "SlotSchedule: slots of 10 s from 0 s on: there is no vehicle and no landmark 'Z'; there is A, B, M":
         lambda table: measure(table, OCEAN, SlotSchedule(("A", "Z"), 10.0)),
     "PingSchedule: interval is 7200 s, the mission lasts 3600 s; at least one ping":
         lambda table: measure(table, OCEAN, 7200.0),
-    "PingList: .* there is no 'L' that takes part so": lambda table: measure(
+    "PingList: .* there is no vehicle and no landmark 'L'": lambda table: measure(
         table, OCEAN, PingList((1.0,), ("L",))),
     "PingList: .*: A listens to itself": lambda table: measure(table, OCEAN, PingList((1.0,), ("A",), (("A",),))),
     "names of vehicles and landmarks must differ; found A": lambda table: measure(

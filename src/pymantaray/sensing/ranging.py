@@ -510,7 +510,8 @@ def _ranging(sound: _Run, pairs: _Pairs, truth: Trajectories, timing: Timing) ->
     back, travel_time = 1 - forth, sound.travel_time[link, forth]
     if isinstance(timing, TwoWay):
         samples, epoch = np.unique(table.sample, return_inverse=True)
-        landmarks = max(int(table.receiver.max(initial=0)) + 1 - truth.name.size, 0)
+        last = max(int(who.max(initial=0)) for who in table[1:])
+        landmarks = max(last + 1 - truth.name.size, 0)
         velocity = np.pad(velocities(truth, samples), ((0, landmarks), (0, 0), (0, 0)))
         ping, answer = (
             Leg(

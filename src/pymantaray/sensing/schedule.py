@@ -88,10 +88,10 @@ class PingSchedule(Schedule):
 @dataclass(frozen=True)
 class SlotSchedule(Schedule):
     """
-    Vehicles ping in turn, one a slot, and begin anew after the last (TDMA); all others and the landmarks listen.
+    One pings in each slot, and they begin anew after the last (TDMA); all others listen.
 
-    ``slots`` are names, in their order; a name may come twice. A slot lasts ``slot`` seconds, and its vehicle pings when it
-    begins; the first begins ``start`` seconds after the mission.
+    ``slots`` are names of vehicles and of landmarks that transmit, in their order; a name may come twice. A slot lasts ``slot``
+    seconds, and its ping is when it begins; the first begins ``start`` seconds after the mission.
     """
 
     slots: tuple[str, ...]
@@ -103,7 +103,7 @@ class SlotSchedule(Schedule):
         check_fields(SensingError, self, "s", "slot", positive=True)
         check_fields(SensingError, self, "s", "start")
         if not self.slots:
-            raise SensingError("SlotSchedule: there are no slots; name at least one vehicle")
+            raise SensingError("SlotSchedule: there are no slots; name at least one vehicle or landmark")
 
     def __str__(self) -> str:
         """Say it in refusals."""
@@ -115,9 +115,9 @@ class SlotSchedule(Schedule):
         return np.asarray(self.start + self.slot * np.arange(max(count, 0)))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """From the vehicle of each slot to all others and every landmark."""
-        turns = np.array([_number(str(self), name, vehicles) for name in self.slots])
-        return _to_all(pings, turns[np.arange(pings.size) % turns.size], len(vehicles) + len(landmarks))
+        """From who has each slot to all others."""
+        turns = np.array([_number(str(self), name, [*vehicles, *landmarks]) for name in self.slots])
+        return _to_all(pings, turns[np.arange(pings.size) % turns.size], len(vehicles), len(landmarks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,8 @@ class PingList(Schedule):
     """
     Pings one by one: when [s], who, and who listens; `read_pings` makes it of a table.
 
-    A listener is a vehicle or a landmark; none means all of them. Pings after the mission's end are left out.
+    Both are vehicles or landmarks, at most one of them a landmark; no listener means everybody. Pings after the mission's end are
+    left out.
     """
 
     time: tuple[float, ...]
@@ -158,43 +159,47 @@ class PingList(Schedule):
         """From each transmitter to those that listen."""
         row = np.searchsorted(np.unique(np.asarray(self.time, dtype=float)), self.time)
         inside = np.flatnonzero(row < pings.size)
-        who = np.array([_number(str(self), self.transmitter[i], vehicles) for i in inside], dtype=np.int64)
-        everybody = _to_all(pings[row[inside]], who, len(vehicles) + len(landmarks))
+        names, n = [*vehicles, *landmarks], len(vehicles)
+        who = np.array([_number(str(self), self.transmitter[i], names) for i in inside], dtype=np.int64)
         if not self.receivers:
-            return everybody
-        names, rows = [*vehicles, *landmarks], []
-        for i, transmitter in zip(inside, who, strict=True):
-            heard = self.receivers[i] or [name for name in names if name != names[transmitter]]
-            rows += [(pings[row[i]], transmitter, _number(str(self), name, names)) for name in heard]
-        table = np.array(rows, dtype=np.int64).reshape(-1, 3)
-        own = table[:, 1] == table[:, 2]
-        if own.any():
-            raise SensingError(
-                f"{self}: {names[table[own][0, 1]]} listens to itself; leave it out of its receivers"
-            )
-        return Attempts(*table.T)
+            return _to_all(pings[row[inside]], who, n, len(landmarks))
+        rows: list[tuple[int, int, int]] = []
+        for i, transmitter in zip(inside, who.tolist(), strict=True):
+            heard = [_number(str(self), name, names) for name in self.receivers[i]]
+            if transmitter in heard:
+                raise SensingError(
+                    f"{self}: {names[transmitter]} listens to itself; leave it out of its receivers"
+                )
+            fixed = [k for k in heard if min(k, transmitter) >= n]
+            if fixed:
+                raise SensingError(
+                    f"{self}: {names[fixed[0]]} listens to {names[transmitter]}, both landmarks; one has to be a vehicle"
+                )
+            everybody = range(len(names) if transmitter < n else n)
+            rows += [(pings[row[i]], transmitter, k) for k in heard or everybody if k != transmitter]
+        return Attempts(*np.array(rows, dtype=np.int64).reshape(-1, 3).T)
 
 
 def attempts(n_agents: int, n_landmarks: int, epochs: Indices) -> Attempts:
     """At every epoch each vehicle transmits to every other vehicle and to every landmark; by epoch, transmitter, receiver."""
     epochs = np.asarray(epochs, dtype=np.int64)
-    return _to_all(
-        np.repeat(epochs, n_agents), np.tile(np.arange(n_agents), epochs.size), n_agents + n_landmarks
-    )
+    senders = np.tile(np.arange(n_agents), epochs.size)
+    return _to_all(np.repeat(epochs, n_agents), senders, n_agents, n_landmarks)
 
 
-def _to_all(samples: Indices, transmitter: Indices, n_participants: int) -> Attempts:
-    """One ping a row, to all participants but the one that sends it."""
-    receiver = np.tile(np.arange(n_participants), samples.size)
-    sample, sender = np.repeat(samples, n_participants), np.repeat(transmitter, n_participants)
-    other = receiver != sender
+def _to_all(samples: Indices, transmitter: Indices, n_agents: int, n_landmarks: int) -> Attempts:
+    """One ping a row, to all participants but the one that sends it; from landmarks to vehicles alone."""
+    n = n_agents + n_landmarks
+    receiver = np.tile(np.arange(n), samples.size)
+    sample, sender = np.repeat(samples, n), np.repeat(transmitter, n)
+    other = (receiver != sender) & (np.minimum(receiver, sender) < n_agents)
     return Attempts(sample[other], sender[other], receiver[other])
 
 
 def _number(schedule: str, name: str, names: Sequence[str]) -> int:
     if name not in names:
         raise SensingError(
-            f"{schedule}: there is no {name!r} that takes part so; there is {', '.join(names)}"
+            f"{schedule}: there is no vehicle and no landmark {name!r}; there is {', '.join(names)}"
         )
     return list(names).index(name)
 
