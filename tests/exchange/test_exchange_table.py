@@ -156,11 +156,16 @@ def test_what_was_exported_of_a_run_is_read_as_its_truth(kind, file, tiny_run_fo
     assert tracks.names == run.truth.name.tolist()
     truth = tracks.at(run.truth.time, LocalFrame(*run.truth.centre))
     np.testing.assert_allclose(truth.position, run.truth.position, rtol=0, atol=1e-6)
-    if (
-        kind == "cf"
-    ):  # whose attitudes are against true north, as are ours of places in latitude and longitude
-        same = np.abs(np.sum(truth.quaternion * run.truth.quaternion, axis=-1))
-        np.testing.assert_allclose(same, 1.0, rtol=0, atol=1e-12)
+    turn = Rotation.from_quat(truth.quaternion.reshape(-1, 4), scalar_first=True).inv()
+    turn *= Rotation.from_quat(run.truth.quaternion.reshape(-1, 4), scalar_first=True)
+    assert turn.magnitude().max() < 1e-8  # rad; about the frame's north, 2e-3 from the true one
+    assert np.abs(run.truth.frame.convergence(*run.truth.frame.to_geodetic(0.0, 6000.0))) > 3e-3
+
+
+def test_columns_that_are_not_read_are_said(tmp_path):
+    TABLE.assign(heading_gon=0.0, salinity=35.0).to_csv(tmp_path / "m.csv", index=False)
+    notes = read_trajectories(tmp_path / "m.csv").notes
+    assert notes == (f"{tmp_path / 'm.csv'}: columns that were not read: heading_gon, salinity",)
 
 
 def text(content, name="m.csv"):
@@ -184,6 +189,9 @@ REFUSED = {
     "m.csv: has pitch, but no heading; leave": text("time,north,east,depth,pitch\n0,0,0,0,0\n1,0,0,0,0"),
     "m.csv: heading reaches 359, .* call the column heading_deg": text(
         "time,north,east,depth,heading\n0,0,0,0,0\n1,0,0,0,359"),
+    r"m.csv: column 'Heading \[gon\]': the unit is 'gon'; allowed are rad, radians, deg, degrees": text(
+        "time,north,east,depth,Heading [gon]\n0,0,0,0,0\n1,0,0,0,0"),
+    r"m.csv: column 'depth\(ft\)': the unit is 'ft'; allowed are m, km": text("time,north,east,depth(ft)\n0,0,0,0\n1,0,0,0"),
     "m.csv: has qw, qx, qy; a quaternion is qw, qx, qy, qz": text(
         "time,north,east,depth,qw,qx,qy\n0,0,0,0,1,0,0\n1,0,0,0,1,0,0"),
     "m.csv: has two columns vehicle; keep one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),

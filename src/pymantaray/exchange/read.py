@@ -73,10 +73,6 @@ def _reader(path: Path) -> Callable[[Path], tuple[list[Poses], list[str]]]:
     return reader
 
 
-def _read_table(path: Path) -> tuple[list[Poses], list[str]]:
-    return read_table(path), []
-
-
 def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
     try:
         with open_file(path) as data:
@@ -89,7 +85,7 @@ def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
 
 
 _READERS = {
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".parquet"), _read_table),
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".parquet"), read_table),
     ".nc": _read_netcdf,
     **dict.fromkeys((".bag", ".mcap", ".db3"), read_bag),
 }

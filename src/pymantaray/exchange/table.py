@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import ExchangeError, RecordError, SensingError
 from pymantaray.exchange.recording import TRUTH
-from pymantaray.exchange.tracks import Poses, level
+from pymantaray.exchange.tracks import Poses, level, turned
 from pymantaray.records.text_table import TextTable, read_text_table
 from pymantaray.sensing.schedule import PingList
 
@@ -35,6 +35,7 @@ _COLUMNS: dict[str, tuple[str, dict[str, float]]] = {
     "heading": ("heading yaw", _ANGLE),
     "pitch": ("pitch", _ANGLE),
     "roll": ("roll", _ANGLE),
+    "convergence": ("convergence", _ANGLE),
     "transmitter": ("transmitter", _NO_UNIT),
     "receivers": ("receivers receiver", _NO_UNIT),
 }
@@ -44,17 +45,26 @@ _TITLES = {
     for name in names.split()
     for unit, factor in units.items()
 }
+_UNITS = {
+    name: [unit for unit in units if unit] for names, units in _COLUMNS.values() for name in names.split()
+}
+_IN_BRACKETS = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 _QUATERNION = ["qw", "qx", "qy", "qz"]
 _MOST_RADIANS = 6.5  # a little more than a turn
 
 
-def read_table(path: Path) -> list[Poses]:
-    """Trajectories of a table with a header; each name of a vehicle is one, without such a column there is one by the file's name."""
+def read_table(path: Path) -> tuple[list[Poses], list[str]]:
+    """
+    Trajectories of a table with a header, and which of its columns were not read.
+
+    Each name of a vehicle is one; without such a column there is one by the file's name.
+    """
     table, factors = _known_columns(_parquet(path) if path.suffix.lower() == ".parquet" else _text(path))
     conditions = table.frame.get("condition")
     if conditions is not None and (conditions == TRUTH).any():  # an exported run, whose estimates are none
         table = TextTable(path, table.frame[conditions == TRUTH], table.comments)
     there = set(factors)
+    unread = [title for title in table.frame.columns if title not in there]
     place = ["lat", "lon"] if {"lat", "lon"} <= there else ["north", "east"]
     try:
         table.require(["time", *place, "depth", *({"vehicle"} & there)])
@@ -65,13 +75,15 @@ def read_table(path: Path) -> list[Poses]:
         ) from None
     place_of = _numbers(table, factors, [*place, "depth"])
     time, quaternion = _times(table), _attitude(table, factors)
+    if place[0] == "lat" and "convergence" in there:  # attitudes are to a frame's north
+        quaternion = turned(quaternion, -_numbers(table, factors, ["convergence"])[:, 0])
     names = _vehicles(table) if "vehicle" in there else np.full(time.size, path.stem)
     poses = []
     for name in dict.fromkeys(names.tolist()):
         rows = names == name
-        turned = None if quaternion is None else quaternion[rows]
-        poses.append(Poses(name, time[rows], place_of[rows], turned, place[0] == "lat", str(path)))
-    return poses
+        attitude = None if quaternion is None else quaternion[rows]
+        poses.append(Poses(name, time[rows], place_of[rows], attitude, place[0] == "lat", str(path)))
+    return poses, [f"{path}: columns that were not read: {', '.join(unread)}"] if unread else []
 
 
 def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
@@ -133,11 +145,16 @@ def _parquet(path: Path) -> TextTable:
 
 
 def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
-    """Table whose known columns have our names, and the unit of each in ours."""
+    """Table whose known columns have our names, and the unit of each in ours; an unknown unit of one is refused."""
     titles, factors = [], {}
     for title in table.frame.columns:
         key = re.sub(r"[\s_.\[\]()]+", "_", title.lower()).strip("_")
         column, factor = _TITLES.get(key, (title, 1.0))
+        named = _IN_BRACKETS.fullmatch(title.lower().strip())
+        if named and key not in _TITLES and _UNITS.get(named[1]):
+            raise ExchangeError(
+                f"{table.path}: column {title!r}: the unit is {named[2]!r}; allowed are {', '.join(_UNITS[named[1]])}"
+            )
         titles.append(column)
         if key in _TITLES:
             factors[column] = factor

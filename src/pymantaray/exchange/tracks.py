@@ -251,7 +251,7 @@ def _local(p: Poses, frame: LocalFrame) -> Poses:
     north, east = frame.to_local(p.place[:, 0], p.place[:, 1])
     return p._replace(
         place=np.column_stack([north, east, p.place[:, 2]]),
-        quaternion=_turned(p.quaternion, frame.convergence(p.place[:, 0], p.place[:, 1])),
+        quaternion=turned(p.quaternion, frame.convergence(p.place[:, 0], p.place[:, 1])),
         geodetic=False,
     )
 
@@ -261,10 +261,10 @@ def geodetic(p: Poses, frame: LocalFrame) -> Poses:
     lat, lon = frame.to_geodetic(p.place[:, 0], p.place[:, 1])
     turn = -frame.convergence(lat, lon)
     place = np.column_stack([lat, lon, p.place[:, 2]])
-    return p._replace(place=place, quaternion=_turned(p.quaternion, turn), geodetic=True)
+    return p._replace(place=place, quaternion=turned(p.quaternion, turn), geodetic=True)
 
 
-def _turned(quaternion: Array | None, angle: Array) -> Array | None:
+def turned(quaternion: Array | None, angle: Array) -> Array | None:
     """Attitudes after turns about down. [rad]"""
     if quaternion is None:
         return None
@@ -278,15 +278,14 @@ def _at(p: Poses, times: Array) -> tuple[Array, Array, NDArray[np.int8]]:
     inside = np.clip(times, p.time[0], p.time[-1])
     quaternion = _course(p.place) if p.quaternion is None else p.quaternion
     place = np.column_stack([np.interp(inside, p.time, axis) for axis in p.place.T])
-    turned = Slerp(p.time, Rotation.from_quat(quaternion, scalar_first=True))(inside).as_quat(
-        scalar_first=True
-    )
+    turning = Slerp(p.time, Rotation.from_quat(quaternion, scalar_first=True))
+    attitude = turning(inside).as_quat(scalar_first=True)
     right = np.clip(np.searchsorted(p.time, inside), 1, p.time.size - 1)
     nearest = np.where(inside - p.time[right - 1] < p.time[right] - inside, right - 1, right)
     own = np.abs(p.time[nearest] - inside) <= SAME_TIME
-    place[own], turned[own] = p.place[nearest[own]], quaternion[nearest[own]]
+    place[own], attitude[own] = p.place[nearest[own]], quaternion[nearest[own]]
     status = np.where(there, VehicleStatus.ACTIVE, VehicleStatus.ABSENT).astype(np.int8)
-    return place, turned, status
+    return place, attitude, status
 
 
 def _course(place: Array) -> Array:

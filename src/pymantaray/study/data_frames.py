@@ -23,6 +23,7 @@ _UNITS = {
     **dict.fromkeys(("distance", "straight_range", "refracted_range", "range_sigma"), "m"),
     **dict.fromkeys(("travel_time", "chord_travel_time"), "s"),
     "sound_speed": "m s-1",
+    "convergence": "degrees",
 }
 
 
@@ -58,7 +59,7 @@ def error_frame(run: "Run") -> pd.DataFrame:
 
 
 def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
-    """One row a pose, of the truth and of every condition in a realization."""
+    """One row a pose, of the truth and of every condition in a realization; convergence is the bearing of true north in the frame."""
     estimates = run.estimates.to_dataset().isel(realization=realization)
     parts = {TRUTH: _poses(run.truth.to_dataset())}
     for condition in run.estimates.condition.tolist():
@@ -70,6 +71,7 @@ def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
         latitude, longitude = local.to_geodetic(frame["north"], frame["east"])
         frame.insert(3, "latitude", latitude)
         frame.insert(4, "longitude", longitude)
+        frame.insert(5, "convergence", np.degrees(local.convergence(latitude, longitude)))
     return _finished(frame, run.truth)
 
 
