@@ -319,6 +319,7 @@ def test_the_table_counts_places(here, ocean, file, links, content, tmp_path):
     [
         ({"every": 0}, AtlasError, "every: 0; allowed are 1, every column, and more"),
         ({"every": 500}, AtlasError, "no column is left: every 500 of 32 x 52 grid points"),
+        ({"times": []}, AtlasError, "times: there are none; give one or more"),
         ({"window": (10.0, 11.0, 0.0, 1.0)}, OceanError, "atlas: no grid point in the window"),
         (
             {"times": ["2020-01-01"]},

@@ -53,6 +53,14 @@ def test_what_cannot_be_is_one_line(mantaray, ocean_file, tmp_path, words, line)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("group", ["atlas", "study", "sweep"])
+def test_who_leaves_out_run_is_told_of_it(mantaray, group):
+    ran = mantaray(group, "ocean.nc", "--out", "atlas.nc")
+    assert ran.code == 2
+    assert "No such command 'ocean.nc'; there are" in ran.err
+    assert f"mantaray {group} run ocean.nc" in " ".join(ran.err.replace("│", " ").split())
+
+
 def test_an_ocean_is_not_overwritten_by_its_atlas(mantaray, ocean_file, tmp_path):
     ran = mantaray("atlas", "run", ocean_file, "--out", ocean_file, "--force")
     assert (ran.code, ran.err) == (2, f"error: {ocean_file}: is the input; give another name\n")

@@ -147,3 +147,11 @@ def test_errors_at_pings_by_hand():
     assert with_bounds["bound_rmse_m"].tolist() == pytest.approx([np.sqrt(variance)] * 2)
     other = replace(truth, name=np.array(["X", "Y", "Z"]))
     refused(EvaluationError, "measurements of vehicles", error_bound, other, o)
+    refused(
+        EvaluationError,
+        "error_bound: condition 'none'; allowed are odometry, ",
+        error_bound,
+        truth,
+        o,
+        "none",
+    )

@@ -257,6 +257,8 @@ def test_velocities_are_one_for_each(loud):
 def test_options_that_cannot_be_are_refused_in_one_line(medium):
     refused(ServiceError, "workers: -1; a number of processes", RangingService, medium, workers=-1)
     refused(ServiceError, "water_interval is -1 s", RangingService, medium, water_interval=-1.0)
+    line = r"sea.toml: is a configuration and no ocean; give load_sound\('sea.toml'\)"
+    refused(ServiceError, line, RangingService, "sea.toml")
 
 
 def test_the_frame_of_a_study_is_about_its_trajectories(tmp_path):

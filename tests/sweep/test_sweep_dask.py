@@ -2,13 +2,10 @@
 
 import os
 import signal
-import socket
-import subprocess
-import sys
 import threading
-import time
 
 import pytest
+from dask_cluster import Cluster, free_port, wait_for
 
 from pymantaray.errors import SweepError
 from pymantaray.sweep import run_sweep, workers
@@ -16,56 +13,8 @@ from pymantaray.sweep import run_sweep, workers
 pytest.importorskip("distributed")
 
 
-def free_port():
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
-
-
-class Cluster:
-    """A scheduler and two workers on loopback, each a process of its own."""
-
-    def __init__(self, folder):
-        self.port, self.folder, self.log = free_port(), folder, (folder / "log").open("a")
-        self.address = f"tcp://127.0.0.1:{self.port}"
-        self.scheduler, self.workers = None, []
-
-    def start(self, workers=2):
-        self.scheduler = self.dask("scheduler", "--host", "127.0.0.1", "--port", str(self.port))
-        while len(self.workers) < workers:
-            self.add_worker()
-
-    def add_worker(self):
-        options = ("--nthreads", "1", "--no-nanny", "--local-directory", str(self.folder))
-        self.workers.append(self.dask("worker", self.address, *options))
-
-    def dask(self, *words):
-        command = [sys.executable, "-m", "dask", *words, "--no-dashboard"]
-        return subprocess.Popen(command, stderr=self.log, env=os.environ | {"NUMBA_NUM_THREADS": "1"})
-
-    def kill(self):
-        for process in [*self.workers, self.scheduler]:
-            process.kill()
-            process.wait()
-        self.workers.clear()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.kill()
-        self.log.close()
-
-
 def points_in(folder):
     return list((folder / "points").glob("*/*.json"))
-
-
-def wait_for(condition, seconds=120.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 def test_a_client_gives_the_same_digits_as_processes_of_this_machine(noises, summaries, tmp_path):

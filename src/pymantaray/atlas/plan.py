@@ -209,6 +209,8 @@ def _resolved(source: Source) -> list[str]:
 def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:
     if times is None:
         return index.times[:1]
+    if not len(times):
+        raise AtlasError("times: there are none; give one or more, or leave them out for the ocean's first")
     instants = np.unique(np.array([parse_instant(time) for time in times]))
     if not index.files[0][0].startswith(_SYNTHETIC):
         absent = instants[~np.isin(instants, index.times)]

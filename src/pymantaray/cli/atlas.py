@@ -7,14 +7,25 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from pymantaray.cli.ocean import Equation, Files, SeaFloor
-from pymantaray.cli.options import Force, Quiet, Scheduler, SearchOptions, Workers, parse_pair, with_options
+from pymantaray.cli.options import (
+    Force,
+    Quiet,
+    RunGroup,
+    Scheduler,
+    SearchOptions,
+    Workers,
+    parse_pair,
+    with_options,
+)
 from pymantaray.cli.output import check_output, counted_progress, print_table
 from pymantaray.errors import AtlasError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-app = typer.Typer(help="The bias of straight-line ranging in every column of an ocean.", no_args_is_help=True)
+app = typer.Typer(
+    cls=RunGroup, help="The bias of straight-line ranging in every column of an ocean.", no_args_is_help=True
+)
 
 AtlasFile = Annotated[Path, typer.Argument(metavar="ATLAS.nc", help="File of an atlas.")]
 

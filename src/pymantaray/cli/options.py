@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry.checks import check_number
@@ -109,6 +109,19 @@ def repeat_ocean(words: list[str], most: int) -> list[str]:
             place += 1
         out.append(word)
     return out
+
+
+class RunGroup(TyperGroup):
+    """Group of commands of which `run` takes what a user may write right behind the group's name."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command; a word that is none is refused with what was perhaps meant."""
+        if args and self.get_command(ctx, args[0]) is None:
+            commands = ", ".join(self.list_commands(ctx))
+            ctx.fail(
+                f"No such command '{args[0]}'; there are {commands}. Perhaps: {ctx.command_path} run {args[0]} ..."
+            )
+        return super().resolve_command(ctx, args)
 
 
 @dataclass(frozen=True)

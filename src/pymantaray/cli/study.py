@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import OceanCommand, Quiet
+from pymantaray.cli.options import OceanCommand, Quiet, RunGroup
 from pymantaray.cli.output import print_table, progress_bars
 from pymantaray.report.parts import PAGE
 
 if TYPE_CHECKING:
     from pymantaray.study import Run, StudyConfig
 
-app = typer.Typer(help="Run the paper's study, or one of your own.", no_args_is_help=True)
+app = typer.Typer(cls=RunGroup, help="Run the paper's study, or one of your own.", no_args_is_help=True)
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import Quiet, Scheduler, Workers
+from pymantaray.cli.options import Quiet, RunGroup, Scheduler, Workers
 from pymantaray.cli.output import check_output, counted_progress, duration
 
 if TYPE_CHECKING:
@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from pymantaray.sweep.plan import Plan
     from pymantaray.sweep.results import Status
 
-app = typer.Typer(help="Run many studies: fields of one, crossed or zipped.", no_args_is_help=True)
+app = typer.Typer(
+    cls=RunGroup, help="Run many studies: fields of one, crossed or zipped.", no_args_is_help=True
+)
 
 EXIT_POINTS_FAILED = 1
 _LINES = 5  # of reasons why points failed

@@ -51,7 +51,7 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
     Raises
     ------
     EvaluationError
-        If the vehicles of both records differ.
+        If the vehicles of both records differ, or there is no such condition.
 
     Notes
     -----
@@ -66,6 +66,8 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
     >>> bound = error_bound(run.truth, run.measurements)  # doctest: +SKIP
     """
     submerged_at_pings(truth, measurements)  # which refuses records of other vehicles
+    if condition not in CONDITIONS:
+        raise EvaluationError(f"error_bound: condition {condition!r}; allowed are {', '.join(CONDITIONS)}")
     o, samples, e = measurements, ping_samples(measurements), CONDITIONS[condition]
     if not samples.size:
         return np.empty((0, *2 * (o.name.size, 3)))

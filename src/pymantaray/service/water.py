@@ -70,6 +70,9 @@ class Water:
         if isinstance(ocean, SoundConfig):
             return cls._configured(ocean)
         sources = [ocean] if isinstance(ocean, str | Path) else list(ocean)
+        for source in map(str, sources):
+            if source.endswith(".toml"):
+                raise ServiceError(f"{source}: is a configuration and no ocean; give load_sound({source!r})")
         tree = {"ocean": {"source": [str(source) for source in sources]}}
         return cls._configured(parse(SoundConfig, tree, "ocean", None))
 
