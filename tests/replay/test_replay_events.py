@@ -32,7 +32,7 @@ def test_a_table_is_read_as_it_stands(tmp_path):
     assert str(events.epoch) == "2020-03-10T12:00:00.000000000"
     np.testing.assert_array_equal(events.sigma, [0.001, np.nan])
     assert events.cast.tolist() == ["first", ""]
-    assert events.pair.tolist() == ["A-B", "A-B"]
+    assert events.pair.tolist() == ["A and B", "A and B"]
     local = write(
         tmp_path, "5,A,B,0,0,30,900,0,60,0.6", head=HEAD.replace("_lat", "_north").replace("_lon", "_east")
     )

@@ -91,13 +91,15 @@ def test_nodes_that_are_not_connected_have_a_mean_each_and_unheard_ones_none():
 def test_reciprocity_leaves_what_the_clocks_do_not_explain():
     """A current of A to B makes one direction early and the other late."""
     e = events_of(BOTH, 40, sigma=1e-5)
-    current = np.where(e["pair"] == "A-B", np.where(e["source"] == "A", -1e-3, 1e-3), 0.0)
+    current = np.where(e["pair"] == "A and B", np.where(e["source"] == "A", -1e-3, 1e-3), 0.0)
     clocks = pd.DataFrame({"node": list(OFFSET), "offset_s": list(OFFSET.values())})
     table = reciprocity_table(e, e["residual_s"] + current, clocks, window=60.0).set_index("pair")
     assert (table["matched"] == 40).all()
-    assert table.loc["A-B", "left_s"] == pytest.approx(-2e-3, abs=5 * table.loc["A-B", "standard_error_s"])
-    assert table.loc["C-D", "mean_s"] == pytest.approx(0.0, abs=1e-5)
-    assert np.abs(table["left_s"].drop("A-B")).max() < 1e-5
+    assert table.loc["A and B", "left_s"] == pytest.approx(
+        -2e-3, abs=5 * table.loc["A-B", "standard_error_s"]
+    )
+    assert table.loc["C and D", "mean_s"] == pytest.approx(0.0, abs=1e-5)
+    assert np.abs(table["left_s"].drop("A and B")).max() < 1e-5
     far = e.assign(time_s=e["time_s"] + np.where(e["source"] < e["receiver"], 1e5, 0.0))
     apart = reciprocity_table(far, e["residual_s"], clocks, window=60.0)
     assert (apart["matched"] == 0).all()

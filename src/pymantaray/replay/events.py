@@ -97,7 +97,7 @@ class Events:
     def pair(self) -> Names:
         """Unordered pair of each event, its names in alphabetical order."""
         ends = np.sort(np.stack([self.source, self.receiver]), axis=0)
-        return np.char.add(np.char.add(ends[0], "-"), ends[1])
+        return np.char.add(np.char.add(ends[0], " and "), ends[1])
 
     @property
     def instant(self) -> NDArray[np.datetime64]:
