@@ -19,7 +19,7 @@ from bench_links import arctic, fram
 from pyram.PyRAM import PyRAM
 from scipy.interpolate import CubicHermiteSpline
 
-from pymantaray.acoustics import Medium, find_eigenrays, trace_fan, transmission_loss
+from pymantaray.acoustics import Leakage, Medium, find_eigenrays, find_leaks, trace_fan, transmission_loss
 from pymantaray.records import Arrivals, RayPaths
 
 FIGURES = Path(__file__).parent.parent / "docs" / "figures"
@@ -193,18 +193,36 @@ class Compared(NamedTuple):
     arrivals: int
     misfit: float
     """Energy of the difference of both responses over the waves' energy."""
+    leak: tuple[float, float] | None
+    """Level [dB] and time after the chord's [s] of what the leakage model lets through where no ray goes."""
 
     def row(self, link: Link, band: Band) -> dict[str, Any]:
         """The waves' highest peak, and the rays' highest within half a resolved time of it."""
         peak = int(np.argmax(self.wave))
         row = {"link": link.name, "frequency_hz": band.centre, "rays": self.arrivals}
         row["wave_db"] = 20.0 * np.log10(self.wave[peak])
+        if self.leak is not None:
+            row["leak_minus_wave_db"] = self.leak[0] - row["wave_db"]
+            row["leak_minus_wave_ms"] = 1e3 * (self.leak[1] - self.time[peak])
         if self.arrivals == 0:
-            return row
+            return row | {"resolved_ms": 500.0 / band.width}
         near = int(np.argmax(np.where(np.abs(self.time - self.time[peak]) < 0.5 / band.width, self.ray, 0.0)))
         row["ray_minus_wave_db"] = 20.0 * np.log10(self.ray[near] / self.wave[peak])
         row["ray_minus_wave_ms"] = 1e3 * (self.time[near] - self.time[peak])
         return row | {"resolved_ms": 500.0 / band.width, "misfit": self.misfit}
+
+
+def leak(band: Band, medium: Medium, link: Link, chord: float) -> tuple[float, float] | None:
+    """Level relative to spherical spreading [dB] and time after the chord's [s] of what leaks; None where no ray is near."""
+    source, receiver = ends(link)
+    leaks = find_leaks(
+        medium, source[None], receiver[None], Leakage(), band.centre, bounces=(MOST_SURFACE_BOUNCES, 0)
+    )
+    if not leaks.link.size:
+        return None
+    return -float(leaks.arrivals.spreading_db[0]), float(
+        leaks.arrivals.travel_time[0] + leaks.shift[0]
+    ) - chord
 
 
 def compare(sea: Medium, link: Link, band: Band, workers: int = 1) -> Compared:
@@ -223,7 +241,8 @@ def compare(sea: Medium, link: Link, band: Band, workers: int = 1) -> Compared:
     waves, rays = (distance * envelope(band, spectrum, chord + after) for spectrum in (wave, ray))
     weights = band.weights()
     misfit = np.sum(np.abs(weights * (wave - ray)) ** 2) / np.sum(np.abs(weights * wave) ** 2)
-    return Compared(after, waves, rays, arrivals.link.size, float(misfit))
+    leaked = None if arrivals.link.size else leak(band, medium, link, chord)
+    return Compared(after, waves, rays, arrivals.link.size, float(misfit), leaked)
 
 
 def compare_modes(sea: Medium, link: Link, band: Band) -> None:
