@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pymantaray.acoustics import Medium, choose_arrivals, find_eigenrays, select
-from pymantaray.acoustics.selection import first_is_near_cutoff, within_cutoff
+from pymantaray.acoustics.selection import is_near_cutoff, within_cutoff
 from pymantaray.records import RayStatus
 
 # link, travel time [s], surface and bottom bounces, spreading [dB]; link 2 has no arrival, link 3 only bounced ones
@@ -108,7 +108,7 @@ def test_a_first_arrival_that_one_decibel_of_the_cutoff_decides_is_marked():
     wide = make_arrivals(
         link, [RayStatus.OK] * 5 + [RayStatus.SHADOW], travel_time=time, spreading_db=spreading
     )
-    np.testing.assert_array_equal(first_is_near_cutoff(wide, 15.0), [1, 1, 1, 0, 0, 0])
+    np.testing.assert_array_equal(is_near_cutoff(wide, 15.0, "first"), [1, 1, 1, 0, 0, 0])
     narrow = within_cutoff(wide, 15.0)
     assert narrow.link.tolist() == [0, 0, 1, 3, 4]
     ok, weak = RayStatus.OK, RayStatus.WEAK

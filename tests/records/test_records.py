@@ -21,6 +21,7 @@ from pymantaray.records import (
     Estimates,
     Measurements,
     PoseCovariances,
+    RangingTruth,
     RayStatus,
     Trajectories,
     read_netcdf,
@@ -158,6 +159,15 @@ def test_files_without_labels_are_still_read(tmp_path):
     old = truth.to_dataset().drop_vars(["axis", "quat"]).rename({"agent": "name"}).swap_dims(name="agent")
     old.reset_coords("name").to_netcdf(tmp_path / "old.nc")
     assert_equal(Trajectories.load(tmp_path / "old.nc"), truth)
+
+
+def test_a_file_without_a_column_that_has_a_default_has_it_everywhere():
+    true = RangingTruth([1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0])
+    assert true.near_cutoff.tolist() == [0, 0]
+    older = true.to_dataset().drop_vars("near_cutoff")
+    assert RangingTruth.from_dataset(older).near_cutoff.tolist() == [0, 0]
+    marked = RangingTruth([1.0], [2.0], [3.0], [4.0], [1])
+    assert RangingTruth.from_dataset(marked.to_dataset()).near_cutoff.tolist() == [1]
 
 
 def test_times_in_another_unit_are_refused(tmp_path):

@@ -152,6 +152,24 @@ def test_cut_off_is_handed_to_the_solver(truth, landmarks):
     assert (strict.status == RayStatus.WEAK).all()
 
 
+def test_what_a_decibel_of_the_cutoff_decides_is_marked(few, landmarks):
+    """By what is ranged on with cut-offs a decibel lower and higher, links of rays spread over some decibels."""
+    duct = Medium.from_profile(
+        [0.0, 60.0, 120.0, 400.0, 4000.0], [1450.0, 1462.0, 1448.0, 1455.0, 1510.0], bottom_depth=BOTTOM
+    )
+    marks = [Landmark(f"N{k}", (3e3 + 250.0 * k, 0.0, 90.0)) for k in range(12)]
+    spread = few.position.copy()
+    spread[:, :, 2] = np.linspace(30.0, 200.0, spread[..., 2].size).reshape(spread.shape[:2])
+    fleet = replace(few, position=spread)
+    by_cutoff = {db: range_fleet(fleet, marks, duct, spreading_cutoff_db=db) for db in (1.0, 2.0, 3.0)}
+    times = [np.nan_to_num(by_cutoff[db].truth.travel_time, nan=-1.0) for db in (1.0, 2.0, 3.0)]
+    expected = (times[0] != times[1]) | (times[2] != times[1])
+    assert 3 < expected.sum() < expected.size - 3
+    np.testing.assert_array_equal(by_cutoff[2.0].truth.near_cutoff, expected)
+    off = range_fleet(fleet, marks, duct, spreading_cutoff_db=None)
+    assert not off.truth.near_cutoff.any()
+
+
 def test_assembled_measurements_hold_the_measured_ranges(truth, landmarks, ranging):
     m = assemble(truth, landmarks, ranging, NoiseModel())
     assert_same([m.range_sample, m.range_transmitter, m.range_receiver], list(ranging.attempts))
@@ -201,7 +219,7 @@ def test_a_direct_ray_that_is_not_among_the_arrivals_kept_is_ranged_on(few, monk
 
     def without_direct_rays(*args, **options):
         found = find_eigenrays(*args, **options)
-        if len(args) == 3:  # no bounces allowed
+        if args[3:5] == (0, 0):  # no bounces allowed
             return found
         bounced = (found.surface_bounces > 0) | (found.bottom_bounces > 0)
         rows = [f.name for f in fields(found) if f.metadata["dims"][0] == "arrival"]

@@ -53,15 +53,17 @@ def choose_arrivals(
     return Chosen(link=link.astype(np.int64), row=order[at].astype(np.int64))
 
 
-def first_is_near_cutoff(arrivals: Arrivals, cutoff_db: float) -> NDArray[np.bool_]:
+def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: Rule) -> NDArray[np.bool_]:
     """
-    Whether a cut-off of spreading `NEAR_DB` higher or lower would change the first arrival of each link (n_links,).
+    Whether a cut-off of spreading `NEAR_DB` higher or lower would change what a rule picks on each link (n_links,).
 
     By arrivals that were looked for with a cut-off `NEAR_DB` higher than the one that is asked about [dB].
     """
+    if not (arrivals.spreading_db > cutoff_db - NEAR_DB).any():
+        return np.zeros(arrivals.status.size, dtype=bool)
     picks = []
     for cutoff in (cutoff_db - NEAR_DB, cutoff_db, cutoff_db + NEAR_DB):
-        link, row = choose_arrivals(arrivals, "first", heard=~(arrivals.spreading_db > cutoff))
+        link, row = choose_arrivals(arrivals, rule, heard=~(arrivals.spreading_db > cutoff))
         pick = np.full(arrivals.status.size, -1)
         pick[link] = row
         picks.append(pick)
@@ -71,6 +73,8 @@ def first_is_near_cutoff(arrivals: Arrivals, cutoff_db: float) -> NDArray[np.boo
 def within_cutoff(arrivals: Arrivals, cutoff_db: float) -> Arrivals:
     """Arrivals by a lower cut-off than they were looked for with [dB]; a link that loses all of its own is WEAK, missed by nothing."""
     strong = ~(arrivals.spreading_db > cutoff_db)
+    if strong.all():
+        return arrivals
     rows = {
         f.name: getattr(arrivals, f.name)[strong]
         for f in fields(arrivals)

@@ -58,7 +58,7 @@ def times(
     quiet: Quiet = False,
 ) -> None:
     """Travel time of the earliest arrival of each link, and why there is none."""
-    from pymantaray.acoustics.selection import NEAR_DB, first_is_near_cutoff, within_cutoff
+    from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
     from pymantaray.cli.rays_tables import times_table
 
     job = _begin("times", links, out, medium, search, force=force, quiet=quiet)
@@ -67,7 +67,7 @@ def times(
         arrivals = job.solve()
     else:
         wide = job.solve(cutoff + NEAR_DB)
-        near, arrivals = first_is_near_cutoff(wide, cutoff), within_cutoff(wide, cutoff)
+        near, arrivals = is_near_cutoff(wide, cutoff, "first"), within_cutoff(wide, cutoff)
     table = times_table(job.table.frame, job.source, job.receiver, arrivals, near)
     job.finish(arrivals.first().to_dataset() if out.suffix == ".nc" else table, arrivals.status)
 

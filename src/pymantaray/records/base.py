@@ -48,15 +48,19 @@ def column(
     may_lack: bool = False,
     labels: bool = False,
     flags: type[IntEnum] | None = None,
+    default: int | None = None,
 ) -> Any:
     """
     Array field of a record: dimensions separated by spaces, units as CF writes them.
 
-    One that may lack has then no rows. One that labels its dimension is the coordinate of that name in a data set.
-    Flags are the values that a column of integers has, and their meanings.
+    One that may lack has then no rows. One with a default has it everywhere where nothing is given, nor in a file. One that labels
+    its dimension is the coordinate of that name in a data set. Flags are the values that a column of integers has, and their
+    meanings.
     """
     metadata: dict[str, Any] = {"dims": tuple(dims.split()), "units": units, "long_name": long_name}
-    metadata |= {"dtype": dtype, "labels": labels, "flags": flags}
+    metadata |= {"dtype": dtype, "labels": labels, "flags": flags, "default": default}
+    if default is not None:
+        return field(default=None, metadata=metadata)
     if not may_lack:
         return field(metadata=metadata)
     widths = [len(LABELS[name]) for name in metadata["dims"][1:]]
@@ -73,9 +77,13 @@ class Record:
         """Convert, check and freeze every field."""
         sizes = {name: len(labels) for name, labels in LABELS.items()}
         for f in self._columns():
-            dtype = f.metadata["dtype"]
+            dtype, given = f.metadata["dtype"], getattr(self, f.name)
+            if (
+                given is None and f.metadata["default"] is not None
+            ):  # the columns before it say how long it is
+                given = np.full([sizes[name] for name in f.metadata["dims"]], f.metadata["default"])
             try:
-                values = np.asarray(getattr(self, f.name))
+                values = np.asarray(given)
                 with np.errstate(invalid="ignore"):
                     array = np.array(values, dtype=str if dtype == "U" else dtype)
             except (TypeError, ValueError) as error:
@@ -120,6 +128,11 @@ class Record:
             raise RecordError(f"data set holds {kind!r}; needs {cls.kind!r}")
         names = {f.name: _variable(f) for f in cls._columns()}
         names |= {name: name for name in names if name in dataset.data_vars}  # labels of older files
+        names = {
+            f.name: names[f.name]
+            for f in cls._columns()
+            if f.metadata["default"] is None or names[f.name] in dataset.variables
+        }
         missing = [name for name, variable in names.items() if variable not in dataset.variables]
         if missing:
             raise RecordError(f"{cls.kind}: data set lacks {', '.join(missing)}")

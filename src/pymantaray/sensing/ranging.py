@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Leakage, Medium, find_eigenrays, find_leaks, quadrature, trace_paths
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import solved_backwards
-from pymantaray.acoustics.selection import Rule, choose_arrivals, select
+from pymantaray.acoustics.selection import (
+    NEAR_DB,
+    Rule,
+    choose_arrivals,
+    is_near_cutoff,
+    select,
+    within_cutoff,
+)
 from pymantaray.errors import SensingError
 from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
@@ -216,6 +223,7 @@ class _Run(NamedTuple):
     """Shape (n_links, 2): that the arrival there and the one back are heard; None without a detector."""
     loss_db: Array | None
     delay: Array | None
+    near_cutoff: NDArray[np.bool_]
 
 
 def _run(
@@ -251,6 +259,8 @@ def _run(
     time[loud] = np.stack([there.travel_time, back.travel_time], axis=-1)
     speed[loud] = np.stack([there.source_sound_speed, there.receiver_sound_speed], axis=-1)
     gradient[loud] = sound.gradient
+    near = np.zeros(n, dtype=bool)
+    near[loud] = sound.near_cutoff
     chances = None if sound.probability is None else np.full((n, 2), np.nan)
     if chances is not None:
         chances[loud] = sound.probability
@@ -265,7 +275,17 @@ def _run(
         chord[quiet] = bare.chord_travel_time
         speed[quiet] = np.stack([bare.source_sound_speed, bare.receiver_sound_speed], axis=-1)
     return _Run(
-        status, chord, time, speed, gradient, ~stopped, sound.arrivals, chances, sound.loss_db, sound.delay
+        status,
+        chord,
+        time,
+        speed,
+        gradient,
+        ~stopped,
+        sound.arrivals,
+        chances,
+        sound.loss_db,
+        sound.delay,
+        near,
     )
 
 
@@ -284,6 +304,8 @@ class Sound(NamedTuple):
     """Transmission loss of each of the arrivals, None without a detector. [dB]"""
     delay: Array | None
     """What the current adds to each arrival's travel time from source to receiver, None at rest. [s]"""
+    near_cutoff: NDArray[np.bool_]
+    """Whether 1 dB of the cut-off decides what is ranged on, in water at rest, shape (n_links,)."""
     leak_loss_db: Array | None = None
     """Loss of what leaks to each link without a ray, NaN at others, None without a model. [dB]"""
 
@@ -336,27 +358,15 @@ def sound_between(
     def tell(before: int) -> Progress | None:
         return None if progress is None else lambda done, _: progress(before + done, total)
 
-    arrivals = find_eigenrays(
-        medium,
-        source,
-        receiver,
-        reception.max_surface_bounces,
-        reception.max_bottom_bounces,
-        reception.spreading_cutoff_db,
-        threads=reception.threads,
-        progress=tell(0),
-    )
+    most = reception.max_surface_bounces, reception.max_bottom_bounces
+    arrivals, near = _rays(reception, medium, (source, receiver), most, tell(0))
     bare, lost = None, np.empty(0, dtype=np.int64)
     if looks_again:
         lost = np.flatnonzero(select(arrivals, "direct").status != RayStatus.OK)
-        bare = find_eigenrays(
-            medium,
-            source[lost],
-            receiver[lost],
-            spreading_cutoff_db=reception.spreading_cutoff_db,
-            threads=reception.threads,
-            progress=tell(2 * n - lost.size),
+        bare, near_bare = _rays(
+            reception, medium, (source[lost], receiver[lost]), (0, 0), tell(2 * n - lost.size)
         )
+        near[lost] |= near_bare
         arrivals = _with_more(arrivals, bare, lost)
     delay = loss = None
     if follows:
@@ -375,10 +385,32 @@ def sound_between(
         for way, d in enumerate(delays):
             link, row = choose_arrivals(arrivals, reception.arrival, loss_db=loss, delay=d)
             probability[link, way] = heard[row]
-    sound = Sound(arrivals, there, back, probability, loss, delay)
+    sound = Sound(arrivals, there, back, probability, loss, delay, near)
     if reception.leakage is None:
         return sound
     return _with_leaks(sound, (source, receiver), medium, reception, currents)
+
+
+def _rays(
+    reception: Reception,
+    medium: Medium,
+    ends: tuple[Array, Array],
+    bounces: tuple[int, int],
+    progress: Progress | None,
+) -> tuple[Arrivals, NDArray[np.bool_]]:
+    """Arrivals of links, and on which of these 1 dB of the cut-off decides what is ranged on."""
+    cutoff = reception.spreading_cutoff_db
+    wide = find_eigenrays(
+        medium,
+        *ends,
+        *bounces,
+        None if cutoff is None else cutoff + NEAR_DB,
+        threads=reception.threads,
+        progress=progress,
+    )
+    if cutoff is None:
+        return wide, np.zeros(wide.status.size, dtype=bool)
+    return within_cutoff(wide, cutoff), is_near_cutoff(wide, cutoff, reception.arrival)
 
 
 _WITHOUT_RAY = (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.BLOCKED)
@@ -536,6 +568,7 @@ def _ranging(sound: _Run, pairs: _Pairs, truth: Trajectories, timing: Timing) ->
             sound_speed=sound.sound_speed[link, forth],
             travel_time=travel_time,
             chord_travel_time=sound.chord_travel_time[link],
+            near_cutoff=sound.near_cutoff[link],
         ),
         links=Links(
             sample=pairs.sample[heard],

@@ -44,6 +44,7 @@ def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
             "sound_speed": true.sound_speed,
             "travel_time": true.travel_time,
             "chord_travel_time": true.chord_travel_time,
+            "near_cutoff": true.near_cutoff == 1,
         }
     )
     return _finished(frame, m)
