@@ -7,7 +7,7 @@ STAMP := $(shell date +%Y%m%d-%H%M%S)
 ARGS  :=
 export PYTHON
 
-.PHONY: help study study-paper quick test lint bench matrix cuda ci-full clean
+.PHONY: help study study-paper quick test lint docs bench matrix cuda ci-full clean
 
 help:
 	@echo "make study        the paper's Beaufort Sea study at full size"
@@ -15,6 +15,7 @@ help:
 	@echo "make quick        a small study in half a minute"
 	@echo "make test         the fast tests"
 	@echo "make lint         formatting, lint, types, import contracts, spelling"
+	@echo "make docs         the documentation as a site, in build/docs"
 	@echo "make bench        timings"
 	@echo "make matrix       the fast tests on Python 3.11, 3.12, 3.13 and on the oldest dependencies (needs uv)"
 	@echo "make cuda         the kernels compiled for a GPU, which need not be here (needs uv; 1.2 GB of packages)"
@@ -43,6 +44,12 @@ lint: $(VENV)/.ready-lint
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/codespell src tests docs examples benchmarks README.md CONTRIBUTING.md CHANGELOG.md Makefile
+
+# warnings are errors; ARGS="-j 2" builds in two processes
+docs: $(VENV)/.ready-docs
+	$(BIN)/python docs/site/stage.py build/docs-source
+	$(BIN)/sphinx-build -q -W --keep-going -c docs/site $(ARGS) build/docs-source build/docs
+	@echo "build/docs/index.html"
 
 bench: $(VENV)/.ready-run
 	$(BIN)/python benchmarks/all_rows.py $(ARGS)
@@ -73,6 +80,10 @@ $(VENV)/.ready-run: pyproject.toml .ci/venv
 
 $(VENV)/.ready-test: pyproject.toml .ci/venv
 	sh .ci/venv test
+	@touch $@ $(VENV)/.ready-run
+
+$(VENV)/.ready-docs: pyproject.toml .ci/venv
+	sh .ci/venv docs
 	@touch $@ $(VENV)/.ready-run
 
 # types are checked against the packages that tests and extras use
