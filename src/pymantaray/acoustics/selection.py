@@ -11,6 +11,7 @@ from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 
 Array = NDArray[np.float64]
 Rule = Literal["direct", "first", "strongest"]
+"""Which arrival is picked: the earliest that met no boundary, the earliest of all, or the one of least loss."""
 NEAR_DB = 1.0
 """A pick that another limit, so much higher or lower, would change is marked. [dB]"""
 

@@ -55,8 +55,13 @@ def ranges(
         float,
         typer.Option("--sampling", metavar="S", help="Poses every so often, besides those at pings. [s]"),
     ] = 200.0,
-    surface_bounces: Annotated[int, typer.Option("--max-surface-bounces")] = 0,
-    bottom_bounces: Annotated[int, typer.Option("--max-bottom-bounces")] = 0,
+    surface_bounces: Annotated[
+        int,
+        typer.Option("--max-surface-bounces", help="Reflections at the surface that an arrival may have."),
+    ] = 0,
+    bottom_bounces: Annotated[
+        int, typer.Option("--max-bottom-bounces", help="Reflections at the sea bed that an arrival may have.")
+    ] = 0,
     enu: Annotated[
         bool, typer.Option("--enu", help="TUM files have ROS's axes: east, north, up; forward, left, up.")
     ] = False,

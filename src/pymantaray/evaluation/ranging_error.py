@@ -15,6 +15,7 @@ from pymantaray.records.status import ARRIVES
 Array = NDArray[np.float64]
 
 ALL_LINKS = "all links"
+"""Row of tables in which every kind of link is counted."""
 _KINDS = ("landmark", "station-keeping", "float", "vehicle")
 _KIND_OF_ROLE = {"station": "station-keeping", "float": "float"}
 _TAILS = (1, 5, 95, 99)

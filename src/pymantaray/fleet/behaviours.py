@@ -180,6 +180,7 @@ class Waypoints:
 
 
 Behaviour = FloatCycle | StationKeeping | Drifting | ConstantTwist | Waypoints
+"""What a vehicle does."""
 
 
 @dataclass(frozen=True, eq=False)

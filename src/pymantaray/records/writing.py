@@ -15,7 +15,8 @@ from pymantaray.errors import RecordError, WriteError
 if TYPE_CHECKING:
     import xarray as xr
 
-NETCDF_LOCK = threading.RLock()  # the C libraries behind netCDF4 hold one state for all threads of a process
+NETCDF_LOCK = threading.RLock()
+"""Held while a NetCDF file is open: the C libraries behind netCDF4 have one state for all threads of a process."""
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _PROBE_BYTES = 1 << 20

@@ -41,6 +41,7 @@ class TwoWay:
 
 
 Timing = OneWay | TwoWay
+"""How travel times are measured."""
 ONE_WAY = OneWay()
 
 

@@ -193,9 +193,9 @@ class _Placed(Section):
     name: ParticipantName
     """Unique; letters, digits, _ and -, 64 at most."""
     north: float
-    """North of the frame's centre, at the start; in its place ``lat`` [degrees]. [m]"""
+    """North of the frame's centre, at the start; or ``lat``, in degrees. [m]"""
     east: float
-    """East of the frame's centre, at the start; in its place ``lon`` [degrees]. [m]"""
+    """East of the frame's centre, at the start; or ``lon``, in degrees. [m]"""
     heading_deg: float = 0.0
     """Where its bow points at the start, clockwise from north. [degrees]"""
 
@@ -316,9 +316,9 @@ class LandmarkSection(Section):
     name: ParticipantName
     """Unique; letters, digits, _ and -, 64 at most."""
     north: float
-    """North of the frame's centre; in its place ``lat`` [degrees]. [m]"""
+    """North of the frame's centre; or ``lat``, in degrees. [m]"""
     east: float
-    """East of the frame's centre; in its place ``lon`` [degrees]. [m]"""
+    """East of the frame's centre; or ``lon``, in degrees. [m]"""
     depth: Depth
     """Positive down. [m]"""
 

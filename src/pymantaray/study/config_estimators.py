@@ -195,7 +195,7 @@ class InternalTideSection(Section):
 
     amplitude: PositiveFloat
     """Greatest displacement of water, up and down. [m]"""
-    period_h: PositiveFloat = 12.42
+    period_h: PositiveHours = 12.42
     """From crest to crest. [h]"""
     wavelength: PositiveFloat = 1e5
     """From crest to crest, along east. [m]"""

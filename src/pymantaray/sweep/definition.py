@@ -16,7 +16,14 @@ from pymantaray.study.tracks import with_tracks
 Tree = dict[str, Any]
 SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
 _COLUMNS = {"condition", "error", "key", "point", "status"}
-_KEYS = ("base", "folder", "cross", "zip", "seeds")
+KEYS = {
+    "base": "A preset, a study file relative to this one, or a whole study as tables ``[base.study]`` and so on.",
+    "folder": "What files among the values are relative to; this file's folder unless given.",
+    "cross": "Table of lists by field of a study, ``fleet.count`` or ``fleet.spacing``: every value with every other.",
+    "zip": "Tables ``[[zip]]`` of lists of one length, whose values change together; ``name`` and ``labels`` are for tables.",
+    "seeds": "Seeds of studies, crossed with all else.",
+}
+"""Keys of a sweep file, and what they mean."""
 
 
 class Axis(NamedTuple):
@@ -185,8 +192,8 @@ def parse_sweep(text: str, label: str, folder: Path) -> Sweep:
         tree = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise SweepError(f"{label}: not valid TOML: {error}") from None
-    if unknown := set(tree) - set(_KEYS):
-        raise SweepError(f"{label}: {min(unknown)}: unknown key; allowed: {', '.join(_KEYS)}")
+    if unknown := set(tree) - set(KEYS):
+        raise SweepError(f"{label}: {min(unknown)}: unknown key; allowed: {', '.join(KEYS)}")
     base, cross, zipped, seeds = (tree.get(key) for key in ("base", "cross", "zip", "seeds"))
     folder = folder / tree.get("folder", "")
     if isinstance(base, str):

@@ -18,20 +18,25 @@ from pymantaray.ocean.files import without_password
 
 
 class _Table(pydantic.BaseModel):
-    model_config = pydantic.ConfigDict(frozen=True, extra="forbid")
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
 class Addresses(_Table):
     """Root of a THREDDS server's OPeNDAP service."""
 
     opendap: str
+    """Where paths of data sets begin; another server's, or a mirror's."""
 
 
 class _Span(_Table):
     name: str
+    """As ``--experiment`` takes it."""
     title: str
+    """For messages and what is written."""
     first: dt.datetime
+    """Its first instant, UTC."""
     last: dt.datetime | None = None
+    """Its last instant, UTC; goes on unless given."""
 
     def covers(self, instant: np.datetime64) -> bool:
         """Whether the span holds an instant."""
@@ -51,15 +56,18 @@ class Dataset(_Table):
     """A data set, by its path on a server, ``{year}`` standing for the year, or its identifier, and what it holds."""
 
     path: Annotated[str, pydantic.Field(validation_alias=pydantic.AliasChoices("path", "id"))]
+    """On the server below ``opendap``; or ``id``, as Copernicus Marine names it."""
     variables: tuple[str, ...]
+    """What it holds, by HYCOM's names."""
 
 
 class Experiment(_Span):
     """A run of HYCOM as its server holds it."""
 
     year_starts_h: Annotated[int, pydantic.Field(ge=0, le=48)] = 0
-    """Hours after midnight of 1 January at which the data set of a year begins."""
+    """Hours after midnight of 1 January at which the data set of a year begins. [h]"""
     datasets: tuple[Dataset, ...]
+    """What it consists of."""
 
     def year_of(self, instant: np.datetime64) -> int:
         """Year of the data set that should hold an instant."""
@@ -76,14 +84,18 @@ class Product(_Span):
     """A product of Copernicus Marine."""
 
     datasets: tuple[Dataset, ...]
+    """What it consists of."""
 
 
 class Catalogue(_Table):
     """All that is configuration about servers."""
 
     addresses: Addresses
+    """Where the server is."""
     experiments: tuple[Experiment, ...]
+    """Runs of HYCOM, the preferred one of a time first."""
     copernicus: tuple[Product, ...] = ()
+    """Products of Copernicus Marine."""
 
 
 def covering(
