@@ -1,0 +1,135 @@
+"""Sphinx: theme, docstrings, and how names in docstrings become links. Sources are laid out by stage.py."""
+
+import importlib
+import sys
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+from docutils import nodes
+from latex2mathml.converter import convert
+from numpydoc.xref import DEFAULT_LINKS
+from pygments.lexers.special import TextLexer
+from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.nodes import make_refnode
+
+import pymantaray
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+from reference_pages import FOLDERS
+
+project = "MantaRay"
+author = "The MantaRay developers"
+version = release = pymantaray.__version__
+html_title = f"{project} {version}"
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",
+    "numpydoc",
+]
+root_doc = "index"
+default_role = "py:obj"
+myst_heading_anchors = 4
+myst_enable_extensions = []
+templates_path = [str(HERE / "templates")]
+autosummary_generate = True
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+autodoc_class_signature = "mixed"
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = True
+DEFAULT_LINKS.clear()  # which lead into the network
+numpydoc_xref_aliases = {
+    name: f"pymantaray.{folder}.{name}"
+    for folder in FOLDERS
+    for name in importlib.import_module(f"pymantaray.{folder}").__all__
+}
+numpydoc_xref_ignore = "all"  # other words of a type
+
+html_theme = "pydata_sphinx_theme"
+html_context = {"default_mode": "auto"}
+html_static_path = [str(HERE / "static")]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sourcelink = False
+html_math_renderer = "mathml"
+html_theme_options = {
+    "logo": {"text": project},
+    "navbar_end": ["theme-switcher"],
+    "header_links_before_dropdown": 5,
+    "show_toc_level": 2,
+    "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "back_to_top_button": False,
+}
+html_sidebars = {"index": [], "changelog": [], "figures/README": []}
+project_copyright = "the MantaRay developers, MIT licence"
+
+
+def describe_columns(_app, what, _name, obj, _options, lines):
+    """List the columns of a record, which are declared and not written in its docstring."""
+    if what != "class" or not is_dataclass(obj):
+        return
+    columns = [f for f in fields(obj) if "dims" in f.metadata]
+    if columns and "Attributes" not in lines:
+        lines += ["", "Attributes", "----------"]
+        for f in columns:
+            m = f.metadata
+            unit = "-" if m["units"] in ("1", "") else m["units"]
+            lines += [
+                f"{f.name} : ndarray, shape ({', '.join(m['dims'])})",
+                f"    {m['long_name'].capitalize()}. [{unit}]",
+            ]
+
+
+def describe_data(_app, what, name, _obj, _options, lines):
+    """Give a constant the words beneath it where it is defined, not where it is exported from."""
+    folder, _, last = name.rpartition(".")
+    if what != "data":
+        return
+    for module in [m for m in sys.modules if m.startswith(f"{folder}.")]:
+        words = ModuleAnalyzer.for_module(module).find_attr_docs().get(("", last))
+        if words:
+            lines[:] = words
+
+
+def resolve(app, env, node, contnode):
+    """Link a name to what is documented under it, whichever module the docstring or annotation has it from."""
+    if node.get("refdomain") != "py":
+        return None
+    target = node["reftarget"].lstrip("~.").removesuffix("()")
+    objects = env.domains["py"].objects
+    ends = [name for name in objects if name == target or name.endswith(f".{target}")]
+    last = target.rpartition(".")[2]
+    if not ends and target.startswith("pymantaray."):
+        ends = [name for name in objects if name.rpartition(".")[2] == last]
+    if len({name.rpartition(".")[2] for name in ends}) != 1:
+        return None
+    entry = objects[min(ends, key=lambda name: (name.count("."), name))]
+    name = min(ends, key=lambda name: (name.count("."), name))
+    return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, contnode, name)
+
+
+def mathml(display):
+    """Write a formula as MathML, which browsers show without a script."""
+
+    def visit(self, node):
+        formula = convert(node.astext(), display="block" if display else "inline")
+        self.body.append(f"<p>{formula}</p>" if display else formula)
+        raise nodes.SkipNode
+
+    return visit
+
+
+def setup(app):
+    """Connect the above; numpydoc reads docstrings after the columns are in them."""
+    app.connect("autodoc-process-docstring", describe_columns, priority=100)
+    app.connect("autodoc-process-docstring", describe_data, priority=100)
+    app.connect("missing-reference", resolve)
+    app.add_lexer("csv", TextLexer)
+    app.add_html_math_renderer("mathml", (mathml(display=False), None), (mathml(display=True), None))

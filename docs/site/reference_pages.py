@@ -1,0 +1,266 @@
+"""Reference pages in Markdown from the code itself: configuration keys, commands, and the names that folders export."""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pydantic
+import typer.main
+
+FOLDERS = (
+    "geometry", "records", "ocean", "ocean.fetch", "acoustics", "acoustics.bellhop", "fleet", "sensing", "estimation",
+    "evaluation", "exchange", "study", "sweep", "replay", "atlas", "service", "report",
+)  # fmt: skip
+"""Folders in the order in which data flows."""
+
+_UNIT = re.compile(r"\s*\[([^][]+)\]\.?$")
+
+
+def configuration() -> dict[str, str]:
+    """Page of all keys of all configurations."""
+    from pymantaray.ocean.fetch.catalogue import Catalogue
+    from pymantaray.study import StudyConfig
+    from pymantaray.sweep.definition import KEYS
+
+    sweep = table(("key", "meaning"), [(f"`{key}`", text(meaning)) for key, meaning in KEYS.items()])
+    parts = [
+        "# Configuration keys",
+        (
+            "Made from the models that check a configuration, so that it is complete. `mantaray study show beaufort` prints a whole"
+            " study with comments, `mantaray study init quick mine.toml` writes one to edit. Lengths are in metres, depth is positive"
+            " down, times are UTC. Keys that end in `_h` or `_s` are durations: a number of hours or seconds, or text with a unit of"
+            ' its own (s, min, h, d) such as `"1 d 12 h"`. A key without a default must be given; `-` is none, which the meaning'
+            " explains. *Ours* says that the paper leaves the value open"
+            " ([record 0001](../design/0001-what-the-paper-leaves-open.md)); other defaults of noise and mission are the paper's tables."
+        ),
+        "## A study",
+        (
+            "What `mantaray study run`, `ranges --study`, `serve` and `replay` read; a mission is one study's `[mission]`, `[fleet]` and"
+            " `[ocean]`. The commands `rays`, `ranges`, `replay` and `atlas` take the rest of what they need as"
+            " [options](commands.md)."
+        ),
+        *sections(StudyConfig),
+        "## A sweep",
+        "What `mantaray sweep run` reads ([how to](../how-to/sweep.md)).",
+        sweep,
+        "## Servers of oceans",
+        (
+            "What `mantaray ocean fetch --servers` and the variable `MANTARAY_OCEAN_SERVERS` read"
+            " ([how to](../how-to/fetch-hycom.md))."
+        ),
+        *sections(Catalogue),
+    ]
+    return {"reference/configuration.md": "\n\n".join(parts) + "\n"}
+
+
+def sections(model: type[pydantic.BaseModel]) -> Iterator[str]:
+    """Heading, meaning and table of keys of a model and of all models in it, each once, under its place in the file."""
+    schema = model.model_json_schema()
+    for place, entry in walk(schema):
+        keys = entry.get("properties", {})
+        rows = [row(key, value, key in entry.get("required", ()), schema) for key, value in keys.items()]
+        yield f"### `{place}`"
+        yield text(entry.get("description", ""))
+        yield table(("key", "type", "default", "unit", "meaning"), rows)
+
+
+def walk(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Tables of a configuration by their place in the file, in its order; kinds of an entry by their ``kind``."""
+    out: list[tuple[str, dict[str, Any]]] = []
+
+    def visit(place: str, entry: dict[str, Any], *, listed: bool) -> None:
+        kind = entry["properties"].get("kind", {}).get("const")
+        shown = f'{place}, kind = "{kind}"' if kind else place
+        if place:
+            out.append(((f"[[{place}]]" if listed else f"[{place}]") if shown == place else shown, entry))
+        else:
+            plain = {k: v for k, v in entry["properties"].items() if not list(models_of(v))}
+            if plain:
+                out.append(("at the top", entry | {"properties": plain}))
+        for key, value in entry["properties"].items():
+            for name in models_of(value):
+                inner = f"{place}.{key}" if place else key
+                visit(inner, schema["$defs"][name], listed="items" in str(value))
+
+    visit("", schema, listed=False)
+    return out
+
+
+def models_of(value: dict[str, Any]) -> Iterator[str]:
+    """Names of the models that a key may hold."""
+    if "$ref" in value:
+        yield value["$ref"].removeprefix("#/$defs/")
+    for option in [
+        *value.get("anyOf", ()),
+        *value.get("oneOf", ()),
+        *([value["items"]] if "items" in value else ()),
+    ]:
+        yield from models_of(option)
+
+
+def row(key: str, value: dict[str, Any], required: bool, schema: dict[str, Any]) -> tuple[str, ...]:
+    """Cells of a key's row."""
+    meaning = value.get("description", "")
+    unit = _UNIT.search(meaning)
+    default = value.get("default")
+    if required:
+        shown = "must be given"
+    elif default in (None, [], {}) or list(models_of(value)):
+        shown = "-"
+    else:
+        shown = f"`{toml(default)}`"
+    return (
+        f"`{key}`",
+        " or ".join(dict.fromkeys(kind_of(value, schema))),
+        shown,
+        unit[1] if unit else "",
+        text(_UNIT.sub("", meaning)),
+    )
+
+
+def kind_of(value: dict[str, Any], schema: dict[str, Any]) -> Iterator[str]:
+    """Words for what a key may hold."""
+    if "enum" in value or "const" in value:
+        yield ", ".join(f"`{toml(word)}`" for word in value.get("enum", [value.get("const")]))
+    elif "$ref" in value:
+        kind = (
+            schema["$defs"][value["$ref"].removeprefix("#/$defs/")]["properties"].get("kind", {}).get("const")
+        )
+        yield f'kind `"{kind}"`' if kind else "table"
+    elif "anyOf" in value or "oneOf" in value:
+        for option in (*value.get("anyOf", ()), *value.get("oneOf", ())):
+            yield from kind_of(option, schema)
+    elif "prefixItems" in value:
+        yield f"list of {len(value['prefixItems'])} numbers"
+    elif value.get("type") == "array":
+        yield f"list of {' or '.join(dict.fromkeys(kind_of(value['items'], schema)))}"
+    elif value.get("type") != "null":
+        date = value.get("format") == "date-time"
+        words = {
+            "number": "number",
+            "integer": "whole number",
+            "boolean": "`true`, `false`",
+            "string": "text",
+        }
+        yield "date and time" if date else words[value["type"]] + limits(value)
+
+
+def limits(value: dict[str, Any]) -> str:
+    """Range that a number is checked to lie in."""
+    words = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+    return "".join(f" {sign} {value[name]:g}" for name, sign in words.items() if name in value)
+
+
+def toml(value: Any) -> str:
+    """A value as TOML has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"[{', '.join(map(toml, value))}]"
+    return f'"{value}"' if isinstance(value, str) else f"{value}"
+
+
+def commands() -> dict[str, str]:
+    """Page of all commands."""
+    parts = [
+        "# Commands",
+        (
+            "Made from the program itself. `mantaray COMMAND --help` prints the same. Exit codes: 0 for done, 1 where parts of a sweep"
+            " failed or a run is not usable, 2 for what is asked wrongly, with one line that says what and what is allowed, 130 after"
+            " Ctrl-C, 141 where nobody reads what is printed."
+        ),
+    ]
+    for path, command in command_tree():
+        parts += [f"## `{' '.join(path)}`", text(command.help or "")]
+        context = command.make_context(" ".join(path), [], resilient_parsing=True)
+        parts.append(f"```text\n{' '.join([' '.join(path), *command.collect_usage_pieces(context)])}\n```")
+        rows = [
+            parameter_row(p, context)
+            for p in command.params
+            if p.name != "help" and not getattr(p, "hidden", False)
+        ]
+        if rows:
+            parts.append(table(("", "default", "meaning"), rows))
+    return {"reference/commands.md": "\n\n".join(part for part in parts if part) + "\n"}
+
+
+def command_tree() -> list[tuple[tuple[str, ...], Any]]:
+    """Every command and group by its words, in the order of the program."""
+    from pymantaray.cli.main import app
+
+    def walk(words: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+        yield words, command
+        for name, inner in getattr(command, "commands", {}).items():
+            if not inner.hidden:
+                yield from walk((*words, name), inner)
+
+    return list(walk(("mantaray",), typer.main.get_command(app)))
+
+
+def parameter_row(parameter: Any, context: Any) -> tuple[str, ...]:
+    """Cells of an argument's or option's row, from what its help says."""
+    name, meaning = parameter.get_help_record(context)
+    behind = re.search(r"  \[(.*)\]$", meaning)
+    notes = behind[1].split("; ") if behind else []
+    default = next(
+        (f"`{note.removeprefix('default: ')}`" for note in notes if note.startswith("default: ")), ""
+    )
+    if "required" in notes:
+        default = "must be given"
+    rest = "; ".join(f"`{note}`" for note in notes if note != "required" and not note.startswith("default: "))
+    repeated = "may be repeated" if getattr(parameter, "multiple", False) else ""
+    more = "; ".join(words for words in (rest, repeated) if words)
+    meaning = text(meaning[: behind.start()] if behind else meaning)
+    return f"`{name}`", default, f"{meaning} ({more})" if more else meaning
+
+
+def interface() -> dict[str, str]:
+    """Pages of the names that folders export, and one that lists the folders."""
+    import importlib
+
+    pages, rows = {}, []
+    for folder in ("", *FOLDERS):
+        name = f"pymantaray.{folder}".rstrip(".")
+        module = importlib.import_module(name)
+        doc = (module.__doc__ or "").strip()
+        page = f"reference/api/{folder or 'pymantaray'}.md"
+        first, _, rest = doc.partition("\n\n")
+        listing = "\n".join(f"   {name}.{member}" for member in module.__all__)
+        target = "   :toctree: generated\n" if folder else ""
+        pages[page] = (
+            f"# `{name}`\n\n{text(first)}\n\n{text(rest)}\n\n```{{eval-rst}}\n.. autosummary::\n{target}"
+            f"   :nosignatures:\n\n{listing}\n```\n"
+        )
+        rows.append((f"[`{name}`]({folder or 'pymantaray'}.md)", text(first.replace("\n", " "))))
+    pages["reference/api/errors.md"] = (
+        "# `pymantaray.errors`\n\n```{eval-rst}\n.. automodule:: pymantaray.errors\n   :members:\n   :member-order: bysource\n"
+        "   :show-inheritance:\n```\n"
+    )
+    rows.append(("[`pymantaray.errors`](errors.md)", "What is raised on purpose: one line for the user."))
+    index = (
+        "# Python interface\n\nIn the order in which data flows; nothing to the top of the list needs what is below it, but for `pymantaray` itself,"
+        f" where the names of daily use are.\n\n{table(('folder', 'what it does'), rows)}\n\n"
+        + toctree([page.removeprefix("reference/api/").removesuffix(".md") for page in pages])
+    )
+    return {"reference/api/index.md": index, **pages}
+
+
+def toctree(entries: list[str], *options: str) -> str:
+    """Table of contents of pages."""
+    head = "".join(f":{option}:\n" for option in ("hidden", *options))
+    return f"```{{toctree}}\n{head}\n" + "\n".join(entries) + "\n```\n"
+
+
+def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """Table in Markdown."""
+    lines = [head, tuple("---" for _ in head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def text(words: str) -> str:
+    """Docstring's words as Markdown: literals in single backticks, nothing else of it means anything."""
+    parts = re.split(r"(``.+?``|`[^`]+`)", re.sub(r"\s*\n\s*", " ", words.strip()))
+    return "".join(
+        f"`{part.strip('`')}`" if part.startswith("`") else re.sub(r"([\\*_<>\[\]#$])", r"\\\1", part)
+        for part in parts
+    )

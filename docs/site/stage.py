@@ -1,0 +1,89 @@
+"""
+Lay out the sources of the built documentation: the Markdown pages as they are, an index of each folder, the reference.
+
+Run as ``python docs/site/stage.py build/docs-source``; files that do not change are not touched.
+"""
+
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import reference_pages
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+TITLES = {
+    "tutorials": "Tutorials",
+    "how-to": "How-to guides",
+    "theory": "Theory",
+    "reference": "Reference",
+    "design": "Decision records",
+}
+GENERATED = {"reference": ["api/index", "configuration", "commands"]}
+
+
+def stage(target: Path) -> None:
+    """Write all sources below a folder, and take away what is no source any more."""
+    pages = {path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8") for path in own_pages()}
+    contents = pages.pop("README.md")
+    pages |= reference_pages.configuration() | reference_pages.commands() | reference_pages.interface()
+    ordered = re.findall(r"\]\(([\w./-]+\.md)", contents)
+    for folder, title in TITLES.items():
+        pages[f"{folder}/index.md"] = index_page(folder, title, ordered, pages)
+    pages["changelog.md"] = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
+    pages["index.md"] = landing(contents, pages)
+    for name, words in pages.items():
+        write(target / name, words)
+    for figure in (DOCS / "figures").iterdir():
+        (target / "figures").mkdir(exist_ok=True)
+        if figure.suffix in {".png", ".csv"}:
+            shutil.copy2(figure, target / "figures")
+    for path in target.rglob("*.md"):
+        if path.relative_to(target).as_posix() not in pages:
+            path.unlink()
+
+
+def own_pages() -> list[Path]:
+    """Markdown files of the documentation."""
+    return sorted(path for path in DOCS.rglob("*.md") if "site" not in path.relative_to(DOCS).parts)
+
+
+def index_page(folder: str, title: str, ordered: list[str], pages: dict[str, str]) -> str:
+    """List of a folder's pages: those that docs/README.md lists in its order, others behind, by name."""
+    there = [page for page in pages if page.startswith(f"{folder}/") and page.count("/") == 1]
+    there.sort(key=lambda page: (ordered.index(page) if page in ordered else len(ordered), page))
+    entries = [page.removeprefix(f"{folder}/").removesuffix(".md") for page in there]
+    own = [entry for entry in entries if entry not in GENERATED.get(folder, ())]
+    listing = "\n".join(
+        f"- [{heading(pages[f'{folder}/{entry}.md'])}]({entry}.md)"
+        for entry in [*GENERATED.get(folder, ()), *own]
+    )
+    return f"# {title}\n\n{listing}\n\n" + reference_pages.toctree([*GENERATED.get(folder, ()), *own])
+
+
+def landing(contents: str, pages: dict[str, str]) -> str:
+    """First page: how README begins, and what there is to read."""
+    begin = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## ")[0].replace("](docs/", "](")
+    top = [page.removesuffix(".md") for page in pages if "/" not in page and page != "changelog.md"]
+    folders = [f"{folder}/index" for folder in TITLES]
+    gallery = ["figures/README"] if "figures/README.md" in pages else []
+    rest = contents.split("\n", 1)[1]
+    entries = [*folders[:4], *gallery, *top, folders[4], "changelog"]
+    return f"{begin}\n\n## What there is to read\n{rest}\n" + reference_pages.toctree(entries)
+
+
+def heading(page: str) -> str:
+    """Title of a page."""
+    return re.search(r"^# (.*)", page, re.MULTILINE)[1]
+
+
+def write(path: Path, words: str) -> None:
+    """Write a file unless it is there as it should be."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists() or path.read_text(encoding="utf-8") != words:
+        path.write_text(words, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    stage(Path(sys.argv[1]))

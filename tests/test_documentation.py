@@ -1,0 +1,140 @@
+"""What the generated reference has to hold: every key of every configuration, every command, every exported name."""
+
+import importlib
+import inspect
+import re
+import runpy
+import sys
+from pathlib import Path
+from typing import get_args
+
+import pytest
+from pydantic import BaseModel
+
+from pymantaray.ocean.fetch.catalogue import Catalogue
+from pymantaray.study import StudyConfig
+
+SITE = Path(__file__).parents[1] / "docs" / "site"
+PAGES = runpy.run_path(str(SITE / "reference_pages.py"))
+SUFFIXES = {"_h": "h", "_s": "s", "_hz": "Hz", "_db": "dB", "_deg": "degrees", "_m": "m"}
+
+
+def models_within(annotation):
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in models_within(argument)]
+
+
+def reachable(root):
+    found, left = [], [root]
+    while left:
+        model = left.pop()
+        if model not in found:
+            found.append(model)
+            left += [m for f in model.model_fields.values() for m in models_within(f.annotation)]
+    return found
+
+
+MODELS = [*reachable(StudyConfig), *reachable(Catalogue)]
+
+
+def is_quantity(annotation):
+    return annotation is float or any(is_quantity(argument) for argument in get_args(annotation))
+
+
+def tables_of(page):
+    """Rows by heading: key, type, default, unit, meaning."""
+    out = {}
+    for heading, body in re.findall(r"^### `([^`]+)`\n(.*?)(?=^##|\Z)", page, re.MULTILINE | re.DOTALL):
+        rows = [
+            re.split(r"(?<!\\) *\| ", line.strip("| "))
+            for line in body.splitlines()
+            if line.startswith("| `")
+        ]
+        out[heading] = {row[0].strip("`"): row for row in rows}
+    return out
+
+
+@pytest.fixture(scope="module")
+def tables():
+    (page,) = PAGES["configuration"]().values()
+    return tables_of(page)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
+def test_every_key_says_what_it_means_and_a_quantity_its_unit(model, tables):
+    keys = [f for f in model.model_fields if model not in (StudyConfig, Catalogue)]
+    assert not keys or any(set(rows) == set(keys) for rows in tables.values()), f"no table has {keys}"
+    for name, field in model.model_fields.items():
+        assert field.description, f"{model.__name__}.{name}"
+        unit = re.search(r"\[([^][]+)\]$", field.description)
+        assert unit or not is_quantity(field.annotation), f"{model.__name__}.{name} has no unit"
+        for suffix, expected in SUFFIXES.items():
+            if name.endswith(suffix):
+                assert re.match(rf"{expected}\b", unit[1]), f"{model.__name__}.{name}: [{unit[1]}]"
+
+
+def test_the_page_shows_types_defaults_and_allowed_values(tables):
+    assert tables["[ocean]"]["source"][1:4] == ["list of text", "must be given", ""]
+    assert tables["[mission]"]["duration_h"][1:4] == ["number > 0", "`168.0`", "h"]
+    assert tables["[acoustics]"]["arrival"][1] == '`"direct"`, `"first"`, `"strongest"`'
+    assert tables["[detection]"]["shipping"][1:4] == ["number ≥ 0 ≤ 1", "-", "-"]
+    assert tables['fleet.vehicles, kind = "waypoints"']["points"][1] == "list of list of 3 numbers"
+    assert set(tables["[noise]"]) >= {"range_sigma", "attitude_tilt_sigma"}
+
+
+def test_every_key_that_is_a_duration_takes_text(quick_tree):
+    from pymantaray.study import parse_study
+
+    quick_tree["mission"] |= {"duration_h": "1 d", "sampling_period_s": "200 s"}
+    quick_tree["ocean"]["internal_tide"] = {"amplitude": 10.0, "period_h": "745.2 min"}
+    config = parse_study(quick_tree)
+    assert (config.mission.duration_h, config.ocean.internal_tide.period_h) == (24.0, 12.42)
+
+
+@pytest.fixture
+def quick_tree():
+    import tomllib
+
+    from pymantaray.study import preset_text
+
+    return tomllib.loads(preset_text("quick"))
+
+
+def test_every_command_is_there_with_all_its_options():
+    (page,) = PAGES["commands"]().values()
+    sections = dict(re.findall(r"^## `([^`]+)`\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL))
+    tree = PAGES["command_tree"]()
+    assert set(sections) == {" ".join(words) for words, _ in tree}
+    assert {"mantaray study run", "mantaray rays times", "mantaray serve"} <= set(sections)
+    for words, command in tree:
+        section = sections[" ".join(words)]
+        assert command.help.split()[0] in section
+        for parameter in command.params:
+            if parameter.name != "help" and not getattr(parameter, "hidden", False):
+                assert parameter.opts[-1] in section or parameter.metavar in section, (words, parameter.name)
+                assert parameter.help, f"{' '.join(words)}: {parameter.name} has no help"
+
+
+@pytest.mark.parametrize("folder", PAGES["FOLDERS"])
+def test_every_exported_name_is_described(folder):
+    module = importlib.import_module(f"pymantaray.{folder}")
+    pages = PAGES["interface"]()
+    for name in module.__all__:
+        assert f"pymantaray.{folder}.{name}\n" in pages[f"reference/api/{folder}.md"]
+        thing = getattr(module, name)
+        if inspect.isclass(thing) or inspect.isfunction(thing):
+            assert thing.__doc__, name
+            assert not thing.__doc__.startswith(f"{name}("), f"{name} has only what dataclass gives it"
+        else:
+            homes = [m for m in sys.modules if m.startswith(f"pymantaray.{folder}.")]
+            sources = [Path(sys.modules[m].__file__).read_text() for m in homes]
+            assert any(
+                re.search(rf"^{name}\b.*?\n(.*\n)*?\"\"\"", source, re.MULTILINE) for source in sources
+            )
+
+
+def test_all_top_folders_that_export_are_listed():
+    package = Path(importlib.import_module("pymantaray").__file__).parent
+    exporting = {p.parent.name for p in package.glob("*/__init__.py") if "__all__" in p.read_text()}
+    assert exporting == {folder for folder in PAGES["FOLDERS"] if "." not in folder}
