@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymantaray.ocean import cast_ocean, read_cast
+from pymantaray.geometry import LocalFrame
+from pymantaray.ocean import cast_ocean, crop_around, open_ocean, read_cast, sound_speed_profile_spread
 from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
 from pymantaray.study import load_study, run_study
 from pymantaray.study.assemble import build_ocean
@@ -83,3 +84,19 @@ def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny, tiny
     assert ocean.local.attrs["sound_speed_equation"] == "del-grosso"
     difference = np.abs(ocean.local["sound_speed"].values - tiny_run.ocean["sound_speed"].values)
     assert 0.01 < difference.max() < 1.0  # m/s, between the equations
+
+
+def test_profiles_are_of_the_domain_that_was_asked_for_and_no_further(tiny, tiny_run):
+    """No grid point beyond those that enclose 15 km about the centre."""
+    section = tiny().ocean
+    whole = open_ocean("synthetic:beaufort", time="2014-07-15T12:00")
+    part = crop_around(whole, section.centre, section.half_extent)
+    frame = LocalFrame(*section.centre)
+    north, east = frame.to_local(part["lat"].values[:, None], part["lon"].values)
+    for inner, reach in ((north[1:-1], section.half_extent[0]), (east[:, 1:-1], section.half_extent[1])):
+        assert np.abs(inner).max() < 1.1 * reach
+    assert north[0].max() <= -section.half_extent[0] < section.half_extent[0] <= north[-1].min()
+    assert east[:, 0].max() <= -section.half_extent[1] < section.half_extent[1] <= east[:, -1].min()
+    expected = sound_speed_profile_spread(part)
+    assert tiny_run.profile.equals(expected)
+    assert tiny_run.profile["count"][0] < 0.1 * whole.sizes["lat"] * whole.sizes["lon"]

@@ -14,7 +14,7 @@ from pymantaray.ocean.sea_floor import fill_below_sea_bed, open_sea_floor, sea_f
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.summary import region_table, sound_speed_profile_spread
 from pymantaray.ocean.synthetic import synthetic_ocean
-from pymantaray.ocean.window import window_of
+from pymantaray.ocean.window import crop_around, window_of
 
 __all__ = [
     "Cast",
@@ -25,6 +25,7 @@ __all__ = [
     "check_ocean",
     "column_ocean",
     "correct_with_casts",
+    "crop_around",
     "fill_below_sea_bed",
     "holds_casts",
     "layer_weights",

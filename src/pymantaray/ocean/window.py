@@ -142,12 +142,23 @@ def _columns(lon: Array, west: float, width: float, *, enclose: bool) -> tuple[N
     return columns, rising - (whole_turns(0.5 * (rising[0] + rising[-1])) if rising.size else 0.0)
 
 
-def crop(ocean: xr.Dataset, window: GeographicWindow | None) -> xr.Dataset:
-    """Part of a valid ocean that lies in a window, all of it without one."""
+def crop(ocean: xr.Dataset, window: GeographicWindow | None, *, enclose: bool = False) -> xr.Dataset:
+    """Part of a valid ocean that lies in a window, or on request encloses it; all of it without one."""
     if window is None:
         return ocean
-    part = select(ocean["lat"].values, ocean["lon"].values, window, str(ocean.attrs["title"]))
+    part = select(
+        ocean["lat"].values, ocean["lon"].values, window, str(ocean.attrs["title"]), enclose=enclose
+    )
     return ocean.isel(lat=part.rows, lon=part.columns)
+
+
+def crop_around(
+    ocean: xr.Dataset, centre: tuple[float, float] | None, half_extent: tuple[float, float]
+) -> xr.Dataset:
+    """Grid points of a valid ocean that enclose a local domain: its centre [degrees] and half sides north and east [m]."""
+    window = Window.of(ocean, centre)
+    lat, lon = window.geographic(*rectangle(*half_extent))
+    return crop(ocean, (lat.min(), lat.max(), lon.min(), lon.max()), enclose=True)
 
 
 def window_of(ocean: xr.Dataset) -> GeographicWindow:

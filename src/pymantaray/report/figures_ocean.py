@@ -236,7 +236,7 @@ register(
     "sound_speed",
     place=100,
     of_mission=True,
-    caption="Sound speed against depth over the whole region: mean of each level (line), least to greatest (shaded);"
+    caption="Sound speed against depth over the study's domain: mean of each level (line), least to greatest (shaded);"
     " (a) all depths, (b) the upper part.",
     draw=lambda r: sound_speed_profiles([(r.region, r.run.profile)], r.header),
 )

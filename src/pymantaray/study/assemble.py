@@ -39,6 +39,7 @@ from pymantaray.fleet import (
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean import (
+    crop_around,
     ocean_times,
     open_ocean,
     open_ocean_series,
@@ -92,7 +93,7 @@ class StudyOcean:
     local: xr.Dataset
     """Dimensions north, east, depth."""
     profile: xr.Dataset
-    """Mean, least and greatest sound speed of each level over the region."""
+    """Mean, least and greatest sound speed of each level: of the domain's size that was asked for, else of the whole region."""
     region: pd.DataFrame
     """Properties of the region, one row each."""
     series: xr.Dataset | None = None
@@ -130,10 +131,17 @@ def build_ocean(section: OceanSection, duration: float) -> StudyOcean:
     return StudyOcean(
         geographic=geographic,
         local=next(local_ones()) if series is None else series.isel(time=0, drop=True),
-        profile=sound_speed_profile_spread(geographic, equation=section.equation),
+        profile=sound_speed_profile_spread(_at_domain(section, geographic), equation=section.equation),
         region=region_table(geographic, equation=section.equation),
         series=series,
     )
+
+
+def _at_domain(section: OceanSection, geographic: xr.Dataset) -> xr.Dataset:
+    """Part of an ocean that encloses the domain of a study; all of it where no size was asked for."""
+    if section.half_extent is None:
+        return geographic
+    return crop_around(geographic, section.centre, section.half_extent)
 
 
 def local_ocean(section: OceanSection, geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.Dataset:

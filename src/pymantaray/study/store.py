@@ -84,7 +84,7 @@ class Run:
 
     @cached_property
     def profile(self) -> xr.Dataset:
-        """Mean, least and greatest sound speed of each level over the region."""
+        """Mean, least and greatest sound speed of each level over the study's domain."""
         return read_netcdf(self.path / PROFILE)
 
     @cached_property
