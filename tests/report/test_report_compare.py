@@ -2,10 +2,11 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from pymantaray.errors import StudyError
+from pymantaray.errors import ReportError, StudyError
 from pymantaray.report import compare, write_comparison
 from pymantaray.report import write as write_module
 from pymantaray.report.compare import by_name, comparison_plates, comparison_tables
@@ -24,7 +25,7 @@ def other_folder(made_run, tmp_path_factory):
 
 def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path, monkeypatch):
     monkeypatch.setattr(write_module, "rendered", lambda _, kinds: dict.fromkeys(kinds, b"drawn"))
-    page = write_comparison(run_folder, other_folder, tmp_path / "both")
+    page = write_comparison([run_folder, other_folder], tmp_path / "both")
     assert page == tmp_path / "both" / "index.html"
     text = page.read_text(encoding="utf-8")
     names = sorted(path.name for path in (tmp_path / "both" / "figures").iterdir())
@@ -40,7 +41,7 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
 def test_a_comparison_is_not_the_latest_run(run_folder, other_folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(compare, "comparison_plates", lambda _: [])
-    page = write_comparison(run_folder, other_folder)
+    page = write_comparison([run_folder, other_folder])
     assert page.parent.name.startswith("comparison-")
     assert [p.name for p in (tmp_path / "runs").iterdir()] == [page.parent.name]
 
@@ -106,7 +107,7 @@ def test_runs_of_one_region_are_told_apart_by_their_folders(run, made_run, tmp_p
 def test_a_folder_that_is_not_empty_is_refused_and_kept(run_folder, other_folder, tmp_path):
     (tmp_path / "mine.txt").write_text("keep")
     with pytest.raises(StudyError, match="not empty"):
-        write_comparison(run_folder, other_folder, tmp_path)
+        write_comparison([run_folder, other_folder], tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
 
 
@@ -116,5 +117,35 @@ def test_a_comparison_that_fails_leaves_nothing(run_folder, other_folder, tmp_pa
 
     monkeypatch.setattr(write_module, "rendered", fail)
     with pytest.raises(KeyboardInterrupt):
-        write_comparison(run_folder, other_folder, tmp_path / "deep" / "both")
+        write_comparison([run_folder, other_folder], tmp_path / "deep" / "both")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_six_runs_have_a_column_each_and_figures_without_collisions(made_run, look, tmp_path):
+    """Names longer than a figure has room for; figures are drawn, where what does not fit is a warning, and warnings are errors."""
+    runs = {}
+    for i in range(6):
+        name = f"a run with a rather long name, number {i}"
+        made = made_run(realizations=2 + i, title=f"Sea {i % 2} (synthetic)")
+        runs[name] = Results(open_run(made.write(tmp_path / str(i))))
+    tables = comparison_tables(runs)
+    configuration = tables["configuration"].set_index("key")
+    assert list(configuration.columns) == list(runs)
+    assert configuration.loc["study.realizations"].tolist() == ["2", "3", "4", "5", "6", "7"]
+    plates = {plate.name: plate for plate in comparison_plates(runs)}
+    assert list(plates) == ["ape_pooled", "range_error", "sound_speed"]
+    for plate in plates.values():
+        figure = look.draw(plate.draw())
+        assert figure.get_suptitle() == "6 runs, synthetic oceans"
+        assert len(plate.caption) < 300
+    axes = plates["range_error"].draw().axes[0]
+    assert len({label.get_text() for label in axes.get_yticklabels()}) == 6
+    total = runs[next(iter(runs))].ranges.total
+    whisker = axes.lines[1].get_xdata()
+    np.testing.assert_allclose(whisker, np.nanpercentile(total, [5, 95]))
+
+
+def test_one_run_is_not_compared(run_folder, tmp_path):
+    with pytest.raises(ReportError, match="1 run to compare"):
+        write_comparison([run_folder], tmp_path / "alone")
     assert list(tmp_path.iterdir()) == []

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(cls=RunGroup, help="Run the paper's study, or one of your own.", no_args_is_help=True)
 
+_FEW = 2  # runs whose names fit above the columns of a table
+
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
@@ -160,20 +162,19 @@ def report(
 
 @app.command()
 def compare(
-    first: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
-    second: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of another run.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of two runs or more.")],
     out: Out = None,
     pdf: Pdf = False,
     open_page: Open = False,
     quiet: Quiet = False,
 ) -> None:
-    """Set two runs side by side: tables, figures and a page in a folder of their own."""
+    """Set runs side by side: what differs in their configurations, tables, figures and a page in a folder of their own."""
     from pymantaray.report import write_comparison
 
     with progress_bars(quiet=quiet) as progress:
-        page = write_comparison(first, second, out, pdf=pdf, progress=progress)
+        page = write_comparison(runs, out, pdf=pdf, progress=progress)
     if not quiet:
-        _print_comparison(page.parent)
+        _print_comparison(page.parent, len(runs))
     typer.echo(str(page))
     if open_page:
         _open(page)
@@ -246,11 +247,16 @@ def _print_errors(run: "Run") -> None:
     )
 
 
-def _print_comparison(folder: Path) -> None:
-    """Tables of a comparison that set numbers side by side."""
+def _print_comparison(folder: Path, runs: int) -> None:
+    """Tables of a comparison, whose last columns are the runs; where these are many, by their numbers."""
     import pandas as pd
 
+    names = pd.read_csv(folder / "tables" / "configuration.csv").columns[1:]
+    if runs > _FEW:
+        for number, name in enumerate(names, 1):
+            typer.echo(f"{number}: {name}")
     for name, title in {
+        "configuration": "What differs in the configurations",
         "range_drop_category_compare": "Ranges not heard",
         "range_error": "Refracted minus straight range, all links",
         "range_error_split": "Its parts, mean",
@@ -260,6 +266,8 @@ def _print_comparison(folder: Path) -> None:
         if not file.is_file():  # of runs with ranges alone
             continue
         table = pd.read_csv(file)
+        if runs > _FEW:
+            table.columns = pd.Index([*table.columns[:-runs], *map(str, range(1, runs + 1))])
         numbers = table.select_dtypes("number").columns
         print_table(title, table, {name: (name, ".2f" if name in numbers else "") for name in table.columns})
 

@@ -1,16 +1,20 @@
-"""Two runs side by side: sound speed, range errors, dropouts and position errors of both."""
+"""Two runs or more side by side: what differs in their configurations, sound speed, range errors, dropouts and position errors."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib.figure import Figure
 
+from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.report.figures import Plate, Results, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
+from pymantaray.report.figures_several import quantiles_by_run
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
 from pymantaray.report.page import (
     SYNTHETIC_NOTE,
@@ -22,7 +26,7 @@ from pymantaray.report.page import (
     show_table,
 )
 from pymantaray.report.parts import PAGE, write_files
-from pymantaray.report.style import short
+from pymantaray.report.style import Array, condition_label, shortened
 from pymantaray.report.write import Progress, all_files, draw
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import open_run
@@ -37,6 +41,8 @@ _CAPTIONS = {
     " the least that is possible",
     "region": "Regions",
 }
+_FEW = 2  # runs whose distributions fit beside each other
+_QUANTILES = "median (white bar), mean (white dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {
     "ate_pooled": ("mean_m", "median_m", "rmse_m", "p25_m", "p75_m", "p95_m"),
     "ping_error": ("rmse_m", "median_m", "from_straight_rmse_m", "from_straight_median_m", "bound_rmse_m"),
@@ -44,20 +50,19 @@ _STATISTICS = {
 
 
 def write_comparison(
-    run_dir_a: str | Path,
-    run_dir_b: str | Path,
+    run_dirs: Sequence[str | Path],
     out: str | Path | None = None,
     *,
     pdf: bool = False,
     progress: Progress | None = None,
 ) -> Path:
     """
-    Write tables, figures and page that set two runs side by side.
+    Write tables, figures and page that set runs side by side.
 
     Parameters
     ----------
-    run_dir_a, run_dir_b : str or pathlib.Path
-        Folders of the runs.
+    run_dirs : sequence of str or pathlib.Path
+        Folders of the runs, two or more.
     out : str or pathlib.Path, optional
         Folder for the comparison, new or empty; by default a dated one in ``runs``.
     pdf : bool
@@ -73,9 +78,11 @@ def write_comparison(
     Raises
     ------
     MantaRayError
-        If a folder is no run, ``out`` is not free, or nothing can be written; then nothing is left behind.
+        If there are fewer than two, a folder is no run, ``out`` is not free, or nothing can be written; then nothing is left behind.
     """
-    runs = by_name([Results(open_run(run_dir)) for run_dir in (run_dir_a, run_dir_b)])
+    if len(run_dirs) < 2:
+        raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
+    runs = by_name([Results(open_run(run_dir)) for run_dir in run_dirs])
     tables, plates = comparison_tables(runs), comparison_plates(runs)
     with staged_folder(out, "comparison", latest=False) as (stage, folder):
         pictures = draw(plates, pdf=pdf, progress=progress)
@@ -158,9 +165,10 @@ def _joint_errors(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
 
 
 def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
-    """Figures of several runs."""
-    header, which = joint_header(runs), " and ".join(runs)
-    synthetic = any(r.synthetic for r in runs.values())
+    """Figures of several runs: distributions whole of a few, their quantiles of more."""
+    runs = dict(zip(shortened(list(runs)), runs.values(), strict=True))
+    header, which = joint_header(runs), in_words(list(runs))
+    synthetic, few = any(r.synthetic for r in runs.values()), len(runs) <= _FEW
 
     def plate(name: str, caption: str, draw: Callable[[], Figure]) -> Plate:
         return Plate(name, with_source(caption, synthetic=synthetic), draw)
@@ -170,36 +178,97 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
         panels = [ApePanel(run, r.errors, log=log) for run, r in runs.items()]
         return plate(name, caption, lambda: pooled_ape(panels, header))
 
-    return [
-        plate(
-            "sound_speed",
-            f"Sound speed against depth in {which}: mean of each level over the whole region (line), least to greatest"
-            " (shaded).",
-            lambda: sound_speed_profiles([(name, r.run.profile) for name, r in runs.items()], header),
-        ),
+    position = (
+        [ape("ape_pooled", "logarithmic", log=True), ape("ape_pooled_linear", "linear", log=False)]
+        if few
+        else [
+            plate(
+                "ape_pooled",
+                f"Absolute position error by ranging condition in {which}: {_QUANTILES}.",
+                lambda: quantiles_by_run(
+                    _position_errors(runs), header, "Absolute position error [m]", log=True
+                ),
+            )
+        ]
+    )
+    ranges = (
         plate(
             "range_error",
             f"Signed range error, refracted minus straight, in {which}: mean (orange), zero (dashed) and fitted normal"
             " (black).",
             lambda: range_error_histogram([(name, r.ranges.total) for name, r in runs.items()], header),
-        ),
-        *(
-            []
-            if not _all_solved(runs)
-            else [
-                ape("ape_pooled", "logarithmic", log=True),
-                ape("ape_pooled_linear", "linear", log=False),
-            ]
+        )
+        if few
+        else plate(
+            "range_error",
+            f"Signed range error, refracted minus straight, and its two parts in {which}: {_QUANTILES}.",
+            lambda: quantiles_by_run(_range_errors(runs), header, "Range error [m]", log=False),
+        )
+    )
+    return [
+        *(position if _all_solved(runs) else []),
+        ranges,
+        plate(
+            "sound_speed",
+            f"Sound speed against depth in {which}: mean of each level over the domain (line), least to greatest"
+            " (shaded).",
+            lambda: sound_speed_profiles(_profiles(runs), header),
         ),
     ]
 
 
+def _position_errors(runs: Mapping[str, Results]) -> dict[str, dict[str, Array]]:
+    """By condition and run. [m]"""
+    conditions = dict.fromkeys(name for r in runs.values() for name in r.errors)
+    return {
+        condition_label(c): {name: r.errors.get(c, np.empty(0)) for name, r in runs.items()}
+        for c in conditions
+    }
+
+
+def _range_errors(runs: Mapping[str, Results]) -> dict[str, dict[str, Array]]:
+    """By part and run. [m]"""
+    return {
+        label: {name: getattr(r.ranges, part) for name, r in runs.items()}
+        for label, part in (
+            ("total", "total"),
+            ("reference speed", "reference_speed"),
+            ("bending", "bending"),
+        )
+    }
+
+
+def _profiles(runs: Mapping[str, Results]) -> list[tuple[str, xr.Dataset]]:
+    """Profiles of the runs; one for those that have the same."""
+    groups: list[tuple[list[str], xr.Dataset]] = []
+    for name, r in runs.items():
+        same = next((names for names, profile in groups if profile.equals(r.run.profile)), None)
+        if same is None:
+            groups.append(([name], r.run.profile))
+        else:
+            same.append(name)
+    return [
+        (names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more", profile)
+        for names, profile in groups
+    ]
+
+
+def in_words(names: Sequence[str]) -> str:
+    """Names of a few runs, or how many they are."""
+    if len(names) > _FEW:
+        return f"{len(names)} runs"
+    return " and ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), names[-1]])
+
+
 def joint_header(runs: Mapping[str, Results]) -> str:
     """Line on top of figures that show several oceans; it says which of them are synthetic."""
-    synthetic, which = [short(name) for name in runs if runs[name].synthetic], " and ".join(map(short, runs))
+    synthetic, which = (
+        [name for name in runs if runs[name].synthetic],
+        in_words(list(runs)),
+    )
     if len(synthetic) == len(runs):
         return f"{which}, synthetic oceans"
-    return f"{which}; synthetic ocean: {', '.join(synthetic)}" if synthetic else which
+    return f"{which}; synthetic ocean: {in_words(synthetic)}" if synthetic else which
 
 
 def _side_by_side(columns: Mapping[str, "pd.Series[float]"], key: str, last: str = "") -> pd.DataFrame:
@@ -224,7 +293,7 @@ def _page(
         shown.append(show_table(table, caption, f"tables/{name}.csv"))
     return render(
         "comparison.html",
-        title=" and ".join(runs),
+        title=in_words(list(runs)),
         facts=[
             f"{name}: study {r.run.config.study.name}, {r.heard:,} of {r.attempts:,} ranges heard"
             for name, r in runs.items()

@@ -27,21 +27,21 @@ _KINDS: tuple[tuple[str, dict[str, Any]], ...] = (
 )
 """Eigenrays by what they are reflected at: what they are called, and how they look (after Okabe and Ito, Tol)."""
 _CHORD: dict[str, Any] = {"color": style.INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
-_REGION_COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.PINK)
 _REGION_LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), "-.")
 
 
 @style.styled
 def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str) -> Figure:
     """Mean sound speed of each region against depth, between its least and its greatest."""
-    figure = style.new_figure(style.COLUMN, 3.0, header)
+    several = len(profiles) > 1
+    figure = style.new_figure(style.COLUMN, 3.0 + 0.14 * several * len(profiles), header)
     whole, upper = figure.subplots(1, 2)
-    deepest = 0.0
+    deepest, colours = 0.0, style.vehicle_colours(len(profiles))
     for i, (name, profile) in enumerate(profiles):
         wet = profile["count"].values > 0
         depth, mean, low, high = (profile[key].values[wet] for key in ("depth", "mean", "min", "max"))
         deepest = max(deepest, float(depth.max(initial=0.0)))
-        colour, line = _REGION_COLOURS[i % 4], _REGION_LINES[i % 4]
+        colour, line = colours[i], _REGION_LINES[i % 4]
         for axes in (whole, upper):
             axes.fill_betweenx(depth, low, high, color=colour, alpha=0.22, linewidth=0.0)
             axes.plot(mean, depth, color=colour, linestyle=line, label=style.plain(style.short(name)))
@@ -54,8 +54,8 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
         style.panel_title(axes, letter, text)
         axes.set_xlabel("Sound speed [m/s]")
         axes.locator_params(axis="x", nbins=4)
-    if len(profiles) > 1:
-        whole.legend(loc="lower left", handlelength=2.2, borderaxespad=0.2)
+    if several:
+        figure.legend(handles=whole.get_lines(), loc="outside lower left", ncols=1, handlelength=2.2)
     return figure
 
 

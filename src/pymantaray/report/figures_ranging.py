@@ -42,8 +42,8 @@ def range_error_histogram(errors: Sequence[tuple[str, style.Array]], header: str
         words, same = [style.short(name), _moments(heard)], "the same, logarithmic count"
         if len(name) > _LONG:  # no room for both above one panel
             same = f"{words.pop()}, logarithmic count"
-        style.panel_title(linear, "abcdefgh"[2 * i], style.plain(": ".join(words)))
-        style.panel_title(log, "abcdefgh"[2 * i + 1], same)
+        style.panel_title(linear, style.letter(2 * i), style.plain(": ".join(words)))
+        style.panel_title(log, style.letter(2 * i + 1), same)
     for axes in rows[-1]:
         axes.set_xlabel("Range error, refracted − straight [m]")
     style.common_legend(figure, rows[0, 0].get_legend_handles_labels()[0])

@@ -62,7 +62,7 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
     }
     looks = style.condition_looks(conditions)
     for c, (panel, values) in enumerate(zip(panels, pooled, strict=True)):
-        style.panel_title(grid[0, c], "abcdefgh"[c], style.plain(style.short(panel.title)))
+        style.panel_title(grid[0, c], style.letter(c), style.plain(style.short(panel.title)))
         grid[-1, c].set_xlabel("Absolute position error [m]")
         for axes, name in zip(grid[:, c], conditions, strict=False):
             _ridge(

@@ -41,7 +41,7 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
         )
         axes.grid(visible=False, axis="x")
         style.short_numbers(axes.yaxis)
-        style.panel_title(axes, "abcdefghijklmnopqrstuvwxyz"[i % 26], style.plain(name))
+        style.panel_title(axes, style.letter(i), style.plain(name))
     figure.supylabel("In prior standard deviations [-]")
     style.common_legend(figure, [*points, line])
     return figure

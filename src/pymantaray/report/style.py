@@ -7,6 +7,7 @@ from importlib.resources import as_file, files
 from io import BytesIO
 from itertools import cycle, islice
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -137,6 +138,16 @@ def short(name: str, fits: int = _FITS) -> str:
     return name if len(name) <= fits else name[: fits - 1].rstrip() + "…"
 
 
+def shortened(names: Sequence[str]) -> list[str]:
+    """Names cut to what fits on a figure: at their ends, or where that makes two the same before their last letters."""
+    cut = [short(name) for name in names]
+    if len(set(cut)) == len(set(names)):
+        return cut
+    return [
+        name if len(name) <= _FITS else f"{name[: _FITS // 2 - 1]}…{name[-_FITS // 2 :]}" for name in names
+    ]
+
+
 def plain(text: str) -> str:
     """Text as matplotlib shows it literally: dollar signs start no mathematics."""
     return text.replace("$", r"\$")
@@ -164,6 +175,11 @@ def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
 def vehicle_colours(count: int) -> list[str]:
     """A colour each for vehicles, which come again after the eleventh."""
     return list(islice(cycle((BLUE, ORANGE, GREEN, PINK, SKY, *_MORE_COLOURS[1:], GREY)), count))
+
+
+def letter(panel: int) -> str:
+    """Letter of a panel by its number: a to z, and again."""
+    return ascii_lowercase[panel % len(ascii_lowercase)]
 
 
 def panel_title(axes: Axes, letter: str, text: str) -> None:
