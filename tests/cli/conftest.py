@@ -1,5 +1,6 @@
 """The command line called in process, and input files small enough to run."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,6 +24,18 @@ def mantaray(capsys):
             main([str(word) for word in words])
         printed = capsys.readouterr()
         return SimpleNamespace(code=exit_info.value.code or 0, out=printed.out, err=printed.err)
+
+    return call
+
+
+@pytest.fixture
+def told(mantaray):
+    """Call `mantaray` with words and ``--json``: what it told, which is one JSON object without NaN, and nothing else."""
+
+    def call(*words, code=0):
+        done = mantaray(*words, "--json")
+        assert done.code == code, done.err
+        return json.loads(done.out, parse_constant=lambda word: pytest.fail(word))
 
     return call
 

@@ -7,7 +7,7 @@ import xarray as xr
 WORDS = ("--pair", "20,100", "--distances", "1000,2000", "--bearings", "2", "--every", "6", "--workers", "1")
 
 
-def test_an_atlas_from_an_ocean_to_its_figures(mantaray, ocean_file, tmp_path):
+def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, tmp_path):
     out = tmp_path / "atlas.nc"
     ran = mantaray("atlas", "run", ocean_file, "--out", out, *WORDS)
     assert (ran.code, ran.err) == (0, "")
@@ -19,6 +19,13 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, ocean_file, tmp_path):
     shown = mantaray("atlas", "show", out)
     assert shown.out.startswith("Bias of straight-line ranging: Beaufort Sea (synthetic)\n")
     assert "nominal" in shown.out
+    atlas = told("atlas", "show", out)
+    assert atlas["title"] == shown.out.splitlines()[0]
+    assert atlas["safety"][0].keys() > {"convention", "distance_m", "median_m", "safe_to_1_m_percent"}
+    again = told("atlas", "run", ocean_file, "--out", out, *WORDS, "--force")
+    assert again == {"columns_lat": 3, "columns_lon": 5, "instants": 1, "links": 4, "file": str(out)} | {
+        "safety": atlas["safety"]
+    }
     with xr.open_dataset(out) as atlas:
         assert dict(atlas.sizes)["distance"] == 2
         assert np.isfinite(atlas["range_error"]).any()

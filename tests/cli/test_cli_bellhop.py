@@ -27,7 +27,7 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_comparison_of_a_profile(mantaray, files, monkeypatch):
+def test_comparison_of_a_profile(mantaray, told, files, monkeypatch):
     program = stand_in.install(files)
     monkeypatch.setenv("PATH", stand_in.path_of(files))
     words = ("rays", "compare-bellhop", "links.csv", *PROFILE)
@@ -37,6 +37,9 @@ def test_comparison_of_a_profile(mantaray, files, monkeypatch):
     np.testing.assert_allclose(table["difference_us"], stand_in.LATE_US, rtol=0, atol=2e-3)
     assert "2 links: 2 with a direct arrival, 2 of Bellhop's" in shown.out
     assert "median +12.50" in shown.out
+    assert told(*words, "--out", "out.csv", "--force")["bellhop_minus_ours_us"]["median"] == pytest.approx(
+        12.5, abs=2e-3
+    )
     quiet = mantaray(*words, "--out", "again.csv", "--quiet", "--program", program)
     assert quiet.out == "again.csv\n"
     assert sorted(path.suffix for path in files.iterdir()) == ["", ".csv", ".csv", ".csv", ".csv"]

@@ -48,7 +48,7 @@ def file(tmp_path):
     return path
 
 
-def test_show_counts_what_is_there(graph, file):
+def test_show_counts_what_is_there(graph, told, file):
     out = graph("show", file).out.replace("loop closures", "loops")
     expected = {
         "vehicles": "A (3 poses), B (2 poses)",
@@ -60,10 +60,14 @@ def test_show_counts_what_is_there(graph, file):
         "determined": "yes",
     }
     assert dict(line.split(maxsplit=1) for line in out.splitlines()).items() >= expected.items()
+    counts = told("graph", "show", file)
+    assert counts["vehicles"] == [{"name": "A", "poses": 3}, {"name": "B", "poses": 2}]
+    expected = {"landmarks": ["L2"], "odometry": 3, "loop_closures": 2, "ranges": 2, "determined": True}
+    assert counts.items() >= expected.items()
 
 
 @pytest.mark.parametrize("start", ["file", "dead-reckoning"])
-def test_solve_writes_trajectories_and_a_summary(mantaray, graph, file, tmp_path, start):
+def test_solve_writes_trajectories_and_a_summary(mantaray, told, graph, file, tmp_path, start):
     out = tmp_path / "out"
     done = graph("solve", file, "--out", out, "--start", start)
     assert done.out.splitlines()[-1] == str(out)
@@ -76,6 +80,9 @@ def test_solve_writes_trajectories_and_a_summary(mantaray, graph, file, tmp_path
     estimate, truth = (np.loadtxt(out / f"{name}-A.tum") for name in ("estimate", "truth"))
     error = np.linalg.norm(estimate[:, 1:4] - truth[:, 1:4], axis=1)
     assert summary["trajectory_error"]["A"]["max_m"] == pytest.approx(error.max(), rel=1e-12)
+    result = told("graph", "solve", file, "--start", start)
+    assert result["trajectory_error"][0]["max_m"] == pytest.approx(error.max(), rel=1e-12)
+    assert (result["status"], result["start"], "folder" in result) == ("OK", start, False)
     refused = mantaray("graph", "solve", file, "--out", out)
     assert refused.code == 2
     assert refused.err == f"error: {out}: folder is not empty; give an empty or a new one\n"

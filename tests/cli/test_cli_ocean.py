@@ -40,7 +40,7 @@ def test_a_usable_ocean_exits_with_0_and_counts_doubts(mantaray, ocean_file):
     assert lines[-1] == f"0 wrong, {len(lines) - 1} doubtful"
 
 
-def test_a_wrong_ocean_exits_with_2_and_says_what(mantaray, ocean_file, tmp_path):
+def test_a_wrong_ocean_exits_with_2_and_says_what(mantaray, told, ocean_file, tmp_path):
     with xr.open_dataset(ocean_file, engine="scipy") as data:
         data = data.load()
     data["salinity"].values[0, 2, 3] = 400.0
@@ -52,6 +52,8 @@ def test_a_wrong_ocean_exits_with_2_and_says_what(mantaray, ocean_file, tmp_path
     assert "salinity" in first
     assert "400" in first
     assert last.startswith("1 wrong, ")
+    found = told("ocean", "check", tmp_path / "bad.nc", code=2)
+    assert (found["wrong"], found["findings"][0]["severity"]) == (1, "wrong")
 
 
 def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, tmp_path):
@@ -99,7 +101,7 @@ def test_the_plan_of_a_fleet_holds_starts_targets_and_landmarks():
         assert plan[v.name][0, 2] < 1.0
 
 
-def test_show_prints_extent_levels_time_and_ranges(mantaray, ocean_file):
+def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file):
     with xr.open_dataset(ocean_file, engine="scipy") as data:
         spans = [f"{float(bound):.2f}" for bound in (data["water_temp"].min(), data["water_temp"].max())]
     shown = [mantaray("ocean", "show", ocean_file, "--equation", name).out for name in ("teos-10", "unesco")]
@@ -107,6 +109,12 @@ def test_show_prints_extent_levels_time_and_ranges(mantaray, ocean_file):
         assert text in shown[0]
     assert "\n0 2 4 6 8 10 12" in shown[0]
     assert shown[0] != shown[1]
+    values = told("ocean", "show", ocean_file)
+    assert values["levels_m"][:3] == [0.0, 2.0, 4.0]
+    assert values["region"]["grid points, latitude"] == 17
+    temperature = values["variables"][0]
+    assert temperature["units"] == "degC"
+    assert [f"{temperature[bound]:.2f}" for bound in ("least", "greatest")] == spans
 
 
 def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tmp_path):

@@ -95,6 +95,16 @@ def test_times_are_the_solvers_beside_the_columns_that_came_in(rays, folder):
     assert names == {"links.csv", "profile.csv", "iso.csv", "out.csv", "out.csv.json"}
 
 
+def test_scripts_are_told_the_outcomes(told, folder):
+    outcomes = {"ok": 3, "outside": 1}
+    expected = {"links": 4, "outcomes": outcomes, "notes": [], "file": "out.csv"}
+    assert told("rays", "times", "links.csv", "out.csv", *WATER) == expected
+    eigen = told("rays", "eigen", "links.csv", "out.csv", *WATER, "--force")
+    assert eigen == expected | {"arrivals": len(pd.read_csv("out.csv"))}
+    trace = told("rays", "trace", "links.csv", "out.csv", *WATER, "--force")
+    assert trace == expected | {"rays": eigen["arrivals"], "nodes": len(pd.read_csv("out.csv"))}
+
+
 def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
     for command in ("times", "eigen", "trace"):
         for ending in ("csv", "nc"):

@@ -70,9 +70,14 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
         assert f"tables/{name}.csv" in page
 
 
-def test_an_ocean_is_a_water_too(mantaray, files, ocean_file):
+def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
     words = ("--ocean", ocean_file, "--half-extent", 4000, 4000, "--quiet", "--out", "out")
     done = mantaray("replay", "events.csv", *words)
+    result = told("replay", "events.csv", *words[:-1], "json")
+    assert sum(result["statuses"].values()) == len(EVENTS)
+    assert {row["node"] for row in result["clocks"]} == {"A", "B"}
+    assert result["residuals"][0].keys() > {"by", "group", "events", "median_m"}
+    assert result["page"] == "json/index.html"
     assert done.code == 0, done.err
     assert len(pd.read_csv(files / "out" / "tables" / "events.csv")) == 8
 

@@ -9,6 +9,7 @@ from factories import names_in
 import pymantaray
 from pymantaray.cli import study as study_commands
 from pymantaray.cli.main import main
+from pymantaray.evaluation import error_table
 from pymantaray.study import load_study, open_run, preset_text
 
 PRESETS = "beaufort, estimators-beaufort, estimators-fram, fram, quick, survey"
@@ -27,10 +28,12 @@ def test_version(mantaray):
     assert (done.code, done.out) == (0, f"mantaray {pymantaray.__version__}\n")
 
 
-def test_list_names_each_preset_and_show_prints_it(mantaray):
+def test_list_names_each_preset_and_show_prints_it(mantaray, told):
     listed = mantaray("study", "list").out.splitlines()
     assert [line.split()[0] for line in listed] == PRESETS.split(", ")
     assert mantaray("study", "show", "fram").out == preset_text("fram")
+    assert [preset["name"] for preset in told("study", "list")["presets"]] == PRESETS.split(", ")
+    assert told("study", "show", "fram") == load_study("fram").model_dump(mode="json")
 
 
 def test_init_copies_a_preset_and_never_overwrites(mantaray, tmp_path):
@@ -60,7 +63,7 @@ def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
     assert {"index.html", "tables", "figures"} < set(names_in(run))
 
 
-def test_ocean_files_and_realizations_can_be_given(mantaray, small, ocean_file):
+def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_file):
     words = ("--ocean", ocean_file, "--realizations", 2, "--out", "run", "--no-figures")
     done = mantaray("study", "run", small, *words, "--workers", 1)
     assert done.code == 0, done.err
@@ -72,6 +75,11 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, small, ocean_file):
     assert run.config.study.description == f"{small} with 2 realizations and the ocean {ocean_file}"
     assert list(run.manifest["ocean"]["sha256"]) == [str(ocean_file)]
     assert run.estimates.realization.tolist() == [0, 1]
+    summary = told("study", "run", small, *words[:-2], "json", "--no-figures", "--workers", 1)
+    assert (summary["realizations"], summary["synthetic_ocean"], summary["folder"]) == (2, True, "json")
+    assert summary["range_error"][0].keys() > {"category", "attempts", "percent", "mean_m", "p99_m"}
+    rmse = [row["rmse_m"] for row in summary["trajectory_error"]]
+    assert rmse == error_table(run.truth, run.estimates)["rmse_m"].tolist()
 
 
 def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkeypatch):
@@ -100,7 +108,7 @@ def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkey
 
 
 @pytest.mark.slow
-def test_runs_with_reports_are_compared(mantaray, small):
+def test_runs_with_reports_are_compared(mantaray, told, small):
     text = small.read_text().replace("synthetic:beaufort", "synthetic:fram")
     Path("other.toml").write_text(text.replace("= 74.5", "= 78.0").replace("= -140.0", "= 0.0"))
     for name in ("small", "other"):
@@ -112,6 +120,9 @@ def test_runs_with_reports_are_compared(mantaray, small):
     assert "Trajectory error" in done.out
     assert "Beaufort" in done.out
     assert (Path("both") / "index.html").exists()
+    compared = told("study", "compare", "small", "other", "--out", "json")
+    assert compared["ate_pooled"][0].keys() >= {"condition"}
+    assert compared["page"] == "json/index.html"
     refused = mantaray("study", "compare", "small", "other", "--out", "both")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
 

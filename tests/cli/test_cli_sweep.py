@@ -23,7 +23,7 @@ def file(tmp_path, small_text):
     return tmp_path / "sweep.toml"
 
 
-def test_a_sweep_from_its_plan_to_its_table(mantaray, file, tmp_path):
+def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     shown = mantaray("sweep", "show", file, "--workers", "2")
     assert shown.code == 0
     assert shown.out.startswith(
@@ -38,6 +38,12 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, file, tmp_path):
     assert (ran.code, ran.err) == (0, "")
     assert ran.out == f"{out}: 4 done, 0 failed, 0 open of 4 points\n{out}\n"
     assert mantaray("sweep", "status", out).out == f"{out}: 4 done, 0 failed, 0 open of 4 points\n"
+    status = {"done": 4, "failed": 0, "open": 0, "points": 4, "failures": []}
+    assert told("sweep", "status", out) == status
+    assert told("sweep", "run", file, "--out", out) == status | {"folder": str(out)}
+    plan = told("sweep", "show", file, "--out", out)
+    assert plan["axes"] == [{"noise.range_sigma": [0.5, 1.0]}, {"mission.ping_interval_h": [1.0, 2.0]}]
+    assert (plan["done"], plan["to_do"]["points"], plan["time_s"]) == (4, 0, 0.0)
     assert "of these 4 done, 0 failed, 0 open" in mantaray("sweep", "show", file, "--out", out).out
 
     collected = mantaray("sweep", "collect", out)
@@ -50,14 +56,16 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, file, tmp_path):
     assert (again.code, again.err) == (2, f"error: {file}: the output's name must end in .csv or .nc\n")
 
 
-def test_the_exit_status_says_that_points_have_failed(mantaray, file, tmp_path):
+def test_the_exit_status_says_that_points_have_failed(mantaray, told, file, tmp_path):
     file.write_text('base = "small.toml"\ncross.fleet.vehicles.A.north = [1e6]')
     out = tmp_path / "out"
     ran = mantaray("sweep", "run", file, "--out", out, "--workers", "1")
     assert ran.code == 1
     assert "0 done, 1 failed, 0 open of 1 points" in ran.out
-    assert ran.err.startswith("failed: 1 x ")
-    assert mantaray("sweep", "status", out).code == 1
+    assert ran.err.startswith("warning: failed: 1 x ")
+    assert mantaray("sweep", "status", out, "--quiet").err == ""
+    status = told("sweep", "status", out, code=1)
+    assert [one["points"] for one in status["failures"]] == [status["failed"]] == [1]
 
 
 def test_bad_points_are_told_before_anything_runs(mantaray, file, tmp_path):

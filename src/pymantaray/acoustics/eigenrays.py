@@ -10,7 +10,6 @@ from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
+from pymantaray.installation import gpu
 from pymantaray.records import Arrivals
 
 if TYPE_CHECKING:
@@ -226,16 +226,10 @@ def _on_cuda(device: str) -> bool:
         raise AcousticsError(f"device: {device!r}; allowed are 'cpu' and 'cuda'")
     if device == "cpu":
         return False
-    from numba import config
-
-    if config.ENABLE_CUDASIM or find_spec("numba_cuda"):  # the target inside older Numba lacks too much
-        from numba import cuda
-
-        if cuda.is_available():
-            return True
-    raise AcousticsError(
-        "device: 'cuda', but no CUDA device was found; it needs an NVIDIA driver and pip install pymantaray[cuda]"
-    )
+    name, why_not = gpu()
+    if name is None:
+        raise AcousticsError(f"device: 'cuda', but no CUDA device was found: {why_not}")
+    return True
 
 
 def in_blocks(

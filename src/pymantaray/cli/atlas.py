@@ -8,7 +8,9 @@ import typer
 
 from pymantaray.cli.ocean import Equation, Files, SeaFloor
 from pymantaray.cli.options import (
+    Commands,
     Force,
+    Json,
     Quiet,
     RunGroup,
     Scheduler,
@@ -17,15 +19,14 @@ from pymantaray.cli.options import (
     parse_pair,
     with_options,
 )
-from pymantaray.cli.output import check_output, counted_progress, print_table
+from pymantaray.cli.output import check_output, counted_progress
+from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import AtlasError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-app = typer.Typer(
-    cls=RunGroup, help="The bias of straight-line ranging in every column of an ocean.", no_args_is_help=True
-)
+app = Commands(cls=RunGroup, help="The bias of straight-line ranging in every column of an ocean.")
 
 AtlasFile = Annotated[Path, typer.Argument(metavar="ATLAS.nc", help="File of an atlas.")]
 
@@ -90,6 +91,7 @@ def run(
     workers: Workers = None,
     scheduler: Scheduler = None,
     force: Force = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Compute an atlas, or what is left of it."""
@@ -128,27 +130,27 @@ def run(
         equation=equation,
         sea_floor=sea_floor,
     )
-    if not quiet:
+    with printer(as_json=as_json, quiet=quiet) as printed:
         n, columns, rows = atlas.shape
         instants = "1 instant" if n == 1 else f"{n} instants"
         blocks = "1 block" if len(atlas.blocks) == 1 else f"{len(atlas.blocks)} blocks"
-        typer.echo(f"{columns} x {rows} columns, {instants}, {links.count} links each; {blocks}")
-    with counted_progress("blocks", quiet=quiet) as progress:
-        run_atlas(atlas, out, client=scheduler, workers=workers, force=force, progress=progress)
-    if not quiet:
+        printed.line(f"{columns} x {rows} columns, {instants}, {links.count} links each; {blocks}")
+        printed.add(columns_lat=columns, columns_lon=rows, instants=n, links=links.count)
+        with counted_progress("blocks", quiet=quiet) as progress:
+            run_atlas(atlas, out, client=scheduler, workers=workers, force=force, progress=progress)
         with open_atlas(out) as dataset:
-            _print(safety_table(dataset))
-    typer.echo(str(out))
+            _print(printed, safety_table(dataset))
+        printed.paths(file=out)
 
 
 @app.command()
-def show(file: AtlasFile) -> None:
+def show(file: AtlasFile, as_json: Json = False) -> None:
     """Print how much of an atlas is safe, by convention and distance."""
     from pymantaray.atlas import open_atlas, safety_table
 
-    with open_atlas(file) as dataset:
-        typer.echo(dataset.attrs["title"])
-        _print(safety_table(dataset))
+    with open_atlas(file) as dataset, printer(as_json=as_json) as printed:
+        printed.line(dataset.attrs["title"], title=dataset.attrs["title"])
+        _print(printed, safety_table(dataset))
 
 
 @app.command()
@@ -206,7 +208,7 @@ def _numbers(option: str, text: str, count: int | None = None) -> tuple[float, .
     return numbers
 
 
-def _print(table: "pd.DataFrame") -> None:
+def _print(out: Printer, table: "pd.DataFrame") -> None:
     columns = {
         "convention": ("convention", ""),
         "km": ("distance_km", "g"),
@@ -218,4 +220,4 @@ def _print(table: "pd.DataFrame") -> None:
         f"<{name[8:-9]} m %": (name, ".1f") for name in map(str, table) if name.startswith("safe_to_")
     }
     shown = table.assign(distance_km=table["distance_m"] / 1e3)
-    print_table("largest error of a place, and share of the places where it is less", shown, columns)
+    out.table("safety", shown, columns, "largest error of a place, and share of the places where it is less")

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.options import Force
+from pymantaray.cli.options import Commands, Force, Json, Quiet
+from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
     from pymantaray.estimation import GraphResult
     from pymantaray.estimation.pyfg import GraphFile
 
-app = typer.Typer(help="Other people's factor graphs: show, solve, convert.", no_args_is_help=True)
+app = Commands(help="Other people's factor graphs: show, solve, convert.")
 
 
 In = Annotated[Path, typer.Argument(metavar="FILE", help="PyFactorGraph text, or g2o if it ends in .g2o.")]
@@ -44,6 +45,7 @@ def show(
     leave_out: LeaveOut = None,
     skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
+    as_json: Json = False,
 ) -> None:
     """Print what is in a graph, and whether it can be solved."""
     from pymantaray.estimation import open_graph
@@ -51,14 +53,20 @@ def show(
     from pymantaray.estimation.external import anchor_graph
 
     content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
-    for name, text in _contents(content):
-        typer.echo(f"{name:<18} {text}")
-    graph, poses = anchor_graph(content)
-    if poses.size:
-        names = ", ".join(graph.variable_name(int(pose)) for pose in poses)
-        typer.echo(f"{'anchor':<18} none; solve gives a prior to {names}")
-    weak = diagnose(graph, content.values)
-    typer.echo(f"{'determined':<18} {'yes' if weak is None else 'no: ' + weak}")
+    with printer(as_json=as_json) as out:
+        for name, text in _contents(out, content):
+            out.line(f"{name:<18} {text}")
+        graph, poses = anchor_graph(content)
+        names = [graph.variable_name(int(pose)) for pose in poses]
+        if names:
+            out.line(f"{'anchor':<18} none; solve gives a prior to {', '.join(names)}")
+        weak = diagnose(graph, content.values)
+        out.line(
+            f"{'determined':<18} {'yes' if weak is None else 'no: ' + weak}",
+            without_prior=names,
+            determined=weak is None,
+            not_determined=weak,
+        )
 
 
 @app.command()
@@ -98,7 +106,8 @@ def solve(
     leave_out: LeaveOut = None,
     skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No summary.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
     from pymantaray.cli.output import step_line
@@ -130,10 +139,10 @@ def solve(
             result.save(folder, more=errors)
             for name, values in result.trajectories.items():
                 write_graph_tum(folder / f"{name}.tum", result.graph, values)
-    if not quiet:
-        _print_result(result)
-    if out is not None:
-        typer.echo(str(out))
+    with printer(as_json=as_json, quiet=quiet) as printed:
+        _print_result(printed, result)
+        if out is not None:
+            printed.paths(folder=out)
     if result.diagnosis is not None:
         raise EstimationError(f"{file}: {result.diagnosis}")
 
@@ -189,13 +198,13 @@ def convert(
         write_pyfg(content.graph, out, initial=content.values)
         files += [path for path in beside if path.exists()]
     for what, count in lost.items():
-        typer.echo(f"left out: {count} {what}", err=True)
+        LOG.warning("left out: %d %s", count, what)
     for path in files:
         typer.echo(str(path))
 
 
-def _contents(file: "GraphFile") -> list[tuple[str, str]]:
-    """How many of each kind a graph has: name and text of each line."""
+def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
+    """How many of each kind a graph has: name and text of each line, and the numbers for scripts."""
     import numpy as np
 
     from pymantaray.estimation.graph import KINDS
@@ -226,32 +235,56 @@ def _contents(file: "GraphFile") -> list[tuple[str, str]]:
         ("priors", ", ".join(priors) or "none"),
         ("degrees of freedom", f"{g.degrees_of_freedom}"),
     ]
+    out.add(
+        dimensions=2 if g.planar else 3,
+        vehicles=[
+            {"name": name, "poses": np.count_nonzero(agent == k)} for k, name in enumerate(g.agent_name)
+        ],
+        landmarks=g.landmark_name,
+        times_s=[time.min(), time.max()],
+        odometry=np.count_nonzero(odometry),
+        loop_closures=np.count_nonzero(~odometry),
+        sightings=len(g["sighting"]),
+        ranges=len(g["range"]),
+        priors=unary,
+        degrees_of_freedom=g.degrees_of_freedom,
+        values_in_file=not file.valueless,
+        left_out=file.left_out,
+    )
     if file.valueless:
         lines.append(("values", "none in the file; by chordal initialization"))
     return lines + [("left out", f"{count} {what}") for what, count in file.left_out.items()]
 
 
-def _print_result(result: "GraphResult") -> None:
+def _print_result(out: Printer, result: "GraphResult") -> None:
     """Print status and costs of a solve, and trajectory errors where there is a truth."""
     import numpy as np
     import pandas as pd
 
-    from pymantaray.cli.output import print_table
     from pymantaray.evaluation import graph_errors
 
     s = result.solution
     expected = f", expected {s.expected_cost:g}" if np.isfinite(s.expected_cost) else ""
-    typer.echo(
+    out.line(
         f"{result.estimator}, start {result.start}: {s.status.name}, {s.iterations} iterations,"
-        f" cost {s.initial_cost:.6g} to {s.final_cost:.6g}{expected}"
+        f" cost {s.initial_cost:.6g} to {s.final_cost:.6g}{expected}",
+        estimator=result.estimator,
+        start=result.start,
+        status=s.status.name,
+        iterations=s.iterations,
+        initial_cost=s.initial_cost,
+        final_cost=s.final_cost,
+        expected_cost=s.expected_cost,
+        left_out=result.left_out,
     )
     for what, count in result.left_out.items():
-        typer.echo(f"left out: {count} {what}")
-    if result.anchored.size:
-        names = ", ".join(result.graph.variable_name(int(pose)) for pose in result.anchored)
-        typer.echo(f"anchored for want of a prior: {names}")
+        out.line(f"left out: {count} {what}")
+    names = [result.graph.variable_name(int(pose)) for pose in result.anchored]
+    if names:
+        out.line(f"anchored for want of a prior: {', '.join(names)}")
     if result.as_in_file:
-        typer.echo(f"started at the file's value for want of a prior: {result.as_in_file} variables")
+        out.line(f"started at the file's value for want of a prior: {result.as_in_file} variables")
+    out.add(anchored=names, as_in_file=result.as_in_file)
     if result.truth is None or not s.usable:
         return
     errors = graph_errors(result.graph, result.values, result.truth)
@@ -268,4 +301,4 @@ def _print_result(result: "GraphResult") -> None:
         "95 % [m]": ("p95_m", ".3f"),
         "max [m]": ("max_m", ".3f"),
     }
-    print_table("Trajectory error, no alignment", table, columns)
+    out.table("trajectory_error", table, columns, "Trajectory error, no alignment")

@@ -8,16 +8,14 @@ from typing import Annotated
 import typer
 
 import pymantaray
-from pymantaray.cli import atlas, export, graph, ocean, ranges, rays, replay, serve, study, sweep
-from pymantaray.cli.options import OceanCommand
+from pymantaray.cli import atlas, doctor, export, graph, ocean, ranges, rays, replay, serve, study, sweep
+from pymantaray.cli.options import Commands, OceanCommand
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
 
-app = typer.Typer(
+app = Commands(
     name="mantaray",
     help="What the real ocean does to acoustic ranges between vehicles, and to their estimated positions.",
-    no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.add_typer(study.app, name="study")
@@ -30,6 +28,7 @@ app.command("ranges", cls=OceanCommand)(ranges.ranges)
 app.command("serve")(serve.serve)
 app.command("replay", cls=OceanCommand)(replay.replay)
 app.command("export")(export.export)
+app.command("doctor")(doctor.doctor)
 
 
 def _print_version(asked: bool) -> None:

@@ -1,13 +1,15 @@
 """Commands of `mantaray ocean`: check, show, plot and make; `fetch` is a group of its own. What they need is imported when they run."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from pymantaray.cli import ocean_fetch
-from pymantaray.cli.options import Force, parse_pair
+from pymantaray.cli.options import Commands, Force, Json, Quiet, parse_pair
 from pymantaray.cli.output import check_output, progress_bars
+from pymantaray.cli.printing import printer
 from pymantaray.errors import OceanError
 
 if TYPE_CHECKING:
@@ -18,7 +20,7 @@ _M_PER_KM = 1e3
 _S_PER_DAY = 86_400.0
 _MAKING = ("cast ", "corrected by ", "sound speed perturbed ", "replaced by ")  # lines of a history begin so
 
-app = typer.Typer(help="Fetch, make, check, show and plot the water.", no_args_is_help=True)
+app = Commands(help="Fetch, make, check, show and plot the water.")
 app.add_typer(ocean_fetch.app, name="fetch")
 
 Files = Annotated[
@@ -55,6 +57,15 @@ Equation = Annotated[
 ]
 
 
+VARIABLE_COLUMNS = {
+    "variable": ("variable", ""),
+    "units": ("units", ""),
+    "least": ("least", ".2f"),
+    "mean": ("mean", ".2f"),
+    "greatest": ("greatest", ".2f"),
+}
+
+
 @app.command()
 def check(
     files: Annotated[
@@ -74,6 +85,7 @@ def check(
     crs: Crs = None,
     currents: Currents = "required",
     equation: Equation = "teos-10",
+    as_json: Json = False,
 ) -> None:
     """List what is wrong (exit 2) or doubtful (exit 0) about an ocean."""
     from pymantaray.ocean import check_ocean, open_ocean, open_sea_floor, window_of
@@ -105,39 +117,50 @@ def check(
         else:
             options["sea_floor"] = open_sea_floor(sea_floor, window=window_of(ocean), crs=crs)
     findings = check_ocean(sources, **options)
-    for finding in findings:
-        typer.echo(str(finding))
-    typer.echo(f"{len(findings.wrong)} wrong, {len(findings.doubtful)} doubtful")
+    with printer(as_json=as_json) as out:
+        for finding in findings:
+            out.line(str(finding))
+        out.line(
+            f"{len(findings.wrong)} wrong, {len(findings.doubtful)} doubtful",
+            findings=[asdict(finding) for finding in findings],
+            wrong=len(findings.wrong),
+            doubtful=len(findings.doubtful),
+        )
     if not findings.ok:
         raise typer.Exit(EXIT_WRONG)
 
 
 @app.command()
 def show(
-    files: Files, time: Time = None, currents: Currents = "required", equation: Equation = "teos-10"
+    files: Files,
+    time: Time = None,
+    currents: Currents = "required",
+    equation: Equation = "teos-10",
+    as_json: Json = False,
 ) -> None:
     """Print extent, levels, time, ranges of each variable and history of an ocean."""
     from pymantaray.ocean import ocean_times, open_ocean
-    from pymantaray.ocean.summary import ocean_facts, variable_table
+    from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
 
     times = ocean_times(files)
-    if time is None and len(times) > 1:
-        listed = " ".join(str(t)[:16] for t in times)
-        typer.echo(f"times       {len(times)}, the first is shown; --time chooses another\n{listed}\n")
-        time = str(times[0])
-    ocean = open_ocean(files, time=time, currents=currents)
-    for name, text in ocean_facts(ocean).items():
-        typer.echo(f"{name:<11} {text}")
-    table = variable_table(ocean, equation)
-    typer.echo(f"\n{'variable':<14} {'units':<6} {'least':>9} {'mean':>9} {'greatest':>9}")
-    for variable, row in table.iterrows():
-        least, mean, greatest = (f"{row[column]:9.2f}" for column in ("least", "mean", "greatest"))
-        typer.echo(f"{variable!s:<14} {row['units']:<6} {least} {mean} {greatest}")
-    levels = " ".join(f"{z:g}" for z in ocean["depth"].values)
-    typer.echo(f"\nlevels [m]\n{levels}")
-    history = str(ocean.attrs.get("history", "")).strip()
-    if history:
-        typer.echo(f"\nhistory\n{history}")
+    with printer(as_json=as_json) as out:
+        out.add(times=[str(t)[:16] for t in times])
+        if time is None and len(times) > 1:
+            listed = " ".join(str(t)[:16] for t in times)
+            out.line(f"times       {len(times)}, the first is shown; --time chooses another\n{listed}\n")
+            time = str(times[0])
+        ocean = open_ocean(files, time=time, currents=currents)
+        facts = ocean_facts(ocean)
+        for name, text in facts.items():
+            out.line(f"{name:<11} {text}")
+        out.add(title=facts["title"], region=region_table(ocean, equation=equation).iloc[:, 0].to_dict())
+        out.table("variables", variable_table(ocean, equation).reset_index(), VARIABLE_COLUMNS)
+        levels = ocean["depth"].values
+        out.line(f"levels [m]\n{' '.join(f'{z:g}' for z in levels)}", levels_m=levels)
+        history = str(ocean.attrs.get("history", "")).strip()
+        if history:
+            out.line(f"\nhistory\n{history}")
+        out.add(history=history.splitlines())
 
 
 @app.command()
@@ -156,7 +179,7 @@ def plot(
     sea_floor: SeaFloor = None,
     crs: Crs = None,
     currents: Currents = "required",
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress bar.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
     from pymantaray.ocean import open_ocean, open_sea_floor, window_of

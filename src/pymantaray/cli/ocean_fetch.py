@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import parse_pair
+from pymantaray.cli.options import Commands, Quiet, parse_pair
+from pymantaray.cli.printing import LOG
 
 if TYPE_CHECKING:
     from pymantaray.ocean.fetch import Fetched
 
-app = typer.Typer(help="Fetch an ocean by place and time.", no_args_is_help=True)
+app = Commands(help="Fetch an ocean by place and time.")
 
 Lat = Annotated[str, typer.Option("--lat", metavar="SOUTH,NORTH", help="Latitudes, in degrees.")]
 Lon = Annotated[
@@ -30,7 +31,6 @@ Servers = Annotated[
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no remarks.")]
 
 
 @app.command()
@@ -70,7 +70,7 @@ def hycom(
             overwrite=overwrite,
             progress=progress,
         )
-    _tell(fetched, quiet=quiet)
+    _tell(fetched)
 
 
 @app.command()
@@ -84,7 +84,6 @@ def copernicus(
     ] = None,
     servers: Servers = None,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """A window of GLORYS12's daily means, as a valid ocean; needs an account of Copernicus Marine."""
     from pymantaray.ocean.fetch import fetch_copernicus
@@ -98,12 +97,11 @@ def copernicus(
         servers=servers,
         overwrite=overwrite,
     )
-    _tell(fetched, quiet=quiet)
+    _tell(fetched)
 
 
-def _tell(fetched: "Fetched", *, quiet: bool) -> None:
-    if not quiet:
-        for remark in fetched.remarks:
-            typer.echo(f"note: {remark}", err=True)
-        typer.echo(f"{fetched.title}: {fetched.requests} requests", err=True)
+def _tell(fetched: "Fetched") -> None:
+    for remark in fetched.remarks:
+        LOG.warning(remark)
+    LOG.info("%s: %d requests", fetched.title, fetched.requests)
     typer.echo(str(fetched.path))

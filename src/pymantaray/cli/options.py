@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from pymantaray.cli.printing import logged
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry.checks import check_number
 
@@ -26,7 +27,19 @@ LINKS = typer.Argument(
     show_default=False,
 )
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress bar and no summary.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no summary, no warnings.")]
+NoWarnings = Annotated[bool, typer.Option("--quiet", "-q", help="No warnings.")]
+Verbose = Annotated[
+    int,
+    typer.Option(
+        "--verbose",
+        "-v",
+        count=True,
+        show_default=False,
+        help="Log stages and times; -vv: all that is logged.",
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
 
 
 Fan = Annotated[
@@ -72,6 +85,41 @@ def fan_angles(first: float, last: float, count: int) -> "NDArray[np.float64]":
             f"--fan {first:g} {last:g} {count}: needs FROM below TO and a COUNT of 1 to {_MOST_RAYS}"
         )
     return np.radians(np.linspace(first, last, count))
+
+
+class Commands(typer.Typer):
+    """A group of commands that all take ``--quiet`` and ``--verbose``."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(no_args_is_help=True, **settings)
+
+    def command(self, name: str | None = None, **settings: Any) -> Callable[..., Any]:
+        """Take a function as a command, and give it back as it is."""
+        take = super().command(name, **settings)
+
+        def decorate(function: Callable[..., None]) -> Callable[..., None]:
+            take(_with_verbosity(function))
+            return function
+
+        return decorate
+
+
+def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:
+    """Add ``--verbose``, and ``--quiet`` where the command has no use of its own for it; log as much as they say."""
+    signature, by_name = inspect.signature(command), inspect.Parameter.KEYWORD_ONLY
+    own = "quiet" in signature.parameters
+    added = [] if own else [inspect.Parameter("quiet", by_name, default=False, annotation=NoWarnings)]
+    added.append(inspect.Parameter("verbose", by_name, default=0, annotation=Verbose))
+    parameters = [p.replace(kind=by_name) for p in signature.parameters.values()] + added
+
+    @functools.wraps(command)
+    def call(*, quiet: bool, verbose: int, **values: Any) -> None:
+        with logged(quiet=quiet, verbose=verbose):
+            command(**values, **({"quiet": quiet} if own else {}))
+
+    call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    call.__annotations__ = {p.name: p.annotation for p in parameters}
+    return call
 
 
 class OceanCommand(TyperCommand):

@@ -3,20 +3,18 @@
 import codecs
 import errno
 import io
+import logging
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
-from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TextIO
+from typing import TextIO
 
+from pymantaray.cli.printing import LOG
 from pymantaray.errors import WriteError
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 EXIT_KNOWN_ERROR = 2
 Report = Callable[[str, int, int], None]
@@ -112,9 +110,16 @@ def standard_streams() -> Iterator[None]:
 
 @contextmanager
 def progress_bars(*, quiet: bool) -> Iterator[Report | None]:
-    """What shows progress as bars on standard error, one a stage; None if ``quiet`` or where that is no terminal."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
+    """
+    What shows progress as bars on standard error, one a stage; None if ``quiet``.
+
+    Where standard error is no terminal stages are logged as they end.
+    """
+    if quiet or sys.stderr is None:
         yield None
+        return
+    if not sys.stderr.isatty():
+        yield _stages() if LOG.isEnabledFor(logging.INFO) else None
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -129,6 +134,16 @@ def progress_bars(*, quiet: bool) -> Iterator[Report | None]:
             progress.update(tasks[stage], completed=done, total=total)
 
         yield report
+
+
+def _stages() -> Report:
+    start = time.perf_counter()
+
+    def report(stage: str, done: int, total: int) -> None:
+        if done == total:
+            LOG.info("%s: %d, after %.2f s", stage, total, time.perf_counter() - start)
+
+    return report
 
 
 @contextmanager
@@ -194,23 +209,6 @@ def duration(seconds: float) -> str:
         if seconds >= 2.0 * size:
             return f"{seconds / size:.2g} {unit}"
     return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
-
-
-def print_table(title: str, table: "pd.DataFrame", columns: Mapping[str, tuple[str, str]]) -> None:
-    """Print columns of a table, each by its heading, its name and the format of its numbers, empty for words."""
-    from rich import box
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    shown = Table(title=escape(title), title_justify="left", box=box.SIMPLE, pad_edge=False)
-    for heading, (_, form) in columns.items():
-        justify: Literal["left", "right"] = "right" if form else "left"
-        shown.add_column(escape(heading), no_wrap=bool(form), overflow="fold", justify=justify)
-    for row in table.to_dict("records"):
-        cells = [(row[name], form) for name, form in columns.values()]
-        shown.add_row(*(escape("-" if form and isnan(x) else format(x, form)) for x, form in cells))
-    Console().print(shown)
 
 
 def check_output(

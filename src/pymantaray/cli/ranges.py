@@ -5,7 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Pair, Quiet
+from pymantaray.cli.options import Json, Pair, Quiet
+from pymantaray.cli.printing import printer
 from pymantaray.errors import SensingError
 from pymantaray.geometry.checks import check_number
 
@@ -66,6 +67,7 @@ def ranges(
         bool, typer.Option("--enu", help="TUM files have ROS's axes: east, north, up; forward, left, up.")
     ] = False,
     pdf: Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Ranges between vehicles that moved elsewhere, through an ocean: data, tables, figures and a page in one folder."""
@@ -86,7 +88,8 @@ def ranges(
         acoustics={"max_surface_bounces": surface_bounces, "max_bottom_bounces": bottom_bounces},
         enu=enu,
     )
-    run_and_report(config, out, workers=1, figures=True, pdf=pdf, quiet=quiet)
+    with printer(as_json=as_json, quiet=quiet) as printed:
+        run_and_report(config, out, printed, workers=1, figures=True, pdf=pdf, quiet=quiet)
 
 
 def _schedule(

@@ -10,8 +10,10 @@ import typer
 
 from pymantaray.cli.options import (
     LINKS,
+    Commands,
     Fan,
     Force,
+    Json,
     MediumOptions,
     OceanCommand,
     Quiet,
@@ -19,6 +21,7 @@ from pymantaray.cli.options import (
     fan_angles,
     with_options,
 )
+from pymantaray.cli.printing import printer
 from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
 from pymantaray.cli.rays_plot import plot
 
@@ -36,7 +39,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Status = NDArray[np.int8]
 
-app = typer.Typer(help="Travel times and rays between your own positions.", no_args_is_help=True)
+app = Commands(help="Travel times and rays between your own positions.")
 app.command("plot", cls=OceanCommand)(plot)
 app.command("compare-bellhop", cls=OceanCommand)(compare_bellhop)
 app.command("write-bellhop", cls=OceanCommand)(write_bellhop)
@@ -55,13 +58,14 @@ def times(
     medium: MediumOptions,
     search: SearchOptions,
     force: Force = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Travel time of the earliest arrival of each link, and why there is none."""
     from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
     from pymantaray.cli.rays_tables import times_table
 
-    job = _begin("times", links, out, medium, search, force=force, quiet=quiet)
+    job = _begin("times", links, out, medium, search, force=force, as_json=as_json, quiet=quiet)
     cutoff, near = search.spreading_cutoff_db, None
     if cutoff is None:
         arrivals = job.solve()
@@ -80,15 +84,16 @@ def eigen(
     medium: MediumOptions,
     search: SearchOptions,
     force: Force = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Every arrival of each link: time, bounces, angles, spreading and slowness."""
     from pymantaray.cli.rays_tables import arrivals_table
 
-    job = _begin("eigen", links, out, medium, search, force=force, quiet=quiet)
+    job = _begin("eigen", links, out, medium, search, force=force, as_json=as_json, quiet=quiet)
     arrivals = job.solve()
     result = arrivals.to_dataset() if out.suffix == ".nc" else arrivals_table(job.table.frame, arrivals)
-    job.finish(result, arrivals.status, f"{arrivals.link.size} arrivals")
+    job.finish(result, arrivals.status, arrivals=arrivals.link.size)
 
 
 @app.command(cls=OceanCommand)
@@ -110,6 +115,7 @@ def trace(
         typer.Option(metavar="M", help="Horizontal length of the fan in metres. Default: to the receiver."),
     ] = None,
     force: Force = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Path of each eigenray, or of a fan of rays from each source, node by node."""
@@ -122,7 +128,9 @@ def trace(
         raise AcousticsError("--cutoff-db: a fan is traced whole, without a cut-off; leave one of them out")
     angles = None if fan is None else fan_angles(*fan)
     aimed = fan is None or azimuth is None or distance is None
-    job = _begin("trace", links, out, medium, search, force=force, quiet=quiet, receivers=aimed)
+    job = _begin(
+        "trace", links, out, medium, search, force=force, as_json=as_json, quiet=quiet, receivers=aimed
+    )
     status = None
     if angles is None:
         rays, status = job.trace()
@@ -130,7 +138,7 @@ def trace(
         job.record["fan"] = {"from_to_count": fan, "azimuth_deg": azimuth, "distance_m": distance}
         rays = job.trace_fans(angles, azimuth, distance)
     result = paths_dataset(rays) if out.suffix == ".nc" else paths_table(rays)
-    job.finish(result, status, f"{rays.row.size} rays, {rays.paths.arrival.size} nodes")
+    job.finish(result, status, rays=rays.row.size, nodes=rays.paths.arrival.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +146,7 @@ class Job:
     """One call of a command: what it works on, read and checked, what it computes, and how it ends."""
 
     out: Path
+    as_json: bool
     quiet: bool
     search: SearchOptions
     loaded: "LoadedMedium"
@@ -204,19 +213,23 @@ class Job:
             joined(fans, size), np.repeat(np.arange(n), size), np.tile(np.arange(size), n), np.tile(angles, n)
         )
 
-    def finish(self, result: "pd.DataFrame | xr.Dataset", status: "Status | None", also: str = "") -> None:
+    def finish(self, result: "pd.DataFrame | xr.Dataset", status: "Status | None", **also: int) -> None:
         """Write the result, and print the outcomes of the links, if they have any, and the output's name."""
         from pymantaray.cli.rays_tables import status_words, write_result
 
         outcomes = Counter([] if status is None else status_words(status))
         write_result(result, self.out, self.record | ({} if status is None else {"outcomes": dict(outcomes)}))
-        if not self.quiet:
+        with printer(as_json=self.as_json, quiet=self.quiet) as printed:
             counts = ", ".join(f"{count} {word}" for word, count in outcomes.most_common())
-            summary = "; ".join(filter(None, (counts, also)))
-            typer.echo(f"{len(self.source)} {'sources' if status is None else 'links'}: {summary}")
+            more = ", ".join(f"{count} {noun}" for noun, count in also.items())
+            ends = "sources" if status is None else "links"
+            printed.line(
+                f"{len(self.source)} {ends}: {'; '.join(filter(None, (counts, more)))}",
+                **{ends: len(self.source), "outcomes": outcomes, "notes": list(self.loaded.notes), **also},
+            )
             for note in self.loaded.notes:
-                typer.echo(note)
-        typer.echo(str(self.out))
+                printed.line(note)
+            printed.paths(file=self.out)
 
 
 def _begin(
@@ -227,6 +240,7 @@ def _begin(
     search: SearchOptions,
     *,
     force: bool,
+    as_json: bool,
     quiet: bool,
     receivers: bool = True,
 ) -> Job:
@@ -256,4 +270,4 @@ def _begin(
         "medium": loaded.record,
         "search": asdict(search),
     }
-    return Job(out, quiet, search, loaded, content.table, source, receiver, record)
+    return Job(out, as_json, quiet, search, loaded, content.table, source, receiver, record)

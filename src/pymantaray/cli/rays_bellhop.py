@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.options import LINKS, Force, MediumOptions, Quiet, with_options
+from pymantaray.cli.options import LINKS, Force, Json, MediumOptions, Quiet, with_options
+from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import AcousticsError
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def compare_bellhop(
         float, typer.Option("--timeout", help="Seconds that one run of Bellhop may take.")
     ] = 600.0,
     force: Force = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Run Bellhop on every link and set its first direct travel times beside ours."""
@@ -59,9 +61,9 @@ def compare_bellhop(
             straight, source, receiver, options, program=program, timeout=timeout, progress=progress
         )
     write_table(table, out)
-    if not quiet:
-        typer.echo(_summary(table))
-    typer.echo(str(out))
+    with printer(as_json=as_json, quiet=quiet) as printed:
+        _summarize(printed, table)
+        printed.paths(file=out)
 
 
 @with_options
@@ -141,16 +143,28 @@ def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":
     return source, receiver
 
 
-def _summary(table: "pd.DataFrame") -> str:
+def _summarize(out: Printer, table: "pd.DataFrame") -> None:
     both = table["difference_us"].dropna()
     ours, theirs = (int(table[name].notna().sum()) for name in ("travel_time_s", "bellhop_travel_time_s"))
-    lines = [f"{len(table)} links: {ours} with a direct arrival, {theirs} of Bellhop's"]
-    if len(both):
-        lines.append(
-            f"Bellhop minus ours [us]: median {both.median():+.2f}, rms {(both**2).mean() ** 0.5:.2f},"
-            f" extremes {both.min():+.2f} to {both.max():+.2f}"
-        )
-    lines.append(
-        f"CPU per link [ms]: {table['cpu_ms'].mean():.3f} ours, {table['bellhop_cpu_ms'].median():.0f} Bellhop (median)"
+    out.line(
+        f"{len(table)} links: {ours} with a direct arrival, {theirs} of Bellhop's",
+        links=len(table),
+        direct_arrivals=ours,
+        bellhop_direct_arrivals=theirs,
     )
-    return "\n".join(lines)
+    if len(both):
+        spread = {
+            "median": both.median(),
+            "rms": (both**2).mean() ** 0.5,
+            "least": both.min(),
+            "greatest": both.max(),
+        }
+        out.line(
+            "Bellhop minus ours [us]: median {median:+.2f}, rms {rms:.2f},"
+            " extremes {least:+.2f} to {greatest:+.2f}".format(**spread),
+            bellhop_minus_ours_us=spread,
+        )
+    cpu = {"cpu_ms": table["cpu_ms"].mean(), "bellhop_cpu_ms": table["bellhop_cpu_ms"].median()}
+    out.line(
+        "CPU per link [ms]: {cpu_ms:.3f} ours, {bellhop_cpu_ms:.0f} Bellhop (median)".format(**cpu), **cpu
+    )

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import MediumOptions, Quiet, SearchOptions, with_options
+from pymantaray.cli.options import Json, MediumOptions, Quiet, SearchOptions, with_options
+from pymantaray.cli.printing import Printer, printer
 from pymantaray.replay.rules import DEFAULT_RULE
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def replay(
         str | None, typer.Option(metavar="NODE", help="Node whose clock is right. Default: their mean is.")
     ] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Write figures as PDF too.")] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Set measured one-way travel times beside those predicted: residuals, coverage, clocks, switching."""
@@ -84,28 +86,33 @@ def replay(
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {"search": asdict(search), "detection": None if detection is None else str(detection)}
         page = write_replay(result, out, made_by=record, pdf=pdf, progress=report)
-    if not quiet:
-        _tell(result)
-    typer.echo(str(page))
+    with printer(as_json=as_json, quiet=quiet) as printed:
+        _tell(printed, result)
+        printed.paths(page=page)
 
 
-def _tell(result: "Replay") -> None:
-    from pymantaray.cli.output import print_table
-
+def _tell(out: Printer, result: "Replay") -> None:
     for note in result.notes:
-        typer.echo(note)
+        out.line(note)
     counts = result.events["status"].value_counts()
-    typer.echo(f"{len(result.events)} events: " + ", ".join(f"{n} {word}" for word, n in counts.items()))
+    out.line(
+        f"{len(result.events)} events: " + ", ".join(f"{n} {word}" for word, n in counts.items()),
+        notes=list(result.notes),
+        rule=str(result.rule),
+        statuses=dict(counts.items()),
+        clocks=result.clocks,
+        switching=result.switching,
+    )
     title = f"Residuals by rule {result.rule}: median and median size with its 95 % interval over pairs [m]"
-    print_table(title, result.summary[result.summary["by"] != "pair"], COLUMNS)
+    out.table("residuals", result.summary[result.summary["by"] != "pair"], COLUMNS, title)
     known = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
     values = known[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]
     if 0 < len(offsets) <= _MOST_NODES:
-        typer.echo(f"clocks [ms]: {', '.join(offsets)}")
+        out.line(f"clocks [ms]: {', '.join(offsets)}")
     switching = result.switching.iloc[0]
     if switching["steps"]:
-        typer.echo(
+        out.line(
             f"candidates change in {switching['rate']:.3f} of {switching['steps']} steps of {switching['step_s']:.0f} s,"
             f" {switching['independent_rate']:.3f} if independent: correlation time {switching['correlation_s']:.0f} s"
         )

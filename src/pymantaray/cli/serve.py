@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.cli.printing import LOG
+
 if TYPE_CHECKING:
     from pymantaray.service.water import Ocean
 
@@ -41,9 +43,8 @@ def serve(
     with RangingService(_ocean(ocean), water_interval=water_interval, workers=workers) as service:
         server = make_server(service, host, port)
         if not ip_address(server.effective_host).is_loopback:
-            typer.echo(
-                f"warning: listening at {server.effective_host}: whoever reaches it can use it, there is no password",
-                err=True,
+            LOG.warning(
+                "listening at %s: whoever reaches it can use it, there is no password", server.effective_host
             )
         facts = service.water.facts()
         typer.echo(

@@ -6,45 +6,63 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import OceanCommand, Quiet, RunGroup
-from pymantaray.cli.output import print_table, progress_bars
+from pymantaray.cli.options import Commands, Json, OceanCommand, Quiet, RunGroup
+from pymantaray.cli.output import progress_bars
+from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.report.parts import PAGE
 
 if TYPE_CHECKING:
     from pymantaray.study import Run, StudyConfig
 
-app = typer.Typer(cls=RunGroup, help="Run the paper's study, or one of your own.", no_args_is_help=True)
+app = Commands(cls=RunGroup, help="Run the paper's study, or one of your own.")
 
 _FEW = 2  # runs whose names fit above the columns of a table
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
-NameOrFile = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, or a TOML file.")]
+
+
+def _presets(incomplete: str) -> list[str]:
+    """Presets that begin so, for completion; where none does shells complete files."""
+    from pymantaray.study import list_presets
+
+    return [name for name in list_presets() if name.startswith(incomplete)]
+
+
+Name = Annotated[str, typer.Argument(metavar="NAME", help="A preset.", autocompletion=_presets)]
+NameOrFile = Annotated[
+    str,
+    typer.Argument(metavar="NAME|FILE", help="A preset, or a TOML file.", autocompletion=_presets),
+]
 
 
 @app.command("list")
-def list_command() -> None:
+def list_command(as_json: Json = False) -> None:
     """Names of the presets."""
     from pymantaray.study import list_presets
 
     presets = list_presets()
     width = max(map(len, presets))
-    for name, description in presets.items():
-        typer.echo(f"{name:<{width}} {description}")
+    with printer(as_json=as_json) as out:
+        for name, description in presets.items():
+            out.line(f"{name:<{width}} {description}")
+        out.add(presets=[{"name": name, "description": text} for name, text in presets.items()])
 
 
 @app.command()
-def show(name: Annotated[str, typer.Argument(metavar="NAME", help="A preset.")]) -> None:
-    """Print a preset with its comments."""
-    from pymantaray.study import preset_text
+def show(name: Name, as_json: Json = False) -> None:
+    """Print a preset with its comments; as JSON every key of it, defaults included."""
+    from pymantaray.study import load_study, preset_text
 
-    typer.echo(preset_text(name), nl=False)
+    with printer(as_json=as_json) as out:
+        out.line(preset_text(name).removesuffix("\n"))
+        out.add(**load_study(name).model_dump(mode="json") if as_json else {})
 
 
 @app.command()
 def init(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A preset.")],
+    name: Name,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The copy to make.")],
 ) -> None:
     """Copy a preset into a file to edit."""
@@ -93,6 +111,7 @@ def run(
     ] = False,
     pdf: Pdf = False,
     open_page: Open = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a study: data, tables and figures go into one folder."""
@@ -103,13 +122,23 @@ def run(
             "there is no page with --no-figures; leave one of them out", param_hint="--open"
         )
     config = load_study(study, realizations=realizations, ocean=ocean)
-    folder = run_and_report(config, out, workers=workers, figures=not no_figures, pdf=pdf, quiet=quiet)
+    with printer(as_json=as_json, quiet=quiet) as printed:
+        folder = run_and_report(
+            config, out, printed, workers=workers, figures=not no_figures, pdf=pdf, quiet=quiet
+        )
     if open_page:
         _open(folder / PAGE)
 
 
 def run_and_report(
-    config: "StudyConfig", out: Path | None, *, workers: int | None, figures: bool, pdf: bool, quiet: bool
+    config: "StudyConfig",
+    out: Path | None,
+    printed: Printer,
+    *,
+    workers: int | None,
+    figures: bool,
+    pdf: bool,
+    quiet: bool,
 ) -> Path:
     """Run a study, draw what its mission shows meanwhile, and say what came out and where; that folder."""
     from pymantaray.report.parts import ReportProcess
@@ -135,11 +164,10 @@ def run_and_report(
                         err=True,
                     )
                     raise
-    if not quiet:
-        _print_summary(results)
-        if figures:
-            typer.echo(f"page: {results.path / PAGE}")
-    typer.echo(str(results.path))
+    _print_summary(printed, results)
+    if figures:
+        printed.line(f"page: {results.path / PAGE}", page=results.path / PAGE)
+    printed.paths(folder=results.path)
     return results.path
 
 
@@ -166,6 +194,7 @@ def compare(
     out: Out = None,
     pdf: Pdf = False,
     open_page: Open = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Set runs side by side: what differs in their configurations, tables, figures and a page in a folder of their own."""
@@ -173,9 +202,9 @@ def compare(
 
     with progress_bars(quiet=quiet) as progress:
         page = write_comparison(runs, out, pdf=pdf, progress=progress)
-    if not quiet:
-        _print_comparison(page.parent, len(runs))
-    typer.echo(str(page))
+    with printer(as_json=as_json, quiet=quiet) as printed:
+        _print_comparison(printed, page.parent, len(runs))
+        printed.paths(page=page)
     if open_page:
         _open(page)
 
@@ -185,22 +214,27 @@ def _open(page: Path) -> None:
     import webbrowser
 
     if not webbrowser.open(page.resolve().as_uri()):
-        typer.echo(f"warning: no browser is there to open {page}", err=True)
+        LOG.warning("no browser is there to open %s", page)
 
 
-def _print_summary(run: "Run") -> None:
+def _print_summary(out: Printer, run: "Run") -> None:
     """Dropouts, range errors and trajectory errors, and warnings of solves and vehicles that did not end well."""
     from pymantaray.evaluation import dropout_table, range_error_table
 
     study, hours, vehicles = run.config.study, run.config.mission.duration_h, run.truth.name.size
     count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
     water = "synthetic ocean" if run.synthetic else "ocean from files"
-    typer.echo(
-        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.config.solves else ''}, {water}"
+    out.line(
+        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.config.solves else ''}, {water}",
+        study=study.name,
+        duration_h=hours,
+        vehicles=vehicles,
+        realizations=study.realizations if run.config.solves else 0,
+        synthetic_ocean=run.synthetic,
     )
     errors = range_error_table(run.measurements, run.ranging_truth, run.truth)
-    print_table(
-        "Refracted minus straight range",
+    out.table(
+        "range_error",
         dropout_table(run.measurements, run.truth).merge(errors),
         {
             "links": ("category", ""),
@@ -211,18 +245,18 @@ def _print_summary(run: "Run") -> None:
             "1 % [m]": ("p1_m", "+.1f"),
             "99 % [m]": ("p99_m", "+.1f"),
         },
+        "Refracted minus straight range",
     )
     if run.config.solves:
-        _print_errors(run)
-    for line in _warnings(run):
-        typer.echo(f"warning: {line}")
+        _print_errors(out, run)
+    out.warn(_warnings(run))
 
 
-def _print_errors(run: "Run") -> None:
+def _print_errors(out: Printer, run: "Run") -> None:
     from pymantaray.evaluation import error_table, ping_error_table
 
-    print_table(
-        "Trajectory error, all vehicles and realizations, no alignment",
+    out.table(
+        "trajectory_error",
         error_table(run.truth, run.estimates),
         {
             "condition": ("condition", ""),
@@ -233,9 +267,10 @@ def _print_errors(run: "Run") -> None:
             "RMSE [m]": ("rmse_m", ".2f"),
             "95 % [m]": ("p95_m", ".2f"),
         },
+        "Trajectory error, all vehicles and realizations, no alignment",
     )
-    print_table(
-        "Position error of vehicles under water at the pings",
+    out.table(
+        "position_error_at_pings",
         ping_error_table(run.truth, run.estimates, run.measurements, run.bounds),
         {
             "condition": ("condition", ""),
@@ -244,17 +279,19 @@ def _print_errors(run: "Run") -> None:
             "from straight [m]": ("from_straight_rmse_m", ".2f"),
             "least possible [m]": ("bound_rmse_m", ".2f"),
         },
+        "Position error of vehicles under water at the pings",
     )
 
 
-def _print_comparison(folder: Path, runs: int) -> None:
+def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
     """Tables of a comparison, whose last columns are the runs; where these are many, by their numbers."""
     import pandas as pd
 
     names = pd.read_csv(folder / "tables" / "configuration.csv").columns[1:]
+    out.add(runs=names)
     if runs > _FEW:
         for number, name in enumerate(names, 1):
-            typer.echo(f"{number}: {name}")
+            out.line(f"{number}: {name}")
     for name, title in {
         "configuration": "What differs in the configurations",
         "range_drop_category_compare": "Ranges not heard",
@@ -269,7 +306,9 @@ def _print_comparison(folder: Path, runs: int) -> None:
         if runs > _FEW:
             table.columns = pd.Index([*table.columns[:-runs], *map(str, range(1, runs + 1))])
         numbers = table.select_dtypes("number").columns
-        print_table(title, table, {name: (name, ".2f" if name in numbers else "") for name in table.columns})
+        out.table(
+            name, table, {name: (name, ".2f" if name in numbers else "") for name in table.columns}, title
+        )
 
 
 def _warnings(run: "Run") -> list[str]:

@@ -5,17 +5,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import Quiet, RunGroup, Scheduler, Workers
+from pymantaray.cli.options import Commands, Json, Quiet, RunGroup, Scheduler, Workers
 from pymantaray.cli.output import check_output, counted_progress, duration
+from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
     from pymantaray.sweep.estimate import Estimate
     from pymantaray.sweep.plan import Plan
     from pymantaray.sweep.results import Status
 
-app = typer.Typer(
-    cls=RunGroup, help="Run many studies: fields of one, crossed or zipped.", no_args_is_help=True
-)
+app = Commands(cls=RunGroup, help="Run many studies: fields of one, crossed or zipped.")
 
 EXIT_POINTS_FAILED = 1
 _LINES = 5  # of reasons why points failed
@@ -34,6 +33,7 @@ def show(
         bool, typer.Option("--measure", help="Run the first point to estimate the time.")
     ] = False,
     workers: Annotated[int, typer.Option("--workers", min=1, help="Workers that the time is for.")] = 1,
+    as_json: Json = False,
 ) -> None:
     """Print the plan: points, what they share, time and room. Nothing is run."""
     from pymantaray.sweep import load_sweep, open_sweep
@@ -43,34 +43,50 @@ def show(
 
     sweep = load_sweep(file)
     plan = Plan(sweep)
-    typer.echo(f"{sweep.name}: {len(sweep)} points")
-    for axis in sweep.axes:
-        for name, values in axis.coordinates().items():
+    with printer(as_json=as_json) as printed:
+        printed.line(f"{sweep.name}: {len(sweep)} points", name=sweep.name, points=len(sweep))
+        axes = [dict(axis.coordinates()) for axis in sweep.axes]
+        printed.add(axes=axes)
+        for name, values in (pair for axis in axes for pair in axis.items()):
             listed = ", ".join(f"{value}"[:40] for value in values[:8])
-            typer.echo(f"  {name}: {listed}{f', ... ({len(values)})' if len(values) > 8 else ''}")
-    cost, points = None, set(plan.points)
-    if out is not None:
-        done, failed = finished(open_store(out), points)
-        points -= done | failed
-        typer.echo(f"of these {len(done)} done, {len(failed)} failed, {len(points)} open in {out}")
-        cost = cost_of(open_sweep(out).contents) if done else None
-    if measure:
-        cost = measured_cost(sweep)
-    _print_estimate(plan, points, estimate(plan, points, cost or known_cost(sweep)), workers)
+            printed.line(f"  {name}: {listed}{f', ... ({len(values)})' if len(values) > 8 else ''}")
+        cost, points = None, set(plan.points)
+        if out is not None:
+            done, failed = finished(open_store(out), points)
+            points -= done | failed
+            printed.line(
+                f"of these {len(done)} done, {len(failed)} failed, {len(points)} open in {out}",
+                done=len(done),
+                failed=len(failed),
+            )
+            cost = cost_of(open_sweep(out).contents) if done else None
+        if measure:
+            cost = measured_cost(sweep)
+        _print_estimate(printed, plan, points, estimate(plan, points, cost or known_cost(sweep)), workers)
 
 
-def _print_estimate(plan: "Plan", points: set[str], what: "Estimate", workers: int) -> None:
+def _print_estimate(out: Printer, plan: "Plan", points: set[str], what: "Estimate", workers: int) -> None:
     from pymantaray.sweep.keys import STAGES
 
-    counts = ", ".join(f"{stage} {plan.count(stage, points)}" for stage in STAGES)
-    typer.echo(f"to do: {counts}, points {len(points)}; what points share is computed once")
-    shared, alone = duration(what.seconds / workers), duration(what.unshared_seconds / workers)
+    counts = {stage: plan.count(stage, points) for stage in STAGES} | {"points": len(points)}
+    listed = ", ".join(f"{stage} {count}" for stage, count in counts.items())
+    out.line(f"to do: {listed}; what points share is computed once", to_do=counts)
+    shared, alone = what.seconds / workers, what.unshared_seconds / workers
     many = f"{workers} worker{'' if workers == 1 else 's'}"
-    typer.echo(f"time: about {shared} on {many}, {alone} if nothing were shared; by {what.origin}")
+    out.line(
+        f"time: about {duration(shared)} on {many}, {duration(alone)} if nothing were shared; by {what.origin}",
+        workers=workers,
+        time_s=shared,
+        unshared_time_s=alone,
+        estimated_by=what.origin,
+    )
     size = "" if what.stage_bytes is None else f", {what.stage_bytes / 1e6:.3g} MB for one of each"
-    typer.echo(
+    out.line(
         f"room: {len(points)} files of results, {what.point_bytes / 1e6:.3g} MB; meanwhile at most {len(plan.shared)}"
-        f" oceans, fleets and rays{size}"
+        f" oceans, fleets and rays{size}",
+        results_bytes=what.point_bytes,
+        shared_bytes=what.stage_bytes,
+        shared_files=len(plan.shared),
     )
 
 
@@ -87,6 +103,7 @@ def run(
         bool, typer.Option("--keep-stages", help="Keep oceans, fleets and rays for sweeps to come.")
     ] = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Do failed points again.")] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Do the points that are not done; exit with 1 if some fail."""
@@ -107,20 +124,21 @@ def run(
             progress=progress,
         )
     status = results.status()
-    if not quiet:
-        _print_status(out, status)
-    typer.echo(out)
+    with printer(as_json=as_json, quiet=quiet) as printed:
+        _print_status(printed, out, status)
+        printed.paths(folder=out)
     if status.failed:
         raise typer.Exit(EXIT_POINTS_FAILED)
 
 
 @app.command()
-def status(folder: Place) -> None:
+def status(folder: Place, as_json: Json = False) -> None:
     """Count points that are done, have failed and are open; exit with 1 if some have failed."""
     from pymantaray.sweep import open_sweep
 
     counts = open_sweep(folder).status()
-    _print_status(folder, counts)
+    with printer(as_json=as_json) as printed:
+        _print_status(printed, folder, counts)
     if counts.failed:
         raise typer.Exit(EXIT_POINTS_FAILED)
 
@@ -153,14 +171,18 @@ def collect(
         typer.echo(str(path))
 
 
-def _print_status(place: str, status: "Status") -> None:
-    typer.echo(
-        f"{place}: {status.done} done, {status.failed} failed, {status.open} open of {status.points} points"
+def _print_status(out: Printer, place: str, status: "Status") -> None:
+    out.line(
+        f"{place}: {status.done} done, {status.failed} failed, {status.open} open of {status.points} points",
+        done=status.done,
+        failed=status.failed,
+        open=status.open,
+        points=status.points,
+        failures=[{"reason": line, "points": count} for line, count in status.failures.items()],
     )
     for line, count in list(status.failures.items())[:_LINES]:
-        typer.echo(f"failed: {count} x {line}", err=True)
+        LOG.warning("failed: %d x %s", count, line)
     if len(status.failures) > _LINES:
-        typer.echo(
-            f"failed: and {len(status.failures) - _LINES} other reasons; mantaray sweep collect has all",
-            err=True,
+        LOG.warning(
+            "failed: and %d other reasons; mantaray sweep collect has all", len(status.failures) - _LINES
         )

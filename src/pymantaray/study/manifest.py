@@ -3,22 +3,18 @@
 import hashlib
 import os
 import platform
-import resource
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import pymantaray
+from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.references import citation
 from pymantaray.study.tracks import read_fleet
-
-_PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
 
 
 class Stopwatch:
@@ -65,8 +61,7 @@ def describe_run(
         "versions": {
             "pymantaray": pymantaray.__version__,
             "git_commit": git_commit(),
-            "python": platform.python_version(),
-            **{name: _version(name) for name in _PACKAGES},
+            **versions(),
         },
         "machine": {
             "platform": platform.platform(),
@@ -116,19 +111,3 @@ def git_commit() -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.strip()
-
-
-def peak_memory_mib() -> dict[str, float]:
-    """Largest resident memory so far of this process and of the largest finished worker."""
-    unit = 2.0**20 if sys.platform == "darwin" else 2.0**10  # bytes on macOS, KiB on Linux
-    return {
-        "main": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1),
-        "largest_worker": round(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / unit, 1),
-    }
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None

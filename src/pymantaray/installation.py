@@ -1,0 +1,179 @@
+"""What is installed here and whether it works: packages, extras, folders that are written to, kernels, processors, GPU."""
+
+import os
+import platform
+import resource
+import shlex
+import sys
+import tempfile
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from packaging.requirements import Requirement
+
+import pymantaray
+
+PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
+_KERNELS = (
+    "acoustics._kernels.field",
+    "acoustics._kernels.link",
+    "acoustics._kernels.paths",
+    "estimation._kernels.cholesky",
+    "estimation._kernels.residuals",
+    "fleet.kernel",
+)
+
+
+def versions() -> dict[str, str | None]:
+    """Versions of Python and of the packages that results depend on; None for one that is not installed."""
+    return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
+
+
+def peak_memory_mib() -> dict[str, float]:
+    """Largest resident memory so far of this process and of the largest finished worker."""
+    unit = 2.0**20 if sys.platform == "darwin" else 2.0**10  # bytes on macOS, KiB on Linux
+    return {
+        "main": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1),
+        "largest_worker": round(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / unit, 1),
+    }
+
+
+def installation() -> dict[str, Any]:
+    """
+    What is installed, which extras are, where files are kept and what does the work.
+
+    Returns
+    -------
+    dict
+        ``version``, ``folder``, ``python``, ``platform``; ``packages``, a row each (name, version, needs, fault);
+        ``extras``, a row each (name, missing, install); ``folders``, a row each (use, folder, writable, remedy); ``kernels``
+        (compiled, all); ``processors`` (cores, of which this process may use, threads of Numba, memory in GiB); ``gpu``
+        (its name or None, and why not); ``faults``, a line for each thing without which nothing runs well.
+    """
+    packages, extras = _requirements()
+    kernels = _kernels()
+    folders = _folders(kernels)
+    faults = [f"{row['name']}: {row['fault']}" for row in packages if row["fault"]]
+    faults += [
+        f"{row['folder']}: cannot be written to; {row['remedy']}" for row in folders if not row["writable"]
+    ]
+    name, why_not = gpu()
+    return {
+        "version": pymantaray.__version__,
+        "folder": str(Path(pymantaray.__file__).parent),
+        "python": f"{platform.python_version()}, {sys.executable}",
+        "platform": platform.platform(),
+        "packages": packages,
+        "extras": extras,
+        "folders": folders,
+        "kernels": {
+            "compiled": sum(file.exists() for file in kernels),
+            "all": len(kernels),
+        },
+        "processors": {
+            "cores": os.cpu_count(),
+            "usable_cores": len(os.sched_getaffinity(0))
+            if hasattr(os, "sched_getaffinity")
+            else os.cpu_count(),
+            "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
+        },
+        "gpu": {"name": name, "why_not": why_not},
+        "faults": faults,
+    }
+
+
+def gpu() -> tuple[str | None, str]:
+    """Name of the CUDA device that links can be solved on; if there is none, why not."""
+    from numba import config
+
+    # the target inside older Numba lacks too much
+    if not config.ENABLE_CUDASIM and find_spec("numba_cuda") is None:
+        return None, "numba-cuda is not installed: pip install 'pymantaray[cuda]'"
+    from numba import cuda
+
+    if not cuda.is_available():
+        return None, "no NVIDIA driver with a device was found"
+    name = cuda.get_current_device().name
+    return name.decode() if isinstance(name, bytes) else str(name), ""
+
+
+def _requirements() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Packages that are needed and extras, as the metadata of the installed package lists them."""
+    packages, extras = [], dict[str, list[str]]()
+    for line in requires("pymantaray") or ():
+        requirement = Requirement(line)
+        there = _version(requirement.name)
+        fits = there is not None and requirement.specifier.contains(there, prereleases=True)
+        marker = requirement.marker
+        if marker is None:
+            fault = (
+                "" if fits else "is not installed" if there is None else "is another version than is needed"
+            )
+            packages.append(
+                {
+                    "name": requirement.name,
+                    "version": there,
+                    "needs": str(requirement.specifier),
+                    "fault": fault,
+                }
+            )
+        else:
+            extra = str(marker).partition('extra == "')[2].partition('"')[0]
+            missing = extras.setdefault(extra, [])
+            missing += [] if fits else [f"{requirement.name}{requirement.specifier}"]
+    rows = [
+        {"name": extra, "missing": missing, "install": f"pip install {shlex.quote(f'pymantaray[{extra}]')}"}
+        for extra, missing in extras.items()
+    ]
+    return packages, rows
+
+
+def _kernels() -> list[Path]:
+    """File by which each kernel that Python calls is found again once it is compiled; none where they are kept nowhere."""
+    files = []
+    for room in _KERNELS:
+        for function in vars(import_module(f"pymantaray.{room}")).values():
+            cache: Any = getattr(function, "_cache", None)
+            if getattr(cache, "cache_path", None) and function.__module__ == f"pymantaray.{room}":
+                files.append(Path(cache.cache_path, cache._cache_file._index_name))
+    return files
+
+
+def _folders(kernels: list[Path]) -> list[dict[str, Any]]:
+    """Folders that are written to, with what helps where that is impossible."""
+    import matplotlib as mpl
+
+    caches: list[Path | None] = [*sorted({file.parent for file in kernels})]
+    uses = [("compiled kernels", folder, "NUMBA_CACHE_DIR") for folder in caches or [None]]
+    uses.append(("figures", Path(mpl.get_cachedir()), "MPLCONFIGDIR"))
+    uses.append(("temporary files", Path(tempfile.gettempdir()), "TMPDIR"))
+    uses.append(("results, unless --out says where", Path.cwd(), ""))
+    return [
+        {
+            "use": use,
+            "folder": str(folder or "nowhere"),
+            "writable": folder is not None and _writable(folder),
+            "remedy": f"set {variable} to a folder that can be" if variable else "work in one that can be",
+        }
+        for use, folder, variable in uses
+    ]
+
+
+def _writable(folder: Path) -> bool:
+    """Whether a file can be made in a folder, which itself is made if it can be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

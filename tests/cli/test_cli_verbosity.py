@@ -1,0 +1,126 @@
+"""What all commands have alike: options for scripts and for how much is logged, and completion in a shell."""
+
+import json
+import logging
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from pymantaray.cli.main import app
+from pymantaray.cli.printing import LOG, logged, printer
+
+PATHS_ONLY = {
+    "atlas plot", "export", "graph convert", "ocean correct", "ocean fetch copernicus", "ocean fetch hycom", "ocean from-cast",
+    "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve", "study init", "study report", "sweep collect",
+}  # fmt: skip
+"""Commands that print the names of what they wrote, or an address, and nothing that would be a table."""
+
+
+def commands(group, words=()):
+    """Every command below a group, by its words."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, (*words, name))
+        else:
+            yield " ".join((*words, name)), command
+
+
+COMMANDS = dict(commands(typer.main.get_command(app)))
+
+
+def test_every_command_that_prints_a_table_prints_json():
+    without = {
+        name for name, command in COMMANDS.items() if not any("--json" in one.opts for one in command.params)
+    }
+    assert without == PATHS_ONLY
+
+
+def test_every_command_can_be_quiet_and_verbose():
+    for name, command in COMMANDS.items():
+        options = {option for one in command.params for option in one.opts}
+        assert options >= {"--quiet", "-q", "--verbose", "-v"}, name
+
+
+def tell_all():
+    LOG.error("an error")
+    LOG.warning("a warning")
+    LOG.info("a stage")
+    LOG.debug("a detail")
+
+
+@pytest.mark.parametrize(
+    ("options", "lines"),
+    [
+        ({"quiet": True, "verbose": 0}, ["error: an error"]),
+        ({"quiet": False, "verbose": 0}, ["error: an error", "warning: a warning"]),
+        ({"quiet": False, "verbose": 1}, ["error: an error", "warning: a warning", "a stage"]),
+        ({"quiet": False, "verbose": 2}, ["error: an error", "warning: a warning", "a stage", "a detail"]),
+    ],
+)
+def test_levels_are_those_of_the_page(capsys, options, lines):
+    before = logging.getLogger("pymantaray").handlers[:]
+    with logged(**options):
+        tell_all()
+    printed = capsys.readouterr().err.splitlines()
+    assert printed[: len(lines)] == lines
+    assert [bool(re.fullmatch(r"[\d.]+ s, at most \d+ MiB", line)) for line in printed[len(lines) :]] == [
+        True
+    ] * (options["verbose"] > 0)
+    assert logging.getLogger("pymantaray").handlers == before
+
+
+def test_a_verbose_command_tells_its_stages_and_twice_what_led_to_an_error(mantaray):
+    assert mantaray("ocean", "show", "synthetic:fram", "-v").err.endswith(" MiB\n")
+    refused = mantaray("study", "show", "fast", "-vv").err
+    assert refused.startswith("what led to it:\nTraceback")
+    assert refused.splitlines()[-1].startswith("error: no preset 'fast'")
+    assert mantaray("study", "show", "fast", "-v").err.startswith("error: no preset 'fast'")
+
+
+def test_a_command_that_fails_prints_no_json(capsys):
+    def fail():
+        with printer(as_json=True) as out:
+            out.line("for people", number=1)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert capsys.readouterr().out == ""
+
+
+def test_what_json_lacks_is_null_or_text(capsys):
+    import numpy as np
+    import pandas as pd
+
+    with printer(as_json=True) as out:
+        out.line("for people", number=np.int64(3), missing=np.nan, time=np.datetime64("2020-01-02"))
+        out.table("rows", pd.DataFrame({"a_m": [1.5, np.inf], "b": pd.array([1, None], dtype="Int64")}), {})
+    told = json.loads(capsys.readouterr().out)
+    rows = [{"a_m": 1.5, "b": 1}, {"a_m": None, "b": None}]
+    assert told == {"number": 3, "missing": None, "time": "2020-01-02", "rows": rows}
+
+
+@pytest.mark.parametrize(
+    ("words", "word", "completed"),
+    [
+        ("mantaray study ", 2, {"list", "show", "init", "run", "report", "compare"}),
+        ("mantaray sweep sta", 2, {"status"}),
+        ("mantaray study show qu", 3, {"quick"}),
+        ("mantaray study run --work", 3, {"--workers"}),
+    ],
+)
+def test_a_shell_completes_commands_options_and_presets(words, word, completed):
+    """By the variables that a shell sets, as the script of --show-completion does."""
+    shell = {"_MANTARAY_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(word)}
+    done = subprocess.run(
+        [sys.executable, "-c", "from pymantaray.cli.main import main; main()"],
+        env=os.environ | shell,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert completed <= set(done.stdout.split()), done
