@@ -1,5 +1,6 @@
 """The command `mantaray`: what it prints, what it refuses in one line, and that refusal leaves nothing behind."""
 
+import re
 import webbrowser
 from pathlib import Path
 
@@ -36,14 +37,38 @@ def test_list_names_each_preset_and_show_prints_it(mantaray, told):
     assert told("study", "show", "fram") == load_study("fram").model_dump(mode="json")
 
 
-def test_init_copies_a_preset_and_never_overwrites(mantaray, tmp_path):
-    file = tmp_path / "mine.toml"
-    assert mantaray("study", "init", "quick", file).code == 0
-    assert load_study(file) == load_study("quick")
-    file.write_text("# mine")
-    refused = mantaray("study", "init", "quick", file)
-    assert (refused.code, refused.err) == (2, f"error: {file}: exists already; give another name\n")
-    assert file.read_text() == "# mine"
+@pytest.mark.parametrize("name", PRESETS.split(", "))
+def test_init_writes_a_preset_with_the_defaults_of_all_other_keys(mantaray, tmp_path, monkeypatch, name):
+    """What is commented out is what holds without it, and every key of each table is there."""
+    monkeypatch.chdir(tmp_path)
+    assert mantaray("study", "init", name, "mine.toml").code == 0
+    text, preset = Path("mine.toml").read_text(), load_study(name)
+    assert load_study("mine.toml") == preset
+    set_text, count = re.subn(r"^#(?=[\w\[])", "", text, flags=re.MULTILINE)
+    Path("set.toml").write_text(set_text)
+    assert load_study("set.toml") == preset
+    assert count >= 20
+    keys = {
+        key
+        for table in (*preset, ("", preset.fleet.floats))
+        for key in getattr(table[1], "model_fields_set", ())
+    }
+    every = {
+        key for table in (*preset, ("", preset.fleet.floats)) for key in getattr(table[1], "model_fields", ())
+    }
+    assert keys < every
+    for key in every:
+        assert re.search(rf"^(# ?|\[*(\w+\.)?){key}\b", text, flags=re.MULTILINE), key
+
+
+def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert mantaray("study", "init").code == 0
+    assert load_study("study.toml") == load_study("quick")
+    Path("study.toml").write_text("# mine")
+    refused = mantaray("study", "init", "quick", "study.toml")
+    assert (refused.code, refused.err) == (2, "error: study.toml: exists already; give another name\n")
+    assert Path("study.toml").read_text() == "# mine"
 
 
 def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(mantaray, small, monkeypatch):
@@ -56,7 +81,7 @@ def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
     run = small.parent / "run"
     assert done.code == 130
     command = f"mantaray study report {run}"
-    assert done.err.splitlines() == [f"the data are complete; for their report: {command}"]
+    assert done.err.splitlines()[-1] == f"the data are complete; for their report: {command}"
     monkeypatch.setattr("pymantaray.report.write.run_plates", lambda _: [])  # other tests look at figures
     done = mantaray(*command.split()[1:])
     assert (done.code, done.out) == (0, f"{run / 'index.html'}\n")

@@ -62,14 +62,14 @@ def show(name: Name, as_json: Json = False) -> None:
 
 @app.command()
 def init(
-    name: Name,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The copy to make.")],
+    name: Name = "quick",
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The file to make.")] = Path("study.toml"),
 ) -> None:
-    """Copy a preset into a file to edit."""
+    """Write a preset into a file to edit, with every key that it leaves at its default."""
     from pymantaray.errors import StudyError
-    from pymantaray.study import preset_text
+    from pymantaray.study import starter_text
 
-    text = preset_text(name)
+    text = starter_text(name)
     try:
         with file.open("x", encoding="utf-8") as copy:
             copy.write(text)
@@ -77,7 +77,7 @@ def init(
         raise StudyError(f"{file}: exists already; give another name") from None
     except OSError as error:
         raise StudyError(f"{file}: cannot be written: {error.strerror}") from None
-    typer.echo(f"{file}: copied from preset {name}; edit it, then: mantaray study run {file}")
+    typer.echo(f"{file}: made of preset {name}; edit it, then: mantaray study run {file}")
 
 
 @app.command()

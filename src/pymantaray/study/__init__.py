@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymantaray.study.config import SoundConfig, StudyConfig
 from pymantaray.study.load import list_presets, load_sound, load_study, parse_study, preset_text, study_toml
+from pymantaray.study.starter import starter_text
 
 if TYPE_CHECKING:
     from pymantaray.study.export import export_run
@@ -30,6 +31,7 @@ __all__ = [
     "parse_study",
     "preset_text",
     "run_study",
+    "starter_text",
     "study_toml",
 ]
 
