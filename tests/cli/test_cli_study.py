@@ -92,7 +92,7 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     words = ("--ocean", ocean_file, "--realizations", 2, "--out", "run", "--no-figures")
     done = mantaray("study", "run", small, *words, "--workers", 1)
     assert done.code == 0, done.err
-    assert "2 realizations, ocean from files" in done.out
+    assert "2 realizations, synthetic ocean" in done.out
     assert "Trajectory error, all vehicles and realizations" in done.out
     assert done.out.splitlines()[-1] == str(small.parent / "run")
     run = open_run("run")

@@ -15,9 +15,9 @@ from pymantaray.cli.printing import LOG, logged, printer
 
 PATHS_ONLY = {
     "atlas plot", "export", "graph convert", "ocean correct", "ocean fetch copernicus", "ocean fetch hycom", "ocean from-cast",
-    "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve", "study init", "study report", "sweep collect",
+    "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve", "study cite", "study init", "study report", "sweep collect",
 }  # fmt: skip
-"""Commands that print the names of what they wrote, or an address, and nothing that would be a table."""
+"""Commands that print the names of what they wrote, an address or references, and nothing that would be a table."""
 
 
 def commands(group, words=()):
