@@ -14,8 +14,6 @@ from typing import Any
 
 from packaging.requirements import Requirement
 
-import pymantaray
-
 PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
 _KERNELS = (
     "acoustics._kernels.field",
@@ -62,8 +60,8 @@ def installation() -> dict[str, Any]:
     ]
     name, why_not = gpu()
     return {
-        "version": pymantaray.__version__,
-        "folder": str(Path(pymantaray.__file__).parent),
+        "version": _version("pymantaray"),
+        "folder": str(Path(__file__).parent),
         "python": f"{platform.python_version()}, {sys.executable}",
         "platform": platform.platform(),
         "packages": packages,
