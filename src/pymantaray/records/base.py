@@ -73,19 +73,18 @@ class Record:
 
     kind: ClassVar[str] = "record"
 
+    @np.errstate(invalid="ignore")  # of NaN where whole numbers are needed, which is refused
     def __post_init__(self) -> None:
         """Convert, check and freeze every field."""
         sizes = {name: len(labels) for name, labels in LABELS.items()}
         for f in self._columns():
             dtype, given = f.metadata["dtype"], getattr(self, f.name)
-            if (
-                given is None and f.metadata["default"] is not None
-            ):  # the columns before it say how long it is
-                given = np.full([sizes[name] for name in f.metadata["dims"]], f.metadata["default"])
+            default = f.metadata["default"]
+            if given is None and default is not None:  # the columns before it say how long it is
+                given = np.full([sizes[name] for name in f.metadata["dims"]], default)
             try:
                 values = np.asarray(given)
-                with np.errstate(invalid="ignore"):
-                    array = np.array(values, dtype=str if dtype == "U" else dtype)
+                array = np.array(values, dtype=str if dtype == "U" else dtype)
             except (TypeError, ValueError) as error:
                 raise RecordError(f"{self.kind}: {f.name} is not an array of type {dtype}: {error}") from None
             if array.dtype.kind == "i" and not np.array_equal(array, values):

@@ -372,20 +372,20 @@ def sound_between(
     if follows:
         last = tell(n * (1 + looks_again))
         delay, loss = _along_rays(reception, medium, currents, (source, receiver), arrivals, last)
-    delays = (None, None) if delay is None else (delay, -delay)
+    delays = (None,) if delay is None else (delay, -delay)  # there and back, which at rest are the same
     ways = [select(arrivals, reception.arrival, loss_db=loss, delay=d) for d in delays]
-    status, margin = ways[0].status.copy(), ways[0].shadow_margin.copy()
     if bare is not None:
+        status, margin = ways[0].status.copy(), ways[0].shadow_margin.copy()
         status[lost], margin[lost] = bare.status, bare.shadow_margin
-    there, back = (replace(way, status=status, shadow_margin=margin) for way in ways)
+        ways = [replace(way, status=status, shadow_margin=margin) for way in ways]
     probability = None
     if reception.detector is not None and loss is not None:
         heard = reception.detector.sonar.probability_heard(loss)
         probability = np.full((n, 2), np.nan)
         for way, d in enumerate(delays):
             link, row = choose_arrivals(arrivals, reception.arrival, loss_db=loss, delay=d)
-            probability[link, way] = heard[row]
-    sound = Sound(arrivals, there, back, probability, loss, delay, near)
+            probability[link, way:] = heard[row, None]
+    sound = Sound(arrivals, ways[0], ways[-1], probability, loss, delay, near)
     if reception.leakage is None:
         return sound
     return _with_leaks(sound, (source, receiver), medium, reception, currents)
