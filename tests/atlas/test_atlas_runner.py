@@ -351,6 +351,58 @@ run_atlas(Atlas(sys.argv[1], links, every=3), sys.argv[2], workers=1)
 """
 
 
+BASIN = """
+import resource, sys
+from pymantaray.atlas import Atlas, AtlasLinks, run_atlas
+links = AtlasLinks(pairs=((20.0, 100.0),), distances=(1_000.0,), bearings=1)
+run_atlas(Atlas(sys.argv[1], links, every=int(sys.argv[2])), sys.argv[3], workers=1)
+own = next(line for line in open("/proc/self/status") if line.startswith("VmHWM:"))
+print(int(own.split()[1]) // 1024, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024)
+"""
+
+
+def packed(path, ocean, rows, columns):
+    """A file of so many grid points, packed in 16 bits as HYCOM's are, the same profile everywhere."""
+    profile = ocean.isel(lat=25, lon=20)
+    data = xr.Dataset(
+        coords={
+            "time": ocean["time"],
+            "depth": ocean["depth"],
+            "lat": ("lat", 20.0 + 0.04 * np.arange(rows), ocean["lat"].attrs),
+            "lon": ("lon", 0.04 * np.arange(columns), ocean["lon"].attrs),
+        }
+    )
+    for name in ("water_temp", "salinity", "water_u", "water_v"):
+        column = np.nan_to_num((profile[name].values - 20.0) / 1e-3, nan=-30_000.0).round().astype("i2")
+        values = np.broadcast_to(column[:, None, None], (column.size, rows, columns))
+        attrs = ocean[name].attrs | {
+            "scale_factor": 1e-3,
+            "add_offset": 20.0,
+            "_FillValue": np.int16(-30_000),
+        }
+        data[name] = ("depth", "lat", "lon"), values, attrs
+    data.to_netcdf(path, engine="netcdf4", encoding={name: {"zlib": True} for name in data.data_vars})
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="its peak is read from /proc")
+def test_a_basin_takes_no_more_memory_than_a_bay(ocean, tmp_path):
+    peaks = {}
+    for name, rows, columns, every in (("bay", 120, 160, 40), ("basin", 1200, 1600, 200)):
+        file = packed(tmp_path / f"{name}-ocean.nc", ocean, rows, columns)
+        words = [sys.executable, "-c", BASIN, file, str(every), tmp_path / f"{name}.nc"]
+        printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        peaks[name] = [int(word) for word in printed.split()]  # MiB of parent and worker
+    points = 1200 * 1600 * ocean.sizes["depth"]
+    assert points * 8 > 400 * 2**20  # one variable of the basin, unpacked
+    for bay, basin in zip(peaks["bay"], peaks["basin"], strict=True):
+        assert basin < bay + 100, peaks
+    with open_atlas(tmp_path / "basin.nc") as whole:
+        assert dict(whole.sizes) | {"lat": 6, "lon": 8} == dict(whole.sizes)
+        assert np.isfinite(whole["range_error"]).all()
+
+
 def begin(file, out):
     return subprocess.Popen([sys.executable, "-c", RUN, file, out], stderr=subprocess.PIPE)
 

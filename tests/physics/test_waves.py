@@ -61,3 +61,19 @@ def test_waves_reach_into_a_shadow_less_with_frequency(strait: Medium) -> None:
     water = section(middle_column(strait), link, 1)
     low, high = (abs(parabolic(frequency, link, water)) * link.distance for frequency in (125.0, 500.0))
     assert high < 0.5 * low < 0.5
+
+
+def test_what_leaks_past_a_caustic_is_the_waves_and_past_a_straight_edge_an_upper_bound(
+    strait: Medium,
+) -> None:
+    """Level and time of the leakage model beside the waves' highest peak, as `docs/theory/waves.md` has them."""
+    band = Band(250.0, 62.5)
+    near, far = (compare(strait, NAMES[f"Fram, shadow {m} m deep"], band) for m in (6, 17))
+    for compared in (near, far):
+        assert compared.arrivals == 0
+        assert compared.leak is not None
+        late = compared.leak[1] - compared.time[np.argmax(compared.wave)]
+        assert abs(late) < 0.5 * 0.5 / band.width
+    levels = [one.leak[0] - 20.0 * np.log10(one.wave.max()) for one in (near, far) if one.leak is not None]
+    assert abs(levels[0]) < 3.0
+    assert 15.0 < levels[1] < 40.0  # no fold: the law of a straight edge
