@@ -1,6 +1,7 @@
 """What a run is exported as, opened by the programs that it is for, against the run."""
 
 import filecmp
+import re
 import sys
 from dataclasses import replace
 from itertools import product
@@ -302,6 +303,18 @@ def test_cf_trajectories_point_where_the_vehicles_do_and_comply(run, late, tmp_p
     )
 
 
+def test_names_of_estimators_become_such_as_ros_allows(run, tmp_path):
+    reader = pytest.importorskip("rosbags.highlevel").AnyReader
+    recording = record(run, 0)
+    poses = next(iter(recording.estimates.values()))
+    write_bag(replace(recording, estimates={"bias-0.5": poses, "2-at--5-km": poses}), tmp_path)
+    with reader([tmp_path]) as bag:
+        topics = {connection.topic for connection in bag.connections}
+    assert {"/bias_0_5/A/pose", "/_2_at_5_km/A/pose"} <= topics
+    for token in {token for topic in topics for token in topic.strip("/").split("/")}:
+        assert re.fullmatch("_?[A-Za-z0-9]+(?:_[A-Za-z0-9]+)*", token), token
+
+
 def test_names_that_ros_cannot_tell_apart_are_refused(run, tmp_path):
     pytest.importorskip("rosbags")
     recording = record(run, 0)
@@ -313,7 +326,7 @@ def test_names_that_ros_cannot_tell_apart_are_refused(run, tmp_path):
     )
     refused(
         ExchangeError,
-        "glider-1 and glider_1 are both glider_1 in ROS, which has no - in names",
+        "glider-1 and glider_1 are both glider_1 in ROS, which has neither - nor . in names",
         write_bag,
         same,
         tmp_path,

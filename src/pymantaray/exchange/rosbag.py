@@ -315,12 +315,12 @@ class _Messages:
 
 
 def _ros_names(names: list[str]) -> dict[str, str]:
-    """Names as ROS allows them in topics: letters, digits and _, no digit first."""
-    ros = {name: re.sub(r"^(?=\d)", "_", name.replace("-", "_")) for name in names}
+    """Names as ROS allows them in topics: letters, digits and single _, no digit first."""
+    ros = {name: re.sub(r"^(?=\d)", "_", re.sub("[^A-Za-z0-9]+", "_", name)) for name in names}
     for name, word in ros.items():
         other = next((o for o, w in ros.items() if w == word and o != name), None)
         if other is not None:
             raise ExchangeError(
-                f"{name} and {other} are both {word} in ROS, which has no - in names; rename one"
+                f"{name} and {other} are both {word} in ROS, which has neither - nor . in names; rename one"
             )
     return ros
