@@ -1,9 +1,17 @@
 """The command `mantaray export`."""
 
+import re
+
 import pandas as pd
 from factories import names_in
 
 from pymantaray.study import open_run
+from pymantaray.study.export import FORMATS
+
+
+def test_help_has_every_format(mantaray):
+    words = re.findall(r"[a-z0-9]+", mantaray("export", "--help").out)
+    assert set(FORMATS) <= set(words)
 
 
 def test_export_names_what_it_made_and_refuses_in_one_line(mantaray, tiny_run_folder, tmp_path):
