@@ -48,6 +48,14 @@ def test_errors_pool_to_the_tables_of_the_report(run):
     )
 
 
+def test_errors_are_estimates_less_the_truth(run):
+    axes, keys = ["north", "east", "down"], ["condition", "agent", "time"]
+    frame, poses = run.errors(), run.trajectories(1).set_index(keys)[axes]
+    errors = frame[frame["realization"] == 1].set_index(keys)[axes]
+    truth = poses.loc["truth"].loc[errors.index.droplevel("condition")]
+    np.testing.assert_allclose(truth.to_numpy() + errors, poses.loc[errors.index], rtol=0, atol=1e-9)
+
+
 def test_trajectories_are_those_of_the_records_and_lie_on_earth(run):
     frame, estimates = run.trajectories(1), run.estimates
     assert list(dict.fromkeys(frame["condition"])) == ["truth", *estimates.condition]
