@@ -7,6 +7,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from pymantaray.sweep import open_sweep
+
 SWEEP = """
 base = "small.toml"
 
@@ -45,6 +47,10 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     assert plan["axes"] == [{"noise.range_sigma": [0.5, 1.0]}, {"mission.ping_interval_h": [1.0, 2.0]}]
     assert (plan["done"], plan["to_do"]["points"], plan["time_s"]) == (4, 0, 0.0)
     assert "of these 4 done, 0 failed, 0 open" in mantaray("sweep", "show", file, "--out", out).out
+
+    html = open_sweep(out)._repr_html_()
+    assert "done: 4 · failed: 0 · open: 0 · points: 4" in html
+    assert html.count("<td>straight</td>") == 4
 
     collected = mantaray("sweep", "collect", out)
     assert collected.out == f"{out / 'table.csv'}\n{out / 'table.nc'}\n"

@@ -1,9 +1,11 @@
 """Is this ocean fit for use: everything that is wrong or doubtful about a data set, not only the first thing."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -21,6 +23,7 @@ from pymantaray.ocean.seawater import (
     supercooling,
 )
 from pymantaray.ocean.window import Window
+from pymantaray.records.shown import shown_html
 
 Array = NDArray[np.float64]
 _SLOWEST, _FASTEST = 1_400.0, 1_600.0  # m/s; sound speed of sea water anywhere
@@ -91,6 +94,11 @@ class Findings(tuple[Finding, ...]):
     def ok(self) -> bool:
         """Whether nothing is wrong; something may be doubtful."""
         return not self.wrong
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: how many there are, and each."""
+        counts = {"wrong": len(self.wrong), "doubtful": len(self.doubtful)}
+        return shown_html("Findings about an ocean", counts, {"": pd.DataFrame(asdict(f) for f in self)})
 
     def named(self, what: str) -> Finding | None:
         """First finding about a property; None if there is none."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import RecordError
+from pymantaray.records.shown import shown_html
 from pymantaray.records.writing import read_netcdf, write_netcdf
 
 if TYPE_CHECKING:
@@ -102,6 +103,25 @@ class Record:
     def _columns(cls) -> list[Field[Any]]:
         return [f for f in fields(cls) if "dims" in f.metadata]
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: each column's size, unit, values and meaning."""
+        import pandas as pd
+
+        rows = [
+            {
+                "": f.name,
+                "size": " x ".join(
+                    f"{name} {size}"
+                    for name, size in zip(f.metadata["dims"], getattr(self, f.name).shape, strict=True)
+                ),
+                "unit": f.metadata["units"],
+                "values": _values(getattr(self, f.name), f.metadata["flags"]),
+                "meaning": f.metadata["long_name"],
+            }
+            for f in self._columns()
+        ]
+        return shown_html(self.kind.replace("_", " ").capitalize(), {}, {"": pd.DataFrame(rows)})
+
     def to_dataset(self) -> "xr.Dataset":
         """Give the record as an xarray data set with labels, units and long names."""
         import xarray as xr
@@ -189,6 +209,21 @@ class DatedRecord(Record):
     def _time(cls) -> str:
         """Variable of a data set that holds the times."""
         return next(_variable(f) for f in cls._columns() if f.name == "time")
+
+
+def _values(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
+    """In words: how many there are of each flag, names, or the least and greatest number and how many there are none of."""
+    if flags is not None:
+        counts = {flag.name: int(np.count_nonzero(values == flag)) for flag in flags}
+        return ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    if values.dtype.kind == "U":
+        names = ", ".join(values.ravel()[:5].tolist())
+        return f"{names}, ..." if values.size > 5 else names
+    numbers = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    lacking = f", {values.size - numbers.size} NaN" if numbers.size < values.size else ""
+    return (
+        f"{numbers.min():.6g} to {numbers.max():.6g}{lacking}" if numbers.size else lacking.removeprefix(", ")
+    )
 
 
 def _variable(f: Field[Any]) -> str:

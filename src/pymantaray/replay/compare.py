@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.errors import ReplayError
 from pymantaray.records import RayStatus
+from pymantaray.records.shown import shown_html
 from pymantaray.replay.clocks import reciprocity_table
 from pymantaray.replay.events import Events
 from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule, Heard
@@ -55,6 +56,12 @@ class Replay:
     candidates: pd.DataFrame = field(repr=False)
     reference: str | None = None
     notes: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: what became of the events, and residuals of all and by depth and range."""
+        counts = {str(name): n for name, n in self.events["status"].value_counts().items()}
+        summary = self.summary[self.summary["by"] != "pair"]
+        return shown_html(f"Replay of {len(self.events)} events by rule {self.rule}", counts, {"": summary})
 
     @cached_property
     def summary(self) -> pd.DataFrame:

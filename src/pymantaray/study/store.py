@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
-from pymantaray.evaluation import error_bound
+from pymantaray.evaluation import dropout_table, error_bound, error_table, range_error_table
 from pymantaray.records import (
     Arrivals,
     Estimates,
@@ -27,6 +27,7 @@ from pymantaray.records import (
     read_netcdf,
     whole_file,
 )
+from pymantaray.records.shown import shown_html
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.assemble import build_clocks, build_timing
@@ -62,6 +63,22 @@ class Run:
     """
 
     path: Path
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: what was run, where it is, range errors and, where there are estimates, trajectory errors."""
+        config, pooled = self.config, dropout_table(self.measurements, self.truth)
+        facts = {
+            "vehicles": self.truth.name.size,
+            "hours": f"{config.mission.duration_h:g}",
+            "realizations": config.study.realizations if config.solves else 0,
+            "ocean": f"{self.ocean.attrs['title']}{', made up' if self.synthetic else ''}",
+            "folder": self.path,
+        }
+        errors = range_error_table(self.measurements, self.ranging_truth, self.truth)
+        tables = {"Refracted minus straight range": pooled.merge(errors)}
+        if config.solves:
+            tables["Trajectory error, no alignment"] = error_table(self.truth, self.estimates)
+        return shown_html(f"Run of {config.study.name}: {config.study.description}", facts, tables)
 
     @cached_property
     def manifest(self) -> dict[str, Any]:

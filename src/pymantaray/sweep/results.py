@@ -12,6 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.errors import SweepError
+from pymantaray.records.shown import shown_html
 from pymantaray.sweep.definition import Sweep, parse_sweep
 from pymantaray.sweep.keys import POINT
 from pymantaray.sweep.plan import Plan, planned_keys
@@ -63,6 +64,12 @@ class SweepResults:
         done, failed = finished(self._store, known)
         lines = Counter(str(content["error"]) for key in failed if (content := self._read(key, failed=True)))
         return Status(len(known), len(done), len(failed), dict(lines.most_common()))
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: how far the sweep is, and its table."""
+        status = self.status()
+        counts = {DONE: status.done, FAILED: status.failed, OPEN: status.open, "points": status.points}
+        return shown_html(f"Sweep {self.sweep.name}", counts, {"": self.table()})
 
     def table(self) -> pd.DataFrame:
         """

@@ -1,0 +1,54 @@
+"""What a notebook shows of results: short, with the numbers of the tables, and no markup of a user's."""
+
+import re
+
+import pandas as pd
+
+from pymantaray.evaluation import error_table
+from pymantaray.ocean import check_ocean
+from pymantaray.records.shown import shown_html
+from pymantaray.study import open_run
+
+
+def cells(html):
+    return re.findall(r"<t[dh]>(.*?)</t[dh]>", html)
+
+
+def test_a_run_shows_its_errors(tiny_run_folder):
+    run = open_run(tiny_run_folder)
+    html = run._repr_html_()
+    assert "Run of tiny" in html
+    assert f"folder: {tiny_run_folder}" in html
+    assert "made up" in html
+    for value in error_table(run.truth, run.estimates)["rmse_m"]:
+        assert f"{value:.6g}" in cells(html)
+    assert len(html) < 12_000
+
+
+def test_records_show_the_size_unit_and_values_of_each_column(tiny_run_folder):
+    run = open_run(tiny_run_folder)
+    arrivals = run.arrivals
+    shown = cells(arrivals._repr_html_())
+    row = shown.index("travel_time")
+    times = f"{arrivals.travel_time.min():.6g} to {arrivals.travel_time.max():.6g}"
+    assert shown[row + 1 : row + 4] == [f"arrival {arrivals.link.size}", "s", times]
+    assert any(cell.endswith(" OK") or " OK," in cell for cell in shown)
+    truth = cells(run.truth._repr_html_())
+    assert truth[truth.index("name") + 3] == "A, B, C, D"
+    for record in (run.measurements, run.ranging_truth, run.estimates, run.links):
+        assert len(cells(record._repr_html_())) > 10
+
+
+def test_findings_of_an_ocean_are_a_table():
+    shown = check_ocean("synthetic:beaufort")._repr_html_()
+    assert "wrong: 0 · doubtful: 1" in shown
+    assert "made up" in cells(shown)
+
+
+def test_a_long_table_is_cut_and_what_is_no_markup_stays_none():
+    shown = shown_html(
+        "<b>", {"<i>": "&"}, {"<u>": pd.DataFrame({"<a>": range(100), "x_m": [None, *range(99)]})}
+    )
+    assert "100 rows" in shown
+    assert len(cells(shown)) < 50
+    assert not set(re.findall(r"</?(\w+)", shown)) & {"b", "i", "u", "a"}
