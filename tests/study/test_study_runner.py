@@ -1,5 +1,6 @@
 """A whole small study: what is on disk is what was computed, the same whoever computes it, or nothing."""
 
+import datetime as dt
 import hashlib
 from dataclasses import replace
 from types import SimpleNamespace
@@ -203,6 +204,9 @@ def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path):
     stages = {"ocean", "fleet", "medium", "rays", "picture", "realizations", "files"}
     assert set(manifest["seconds"]) == stages
     assert all(value >= 0 for value in manifest["seconds"].values())
+    began = dt.datetime.fromisoformat(manifest["made"]["began"])
+    assert abs(dt.datetime.now(dt.UTC) - began) < dt.timedelta(days=1)
+    assert manifest["made"]["command"] is None  # the tests are not the command
     content = tmp_path / "a.nc"
     content.write_bytes(b"ocean")
     config = tiny(ocean={"source": [str(content)]})

@@ -9,6 +9,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pymantaray.errors import StudyError
@@ -147,3 +148,19 @@ def test_processes_end_with_who_started_them_however_that_ends(tmp_path):
     process.kill()
     process.wait()
     wait_for(lambda: all(gone(int(path.name.split("-")[0])) for path in out.iterdir()))
+
+
+def hold(mebibytes):
+    return np.ones(mebibytes * 2**17).size
+
+
+def test_memory_is_that_of_the_largest_worker_and_not_of_who_started_it():
+    """One mebibyte is 2**17 numbers of 8 bytes; a fresh interpreter without work has some tens of them."""
+    here = np.ones(400 * 2**17)
+    with Workers(partial(task, hold), 2) as workers:
+        workers.submit(1).result()
+        before = workers.peak_memory_mib
+        workers.submit(150).result()
+        assert 0.0 < before < 300.0
+        assert 140.0 < workers.peak_memory_mib - before < 200.0
+    assert here.nbytes == 400 * 2**20

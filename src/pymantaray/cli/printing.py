@@ -138,7 +138,7 @@ def logged(*, quiet: bool, verbose: int) -> Iterator[None]:
         loggers[1].addHandler(handler)
     try:
         yield
-        LOG.info("%.2f s, at most %.0f MiB", time.perf_counter() - start, peak_memory_mib()["main"])
+        LOG.info("%.2f s, at most %.0f MiB", time.perf_counter() - start, peak_memory_mib())
     except (Exception, KeyboardInterrupt):
         LOG.debug("what led to it:", exc_info=True)
         raise

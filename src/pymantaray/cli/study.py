@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pymantaray.cli.options import Commands, Json, OceanCommand, Quiet, RunGroup
-from pymantaray.cli.output import progress_bars
+from pymantaray.cli.output import duration, progress_bars
 from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.report.parts import PAGE
 
@@ -165,6 +165,7 @@ def run_and_report(
                     )
                     raise
     _print_summary(printed, results)
+    _print_cost(printed, results)
     if figures:
         printed.line(f"page: {results.path / PAGE}", page=results.path / PAGE)
     printed.paths(folder=results.path)
@@ -215,6 +216,19 @@ def _open(page: Path) -> None:
 
     if not webbrowser.open(page.resolve().as_uri()):
         LOG.warning("no browser is there to open %s", page)
+
+
+def _print_cost(out: Printer, run: "Run") -> None:
+    """Time of each stage and peak memory, in a line."""
+    seconds, memory = run.manifest["seconds"], run.manifest["peak_memory_mib"]
+    stages = ", ".join(f"{stage} {duration(value)}" for stage, value in seconds.items())
+    workers = run.manifest["machine"]["workers"]
+    each = f", {memory['largest_worker']:.0f} MiB in each of {workers} workers" if workers > 1 else ""
+    out.line(
+        f"took {duration(sum(seconds.values()))} ({stages}) and at most {memory['main']:.0f} MiB of memory{each}",
+        seconds=seconds,
+        peak_memory_mib=memory,
+    )
 
 
 def _print_summary(out: Printer, run: "Run") -> None:

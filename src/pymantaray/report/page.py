@@ -101,7 +101,7 @@ def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> str:
     return render(
         "run.html",
         title=config.study.name,
-        facts=[mission, _provenance(results)],
+        facts=[mission, *_provenance(results)],
         description=config.study.description,
         notes=[*([SYNTHETIC_NOTE] if results.synthetic else []), *troubles(results)],
         cards=headlines(results),
@@ -114,14 +114,20 @@ def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> str:
     )
 
 
-def _provenance(results: Results) -> str:
-    """What made the run, which water, and the command that makes it again."""
+def _provenance(results: Results) -> list[str]:
+    """What made the run, which water, when, for how long and by which command; and how it is made again."""
     manifest, time = results.run.manifest, str(results.run.ocean.attrs.get("time", ""))
-    version = manifest["versions"].get("pymantaray")
-    made = [f"MantaRay {version}"] if version else []
-    made += [f"water of {time[:16].replace('T', ' ')} UTC"] if time else []
-    made.append(f"seed {results.run.config.study.seed}")
-    return ", ".join(made) + "; again with: mantaray study run config.toml"
+    version, made = manifest["versions"].get("pymantaray"), manifest.get("made")
+    facts = [f"MantaRay {version}"] if version else []
+    facts += [f"water of {time[:16].replace('T', ' ')} UTC"] if time else []
+    facts.append(f"seed {results.run.config.study.seed}")
+    if made is not None:  # by a version that says so
+        began = f"{made['began'][:16].replace('T', ' ')} UTC"
+        facts.append(f"made {began} in {sum(manifest['seconds'].values()):.0f} s")
+    lines = [", ".join(facts)]
+    if made is not None and made["command"]:
+        lines.append(f"Command: {made['command']}")
+    return [*lines, "Again with: mantaray study run config.toml"]
 
 
 def _words(results: Results) -> list[str]:

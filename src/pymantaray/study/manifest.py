@@ -1,9 +1,12 @@
 """What a run was made from and with: versions, seeds, checksums, timings, memory, platform."""
 
+import datetime as dt
 import hashlib
 import os
 import platform
+import shlex
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,9 +21,10 @@ from pymantaray.study.tracks import read_fleet
 
 
 class Stopwatch:
-    """Wall-clock seconds of named stages, in the order in which they were entered."""
+    """Wall-clock seconds of named stages, in the order in which they were entered, and when it began."""
 
     def __init__(self) -> None:
+        self.began = dt.datetime.now(dt.UTC)
         self.seconds: dict[str, float] = {}
 
     @contextmanager
@@ -39,13 +43,19 @@ def checksums(config: StudyConfig) -> dict[str, str]:
 
 
 def describe_run(
-    config: StudyConfig, inputs: dict[str, str], seconds: dict[str, float], *, synthetic: bool, workers: int
+    config: StudyConfig,
+    inputs: dict[str, str],
+    watch: Stopwatch,
+    *,
+    synthetic: bool,
+    workers: int,
+    worker_memory_mib: float,
 ) -> dict[str, Any]:
     """Collect what results depend on, with checksums of inputs, and their cost: the manifest but for the outcome."""
-    memory = peak_memory_mib()  # before git is called: a child counts as large as its parent at first
     return {
         "format": 3,
         "study": config.study.name,
+        "made": {"began": f"{watch.began:%Y-%m-%dT%H:%M:%SZ}", "command": _command()},
         "ocean": {
             "source": list(config.ocean.source),
             "synthetic": synthetic,
@@ -70,9 +80,14 @@ def describe_run(
             "workers": workers,
         },
         "references": [str(reference) for reference in citation(config)],
-        "seconds": {name: round(value, 3) for name, value in seconds.items()},
-        "peak_memory_mib": memory,
+        "seconds": {name: round(value, 3) for name, value in watch.seconds.items()},
+        "peak_memory_mib": {"main": peak_memory_mib(), "largest_worker": worker_memory_mib},
     }
+
+
+def _command() -> str | None:
+    """Command line of `mantaray` that this process is; None of a script or a notebook."""
+    return shlex.join(["mantaray", *sys.argv[1:]]) if Path(sys.argv[0]).stem == "mantaray" else None
 
 
 def _own_fleet(config: StudyConfig) -> dict[str, Any]:

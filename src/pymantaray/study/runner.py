@@ -107,7 +107,14 @@ def run_study(
         with watch.stage("files"):
             if config.solves:
                 estimates = _write_results(known, [solved[n] for n in range(count)], stage)
-        content = describe_run(config, inputs, watch.seconds, synthetic=known.synthetic, workers=workers)
+        content = describe_run(
+            config,
+            inputs,
+            watch,
+            synthetic=known.synthetic,
+            workers=workers,
+            worker_memory_mib=0.0 if processes is None else processes.peak_memory_mib,
+        )
         content["solve_cpu_seconds"] = _cpu_seconds(solved)
         content["outcome"] = summarize(known, estimates)
         write_json(content, stage / MANIFEST)

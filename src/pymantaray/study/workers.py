@@ -22,6 +22,7 @@ from queue import SimpleQueue
 from typing import Any, BinaryIO, NoReturn, Self
 
 from pymantaray.errors import StudyError
+from pymantaray.installation import peak_memory_mib
 
 # read by the numerical libraries when a process starts; more threads than cores only slow it down
 _ONE_THREAD = (
@@ -53,6 +54,8 @@ class Workers:
         self._processes: list[subprocess.Popen[bytes]] = []
         self._idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
         self._pool, self._lock, self._over = ThreadPoolExecutor(count), threading.Lock(), False
+        self.peak_memory_mib = 0.0
+        """Largest resident memory of any of them so far."""
 
     def __enter__(self) -> Self:
         """Start the processes."""
@@ -75,7 +78,11 @@ class Workers:
     def _ask(self, message: object) -> Any:
         process = self._idle.get()
         try:
-            return _answer(process, message)
+            result, memory = _answer(process, message)
+            self.peak_memory_mib = max(self.peak_memory_mib, memory)
+            if isinstance(result, Exception):
+                raise result
+            return result
         finally:
             with self._lock:
                 if process.poll() is not None and not self._over:
@@ -120,18 +127,17 @@ def _tell(process: "subprocess.Popen[bytes]", message: object) -> None:
         pass  # it ended; reading its answer tells how
 
 
-def _answer(process: "subprocess.Popen[bytes]", message: object) -> object:
+def _answer(process: "subprocess.Popen[bytes]", message: object) -> tuple[object, float]:
+    """What a process makes of a message, or the error that it raises, and its peak memory. [MiB]"""
     assert process.stdout is not None  # for the type checker
     _tell(process, message)
     try:
-        result = pickle.load(process.stdout)
+        answer: tuple[object, float] = pickle.load(process.stdout)
     except (EOFError, pickle.UnpicklingError):
         code = process.wait()
         how = f"by {signal.Signals(-code).name}, perhaps out of memory" if code < 0 else f"with code {code}"
         raise WorkerEndedError(f"a worker process ended early, {how}; try fewer workers") from None
-    if isinstance(result, Exception):
-        raise result
-    return result
+    return answer
 
 
 def serve() -> NoReturn:
@@ -165,9 +171,9 @@ def _work(
         message = messages.get()
         try:
             task = task or start()
-            result = pickle.dumps(task(message))
+            result = pickle.dumps((task(message), peak_memory_mib()))
         except Exception as error:  # noqa: BLE001  raised again where it was asked for
             error.add_note(traceback.format_exc())
-            result = pickle.dumps(error)
+            result = pickle.dumps((error, peak_memory_mib()))
         results.write(result)
         results.flush()
