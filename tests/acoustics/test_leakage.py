@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from scipy.special import fresnel
 
 from pymantaray.acoustics import Leakage, Medium, find_eigenrays, find_leaks, trace_fan
+from pymantaray.acoustics.creeping import creep_along_surface
 from pymantaray.acoustics.leakage import airy_spreading_db, knife_edge_db
 from pymantaray.errors import AcousticsError
 
@@ -70,6 +71,34 @@ def test_behind_a_ridge_sound_comes_by_its_crest():
     lower = find_leaks(water, source, receiver, Leakage(reach=250.0), 0.1 * HZ)
     assert lower.arrivals.spreading_db[0] < leaks.arrivals.spreading_db[0] - 5.0
     assert not find_leaks(water, source, receiver, Leakage(reach=100.0), HZ).link.size
+
+
+def test_what_creeps_is_the_same_from_either_end_and_falls_by_the_third_root_of_frequency():
+    """Twice the way between the grazing rays: alpha of a linear gradient, 2.0247 (k / 2 R^2)^(1/3), and cylindrical spreading."""
+    speed, gradient, depth = 1460.0, 0.15, 20.0
+    water = Medium.from_profile(
+        [0.0, 500.0], [speed, speed - 500.0 * gradient], bottom_depth=500.0, interpolation="linear"
+    )
+    radius = speed / gradient
+    graze = 2.0 * np.sqrt(2.0 * radius * depth)  # of two arcs, to a part in a thousand
+    source, ends = (
+        np.array([0.0, 0.0, depth]),
+        [np.array([far, 0.0, depth]) for far in (graze + 500.0, graze + 1000.0)],
+    )
+    for hz in (125.0, 1000.0):
+        near, far = (creep_along_surface(water, source, end, hz) for end in ends)
+        alpha = 2.0247 * (np.pi * hz / speed / radius**2) ** (1.0 / 3.0)
+        fall = 500.0 * alpha * 20.0 / np.log(10.0) - 10.0 * np.log10(ends[1][0] / ends[0][0])
+        assert far.spreading_db - near.spreading_db == pytest.approx(fall, rel=2e-3)
+        late = (
+            500.0 * alpha / np.sqrt(3.0) / (6.0 * np.pi * hz)
+        )  # of a wavenumber that has k's third root in it
+        assert far.travel_time - near.travel_time == pytest.approx(500.0 / speed + late, rel=1e-5)
+        assert creep_along_surface(water, ends[0], source, hz).spreading_db == pytest.approx(
+            near.spreading_db
+        )
+    assert creep_along_surface(water, source, np.array([0.9 * graze, 0.0, depth]), HZ) is None  # lit
+    assert creep_along_surface(ridged(), source, ends[0], HZ) is None  # no ray comes back up
 
 
 def test_scattered_sound_is_a_floor():

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.acoustics.creeping import creep_along_surface
 from pymantaray.acoustics.eigenrays import find_eigenrays
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.selection import choose_arrivals
@@ -54,6 +55,8 @@ class Leakage:
     - Elsewhere, as behind a seamount or where rays part, that of a straight edge half-way along the distance d [2]_: :math:`J(\nu)` below
       the ray just inside, :math:`\nu = m \sqrt{2 / \lambda d}`, which is 6 dB at the edge, and a way longer by :math:`m^2 / d`. Behind a
       smooth boundary less is heard, so it is an upper bound.
+    - Where the surface makes the shadow, both ends lying below water that is faster all the way up, sound creeps along the surface, and
+      is taken by its first mode (`creeping.py`) if that is weaker than behind the edge.
 
     A ray that does reach the receiver, but beyond the cut-off and by 40 dB at most, is taken in its place where it is stronger.
 
@@ -135,8 +138,7 @@ def find_leaks(
     dark, edge = _edges(solve, np.clip(np.stack(room), 0.0, leakage.reach), leakage.reach)
     at_edge = _strongest(solve(dark, edge))
     inside = solve(dark, edge + np.copysign(_INSIDE, edge))
-    chord = np.linalg.norm(receiver[dark] - source[dark], axis=-1)
-    level, delay = _beyond(edge, at_edge, inside, chord, frequency_hz)
+    level, delay = _beyond(medium, (source[dark], receiver[dark]), edge, at_edge, inside, frequency_hz)
     n = len(source)
     weakest = None if spreading_cutoff_db is None else max(spreading_cutoff_db, _WEAKEST)
     weak = solve(np.arange(n), np.zeros(n), weakest)
@@ -156,10 +158,16 @@ def find_leaks(
 
 
 def _beyond(
-    edge: Array, at_edge: Arrivals, inside: Arrivals, chord: Array, frequency_hz: float
+    medium: Medium,
+    ends: tuple[Array, Array],
+    edge: Array,
+    at_edge: Arrivals,
+    inside: Arrivals,
+    frequency_hz: float,
 ) -> tuple[Array, Array]:
     """Spreading at receivers beyond an edge [dB], and what the way from there adds to the travel time [s]."""
     level, delay = np.empty(edge.size), -edge * at_edge.receiver_slowness[:, 2]
+    chord = np.linalg.norm(ends[1] - ends[0], axis=-1)
     for i, (m, d) in enumerate(zip(np.abs(edge).tolist(), chord.tolist(), strict=True)):
         rays = np.flatnonzero(inside.link == i)
         rays = rays[np.argsort(np.abs(inside.travel_time[rays] - at_edge.travel_time[i]))]
@@ -172,6 +180,9 @@ def _beyond(
             before = inside.spreading_db[rays[0]] if rays.size else at_edge.spreading_db[i]
             level[i] = before + knife_edge_db(m * math.sqrt(2.0 * frequency_hz / (speed * d)))
             delay[i] += m * m / (speed * d)  # the way by an edge half-way, as in Fresnel's parameter
+            creep = creep_along_surface(medium, ends[0][i], ends[1][i], frequency_hz)
+            if creep is not None and creep.spreading_db > level[i]:
+                level[i], delay[i] = creep.spreading_db, creep.travel_time - at_edge.travel_time[i]
     return level, delay
 
 
