@@ -123,10 +123,12 @@ def test_rows_are_sorted_and_a_time_that_comes_twice_counts_once():
 
 
 def test_a_depth_sensor_may_be_a_little_above_the_surface():
-    place = PLACE - [0, 0, 3.4]
-    tracks = Tracks.of([poses(place=place)])
-    assert tracks.poses[0].place[:, 2].min() == 0.0
-    assert tracks.notes == ("mission.csv: A: 1 poses up to 0.4 m above the surface were put on it",)
+    for above, count in ((0.4, 1), (4.9, 3)):
+        tracks = Tracks.of([poses(place=PLACE - [0, 0, 3.0 + above])])
+        assert tracks.poses[0].place[:, 2].min() == 0.0
+        assert tracks.notes == (
+            f"mission.csv: A: {count} poses up to {above} m above the surface were put on it",
+        )
 
 
 def test_a_name_that_a_study_cannot_have_becomes_one_that_it_can():
@@ -195,7 +197,7 @@ IMPOSSIBLE = {
     "two vehicles are called A; names must differ": lambda: [poses(), poses()],
     "pose 2 has a place that is not finite": lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))],
     "latitude 95; latitudes lie in -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
-    "depth -92 m is above the surface; .*change the sign if": lambda: [poses(place=PLACE - 95.0)],
+    "depth -5.1 m is above the surface; .*change the sign if": lambda: [poses(place=PLACE - [0, 0, 8.1])],
     "the quaternion of pose 0 has length 0; it must be 1": lambda: [poses(quaternion=np.zeros((5, 4)))],
     "A has latitude and longitude, B of mission.csv has not": lambda: [
         poses(geodetic=True), poses("B")],
