@@ -5,17 +5,19 @@ import inspect
 import re
 import runpy
 import sys
+import tomllib
 from pathlib import Path
 from typing import get_args
 
 import pytest
+from pages import DOCS, blocks_of
 from pydantic import BaseModel
 
 from pymantaray.ocean.fetch.catalogue import Catalogue
 from pymantaray.study import StudyConfig
+from pymantaray.sweep.definition import KEYS
 
-SITE = Path(__file__).parents[1] / "docs" / "site"
-PAGES = runpy.run_path(str(SITE / "reference_pages.py"))
+PAGES = runpy.run_path(str(DOCS / "site" / "reference_pages.py"))
 SUFFIXES = {"_h": "h", "_s": "s", "_hz": "Hz", "_db": "dB", "_deg": "degrees", "_m": "m"}
 
 
@@ -35,6 +37,7 @@ def reachable(root):
     return found
 
 
+WITH_TOML = [page for page in sorted(DOCS.rglob("*.md")) if "```toml" in page.read_text()]
 MODELS = [*reachable(StudyConfig), *reachable(Catalogue)]
 
 
@@ -138,3 +141,25 @@ def test_all_top_folders_that_export_are_listed():
     package = Path(importlib.import_module("pymantaray").__file__).parent
     exporting = {p.parent.name for p in package.glob("*/__init__.py") if "__all__" in p.read_text()}
     assert exporting == {folder for folder in PAGES["FOLDERS"] if "." not in folder}
+
+
+def keys_of_configurations():
+    own = {name for model in MODELS for name in model.model_fields}
+    return own | set(KEYS) | {"count", "spacing", "labels", "id", "lat", "lon"}
+
+
+def keys_in(tree):
+    if isinstance(tree, list):
+        return {key for entry in tree for key in keys_in(entry)}
+    if isinstance(tree, dict):
+        return {key for name, value in tree.items() for key in (name, *keys_in(value))}
+    return set()
+
+
+@pytest.mark.parametrize("page", WITH_TOML, ids=lambda page: page.name)
+def test_configurations_in_pages_have_no_unknown_key(page):
+    known = keys_of_configurations()
+    for block in blocks_of(page.read_text()):
+        if block.language == "toml":
+            unknown = {k for key in keys_in(tomllib.loads(block.text)) for k in key.split(".")} - known
+            assert not unknown, f"line {block.line}: {unknown}"

@@ -1,0 +1,67 @@
+"""Every page of the documentation is followed."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from pages import DOCS, MARKS, ROOT, RUNS, agree, blocks_of, compare, follow
+
+PAGES = sorted(path for path in DOCS.rglob("*.md") if "site" not in path.relative_to(DOCS).parts)
+WITH_CODE = [
+    p for p in PAGES if any(b.language in RUNS and b.mark != "not run" for b in blocks_of(p.read_text()))
+]
+QUICK = ("how-to/travel-times.md", "reference/ocean-files.md", "theory/loss.md")
+"""Pages that take seconds."""
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(DOCS).as_posix()
+
+
+def marked(page: Path):
+    return pytest.param(page, id=name_of(page), marks=() if name_of(page) in QUICK else pytest.mark.slow)
+
+
+@pytest.mark.parametrize("page", [marked(page) for page in WITH_CODE])
+@pytest.mark.filterwarnings("default")  # as the reader's Python has it
+def test_a_page_runs_as_it_stands(page, tmp_path):
+    names = follow(page, tmp_path)
+    if name_of(page) == "how-to/travel-times.md":
+        table = pd.read_csv(tmp_path / "times.csv")
+        assert table["status"].tolist() == ["ok", "ok", "ok"]
+        np.testing.assert_allclose(table["travel_time_s"][:2], names["first"].travel_time, rtol=1e-11)
+
+
+def test_python_in_readme_runs(tmp_path):
+    assert "run" in follow(ROOT / "README.md", tmp_path, languages=("python",))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_marks_of_blocks_say_something(page):
+    for block in blocks_of(page.read_text()):
+        assert block.mark is None or (block.mark in MARKS and len(block.said) > 3), f"line {block.line}"
+        assert not block.language.isspace()
+
+
+def test_what_is_shown_has_to_be_printed():
+    printed = "3 links, 2 heard\nlost  1.50 %\n"
+    compare("3 links, ... heard\n...\nlost 1.50 %\n", printed, "here")
+    for wrong in ("3 links, 3 heard", "lost 1.51 %\n3 links, 2 heard", "gone 1.50 %"):
+        with pytest.raises(AssertionError, match="not printed"):
+            compare(wrong, printed, "here")
+    assert agree("1,234.50000000 m", "1,234.50000001  m")
+    assert not agree("1,234.5 m", "1,234.6 m")
+
+
+def test_a_page_that_fails_is_told_with_its_line(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# A page\n\n<!-- not run: it ends everything -->\n```sh\nexit 1\n```\n\n```python\nx = 1 / 0\n```\n"
+    )
+    with pytest.raises(ZeroDivisionError):
+        follow(page, tmp_path)
+    page.write_text("```console\n$ echo one\ntwo\n```\n")
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(AssertionError, match=r"page.md, line 1: not printed:\ntwo"):
+        follow(page, tmp_path / "sub")
