@@ -7,7 +7,7 @@ STAMP := $(shell date +%Y%m%d-%H%M%S)
 ARGS  :=
 export PYTHON
 
-.PHONY: help study study-paper quick test lint docs bench matrix cuda ci-full clean
+.PHONY: help study study-paper quick test lint docs figures bench matrix cuda ci-full clean
 
 help:
 	@echo "make study        the paper's Beaufort Sea study at full size"
@@ -16,6 +16,7 @@ help:
 	@echo "make test         the fast tests"
 	@echo "make lint         formatting, lint, types, import contracts, spelling"
 	@echo "make docs         the documentation as a site, in build/docs"
+	@echo "make figures      the figures of the documentation again, in minutes; ARGS=all those that take hours too"
 	@echo "make bench        timings"
 	@echo "make matrix       the fast tests on Python 3.11, 3.12, 3.13 and on the oldest dependencies (needs uv)"
 	@echo "make cuda         the kernels compiled for a GPU, which need not be here (needs uv; 1.2 GB of packages)"
@@ -50,6 +51,9 @@ docs: $(VENV)/.ready-docs
 	$(BIN)/python docs/site/stage.py build/docs-source
 	$(BIN)/sphinx-build -q -W --keep-going -c docs/site $(ARGS) build/docs-source build/docs
 	@echo "build/docs/index.html"
+
+figures: $(VENV)/.ready-test
+	$(BIN)/python benchmarks/gallery.py $(ARGS)
 
 bench: $(VENV)/.ready-run
 	$(BIN)/python benchmarks/all_rows.py $(ARGS)

@@ -10,6 +10,7 @@ import io
 import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -178,14 +179,10 @@ def _cast(name: str, latitude: float, deepest: float) -> Callable[[Path], None]:
 
 
 def _graph(folder: Path) -> None:
-    """A factor graph in two formats."""
-    from pymantaray.study import open_run
-
+    """A factor graph of the latest run."""
     if not (folder / "runs").exists():
         _run(folder)
-    (file,) = sorted((open_run(folder / "runs" / "latest").folder / "graphs").glob("*.pyfg"))[:1]
-    (folder / "graph.pyfg").write_bytes(file.read_bytes())
-    shell("mantaray graph convert graph.pyfg graph.g2o --leave-out all", folder, "stand-in")
+    shutil.copy2(folder / "runs" / "latest" / "pyfg" / "realization-0-refracted.pyfg", folder / "graph.pyfg")
 
 
 def _study(folder: Path) -> None:
@@ -210,6 +207,13 @@ def _sea_floor(folder: Path) -> None:
     ).to_netcdf(folder / "GEBCO_2024.nc")
 
 
+def _tables(folder: Path) -> None:
+    """Links and profile of the page on travel times."""
+    for block in blocks_of((DOCS / "how-to" / "travel-times.md").read_text(encoding="utf-8")):
+        if block.mark == "file":
+            (folder / block.said).write_text(block.text)
+
+
 STAND_INS: dict[str, Callable[[Path], None]] = {
     "ts3z.nc": _gulf_stream,
     "model.zarr": _gulf_stream,
@@ -217,6 +221,8 @@ STAND_INS: dict[str, Callable[[Path], None]] = {
     "graph.pyfg": _graph,
     "my_study.toml": _study,
     "GEBCO_2024.nc": _sea_floor,
+    "links.csv": _tables,
+    "profile.csv": _tables,
     "cast.csv": _cast("cast.csv", 74.5, 1000.0),
     "deeper.csv": _cast("deeper.csv", 74.5, 3700.0),
     "drop_74N.csv": _cast("drop_74N.csv", 74.0, 1000.0),

@@ -1,5 +1,7 @@
 """Every page of the documentation is followed."""
 
+import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +9,9 @@ import pandas as pd
 import pytest
 from pages import DOCS, MARKS, ROOT, RUNS, agree, blocks_of, compare, follow
 
-PAGES = sorted(path for path in DOCS.rglob("*.md") if "site" not in path.relative_to(DOCS).parts)
+from pymantaray.ocean import open_ocean
+
+PAGES = sorted(DOCS.rglob("*.md"))
 WITH_CODE = [
     p for p in PAGES if any(b.language in RUNS and b.mark != "not run" for b in blocks_of(p.read_text()))
 ]
@@ -31,6 +35,11 @@ def test_a_page_runs_as_it_stands(page, tmp_path):
         table = pd.read_csv(tmp_path / "times.csv")
         assert table["status"].tolist() == ["ok", "ok", "ok"]
         np.testing.assert_allclose(table["travel_time_s"][:2], names["first"].travel_time, rtol=1e-11)
+        assert np.all(names["travel_time_sensitivity"](names["paths"], names["layers"]) <= 0.0)
+    if name_of(page) == "reference/ocean-files.md":
+        ocean = open_ocean(tmp_path / "ligurian.nc")
+        assert dict(ocean.sizes) == {"depth": 4, "lat": 26, "lon": 13}
+        assert ocean.attrs == {"title": "Ligurian Sea", "source": "my model, run 7", "synthetic": 1}
 
 
 def test_python_in_readme_runs(tmp_path):
@@ -65,3 +74,15 @@ def test_a_page_that_fails_is_told_with_its_line(tmp_path):
     (tmp_path / "sub").mkdir()
     with pytest.raises(AssertionError, match=r"page.md, line 1: not printed:\ntwo"):
         follow(page, tmp_path / "sub")
+
+
+def test_every_figure_has_a_caption_and_commands_that_write_it():
+    gallery = runpy.run_path(str(ROOT / "benchmarks" / "gallery.py"))
+    made = {
+        name: text for names, _, text in gallery["commands"](gallery["GALLERY"].read_text()) for name in names
+    }
+    assert set(made) == {path.stem for path in (DOCS / "figures").glob("*.png")}
+    for name, text in made.items():
+        scripts = [(ROOT / script).read_text() for script in re.findall(r"benchmarks/\w+\.py", text)]
+        stem = re.split(r"_(?=fram$|beaufort$)", name)[0]
+        assert any(stem in words for words in (text, *scripts)), name

@@ -352,35 +352,6 @@ def test_what_cannot_be_is_one_line_and_writes_nothing(mantaray, folder, words):
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_the_how_to_runs_as_it_stands(rays):
-    page = Path(__file__).parents[2] / "docs" / "how-to" / "travel-times.md"
-    blocks = re.findall(r"```(\w+)\n(.*?)```", page.read_text(), flags=re.DOTALL)
-    tables = [text for kind, text in blocks if kind == "csv"]
-    Path("links.csv").write_text(tables[0])
-    Path("profile.csv").write_text(tables[1])
-    depth = np.arange(0.0, 1001.0)
-    water = {"depth": depth, "temperature": np.full(1001, -1.0), "salinity": 30.0 + depth / 250.0}
-    Path("cast.csv").write_text("# lat 74.5, lon -140\n" + pd.DataFrame(water).to_csv(index=False))
-    names: dict[str, object] = {}
-    ran = []
-    for kind, text in blocks:
-        if kind == "python":
-            exec(text, names)  # noqa: S102
-        elif kind == "sh":
-            for line in map(str.split, text.splitlines()):
-                if not {"runs/latest", "ts3z.nc"} & set(line):  # files of the user's own
-                    rays(*line[2:])
-                    ran.append(Path(line[3 if line[2] == "plot" else 4]))
-    assert len(ran) == 12
-    assert all(path.exists() for path in ran)
-    table = pd.read_csv("times.csv")
-    assert table["status"].tolist() == ["ok", "ok", "ok"]
-    np.testing.assert_allclose(table["travel_time_s"][:2], names["first"].travel_time, rtol=1e-11)
-    sensitivity = names["travel_time_sensitivity"](names["paths"], names["layers"])
-    assert np.all(sensitivity <= 0.0)
-    assert names["loss"].total_db.shape == names["several"].link.shape
-
-
 DIRECT = ("--source", "0,0,20", "--receiver", "6000,0,500")
 
 

@@ -1,13 +1,12 @@
 """What the schema says beside its rules, which `test_ocean_check` breaks one by one: instants, history, its page."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 from refusals import refused
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean import open_ocean, with_history
+from pymantaray.ocean import with_history
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.schema import VARIABLES
 
@@ -29,17 +28,6 @@ def test_history_grows_by_lines(fram_strait):
     assert "history" not in fram_strait.attrs
     for wrong in ("", " \n", "two\nlines"):
         refused(OceanError, "one line of text", with_history, once, wrong)
-
-
-def test_the_reference_page_s_example_writes_a_valid_ocean(tmp_path, monkeypatch):
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    monkeypatch.chdir(tmp_path)
-    exec(compile(code, str(PAGE), "exec"), {})  # noqa: S102
-    ocean = open_ocean("ligurian.nc")
-    assert dict(ocean.sizes) == {"depth": 4, "lat": 26, "lon": 13}
-    assert ocean.attrs == {"title": "Ligurian Sea", "source": "my model, run 7", "synthetic": 1}
-    assert float(ocean["water_temp"][0, 0, 0]) == 22.0
-    assert "history" not in ocean.attrs  # nothing was converted
 
 
 def test_the_reference_page_states_the_limits_that_the_schema_has():
