@@ -1,8 +1,11 @@
 """How kernels are compiled: linked into entries, kept on disk only as long as no source changes, in memory where no disk can be written."""
 
+from collections import namedtuple
+
 import numpy as np
 import pytest
 from factories import python
+from numba import njit
 
 from pymantaray.compile import entry, kernel
 
@@ -91,6 +94,36 @@ def test_kernels_are_called_by_entries_and_not_from_python():
     assert sum_of_squares(np.arange(4.0)) == 14.0
     with pytest.raises(KeyError, match="square is called by kernels only"):
         square(np.arange(4.0), 1)
+
+
+Fields = namedtuple("Fields", "cube across whole truth pair")
+
+
+def summed(fields, i):
+    sizes = (
+        fields.cube.size + 10 * fields.across.size + 100 * fields.whole.size + 1000 * fields.pair[1].shape[1]
+    )
+    values = fields.cube[i, 2, 3] + fields.across[1, i] + fields.whole[i] + fields.pair[0][i, 1]
+    return sizes, values, fields.cube[i].strides[0], fields.truth[i]
+
+
+summed_by_kernel, summed_by_others = kernel(summed), njit(summed)
+
+
+@entry
+def sum_by_kernel(fields, i):
+    return summed_by_kernel(fields, i)
+
+
+@njit
+def sum_by_others(fields, i):
+    return summed_by_others(fields, i)
+
+
+def test_arrays_in_named_tuples_reach_kernels_whole_and_functions_of_others_as_before():
+    cube, square = np.arange(24.0).reshape(2, 3, 4), np.arange(9.0).reshape(3, 3)
+    fields = Fields(cube, square.T, np.arange(5), np.array([True, False]), (square, square[:, :2].copy()))
+    assert sum_by_kernel(fields, 1) == sum_by_others(fields, 1) == summed(fields, 1)
 
 
 @pytest.mark.parametrize("place", ["beside the source", "NUMBA_CACHE_DIR"])
