@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import ray_picture
 from pymantaray.records import RayStatus
 from pymantaray.report.figures import Results, range_ends
-from pymantaray.report.style import Array, condition_label, condition_looks, vehicle_colours
+from pymantaray.report.figures_ocean import RAY_KINDS
+from pymantaray.report.style import SOUND_SPEED, Array, condition_label, condition_looks, vehicle_colours
 from pymantaray.study.mission import medium_of_run
 from pymantaray.study.store import Run
 
@@ -23,6 +25,11 @@ _FRAMES, _PINGS, _BED = 160, 120, 41  # at most, evenly over the mission or the 
 _RANGES, _DEPTHS, _POINTS = 41, 301, 81  # of a section, and of each of its rays
 _LEVELS, _BELOW = 51, 1.3  # of a section that are shown, and how far down, in depths of its rays
 _MOST_RAYS = 8  # of a link, earliest first
+_WATER = [[x, to_hex(SOUND_SPEED(x))] for x in np.linspace(0.0, 1.0, 9).tolist()]
+_KINDS = [
+    {"name": name, "colour": look["color"], "dash": dash}
+    for (name, look), dash in zip(RAY_KINDS, ("solid", "dash", "dashdot", "dot"), strict=True)
+]
 _QUANTILES = np.linspace(0.0, 1.0, 101)
 
 
@@ -35,6 +42,8 @@ def explorer(results: Results, rays: str) -> str:
         "statuses": [status.name for status in RayStatus],
         "errors": _errors(results),
         "nees": _nees(results),
+        "water": _WATER,
+        "kinds": _KINDS,
     }
     return f'{_json(content)[:-1]},"rays":{rays}}}'
 
@@ -168,6 +177,7 @@ def section(picture: xr.Dataset) -> dict[str, Any]:
         "surface": rays["ray_surface_bounces"].to_numpy(),
         "bottom": rays["ray_bottom_bounces"].to_numpy(),
         "spreading": _rounded(rays["ray_spreading"], 1),
+        "ends": _rounded(picture["chord_depth"], 1),
     }
 
 
@@ -183,6 +193,7 @@ def _errors(results: Results) -> dict[str, Any]:
             "name": name,
             "label": condition_label(name),
             "colour": looks[name][0],
+            "dash": "dash" if name == "refracted" else "solid",  # what lies under it shows
             "rms": _rounded(_rms(error[..., samples]), 2),
             "quantiles": _rounded(np.quantile(usable, _QUANTILES), 2) if usable.size else [],
         }

@@ -19,7 +19,7 @@ _BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest
 _LEAST_DEPTH = 100.0  # m
 _ROWS = 300  # of the colour image
 _FAN: dict[str, Any] = {"color": "#565656", "linewidth": 0.35, "alpha": 0.8, "zorder": 3}
-_KINDS: tuple[tuple[str, dict[str, Any]], ...] = (
+RAY_KINDS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("direct", {"color": style.ORANGE, "linewidth": 1.8}),
     ("surface", {"color": "#332288", "linewidth": 1.3, "linestyle": (0, (6, 1.2))}),
     ("bottom", {"color": "#117733", "linewidth": 1.3, "linestyle": (0, (5, 1, 1.2, 1))}),
@@ -76,7 +76,9 @@ def rays_of_links(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
 
 
 def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header: str) -> Figure:
-    used = [kind for kind in range(len(_KINDS)) if any((_eigenray_kinds(p) == kind).any() for p in pictures)]
+    used = [
+        kind for kind in range(len(RAY_KINDS)) if any((_eigenray_kinds(p) == kind).any() for p in pictures)
+    ]
     fan = any((picture["ray_arrives"] == 0).any() for picture in pictures)
     handles = _ray_handles(pictures, used, fan=fan)
     below = 0.14 * style.legend_lines(len(handles))
@@ -142,7 +144,7 @@ def _draw_rays(axes: Axes, picture: xr.Dataset) -> None:
     arrives, kinds = picture["ray_arrives"].values.astype(bool), _kinds(picture)
     rows = zip(arrives, kinds, picture["ray_range"].values, picture["ray_depth"].values, strict=True)
     for i, (hit, kind, x, z) in enumerate(rows):
-        look: dict[str, Any] = {**_KINDS[kind][1], "zorder": 5.0 - 1e-3 * i} if hit else _FAN
+        look: dict[str, Any] = {**RAY_KINDS[kind][1], "zorder": 5.0 - 1e-3 * i} if hit else _FAN
         axes.plot(x / 1e3, z, **look)
 
 
@@ -172,7 +174,7 @@ def _names(picture: xr.Dataset) -> tuple[str, str]:
 
 
 def _kinds(picture: xr.Dataset) -> NDArray[np.intp]:
-    """Row of `_KINDS` of each ray; those of a picture of an older version are direct."""
+    """Row of `RAY_KINDS` of each ray; those of a picture of an older version are direct."""
     if "ray_surface_bounces" not in picture:
         return np.zeros(picture.sizes["ray"], dtype=np.intp)
     by_surface, by_bed = (picture[f"ray_{where}_bounces"].values > 0 for where in ("surface", "bottom"))
@@ -213,7 +215,7 @@ def _ray_handles(pictures: Sequence[xr.Dataset], used: Sequence[int], *, fan: bo
     """Of eigenrays, counted where there is one picture, the chord and the fan."""
     handles = []
     for kind in used:
-        word, look = _KINDS[kind]
+        word, look = RAY_KINDS[kind]
         count = sum(int((_eigenray_kinds(picture) == kind).sum()) for picture in pictures)
         few = f"{word} eigenray" if count == 1 else f"{count} {word} eigenrays"
         label = few if len(pictures) == 1 else f"{word} eigenrays"

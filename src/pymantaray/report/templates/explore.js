@@ -1,31 +1,11 @@
-"use strict";
 (() => {
   const data = JSON.parse(document.getElementById("explorer").textContent);
   const { fleet, links, errors, nees } = data;
-  const at = (id) => document.getElementById(id);
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-  const dark = matchMedia("(prefers-color-scheme: dark)");
   const sections = new Map(data.rays.map((section) => [section.link, section]));
-  const metres = (value, digits = 2) =>
-    value === null ? "–" : `${value > 0 ? "+" : ""}${value.toFixed(digits)} m`.replace("-", "−");
   const nameOf = (link) => `${fleet.names[links.first[link]]} – ${fleet.names[links.second[link]]}`;
   const largest = (link) => Math.max(...links.error[link].map((value) => Math.abs(value ?? 0)));
   const state = { frame: fleet.ping[0] ?? 0, link: null, timer: null };
-
-  const ink = () => (dark.matches ? "#e8e8e8" : "#1a1a1a");
-  const paper = () => (dark.matches ? "#15181b" : "#ffffff");
-  const faint = () => (dark.matches ? "#3a3f45" : "#d9d9d9");
-  function layout(extra) {
-    const axis = { gridcolor: faint(), zerolinecolor: faint(), linecolor: faint() };
-    const { xaxis, yaxis, ...rest } = extra;
-    return {
-      paper_bgcolor: paper(), plot_bgcolor: paper(), font: { color: ink(), size: 12 },
-      margin: { l: 60, r: 15, t: 10, b: 45 }, showlegend: false, hovermode: "closest",
-      xaxis: { ...axis, ...xaxis }, yaxis: { ...axis, ...yaxis }, ...rest,
-    };
-  }
-  const options = { displaylogo: false, responsive: true, displayModeBar: false };
-  const draw = (id, traces, extra) => Plotly.react(at(id), traces, layout(extra), options);
 
   // the fleet
   const pingAt = (frame) => {
@@ -152,15 +132,27 @@
     state.link = link;
     const section = sections.get(link);
     at("link").textContent = describe(link, section);
-    const traces = !section ? [] : [
-      { type: "heatmap", x: section.range, y: section.depth, z: section.speed, colorscale: "Viridis", colorbar: { title: { text: "m/s" }, thickness: 10 }, hovertemplate: "%{x:.0f} m, %{y:.0f} m: %{z:.1f} m/s<extra></extra>" },
-      ...section.ray_range.map((range, ray) => ({ type: "scatter", mode: "lines", x: range, y: section.ray_depth[ray], line: { color: "#ffffff", width: 2.5 }, hovertemplate: `ray ${ray + 1}<extra></extra>` })),
-      { type: "scatter", mode: "lines", x: section.range, y: section.bed, line: { color: "#4a4038", width: 3 }, hoverinfo: "skip" },
-    ];
     const deepest = section ? section.depth[section.depth.length - 1] : 1;
+    const kindOf = (ray) => Number(section.surface[ray] > 0) + 2 * Number(section.bottom[ray] > 0);
+    const far = section ? section.range[section.range.length - 1] : 1;
+    const traces = !section ? [] : [
+      { type: "heatmap", x: section.range, y: section.depth, z: section.speed, colorscale: data.water, showlegend: false, colorbar: { title: { text: "m/s" }, thickness: 10 }, hovertemplate: "%{x:.0f} m, %{y:.0f} m: %{z:.1f} m/s<extra></extra>" },
+      ...section.ray_range.map((range, ray) => {
+        const kind = data.kinds[kindOf(ray)];
+        const first = section.ray_range.findIndex((_, other) => kindOf(other) === kindOf(ray)) === ray;
+        return { type: "scatter", mode: "lines", name: kind.name, showlegend: first, x: range, y: section.ray_depth[ray], line: { color: kind.colour, dash: kind.dash, width: 2.5 }, hovertemplate: `ray ${ray + 1}<extra></extra>` };
+      }),
+      { type: "scatter", mode: "lines+markers", name: "chord", x: [0, far], y: section.ends, line: { color: "#1a1a1a", dash: "dot", width: 1.2 }, marker: { color: "#ffffff", size: 8, line: { color: "#1a1a1a", width: 1.5 } }, hoverinfo: "skip" },
+      { type: "scatter", mode: "lines", x: [0, far], y: [2 * deepest, 2 * deepest], line: { width: 0 }, showlegend: false, hoverinfo: "skip" },
+      { type: "scatter", mode: "lines", x: section.range, y: section.bed, fill: "tonexty", fillcolor: "#8d7f70", line: { color: "#4a4038", width: 2 }, showlegend: false, hoverinfo: "skip" },
+    ];
+    const named = (text, x, y, side) => ({ text: `<b>${text}</b>`, x, y, xanchor: side, showarrow: false, xshift: side === "left" ? 8 : -8, yshift: -12, font: { color: "#1a1a1a" }, bgcolor: "rgba(255,255,255,0.75)" });
     draw("rays", traces, {
-      xaxis: { title: { text: "Range [m]" } }, yaxis: { title: { text: "Depth [m]" }, range: [deepest, 0] },
-      annotations: section ? [] : [{ text: "no rays kept", showarrow: false, x: 0.5, y: 0.5, xref: "paper", yref: "paper" }],
+      xaxis: { title: { text: "Range [m]" }, range: [0, far] }, yaxis: { title: { text: "Depth [m]" }, range: [deepest, 0] },
+      showlegend: true, legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, margin: { l: 60, r: 15, t: 30, b: 45 },
+      annotations: section
+        ? [named(fleet.names[links.first[link]], 0, section.ends[0], "left"), named(fleet.names[links.second[link]], far, section.ends[1], "right")]
+        : [{ text: "no rays kept", showarrow: false, x: 0.5, y: 0.5, xref: "paper", yref: "paper" }],
     });
     drawFleet();
     drawErrors();
@@ -192,7 +184,7 @@
   function drawOverTime() {
     const v = Number(at("vehicle").value);
     const traces = errors.conditions.flatMap((condition) => [
-      { type: "scatter", mode: "lines", name: condition.label, x: errors.hour, y: condition.rms[v], line: { color: condition.colour } },
+      { type: "scatter", mode: "lines", name: condition.label, x: errors.hour, y: condition.rms[v], line: { color: condition.colour, dash: condition.dash } },
       ...(condition.sigma3 ? [{ type: "scatter", mode: "markers", name: `${condition.label}, 3 sigma`, showlegend: false, x: condition.sigma_hour, y: condition.sigma3[v], marker: { color: condition.colour, size: 5, symbol: "circle-open" } }] : []),
     ]);
     draw("over-time", traces, { showlegend: true, legend: { orientation: "h", y: 1.15 }, margin: { l: 60, r: 15, t: 40, b: 45 }, xaxis: { title: { text: "Time [h]" } }, yaxis: { title: { text: "Position error [m]" }, rangemode: "tozero" } });
@@ -202,7 +194,7 @@
     if (!errors.conditions.length) return;
     drawOverTime();
     const share = Array.from({ length: 101 }, (_, i) => i);
-    draw("distribution", errors.conditions.map((c) => ({ type: "scatter", mode: "lines", name: c.label, x: c.quantiles, y: share, line: { color: c.colour } })), {
+    draw("distribution", errors.conditions.map((c) => ({ type: "scatter", mode: "lines", name: c.label, x: c.quantiles, y: share, line: { color: c.colour, dash: c.dash } })), {
       showlegend: true, legend: { orientation: "h", y: 1.15 }, margin: { l: 60, r: 15, t: 40, b: 45 },
       xaxis: { title: { text: "Position error [m]" }, type: "log" }, yaxis: { title: { text: "Poses with a smaller error [%]" } },
     });

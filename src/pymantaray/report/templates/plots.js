@@ -1,0 +1,20 @@
+"use strict";
+// what the scripts of all pages share
+const at = (id) => document.getElementById(id);
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const metres = (value, digits = 2) =>
+  value === null ? "–" : `${value > 0 ? "+" : ""}${value.toFixed(digits)} m`.replace("-", "−");
+const ink = () => (dark.matches ? "#e8e8e8" : "#1a1a1a");
+const paper = () => (dark.matches ? "#15181b" : "#ffffff");
+const faint = () => (dark.matches ? "#3a3f45" : "#d9d9d9");
+function layout(extra) {
+  const axis = { gridcolor: faint(), zerolinecolor: faint(), linecolor: faint() };
+  const { xaxis, yaxis, ...rest } = extra;
+  return {
+    paper_bgcolor: paper(), plot_bgcolor: paper(), font: { color: ink(), size: 12 },
+    margin: { l: 60, r: 15, t: 10, b: 45 }, showlegend: false, hovermode: "closest",
+    xaxis: { ...axis, ...xaxis }, yaxis: { ...axis, ...yaxis }, ...rest,
+  };
+}
+const options = { displaylogo: false, responsive: true, displayModeBar: false };
+const draw = (id, traces, extra) => Plotly.react(at(id), traces, layout(extra), options);
