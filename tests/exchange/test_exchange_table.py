@@ -153,7 +153,7 @@ def test_what_was_exported_of_a_run_is_read_as_its_truth(kind, file, tiny_run_fo
     run = open_run(tiny_run_folder)
     export_run(run, kind, tmp_path / "out")
     tracks = read_trajectories(tmp_path / "out" / file)
-    assert tracks.names == run.truth.name.tolist()
+    assert (tracks.names, tracks.notes) == (run.truth.name.tolist(), ())
     truth = tracks.at(run.truth.time, LocalFrame(*run.truth.centre))
     np.testing.assert_allclose(truth.position, run.truth.position, rtol=0, atol=1e-6)
     turn = Rotation.from_quat(truth.quaternion.reshape(-1, 4), scalar_first=True).inv()

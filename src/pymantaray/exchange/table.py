@@ -61,10 +61,10 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
     """
     table, factors = _known_columns(_parquet(path) if path.suffix.lower() == ".parquet" else _text(path))
     conditions = table.frame.get("condition")
-    if conditions is not None and (conditions == TRUTH).any():  # an exported run, whose estimates are none
-        table = TextTable(path, table.frame[conditions == TRUTH], table.comments)
     there = set(factors)
     unread = [title for title in table.frame.columns if title not in there]
+    if conditions is not None and (conditions == TRUTH).any():  # an exported run, whose estimates are none
+        table, unread = TextTable(path, table.frame[conditions == TRUTH], table.comments), []
     place = ["lat", "lon"] if {"lat", "lon"} <= there else ["north", "east"]
     try:
         table.require(["time", *place, "depth", *({"vehicle"} & there)])
