@@ -21,7 +21,7 @@ def events_of(ways, m, *, step=45.0, offset=OFFSET, sigma=0.0, shared=0.0, seed=
         own = shared * rng.standard_normal()
         for i in range(m):
             late = offset[b] - offset[a] + own + sigma * rng.standard_normal()
-            rows.append((step * i, a, b, "-".join(sorted((a, b))), late))
+            rows.append((step * i, a, b, " and ".join(sorted((a, b))), late))
     table = pd.DataFrame(rows, columns=["time_s", "source", "receiver", "pair", "residual_s"])
     table["predicted_s"] = 1.0
     table["measured_s"] = 1.0 + table["residual_s"]
@@ -96,7 +96,7 @@ def test_reciprocity_leaves_what_the_clocks_do_not_explain():
     table = reciprocity_table(e, e["residual_s"] + current, clocks, window=60.0).set_index("pair")
     assert (table["matched"] == 40).all()
     assert table.loc["A and B", "left_s"] == pytest.approx(
-        -2e-3, abs=5 * table.loc["A-B", "standard_error_s"]
+        -2e-3, abs=5 * table.loc["A and B", "standard_error_s"]
     )
     assert table.loc["C and D", "mean_s"] == pytest.approx(0.0, abs=1e-5)
     assert np.abs(table["left_s"].drop("A and B")).max() < 1e-5
@@ -201,7 +201,10 @@ def test_groups_are_few_whole_and_say_why_nothing_was_predicted():
     values = np.where(np.arange(600) % 3 == 0, np.nan, 1.0)
     status = np.where(np.isnan(values), "shadow", "ok")
     e = summary_events(
-        values, np.repeat(["A-B", "A-C", "B-C"], 200), status=status, distance=np.linspace(10.0, 9e3, 600)
+        values,
+        np.repeat(["A and B", "A and C", "B and C"], 200),
+        status=status,
+        distance=np.linspace(10.0, 9e3, 600),
     )
     table = summary_table(e, seed=1)
     for by, most in (("all", 1), ("pair", 3), ("depths", 12), ("range", 8)):
