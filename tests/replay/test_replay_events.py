@@ -173,7 +173,9 @@ def test_rules_that_are_none_are_refused(word):
 
 def test_rules_and_references_that_do_not_fit_are_refused():
     events = events_at([0.0])
-    refused(ReplayError, "rule threshold: a sonar says", replay_events, events, Water(WATER), "threshold")
+    sonar = Reception(detector=Detector(Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0)))
+    for waters in (Water(WATER), [Water(WATER, sonar), Water(WATER)]):
+        refused(ReplayError, "rule threshold: a sonar says", replay_events, events, waters, "threshold")
     refused(
         ReplayError,
         "reference 'Z' is no node; there are A, B",

@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from pymantaray.report.style import new_figure, ocean_header, rendered, styled
+from pymantaray.report.style import new_figure, ocean_header, rendered, shortened, styled
 
 
 @styled
@@ -41,3 +41,15 @@ def test_figures_are_valid_not_blank_and_the_same_whatever_the_user_has_set():
 ])  # fmt: skip
 def test_header_says_synthetic_exactly_when_the_ocean_is(attrs, expected):
     assert ocean_header(attrs) == expected
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["a", "b"], ["a", "b"]),
+        ([f"{'a' * 28}{end}" for end in "xy"], [f"{'a' * 13}…{'a' * 13}{end}" for end in "xy"]),
+        ([f"{'a' * 28}{middle}{'a' * 14}" for middle in "xy"], [f"{i}: {'a' * 22}…" for i in (1, 2)]),
+    ],
+)
+def test_names_of_runs_stay_unlike_when_cut(names, expected):
+    assert shortened(names) == expected

@@ -157,9 +157,9 @@ def solve_conditions(
     fleet = _Fleet(measurements, covariance_samples)
     solved: dict[str, Solution] = {}
     for name, e in [*((c, replace(CONDITIONS[c], initial=initial)) for c in conditions), *more.items()]:
-        begun = process_time()
+        start = process_time()
         solution = fleet.reckoned_solution() if e.dead_reckoned else fleet.solve(e, solver)
-        solved[name] = replace(solution, seconds=process_time() - begun)
+        solved[name] = replace(solution, seconds=process_time() - start)
     return solved
 
 

@@ -79,12 +79,12 @@ class Record:
         """Convert, check and freeze every field."""
         sizes = {name: len(labels) for name, labels in LABELS.items()}
         for f in self._columns():
-            dtype, given = f.metadata["dtype"], getattr(self, f.name)
+            dtype, content = f.metadata["dtype"], getattr(self, f.name)
             default = f.metadata["default"]
-            if given is None and default is not None:  # the columns before it say how long it is
-                given = np.full([sizes[name] for name in f.metadata["dims"]], default)
+            if content is None and default is not None:  # the columns before it say how long it is
+                content = np.full([sizes[name] for name in f.metadata["dims"]], default)
             try:
-                values = np.asarray(given)
+                values = np.asarray(content)
                 array = np.array(values, dtype=str if dtype == "U" else dtype)
             except (TypeError, ValueError) as error:
                 raise RecordError(f"{self.kind}: {f.name} is not an array of type {dtype}: {error}") from None

@@ -139,13 +139,12 @@ def short(name: str, fits: int = _FITS) -> str:
 
 
 def shortened(names: Sequence[str]) -> list[str]:
-    """Names cut to what fits on a figure: at their ends, or where that makes two the same before their last letters."""
-    cut = [short(name) for name in names]
-    if len(set(cut)) == len(set(names)):
-        return cut
-    return [
-        name if len(name) <= _FITS else f"{name[: _FITS // 2 - 1]}…{name[-_FITS // 2 :]}" for name in names
-    ]
+    """Names cut to what fits on a figure and still unlike: at their ends, else before their last letters, else numbered."""
+    half = _FITS // 2
+    middle = [name if len(name) <= _FITS else f"{name[: half - 1]}…{name[-half:]}" for name in names]
+    numbered = [f"{i}: {short(name, _FITS - 5)}" for i, name in enumerate(names, 1)]
+    cuts = ([short(name) for name in names], middle, numbered)
+    return next(cut for cut in cuts if len(set(cut)) == len(names))
 
 
 def plain(text: str) -> str:
