@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
+from refusals import refused
 
+from pymantaray.errors import ReportError
 from pymantaray.ocean import synthetic_ocean
 from pymantaray.records import RayStatus
-from pymantaray.report import figures, ocean_plots, style
+from pymantaray.report import figures, ocean_plots, style, write_ray_plot
 from pymantaray.report.compare import comparison_plates
 from pymantaray.report.figures import Results, register, run_plates
 from pymantaray.report.figures_consistency import consistency_over_time
@@ -146,6 +148,17 @@ def test_rays_of_links_are_told_apart_by_what_reflects_them_over_one_scale(look,
     assert words == [*(f"{kind} eigenrays" for kind in kinds), "straight chord", "other rays"]
     assert one.collections[0].get_clim() == other.collections[0].get_clim()
     assert one.collections[0].get_clim()[1] > np.nanmax(one.collections[0].get_array())
+
+
+def test_rays_are_drawn_into_png_or_pdf_only(tmp_path):
+    refused(
+        ReportError,
+        "rays.svg: a figure ends in .png or .pdf",
+        write_ray_plot,
+        [],
+        tmp_path / "rays.svg",
+        titles=[],
+    )
 
 
 def test_ray_picture_shows_the_ice_and_no_water_in_it(look, water):

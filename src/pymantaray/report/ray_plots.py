@@ -5,6 +5,7 @@ from pathlib import Path
 
 import xarray as xr
 
+from pymantaray.errors import ReportError
 from pymantaray.records import whole_file
 from pymantaray.report.figures_ocean import rays_of_links
 from pymantaray.report.style import rendered
@@ -33,11 +34,15 @@ def write_ray_plot(
 
     Raises
     ------
+    ReportError
+        If the ending is another.
     WriteError
         If it cannot be written.
     """
     out = Path(out)
     kind = out.suffix.removeprefix(".")
+    if kind not in ("png", "pdf"):
+        raise ReportError(f"{out.name}: a figure ends in .png or .pdf")
     content = rendered(rays_of_links(pictures, titles, header), (kind,))[kind]
     with whole_file(out) as temporary:
         temporary.write_bytes(content)
