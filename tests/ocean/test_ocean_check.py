@@ -204,8 +204,16 @@ def test_the_domain_and_the_fleet_must_fit(healthy):
     findings = check_ocean(healthy, half_extent=(40e3, 30e3), fleet=fleet)
     assert [(f.severity, f.what, f.where) for f in findings] == [
         ("wrong", "coverage", "vehicle B"),
+        ("wrong", "sea bed above the vehicle", "vehicle C"),
         ("wrong", "sea bed above the vehicle", "vehicle D"),
-        ("doubtful", "sea bed above the vehicle", "vehicle C"),
+    ]
+    fleet["E"] = np.array([[0.0, 0.0, 0.5], [50e3, 0.0, 0.5]])
+    findings = check_ocean(healthy, half_extent=(40e3, 30e3), fleet=fleet, moved_elsewhere=True)
+    assert [(f.severity, f.where) for f in findings] == [
+        ("wrong", "vehicle B"),  # no pose of it in the ocean
+        ("doubtful", "vehicle C"),
+        ("doubtful", "vehicle D"),
+        ("doubtful", "vehicle E"),
     ]
 
 

@@ -105,7 +105,10 @@ def check(
             options |= {"equation": config.ocean.equation, "currents": config.ocean.currents}
             sea_floor = sea_floor or (Path(config.ocean.bathymetry) if config.ocean.bathymetry else None)
         options.update(
-            centre=config.ocean.centre, half_extent=config.ocean.half_extent, fleet=fleet_plan(config)
+            centre=config.ocean.centre,
+            half_extent=config.ocean.half_extent,
+            fleet=fleet_plan(config),
+            moved_elsewhere=bool(config.fleet.trajectories),
         )
     if not sources:
         raise OceanError("no file is given; name one, or a study with --study")

@@ -112,6 +112,7 @@ def check_ocean(
     centre: tuple[float, float] | None = None,
     half_extent: tuple[float, float] | None = None,
     fleet: Mapping[str, Array] | None = None,
+    moved_elsewhere: bool = False,
     sea_floor: xr.DataArray | None = None,
     equation: Equation = "teos-10",
     currents: Currents = "required",
@@ -130,6 +131,8 @@ def check_ocean(
     fleet : mapping of str to ndarray, shape (n, 3), optional
         Points north, east, down that each vehicle plans to reach, the first one its start; they must lie
         in the domain and above the sea bed. [m]
+    moved_elsewhere : bool
+        Whether these are trajectories that are given: where they leave the water their ranges fail, and the study goes on.
     sea_floor : xarray.DataArray, optional
         Sea floor that `to_local` is to be given.
     equation : {"teos-10", "del-grosso", "unesco"}
@@ -158,7 +161,7 @@ def check_ocean(
     findings = list(violations(ocean))
     if not any(f.severity == "wrong" for f in findings):
         findings += _water(ocean, equation)
-        findings += _place(ocean, centre, half_extent, fleet or {}, sea_floor)
+        findings += _place(ocean, centre, half_extent, fleet or {}, moved_elsewhere, sea_floor)
         findings += _provenance(ocean)
     return Findings(sorted(findings, key=lambda f: f.severity != "wrong"))
 
@@ -270,6 +273,7 @@ def _place(
     centre: tuple[float, float] | None,
     half_extent: tuple[float, float] | None,
     fleet: Mapping[str, Array],
+    moved_elsewhere: bool,
     sea_floor: xr.DataArray | None,
 ) -> Iterator[Finding]:
     """Does it hold the domain and the fleet: coverage, spacing and the projection's error."""
@@ -291,7 +295,7 @@ def _place(
             f"{window.frame.latitude_deg:g} N {window.frame.longitude_deg:g} E",
         )
         return
-    yield from _fleet(ocean, window, half, fleet, sea_floor)
+    yield from _fleet(ocean, window, half, fleet, moved_elsewhere, sea_floor)
     yield from _grid(window, half)
 
 
@@ -314,6 +318,7 @@ def _fleet(
     window: Window,
     half: tuple[float, float],
     fleet: Mapping[str, Array],
+    moved_elsewhere: bool,
     sea_floor: xr.DataArray | None,
 ) -> Iterator[Finding]:
     try:
@@ -332,7 +337,7 @@ def _fleet(
         if outside.any():
             north, east = points[int(np.argmax(outside)), :2] / 1e3
             yield Finding(
-                "wrong",
+                "doubtful" if moved_elsewhere and not outside.all() else "wrong",
                 "coverage",
                 f"{np.count_nonzero(outside)} of {len(points)} planned points outside the domain, the first"
                 f" {north:g} km north, {east:g} km east",
@@ -345,12 +350,12 @@ def _fleet(
         beds = bed(geographic if local is None else points[:, :2])
         short = points[:, 2] - beds
         if np.any(short > 0.0):
-            worst = 0 if short[0] > 0.0 else int(np.argmax(short))
+            worst = int(np.argmax(short))
             yield Finding(
-                "doubtful" if worst else "wrong",
+                "doubtful" if moved_elsewhere else "wrong",
                 "sea bed above the vehicle",
                 f"sea bed at {beds[worst]:.0f} m, {'plan' if worst else 'start'} at {points[worst, 2]:g} m",
                 f"above {beds[worst]:.0f} m",
-                "it stops at the bed; move it to deeper water or plan shallower",
+                "its ranges fail there" if moved_elsewhere else "move it to deeper water or plan shallower",
                 where,
             )
