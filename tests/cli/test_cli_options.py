@@ -41,6 +41,28 @@ def test_files_are_files_and_arguments_arguments(words, ocean):
     assert (done.exit_code, done.output) == (0, f"IN OUT {ocean} {pair}\n")
 
 
+endless = typer.Typer()
+
+
+@endless.command(cls=OceanCommand)
+def many(
+    files: list[str], ocean: Annotated[list[str], typer.Option()], out: Annotated[str, typer.Option()]
+) -> None:
+    """Say what came in."""
+    typer.echo(f"{files} {ocean} {out}")
+
+
+@pytest.mark.parametrize(("words", "files", "ocean"), [
+    ("A --ocean a --out O", ["A"], ["a"]),
+    ("A B --ocean a b --out O", ["A", "B"], ["a", "b"]),
+    ("A B --out O --ocean a b", ["A", "B"], ["a", "b"]),
+    ("--ocean a A B --out O", ["A", "B"], ["a"]),
+])  # fmt: skip
+def test_files_behind_any_number_of_arguments_are_the_ocean_s(words, files, ocean):
+    done = CliRunner().invoke(endless, words.split())
+    assert (done.exit_code, done.output) == (0, f"{files} {ocean} O\n")
+
+
 @pytest.mark.parametrize("words", ["--ocean a IN", "IN OUT MORE", "IN OUT MORE --ocean a", "IN OUT --ocean"])
 def test_too_few_and_too_many_words_are_refused(words):
     assert CliRunner().invoke(app, words.split()).exit_code == 2

@@ -127,13 +127,16 @@ class OceanCommand(TyperCommand):
     Command whose ``--ocean`` is repeated, or followed by several files: ``--ocean a b`` for ``--ocean a --ocean b``.
 
     Words behind ``--ocean FILE`` are further files only as far as the command has more words than arguments, so
-    that ``--ocean FILE IN OUT`` is one file.
+    that ``--ocean FILE IN OUT`` is one file. A command of any number of arguments takes all of them where its arguments
+    stand first: ``IN... --ocean a b``.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Write ``--ocean`` before each further file."""
         _, surplus, _ = self.make_parser(ctx).parse_args(args=list(args))
-        return super().parse_args(ctx, repeat_ocean(args, len(surplus)))
+        endless = any(p.param_type_name == "argument" and p.nargs == -1 for p in self.params)
+        first = bool(args) and not args[0].startswith("-")
+        return super().parse_args(ctx, repeat_ocean(args, len(args) if endless and first else len(surplus)))
 
 
 def repeat_ocean(words: list[str], most: int) -> list[str]:

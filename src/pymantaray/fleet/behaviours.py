@@ -265,7 +265,7 @@ def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
     floor = floor_depth(water, north, east)
     if depth > floor:
         raise FleetError(
-            f"{owner}: {what} is {depth:g} m deep, not above the sea floor, which at north {north:g}, east {east:g} m is at"
+            f"{owner}: {what} is {depth:g} m deep; the sea floor at north {north:g}, east {east:g} m is at"
             f" {floor:.9g} m: choose a smaller depth or another place"
         )
 
