@@ -6,7 +6,8 @@ each link in `linear` media, which is what the tables mean, without an amplitude
 process on one thread after compilation, so that other work on the machine counts little: each link is solved alone, the call's
 overhead included, several times, of which the median is taken; then all in one call. `smooth` media through the same
 grid values are another ocean, so only their time is shown. ``--multipath`` adds every arrival with up to three
-reflections, ``--tolerances`` how the error falls with the tolerance in the `smooth` media.
+reflections, ``--tolerances`` how the error falls with the tolerance in the `smooth` media, ``--bellhop`` the two-dimensional
+Bellhop of ``pelagic`` (GPL; used here only, never by the package) on the links of the four media that are profiles.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import math
 import time
 import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,6 +26,7 @@ from pymantaray.acoustics import Medium, find_eigenrays
 REFERENCE = Path(__file__).parents[2] / "shared" / "data" / "reference"
 MEDIA = ("a_iso", "b_lingrad", "c_munk", "d_beaufort", "e_front_eddy", "f_fram")
 SIDES = ("source", "receiver")
+PROFILES = MEDIA[:4]
 MOST = 3  # reflections in the multipath table, surface and bottom together
 Array = NDArray[np.float64]
 
@@ -198,6 +201,99 @@ def compare_tolerances(folder: Path) -> None:
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
+class Beams(NamedTuple):
+    """Settings of Bellhop: kind of beams, how many, how far about the chord [deg], and the step along them (0: a tenth of the depth) [m]."""
+
+    label: str
+    kind: str
+    count: int
+    reach: float
+    step: float
+
+
+STEEPEST = 89.0  # deg
+BEAMS = (
+    Beams("hat, 1,000 beams in all, its own step", "geometric_hat_cartesian", 1000, 180.0, 0.0),
+    Beams("Gaussian, 1,000 beams in all, its own step", "geometric_gaussian_cartesian", 1000, 180.0, 0.0),
+    Beams("hat, 1,000 beams in 30 degrees, 10 m", "geometric_hat_cartesian", 1000, 15.0, 10.0),
+    Beams("hat, 4,000 beams in 30 degrees, 10 m", "geometric_hat_cartesian", 4000, 15.0, 10.0),
+)
+FREQUENCY = 10_000.0  # Hz; sets the width of Gaussian beams
+
+
+def direct_arrivals(medium: Medium, source: Array, receiver: Array, beams: Beams) -> tuple[Array, float]:
+    """Travel times of Bellhop's arrivals without a reflection [s], and the CPU time of its run. [ms]"""
+    from pelagic import bellhop
+
+    bed = float(medium.bathymetry.max())
+    depth = np.append(medium.depth[medium.depth < bed], bed)
+    speed = np.interp(depth, medium.depth, medium.sound_speed[0, 0])
+    across = float(np.hypot(*(receiver - source)[:2]))
+    chord = math.degrees(math.atan2(receiver[2] - source[2], across))
+    case = bellhop.Case.from_dict(
+        {
+            "pelagic": 2,
+            "model": "bellhop",
+            "title": beams.label,
+            "frequency": FREQUENCY,
+            "interpolation": "c_linear",
+            "media": [{"to": bed, "ssp": np.column_stack([depth, speed])}],
+            "surface": "vacuum",
+            "bottom": {"type": "vacuum"},
+            "source": {"depth": [source[2]]},
+            "receivers": {"depth": [receiver[2]], "range": [across]},
+            "bellhop": {
+                "run": "arrivals",
+                "beam": beams.kind,
+                "angles": {
+                    "from": max(chord - beams.reach, -STEEPEST),
+                    "to": min(chord + beams.reach, STEEPEST),
+                    "count": beams.count,
+                },
+                "step": beams.step,
+                "box": {"depth": bed + 1.0, "range": 1.01 * across},
+            },
+        }
+    )
+    start = time.process_time()
+    arrivals = case.run().arrivals
+    spent = 1e3 * (time.process_time() - start)
+    direct = (arrivals.top_bounces == 0) & (arrivals.bottom_bounces == 0)
+    return arrivals.travel_time_s[direct].astype(float), spent
+
+
+def compare_bellhop(folder: Path) -> None:
+    """Earliest direct arrival of the two-dimensional Bellhop, its arrival nearest to the truth, and ours."""
+    print(
+        "\n| medium | settings | exist | found | earliest: median, rms, max [us] | nearest [us] | CPU ms a link |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    for name in PROFILES:
+        rows, source, receiver = load_links(folder, name)
+        medium = load_medium(folder, name, "linear")
+        exact = rows.travel_time_s.to_numpy()
+        for beams in BEAMS:
+            solved = [direct_arrivals(medium, a, b, beams) for a, b in zip(source, receiver, strict=True)]
+            pairs = [(times, truth) for (times, _), truth in zip(solved, exact, strict=True) if times.size]
+            hits = [(times, truth) for times, truth in pairs if np.isfinite(truth)]
+            earliest = np.array([times.min() - truth for times, truth in hits])
+            nearest = np.array([(times - truth)[np.abs(times - truth).argmin()] for times, truth in hits])
+            ghosts = f" and {len(pairs) - len(hits)} that are none" if len(pairs) > len(hits) else ""
+            print(
+                f"| {name} | {beams.label} | {np.count_nonzero(np.isfinite(exact))} | {len(hits)}{ghosts} |"
+                f" {errors_of(earliest, 0)} | {errors_of(nearest, 0)} | {np.median([ms for _, ms in solved]):.0f} |",
+                flush=True,
+            )
+        spent, _ = cpu_ms(medium, source, receiver, 3, None)
+        first = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None).first().travel_time
+        error = (first - exact)[np.isfinite(exact) & np.isfinite(first)]
+        print(
+            f"| {name} | ours | {np.count_nonzero(np.isfinite(exact))} | {error.size} | {errors_of(error, 6)} |"
+            f" the same | {np.median(spent):.2f} |",
+            flush=True,
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", nargs="?", type=Path, default=REFERENCE)
@@ -206,6 +302,9 @@ def main() -> None:
         "--multipath", action="store_true", help="also every arrival with up to three reflections"
     )
     parser.add_argument("--tolerances", action="store_true", help="also how errors fall with the tolerance")
+    parser.add_argument(
+        "--bellhop", action="store_true", help="only the two-dimensional Bellhop of pelagic, on profiles"
+    )
     options = parser.parse_args()
     if not (options.folder / "direct.csv").is_file():
         print(f"no reference tables in {options.folder}; nothing to compare")
@@ -214,6 +313,9 @@ def main() -> None:
         warnings.simplefilter(
             "ignore", RuntimeWarning
         )  # more eigenrays than are kept, on axes of linear ducts
+        if options.bellhop:
+            compare_bellhop(options.folder)
+            return
         compare_direct(options.folder, options.runs)
         if options.multipath:
             compare_multipath(options.folder)
