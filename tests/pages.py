@@ -2,7 +2,7 @@
 Pages of the documentation as a reader follows them: each block that can run does, in order, in a folder of the page.
 
 Blocks of python, sh and console run unless a comment on the line above says why not; what it can say is in `MARKS`. A block
-without a language behind one that ran is what that prints.
+of text, or without a language, behind one that ran is what that prints.
 """
 
 import contextlib
@@ -81,7 +81,7 @@ def follow(page: Path, folder: Path, languages: tuple[str, ...] = RUNS) -> dict[
             printed = run_block(block, folder, names, place)
         elif block.language in RUNS:
             printed = ""
-        elif not block.language and block.mark is None and printed:
+        elif block.language in ("", "text") and block.mark is None and printed:
             compare(block.text, printed, place)
             printed = ""
     return names

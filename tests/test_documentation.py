@@ -46,7 +46,7 @@ def is_quantity(annotation):
 
 
 def tables_of(page):
-    """Rows by heading: key, type, default, unit, meaning."""
+    """Rows by heading: key, meaning, unit, default, type."""
     out = {}
     for heading, body in re.findall(r"^### `([^`]+)`\n(.*?)(?=^##|\Z)", page, re.MULTILINE | re.DOTALL):
         rows = [
@@ -78,11 +78,11 @@ def test_every_key_says_what_it_means_and_a_quantity_its_unit(model, tables):
 
 
 def test_the_page_shows_types_defaults_and_allowed_values(tables):
-    assert tables["[ocean]"]["source"][1:4] == ["list of text", "must be given", ""]
-    assert tables["[mission]"]["duration_h"][1:4] == ["number > 0", "`168.0`", "h"]
-    assert tables["[acoustics]"]["arrival"][1] == '`"direct"`, `"first"`, `"strongest"`'
-    assert tables["[detection]"]["shipping"][1:4] == ["number ≥ 0 ≤ 1", "-", "-"]
-    assert tables['fleet.vehicles, kind = "waypoints"']["points"][1] == "list of list of 3 numbers"
+    assert tables["[ocean]"]["source"][2:] == ["", "must be given", "list of text"]
+    assert tables["[mission]"]["duration_h"][2:] == ["h", "`168.0`", "number > 0"]
+    assert tables["[acoustics]"]["arrival"][4] == '`"direct"`, `"first"`, `"strongest"`'
+    assert tables["[detection]"]["shipping"][2:] == ["-", "-", "number ≥ 0 ≤ 1"]
+    assert tables['fleet.vehicles, kind = "waypoints"']["points"][4] == "list of list of 3 numbers"
     assert set(tables["[noise]"]) >= {"range_sigma", "attitude_tilt_sigma"}
 
 

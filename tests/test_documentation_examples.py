@@ -1,5 +1,7 @@
 """Every page of the documentation is followed."""
 
+import doctest
+import importlib
 import re
 import runpy
 from pathlib import Path
@@ -86,3 +88,15 @@ def test_every_figure_has_a_caption_and_commands_that_write_it():
         scripts = [(ROOT / script).read_text() for script in re.findall(r"benchmarks/\w+\.py", text)]
         stem = re.split(r"_(?=fram$|beaufort$)", name)[0]
         assert any(stem in words for words in (text, *scripts)), name
+
+
+SOURCES = sorted(path for path in (ROOT / "src").rglob("*.py") if ">>>" in path.read_text())
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.relative_to(ROOT / "src").as_posix())
+def test_examples_in_docstrings_print_what_they_show(source, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    module = importlib.import_module(".".join(source.relative_to(ROOT / "src").with_suffix("").parts))
+    done = doctest.testmod(module, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    assert done.failed == 0
+    assert done.attempted or "+SKIP" in source.read_text()

@@ -61,7 +61,7 @@ def sections(model: type[pydantic.BaseModel]) -> Iterator[str]:
         rows = [row(key, value, key in entry.get("required", ()), schema) for key, value in keys.items()]
         yield f"### `{place}`"
         yield text(entry.get("description", ""))
-        yield table(("key", "type", "default", "unit", "meaning"), rows)
+        yield table(("key", "meaning", "unit", "default", "type"), rows)
 
 
 def walk(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
@@ -109,13 +109,8 @@ def row(key: str, value: dict[str, Any], required: bool, schema: dict[str, Any])
         shown = "-"
     else:
         shown = f"`{toml(default)}`"
-    return (
-        f"`{key}`",
-        " or ".join(dict.fromkeys(kind_of(value, schema))),
-        shown,
-        unit[1] if unit else "",
-        text(_UNIT.sub("", meaning)),
-    )
+    kinds = " or ".join(dict.fromkeys(kind_of(value, schema)))
+    return f"`{key}`", text(_UNIT.sub("", meaning)), unit[1] if unit else "", shown, kinds
 
 
 def kind_of(value: dict[str, Any], schema: dict[str, Any]) -> Iterator[str]:

@@ -67,9 +67,12 @@ def landing(contents: str, pages: dict[str, str]) -> str:
     begin = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## ")[0].replace("](docs/", "](")
     top = [page.removesuffix(".md") for page in pages if "/" not in page and page != "changelog.md"]
     folders = [f"{folder}/index" for folder in TITLES]
-    gallery = ["figures/README"] if "figures/README.md" in pages else []
-    rest = contents.split("\n", 1)[1]
-    entries = [*folders[:4], *gallery, *top, folders[4], "changelog"]
+    made = ", ".join(
+        f"[{heading(pages[page])}]({page})"
+        for page in (*(f"reference/{entry}.md" for entry in GENERATED["reference"]), "figures/README.md")
+    )
+    rest = contents.split("\n", 1)[1] + f"\nBesides: {made}.\n"
+    entries = [*folders[:4], "figures/README", *top, folders[4], "changelog"]
     return f"{begin}\n\n## What there is to read\n{rest}\n" + reference_pages.toctree(entries)
 
 

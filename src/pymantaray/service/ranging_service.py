@@ -60,7 +60,7 @@ class RangingService:
     >>> ping.status.tolist()
     [0, 3]
     >>> print(f"{ping.arrival_time[0]:.4f} s")
-    61.0339 s
+    61.0342 s
     """
 
     def __init__(
