@@ -362,7 +362,7 @@ def test_the_casts_own_bottom_and_a_given_time_serve():
     assert dated["time"].values == np.datetime64("2001-01-01")
 
 
-NAMELESS = {"bottom_depth": float("nan"), "time": np.datetime64("NaT")}
+NAMELESS = {"bottom_depth": float("nan"), "time": np.datetime64("NaT", "us")}
 SHORT = Cast("short", 75.0, -144.0, LINEAR.time, [0.0, 200.0], [1.0, 0.5], [30.0, 34.0])
 NO_BED = "give the sea bed's depth, beneath the shallowest sample at 5 m"
 

@@ -132,7 +132,7 @@ def test_labels_flags_and_dates_are_what_xarray_selects_by(tmp_path):
 
 
 def test_a_mission_without_a_date_counts_from_its_start(tmp_path):
-    truth = replace(filled(Trajectories), start=np.datetime64("NaT"), centre=None)
+    truth = replace(filled(Trajectories), start=np.datetime64("NaT", "us"), centre=None)
     truth.save(tmp_path / "truth.nc")
     with xr.open_dataset(tmp_path / "truth.nc") as data:
         assert data.time.attrs == {"units": "s", "long_name": "time since the start of the mission"}
@@ -155,7 +155,7 @@ def test_rows_and_columns_of_covariances_have_the_same_labels():
 
 def test_files_without_labels_are_still_read(tmp_path):
     """Run folders of format 2: a variable ``name``, no coordinates, no date."""
-    truth = replace(filled(Trajectories), start=np.datetime64("NaT"), centre=None)
+    truth = replace(filled(Trajectories), start=np.datetime64("NaT", "us"), centre=None)
     old = truth.to_dataset().drop_vars(["axis", "quat"]).rename({"agent": "name"}).swap_dims(name="agent")
     old.reset_coords("name").to_netcdf(tmp_path / "old.nc")
     assert_equal(Trajectories.load(tmp_path / "old.nc"), truth)

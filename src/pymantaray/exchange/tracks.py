@@ -137,7 +137,7 @@ class Tracks:
             position=np.stack([s[0] for s in sampled]),
             quaternion=np.stack([s[1] for s in sampled]),
             status=np.stack([s[2] for s in sampled]),
-            start=np.datetime64("NaT") if self.start is None else self.start,
+            start=np.datetime64("NaT", "us") if self.start is None else self.start,
             centre=(frame.latitude_deg, frame.longitude_deg),
         )
 

@@ -160,7 +160,7 @@ def _times(data: xr.Dataset, count: int) -> NDArray[np.datetime64]:
             unit = text(data.variables[name], "units")
             instants = decoded_times(values[known], unit, where=name)
             times[known] = instants + np.timedelta64(500, "us")
-            times[times > _LATEST] = np.datetime64("NaT")
+            times[times > _LATEST] = np.datetime64("NaT", "us")
     return times
 
 

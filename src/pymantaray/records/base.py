@@ -174,7 +174,7 @@ class Record:
 class DatedRecord(Record):
     """A record with times of a mission, and the date of the mission's start in UTC, NaT where it has none."""
 
-    start: np.datetime64 = field(default=np.datetime64("NaT"), kw_only=True)
+    start: np.datetime64 = field(default=np.datetime64("NaT", "us"), kw_only=True)
 
     def __post_init__(self) -> None:
         """Convert, check and freeze every field."""
@@ -192,7 +192,7 @@ class DatedRecord(Record):
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
         """Build the record from a data set that `to_dataset` made, its times decoded or not."""
-        name, start = cls._time(), np.datetime64("NaT")
+        name, start = cls._time(), np.datetime64("NaT", "us")
         if name in dataset.variables:
             time = dataset[name]
             units = {**time.encoding, **time.attrs}.get("units", "s")
