@@ -18,7 +18,7 @@ help:
 	@echo "make docs         the documentation as a site, in build/docs"
 	@echo "make figures      the figures of the documentation again, in minutes; ARGS=all those that take hours too"
 	@echo "make bench        timings"
-	@echo "make matrix       the fast tests on Python 3.11, 3.12, 3.13 and on the oldest dependencies (needs uv)"
+	@echo "make matrix       the fast tests on Python 3.11 to 3.14, as far as they are here, and on the oldest dependencies (needs uv)"
 	@echo "make cuda         the kernels compiled for a GPU, which need not be here (needs uv; 1.2 GB of packages)"
 	@echo "make ci-full      everything: slow tests, kernels with bounds checked, examples"
 	@echo "make clean        remove .venv, caches and builds; runs/ stays"
@@ -60,9 +60,21 @@ bench: $(VENV)/.ready-run
 
 UV_TEST := uv run --quiet --isolated --no-project --with-editable . --with "pytest>=9" --with "hypothesis>=6.115" --with "evo>=1.31" --with "pydap>=3.5.9" --with waitress --with "zarr>=3.1" --with h5py --with copernicusmarine
 
+# The fast tests on Python $(1) in $(VENV)/matrix-$(2), with options $(3) of uv and $(4) of pytest. Kernels of two versions of
+# Numba would take each other's place in one cache.
+define tested
+@uv venv --quiet --clear --python $(1) $(VENV)/matrix-$(2) || { echo "matrix: Python $(1) passed over"; exit 0; }; \
+  uv pip install --quiet --python $(VENV)/matrix-$(2)/bin/python --editable . --group test $(3) && \
+  NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/matrix-$(2)/kernels \
+  $(VENV)/matrix-$(2)/bin/python -m pytest -n auto --dist worksteal $(4) $(ARGS)
+endef
+
 matrix:
-	for version in 3.11 3.12 3.13; do $(UV_TEST) --python $$version python -m pytest $(ARGS) || exit 1; done
-	$(UV_TEST) --python 3.11 --resolution lowest-direct python -m pytest -W ignore::DeprecationWarning $(ARGS)
+	$(call tested,3.11,3.11)
+	$(call tested,3.12,3.12)
+	$(call tested,3.13,3.13)
+	$(call tested,3.14,3.14)
+	$(call tested,3.11,lowest,--resolution lowest-direct,-W ignore::DeprecationWarning)
 
 cuda:
 	$(UV_TEST) --with "numba-cuda[cu12]>=0.24" python -m pytest -m "slow or not slow" tests/acoustics/test_cuda.py $(ARGS)

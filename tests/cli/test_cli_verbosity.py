@@ -4,14 +4,21 @@ import json
 import logging
 import os
 import re
+import signal
 import subprocess
 import sys
+from importlib.metadata import metadata, version
+from pathlib import Path
 
 import pytest
 import typer
 
+from pymantaray.cli.doctor import EXIT_FAULTS
 from pymantaray.cli.main import app
+from pymantaray.cli.ocean import EXIT_WRONG
+from pymantaray.cli.output import EXIT_KNOWN_ERROR
 from pymantaray.cli.printing import LOG, logged, printer
+from pymantaray.cli.sweep import EXIT_POINTS_FAILED
 
 PATHS_ONLY = {
     "atlas plot", "export", "graph convert", "ocean correct", "ocean fetch copernicus", "ocean fetch hycom", "ocean from-cast",
@@ -124,3 +131,45 @@ def test_a_shell_completes_commands_options_and_presets(words, word, completed):
         check=False,
     )
     assert completed <= set(done.stdout.split()), done
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "exit-codes.md"
+
+
+@pytest.mark.parametrize("words", sorted(COMMANDS))
+def test_a_word_that_no_command_knows_ends_with_2_and_prints_no_result(mantaray, words):
+    refused = mantaray(*words.split(), "--nosuch")
+    assert (refused.code, refused.out) == (2, "")
+    assert "No such option" in refused.err
+    assert "| 2 | nothing is done" in PAGE.read_text()
+
+
+def test_the_page_has_every_status_that_commands_end_with():
+    told = {int(number) for number in re.findall(r"^\| (\d+) \|", PAGE.read_text(), flags=re.MULTILINE)}
+    ours = {EXIT_FAULTS, EXIT_POINTS_FAILED, EXIT_KNOWN_ERROR, EXIT_WRONG}
+    signals = {128 + number for number in (signal.SIGINT, signal.SIGPIPE, signal.SIGTERM)}
+    assert told == {0} | ours | signals
+
+
+def test_doctor_knows_what_is_here_and_what_is_not(mantaray, told, monkeypatch, tmp_path):
+    state = told("doctor")
+    assert {row["name"] for row in state["packages"]} >= {"numpy", "gtsam", "typer"}
+    assert all(row["version"] == version(row["name"]) for row in state["packages"])
+    assert {row["name"] for row in state["extras"]} == set(metadata("pymantaray").get_all("Provides-Extra"))
+    assert {row["use"] for row in state["folders"]} >= {"compiled kernels", "figures", "temporary files"}
+    assert 0 <= state["kernels"]["compiled"] <= state["kernels"]["all"] > 15
+
+    requirements = ["nosuch>=1.0", "numpy>=99", 'nosuch>=2; extra == "more"', 'numpy>=2; extra == "all"']
+    monkeypatch.setattr("pymantaray.installation.requires", lambda _: requirements)
+    state = told("doctor", code=1)
+    assert state["faults"] == ["nosuch: is not installed", "numpy: is another version than is needed"]
+    assert [row["missing"] for row in state["extras"]] == [["nosuch>=2"], []]
+    shown = mantaray("doctor")
+    assert shown.code == 1
+    assert "lacks nosuch>=2: pip install 'pymantaray[more]'" in shown.out
+
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "file" / "folder"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "file" / "folder"))
+    fault = f"{tmp_path / 'file' / 'folder'}: cannot be written to; set TMPDIR to a folder that can be"
+    assert fault in told("doctor", code=1)["faults"]
