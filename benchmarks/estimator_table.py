@@ -8,32 +8,31 @@ from pathlib import Path
 
 import pandas as pd
 
-_DIGITS = 3  # of NEES
-
 
 def column(run: Path) -> pd.DataFrame:
     """What is shown of a run, by condition."""
-    tables = {
-        name: pd.read_csv(run / "tables" / f"{name}.csv")
-        for name in ("ate_pooled", "ping_error", "consistency", "costs")
-    }
-    nees = tables["consistency"].query("statistic == 'horizontal'").set_index("condition")
-    at_pings, costs = (tables[name].set_index("condition") for name in ("ping_error", "costs"))
-    every = tables["ate_pooled"].set_index("condition")
-    return pd.DataFrame(
+    names = ("ate_pooled", "ping_error", "consistency", "costs")
+    tables = {name: pd.read_csv(run / "tables" / f"{name}.csv") for name in names}
+    tables["consistency"] = tables["consistency"].query("statistic == 'horizontal'")
+    rows = tables["ate_pooled"][["condition"]]
+    for table in tables.values():
+        rows = rows.merge(table, on="condition", suffixes=(None, "_at_pings"))
+    cells = [
         {
-            "all poses": every["rmse_m"].map("{:.2f}".format),
-            "at pings": at_pings["rmse_m"].map("{:.2f}".format),
-            "median": at_pings["median_m"].map("{:.2f}".format),
-            "from `straight`": at_pings["from_straight_rmse_m"].map("{:.2f}".format),
-            "NEES": [
-                f"{row.median_ratio:,.0f}" if row.median_ratio >= 1e3 else f"{row.median_ratio:.{_DIGITS}g}"
-                for row in nees.loc[every.index].itertuples()
-            ],
-            "inside": nees["inside"].map(str) + " of " + nees["tests"].map(str),
-            "CPU [s]": costs["cpu_median_s"].map("{:.2f}".format),
+            "all poses": f"{row['rmse_m']:.2f}",
+            "at pings (median)": f"{row['rmse_m_at_pings']:.2f} ({row['median_m_at_pings']:.2f})",
+            "from `straight`": f"{row['from_straight_rmse_m']:.2f}",
+            "NEES (inside)": f"{nees(row['median_ratio'])} ({row['inside']})",
+            "CPU [s]": f"{row['cpu_median_s']:.2f}",
         }
-    ).loc[every.index]
+        for row in rows.to_dict("records")
+    ]
+    return pd.DataFrame(cells, index=rows["condition"])
+
+
+def nees(ratio: float) -> str:
+    """Three digits, or all before the point."""
+    return f"{ratio:,.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
 
 
 def main() -> None:
