@@ -14,9 +14,11 @@ from pymantaray.sensing import (
     Detector,
     NoiseModel,
     OneWay,
+    Picker,
     Reception,
     TwoWay,
     assemble,
+    find_candidates,
     perturb,
     sound_between,
 )
@@ -117,3 +119,31 @@ def test_what_leaks_takes_as_long_from_either_end():
         np.testing.assert_array_equal(one.back.travel_time, other.there.travel_time)
         np.testing.assert_array_equal(one.leak_loss_db, other.leak_loss_db)
         np.testing.assert_array_equal(one.gradient, other.gradient[:, ::-1, ::-1])
+
+
+@pytest.mark.parametrize("timing", [OneWay(), TwoWay(0.5)])
+@pytest.mark.parametrize("currents", [None, Currents.uniform(0.3, -0.4)])
+def test_what_leaks_stands_for_the_direct_arrival_where_receivers_err(truth, timing, currents):
+    options = {"timing": timing, "currents": currents, "max_surface_bounces": 1}
+    ranging = ranged(truth, Leakage(reach=400.0), **options)
+    m = assemble(truth, [HIDDEN], ranging, NoiseModel(range_sigma=1.0))
+    candidates = find_candidates(ranging, truth, Picker("first-detected", LOUD.sonar), timing=timing)
+    leaked = np.flatnonzero(m.range_status == RayStatus.LEAKED)
+    direct = np.flatnonzero(candidates.direct == 1)
+    rows = direct[np.isin(candidates.attempt[direct], leaked)]
+    np.testing.assert_array_equal(candidates.attempt[rows], leaked)
+    np.testing.assert_array_equal(candidates.travel_time[rows], ranging.truth.travel_time[leaked])
+    assert np.bincount(candidates.attempt)[leaked].min() > 1  # sound by the surface competes with it
+    # what is heard of all candidates is heard of each alone, and one that is sure leaves nothing to the others
+    noisy = [perturb(m, root_seed=2, realization=r, timing=timing, candidates=candidates) for r in range(10)]
+    for one in noisy:
+        assert set(one.range_status.tolist()) <= {RayStatus.OK, RayStatus.UNHEARD}
+    took = np.concatenate([one.refracted_range[leaked] - m.refracted_range[leaked] for one in noisy])
+    by_leak = np.abs(took) < 6.0
+    expected = np.tile(candidates.probability[rows], 10)
+    assert by_leak.sum() == pytest.approx(
+        expected.sum(), abs=4.0 * np.sqrt((expected * (1 - expected)).sum()) + 1.0
+    )
+    without = ranged(truth, **options)
+    fewer = find_candidates(without, truth, Picker("first-detected", LOUD.sonar), timing=timing)
+    assert candidates.attempt.size - fewer.attempt.size >= leaked.size

@@ -152,11 +152,6 @@ REFUSED = [
     ("", {"ranging": DEEP, "detection": DETECTION}, "below_strongest_db and [detection] exclude each other"),
     ("", {"ranging": DEEP, "acoustics": {"arrival": "first"}}, "but acoustics.arrival is first"),
     ("detection", DETECTION | {"scatter_db": 40.0}, "scatter_db is 40, but leakage is false"),
-    (
-        "",
-        {"ranging": {"mistaken": "first-detected"}, "detection": DETECTION | {"leakage": True}},
-        "is first-detected and detection.leakage is true: what leaks is no candidate",
-    ),
     ("acoustics.max_bottom_bounces", 16, "acoustics.max_bottom_bounces: found 16; allowed: 15 or less"),
     ("detection", {"frequency_hz": 1e4, "bandwidth_hz": 1e3}, "detection.source_level_db: missing"),
     ("detection", DETECTION | {"bandwidth_hz": 6e4}, "detection: bandwidth_hz is 60000, but frequency_hz"),

@@ -174,7 +174,7 @@ def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(confi
     for name, values in sections.items():
         tree[name] |= values
     tree["ocean"]["time"] = dt.datetime.fromisoformat(str(tree["ocean"].get("time", "2014-07-15T12:00:00")))
-    modem = MODEM | ({"ice_loss_db": 2.0} if "ice" in tree["ocean"] else {})
+    modem = MODEM | ({"ice_loss_db": 2.0, "leakage": True} if "ice" in tree["ocean"] else {})
     ocean, fleet, rays = stages_of(parse_study(tree | {"detection": modem}))
     again = {
         stage: _UNPACK[stage](_datasets(_content(_PACK[stage](result))))
@@ -196,4 +196,6 @@ def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(confi
             np.testing.assert_array_equal(one, two)
             assert one.dtype == two.dtype
         assert (one is None) == (two is None)
+    for one, two in zip(rays.leaked or (), again[RAYS].leaked or (), strict=True):
+        np.testing.assert_array_equal(one, two)
     np.testing.assert_array_equal(np.stack(rays.attempts), np.stack(again[RAYS].attempts))

@@ -1,7 +1,7 @@
 """Ranges on another arrival than the direct one: which arrivals a receiver may take, how probably, and which by chance."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,7 @@ from pymantaray.acoustics.selection import choose_arrivals
 from pymantaray.errors import SensingError
 from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.records.base import Column, Record, column
+from pymantaray.records.status import ARRIVES
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.schedule import Attempts, chances
 from pymantaray.sensing.timing import ONE_WAY, Leg, OneWay, Timing, half_round_trip, velocities
@@ -205,23 +206,15 @@ def find_candidates(
     are the arrivals' spreading alone: reflection and absorption lose nothing. Two-way, ping and answer are picked
     independently.
     """
-    arrivals, table, delay = ranging.arrivals, ranging.attempts, ranging.delay
+    table = ranging.attempts
     if picker.sonar is not None and ranging.loss_db is None:
         raise SensingError(
             "find_candidates: a picker with a sonar needs ranges that were measured with a detector"
         )
-    loss = arrivals.spreading_db if picker.sonar is None or ranging.loss_db is None else ranging.loss_db
-    # by way (from source to receiver, and back) and arrival
-    time = np.stack([arrivals.travel_time + (0.0 if delay is None else way * delay) for way in (1.0, -1.0)])
-    chance = np.stack([picker.probabilities(loss, arrivals.link, one) for one in time])
-    direct = np.zeros(time.shape, dtype=bool)
-    for way, sign in enumerate((1.0, -1.0)):
-        late = None if delay is None else sign * delay
-        direct[way, choose_arrivals(arrivals, "direct", delay=late).row] = True
-    bounces = arrivals.surface_bounces + arrivals.bottom_bounces
-
+    link, time, loss, direct, bounces, ends = _heard(ranging, picker)
+    chance = np.stack([picker.probabilities(loss, link, one) for one in time])
     attempt = np.flatnonzero(ranging.link >= 0)
-    start, stop = (np.searchsorted(arrivals.link, ranging.link[attempt], side=s) for s in ("left", "right"))
+    start, stop = (np.searchsorted(link, ranging.link[attempt], side=s) for s in ("left", "right"))
     row, ping = _spread_out(start, stop)  # which of `attempt`, which arrival
     forth = (table.transmitter[attempt] > table.receiver[attempt]).astype(np.int64)
     if isinstance(timing, OneWay):
@@ -232,7 +225,6 @@ def find_candidates(
         row, ping = row[one], ping[one]
         attempt, own, other = attempt[row], forth[row], 1 - forth[row]
         there, back = (own, ping), (other, answer)
-        ends = np.stack([-arrivals.source_slowness, arrivals.receiver_slowness])
         one_leg, other_leg = (
             Leg(time[leg], ends[own, arrival], ends[other, arrival])
             for leg, arrival in ((there, ping), (back, answer))
@@ -246,6 +238,53 @@ def find_candidates(
         )
     order = np.lexsort((columns[0], ~columns[2], attempt))
     return Candidates(attempt[order], *(values[order] for values in columns))
+
+
+class _Heard(NamedTuple):
+    """All that may be heard, rows by link: arrivals, and what leaks to links without a ray, which stands for the direct one."""
+
+    link: Indices
+    travel_time: Array
+    """From source to receiver, and back, shape (2, n). [s]"""
+    loss_db: Array
+    direct: NDArray[np.bool_]
+    """Whether it is ranged on without mistakes, as the times."""
+    bounces: Indices
+    ends: Array
+    """Change of the travel time with source and receiver, shape (2, n, 3). [s m⁻¹]"""
+
+
+def _heard(ranging: Ranging, picker: Picker) -> _Heard:
+    arrivals, delay, leaked = ranging.arrivals, ranging.delay, ranging.leaked
+    late = 0.0 if delay is None else delay
+    time = np.stack([arrivals.travel_time + late, arrivals.travel_time - late])
+    direct = np.zeros(time.shape, dtype=bool)
+    for way, sign in enumerate((1.0, -1.0)):
+        own = None if delay is None else sign * delay
+        direct[way, choose_arrivals(arrivals, "direct", delay=own).row] = True
+    rays = _Heard(
+        arrivals.link,
+        time,
+        arrivals.spreading_db if picker.sonar is None or ranging.loss_db is None else ranging.loss_db,
+        direct,
+        arrivals.surface_bounces + arrivals.bottom_bounces,
+        np.stack([-arrivals.source_slowness, arrivals.receiver_slowness]),
+    )
+    if leaked is None or not leaked.link.size:
+        return rays
+    n = leaked.link.size
+    dark = _Heard(
+        leaked.link,
+        leaked.travel_time.T,
+        leaked.loss_db,
+        np.ones((2, n), dtype=bool),
+        np.zeros(n, dtype=np.int64),
+        np.moveaxis(leaked.slowness, 1, 0),
+    )
+    order = np.argsort(np.concatenate([rays.link, dark.link]), kind="stable")
+    axes = (0, 1, 0, 1, 0, 1)
+    both = zip(rays, dark, axes, strict=True)
+    return _Heard(*(np.take(np.concatenate([a, b], axis=axis), order, axis=axis) for a, b, axis in both))
 
 
 def _spread_out(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
@@ -294,12 +333,12 @@ def range_on_picks(measurements: Measurements, candidates: Candidates, picks: In
     """
     Range on what each attempt takes for the direct arrival, by `draw_picks`; straight ranges stay.
 
-    Where another arrival was taken, the refracted range is its own, and the status is OK: the receiver knows no
-    better. Where nothing was, an arrival that there is has status UNHEARD and a refracted range of NaN.
+    Where another arrival was taken, the refracted range is its own, and the status is OK, as of what leaked: the receiver knows
+    no better. Where nothing was, an arrival that there is has status UNHEARD and a refracted range of NaN.
     """
     o, wrong = measurements, candidates.mistaken(picks)
-    lost = (picks < 0) & (o.range_status == RayStatus.OK)
+    lost = (picks < 0) & np.isin(o.range_status, ARRIVES)
     status, refracted = o.range_status.copy(), o.refracted_range.copy()
-    status[wrong], status[lost], refracted[lost] = RayStatus.OK, RayStatus.UNHEARD, np.nan
+    status[picks >= 0], status[lost], refracted[lost] = RayStatus.OK, RayStatus.UNHEARD, np.nan
     refracted[wrong] = o.transmitter_sound_speed[wrong] * candidates.travel_time[picks[wrong]]
     return replace(o, range_status=status, refracted_range=refracted)

@@ -49,6 +49,18 @@ class Links(Record):
     second: Column = column("link", "1", "participant at the receiver", "i4")
 
 
+class Leaked(NamedTuple):
+    """What reaches links without a ray, there and back."""
+
+    link: NDArray[np.int64]
+    """Rows of `Ranging.links`, increasing."""
+    travel_time: Array
+    """Shape (n, 2), current included. [s]"""
+    slowness: Array
+    """Of the travel time by the ends, source and receiver, shape (n, 2, 3). [s m⁻¹]"""
+    loss_db: Array
+
+
 class Ranging(NamedTuple):
     """Every attempted range without noise, one row per attempt, and the arrivals behind them."""
 
@@ -65,6 +77,8 @@ class Ranging(NamedTuple):
     """Transmission loss of each of the arrivals, None without a detector. [dB]"""
     delay: Array | None = None
     """What the current adds to each arrival's travel time from source to receiver, None at rest. [s]"""
+    leaked: Leaked | None = None
+    """What is no arrival and still heard; None where nothing leaks."""
 
 
 class Reception(NamedTuple):
@@ -224,6 +238,8 @@ class _Run(NamedTuple):
     loss_db: Array | None
     delay: Array | None
     near_cutoff: NDArray[np.bool_]
+    leak_loss_db: Array | None
+    """Of each link without a ray, NaN at others; None without a model."""
 
 
 def _run(
@@ -261,6 +277,7 @@ def _run(
     gradient[loud] = sound.gradient
     near = np.zeros(n, dtype=bool)
     near[loud] = sound.near_cutoff
+    leak_loss = None if sound.leak_loss_db is None else _filled(n, loud, sound.leak_loss_db)
     chances = None if sound.probability is None else np.full((n, 2), np.nan)
     if chances is not None:
         chances[loud] = sound.probability
@@ -286,6 +303,7 @@ def _run(
         sound.loss_db,
         sound.delay,
         near,
+        leak_loss,
     )
 
 
@@ -559,7 +577,15 @@ def _ranging(sound: _Run, pairs: _Pairs, truth: Trajectories, timing: Timing) ->
     if sound.probability is not None:
         both = isinstance(timing, TwoWay)
         probability = sound.probability.prod(axis=-1)[link] if both else sound.probability[link, forth]
-    heard = sound.heard
+    heard, leaked = sound.heard, None
+    if sound.leak_loss_db is not None:
+        dark = np.flatnonzero(np.isfinite(sound.leak_loss_db))
+        leaked = Leaked(
+            (np.cumsum(heard) - 1)[dark],
+            sound.travel_time[dark],
+            sound.gradient[dark, 0],
+            sound.leak_loss_db[dark],
+        )
     return Ranging(
         attempts=table,
         status=sound.status[link],
@@ -580,4 +606,5 @@ def _ranging(sound: _Run, pairs: _Pairs, truth: Trajectories, timing: Timing) ->
         probability=probability,
         loss_db=sound.loss_db,
         delay=sound.delay,
+        leaked=leaked,
     )

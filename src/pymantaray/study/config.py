@@ -511,11 +511,6 @@ class SoundConfig(Section):
         ranging, arrival = self.ranging, self.acoustics.arrival
         if ranging.mistaken == "off":
             return self
-        if self.detection is not None and self.detection.leakage:
-            raise ValueError(
-                f"ranging.mistaken is {ranging.mistaken} and detection.leakage is true: what leaks is no candidate; leave one"
-                " of them out"
-            )
         if arrival != "direct":
             raise ValueError(
                 f"ranging.mistaken is {ranging.mistaken}, but acoustics.arrival is {arrival}: what is taken for the"

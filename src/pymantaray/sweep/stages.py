@@ -16,6 +16,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.records import NETCDF_LOCK, Arrivals, RangingTruth, Trajectories
 from pymantaray.sensing import Links, Ranging
+from pymantaray.sensing.ranging import Leaked
 from pymantaray.sensing.schedule import Attempts
 from pymantaray.study import StudyConfig
 from pymantaray.study.assemble import StudyOcean, build_medium
@@ -126,7 +127,9 @@ def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:
     attempts = {name: ("attempt", values) for name, values in ranging.attempts._asdict().items()}
     attempts |= {"status": ("attempt", ranging.status), "link": ("attempt", ranging.link)}
     optional = {name: getattr(ranging, name) for name in _OPTIONAL}
+    leaked = {} if ranging.leaked is None else ranging.leaked._asdict()
     return {
+        "leaked": xr.Dataset({n: (tuple(f"{n}_{k}" for k in range(v.ndim)), v) for n, v in leaked.items()}),
         "attempts": xr.Dataset(attempts),
         "optional": xr.Dataset({name: (name, v) for name, v in optional.items() if v is not None}),
         "truth": ranging.truth.to_dataset(),
@@ -136,7 +139,7 @@ def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:
 
 
 def _unpack_rays(groups: dict[str, xr.Dataset]) -> Ranging:
-    attempts, optional = groups["attempts"], groups["optional"]
+    attempts, optional, leaked = (groups[name] for name in ("attempts", "optional", "leaked"))
     return Ranging(
         attempts=Attempts(**{name: attempts[name].values for name in Attempts._fields}),
         status=attempts["status"].values,
@@ -144,6 +147,7 @@ def _unpack_rays(groups: dict[str, xr.Dataset]) -> Ranging:
         links=Links.from_dataset(groups["links"]),
         arrivals=Arrivals.from_dataset(groups["arrivals"]),
         link=attempts["link"].values,
+        leaked=Leaked(**{name: leaked[name].values for name in Leaked._fields}) if leaked else None,
         **{name: optional[name].values for name in _OPTIONAL if name in optional},
     )
 
