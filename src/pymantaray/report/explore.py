@@ -189,7 +189,7 @@ def _errors(results: Results) -> dict[str, Any]:
     looks = condition_looks(list(results.errors))
     for c, (name, error) in enumerate(results.errors.items()):
         usable = error[np.isfinite(error)]
-        entry = {
+        entry: dict[str, Any] = {
             "name": name,
             "label": condition_label(name),
             "colour": looks[name][0],
