@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+import xarray as xr
 from factories import assert_same, names_in
 from refusals import refused
 
@@ -212,3 +213,17 @@ def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path):
     config = tiny(ocean={"source": [str(content)]})
     assert checksums(config) == {str(content): hashlib.sha256(b"ocean").hexdigest()}
     assert manifest["ocean"]["synthetic"] is True
+
+
+def test_files_may_go_while_realizations_are_solved(tiny, fly_tiny, tmp_path):
+    bed = tmp_path / "bed.nc"
+    xr.Dataset(attrs={"title": "GEBCO grid"}).to_netcdf(bed)
+    config = tiny(study=DEAD_RECKONING, ocean={"bathymetry": str(bed)})
+
+    def remove(stage, *_):
+        if stage == "realizations":
+            bed.unlink(missing_ok=True)
+
+    run = run_study(config, tmp_path / "run", mission=fly_tiny()[0], progress=remove)
+    assert not bed.exists()
+    assert any("doi:10.1002/2015EA000107" in reference for reference in run.manifest["references"])

@@ -16,7 +16,7 @@ from typing import Any
 import pymantaray
 from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.study.config import StudyConfig
-from pymantaray.study.references import citation
+from pymantaray.study.references import Citations
 from pymantaray.study.tracks import read_fleet
 
 
@@ -47,6 +47,7 @@ def describe_run(
     inputs: dict[str, str],
     watch: Stopwatch,
     *,
+    references: Citations,
     synthetic: bool,
     workers: int,
     worker_memory_mib: float,
@@ -79,7 +80,7 @@ def describe_run(
             "cores": os.cpu_count(),
             "workers": workers,
         },
-        "references": [str(reference) for reference in citation(config)],
+        "references": [str(reference) for reference in references],
         "seconds": {name: round(value, 3) for name, value in watch.seconds.items()},
         "peak_memory_mib": {"main": peak_memory_mib(), "largest_worker": worker_memory_mib},
     }

@@ -18,6 +18,7 @@ from pymantaray.study.load import study_toml
 from pymantaray.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
 from pymantaray.study.realization import Solved, collect_results, solve_realizations, start_solver
+from pymantaray.study.references import citation
 from pymantaray.study.store import Run, open_run, run_in_memory, summarize, write_json
 from pymantaray.study.tracks import mission_size, with_tracks
 from pymantaray.study.unfinished import Unfinished
@@ -83,6 +84,7 @@ def run_study(
     workers = max(1, min(workers, count))
     refuse_too_large(config, workers)
     _refuse_missing_files(config)
+    references = citation(config)  # what files say of themselves, whatever becomes of them
     report, watch = progress or _silent, Stopwatch()
     with staged_folder(out, config.study.name) as (stage, folder):
         left = Unfinished(folder if out is not None and mission is None else None, config)
@@ -111,6 +113,7 @@ def run_study(
             config,
             inputs,
             watch,
+            references=references,
             synthetic=known.synthetic,
             workers=workers,
             worker_memory_mib=0.0 if processes is None else processes.peak_memory_mib,
