@@ -18,6 +18,7 @@ from pymantaray.study import StudyConfig
 from pymantaray.sweep.definition import KEYS
 
 PAGES = runpy.run_path(str(DOCS / "site" / "reference_pages.py"))
+MARKUP = re.compile(r"\[[a-z#/@]")  # what Rich takes for a style
 SUFFIXES = {"_h": "h", "_s": "s", "_hz": "Hz", "_db": "dB", "_deg": "degrees", "_m": "m"}
 
 
@@ -82,7 +83,7 @@ def test_the_page_shows_types_defaults_and_allowed_values(tables):
     assert tables["[mission]"]["duration_h"][2:] == ["h", "`168.0`", "number > 0"]
     assert tables["[acoustics]"]["arrival"][4] == '`"direct"`, `"first"`, `"strongest"`'
     assert tables["[detection]"]["shipping"][2:] == ["-", "-", "number ≥ 0 ≤ 1"]
-    assert tables['fleet.vehicles, kind = "waypoints"']["points"][4] == "list of list of 3 numbers"
+    assert tables['[[fleet.vehicles]] kind = "waypoints"']["points"][4] == "list of list of 3 numbers"
     assert set(tables["[noise]"]) >= {"range_sigma", "attitude_tilt_sigma"}
 
 
@@ -113,10 +114,14 @@ def test_every_command_is_there_with_all_its_options():
     for words, command in tree:
         section = sections[" ".join(words)]
         assert command.help.split()[0] in section
+        assert not MARKUP.search(command.help), f"{words}: --help swallows part of {command.help!r}"
         for parameter in command.params:
             if parameter.name != "help" and not getattr(parameter, "hidden", False):
                 assert parameter.opts[-1] in section or parameter.metavar in section, (words, parameter.name)
                 assert parameter.help, f"{' '.join(words)}: {parameter.name} has no help"
+                assert not MARKUP.search(parameter.help), (
+                    f"{' '.join(words)}: --help swallows part of {parameter.help!r}"
+                )
 
 
 @pytest.mark.parametrize("folder", PAGES["FOLDERS"])

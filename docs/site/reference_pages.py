@@ -35,8 +35,8 @@ def configuration() -> dict[str, str]:
         ),
         "## A study",
         (
-            "What `mantaray study run`, `ranges --study`, `serve` and `replay` read; a mission is one study's `[mission]`, `[fleet]` and"
-            " `[ocean]`. The commands `rays`, `ranges`, `replay` and `atlas` take the rest of what they need as"
+            "What `mantaray study run` reads. `mantaray serve` takes a file with `[ocean]`, `[mission]`, `[acoustics]`, `[ranging]` and"
+            " `[detection]` alone, `mantaray replay` the section `[detection]`; what `rays`, `ranges`, `replay` and `atlas` need besides are"
             " [options](commands.md)."
         ),
         *sections(StudyConfig),
@@ -69,10 +69,10 @@ def walk(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     out: list[tuple[str, dict[str, Any]]] = []
 
     def visit(place: str, entry: dict[str, Any], *, listed: bool) -> None:
-        kind = entry["properties"].get("kind", {}).get("const")
-        shown = f'{place}, kind = "{kind}"' if kind else place
         if place:
-            out.append(((f"[[{place}]]" if listed else f"[{place}]") if shown == place else shown, entry))
+            kind = entry["properties"].get("kind", {}).get("const")
+            head = f"[[{place}]]" if listed else f"[{place}]"
+            out.append((f'{head} kind = "{kind}"' if kind else head, entry))
         else:
             plain = {k: v for k, v in entry["properties"].items() if not list(models_of(v))}
             if plain:

@@ -25,14 +25,15 @@ def ranges(
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder for the results; must be new or empty.")],
     interval: Annotated[
-        float | None, typer.Option("--interval", metavar="S", help="All vehicles ping at every multiple. [s]")
+        float | None,
+        typer.Option("--interval", metavar="S", help="All vehicles ping at every multiple, in seconds."),
     ] = None,
     slots: Annotated[
         str | None,
         typer.Option("--slots", metavar="A,B,...", help="Vehicles that ping in turn (TDMA); needs --slot."),
     ] = None,
     slot: Annotated[
-        float | None, typer.Option("--slot", metavar="S", help="Length of a slot; needs --slots. [s]")
+        float | None, typer.Option("--slot", metavar="S", help="Length of a slot in seconds; needs --slots.")
     ] = None,
     pings: Annotated[
         Path | None,
@@ -54,7 +55,7 @@ def ranges(
     ] = None,
     sampling: Annotated[
         float,
-        typer.Option("--sampling", metavar="S", help="Poses every so often, besides those at pings. [s]"),
+        typer.Option("--sampling", metavar="S", help="Seconds between poses, besides those at pings."),
     ] = 200.0,
     surface_bounces: Annotated[
         int,

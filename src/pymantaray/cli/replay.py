@@ -46,7 +46,7 @@ def replay(
     ] = DEFAULT_RULE,
     detection: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.toml", help="A file with the section [detection] of a study, for levels."),
+        typer.Option(metavar="FILE.toml", help="A file with the section detection of a study, for levels."),
     ] = None,
     out: Annotated[
         Path | None,
