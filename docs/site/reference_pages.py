@@ -160,9 +160,8 @@ def commands() -> dict[str, str]:
     parts = [
         "# Commands",
         (
-            "Made from the program itself. `mantaray COMMAND --help` prints the same. Exit codes: 0 for done, 1 where parts of a sweep"
-            " failed or a run is not usable, 2 for what is asked wrongly, with one line that says what and what is allowed, 130 after"
-            " Ctrl-C, 141 where nobody reads what is printed."
+            "Made from the program itself. `mantaray COMMAND --help` prints the same. What the program ends with:"
+            " [exit codes](exit-codes.md)."
         ),
     ]
     for path, command in command_tree():
