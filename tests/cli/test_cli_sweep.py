@@ -53,7 +53,7 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     assert html.count("<td>straight</td>") == 4
 
     collected = mantaray("sweep", "collect", out)
-    assert collected.out == f"{out / 'table.csv'}\n{out / 'table.nc'}\n"
+    assert collected.out == f"{out / 'table.csv'}\n{out / 'table.nc'}\n{out / 'index.html'}\n"
     table = pd.read_csv(out / "table.csv")
     assert set(table["condition"]) == {"odometry", "straight"}
     with xr.open_dataset(out / "table.nc") as dataset:

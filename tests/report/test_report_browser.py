@@ -3,10 +3,15 @@
 import shutil
 from types import SimpleNamespace
 
+import numpy as np
+import pandas as pd
 import pytest
 
-from pymantaray.report import write_report
+from pymantaray.report import write_report, write_sweep_page
 
+axe = pytest.importorskip(
+    "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
+)
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSER = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
@@ -26,6 +31,18 @@ def page_file(tiny_run_folder, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def table_file(tmp_path_factory):
+    """A sweep over two fields whose first number is their sum."""
+    rows = [(x, y, c) for x in (0.5, 1.0, 2.0) for y in ("near", "far") for c in ("straight", "refracted")]
+    table = pd.DataFrame(rows, columns=["noise.range_sigma", "place", "condition"])
+    table = table.assign(
+        point=table.index // 2, status="done", error="", rmse_m=np.arange(12.0) + 1.0, key="k"
+    )
+    folder = tmp_path_factory.mktemp("sweep")
+    return write_sweep_page(table, ["noise.range_sigma", "place"], folder, title="made up")
+
+
+@pytest.fixture(scope="module")
 def chromium():
     with playwright.sync_playwright() as driver:
         drawing = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -36,7 +53,15 @@ def chromium():
 
 @pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
 def opened(request, chromium, page_file):
-    width, scheme = request.param
+    yield from open_page(chromium, page_file, *request.param)
+
+
+@pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
+def table_opened(request, chromium, table_file):
+    yield from open_page(chromium, table_file, *request.param)
+
+
+def open_page(chromium, file, width, scheme):
     context = chromium.new_context(
         viewport={"width": width, "height": 900}, color_scheme=scheme, reduced_motion="reduce"
     )
@@ -44,7 +69,7 @@ def opened(request, chromium, page_file):
     page.on("console", lambda message: said.append(message.text))
     page.on("pageerror", lambda error: said.append(str(error)))
     page.on("request", lambda request: asked.append(request.url))
-    page.goto(page_file.as_uri())
+    page.goto(file.as_uri())
     page.wait_for_selector("html[data-ready=yes]", timeout=120_000)
     yield SimpleNamespace(page=page, said=said, asked=asked)
     context.close()
@@ -55,7 +80,7 @@ def fleet_markers(page):
     return page.evaluate("document.getElementById('fleet').data.find((t) => t.mode === 'markers+text').x")
 
 
-def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_file):
+def check_quiet_and_fitting(opened, page_file):
     assert [line for line in opened.said if not any(known in line for known in HARMLESS)] == []
     assert [url for url in opened.asked if not url.startswith(("data:", "blob:"))] == [page_file.as_uri()]
     assert page_file.stat().st_size < 10e6
@@ -63,6 +88,38 @@ def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_fil
         "document.documentElement.scrollWidth - document.documentElement.clientWidth"
     )
     assert overflow <= 0
+
+
+def check_accessible(page):
+    """What axe-core finds wrong."""
+    violations = axe.Axe().run(page).response["violations"]
+    assert [(v["id"], [node["target"] for node in v["nodes"]][:3]) for v in violations] == []
+
+
+def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_file):
+    check_quiet_and_fitting(opened, page_file)
+    check_accessible(opened.page)
+
+
+def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(table_opened, table_file):
+    check_quiet_and_fitting(table_opened, table_file)
+    page = table_opened.page
+    check_accessible(page)
+    drawn = "document.getElementById('chart').data.map((t) => [t.name, t.x, t.y])"
+    assert {name: y for name, _, y in page.evaluate(drawn)} == {
+        "straight": [1, 3, 5, 7, 9, 11],
+        "refracted": [2, 4, 6, 8, 10, 12],
+    }
+    page.focus("#each")
+    page.keyboard.press("End")
+    assert [(name, y) for name, _, y in page.evaluate(drawn)] == [
+        ("far", [3, 4, 7, 8, 11, 12]),
+        ("near", [1, 2, 5, 6, 9, 10]),
+    ]
+    page.focus("#only select")
+    page.keyboard.press("End")
+    assert page.inner_text("#told") == "6 of 12 rows"
+    assert page.evaluate(drawn)[1] == ["near", [0.5, 1, 2], [1, 5, 9]]
 
 
 def test_the_slider_moves_the_fleet_by_keyboard(opened):

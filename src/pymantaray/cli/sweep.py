@@ -147,15 +147,16 @@ def status(folder: Place, as_json: Json = False) -> None:
 def collect(
     folder: Place,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Table to write, .csv or .nc; by default both in FOLDER.")
+        Path | None,
+        typer.Option("--out", help="Table to write, .csv or .nc; by default both, and a page, in FOLDER."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a table that is there.")] = False,
 ) -> None:
-    """Write one table of all points: CSV, and NetCDF over the swept fields."""
+    """Write one table of all points: CSV, NetCDF over the swept fields, and a page to look at it."""
     from pymantaray.records import whole_file, write_netcdf
     from pymantaray.sweep import open_sweep
 
-    results = open_sweep(folder)
+    results, page = open_sweep(folder), out is None and "://" not in folder
     if out is not None:
         check_output(out, (".csv", ".nc"), force=force)
     elif "://" in folder:
@@ -169,6 +170,11 @@ def collect(
             with whole_file(path) as temporary:
                 results.table().to_csv(temporary, index=False, lineterminator="\n")
         typer.echo(str(path))
+    if page:
+        from pymantaray.report import write_sweep_page
+
+        fields = [name for axis in results.sweep.axes for name in axis.coordinates()]
+        typer.echo(str(write_sweep_page(results.table(), fields, folder, title=results.sweep.name)))
 
 
 def _print_status(out: Printer, place: str, status: "Status") -> None:

@@ -1,4 +1,4 @@
-"""Tables, figures and a page for the results of a study, and for two of them side by side; plots of an ocean, of rays and of an atlas.
+"""Tables, figures and a page for the results of a study, and for several of them side by side; a page of a sweep; plots of an ocean, of rays and of an atlas.
 
 matplotlib is imported when the first of them is asked for.
 """
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pymantaray.report.ocean_plots import write_ocean_plots
     from pymantaray.report.ray_plots import write_ray_plot
     from pymantaray.report.replay import write_replay
+    from pymantaray.report.sweep import write_sweep_page
     from pymantaray.report.write import write_report
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "write_ray_plot",
     "write_replay",
     "write_report",
+    "write_sweep_page",
 ]
 
 _ROOMS = {
@@ -30,6 +32,7 @@ _ROOMS = {
     "write_ray_plot": "ray_plots",
     "write_replay": "replay",
     "write_report": "write",
+    "write_sweep_page": "sweep",
 }
 
 

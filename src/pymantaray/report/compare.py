@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
+from plotly.offline import get_plotlyjs
 
 from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
@@ -27,6 +28,7 @@ from pymantaray.report.page import (
 )
 from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.style import Array, condition_label, shortened
+from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import Progress, all_files, draw
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import open_run
@@ -302,4 +304,20 @@ def _page(
         notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],
         pictures=pictures,
         joint_tables=shown,
+        explorer=_explorer(runs, tables["configuration"]),
+        plotly=get_plotlyjs(),
     )
+
+
+def _explorer(runs: Mapping[str, Results], differences: pd.DataFrame) -> str:
+    """Position errors of all runs over what differs in their configurations, by condition."""
+    if not _all_solved(runs):
+        return ""
+    keys = differences.set_index("key").T.drop(columns=["study.name", "study.description"], errors="ignore")
+    frames = [
+        r.tables["ate_pooled"].assign(run=name, **{str(key): value for key, value in keys.loc[name].items()})
+        for name, r in runs.items()
+    ]
+    fields = ["run", *keys.columns]
+    table = pd.concat(frames, ignore_index=True)
+    return table_explorer(table, list(_STATISTICS["ate_pooled"]), fields, ["condition", *fields])

@@ -45,12 +45,12 @@ def explorer(results: Results, rays: str) -> str:
         "water": _WATER,
         "kinds": _KINDS,
     }
-    return f'{_json(content)[:-1]},"rays":{rays}}}'
+    return f'{as_json(content)[:-1]},"rays":{rays}}}'
 
 
 def mission_rays(results: Results) -> str:
     """Give sections with rays of some links as JSON, which realizations do not change."""
-    return _json(list(_rays(results.run, Ends(results, _shown_pings(results.run)))))
+    return as_json(list(_rays(results.run, Ends(results, _shown_pings(results.run)))))
 
 
 def _shown_pings(run: Run) -> NDArray[np.int64]:
@@ -250,7 +250,8 @@ def _rounded(values: Any, digits: int) -> Array:
     return np.round(np.asarray(values, dtype=float), digits)
 
 
-def _json(content: Any) -> str:
+def as_json(content: Any) -> str:
+    """JSON that may stand in a page."""
     return json.dumps(_plain(content), separators=(",", ":")).replace("<", "\\u003c")
 
 

@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from plotly.offline import get_plotlyjs
 
 from pymantaray.replay import Replay
 from pymantaray.report import style
 from pymantaray.report.figures import Plate
 from pymantaray.report.page import render, show, show_table
 from pymantaray.report.parts import PAGE, write_files
+from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import Progress, all_files, draw
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import write_json
@@ -85,6 +87,8 @@ def write_replay(
             notes=list(replay.notes),
             cards=_cards(replay),
             pictures=pictures,
+            explorer=_explorer(replay.events),
+            plotly=get_plotlyjs(),
             shown_tables=[
                 show_table(tables[name], caption, f"tables/{name}.csv") for name, caption in _CAPTIONS.items()
             ],
@@ -93,6 +97,23 @@ def write_replay(
         write_files(stage, all_files(tables, pictures, page))
         write_json(record, stage / "replay.json")
     return folder / PAGE
+
+
+def _explorer(events: pd.DataFrame) -> str:
+    """Residuals of events over time and distance."""
+    table = events.assign(
+        time_h=events["time_s"] / 3600.0,
+        bounces=(events["surface_bounces"] + events["bottom_bounces"])
+        .astype("string")
+        .fillna("none predicted"),
+    )
+    return table_explorer(
+        table,
+        ["residual_m", "residual_s", "measured_s"],
+        ["time_h", "distance_m", "pair"],
+        ["bounces", "pair", "source", "receiver"],
+        lines=False,
+    )
 
 
 def _entries(record: dict[str, Any]) -> pd.DataFrame:

@@ -1,0 +1,77 @@
+"""Page of a sweep: every number of its table over every swept field."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+from plotly.offline import get_plotlyjs
+
+from pymantaray.records import whole_file
+from pymantaray.report.page import render, show_table
+from pymantaray.report.parts import PAGE
+from pymantaray.report.table_explorer import table_explorer
+
+_NO_RESULTS = ("point", "status", "error", "condition", "key")
+_SHOWN = 300  # rows of the table on the page
+
+
+def write_sweep_page(table: pd.DataFrame, fields: Sequence[str], folder: str | Path, *, title: str) -> Path:
+    """
+    Write the page of a sweep into a folder.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        From `pymantaray.sweep.SweepResults.table`.
+    fields : sequence of str
+        Columns that were swept.
+    folder : str or pathlib.Path
+        Where ``table.csv`` is.
+    title : str
+        Name of the sweep.
+
+    Returns
+    -------
+    pathlib.Path
+        ``index.html``, whole by itself.
+
+    Raises
+    ------
+    WriteError
+        If it cannot be written.
+    """
+    numbers = [
+        str(name)
+        for name in table.columns
+        if name not in (*_NO_RESULTS, *fields) and pd.api.types.is_numeric_dtype(table[name])
+    ]
+    first = [name for name in ("rmse_m", "mean_m") if name in numbers]
+    numbers = [*first, *(name for name in numbers if name not in first)]
+    several = [name for name in fields if table[name].nunique() > 1]
+    states = table.groupby("point")["status"].first().value_counts()
+    failures = table.loc[table["status"] == "failed"].groupby("error")["point"].nunique()
+    explorer = table_explorer(
+        table, numbers, several, [*(["condition"] if "condition" in table else []), *several]
+    )
+    page = render(
+        "sweep.html",
+        title=f"Sweep over {title}",
+        facts=[
+            f"{len(states.index) and int(states.sum())} points: {', '.join(f'{n} {state}' for state, n in states.items())}"
+        ],
+        description="",
+        notes=[f"{count} failed: {line}" for line, count in failures.items()],
+        explorer=explorer,
+        plotly=get_plotlyjs(),
+        shown_tables=[
+            show_table(
+                table.head(_SHOWN).drop(columns="key"),
+                f"Points, the first {_SHOWN} rows" if len(table) > _SHOWN else "Points",
+                "table.csv",
+            )
+        ],
+    )
+    out = Path(folder) / PAGE
+    with whole_file(out) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return out

@@ -1,0 +1,60 @@
+"""What the pages of sweeps, comparisons and replays show by choosing: any number of a table over any of its fields."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pymantaray.report import style
+from pymantaray.report.explore import as_json
+from pymantaray.report.page import heading
+
+_ROWS = 20_000  # that are shown, evenly from the table
+
+
+def table_explorer(
+    table: pd.DataFrame, up: Sequence[str], across: Sequence[str], each: Sequence[str], *, lines: bool = True
+) -> str:
+    """
+    A table for the script of the page, as JSON; empty if it has nothing to show.
+
+    ``up`` are numbers that can be shown, ``across`` the columns that they can be shown over, ``each`` those by which rows are told apart,
+    the first of them from the start.
+    """
+    up = [name for name in up if pd.to_numeric(table[name], errors="coerce").notna().any()]
+    if not len(table) or not up or not across:
+        return ""
+    if len(table) > _ROWS:
+        table = table.iloc[np.unique(np.linspace(0, len(table) - 1, _ROWS).round().astype(int))]
+    names = list(dict.fromkeys([*up, *across, *each]))
+    return as_json(
+        {
+            "columns": {name: _values(table[name], number=name in up) for name in names},
+            "labels": {name: heading(name) for name in names},
+            "up": up,
+            "across": list(across),
+            "each": list(each),
+            "first": each[0] if each else "",
+            "lines": lines,
+            "colours": style.vehicle_colours(11),
+            "own": _condition_colours(table),
+        }
+    )
+
+
+def _condition_colours(table: pd.DataFrame) -> dict[str, str]:
+    """Colour of each condition, as on all figures."""
+    if "condition" not in table:
+        return {}
+    return {
+        name: colour for name, (colour, _) in style.condition_looks(list(table["condition"].unique())).items()
+    }
+
+
+def _values(column: "pd.Series[Any]", *, number: bool) -> list[object]:
+    """Numbers with six digits, all else as text."""
+    values = pd.to_numeric(column, errors="coerce")
+    if number or values.notna().all():
+        return [float(f"{value:.6g}") for value in values]
+    return ["" if value is None else str(value) for value in column]

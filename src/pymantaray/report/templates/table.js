@@ -1,0 +1,56 @@
+(() => {
+  const data = JSON.parse(at("explorer").textContent);
+  const { columns, labels, colours } = data;
+  const rows = columns[data.up[0]].length;
+  const label = (name) => labels[name] ?? name;
+  const known = (name) => [...new Set(columns[name])].sort((a, b) => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b))));
+  const fill = (id, names, none) => at(id).replaceChildren(...(none ? [new Option(none, "")] : []), ...names.map((name) => new Option(label(name), name)));
+  function narrow() {
+    const used = [at("across").value, at("each").value];
+    const before = new Map([...at("only").querySelectorAll("select")].map((select) => [select.name, select.value]));
+    at("only").replaceChildren(...data.each.filter((name) => !used.includes(name) && known(name).length > 1).map((name) => {
+      const select = document.createElement("select");
+      select.name = name;
+      select.append(new Option("all", ""), ...known(name).map((value, i) => new Option(value, i)));
+      select.value = before.get(name) ?? "";
+      select.addEventListener("change", show);
+      const words = document.createElement("label");
+      words.append(`${label(name)} `, select);
+      return words;
+    }));
+    show();
+  }
+  function show() {
+    const [up, across, each] = ["up", "across", "each"].map((id) => at(id).value);
+    const only = [...at("only").querySelectorAll("select")].filter((select) => select.value !== "").map((select) => [select.name, known(select.name)[Number(select.value)]]);
+    const shown = Array.from({ length: rows }, (_, row) => row).filter((row) => columns[up][row] !== null && columns[across][row] !== null && only.every(([name, value]) => columns[name][row] === value));
+    const groups = each ? known(each) : [null];
+    const lines = data.lines && typeof columns[across].find((value) => value !== null) === "number";
+    const traces = groups.map((group, g) => {
+      const own = shown.filter((row) => group === null || columns[each][row] === group);
+      if (lines) own.sort((a, b) => columns[across][a] - columns[across][b]);
+      const colour = (each === "condition" && data.own[group]) || colours[g % colours.length];
+      const single = new Set(own.map((row) => columns[across][row])).size === own.length;
+      return {
+        type: "scatter", mode: lines && single ? "lines+markers" : "markers", name: String(group), x: own.map((row) => columns[across][row]), y: own.map((row) => columns[up][row]),
+        text: own.map((row) => data.each.map((name) => `${label(name)}: ${columns[name][row]}`).join("<br>")), hovertemplate: "%{y}<br>%{text}<extra></extra>",
+        marker: { color: colour, size: rows > 500 ? 4 : 8, opacity: rows > 500 ? 0.6 : 1 }, line: { color: colour },
+      };
+    });
+    draw("chart", traces, {
+      showlegend: each !== "", legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, margin: { l: 70, r: 15, t: 40, b: 60 },
+      xaxis: { title: { text: label(across) }, type: typeof columns[across].find((value) => value !== null) === "number" ? "linear" : "category", automargin: true },
+      yaxis: { title: { text: label(up) }, type: at("logarithmic").checked ? "log" : "linear" },
+    });
+    at("told").textContent = `${shown.length} of ${rows} rows`;
+  }
+  fill("up", data.up);
+  fill("across", data.across);
+  fill("each", data.each, "nothing");
+  at("each").value = data.each.includes(data.first) ? data.first : "";
+  for (const id of ["across", "each"]) at(id).addEventListener("change", narrow);
+  for (const id of ["up", "logarithmic"]) at(id).addEventListener("change", show);
+  dark.addEventListener("change", show);
+  narrow();
+  document.documentElement.dataset.ready = "yes";
+})();
