@@ -88,8 +88,9 @@ def gpu() -> tuple[str | None, str]:
     """Name of the CUDA device that links can be solved on; if there is none, why not."""
     from numba import config
 
-    # the target inside older Numba lacks too much
-    if not config.ENABLE_CUDASIM and find_spec("numba_cuda") is None:
+    if config.ENABLE_CUDASIM:
+        return "Numba's simulator", ""
+    if find_spec("numba_cuda") is None:  # the target inside older Numba lacks too much
         return None, "numba-cuda is not installed: pip install 'pymantaray[cuda]'"
     from numba import cuda
 
@@ -145,8 +146,11 @@ def _folders(kernels: list[Path]) -> list[dict[str, Any]]:
     """Folders that are written to, with what helps where that is impossible."""
     import matplotlib as mpl
 
+    from pymantaray.compile import PLAIN
+
     caches: list[Path | None] = [*sorted({file.parent for file in kernels})]
-    uses = [("compiled kernels", folder, "NUMBA_CACHE_DIR") for folder in caches or [None]]
+    caches += [] if PLAIN or caches else [None]
+    uses = [("compiled kernels", folder, "NUMBA_CACHE_DIR") for folder in caches]
     uses.append(("figures", Path(mpl.get_cachedir()), "MPLCONFIGDIR"))
     uses.append(("temporary files", Path(tempfile.gettempdir()), "TMPDIR"))
     uses.append(("results, unless --out says where", Path.cwd(), ""))

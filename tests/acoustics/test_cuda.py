@@ -163,7 +163,7 @@ def test_a_thread_of_a_12_km_link_needs_two_thirds_of_a_megabyte():
 
 
 def test_device_that_is_not_there_is_one_line(monkeypatch):
-    monkeypatch.setattr("pymantaray.acoustics.eigenrays.find_spec", lambda _: None)
+    monkeypatch.setattr("pymantaray.installation.find_spec", lambda _: None)
     medium = Medium.from_profile(Z, DUCT, bottom_depth=3500.0)
-    says = r"no CUDA device was found; .* pip install pymantaray\[cuda\]"
+    says = r"no CUDA device was found; .* pip install 'pymantaray\[cuda\]'"
     refused(AcousticsError, says, find_eigenrays, medium, SOURCE, RECEIVER, device="cuda")

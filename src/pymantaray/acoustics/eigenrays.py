@@ -228,7 +228,7 @@ def _on_cuda(device: str) -> bool:
         return False
     name, why_not = gpu()
     if name is None:
-        raise AcousticsError(f"device: 'cuda', but no CUDA device was found: {why_not}")
+        raise AcousticsError(f"device: 'cuda', but no CUDA device was found; {why_not}")
     return True
 
 
