@@ -79,11 +79,10 @@ def follow(page: Path, folder: Path, languages: tuple[str, ...] = RUNS) -> dict[
                 file.write(block.text)
         if block.language in languages and block.mark != "not run":
             printed = run_block(block, folder, names, place)
-        elif block.language in RUNS:
-            printed = ""
-        elif block.language in ("", "text") and block.mark is None and printed:
+            continue
+        if block.language in ("", "text") and block.mark is None and printed:
             compare(block.text, printed, place)
-            printed = ""
+        printed = ""  # what follows another block is not its output
     return names
 
 

@@ -34,7 +34,7 @@ def stage(target: Path) -> None:
     pages["changelog.md"] = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
     pages["index.md"] = landing(contents, pages)
     for name, words in pages.items():
-        write(target / name, words)
+        write(target / name, without_outside_links(name, words))
     for figure in (DOCS / "figures").iterdir():
         (target / "figures").mkdir(exist_ok=True)
         if figure.suffix in {".png", ".csv"}:
@@ -42,6 +42,12 @@ def stage(target: Path) -> None:
     for path in target.rglob("*.md"):
         if path.relative_to(target).as_posix() not in pages:
             path.unlink()
+
+
+def without_outside_links(name: str, words: str) -> str:
+    """Page whose links to files beside docs, which the site does not have, are their words."""
+    out = "../" * (name.count("/") + 1)
+    return re.sub(rf"(?<!!)\[([^]]*)\]\({re.escape(out)}[^)]*\)", r"\1", words)
 
 
 def own_pages() -> list[Path]:
