@@ -79,7 +79,8 @@ class Workers:
         process = self._idle.get()
         try:
             result, memory = _answer(process, message)
-            self.peak_memory_mib = max(self.peak_memory_mib, memory)
+            with self._lock:
+                self.peak_memory_mib = max(self.peak_memory_mib, memory)
             if isinstance(result, Exception):
                 raise result
             return result
