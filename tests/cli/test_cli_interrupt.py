@@ -78,8 +78,8 @@ def test_interrupt_among_the_rays_is_prompt_and_leaves_nothing(tmp_path, begin, 
     ours, theirs = pty.openpty()
     process = begin(words, stderr=theirs, env={**os.environ, "COLUMNS": "100", "TERM": "xterm"})
     os.close(theirs)
-    printed, counts, deadline = "", [], time.monotonic() + 120.0
-    while not counts or counts[-1][0] < 20:
+    printed, counts, deadline = "", [], time.monotonic() + 600.0
+    while not counts or counts[-1][0] < 1:  # until kernels are compiled and a first block is done
         assert time.monotonic() < deadline, printed
         assert process.poll() is None, printed
         printed += shown(ours)
