@@ -274,6 +274,7 @@ def entries(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
         for name, item in content.items():
             yield from entries(item, f"{path} / {name}" if path else str(name))
     elif isinstance(content, list):
-        yield path, ", ".join(str(item) for item in content) or "none"
+        texts = [str(item) for item in content]
+        yield path, ("\n" if any(", " in text for text in texts) else ", ").join(texts) or "none"
     else:
         yield path, "none" if content in (None, {}) else str(content)
