@@ -12,7 +12,7 @@ export PYTHON
 help:
 	@echo "make study        the paper's Beaufort Sea study at full size"
 	@echo "make study-paper  both of the paper's regions, and their comparison"
-	@echo "make quick        a small study in half a minute"
+	@echo "make quick        a small study: half a minute the first time, some seconds after"
 	@echo "make test         the fast tests"
 	@echo "make lint         formatting, lint, types, import contracts, spelling"
 	@echo "make docs         the documentation as a site, in build/docs"
@@ -20,7 +20,7 @@ help:
 	@echo "make bench        timings"
 	@echo "make matrix       the fast tests on Python 3.11 to 3.14, as far as they are here, and on the oldest dependencies (needs uv)"
 	@echo "make cuda         the kernels compiled for a GPU, which need not be here (needs uv; 1.2 GB of packages)"
-	@echo "make ci-full      everything: slow tests, kernels with bounds checked, examples"
+	@echo "make ci-full      everything: the site, slow tests, all pages and examples followed, kernels with bounds checked"
 	@echo "make clean        remove .venv, caches and builds; runs/ stays"
 
 study: $(VENV)/.ready-run
@@ -79,7 +79,7 @@ matrix:
 cuda:
 	$(UV_TEST) --with "numba-cuda[cu12]>=0.24" python -m pytest -m "slow or not slow" tests/acoustics/test_cuda.py $(ARGS)
 
-ci-full: lint quick $(VENV)/.ready-test
+ci-full: lint quick docs $(VENV)/.ready-test
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "slow or not slow" $(ARGS)
 	rm -rf $(VENV)/boundscheck
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/boundscheck \
