@@ -10,6 +10,8 @@ from pymantaray.records import RayStatus
 
 def main() -> None:
     """Mean range error of what the station keeper sends and hears, largest distance, cost against expectation."""
+    if len(sys.argv) == 1:
+        sys.exit("name folders of runs: python examples/paper_numbers.py RUN [RUN ...]")
     for folder in sys.argv[1:]:
         run = open_run(folder)
         o, e = run.measurements, run.estimates
