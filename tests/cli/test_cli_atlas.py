@@ -32,9 +32,8 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, tmp_p
     plotted = mantaray("atlas", "plot", out, "--out", tmp_path / "plots", "--convention", "mean")
     assert plotted.code == 0
     names = sorted(path.name for path in (tmp_path / "plots").iterdir())
-    assert names == sorted(
-        f"atlas_{name}.{kind}" for name in ("conventions", "error", "safe") for kind in ("pdf", "png")
-    )
+    figures = [f"atlas_{name}.{kind}" for name in ("conventions", "error", "safe") for kind in ("pdf", "png")]
+    assert names == sorted([*figures, "index.html"])
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
-from pymantaray.report import write_report, write_sweep_page
+from pymantaray.report import write_atlas_page, write_report, write_sweep_page
 
 axe = pytest.importorskip(
     "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
@@ -40,6 +41,35 @@ def table_file(tmp_path_factory):
     )
     folder = tmp_path_factory.mktemp("sweep")
     return write_sweep_page(table, ["noise.range_sigma", "place"], folder, title="made up")
+
+
+ATLAS = 1.0 + np.arange(2 * 3 * 4 * 2 * 2 * 2.0).reshape(2, 3, 4, 2, 2, 2)
+
+
+@pytest.fixture(scope="module")
+def atlas_file(tmp_path_factory):
+    """An atlas whose errors count its links, with one place without a path."""
+    error = ATLAS.copy()
+    error[:, 1, 1] = np.nan
+    places = {"lat": 77.0 + 0.5 * np.arange(3), "lon": -2.0 + np.arange(4)}
+    atlas = xr.Dataset(
+        {"worst_range_error": (("time", "lat", "lon", "convention", "pair", "distance"), error)},
+        places
+        | {
+            "time": np.datetime64("2014-07-15T12", "ns") + np.timedelta64(1, "D") * np.arange(2),
+            "convention": ["transmitter", "chord"],
+            "distance": [2e3, 5e3],
+            "transmitter_depth": ("pair", [20.0, 20.0]),
+            "receiver_depth": ("pair", [20.0, 800.0]),
+        },
+        {"title": "Test Sea"},
+    )
+    return write_atlas_page(atlas, [], tmp_path_factory.mktemp("atlas"))
+
+
+@pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
+def atlas_opened(request, chromium, atlas_file):
+    yield from open_page(chromium, atlas_file, *request.param)
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +150,33 @@ def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(tab
     page.keyboard.press("End")
     assert page.inner_text("#told") == "6 of 12 rows"
     assert page.evaluate(drawn)[1] == ["near", [0.5, 1, 2], [1, 5, 9]]
+
+
+def test_an_atlas_draws_without_errors_or_requests_and_any_place_by_keyboard(atlas_opened, atlas_file):
+    check_quiet_and_fitting(atlas_opened, atlas_file)
+    page = atlas_opened.page
+    check_accessible(page)
+
+    def drawn():
+        return np.array(page.evaluate("document.getElementById('map').data[0].customdata"), dtype=float)
+
+    expected = ATLAS.max(axis=4)  # the worst of all depths
+    known = np.isfinite(drawn())
+    assert (~known).sum() == 1
+    np.testing.assert_array_equal(drawn()[known], expected[0, :, :, 0, 0][known])
+    for control in ("#distance", "#convention", "#time"):
+        page.focus(control)
+        page.keyboard.press("End")
+    np.testing.assert_array_equal(drawn()[known], expected[1, :, :, 1, 1][known])
+    page.focus("#pair")
+    page.keyboard.press("ArrowDown")
+    np.testing.assert_array_equal(drawn()[known], ATLAS[1, :, :, 1, 0, 1][known])
+    for control in ("#lat", "#lon"):
+        page.focus(control)
+        page.keyboard.press("Home")
+    assert page.inner_text("#here").endswith(f"{ATLAS[1, 0, 0, 1, 0, 1]:.2f} m")
+    lines = page.evaluate("document.getElementById('over-time').data.map((t) => t.y)")
+    np.testing.assert_array_equal(lines, ATLAS[:, 0, 0, :, 0, 1].T)
 
 
 def test_the_slider_moves_the_fleet_by_keyboard(opened):

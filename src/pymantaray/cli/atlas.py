@@ -156,7 +156,7 @@ def show(file: AtlasFile, as_json: Json = False) -> None:
 @app.command()
 def plot(
     file: AtlasFile,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the figures, PNG and PDF.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the figures, PNG and PDF, and the page.")],
     convention: Annotated[
         str, typer.Option("--convention", help="transmitter, receiver, mean, chord or nominal.")
     ] = "transmitter",
@@ -175,10 +175,10 @@ def plot(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Draw maps of where ranging is safe, of the error and of lost paths; the error through time at a place."""
+    """Draw maps of where ranging is safe, of the error and of lost paths, the error through time, and a page to look around."""
     from pymantaray.atlas import open_atlas
     from pymantaray.cli.output import progress_bars
-    from pymantaray.report import write_atlas_plots
+    from pymantaray.report import write_atlas_page, write_atlas_plots
 
     place = None if at is None else parse_pair("--at", at)
     depths = None if pair is None else parse_pair("--pair", pair)
@@ -192,7 +192,8 @@ def plot(
             place=place,
             progress=progress,
         )
-    for path in paths:
+        page = write_atlas_page(dataset, paths, out)
+    for path in (*paths, page):
         typer.echo(str(path))
 
 

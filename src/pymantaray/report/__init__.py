@@ -1,4 +1,4 @@
-"""Tables, figures and a page for the results of a study, and for several of them side by side; a page of a sweep; plots of an ocean, of rays and of an atlas.
+"""Tables, figures and a page for the results of a study, and for several of them side by side; pages of a sweep and of an atlas; plots of an ocean, of rays and of an atlas.
 
 matplotlib is imported when the first of them is asked for.
 """
@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pymantaray.report.atlas_page import write_atlas_page
     from pymantaray.report.atlas_plots import write_atlas_plots
     from pymantaray.report.compare import write_comparison
     from pymantaray.report.ocean_plots import write_ocean_plots
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from pymantaray.report.write import write_report
 
 __all__ = [
+    "write_atlas_page",
     "write_atlas_plots",
     "write_comparison",
     "write_ocean_plots",
@@ -26,6 +28,7 @@ __all__ = [
 ]
 
 _ROOMS = {
+    "write_atlas_page": "atlas_page",
     "write_atlas_plots": "atlas_plots",
     "write_comparison": "compare",
     "write_ocean_plots": "ocean_plots",

@@ -26,14 +26,16 @@ from pymantaray.report.ocean_plots import (
     map_shape,
 )
 
-_WORDS = {
+CONVENTION_WORDS = {
     "transmitter": "speed at the transmitter",
     "receiver": "speed at the receiver",
     "mean": "mean of both speeds",
     "chord": "mean slowness of the chord",
     "nominal": "one speed",
 }
-_COLOURS = dict(zip(_WORDS, (style.BLUE, style.SKY, style.GREEN, style.ORANGE, style.GREY), strict=True))
+CONVENTION_COLOURS = dict(
+    zip(CONVENTION_WORDS, (style.BLUE, style.SKY, style.GREEN, style.ORANGE, style.GREY), strict=True)
+)
 _WATER = 0  # of column_status
 _OTHERS = ((LAND, "land"), ("#f4f2ee", "edge of the data"), (style.BED, "too shallow"))
 """Colour and name of its values 1 and 2, and of water above the depths of all links."""
@@ -101,12 +103,16 @@ def write_atlas_plots(
     km = f"{float(atlas['distance'][where]) / 1e3:g} km"
     draw: dict[str, Callable[[], Figure]] = {
         "atlas_safe": lambda: safety_maps(
-            atlas, [(f"{d / 1e3:g} km, {_WORDS[convention]}", here, k) for k, d in enumerate(distances)]
+            atlas,
+            [(f"{d / 1e3:g} km, {CONVENTION_WORDS[convention]}", here, k) for k, d in enumerate(distances)],
         ),
         "atlas_error": lambda: error_maps(atlas, here, where),
         "atlas_conventions": lambda: safety_maps(
             atlas,
-            [(f"{km}, {_WORDS[str(name)]}", k, where) for k, name in enumerate(atlas["convention"].values)],
+            [
+                (f"{km}, {CONVENTION_WORDS[str(name)]}", k, where)
+                for k, name in enumerate(atlas["convention"].values)
+            ],
         ),
     }
     if atlas.sizes["time"] > 1:
@@ -154,7 +160,7 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
     low, high = (known.min(), known.max()) if known.size else (0.1, 1.0)
     norm = LogNorm(low, high) if high > _LOGARITHMIC * low else Normalize(0.0, high)
     km = f"{float(atlas['distance'][distance]) / 1e3:g} km"
-    words = _WORDS[str(atlas["convention"].values[convention])]
+    words = CONVENTION_WORDS[str(atlas["convention"].values[convention])]
     looks: tuple[dict[str, Any], dict[str, Any]] = (
         {"cmap": style.WATER.reversed(), "norm": norm},
         {"cmap": style.FLOOR, "vmin": 0.0, "vmax": 100.0},
@@ -211,7 +217,9 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
     time = atlas["time"].values
     for k, name in enumerate(map(str, atlas["convention"].values)):
         worst = np.fmax.reduce(atlas["worst_range_error"][:, i, j, k, :, distance].values, axis=-1)
-        upper.semilogy(time, worst, "o-", markersize=2.5, color=_COLOURS[name], label=_WORDS[name])
+        upper.semilogy(
+            time, worst, "o-", markersize=2.5, color=CONVENTION_COLOURS[name], label=CONVENTION_WORDS[name]
+        )
     for limit in atlas["safe"].values:
         upper.axhline(limit, color=style.INK, linestyle=":", linewidth=0.7)
     style.short_numbers(upper.yaxis)

@@ -1,0 +1,94 @@
+"""Page of an atlas: its error on a map and at any place, by convention, distance, depths and instant."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from matplotlib.image import imread
+from plotly.offline import get_plotlyjs
+
+from pymantaray.records import whole_file
+from pymantaray.report.atlas_plots import CONVENTION_COLOURS, CONVENTION_WORDS
+from pymantaray.report.explore import as_json
+from pymantaray.report.page import Picture, render
+from pymantaray.report.parts import PAGE
+
+_MOST = 500_000  # numbers on the page
+_WIDTH = 952  # of a figure [px]
+_CAPTIONS = {
+    "atlas_safe": "Where ranges are safe, by distance.",
+    "atlas_error": "Largest range error, and the share of the links without a direct path.",
+    "atlas_conventions": "Where ranges are safe, by what a range is computed with.",
+    "atlas_share": "Share of the instants at which ranges are safe.",
+    "atlas_series": "Largest error and lost links at one place through time.",
+}
+
+
+def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | Path) -> Path:
+    """
+    Write the page of an atlas into the folder of its figures.
+
+    Parameters
+    ----------
+    atlas : xarray.Dataset
+        From `pymantaray.atlas.open_atlas`. Of one with more than half a million errors the page has every n-th column.
+    figures : sequence of pathlib.Path
+        From `write_atlas_plots`.
+    folder : str or pathlib.Path
+        Where they are.
+
+    Returns
+    -------
+    pathlib.Path
+        ``index.html``, whole by itself.
+
+    Raises
+    ------
+    WriteError
+        If it cannot be written.
+    """
+    errors = atlas["worst_range_error"]
+    step = int(np.ceil(np.sqrt(errors.size / _MOST))) if errors.size > _MOST else 1
+    part = atlas.isel(lat=slice(None, None, step), lon=slice(None, None, step))
+    values = (
+        part["worst_range_error"].transpose("time", "lat", "lon", "convention", "pair", "distance").values
+    )
+    content = {
+        "time": [str(t)[:16].replace("T", " ") for t in part["time"].values],
+        "lat": part["lat"].values.astype(float).round(4),
+        "lon": part["lon"].values.astype(float).round(4),
+        "conventions": [
+            {"name": CONVENTION_WORDS[name], "colour": CONVENTION_COLOURS[name]}
+            for name in map(str, part["convention"].values)
+        ],
+        "distances": part["distance"].values,
+        "pairs": np.stack([part["transmitter_depth"].values, part["receiver_depth"].values], axis=1),
+        "error": values.ravel().astype(float).round(3),
+    }
+    thinned = [f"The moving map has every {step}-th column each way; the figures and the file have all."]
+    page = render(
+        "atlas.html",
+        title=str(atlas.attrs["title"]),
+        facts=[f"{atlas.sizes['lat']} x {atlas.sizes['lon']} columns, {atlas.sizes['time']} instants"],
+        description="",
+        notes=thinned if step > 1 else [],
+        explorer=as_json(content),
+        plotly=get_plotlyjs(),
+        pictures=[_picture(file) for file in figures if file.suffix == ".png"],
+    )
+    out = Path(folder) / PAGE
+    with whole_file(out) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return out
+
+
+def _picture(file: Path) -> Picture:
+    height, width = imread(file).shape[:2]
+    return Picture(
+        file.stem,
+        _CAPTIONS[file.stem],
+        min(width, _WIDTH),
+        round(height * min(width, _WIDTH) / width),
+        {"png": file.read_bytes()},
+    )
