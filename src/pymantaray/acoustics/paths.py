@@ -323,8 +323,6 @@ def ray_picture(
     """
     import xarray as xr
 
-    from pymantaray.acoustics._kernels.paths import section_grid
-
     a, b = as_positions("source", source)[0], as_positions("receiver", receiver)[0]
     step = b - a
     horizontal = math.hypot(step[0], step[1])
@@ -358,17 +356,8 @@ def ray_picture(
     spreading = np.full(len(paths), np.nan)
     last[arrives], spreading[arrives] = arrivals.travel_time, arrivals.spreading_db
 
-    domain, (work, _) = medium.domain(), _room(medium)
-    line = a, (unit[0], unit[1]), horizontal
-    ranges = np.linspace(0.0, max(horizontal, 1.0), n_range)
-    floor, ice = np.empty(n_range), np.empty(n_range)
-    section_grid(domain, line, ranges, np.zeros(1), work, (np.empty((n_range, 1)), floor, ice))
-    depths, c = np.linspace(0.0, 1.03 * floor.max(), n_depth), np.empty((n_range, n_depth))
-    section_grid(domain, line, ranges, depths, work, (c, floor, ice))
     variables = {
-        "sound_speed": (("range", "depth"), c, "m s-1", "sound speed"),
-        "sea_floor_depth": ("range", floor, "m", "depth of the sea bed"),
-        "sea_ice_draft": ("range", ice, "m", "depth of the ice's underside"),
+        **_section(medium, a, unit, horizontal, n_range, n_depth),
         "ray_range": (("ray", "point"), (paths[..., :2] - a[:2]) @ unit, "m", "range along the ray"),
         "ray_depth": (("ray", "point"), paths[..., 2], "m", "depth along the ray"),
         "ray_arrives": ("ray", arrives.astype(np.int8), "1", "whether the ray is an eigenray"),
@@ -379,8 +368,6 @@ def ray_picture(
         "chord_travel_time": ((), arrivals.chord_travel_time[0], "s", "travel time along the chord"),
         "chord_range": ("end", [0.0, horizontal], "m", "range of the ends"),
         "chord_depth": ("end", [a[2], b[2]], "m", "depth of the ends"),
-        "range": ("range", ranges, "m", "horizontal range from the source"),
-        "depth": ("depth", depths, "m", "depth, positive down"),
     }
     picture = xr.Dataset(
         {
@@ -390,6 +377,28 @@ def ray_picture(
     ).set_coords(["range", "depth"])
     picture["depth"].attrs |= {"standard_name": "depth", "positive": "down"}
     return picture.assign_attrs(status=RayStatus(int(arrivals.status[0])).name)
+
+
+def _section(
+    medium: Medium, start: Array, unit: Array, horizontal: float, n_range: int, n_depth: int
+) -> dict[str, tuple[str | tuple[str, ...], Array, str, str]]:
+    """Water, sea bed and ice from a place along a horizontal direction: dimensions, values, units and words of each."""
+    from pymantaray.acoustics._kernels.paths import section_grid
+
+    domain, (work, _) = medium.domain(), _room(medium)
+    line = start, (unit[0], unit[1]), horizontal
+    ranges = np.linspace(0.0, max(horizontal, 1.0), n_range)
+    floor, ice = np.empty(n_range), np.empty(n_range)
+    section_grid(domain, line, ranges, np.zeros(1), work, (np.empty((n_range, 1)), floor, ice))
+    depths, c = np.linspace(0.0, 1.03 * floor.max(), n_depth), np.empty((n_range, n_depth))
+    section_grid(domain, line, ranges, depths, work, (c, floor, ice))
+    return {
+        "sound_speed": (("range", "depth"), c, "m s-1", "sound speed"),
+        "sea_floor_depth": ("range", floor, "m", "depth of the sea bed"),
+        "sea_ice_draft": ("range", ice, "m", "depth of the ice's underside"),
+        "range": ("range", ranges, "m", "horizontal range from the source"),
+        "depth": ("depth", depths, "m", "depth, positive down"),
+    }
 
 
 def _per_ray(values: NDArray[Any], paths: RayPaths, reduce: np.ufunc) -> NDArray[Any]:
