@@ -17,7 +17,7 @@ PAGES = sorted(DOCS.rglob("*.md"))
 WITH_CODE = [
     p for p in PAGES if any(b.language in RUNS and b.mark != "not run" for b in blocks_of(p.read_text()))
 ]
-QUICK = ("how-to/travel-times.md", "reference/ocean-files.md", "theory/loss.md")
+QUICK = ("reference/ocean-files.md", "theory/loss.md")
 """Pages that take seconds."""
 
 
