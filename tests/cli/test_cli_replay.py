@@ -77,7 +77,7 @@ def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
     assert sum(result["statuses"].values()) == len(EVENTS)
     assert {row["node"] for row in result["clocks"]} == {"A", "B"}
     assert result["residuals"][0].keys() > {"by", "group", "events", "median_m"}
-    assert result["page"] == "json/index.html"
+    assert result["page"].endswith("json/index.html")
     assert done.code == 0, done.err
     assert len(pd.read_csv(files / "out" / "tables" / "events.csv")) == 8
 

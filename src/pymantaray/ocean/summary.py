@@ -54,11 +54,10 @@ def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.Dat
 
 def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> xr.Dataset:
     """
-    ``mean``, ``min`` and ``max`` sound speed [m/s] at each level (depth) of a valid ocean, and ``count`` of the wet points.
+    ``mean``, ``min`` and ``max`` sound speed [m/s] at each level (depth) of a valid ocean or a part of one, and ``count`` of the wet points.
 
     Each grid point counts the same; NaN where none is wet.
     """
-    validate_ocean(ocean)
     attrs = {"standard_name": "speed_of_sound_in_sea_water", "units": "m s-1"}
     speed = xr.DataArray(ocean_sound_speed(ocean, equation=equation), {"depth": ocean["depth"]}, DIMS)
     over = ("lat", "lon")
