@@ -7,6 +7,7 @@ from refusals import refused
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import FleetError
+from pymantaray.fleet.kernel import surface_depth
 from pymantaray.records import VehicleStatus
 
 BOX, FLOOR = 5000.0, 1000.0  # m; half the side and the depth of the domain that conftest builds
@@ -32,6 +33,9 @@ def test_equal_snapshots_are_still_water_to_the_last_digit(run, make_float, make
     np.testing.assert_array_equal(varying.position, still.position)
     np.testing.assert_array_equal(varying.status, still.status)
     assert np.ptp(still.position[..., 0]) > 2000.0  # several cells of the ocean
+    assert (
+        len({types[0] for types in surface_depth.signatures}) == 1
+    )  # kernels are compiled for one kind of water
 
 
 @pytest.mark.parametrize(("slow", "fast"), [(1e-3, 1e-3), (5e-4, 2e-3)])

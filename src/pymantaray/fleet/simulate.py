@@ -257,7 +257,7 @@ def _axis(ocean: xr.Dataset, name: str, *, uniform: bool) -> Array:
             f"ocean: axis {name!r} has steps from {steps.min():g} to {steps.max():g} m; they must be equal:"
             " bring the data set to the local frame with pymantaray.ocean.to_local"
         )
-    return axis
+    return np.array(axis)  # for arrays that cannot be written to kernels would be compiled again
 
 
 def _variable(ocean: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
