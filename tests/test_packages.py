@@ -1,0 +1,104 @@
+"""What is published: contents of wheel and source archive, and that both install into an empty environment and run there."""
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src" / "pymantaray"
+
+
+def call(*words, **options):
+    done = subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, check=False, **options
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory):
+    """Source archive, and the wheel that is built from it."""
+    folder = tmp_path_factory.mktemp("dist")
+    call(sys.executable, "-m", "build", "--outdir", folder, ROOT)
+    return next(folder.glob("*.tar.gz")), next(folder.glob("*.whl"))
+
+
+@pytest.fixture(scope="module")
+def empty(tmp_path_factory):
+    """Python of an environment in which there is nothing but pip."""
+    folder = tmp_path_factory.mktemp("empty") / "env"
+    call(sys.executable, "-m", "venv", folder)
+    return folder / "bin" / "python"
+
+
+def tracked():
+    """Files of the package that belong into the archives."""
+    suffixes = {".py", ".toml", ".html", ".js", ".css", ".mplstyle", ".typed"}
+    files = [path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    assert {path.suffix or path.name for path in files} <= {*suffixes, "py.typed"}
+    return {f"pymantaray/{path.relative_to(PACKAGE).as_posix()}" for path in files}
+
+
+@pytest.mark.slow
+def test_archives_hold_the_package_and_nothing_else(archives):
+    source, wheel = archives
+    names = set(zipfile.ZipFile(wheel).namelist())
+    ours = tracked()
+    assert {name for name in names if not re.match(r"[^/]+\.dist-info/", name)} == ours
+    for name in (
+        "py.typed",
+        "study/presets/quick.toml",
+        "report/templates/page.html",
+        "report/templates/explore.js",
+    ):
+        assert f"pymantaray/{name}" in ours
+    with tarfile.open(source) as archive:
+        inside = {name.partition("/")[2] for name in archive.getnames()}
+    beside = {
+        "README.md",
+        "LICENSE",
+        "CHANGELOG.md",
+        "CITATION.cff",
+        "pyproject.toml",
+        "PKG-INFO",
+        ".gitignore",
+    }
+    assert inside == {f"src/{name}" for name in ours} | beside
+    call(sys.executable, "-m", "twine", "check", "--strict", source, wheel)
+
+
+@pytest.mark.slow
+def test_the_wheel_runs_in_an_empty_environment_that_cannot_be_written_to(archives, empty, tmp_path):
+    """Outside the tree; kernels are kept in the user's cache then. The source archive installs there too."""
+    source, wheel = archives
+    call(empty, "-m", "pip", "install", "--quiet", wheel)
+    site = (
+        Path(call(empty, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
+        / "pymantaray"
+    )
+    assert site.is_dir()
+    for folder in [path for path in (site, *site.rglob("*")) if path.is_dir() and path.name != "__pycache__"]:
+        cache = folder / "__pycache__"  # root may write anywhere, but not into what is no folder
+        if cache.exists():
+            call("rm", "-r", cache)
+        cache.write_text("")
+    home = tmp_path / "home"
+    home.mkdir()
+    env = {"PATH": os.environ["PATH"], "HOME": str(home)}
+    mantaray = empty.with_name("mantaray")
+    said = call(mantaray, "study", "run", "quick", "--out", "run", cwd=tmp_path, env=env)
+    assert said.splitlines()[-1] == str(tmp_path / "run")
+    assert (tmp_path / "run" / "index.html").stat().st_size > 100_000
+    caches = home / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    assert len(list((caches / "numba").rglob("*.nbi"))) >= 10
+    assert "all that is needed is here" in call(mantaray, "doctor", cwd=tmp_path, env=env)
+
+    call(empty, "-m", "pip", "install", "--quiet", "--force-reinstall", "--no-deps", source)
+    assert call(mantaray, "study", "list", cwd=tmp_path, env=env).split()[0] == "beaufort"
