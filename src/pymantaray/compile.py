@@ -26,8 +26,8 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False
 # Numba links, optimizes and compiles each function by itself, and again within each that calls it, directly or not: more
 # than half of all time for kernels that only kernels call. Here their code is linked, optimized as a whole and compiled in
 # entries only. That needs inner parts of Numba, so it is for the versions on which it was tried; with others each kernel is
-# compiled by itself, in three times the time.
-_TRIED = (0, 61), (0, 68)
+# compiled by itself, in three times the time. (In 0.61 and 0.62 code that was kept on disk ends the process.)
+_TRIED = (0, 63), (0, 68)
 
 
 def _compilers() -> tuple[dict[str, Any], ...]:
