@@ -86,6 +86,7 @@ def test_progress_that_cannot_be_shown_does_not_stop_the_work(monkeypatch, tmp_p
             report("report", done, 3)
     assert done == 3
     assert sys.stderr is terminal
+    terminal.flush = lambda: None  # which the end of the stream that wraps it calls
     terminal.nowhere.close()
 
 

@@ -129,7 +129,7 @@ def test_a_table_of_stations_holds_a_cast_for_each(tmp_path):
 def test_times_in_comments(tmp_path, comment, time):
     path = write(tmp_path, f"# {comment} lat 74, lon -140\n" + PLAIN)
     cast = read_cast(path)
-    np.testing.assert_equal(cast.time, np.datetime64(time))
+    np.testing.assert_equal(cast.time, np.datetime64(time, "us"))
     assert ("time unknown" in cast.notes) == (time == "NaT")
     assert read_cast(path, time="2001-02-03T04:05").time == np.datetime64("2001-02-03T04:05")
 

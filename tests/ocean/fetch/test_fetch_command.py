@@ -20,7 +20,7 @@ def run(tmp_path, monkeypatch):
 @pytest.mark.network
 def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monkeypatch):
     monkeypatch.setenv("MANTARAY_OCEAN_SERVERS", thredds.root)
-    words = ["hycom", *WINDOW, "--time", "2014-07-15T12", "--out", "ocean.nc"]
+    words = ["hycom", *WINDOW, "--time", "2014-07-15T12", "--out", "ocean.nc", "-v"]
     result = run(*words)
     assert result.exception is None, result.exception
     assert result.stdout == "ocean.nc\n"
@@ -31,7 +31,7 @@ def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monk
     assert "exists already" in str(run(*words).exception)
     words[words.index("2014-07-15T12")] = "2014-06-28T18"
     noted = run(*words, "--overwrite", "--nearest", "--servers", thredds.root)
-    assert "note: 2014-06-28T18:00 does not exist: 2014-06-28T09:00 was taken" in noted.stderr
+    assert "warning: 2014-06-28T18:00 does not exist: 2014-06-28T09:00 was taken" in noted.stderr
     quiet = run(*words, "--overwrite", "--nearest", "--quiet")
     assert (quiet.stdout, quiet.stderr) == ("ocean.nc\n", "")
 
