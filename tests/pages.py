@@ -193,7 +193,7 @@ def _study(folder: Path) -> None:
 def _sea_floor(folder: Path) -> None:
     """A sea floor as GEBCO gives it."""
     lat, lon = np.linspace(33.5, 36.0, 151), np.linspace(-76.0, -73.5, 151)
-    elevation = -np.clip(500.0 + 1500.0 * (lon + 76.0) + 0.0 * lat[:, None], 100.0, 3500.0)
+    elevation = -(3200.0 + 100.0 * (lon + 76.0) + 0.0 * lat[:, None])
     xr.Dataset(
         {
             "elevation": (
