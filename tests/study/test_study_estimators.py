@@ -28,7 +28,7 @@ from pymantaray.ocean import (
 from pymantaray.ocean.internal_tide import PRESSURE_GRADIENT, displaced
 from pymantaray.records import SolveStatus, write_netcdf
 from pymantaray.study import parse_study, preset_text, run_study, study_toml
-from pymantaray.study.assemble import mission_start
+from pymantaray.study.assemble import mission_start, open_start
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.config import StudyConfig
 from pymantaray.study.config_estimators import (
@@ -95,6 +95,19 @@ def test_exact_ocean_leads_from_dead_reckoning_to_the_truth(day):
     assert off(found.position, day.truth.position) < 1e-3
     naive = solve_conditions(day.measurements, ["refracted"], start)["refracted"]
     assert off(naive.position, day.truth.position) > 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["estimators-beaufort", "estimators-fram"])
+def test_water_can_be_what_a_preset_believes_in_every_realization(preset):
+    """In the Beaufort Sea 5 m/s over the upper 300 m is 19 m/s at 50 m: no water has what some realizations drew."""
+    config = parse_study(tomllib.loads(preset_text(preset)))
+    sections = [e.belief for e in config.estimators or () if isinstance(e.belief, PerturbedBelief)]
+    belief = max(sections, key=lambda section: (section.rms, -section.horizontal_scale))
+    true, scale = open_start(config.ocean), belief.horizontal_scale
+    for realization in range(config.study.realizations):
+        rng = stream(config.study.seed, realization, "belief", "perturbed")
+        perturb_ocean(true, rms=belief.rms, horizontal_scale=scale, rng=rng, down_to=belief.down_to)
 
 
 @pytest.mark.slow

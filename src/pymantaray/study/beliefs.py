@@ -241,15 +241,20 @@ class Beliefs:
     def _geographic_belief(self, section: AnyBelief, realization: int) -> xr.Dataset:
         true, config = self._true, self.config
         if isinstance(section, PerturbedBelief):
-            return perturb_ocean(
-                true,
-                rms=section.rms,
-                horizontal_scale=section.horizontal_scale,
-                down_to=section.down_to,
-                modes=section.n_modes,
-                rng=stream(config.study.seed, realization, "belief", "perturbed"),
-                equation=config.ocean.equation,
-            )
+            try:
+                return perturb_ocean(
+                    true,
+                    rms=section.rms,
+                    horizontal_scale=section.horizontal_scale,
+                    down_to=section.down_to,
+                    modes=section.n_modes,
+                    rng=stream(config.study.seed, realization, "belief", "perturbed"),
+                    equation=config.ocean.equation,
+                )
+            except OceanError as error:
+                raise OceanError(
+                    f"belief perturbed by {section.rms:g} m/s, realization {realization}: {error}"
+                ) from None
         if isinstance(section, MeanBelief):
             return mean_ocean(true)
         if isinstance(section, CastBelief):
