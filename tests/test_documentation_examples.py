@@ -14,8 +14,12 @@ from pages import DOCS, MARKS, ROOT, RUNS, agree, blocks_of, compare, follow
 from pymantaray.ocean import open_ocean
 
 PAGES = sorted(DOCS.rglob("*.md"))
+GALLERY = DOCS / "figures" / "README.md"
+"""Followed by `make figures`, into the repository."""
 WITH_CODE = [
-    p for p in PAGES if any(b.language in RUNS and b.mark != "not run" for b in blocks_of(p.read_text()))
+    p
+    for p in PAGES
+    if p != GALLERY and any(b.language in RUNS and b.mark != "not run" for b in blocks_of(p.read_text()))
 ]
 QUICK = ("reference/ocean-files.md", "theory/loss.md")
 """Pages that take seconds."""

@@ -91,6 +91,7 @@ def every_estimator():
         "transmitter-incremental": {"range_model": "transmitter", "solver": "incremental"},
         "mean-modes": {"range_model": "eigenray", "belief": beliefs["mean"], "modes": {"count": 4}},
         "clocks": exact | {"clocks": {}},
+        "fixed-lag": {"ranges": "straight", "solver": "fixed-lag", "lag_h": 1.0},
     }
     for kind, belief in beliefs.items():
         sections[f"belief-{kind}"] = {"range_model": "eigenray", "belief": belief}
