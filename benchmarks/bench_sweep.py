@@ -127,7 +127,7 @@ def sharing() -> None:
     print(f"  largest worker: {resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024:.0f} MiB")
 
 
-def scaling(points: int = 150) -> None:
+def scaling(points: int = 450) -> None:
     """The same sweep on one and two workers; their CPU decides on a machine that is not idle."""
     config, used, took = small(realizations=5), {}, {}
     for count in (1, 2, 1, 2):
