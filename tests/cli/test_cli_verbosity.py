@@ -17,7 +17,7 @@ from pymantaray.cli.doctor import EXIT_FAULTS
 from pymantaray.cli.main import app
 from pymantaray.cli.ocean import EXIT_WRONG
 from pymantaray.cli.output import EXIT_KNOWN_ERROR
-from pymantaray.cli.printing import LOG, logged, printer
+from pymantaray.cli.printing import LOG, log_to_stderr, printer
 from pymantaray.cli.sweep import EXIT_POINTS_FAILED
 
 PATHS_ONLY = {
@@ -70,7 +70,7 @@ def tell_all():
 )
 def test_levels_are_those_of_the_page(capsys, options, lines):
     before = logging.getLogger("pymantaray").handlers[:]
-    with logged(**options):
+    with log_to_stderr(**options):
         tell_all()
     printed = capsys.readouterr().err.splitlines()
     assert printed[: len(lines)] == lines

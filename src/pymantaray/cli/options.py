@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from pymantaray.cli.printing import logged
+from pymantaray.cli.printing import log_to_stderr
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry.checks import check_number
 
@@ -114,7 +114,7 @@ def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def call(*, quiet: bool, verbose: int, **values: Any) -> None:
-        with logged(quiet=quiet, verbose=verbose):
+        with log_to_stderr(quiet=quiet, verbose=verbose):
             command(**values, **({"quiet": quiet} if own else {}))
 
     call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]

@@ -116,7 +116,7 @@ def _print_table(title: str, table: "pd.DataFrame", columns: Columns) -> None:
 
 
 @contextmanager
-def logged(*, quiet: bool, verbose: int) -> Iterator[None]:
+def log_to_stderr(*, quiet: bool, verbose: int) -> Iterator[None]:
     """
     Log to standard error, a line a record: errors alone if quiet, else warnings too; once verbose stages and times, twice all.
 

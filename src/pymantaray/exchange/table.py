@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import ExchangeError, RecordError, SensingError
 from pymantaray.exchange.recording import TRUTH
-from pymantaray.exchange.tracks import Poses, level, turned
+from pymantaray.exchange.tracks import Poses, about_down, level
 from pymantaray.records.text_table import TextTable, read_text_table
 from pymantaray.sensing.schedule import PingList
 
@@ -76,7 +76,7 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
     place_of = _numbers(table, factors, [*place, "depth"])
     time, quaternion = _times(table), _attitude(table, factors)
     if place[0] == "lat" and "convergence" in there:  # attitudes are to a frame's north
-        quaternion = turned(quaternion, -_numbers(table, factors, ["convergence"])[:, 0])
+        quaternion = about_down(quaternion, -_numbers(table, factors, ["convergence"])[:, 0])
     names = _vehicles(table) if "vehicle" in there else np.full(time.size, path.stem)
     poses = []
     for name in dict.fromkeys(names.tolist()):

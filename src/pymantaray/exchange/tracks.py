@@ -251,7 +251,7 @@ def _local(p: Poses, frame: LocalFrame) -> Poses:
     north, east = frame.to_local(p.place[:, 0], p.place[:, 1])
     return p._replace(
         place=np.column_stack([north, east, p.place[:, 2]]),
-        quaternion=turned(p.quaternion, frame.convergence(p.place[:, 0], p.place[:, 1])),
+        quaternion=about_down(p.quaternion, frame.convergence(p.place[:, 0], p.place[:, 1])),
         geodetic=False,
     )
 
@@ -261,10 +261,10 @@ def geodetic(p: Poses, frame: LocalFrame) -> Poses:
     lat, lon = frame.to_geodetic(p.place[:, 0], p.place[:, 1])
     turn = -frame.convergence(lat, lon)
     place = np.column_stack([lat, lon, p.place[:, 2]])
-    return p._replace(place=place, quaternion=turned(p.quaternion, turn), geodetic=True)
+    return p._replace(place=place, quaternion=about_down(p.quaternion, turn), geodetic=True)
 
 
-def turned(quaternion: Array | None, angle: Array) -> Array | None:
+def about_down(quaternion: Array | None, angle: Array) -> Array | None:
     """Attitudes after turns about down. [rad]"""
     if quaternion is None:
         return None
