@@ -17,7 +17,7 @@ FAULTS = {
     "page": "something else than data came",
     "error": "server reports: timeout in reader",
     "garbage": "something else than data came",
-    "hang": "no answer within 0.5 s",
+    "hang": "no answer within 1 s",
     "drip": "answer not complete within 2 s",
     "cut": "answer cut short",
     "chunk": "answer cut short",
@@ -29,6 +29,7 @@ FAULTS = {
 PLACES = {"description": ".dds", "attributes": ".das", "axis": "dods?lat", "block": "salinity.salinity%5B"}
 QUICK = {("block", fault) for fault in FAULTS} | {("attributes", "short"), ("description", "cut")}
 TEXT = ("description", "attributes")
+IMPATIENT = {"hang": {"idle_s": 1.0}, "drip": {"request_s": 2.0}}  # these faults end by a limit
 CASES = [
     pytest.param(place, fault, marks=() if (place, fault) in QUICK else pytest.mark.slow)
     for place in PLACES
@@ -40,7 +41,7 @@ CASES = [
 @pytest.mark.parametrize(("place", "fault"), CASES)
 def test_a_passing_fault_ends_in_success_after_a_retry(fetch, is_true, thredds, fault, place):
     thredds.app.faults.append((PLACES[place], fault))
-    fetched, ocean = fetch()
+    fetched, ocean = fetch(limits=IMPATIENT.get(fault, {}))
     is_true(ocean, "2014-07-15T12:00")
     assert thredds.app.faults == []  # it has happened
     assert fetched.requests == len(thredds.app.asked) > 11
@@ -55,7 +56,7 @@ LASTING = [
 @pytest.mark.parametrize("fault", LASTING)
 def test_a_lasting_fault_ends_in_one_line(refusal, thredds, fault):
     thredds.app.faults += [("salinity%5B", fault)] * 3
-    message = refusal()
+    message = refusal(limits=IMPATIENT.get(fault, {}))
     assert message.startswith("127.0.0.1/thredds/dodsC/GLBv0.08/expt_53.X/data/2014: ")
     assert FAULTS[fault] in message
     assert message.endswith("(3 attempts)")
@@ -89,10 +90,11 @@ def test_redirects_without_end_are_refused(refusal, thredds):
 
 
 def test_the_total_time_limit_holds_where_each_attempt_keeps_its_own(refusal, thredds):
-    thredds.app.faults += [("salinity%5B", "hang")] * 50
+    thredds.app.faults += [("salinity%5B", "hang")] * 50  # of which each lasts 20 s
     start = time.monotonic()
-    assert "the time limit of 1.2 s has passed" in refusal(limits={"attempts": 50, "total_s": 1.2})
-    assert time.monotonic() - start < 2.5
+    limits = {"attempts": 50, "idle_s": 1.0, "total_s": 2.5}
+    assert "the time limit of 2.5 s has passed" in refusal(limits=limits)
+    assert time.monotonic() - start < 15.0
 
 
 @pytest.mark.parametrize("what", ["headers", "continue", "text"])
@@ -102,9 +104,9 @@ def test_the_total_time_limit_holds_for_answers_without_an_end(refusal, what):
     before, start = threading.active_count(), time.monotonic()
     try:
         message = refusal(servers=endless.root, limits={"attempts": 50, "request_s": 0.3, "total_s": 1.0})
-        assert time.monotonic() - start < 2.5
+        assert time.monotonic() - start < 15.0
         assert "the time limit of 1 s has passed" in message
-        while threading.active_count() > before and time.monotonic() - start < 10.0:
+        while threading.active_count() > before and time.monotonic() - start < 30.0:
             time.sleep(0.01)
         assert threading.active_count() <= before  # no attempt goes on unseen, while the server still talks
     finally:
