@@ -8,6 +8,11 @@ columns are all connected by its elimination, so that each pair of them has its 
 import math
 
 from pymantaray.compile import entry, inlined
+from pymantaray.estimation._kernels.products import (
+    subtract_product,
+    subtract_product_transposed,
+    subtract_transposed_product,
+)
 
 # Part of its diagonal element that is left to a pivot when rounding has taken its digits.
 NO_DIGITS = 1e-12
@@ -38,23 +43,6 @@ def join_rows(first, neighbour, parent, mark, count, start, column):  # type: ig
                 j = parent[j]
 
 
-@inlined
-def add_product(out, i, sign, a, p, b, q):  # type: ignore[no-untyped-def]
-    """Add or subtract a transposed block times a block."""
-    for r in range(6):
-        a0, a1, a2 = sign * a[p, 0, r], sign * a[p, 1, r], sign * a[p, 2, r]
-        a3, a4, a5 = sign * a[p, 3, r], sign * a[p, 4, r], sign * a[p, 5, r]
-        for c in range(6):
-            out[i, r, c] += (
-                a0 * b[q, 0, c]
-                + a1 * b[q, 1, c]
-                + a2 * b[q, 2, c]
-                + a3 * b[q, 3, c]
-                + a4 * b[q, 4, c]
-                + a5 * b[q, 5, c]
-            )
-
-
 @entry
 def factorize(start, column, diagonal, above, element):  # type: ignore[no-untyped-def]
     """Turn a matrix, of these diagonal elements (n, 6), into its upper factor; a row without digits left, -1 for none."""
@@ -81,12 +69,12 @@ def factorize(start, column, diagonal, above, element):  # type: ignore[no-untyp
                     above[p, r, c] *= inverse
         for p in range(start[k], start[k + 1]):
             i = column[p]
-            add_product(diagonal, i, -1.0, above, p, above, p)
+            subtract_transposed_product(diagonal, i, above, p, above, p)
             at = start[i]
             for q in range(p + 1, start[k + 1]):
                 while column[at] != column[q]:
                     at += 1
-                add_product(above, at, -1.0, above, p, above, q)
+                subtract_transposed_product(above, at, above, p, above, q)
     return -1
 
 
@@ -134,13 +122,13 @@ def invert(start, column, diagonal, above, rows, inverse_diagonal, inverse_above
         begin, end = start[k], start[k + 1]
         for p in range(begin, end):
             i = column[p]
-            _subtract_times(inverse_above, p, above, p, inverse_diagonal, i, False)
+            subtract_product(inverse_above, p, above, p, inverse_diagonal, i)
             at = start[i]
             for q in range(p + 1, end):
                 while column[at] != column[q]:
                     at += 1
-                _subtract_times(inverse_above, q, above, p, inverse_above, at, False)
-                _subtract_times(inverse_above, p, above, q, inverse_above, at, True)
+                subtract_product(inverse_above, q, above, p, inverse_above, at)
+                subtract_product_transposed(inverse_above, p, above, q, inverse_above, at)
         for p in range(begin, end):
             _solve_upper(diagonal, k, inverse_above, p)
         for r in range(6):  # X^T, from U^T
@@ -150,22 +138,11 @@ def invert(start, column, diagonal, above, rows, inverse_diagonal, inverse_above
                     total -= diagonal[k, i, r] * work[0, i, c]
                 work[0, r, c] = total / diagonal[k, r, r]
         for p in range(begin, end):
-            _subtract_times(work, 0, above, p, inverse_above, p, True)
+            subtract_product_transposed(work, 0, above, p, inverse_above, p)
         _solve_upper(diagonal, k, work, 0)
         for r in range(6):
             for c in range(6):
                 inverse_diagonal[k, r, c] = 0.5 * (work[0, r, c] + work[0, c, r])
-
-
-@inlined
-def _subtract_times(out, i, a, p, b, q, transposed):  # type: ignore[no-untyped-def]
-    """Subtract a block times a block or its transpose."""
-    for r in range(6):
-        for c in range(6):
-            total = 0.0
-            for j in range(6):
-                total += a[p, r, j] * (b[q, c, j] if transposed else b[q, j, c])
-            out[i, r, c] -= total
 
 
 @inlined

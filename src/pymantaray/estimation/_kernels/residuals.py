@@ -10,7 +10,7 @@ import math
 from collections import namedtuple
 
 from pymantaray.compile import entry, inlined, kernel
-from pymantaray.estimation._kernels.cholesky import add_product
+from pymantaray.estimation._kernels.products import add_transposed_product, set_product
 
 _SMALL = 1e-2  # rad; below it series replace closed forms: what they leave out is below 1e-16
 
@@ -72,16 +72,16 @@ def add_relative(seen, blocks, poses, matrix, order, cost, work):  # type: ignor
             _by_first(a, b, seen.turn, i, poses.rotation, m, v, j)
             if order == 2:
                 _add_curvature(seen, blocks, poses, matrix, i, m, v)
-            _whiten(root, i, j, 0, 2)
-            add_product(diagonal, row[a], 1.0, j, 2, j, 2)
+            set_product(j, 2, root, i, j, 0)
+            add_transposed_product(diagonal, row[a], j, 2, j, 2)
             _add_gradient(gradient, row[a], j, 2, v)
-        _whiten(root, i, j, 1, 3)
-        add_product(diagonal, k, 1.0, j, 3, j, 3)
+        set_product(j, 3, root, i, j, 1)
+        add_transposed_product(diagonal, k, j, 3, j, 3)
         _add_gradient(gradient, k, j, 3, v)
         if a >= 0 and blocks.turned[i]:
-            add_product(above, blocks.block[i], 1.0, j, 3, j, 2)
+            add_transposed_product(above, blocks.block[i], j, 3, j, 2)
         elif a >= 0:
-            add_product(above, blocks.block[i], 1.0, j, 2, j, 3)
+            add_transposed_product(above, blocks.block[i], j, 2, j, 3)
 
 
 @inlined
@@ -258,23 +258,6 @@ def _add_curvature(seen, blocks, poses, matrix, i, m, v):  # type: ignore[no-unt
 
 
 @inlined
-def _whiten(root, i, j, p, q):  # type: ignore[no-untyped-def]
-    """Multiply a block by the root of an information matrix."""
-    for r in range(6):
-        a0, a1, a2 = root[i, r, 0], root[i, r, 1], root[i, r, 2]
-        a3, a4, a5 = root[i, r, 3], root[i, r, 4], root[i, r, 5]
-        for c in range(6):
-            j[q, r, c] = (
-                a0 * j[p, 0, c]
-                + a1 * j[p, 1, c]
-                + a2 * j[p, 2, c]
-                + a3 * j[p, 3, c]
-                + a4 * j[p, 4, c]
-                + a5 * j[p, 5, c]
-            )
-
-
-@inlined
 def _add_gradient(gradient, row, j, p, v):  # type: ignore[no-untyped-def]
     for r in range(6):
         for c in range(6):
@@ -315,15 +298,15 @@ def add_sightings(sighted, blocks, poses, matrix, order, cost, work):  # type: i
             for c in range(3):  # turning the body turns what it sees the other way
                 j[0, r, c] = m[CROSS, r, c]
                 j[0, r, 3 + c], j[1, r, 3 + c] = -poses.rotation[a, c, r], poses.rotation[a, c, r]
-        _whiten(root, i, j, 0, 2)
-        _whiten(root, i, j, 1, 3)
+        set_product(j, 2, root, i, j, 0)
+        set_product(j, 3, root, i, j, 1)
         for p, variable in ((2, a), (3, b)):
-            add_product(diagonal, row[variable], 1.0, j, p, j, p)
+            add_transposed_product(diagonal, row[variable], j, p, j, p)
             _add_gradient(gradient, row[variable], j, p, v)
         if blocks.turned[i]:
-            add_product(above, blocks.block[i], 1.0, j, 3, j, 2)
+            add_transposed_product(above, blocks.block[i], j, 3, j, 2)
         else:
-            add_product(above, blocks.block[i], 1.0, j, 2, j, 3)
+            add_transposed_product(above, blocks.block[i], j, 2, j, 3)
 
 
 @entry

@@ -1,0 +1,53 @@
+"""Products of blocks against numpy's, compiled and without compilation."""
+
+import numba
+import numpy as np
+import pytest
+from factories import python
+
+from pymantaray.estimation._kernels import products
+
+EXPECTED = {
+    "set_product": lambda _, a, b: a @ b,
+    "subtract_product": lambda out, a, b: out - a @ b,
+    "add_transposed_product": lambda out, a, b: out + a.T @ b,
+    "subtract_transposed_product": lambda out, a, b: out - a.T @ b,
+    "subtract_product_transposed": lambda out, a, b: out - a @ b.T,
+}
+
+BY_ITSELF = """
+import sys
+import numpy as np
+from pymantaray.estimation._kernels import products
+
+out, a, b = np.load(sys.argv[1])
+for name in sys.argv[3:]:
+    getattr(products, name)(out, 1, a, 2, b, 0)
+np.save(sys.argv[2], out)
+"""
+
+
+def blocks():
+    return np.random.default_rng(0).normal(size=(3, 3, 6, 6))
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_a_compiled_product_is_numpys_and_touches_no_other_block(name):
+    product = getattr(products, name)
+    apply = numba.njit(lambda out, i, a, p, b, q: product(out, i, a, p, b, q))
+    out, a, b = blocks()
+    expected = out.copy()
+    expected[1] = EXPECTED[name](out[1], a[2], b[0])
+    apply(out, 1, a, 2, b, 0)
+    np.testing.assert_allclose(out, expected, rtol=0, atol=1e-14)
+
+
+def test_without_compilation_products_are_the_same(tmp_path):
+    np.save(tmp_path / "blocks.npy", blocks())
+    files = tmp_path / "blocks.npy", tmp_path / "out.npy"
+    done = python(BY_ITSELF, *files, *EXPECTED, environment={"NUMBA_DISABLE_JIT": "1"})
+    assert done.returncode == 0, done.stderr
+    out, a, b = blocks()
+    for expected in EXPECTED.values():
+        out[1] = expected(out[1], a[2], b[0])
+    np.testing.assert_allclose(np.load(files[1]), out, rtol=0, atol=1e-14)
