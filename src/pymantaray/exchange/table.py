@@ -50,6 +50,7 @@ _UNITS = {
 }
 _IN_BRACKETS = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 _QUATERNION = ["qw", "qx", "qy", "qz"]
+_OF_PINGS = "time", "transmitter", "receivers"
 _MOST_RADIANS = 6.5  # a little more than a turn
 
 
@@ -99,6 +100,12 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
         raise ExchangeError(
             f"{error}; a list of pings needs time and transmitter, and may have receivers"
         ) from None
+    unknown = [title for title in table.frame.columns if title not in _OF_PINGS]
+    if unknown:  # one that is mistyped would let everybody listen
+        raise ExchangeError(
+            f"{path}: unknown column {unknown[0]!r}; a list of pings has {', '.join(_OF_PINGS)} and no other: rename it or leave"
+            " it out"
+        )
     time = _times(table)
     if np.issubdtype(time.dtype, np.datetime64):
         if start is None:
