@@ -339,3 +339,25 @@ def test_what_cannot_be_ranged_is_refused_in_one_line(message, table):
 def test_presets_are_fleets_of_vehicles_as_before():
     config = load_study("quick")
     assert with_tracks(config) is config
+
+
+@pytest.mark.parametrize("where", ["slots", "pings", "trajectories"])
+def test_a_name_that_nobody_has_is_refused_before_anything_is_done(where, table, tmp_path):
+    tree = {**TINY, "ocean": OCEAN, "study": {"name": "names", "conditions": []}}
+    tree["mission"] = {**TINY["mission"], "schedule": {"kind": "slots", "slots": ["A", "Z"], "slot_s": 60.0}}
+    if where == "pings":
+        (tmp_path / "pings.csv").write_text("time,transmitter,receivers\n60,A,Z\n")
+        tree["mission"]["schedule"] = {"kind": "pings", "file": "pings.csv"}
+    elif where == "trajectories":
+        tree["fleet"] = {"trajectories": [str(table)]}
+        del tree["mission"]["duration_h"]
+    stages = []
+    refused(
+        MantaRayError,
+        "there is no vehicle and no landmark 'Z'; there is A, B",
+        lambda: run_study(
+            parse_study(tree, folder=tmp_path), tmp_path / "run", progress=lambda *now: stages.append(now)
+        ),
+    )
+    assert not stages
+    assert not (tmp_path / "run").exists()

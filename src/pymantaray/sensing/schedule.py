@@ -2,8 +2,9 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,15 @@ class Schedule(ABC):
     @abstractmethod
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
         """Attempts of pings by the samples at which they are, one for each of `times`."""
+
+    def check_names(self, vehicles: Sequence[str], landmarks: Sequence[str]) -> None:
+        """Refuse names that are none of a vehicle or a landmark."""
+        for name in self.names():
+            _number(str(self), name, [*vehicles, *landmarks])
+
+    def names(self) -> Iterable[str]:
+        """Who is named; at an interval nobody is."""
+        return ()
 
     def samples(self, time: Array) -> Indices:
         """Sample index of each of `times`, for increasing sample times from 0. [s]"""
@@ -109,6 +119,10 @@ class SlotSchedule(Schedule):
         """Say it in refusals."""
         return f"SlotSchedule: slots of {self.slot:g} s from {self.start:g} s on"
 
+    def names(self) -> Iterable[str]:
+        """Who has a slot."""
+        return dict.fromkeys(self.slots)
+
     def times(self, duration: float) -> Array:
         """Beginnings of the slots."""
         count = math.floor((duration - self.start) / self.slot * (1.0 + 1e-12)) + 1
@@ -149,6 +163,10 @@ class PingList(Schedule):
     def __str__(self) -> str:
         """Say it in refusals."""
         return f"PingList: the first of {len(self.time)} pings is at {min(self.time):g} s"
+
+    def names(self) -> Iterable[str]:
+        """Who pings, and who listens."""
+        return dict.fromkeys(chain(self.transmitter, *self.receivers))
 
     def times(self, duration: float) -> Array:
         """Times of the pings."""

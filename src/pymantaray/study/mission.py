@@ -83,6 +83,7 @@ def simulate_mission(
 
     ``tracks`` and ``schedule`` are those of the configuration where they are in memory.
     """
+    _check_names(config, tracks, schedule)
     progress("ocean", 0, 1)
     with watch.stage("ocean"):
         ocean = mission_ocean(config)
@@ -111,6 +112,15 @@ def simulate_mission(
     if not ranging.status.size:  # no pair
         progress("rays", 1, 1)
     return mission
+
+
+def _check_names(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
+    """Refuse a schedule of somebody who is not there, before there is anything to wait for."""
+    if schedule is None and config.mission.schedule is None:
+        return
+    fleet, plan = config.fleet, schedule or build_schedule(config)
+    names = (tracks or read_fleet(fleet)).names if fleet.trajectories else [v.name for v in fleet.vehicles]
+    plan.check_names(names, [mark.name for mark in config.landmarks])
 
 
 def mission_ocean(config: SoundConfig) -> StudyOcean:
