@@ -101,6 +101,22 @@ def test_what_creeps_is_the_same_from_either_end_and_falls_by_the_third_root_of_
     assert creep_along_surface(ridged(), source, ends[0], HZ) is None  # no ray comes back up
 
 
+def test_what_creeps_under_ice_is_what_creeps_under_as_much_less_water():
+    draft, depth, down = 12.0, 20.0, np.array([0.0, 0.0, 1.0])
+    levels, speed = np.array([0.0, 500.0]), [1460.0, 1385.0]
+    water = Medium.from_profile(levels, speed, bottom_depth=500.0, interpolation="linear")
+    iced = Medium.from_profile(
+        [0.0, *(levels + draft)],
+        [1500.0, *speed],  # what would be in the place of the ice is of no account
+        bottom_depth=500.0 + draft,
+        interpolation="linear",
+        ice_draft=draft,
+    )
+    ends = depth * down, np.array([2500.0, 0.0, depth])
+    under_ice = creep_along_surface(iced, *(end + draft * down for end in ends), HZ)
+    assert under_ice == pytest.approx(creep_along_surface(water, *ends, HZ), rel=1e-9)
+
+
 def test_scattered_sound_is_a_floor():
     source, receiver = np.array([[0.0, 0.0, 250.0]]), np.array([HIDDEN.position])
     for floor, scattered in ((10.0, True), (60.0, False)):

@@ -44,7 +44,8 @@ def creep_along_surface(medium: Medium, source: Array, receiver: Array, frequenc
         return None
     beta = (2.0 * k * k * gradient / speed) ** (1.0 / 3.0)
     alpha = 0.5 * math.sqrt(3.0) * _ROOT * beta**2 / (2.0 * k)
-    heights = sum(_log_height(float(end[2]), beta, alpha, speed / gradient) for end in (source, receiver))
+    below = (float(end[2]) - _surface(medium, end) for end in (source, receiver))
+    heights = sum(_log_height(depth, beta, alpha, speed / gradient) for depth in below)
     norm = _SLOPE**2 / beta
     pressure = math.log(math.pi * math.sqrt(2.0 / (math.pi * k * chord)) / norm) + heights - alpha * way
     late = way * alpha / math.sqrt(3.0) / (3.0 * 2.0 * math.pi * frequency_hz)  # of the mode's group
@@ -57,21 +58,23 @@ def creep_along_surface(medium: Medium, source: Array, receiver: Array, frequenc
 def _to_surface(medium: Medium, end: Array) -> tuple[float, float]:
     """Horizontal distance [m] and time [s] of the ray that grazes the surface and comes to an end; NaN where none does."""
     u = 0.5 * (1.0 + _NODES)
-    depth = np.append(float(end[2]) * u**2, 0.0)
+    surface = _surface(medium, end)
+    below = float(end[2]) - surface
+    depth = surface + np.append(below * u**2, 0.0)
     place = np.column_stack([np.full_like(depth, end[0]), np.full_like(depth, end[1]), depth])
     speed = medium.sound_speed_at(place)
     cosine = speed[:-1] / speed[-1]
     if not (cosine < 1.0).all():
         return math.nan, math.nan
-    step = _WEIGHTS * float(end[2]) * u / np.sqrt(1.0 - cosine**2)
+    step = _WEIGHTS * below * u / np.sqrt(1.0 - cosine**2)
     return float(step @ cosine), float(step @ (1.0 / speed[:-1]))
 
 
 def _at_surface(medium: Medium, place: Array, frequency_hz: float) -> tuple[float, float, float]:
     """Sound speed, by how much a metre it falls over the depth of the first mode [s⁻¹], and wavenumber."""
-    depth, speed, gradient, k = 1.0, math.nan, math.nan, math.nan
+    depth, speed, gradient, k, surface = 1.0, math.nan, math.nan, math.nan, _surface(medium, place)
     for _ in range(_ROUNDS):
-        column = np.array([[place[0], place[1], 0.0], [place[0], place[1], depth]])
+        column = np.array([[place[0], place[1], surface], [place[0], place[1], surface + depth]])
         speed, below = medium.sound_speed_at(column).tolist()
         gradient, k = (speed - below) / depth, 2.0 * math.pi * frequency_hz / speed
         if not gradient > 0.0:
@@ -80,8 +83,13 @@ def _at_surface(medium: Medium, place: Array, frequency_hz: float) -> tuple[floa
     return speed, gradient, k
 
 
+def _surface(medium: Medium, place: Array) -> float:
+    """Depth of the surface above a place, under ice that of its underside. [m]"""
+    return float(medium.surface_depth(place[None])[0])
+
+
 def _log_height(depth: float, beta: float, alpha: float, radius: float) -> float:
-    """Logarithm of the first mode at a depth, less its growth along the grazing ray down to there."""
+    """Logarithm of the first mode so far below the surface, less its growth along the grazing ray down to there."""
     from scipy.special import airye
 
     z = (beta * depth - _ROOT * np.exp(1j * math.pi / 3.0)) * np.exp(-1j * math.pi / 3.0)
