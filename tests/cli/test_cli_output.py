@@ -9,10 +9,12 @@ import sys
 import threading
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from pymantaray.cli.main import main
 from pymantaray.cli.output import check_output, progress_bars, standard_streams
+from pymantaray.cli.printing import printer
 from pymantaray.errors import WriteError
 
 MAIN = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
@@ -132,3 +134,20 @@ def test_outputs_are_refused_before_any_work(tmp_path):
             check_output(tmp_path / name, [".csv", ".nc"], **{"force": False, **options})
     check_output(tmp_path / "new.csv", [".csv"], force=False)
     check_output(tmp_path / "in.csv", [".csv"], force=True)
+
+
+@pytest.mark.parametrize("width", [80, 100])
+def test_names_of_rows_and_numbers_stay_in_one_line_and_headings_fold(width, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(width))
+    names = ["straight", "off-by-1-honest", "clock-and-ocean-together"]
+    columns = {"condition": ("condition", "")}
+    columns |= {
+        f"{word} [m]": ("metres", ".2f") for word in ("RMSE", "median", "from straight", "least possible")
+    }
+    with printer(as_json=False) as out:
+        out.table("errors", pd.DataFrame({"condition": names, "metres": 1234.5}), columns)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    assert [line.split() for line in lines if "1234.50" in line] == [
+        [name, *["1234.50"] * 4] for name in names
+    ]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("pymantaray.cli")
 _PREFIX = {"WARNING": "warning: ", "ERROR": "error: "}
+_NAME = 30  # letters of what a row is called that have their room in a table
 Columns = Mapping[str, tuple[str, str]]
 """Columns that people see: the name and the format of its numbers, empty for words, by heading."""
 
@@ -105,13 +106,15 @@ def _print_table(title: str, table: "pd.DataFrame", columns: Columns) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    records = [[(row[name], form) for name, form in columns.values()] for row in table.to_dict("records")]
+    rows = [[escape("-" if form and isnan(x) else format(x, form)) for x, form in row] for row in records]
     shown = Table(title=escape(title) or None, title_justify="left", box=box.SIMPLE, pad_edge=False)
-    for heading, (_, form) in columns.items():
+    for k, (heading, (_, form)) in enumerate(columns.items()):
         justify: Literal["left", "right"] = "right" if form else "left"
-        shown.add_column(escape(heading), no_wrap=bool(form), overflow="fold", justify=justify)
-    for row in table.to_dict("records"):
-        cells = [(row[name], form) for name, form in columns.values()]
-        shown.add_row(*(escape("-" if form and isnan(x) else format(x, form)) for x, form in cells))
+        named = k == 0 and max((len(row[0]) for row in rows), default=0) <= _NAME  # headings fold first
+        shown.add_column(escape(heading), no_wrap=named, overflow="fold", justify=justify)
+    for cells in rows:
+        shown.add_row(*cells)
     Console().print(shown)
 
 
