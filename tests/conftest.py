@@ -9,8 +9,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# the same examples each time, however slow the machine is and whatever was found before
+settings.register_profile(
+    "tests",
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("tests")
 
 COMPILE = """
+import matplotlib.font_manager  # looks for all fonts where it never ran before, and says so if that takes long
+
 from pymantaray.acoustics import Medium, find_eigenrays
 
 for interpolation in ("smooth", "linear"):

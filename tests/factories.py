@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, settings
+from hypothesis import Phase, settings
 
 from pymantaray.acoustics import Medium
 from pymantaray.estimation import GraphValues, dead_reckon
@@ -86,12 +87,8 @@ depth = 900.0
 """)
 
 
-QUICK = settings(
-    derandomize=True,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
-    phases=[Phase.explicit, Phase.generate],  # a failure is not shrunk: some links an example take minutes
-)
+QUICK = settings(phases=[Phase.explicit, Phase.generate])
+"""A failure is not shrunk: some links an example take minutes."""
 PERIOD = 200.0
 
 
@@ -322,6 +319,14 @@ def python(code, *arguments, environment=None, **options):
     command = [sys.executable, "-c", code, *map(str, arguments)]
     options = {"env": os.environ | (environment or {}), "capture_output": True, "text": True} | options
     return subprocess.run(command, check=False, **options)
+
+
+def wait_for(condition, seconds=600.0):
+    """Wait until a condition holds; so long only where it never will."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 def assert_same(one, other, *, but=()):

@@ -31,7 +31,7 @@ def middle(medium, depth, offset=(0.0, 0.0)):
     return np.array([medium.north.mean() + offset[0], medium.east.mean() + offset[1], depth])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(n_north=st.integers(1, 4), n_east=st.integers(1, 4), seed=st.integers(0, 2**32 - 1))
 def test_a_medium_is_written_to_the_last_bit(tmp_path_factory, n_north, n_east, seed):
     medium = grid_medium(n_north, n_east, seed=seed)

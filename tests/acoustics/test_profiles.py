@@ -72,7 +72,7 @@ def rough_casts(draw, most=40):
     return np.cumsum(steps) - steps[0], 1450.0 + np.array(noise)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(rough_casts(), st.sampled_from([0.05, 0.4]), st.sampled_from(["linear", "smooth"]))
 def test_a_thinned_profile_stays_within_its_tolerance(raw, tolerance, interpolation):
     z, c = raw
@@ -102,7 +102,7 @@ def test_sound_speed_holds_above_a_first_level_below_the_surface(interpolation, 
     np.testing.assert_allclose(held, c[0] if reduce is None else 1480.0, rtol=0, atol=0.15)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(rough_casts(most=9), st.sampled_from([0.1, 0.5]))
 def test_no_fewer_levels_would_do(raw, tolerance):
     z, c = raw

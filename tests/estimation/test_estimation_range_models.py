@@ -31,7 +31,7 @@ def test_one_speed_gives_distance_over_it():
 
 
 @given(places, places)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_mean_slowness_is_the_chord_integral(a, b):
     a, b = np.array(a), np.array(b)
     knots = [(z - a[2]) / (b[2] - a[2]) for z in DUCT.depth] if abs(b[2] - a[2]) > 1.0 else []
@@ -81,7 +81,7 @@ def test_gradients_are_those_of_finite_differences(model):
 
 
 @given(places, places)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_mean_slowness_is_reciprocal(a, b):
     there, back = DUCT.predict(links_between(a, b)), DUCT.predict(links_between(b, a))
     assert there.travel_time[0] == pytest.approx(back.travel_time[0], rel=1e-12)

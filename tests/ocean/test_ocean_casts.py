@@ -216,7 +216,7 @@ def test_an_unpacked_point_table_stays_as_it_is(tmp_path):
     np.testing.assert_array_equal(casts[1].salinity, S)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.binary(max_size=300)
     | st.text(alphabet='depth,tmpraus\n;0123456789.-#" \t', max_size=300).map(str.encode)
@@ -233,7 +233,7 @@ def test_any_bytes_give_a_cast_or_one_line(tmp_path_factory, content):
     assert message or np.all(np.diff(cast.depth) > 0.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.lists(st.floats(0.0, 4000.0).map(lambda z: round(z, 2)), min_size=2, max_size=20, unique=True),
     st.randoms(use_true_random=False),

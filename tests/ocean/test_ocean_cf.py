@@ -4,7 +4,7 @@ import gsw
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pymantaray.ocean import open_ocean
@@ -109,7 +109,7 @@ def speed_error(ocean):
     falling=st.sets(st.sampled_from(["latitude", "deptht"])),
     order=st.permutations(DIMS),
 )
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40)
 def test_every_flavour_has_the_sound_speed_of_gsw(tmp_path, mass_unit, practical_unit, **how):
     practical = how["salinity"] in PRACTICAL
     data = flavour(s_unit=practical_unit if practical else mass_unit, **how)

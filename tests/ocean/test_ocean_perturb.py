@@ -67,7 +67,7 @@ def test_rms_of_the_upper_water(ocean):
     assert ratio == pytest.approx(np.sqrt(of_whole / of_top), rel=1e-3)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 2**31), rms=st.floats(0.01, 0.5), equation=st.sampled_from(EQUATIONS))
 def test_members_are_valid_repeatable_and_in_proportion_to_rms(ocean, seed, rms, equation):
     before, c = ocean.copy(deep=True), speed(ocean, equation)
