@@ -4,13 +4,21 @@ import os
 import socket
 import subprocess
 import sys
-import time
 
 
 def free_port():
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
         return s.getsockname()[1]
+
+
+def client_here(threads):
+    """A client of a worker in this process, which works however little memory the machine has left."""
+    from distributed import Client
+
+    return Client(
+        processes=False, n_workers=1, threads_per_worker=threads, dashboard_address=None, memory_limit=0
+    )
 
 
 class Cluster:
@@ -46,10 +54,3 @@ class Cluster:
     def __exit__(self, *_):
         self.kill()
         self.log.close()
-
-
-def wait_for(condition, seconds=120.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)

@@ -3,7 +3,8 @@
 import threading
 
 import pytest
-from dask_cluster import Cluster, wait_for
+from dask_cluster import Cluster, client_here
+from factories import wait_for
 
 from pymantaray.atlas import Atlas, plan, run_atlas
 
@@ -11,12 +12,10 @@ pytest.importorskip("distributed")
 
 
 def test_a_client_gives_the_same_bytes_as_processes_of_this_machine(ocean, file, links, tiles, tmp_path):
-    from distributed import Client
-
     lat, lon = ocean["lat"].values, ocean["lon"].values
     atlas = Atlas(file, links, window=(lat[10] - 1e-3, lat[11] + 1e-3, lon[10] - 1e-3, lon[13] + 1e-3))
     assert len(atlas.blocks) == 2
-    with Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None) as client:
+    with client_here(2) as client:
         by_dask = run_atlas(atlas, tmp_path / "dask.nc", client=client)
         assert client.status == "running"  # it is its owner's
     here = run_atlas(atlas, tmp_path / "here.nc", workers=1)

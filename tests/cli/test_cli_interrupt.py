@@ -7,31 +7,74 @@ import select
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
 from pymantaray.cli.main import main
 
+COMMAND = """
+from pymantaray.study import unfinished
+unfinished._EVERY = 3600.0  # what a short run keeps, however long it takes on a busy machine
+from pymantaray.cli.main import main
+main()
+"""
+
+
+class OnTerminal:
+    """The command on a terminal of its own, on which bars count."""
+
+    def __init__(self, words):
+        self.ours, theirs = pty.openpty()
+        environment = {**os.environ, "COLUMNS": "100", "TERM": "xterm"}
+        command = [sys.executable, "-c", COMMAND, *map(str, words)]
+        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs, env=environment)
+        os.close(theirs)
+        self.printed = ""
+
+    def running(self):
+        """Whether it runs still; what came to its terminal meanwhile is read, without colours and movements."""
+        over = self.process.poll() is not None
+        while select.select([self.ours], [], [], 0.0 if over else 0.1)[0]:
+            try:
+                text = os.read(self.ours, 65536).decode(errors="replace")
+            except OSError:  # nobody writes to it any more
+                break
+            self.printed += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)
+            if not over:
+                break
+        return not over
+
+    def counts(self, stage):
+        """Numbers done and numbers of all that the bar of a stage has shown."""
+        return [(int(x), int(n)) for x, n in re.findall(rf"{stage}\D*?(\d+)/(\d+)", self.printed)]
+
+    def stop_within(self, stage, sent):
+        """Send a signal when the first of a stage is done; the exit code, once it has ended."""
+        while not any(done for done, _ in self.counts(stage)):
+            assert self.running(), self.printed
+        self.process.send_signal(sent)
+        while self.running():
+            pass
+        return self.process.returncode
+
 
 @pytest.fixture
 def begin():
-    """Start a process; one that is still there when the test ends, because it failed, is killed."""
+    """Start the command; one that is still there when the test ends, because it failed, is killed."""
     begun = []
 
-    def one(words, **options):
-        command = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
-        begun.append(subprocess.Popen(command + words, stdout=subprocess.DEVNULL, **options))
+    def one(*words):
+        begun.append(OnTerminal(words))
         return begun[-1]
 
     yield one
-    for process in begun:
-        process.kill()
-        process.wait()
+    for command in begun:
+        command.process.kill()
+        command.process.wait()
+        os.close(command.ours)
 
 
 STOPS = pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-COUNTED = re.compile(r"rays\D*?(\d+)/(\d+)")  # the bar of the stage, on a terminal
 
 
 @pytest.mark.slow
@@ -39,34 +82,17 @@ COUNTED = re.compile(r"rays\D*?(\d+)/(\d+)")  # the bar of the stage, on a termi
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_interrupted_run_leaves_nothing(tmp_path, begin, sent, code, workers):
     words = f"study run quick --realizations 40 --workers {workers} --out".split()
-    process = begin([*words, str(tmp_path / "run")], stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60.0
-    while not list(tmp_path.iterdir()):  # until the run has begun
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    time.sleep(3.0)  # into its work
-    assert process.poll() is None
-    process.send_signal(sent)
-    _, printed = process.communicate(timeout=120)
-    assert process.returncode == code, printed
-    assert "Traceback" not in printed
+    command = begin(*words, tmp_path / "run")
+    assert command.stop_within("realizations", sent) == code, command.printed
+    assert "Traceback" not in command.printed
     assert list(tmp_path.iterdir()) == []
-
-
-def shown(terminal):
-    """What came to a terminal within a moment, without its colours and movements."""
-    if not select.select([terminal], [], [], 0.1)[0]:
-        return ""
-    try:
-        text = os.read(terminal, 65536).decode(errors="replace")
-    except OSError:  # nobody writes to it any more
-        return ""
-    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)
 
 
 @pytest.mark.slow
 @STOPS
-def test_interrupt_among_the_rays_is_prompt_and_leaves_nothing(tmp_path, begin, small_text, sent, code):
+def test_interrupt_among_the_rays_waits_for_few_of_them_and_leaves_nothing(
+    tmp_path, begin, small_text, sent, code
+):
     """The bar counts links; in the middle of them a block of links is waited for, no more."""
     slow = small_text.replace("ping_interval_h = 4.0", "ping_interval_h = 0.5")
     slow = slow.replace("[acoustics]\n", "[acoustics]\nmax_surface_bounces = 6\nmax_bottom_bounces = 6\n")
@@ -74,26 +100,12 @@ def test_interrupt_among_the_rays_is_prompt_and_leaves_nothing(tmp_path, begin, 
     assert "ping_interval_h = 0.5" in slow
     study = tmp_path / "slow.toml"
     study.write_text(slow)
-    words = ["study", "run", str(study), "--out", str(tmp_path / "run")]
-    ours, theirs = pty.openpty()
-    process = begin(words, stderr=theirs, env={**os.environ, "COLUMNS": "100", "TERM": "xterm"})
-    os.close(theirs)
-    printed, counts, deadline = "", [], time.monotonic() + 600.0
-    while not counts or counts[-1][0] < 1:  # until kernels are compiled and a first block is done
-        assert time.monotonic() < deadline, printed
-        assert process.poll() is None, printed
-        printed += shown(ours)
-        counts = [(int(done), int(total)) for done, total in COUNTED.findall(printed)]
-    process.send_signal(sent)
-    asked = time.monotonic()
-    while process.poll() is None and time.monotonic() < asked + 60.0:
-        printed += shown(ours)
-    assert process.wait(timeout=60) == code, printed
-    os.close(ours)
-    assert time.monotonic() - asked < 10.0  # all its links would take minutes
-    assert counts[-1][0] < counts[-1][1]
-    assert [done for done, _ in counts] == sorted(done for done, _ in counts)
-    assert "Traceback" not in printed
+    command = begin("study", "run", study, "--out", tmp_path / "run")
+    assert command.stop_within("rays", sent) == code, command.printed
+    done, links = zip(*command.counts("rays"), strict=True)
+    assert done[-1] < links[-1]  # which would take minutes
+    assert list(done) == sorted(done)
+    assert "Traceback" not in command.printed
     assert [path.name for path in tmp_path.iterdir()] == ["slow.toml"]
 
 

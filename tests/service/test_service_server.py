@@ -38,7 +38,7 @@ def loud_port(serve, loud):
 
 def ask(port, body, method="POST", path="/ping"):
     """Status and answer of one request; an answer with NaN or Infinity is no JSON."""
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=600)
     try:
         connection.request(method, path, body)
         response = connection.getresponse()
@@ -196,7 +196,7 @@ def test_what_is_not_there_and_what_is_too_large_has_its_status(port):
 
 def raw(port, text):
     """What comes back for bytes that need not be HTTP."""
-    with socket.create_connection(("127.0.0.1", port), timeout=30) as line:
+    with socket.create_connection(("127.0.0.1", port), timeout=600) as line:
         line.sendall(text)
         return b"".join(iter(lambda: line.recv(65536), b"")).decode()
 
@@ -297,7 +297,7 @@ def test_the_command_serves_until_it_is_told_to_stop(begin, config, sent, code, 
     assert (status, answer["receivers"][0]["status"]) == (200, "ok")
     assert ask(port, None, "GET", "/")[1]["turn_around"] == 0.5
     process.send_signal(sent)
-    printed, said = process.communicate(timeout=60)
+    printed, said = process.communicate(timeout=600)
     assert (process.returncode, printed, said) == (code, "", "")
 
 
@@ -305,7 +305,7 @@ def test_who_listens_beyond_this_machine_is_warned(begin):
     process, _, port = begin("synthetic:fram", "--host", "0.0.0.0", "--port", "0")
     assert ask(port, None, "GET", "/")[1]["source_level_db"] is None
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
+    _, said = process.communicate(timeout=600)
     assert said == "warning: listening at 0.0.0.0: whoever reaches it can use it, there is no password\n"
 
 

@@ -63,7 +63,7 @@ def gone(pid):
     return False
 
 
-def wait_for(condition, seconds=30.0):
+def wait_for(condition, seconds=600.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end

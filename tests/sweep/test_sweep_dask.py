@@ -5,7 +5,8 @@ import signal
 import threading
 
 import pytest
-from dask_cluster import Cluster, free_port, wait_for
+from dask_cluster import Cluster, client_here
+from factories import wait_for
 
 from pymantaray.errors import SweepError
 from pymantaray.sweep import run_sweep, workers
@@ -18,10 +19,8 @@ def points_in(folder):
 
 
 def test_a_client_gives_the_same_digits_as_processes_of_this_machine(noises, summaries, tmp_path):
-    from distributed import Client
-
     sweep = noises(3)
-    with Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None) as client:
+    with client_here(2) as client:
         by_dask = run_sweep(sweep, tmp_path / "dask", client=client)
         assert client.status == "running"  # it is its owner's
     here = run_sweep(sweep, tmp_path / "here", workers=1)
@@ -31,7 +30,7 @@ def test_a_client_gives_the_same_digits_as_processes_of_this_machine(noises, sum
 
 def test_a_scheduler_that_is_not_there_is_told_in_one_line(noises, tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "_ANSWER", 1.0)
-    address = f"tcp://127.0.0.1:{free_port()}"
+    address = "tcp://127.0.0.1:9"  # which no process is given by chance
     with pytest.raises(SweepError, match=f"^scheduler {address}: cannot be reached: .*$"):
         run_sweep(noises(1), tmp_path / "out", client=address)
 

@@ -5,6 +5,7 @@ import time
 
 import factories
 import pytest
+from dask_cluster import client_here
 
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.sweep import open_sweep, run_sweep
@@ -36,10 +37,8 @@ def test_what_is_written_is_read_counted_and_removed(store):
 
 def test_a_sweep_in_an_object_store_has_the_digits_of_one_in_a_folder(noises, summaries, tmp_path):
     pytest.importorskip("fsspec")
-    from distributed import Client
-
     place = f"memory://{tmp_path}/sweep"
-    with Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+    with client_here(1) as client:
         there = run_sweep(noises(2), place, client=client)
     assert there.status() == (2, 2, 0, {})
     assert summaries(open_sweep(place)) == summaries(run_sweep(noises(2), tmp_path / "here", workers=1))
