@@ -79,6 +79,20 @@ def test_estimators_are_where_the_tables_say(look, tables):
     assert len(look.draw(error_and_consistency(tables.errors, tables.at_pings, None, HEADER)).axes) == 2
 
 
+def test_numbers_of_wide_axes_are_powers_of_ten_that_do_not_touch(look, tables):
+    """A NEES of 120,000, as one speed for all water has, beside one of 1."""
+    wide = tables.consistency_rows(
+        {("straight", "horizontal"): [1.0] * 4, ("refracted", "horizontal"): [1.2e5] * 4}
+    )
+    for table, hundred in ((tables.consistency, "100"), (wide, r"$\mathdefault{10^{2}}$")):
+        *_, nees = look.draw(error_and_consistency(tables.errors, tables.at_pings, table, HEADER)).axes
+        low, high = nees.get_xlim()
+        labels = [t for t in nees.get_xticklabels() if low <= t.get_position()[0] <= high]
+        assert hundred in [t.get_text() for t in labels]
+        boxes = [label.get_window_extent() for label in labels]
+        assert not any(a.overlaps(b) for a, b in pairwise(boxes))
+
+
 def test_unknowns_are_by_their_prior_and_names_that_would_touch_stand_upright(look, tables):
     few, lots = look.draw(unknowns_before_and_after(tables.unknowns, HEADER)).axes
     for axes, sigma, error in (

@@ -21,7 +21,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, NullFormatter
 from numpy.typing import NDArray
 
 from pymantaray.errors import WriteError
@@ -187,8 +187,14 @@ def panel_title(axes: Axes, letter: str, text: str) -> None:
 
 
 def short_numbers(axis: Axis) -> None:
-    """Write ticks of a logarithmic axis as 0.1, 1, 10, and only the major ones."""
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    """Write major ticks of a logarithmic axis, and only these: as 0.1, 1, 10, on an axis up to 100,000 and more as powers of ten."""
+    powers = LogFormatterMathtext()
+    powers.set_axis(axis)
+
+    def text(value: float, position: int | None) -> str:
+        return powers(value, position) if axis.get_view_interval()[1] >= 1e5 else f"{value:g}"
+
+    axis.set_major_formatter(FuncFormatter(text))
     axis.set_minor_formatter(NullFormatter())
 
 
