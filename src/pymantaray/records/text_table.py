@@ -39,12 +39,11 @@ class TextTable:
     def numbers(self, columns: list[str]) -> "NDArray[np.float64]":
         """Columns as finite numbers (n_rows, n_columns); a cell that is none is refused, naming its line."""
         import numpy as np
-        import pandas as pd
 
         self.require(columns)
         values = np.empty((len(self.frame), len(columns)))
         for k, name in enumerate(columns):
-            values[:, k] = pd.to_numeric(self.frame[name], errors="coerce")
+            values[:, k] = numbers_of(self.frame[name])
         wrong = np.argwhere(~np.isfinite(values))
         if wrong.size:
             row, k = wrong[0]
@@ -63,7 +62,7 @@ class TextTable:
         if pd.api.types.is_datetime64_any_dtype(cells):
             dates, wrong = cells, cells.isna().to_numpy()
         else:
-            seconds = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+            seconds = numbers_of(cells)
             number = np.isfinite(seconds)
             if number.all():
                 return seconds
@@ -78,6 +77,18 @@ class TextTable:
         if dates.dt.tz is not None:
             dates = dates.dt.tz_convert("UTC").dt.tz_localize(None)
         return dates.to_numpy(dtype="datetime64[ns]")
+
+
+def numbers_of(cells: "pd.Series[Any]") -> "NDArray[np.float64]":
+    """Cells as numbers to the last digit, which pandas before 3.1 reads wrongly of text; NaN where one is none."""
+    import numpy as np
+    import pandas as pd
+
+    values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float, copy=True)
+    if pd.api.types.is_string_dtype(cells):
+        finite = np.isfinite(values)
+        values[finite] = cells.to_numpy(dtype=object)[finite].astype(float)
+    return values
 
 
 def read_text_table(path: str | Path) -> TextTable:

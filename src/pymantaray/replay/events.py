@@ -4,12 +4,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.errors import RecordError, ReplayError
 from pymantaray.geometry.checks import checked_array
-from pymantaray.records.text_table import TextTable, read_text_table
+from pymantaray.records.text_table import TextTable, numbers_of, read_text_table
 
 Array = NDArray[np.float64]
 Names = NDArray[np.str_]
@@ -166,7 +165,7 @@ def _sigmas(table: TextTable) -> Array:
     if "sigma" not in table.frame.columns:
         return np.empty(0)
     cells = table.frame["sigma"].mask(table.frame["sigma"] == "", "nan")
-    values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+    values = numbers_of(cells)
     wrong = np.isnan(values) & (cells.str.lower() != "nan").to_numpy()
     if wrong.any():
         row = int(np.argmax(wrong))
