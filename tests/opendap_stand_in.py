@@ -197,7 +197,7 @@ class Thredds:
             "short": lambda: ([half], len(half)),  # honest about its length, not about its content
             "flood": lambda: ([whole, b"\0" * (65 << 20)], len(whole) + (65 << 20)),
             "shift": lambda: (
-                [re.sub(rb"(?<=Data:\n)....", b"\x7f\xff\xff\xff", whole, count=1, flags=re.DOTALL)],
+                [re.sub(rb"(?<=Data:\n)....", b"\0\0\0\1", whole, count=1, flags=re.DOTALL)],  # one element
                 len(whole),
             ),
             "gzip": lambda: ([gzip.compress(whole)], None, ("Content-Encoding", "gzip")),
