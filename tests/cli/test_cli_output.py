@@ -12,10 +12,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from pymantaray.cli import output
 from pymantaray.cli.main import main
-from pymantaray.cli.output import check_output, progress_bars, standard_streams
+from pymantaray.cli.output import Watch, check_output, counted_progress, progress_bars, standard_streams
 from pymantaray.cli.printing import printer
 from pymantaray.errors import WriteError
+from pymantaray.study.workers import Workers
 
 MAIN = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
 
@@ -90,6 +92,81 @@ def test_progress_that_cannot_be_shown_does_not_stop_the_work(monkeypatch, tmp_p
     assert sys.stderr is terminal
     terminal.flush = lambda: None  # which the end of the stream that wraps it calls
     terminal.nowhere.close()
+
+
+def test_progress_says_what_runs_what_is_left_and_the_memory(monkeypatch):
+    """Time left: at the mean pace since the stage began, less what has passed since its latest part."""
+    now = 100.0
+    watch = Watch(("rays", "realizations", "report"), lambda: now)
+    monkeypatch.setattr(output, "peak_memory_mib", lambda: 512.3)
+    monkeypatch.setattr(Workers, "largest_mib", 0.0)
+    assert watch.line() == "memory 512 MiB"
+    watch.report("rays", 0, 4)
+    assert watch.line() == "rays: 0 of 4; memory 512 MiB; then realizations, report"
+    watch.report("realizations", 10, 30)  # of which ten are there from a run that was interrupted
+    now += 60.0
+    watch.report("realizations", 12, 30, 1)
+    monkeypatch.setattr(Workers, "largest_mib", 200.0)
+    memory = "memory 512 MiB, largest worker 200 MiB; then report"
+    assert watch.line() == f"realizations: 12 of 30, 1 failed, 9 min left; {memory}"
+    now += 8.0 * 60.0
+    assert watch.left("realizations") == "60 s left"
+    now += 300.0  # longer than was thought
+    assert watch.left("realizations") == "0 s left"
+    watch.report("realizations", 30, 30)
+    assert watch.left("realizations") == ""
+    watch.report("report", 0, 1)
+    assert watch.line() == "report: 0 of 1; memory 512 MiB, largest worker 200 MiB"
+
+
+class Screen(io.StringIO):
+    """Standard error that keeps what it gets, and says when it has a line."""
+
+    def __init__(self, *, terminal):
+        super().__init__()
+        self.terminal, self.told = terminal, threading.Event()
+
+    def isatty(self):
+        return self.terminal
+
+    def write(self, text):
+        count = super().write(text)
+        if "memory" in text:
+            self.told.set()
+        return count
+
+
+def test_without_a_terminal_lines_come_while_one_part_takes_long(monkeypatch):
+    screen = Screen(terminal=False)
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setattr(output, "_LINE_EVERY", 1e-3)
+    with progress_bars(quiet=False, stages=("ocean", "rays")) as report:
+        report("ocean", 0, 1)
+        screen.told.clear()
+        assert screen.told.wait(60.0)
+    assert "ocean: 0 of 1; memory " in screen.getvalue()
+    assert screen.getvalue().splitlines()[-1].endswith(" MiB; then rays")
+
+
+def test_bars_of_a_terminal_have_the_same_words(monkeypatch):
+    screen = Screen(terminal=True)
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with counted_progress("points", quiet=False) as report:
+        report(1, 2, 5)
+    shown = screen.getvalue()
+    assert "3/5" in shown
+    assert "2 failed" in shown
+    assert "memory " in shown
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_quiet_shows_no_progress(monkeypatch, terminal):
+    screen = Screen(terminal=terminal)
+    monkeypatch.setattr(sys, "stderr", screen)
+    with progress_bars(quiet=True) as report, counted_progress("points", quiet=True) as counted:
+        assert (report, counted) == (None, None)
+    assert screen.getvalue() == ""
 
 
 def test_a_stream_that_is_closed_meanwhile_is_no_terminal_and_ends_nothing(monkeypatch):

@@ -10,6 +10,7 @@ from factories import names_in
 import pymantaray
 from pymantaray.cli import study as study_commands
 from pymantaray.cli.main import main
+from pymantaray.cli.output import Watch
 from pymantaray.evaluation import error_table
 from pymantaray.study import load_study, open_run, preset_text
 from pymantaray.study.config_estimators import Section
@@ -65,14 +66,18 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
 
 
 def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(mantaray, small, monkeypatch):
+    stages = {}
+
     def interrupt(*_arguments, **_options):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr("pymantaray.report.parts.write_files", interrupt)
+        patch.setattr(Watch, "report", lambda watch, stage, *_: stages.update({stage: watch.stages}))
         done = mantaray("study", "run", small, "--out", "run", "--workers", 1)
     run = small.parent / "run"
     assert done.code == 130
+    assert all(list(announced) == list(stages) for announced in stages.values())
     command = f"mantaray study report {run}"
     assert done.err.splitlines()[-1] == f"the data are complete; for their report: {command}"
     monkeypatch.setattr("pymantaray.report.write.run_plates", lambda _: [])  # other tests look at figures

@@ -3,22 +3,30 @@
 import codecs
 import errno
 import io
-import logging
 import os
 import signal
 import sys
+import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TextIO
+from typing import Protocol, TextIO
 
 from pymantaray.cli.printing import LOG
 from pymantaray.errors import WriteError
+from pymantaray.installation import peak_memory_mib
 
 EXIT_KNOWN_ERROR = 2
-Report = Callable[[str, int, int], None]
-"""Told the name of a stage, how many of its parts are done, and how many there are."""
+
+
+class Report(Protocol):
+    """What shows progress."""
+
+    def __call__(self, stage: str, done: int, total: int, failed: int = 0, /) -> None:
+        """Take the name of a stage, how many of its parts are over, how many there are, and how many failed."""
+
+
 _LINE_EVERY = 60.0  # where no bar can be shown [s]
 
 
@@ -108,42 +116,126 @@ def standard_streams() -> Iterator[None]:
         sys.stdout, sys.stderr = before
 
 
-@contextmanager
-def progress_bars(*, quiet: bool) -> Iterator[Report | None]:
-    """
-    What shows progress as bars on standard error, one a stage; None if ``quiet``.
+class Watch:
+    """What a command is at: the parts of its stages, the time that is left of each, the stages to come, and the largest memory so far."""
 
-    Where standard error is no terminal stages are logged as they end.
+    def __init__(self, stages: Sequence[str] = (), clock: Callable[[], float] = time.monotonic) -> None:
+        self.stages, self._clock = stages, clock
+        self._present = ""
+        self._begun: dict[str, tuple[float, int]] = {}  # when, and how many parts were done then
+        self._latest: dict[str, tuple[float, int, int, int]] = {}  # when, done, failed, all
+
+    def report(self, stage: str, done: int, total: int, failed: int = 0) -> None:
+        """Take note of the parts of a stage that are over, some of which may have failed."""
+        now = self._clock()
+        self._begun.setdefault(stage, (now, done))
+        self._latest[stage] = now, done, failed, total
+        self._present = stage
+
+    def left(self, stage: str) -> str:
+        """Time that the rest of a stage takes at the mean pace of what is done of it; nothing before its first part is."""
+        (begin, before), (latest, done, _, total) = self._begun[stage], self._latest[stage]
+        if not before < done < total:
+            return ""
+        end = latest + (latest - begin) / (done - before) * (total - done)
+        return f"{duration(max(end - self._clock(), 0.0))} left"
+
+    def failed(self, stage: str) -> str:
+        """How many parts of a stage failed, if any."""
+        failed = self._latest[stage][2]
+        return f"{failed} failed" if failed else ""
+
+    def rest(self) -> str:
+        """The largest memory of this process and of any of its workers so far, and the stages to come."""
+        from pymantaray.study.workers import Workers
+
+        words = f"memory {peak_memory_mib():.0f} MiB"
+        if Workers.largest_mib:
+            words += f", largest worker {Workers.largest_mib:.0f} MiB"
+        after = self.stages[self.stages.index(self._present) + 1 :] if self._present in self.stages else ()
+        return f"{words}; then {', '.join(after)}" if after else words
+
+    def line(self) -> str:
+        """All of it in one line."""
+        if not self._present:
+            return self.rest()
+        _, done, _, total = self._latest[self._present]
+        words = f"{done} of {total}", self.failed(self._present), self.left(self._present)
+        return f"{self._present}: {', '.join(filter(None, words))}; {self.rest()}"
+
+
+@contextmanager
+def progress_bars(*, quiet: bool, stages: Sequence[str] = ()) -> Iterator[Report | None]:
+    """
+    What shows progress on standard error as bars, one a stage, and as a line a minute where that is no terminal; None if ``quiet``.
+
+    ``stages`` are those that are known to come, in order.
     """
     if quiet or sys.stderr is None:
         yield None
         return
-    if not sys.stderr.isatty():
-        yield _stages() if LOG.isEnabledFor(logging.INFO) else None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+    watch = Watch(stages)
+    with _bars(watch) if sys.stderr.isatty() else _lines(watch, sys.stderr) as report:
+        yield report
 
-    columns = (TextColumn("{task.description:<14}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+
+@contextmanager
+def _bars(watch: Watch) -> Iterator[Report]:
+    from rich.console import Console, RenderableType
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        ProgressColumn,
+        Task,
+        TaskID,
+        TextColumn,
+    )
+    from rich.progress import TimeElapsedColumn as Elapsed
+    from rich.text import Text
+
+    class Left(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            words = watch.failed(task.description), watch.left(task.description)
+            return Text(", ".join(filter(None, words)))
+
+    class Bars(Progress):
+        def get_renderables(self) -> Iterable[RenderableType]:
+            yield self.make_tasks_table(self.tasks)
+            yield Text(watch.rest())
+
+    columns = (TextColumn("{task.description:<14}"), BarColumn(), MofNCompleteColumn(), Elapsed(), Left())
+    with Bars(*columns, console=Console(stderr=True)) as bars:
         tasks: dict[str, TaskID] = {}
 
-        def report(stage: str, done: int, total: int) -> None:
+        def report(stage: str, done: int, total: int, failed: int = 0) -> None:
+            watch.report(stage, done, total, failed)
             if stage not in tasks:
-                tasks[stage] = progress.add_task(stage, total=total)
-            progress.update(tasks[stage], completed=done, total=total)
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done, total=total)
 
         yield report
 
 
-def _stages() -> Report:
-    start = time.perf_counter()
+@contextmanager
+def _lines(watch: Watch, stream: TextIO) -> Iterator[Report]:
+    """Lines while the block runs, whether parts end or not; stages are logged as they end."""
+    over, start = threading.Event(), time.perf_counter()
 
-    def report(stage: str, done: int, total: int) -> None:
+    def tell() -> None:
+        while not over.wait(_LINE_EVERY):
+            print(watch.line(), file=stream, flush=True)
+
+    def report(stage: str, done: int, total: int, failed: int = 0) -> None:
+        watch.report(stage, done, total, failed)
         if done == total:
             LOG.info("%s: %d, after %.2f s", stage, total, time.perf_counter() - start)
 
-    return report
+    threading.Thread(target=tell, daemon=True).start()
+    try:
+        yield report
+    finally:
+        over.set()
 
 
 @contextmanager
@@ -160,47 +252,12 @@ def step_line(*, quiet: bool) -> Iterator[Callable[[int, float], None] | None]:
 
 @contextmanager
 def counted_progress(noun: str, *, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """A bar with points or blocks done, failed and left and the time left; a line a minute where standard error is no terminal."""
-    if quiet or sys.stderr is None:
-        yield None
-        return
-    if not sys.stderr.isatty():
-        yield _lines(noun)
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.progress import TimeRemainingColumn as Left
-
-    columns = (
-        TextColumn(noun),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]} failed"),
-        TimeElapsedColumn(),
-        Left(elapsed_when_finished=False),
-        TextColumn("left"),
-    )
-    with Progress(*columns, console=Console(stderr=True), speed_estimate_period=3600.0) as bars:
-        task = bars.add_task(noun, failed=0, total=None)
-        yield lambda done, failed, total: bars.update(
-            task, completed=done + failed, failed=failed, total=total
-        )
-
-
-def _lines(noun: str) -> Callable[[int, int, int], None]:
-    start = latest = time.monotonic()
-    first: list[int] = []
-
-    def tell(done: int, failed: int, total: int) -> None:
-        nonlocal latest
-        now, first[:] = time.monotonic(), first or [done + failed]
-        new = done + failed - first[0]
-        if new and now - latest >= _LINE_EVERY:
-            latest = now
-            left = duration((now - start) / new * (total - done - failed))
-            print(f"{done} done, {failed} failed of {total} {noun}; {left} left", file=sys.stderr)  # noqa: T201
-
-    return tell
+    """What shows points or blocks that are done, failed and left, as `progress_bars` does stages."""
+    with progress_bars(quiet=quiet) as report:
+        if report is None:
+            yield None
+        else:
+            yield lambda done, failed, total: report(noun, done + failed, total, failed)
 
 
 def duration(seconds: float) -> str:

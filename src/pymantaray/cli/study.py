@@ -147,7 +147,7 @@ def run_and_report(
     with ReportProcess(pdf=pdf) if figures else nullcontext() as report:
         from pymantaray.study import run_study
 
-        with progress_bars(quiet=quiet) as progress:
+        with progress_bars(quiet=quiet, stages=_stages(config, figures=figures)) as progress:
             results = run_study(
                 config,
                 out,
@@ -170,6 +170,12 @@ def run_and_report(
         printed.line(f"page: {results.path / PAGE}", page=results.path / PAGE)
     printed.paths(folder=results.path)
     return results.path
+
+
+def _stages(config: "StudyConfig", *, figures: bool) -> list[str]:
+    """What a study goes through, in order."""
+    solving, drawing = ["realizations"] if config.solves else [], ["report"] if figures else []
+    return ["ocean", "fleet", "rays", *solving, "files", *drawing]
 
 
 @app.command()

@@ -19,7 +19,7 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
-from typing import Any, BinaryIO, NoReturn, Self
+from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 
 from pymantaray.errors import StudyError
 from pymantaray.installation import peak_memory_mib
@@ -48,6 +48,10 @@ class Workers:
 
     They are started with the block, import what ``start`` needs, and end with it; one that ends before is replaced.
     """
+
+    largest_mib: ClassVar[float] = 0.0
+    """Largest resident memory so far of any process of any `Workers` that this process has started. [MiB]"""
+    _counting = threading.Lock()
 
     def __init__(self, start: Callable[[], Callable[[Any], Any]], count: int) -> None:
         self._start, self._count = start, count
@@ -81,6 +85,8 @@ class Workers:
             result, memory = _answer(process, message)
             with self._lock:
                 self.peak_memory_mib = max(self.peak_memory_mib, memory)
+            with Workers._counting:
+                Workers.largest_mib = max(Workers.largest_mib, memory)
             if isinstance(result, Exception):
                 raise result
             return result
