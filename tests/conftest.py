@@ -46,6 +46,9 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.getoption("numprocesses", None) and "PYTEST_XDIST_WORKER" not in os.environ:
+        # each process of the tests has a processor: threads of OpenBLAS that wait for one take it from others, up to 20 times
+        # what they compute (tests/study/test_study_anywhere.py compares numbers of threads)
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
         # once, before there are workers
         subprocess.run([sys.executable, "-c", COMPILE], check=True, env=os.environ | {"PYTHONPATH": path})

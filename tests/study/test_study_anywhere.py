@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from factories import python
 
 from pymantaray.study import open_run
 
@@ -50,6 +51,16 @@ def test_a_study_with_workers_runs_from(tmp_path, tiny_run_folder, options, text
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"{open_run(tmp_path / 'run').estimates.position.shape}\n", done.stderr
+    check(tmp_path, tiny_run_folder)
+
+
+def test_threads_of_the_linear_algebra_change_no_digit(tmp_path, tiny_run_folder):
+    done = python(
+        STATEMENTS.replace("workers=2", "workers=1"),
+        environment={"PYTHONPATH": TESTS, "OPENBLAS_NUM_THREADS": "3"},
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
     check(tmp_path, tiny_run_folder)
 
 
