@@ -121,7 +121,7 @@ def test_the_spline_between_nodes_loses_no_variance():
     """Off the lattice's nodes a field is a sum of independent draws: the squares of their weights add up to 1."""
     lat, lon, total = np.linspace(-0.5, 0.5, 41), np.linspace(-0.5, 0.5, 37), 0.0
     for k in range(10_000):
-        (weight,) = random_fields(lat, lon, count=1, scale=15e3, rng=UnitDraws(k))
+        (weight,) = random_fields(lat, lon, count=1, scale=40e3, rng=UnitDraws(k))
         if not weight.any():
             break
         total = total + weight**2
