@@ -30,6 +30,7 @@ from pymantaray.estimation.graph import GraphValues
 from pymantaray.geometry.se3 import quaternion_from_matrix, se3_exp, so3_log
 from pymantaray.records import Measurements, RayStatus, SolveStatus
 from pymantaray.study import load_study, run_study
+from pymantaray.study.realization import RealizationSolver
 
 CONDITIONS = ("straight", "refracted")
 STEP = SolveOptions().step_tolerance
@@ -216,10 +217,13 @@ def regions(workers: int) -> None:
             e = run.estimates
             cpu = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
             usable = np.isin(e.solve_status, [SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE]).sum()
+            solver = RealizationSolver(run)
+            first, *later = (timed(solver.solve, n)[1][1] for n in range(6))
         solving, total = solving + seconds["realizations"], total + wall
         print(
             f"{name}: {seconds['realizations']:.0f} s for {e.solve_status.size} solves ({usable} usable) on {workers}"
-            f" workers (CPU {cpu:.0f} s), {wall:.0f} s with mission, rays and files; load {os.getloadavg()[0]:.1f}"
+            f" workers (CPU {cpu:.0f} s), {wall:.0f} s with mission, rays and files; one realization, perturbed, solved twice, covariances and all, {first:.2f} s"
+            f" of CPU at first, {statistics.median(later):.2f} s later; load {os.getloadavg()[0]:.1f}"
         )
     print(f"both regions: {solving:.0f} s, {total:.0f} s with mission, rays and files")
 
