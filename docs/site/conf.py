@@ -1,6 +1,7 @@
 """Sphinx: theme, docstrings, and how names in docstrings become links. Sources are laid out by stage.py."""
 
 import importlib
+import re
 import sys
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ import pymantaray
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-from reference_pages import FOLDERS
+from reference_pages import FOLDERS, column_unit, quantity
 
 project = "MantaRay"
 author = "The MantaRay developers"
@@ -80,10 +81,9 @@ def describe_columns(_app, what, _name, obj, _options, lines):
         lines += ["", "Attributes", "----------"]
         for f in columns:
             m = f.metadata
-            unit = "-" if m["units"] in ("1", "") else m["units"]
             lines += [
                 f"{f.name} : ndarray, shape ({', '.join(m['dims'])})",
-                f"    {m['long_name'].capitalize()}. [{unit}]",
+                f"    {m['long_name'].capitalize()}. [{column_unit(f.name, m['units'])}]",
             ]
 
 
@@ -115,6 +115,32 @@ def resolve(app, env, node, contnode):
     return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, contnode, name)
 
 
+def link_quantities(app, doctree, docname):
+    """Link parameters, columns and keys of the reference to their entries in the nomenclature, which get anchors."""
+    if docname == "nomenclature":
+        for row in doctree.findall(lambda node: isinstance(node, nodes.row) and len(node) == 5):
+            for name in row[1].findall(nodes.literal):
+                anchor = nodes.make_id(name.astext())
+                if not any(anchor in node["ids"] for node in doctree.findall(nodes.Element)):
+                    name["ids"].append(anchor)
+    if not docname.startswith("reference/"):
+        return
+    terms = [strong for term in doctree.findall(nodes.term) for strong in term.findall(nodes.strong)]
+    keys = [row[0].next_node(nodes.literal) for row in doctree.findall(nodes.row)]
+    for names in (*terms, *(key for key in keys if key is not None and key.parent.tagname != "reference")):
+        parts = re.split(r"(, )", names.astext())
+        names[:] = [link_quantity(app, docname, part) for part in parts]
+
+
+def link_quantity(app, docname, name):
+    """Name as a link to its entry in the nomenclature, if there is one."""
+    entry = quantity(name)
+    if entry is None:
+        return nodes.Text(name)
+    place = app.builder.get_relative_uri(docname, "nomenclature")
+    return nodes.reference("", name, internal=True, refuri=f"{place}#{nodes.make_id(entry)}")
+
+
 def mathml(display):
     """Write a formula as MathML, which browsers show without a script."""
 
@@ -131,5 +157,6 @@ def setup(app):
     app.connect("autodoc-process-docstring", describe_columns, priority=100)
     app.connect("autodoc-process-docstring", describe_data, priority=100)
     app.connect("missing-reference", resolve)
+    app.connect("doctree-resolved", link_quantities)
     app.add_lexer("csv", TextLexer)
     app.add_html_math_renderer("mathml", (mathml(display=False), None), (mathml(display=True), None))

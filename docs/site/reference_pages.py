@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pydantic
@@ -13,7 +15,35 @@ FOLDERS = (
 )  # fmt: skip
 """Folders in the order in which data flows."""
 
+NOMENCLATURE = Path(__file__).resolve().parents[1] / "nomenclature.md"
 _UNIT = re.compile(r"\s*\[([^][]+)\]\.?$")
+
+
+@cache
+def nomenclature() -> dict[str, list[str]]:
+    """Units of each name in the nomenclature; dots in a name stand for any word."""
+    rows = [
+        [cell.strip() for cell in line.split("|")] for line in NOMENCLATURE.read_text("utf-8").splitlines()
+    ]
+    units: dict[str, list[str]] = {}
+    for cells in rows:
+        if len(cells) == 7:  # symbol, name, unit, meaning, paper
+            for name in re.findall(r"`([\w.]+)`", cells[2]):
+                units.setdefault(name, []).append(cells[3])
+    return units
+
+
+def quantity(name: str) -> str | None:
+    """Name in the nomenclature that a parameter, a column or a key stands for."""
+    return next((entry for entry in nomenclature() if re.fullmatch(entry.replace("...", r"\w+"), name)), None)
+
+
+def column_unit(name: str, unit: str) -> str:
+    """Unit of a record's column as pages write it; records have it as CF does."""
+    if name.endswith("_db"):
+        return "dB"
+    written = {"": "-", "1": "-", "m s-1": "m/s", "s m-1": "s/m", "m2": "m²"}
+    return written.get(unit, unit)
 
 
 def configuration() -> dict[str, str]:

@@ -65,8 +65,8 @@ class Absorption:
         Parameters
         ----------
         depth, temperature, salinity : array_like, shape (n_depth,)
-            Levels, strictly increasing [m], in-situ temperature [degC], practical salinity; linear between
-            the levels, constant beyond them. One level is uniform water.
+            Levels, strictly increasing, in-situ temperature and practical salinity; linear between the levels,
+            constant beyond them. One level is uniform water. [m, degC, -]
         pH : float
             On the NBS scale. [-]
         formula : {"francois-garrison", "ainslie-mccolm"}

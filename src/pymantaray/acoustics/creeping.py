@@ -71,7 +71,7 @@ def _to_surface(medium: Medium, end: Array) -> tuple[float, float]:
 
 
 def _at_surface(medium: Medium, place: Array, frequency_hz: float) -> tuple[float, float, float]:
-    """Sound speed, by how much a metre it falls over the depth of the first mode [s⁻¹], and wavenumber."""
+    """Sound speed, by how much a metre it falls over the depth of the first mode [1/s], and wavenumber."""
     depth, speed, gradient, k, surface = 1.0, math.nan, math.nan, math.nan, _surface(medium, place)
     for _ in range(_ROUNDS):
         column = np.array([[place[0], place[1], surface], [place[0], place[1], surface + depth]])

@@ -30,7 +30,7 @@ class Currents:
     north, east, depth : ndarray, shape (n_north,), (n_east,), (n_depth,)
         Axes, strictly increasing; an axis of one point means no variation along it. [m]
     velocity : ndarray, shape (n_north, n_east, n_depth, 2)
-        Components to the north and to the east. [m s⁻¹]
+        Components to the north and to the east. [m/s]
     """
 
     north: Array
@@ -68,12 +68,12 @@ class Currents:
 
     @classmethod
     def uniform(cls, north: float, east: float) -> Self:
-        """One current everywhere, by its components. [m s⁻¹]"""
+        """One current everywhere, by its components. [m/s]"""
         zero = np.zeros(1)
         return cls(zero, zero, zero, np.array([north, east]).reshape(1, 1, 1, 2))
 
     def at(self, position: ArrayLike) -> Array:
-        """Velocity (n, 3) at positions (n, 3), trilinear; beyond the grid that of its edge. [m s⁻¹]"""
+        """Velocity (n, 3) at positions (n, 3), trilinear; beyond the grid that of its edge. [m/s]"""
         horizontal = linear_interpolator((self.north, self.east, self.depth), self.velocity)(position)
         return np.concatenate([horizontal, np.zeros((len(horizontal), 1))], axis=1)
 

@@ -114,7 +114,7 @@ def find_leaks(
         Ends of links without an arrival. [m]
     leakage : Leakage
     frequency_hz : float
-        Middle of the signal's band.
+        Middle of the signal's band. [Hz]
     bounces : tuple of int
         Reflections at the surface and at the sea bed that the nearest ray may have.
     spreading_cutoff_db : float or None

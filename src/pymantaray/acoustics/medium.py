@@ -36,7 +36,7 @@ class Medium:
     depth : ndarray, shape (n_depth,)
         Levels, positive down. [m]
     sound_speed : ndarray, shape (n_north, n_east, n_depth)
-        [m s⁻¹]
+        [m/s]
     bathymetry : ndarray, shape (n_bed_north, n_bed_east)
         Depth of the sea bed. [m]
     bed_north, bed_east : ndarray, shape (n_bed_north,), (n_bed_east,)
@@ -94,7 +94,7 @@ class Medium:
             Axes, strictly increasing. A horizontal axis of one point means no variation along it. Above a first
             level below the surface its sound speed holds, on levels that are added, see `up_to_surface`. [m]
         sound_speed : array_like, shape (n_north, n_east, n_depth)
-            [m s⁻¹]
+            [m/s]
         bathymetry : float or array_like, shape (n_bed_north, n_bed_east)
             Depth of the sea bed. [m]
         bed_north, bed_east : array_like, optional
@@ -181,7 +181,7 @@ class Medium:
         """
         Horizontally uniform and unbounded medium from one profile, over a flat sea bed.
 
-        Levels (n_depth,) [m] increase strictly; the sound speed [m s⁻¹] of a first level below the surface holds up to it.
+        Levels (n_depth,) [m] increase strictly; the sound speed [m/s] of a first level below the surface holds up to it.
         Bottom and draft of ice, which takes the place of the surface, are depths [m]; otherwise as `from_grid`.
         """
         c = np.asarray(sound_speed, dtype=float)
@@ -243,7 +243,7 @@ class Medium:
         Returns
         -------
         ndarray, shape (n,)
-            By the medium's interpolation; NaN outside the water. [m s⁻¹]
+            By the medium's interpolation; NaN outside the water. [m/s]
         """
         from pymantaray.acoustics.eigenrays import find_eigenrays
 

@@ -208,7 +208,7 @@ def quadrature(paths: RayPaths) -> Quadrature:
     """
     Gauss-Legendre points on every segment of paths, four a segment; between nodes a path is a cubic Hermite polynomial in time.
 
-    ``position`` (n, 3) [m], ``slowness`` (n, 3), along the ray [s m⁻¹], and ``weight`` (n,), the arc length that each point
+    ``position`` (n, 3) [m], ``slowness`` (n, 3), along the ray [s/m], and ``weight`` (n,), the arc length that each point
     stands for [m].
     """
     first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
@@ -270,7 +270,7 @@ def travel_time_sensitivity(paths: RayPaths, basis: Callable[[Array], Array]) ->
     Change of travel time by a small change of the sound speed, to first order.
 
     The basis, shapes of the change, takes positions (n, 3) [m] and gives values (n,) or (n, k). The result (n_rays, k) is
-    the derivative of the travel time by the amplitude of each shape. [s per unit of amplitude in m s⁻¹]
+    the derivative of the travel time by the amplitude of each shape. [s per unit of amplitude in m/s]
 
     For :math:`c + \epsilon \phi`, :math:`\partial t / \partial \epsilon = -\int \phi / c^2 \, ds` along the
     unperturbed ray: by Fermat's principle the ray's displacement has no first-order effect.
@@ -310,7 +310,7 @@ def ray_picture(
     max_surface_bounces, max_bottom_bounces : int
         Of eigenrays and of the fan's rays.
     spreading_cutoff_db : float or None
-        As in `find_eigenrays`.
+        As in `find_eigenrays`. [dB]
 
     Returns
     -------

@@ -23,7 +23,7 @@ _REACH = 4.0  # standard deviations at which the weights are cut off
 
 
 class Profile(NamedTuple):
-    """Levels [m], sound speed [m s⁻¹], and latitude and longitude if TEOS-10 computed one of them there [degrees]."""
+    """Levels [m], sound speed [m/s], and latitude and longitude if TEOS-10 computed one of them there [degrees]."""
 
     depth: Array
     sound_speed: Array
@@ -150,9 +150,9 @@ def thin_profile(
     Parameters
     ----------
     depth, sound_speed : array_like, shape (n_levels,)
-        Levels of the cast, strictly increasing, and the sound speed there. [m, m s⁻¹]
+        Levels of the cast, strictly increasing, and the sound speed there. [m, m/s]
     tolerance : float
-        Greatest departure from the cast at any of its levels. [m s⁻¹]
+        Greatest departure from the cast at any of its levels. [m/s]
     interpolation : {"smooth", "linear"}
         That of the `Medium` to be made.
 
@@ -200,7 +200,7 @@ def smooth_profile(
     Parameters
     ----------
     depth, sound_speed : array_like, shape (n_levels,)
-        Levels of the cast, strictly increasing, and the sound speed there. [m, m s⁻¹]
+        Levels of the cast, strictly increasing, and the sound speed there. [m, m/s]
     length : float
         Full width of the weights at half their height. [m]
     interpolation : {"smooth", "linear"}

@@ -88,18 +88,18 @@ class Sonar:
     Parameters
     ----------
     source_level_db : float
-        dB re 1 µPa at 1 m, in the band.
+        At 1 m, in the band. [dB re 1 µPa]
     frequency_hz, bandwidth_hz : float
         Middle and width of the band. [Hz]
     noise : WenzNoise or float
         Of the sea, or a spectral level at the receiver, flat in the band. [dB re 1 µPa²/Hz]
     processing_gain_db : float
-        What pulse compression and directivity add to the signal-to-noise ratio.
+        What pulse compression and directivity add to the signal-to-noise ratio. [dB]
     threshold_db : float
-        Signal-to-noise ratio at which half the pings are heard.
+        Signal-to-noise ratio at which half the pings are heard. [dB]
     spread_db : float
         Standard deviation of the level about the predicted one (fading, aspect, what the model lacks). With
-        0 a ping is heard or not.
+        0 a ping is heard or not. [dB]
 
     Notes
     -----

@@ -105,7 +105,7 @@ def column_errors(medium: Medium, links: AtlasLinks) -> ColumnErrors:
 
 
 def _speeds(direct: FirstArrivals, distance: Array, nominal: float) -> list[Array]:
-    """Sound speed by which each link's travel time is made a range, for each of the `CONVENTIONS`. [m s⁻¹]"""
+    """Sound speed by which each link's travel time is made a range, for each of the `CONVENTIONS`. [m/s]"""
     measured = TransmitterSpeed()
     at_transmitter = measured.speed(direct.source_sound_speed)
     at_receiver = measured.speed(direct.receiver_sound_speed)

@@ -33,7 +33,7 @@ class AtlasLinks:
     bearings : int
         How many directions, evenly spaced from north, clockwise.
     nominal_sound_speed : float
-        What is multiplied with where nothing is measured. [m s⁻¹]
+        What is multiplied with where nothing is measured. [m/s]
     safe : tuple of float
         Range errors that are put up with, strictly increasing. [m]
     within_db : float

@@ -30,7 +30,7 @@ class TimedRanges(NamedTuple):
     receiver: Rows
     epoch: Rows
     time: Array
-    sound_speed: Array  # measured at the transmitter [m s⁻¹]
+    sound_speed: Array  # measured at the transmitter [m/s]
     travel_time: Array  # measured, with its noise [s]
 
     def links(self, transmitter: Array, receiver: Array) -> "RangeLinks":
@@ -44,14 +44,14 @@ class RangeLinks(NamedTuple):
     time: Array  # of the ping since the start of the mission, (n,) [s]
     transmitter: Array  # (n, 3) [m]
     receiver: Array  # (n, 3) [m]
-    sound_speed: Array  # measured at the transmitter, (n,) [m s⁻¹]
+    sound_speed: Array  # measured at the transmitter, (n,) [m/s]
 
 
 class Prediction(NamedTuple):
     """Travel times that a model predicts, and how they change with the ends; any number where not possible."""
 
     travel_time: Array  # (n,) [s]
-    transmitter_gradient: Array  # of the travel time by the transmitter's position, (n, 3) [s m⁻¹]
+    transmitter_gradient: Array  # of the travel time by the transmitter's position, (n, 3) [s/m]
     receiver_gradient: Array  # by the receiver's
     possible: NDArray[np.bool_]  # whether the believed ocean has an arrival there, (n,)
 
@@ -68,14 +68,14 @@ class RangeModel(Protocol):
 class AdjustableModel(RangeModel, Protocol):
     """A range model whose ocean has shapes of unknown amplitude."""
 
-    amplitude_sigma: Array  # prior standard deviation of each amplitude about zero, (n_modes,) [m s⁻¹]
+    amplitude_sigma: Array  # prior standard deviation of each amplitude about zero, (n_modes,) [m/s]
 
     def adjusted(self, amplitudes: Array) -> "AdjustableModel":
-        """Give the model with these amplitudes, counted from the ocean that was believed first. [m s⁻¹]."""
+        """Give the model with these amplitudes, counted from the ocean that was believed first. [m/s]."""
         ...
 
     def sensitivity(self, links: RangeLinks) -> Array:
-        """Change of the travel times by the amplitudes, shape (n, n_modes); zero where not possible. [s² m⁻¹]."""
+        """Change of the travel times by the amplitudes, shape (n, n_modes); zero where not possible. [s²/m]."""
         ...
 
 
@@ -88,7 +88,7 @@ class TravelTimeUncertainty(Protocol):
 
 
 class ConstantSpeed:
-    """One positive finite sound speed for all water. [m s⁻¹]."""
+    """One positive finite sound speed for all water. [m/s]."""
 
     def __init__(self, sound_speed: float) -> None:
         if not (sound_speed > 0.0 and np.isfinite(sound_speed)):
@@ -98,7 +98,7 @@ class ConstantSpeed:
         self.sound_speed = float(sound_speed)
 
     def speed(self, measured: Array) -> Array:
-        """Sound speed along each link, whatever was measured at the transmitters. [m s⁻¹]."""
+        """Sound speed along each link, whatever was measured at the transmitters. [m/s]."""
         return np.full(np.shape(measured), self.sound_speed)
 
     def predict(self, links: RangeLinks) -> Prediction:
@@ -110,7 +110,7 @@ class TransmitterSpeed:
     """The sound speed measured at the transmitter, along the whole link: the paper's c_i."""
 
     def speed(self, measured: Array) -> Array:
-        """Sound speed along each link: the measured one. [m s⁻¹]."""
+        """Sound speed along each link: the measured one. [m/s]."""
         return np.asarray(measured, dtype=float)
 
     def predict(self, links: RangeLinks) -> Prediction:
@@ -127,7 +127,7 @@ class MeanSlowness:
     depth : array_like, shape (n_levels,)
         Strictly increasing, positive down. [m]
     sound_speed : array_like, shape (n_levels,)
-        Linear between the levels and constant beyond them. [m s⁻¹]
+        Linear between the levels and constant beyond them. [m/s]
 
     Raises
     ------

@@ -32,11 +32,11 @@ class FloatCycle:
     hold_depth_time, hold_surface_time : float
         Length of the holds, counted from the arrival. [s]
     vertical_speed : float
-        Limit of the vertical speed, up and down. [m s⁻¹]
+        Limit of the vertical speed, up and down. [m/s]
     surface_depth : float
         Depth that counts as surfaced. [m]
     depth_gain : float
-        Vertical speed commanded per metre from the depth aimed at. [s⁻¹]
+        Vertical speed commanded per metre from the depth aimed at. [1/s]
     arrival_tolerance : float
         Distance from the depth aimed at at which a hold begins: the controller's approach is
         exponential and never ends. [m]
@@ -108,7 +108,7 @@ class Drifting:
 @dataclass(frozen=True, eq=False)
 class ConstantTwist:
     """
-    Move with one body twist ``[omega, v]`` [rad s⁻¹, m s⁻¹] for ever: a helix, over ground.
+    Move with one body twist ``[omega, v]`` [rad/s, m/s] for ever: a helix, over ground.
 
     With ``current`` the twist is through the water, and the current carries the vehicle besides.
     """
@@ -139,9 +139,9 @@ class Waypoints:
     points : array_like, shape (n, 3)
         Positions ``(north, east, down)``. [m]
     speed : float
-        Forward speed. [m s⁻¹]
+        Forward speed. [m/s]
     turn_rate : float
-        Limit of the angular speed. [rad s⁻¹]
+        Limit of the angular speed. [rad/s]
     capture_radius : float
         Distance at which a point counts as reached. [m]
     loop : bool

@@ -49,7 +49,7 @@ def simulate(
         Names must be unique.
     ocean : xarray.Dataset
         Local data set: uniform axes ``north`` and ``east``, levels ``depth`` [m]; ``current_north``,
-        ``current_east`` (north, east, depth) [m s⁻¹]; ``sea_floor_depth`` (north, east) or
+        ``current_east`` (north, east, depth) [m/s]; ``sea_floor_depth`` (north, east) or
         (floor_north, floor_east) [m]. Currents with a further axis ``time``, seconds from the mission's
         start, are linear between its instants, which must enclose the mission. ``sea_ice_draft``, if it is there, one
         value or (north, east): no vehicle rises into the ice, one that would start in it starts at its underside, and a

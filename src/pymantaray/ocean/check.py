@@ -127,7 +127,7 @@ def check_ocean(
     time : str or numpy.datetime64, optional
         Instant, if the source holds several.
     centre, half_extent : tuple of float, optional
-        Domain that it must hold, see `pymantaray.ocean.to_local`.
+        Domain that it must hold, see `pymantaray.ocean.to_local`. [degrees, m]
     fleet : mapping of str to ndarray, shape (n, 3), optional
         Points north, east, down that each vehicle plans to reach, the first one its start; they must lie
         in the domain and above the sea bed. [m]

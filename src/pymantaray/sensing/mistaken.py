@@ -251,7 +251,7 @@ class _Heard(NamedTuple):
     """Whether it is ranged on without mistakes, as the times."""
     bounces: Indices
     ends: Array
-    """Change of the travel time with source and receiver, shape (2, n, 3). [s m⁻¹]"""
+    """Change of the travel time with source and receiver, shape (2, n, 3). [s/m]"""
 
 
 def _heard(ranging: Ranging, picker: Picker) -> _Heard:
@@ -295,7 +295,7 @@ def _spread_out(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
 
 
 def _velocities(truth: Trajectories, table: Attempts, attempt: Indices) -> tuple[Array, Array]:
-    """Of the initiator and the responder of each attempt, shape (n, 3); landmarks stand still. [m s⁻¹]"""
+    """Of the initiator and the responder of each attempt, shape (n, 3); landmarks stand still. [m/s]"""
     epochs, at = np.unique(table.sample[attempt], return_inverse=True)
     n = 1 + max(table.transmitter.max(initial=0), table.receiver.max(initial=0), truth.name.size - 1)
     velocity = np.zeros((n, epochs.size, 3))

@@ -12,7 +12,7 @@ from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """Shares of an edge's rotation angle and length [-], and what is added per time [rad s⁻¹, m s⁻¹]."""
+    """Shares of an edge's rotation angle and length [-], and what is added per time [rad/s, m/s]."""
 
     odometry_rotation_fraction: float = level(
         1e-6, "Error of an edge's rotation as a share of its angle. [-]", may_be_zero=True

@@ -57,7 +57,7 @@ class Leaked(NamedTuple):
     travel_time: Array
     """Shape (n, 2), current included. [s]"""
     slowness: Array
-    """Of the travel time by the ends, source and receiver, shape (n, 2, 3). [s m⁻¹]"""
+    """Of the travel time by the ends, source and receiver, shape (n, 2, 3). [s/m]"""
     loss_db: Array
 
 
@@ -329,7 +329,7 @@ class Sound(NamedTuple):
 
     @property
     def gradient(self) -> Array:
-        """Of travel time by the ends (n_links, 2, 2, 3): link, way (there, back), end (source, receiver), axis. [s m⁻¹]"""
+        """Of travel time by the ends (n_links, 2, 2, 3): link, way (there, back), end (source, receiver), axis. [s/m]"""
         ways = self.there, self.back
         return np.stack([np.stack([-w.source_slowness, w.receiver_slowness], axis=1) for w in ways], axis=1)
 

@@ -88,7 +88,7 @@ def half_round_trip(
 
 
 def velocities(truth: Trajectories, samples: NDArray[np.int64]) -> Array:
-    """Mean velocity (n_agents, n_epochs, 3) from each sample to the one after it, at the last from the one before. [m s⁻¹]"""
+    """Mean velocity (n_agents, n_epochs, 3) from each sample to the one after it, at the last from the one before. [m/s]"""
     start = np.minimum(samples, truth.time.size - 2)
     step = truth.position[:, start + 1] - truth.position[:, start]
     return np.asarray(step / (truth.time[start + 1] - truth.time[start])[:, None])

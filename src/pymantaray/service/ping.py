@@ -28,9 +28,9 @@ class Ends(NamedTuple):
     receivers: Array
     """Shape (n, 3). [m]"""
     receiver_velocities: Array
-    """Shape (n, 3). [m s⁻¹]"""
+    """Shape (n, 3). [m/s]"""
     source_velocity: Array
-    """Shape (3,). [m s⁻¹]"""
+    """Shape (3,). [m/s]"""
 
 
 @dataclass(frozen=True, eq=False)

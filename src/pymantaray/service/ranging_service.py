@@ -125,7 +125,7 @@ class RangingService:
         receivers : array_like, shape (n, 3)
             Likewise.
         source_velocity : array_like, shape (3,), optional
-            North, east, down; two-way only. By default the source is at rest. [m s⁻¹]
+            North, east, down; two-way only. By default the source is at rest. [m/s]
         receiver_velocities : array_like, shape (n, 3), optional
             Likewise.
         geographic : bool

@@ -29,7 +29,7 @@ class HalfSpace:
     """
     Sea bed as an acousto-elastic half-space.
 
-    Speeds of compressional waves, and of shear waves, 0 in a fluid [m s⁻¹]; density in Bellhop's unit; attenuations of either
+    Speeds of compressional waves, and of shear waves, 0 in a fluid [m/s]; density in Bellhop's unit; attenuations of either
     kind of waves.
     """
 

@@ -1,0 +1,81 @@
+"""The documentation as a site, built from nothing: links and anchors, and names that lead to the nomenclature."""
+
+import posixpath
+import runpy
+import subprocess
+import sys
+from urllib.parse import unquote, urldefrag
+
+import pytest
+from pages import DOCS
+
+pytest.importorskip("sphinx", reason="needs the group docs")
+BeautifulSoup = pytest.importorskip("bs4", reason="needs the group docs").BeautifulSoup
+pytestmark = pytest.mark.slow
+
+PAGES = runpy.run_path(str(DOCS / "site" / "reference_pages.py"))
+
+
+@pytest.fixture(scope="module")
+def html(tmp_path_factory):
+    """Folder of the site."""
+    folder = tmp_path_factory.mktemp("site")
+    options = ["-q", "-W", "--keep-going", "-c", DOCS / "site"]
+    for words in (
+        [DOCS / "site" / "stage.py", folder / "source"],
+        ["-m", "sphinx", *options, folder / "source", folder / "html"],
+    ):
+        done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "html"
+
+
+@pytest.fixture(scope="module")
+def pages(html):
+    """Articles and anchors by the place of their page."""
+    trees = {p: BeautifulSoup(p.read_text(encoding="utf-8"), "html.parser") for p in html.rglob("*.html")}
+    return {
+        p.relative_to(html).as_posix(): (tree.article or tree, {e["id"] for e in tree.select("[id]")})
+        for p, tree in trees.items()
+    }
+
+
+def links(page, article):
+    """Place and anchor of each link and image of a page that leads into the site."""
+    for element in article.select("a[href], img[src]"):
+        place, anchor = urldefrag(unquote(element.get("href") or element["src"]))
+        if not place.startswith(("http:", "https:", "mailto:", "data:")):
+            folder = posixpath.dirname(page)
+            yield posixpath.normpath(posixpath.join(folder, place)) if place else page, anchor
+
+
+def test_every_link_leads_to_a_page_and_an_anchor(html, pages):
+    dead = [
+        f"{page}: {place}#{anchor}"
+        for page, (article, _) in pages.items()
+        if not page.startswith("_")  # sources and templates of the theme
+        for place, anchor in links(page, article)
+        if not (html / place).is_file() or (anchor and place in pages and anchor not in pages[place][1])
+    ]
+    assert not dead, "\n".join(dead)
+
+
+def test_names_of_quantities_lead_to_the_nomenclature(pages):
+    """In parameters, columns and keys, each to the entry's anchor; other names lead nowhere."""
+    _, anchors = pages["nomenclature.html"]
+    seen = set()
+    for page, (article, _) in pages.items():
+        if not page.startswith("reference/"):
+            continue
+        keys = article.select("td:first-child code") if page == "reference/configuration.html" else ()
+        for names in (*article.select("dt > strong"), *keys):
+            linked = {a.get_text(): a["href"] for a in names.select("a")}
+            for name in names.get_text().split(", "):
+                entry = PAGES["quantity"](name)
+                assert (name in linked) == (entry is not None), f"{page}: {name}"
+                if entry:
+                    place, anchor = urldefrag(linked[name])
+                    assert place.endswith("nomenclature.html"), f"{page}: {name}"
+                    assert anchor in anchors, f"{page}: {name} leads to {anchor}"
+                    seen.add(entry)
+    assert {"sound_speed", "travel_time", "range_sigma", "odometry_..._fraction"} <= seen
