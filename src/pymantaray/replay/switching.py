@@ -116,7 +116,7 @@ def switching_table(events: pd.DataFrame, taken: pd.DataFrame, *, window: float,
     what is left of residuals: nearer ones cannot be told from each other.
     """
     left = taken["taken_residual_s"].abs()
-    clear = taken["apart_s"] > _APART * _NORMAL * left.median()
+    clear = taken["apart_s"] > _APART * _NORMAL * left.dropna().median()
     told = pd.concat([events[["pair", "source", "receiver", "time_s"]], taken["taken"]], axis=1)[clear]
     parts = []
     for (pair, *_), way in told.groupby(["pair", "source", "receiver"], sort=True):
