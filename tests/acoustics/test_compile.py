@@ -170,3 +170,14 @@ def test_a_numba_that_was_not_tried_compiles_each_kernel_by_itself(two_files, nu
     before = f"import sys, numba\n{numba}\nimport inner\ninner.factor()"  # Python may call it then
     printed, said = two_files(2.0, before)
     assert printed == ["2.0", "True"], said
+
+
+def test_links_that_are_none_compile_no_rays(tmp_path):
+    code = """
+import numpy as np
+from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics._kernels.link import solve_links
+
+medium, none = Medium.from_profile([0.0, 100.0], [1450.0, 1460.0], bottom_depth=100.0), np.empty((0, 3))
+print(find_eigenrays(medium, none, none).status.size, len(solve_links.signatures))"""
+    assert python(code, environment={"NUMBA_CACHE_DIR": str(tmp_path)}).stdout.split() == ["0", "0"]

@@ -198,9 +198,9 @@ def _solve_on_processor(
             own.room, own.work = _room(_MOST_ROWS), workspace(domain.depth.size)
         room, n = own.room, stop - start
         part = type(room)(*(x[:n] for x in room))
-        solve_links(
-            domain, bounces, settings, source[start:stop], receiver[start:stop], (0, 1), own.work, part
-        )
+        if n:  # without a link nothing is compiled
+            ends = source[start:stop], receiver[start:stop]
+            solve_links(domain, bounces, settings, *ends, (0, 1), own.work, part)
         return _compact(room, n)
 
     return in_blocks(solve, len(source), threads=threads)
