@@ -217,3 +217,17 @@ def test_positions_in_any_order_of_memory_are_solved_by_the_same_code():
     other = find_eigenrays(medium, np.asfortranarray(source), np.broadcast_to(receiver[0], (5, 3)))
     assert_same(one, other)
     assert len(solve_links.signatures) == compiled
+
+
+def test_a_medium_made_in_parts_is_the_same_and_takes_little_more_memory_than_it_has(monkeypatch):
+    rng = np.random.default_rng(3)
+    axes = [np.cumsum(rng.uniform(1.0, 2.0, n)) - 1.0 for n in (60, 50, 40)]
+    speed = 1450.0 + rng.normal(0.0, 3.0, (60, 50, 40))
+    whole = Medium.from_grid(*axes, speed, bathymetry=30.0)
+    monkeypatch.setattr("pymantaray.acoustics.medium._MOST_VALUES", 7_000)  # two rows, or two levels
+    tracemalloc.start()
+    parts = Medium.from_grid(*axes, speed, bathymetry=30.0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert_same(parts, whole)
+    assert peak < 1.3 * (parts.sound_speed.nbytes + parts.field.nbytes)

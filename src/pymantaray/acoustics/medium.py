@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
 Sheet = tuple[Array, Array, Array]  # depth of a boundary (n_north, n_east) and its axes
 _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; outside this a unit is wrong
+_MOST_VALUES = 2**22  # that coefficients are worked out for at a time
 _MOST_ADDED = 100  # levels above the first
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
 
@@ -140,11 +141,13 @@ class Medium:
 
             from pymantaray.ocean.local import spline_coefficients
 
-            slope = CubicSpline(z, c, axis=2, bc_type="natural")(z, 1)
-            both = np.concatenate([c, slope], axis=2)
-            both, knots_n = spline_coefficients(n, both, axis=0)
-            both, knots_e = spline_coefficients(e, both, axis=1)
-            field = np.ascontiguousarray(both)
+            field = np.empty((n.size, e.size, 2 * z.size))
+            field[..., : z.size] = c
+            for rows in _parts(n.size, e.size * z.size):
+                field[rows, :, z.size :] = CubicSpline(z, c[rows], axis=2, bc_type="natural")(z, 1)
+            for levels in _parts(2 * z.size, n.size * e.size):
+                along_north, knots_n = spline_coefficients(n, field[..., levels], axis=0)
+                field[..., levels], knots_e = spline_coefficients(e, along_north, axis=1)
         else:
             field = c
         lut = np.zeros((LUT_SIZE, 4))
@@ -294,6 +297,12 @@ def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
     held = np.repeat(sound_speed[..., :1], n, axis=-1)
     levels = np.linspace(0.0, depth[0], n, endpoint=False)
     return np.concatenate([levels, depth]), np.concatenate([held, sound_speed], axis=-1)
+
+
+def _parts(count: int, size: int) -> list[slice]:
+    """All of a number of slabs of a size, some at a time, so that what is worked out meanwhile takes little memory."""
+    step = max(_MOST_VALUES // size, 1)
+    return [slice(start, start + step) for start in range(0, count, step)]
 
 
 def _axis(name: str, values: ArrayLike) -> Array:
