@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from bench_links import arctic, fram
-from pyram.PyRAM import PyRAM
 from scipy.interpolate import CubicHermiteSpline
 
 from pymantaray.acoustics import Leakage, Medium, find_eigenrays, find_leaks, trace_fan, transmission_loss
@@ -87,6 +86,8 @@ def parabolic(frequency: float, link: Link, water: tuple[np.ndarray, np.ndarray,
     wavelength = float(speed.mean()) / frequency
     steps = int(np.ceil(link.distance / (WAVELENGTHS_A_STEP * wavelength)))
     bed = [np.full((2, 1), value) for value in (speed[-1].mean(), 1.0)]
+    from pyram.PyRAM import PyRAM  # which compiles for some seconds when it is imported
+
     model = PyRAM(
         frequency, link.source_depth, link.receiver_depth,
         depth, ranges, speed,

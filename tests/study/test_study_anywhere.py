@@ -36,9 +36,11 @@ def check(folder, tiny_run_folder):
 
 
 @pytest.mark.parametrize(
-    ("options", "text"), [((), STATEMENTS), ((), IN_A_THREAD), (("-i", "-q"), STATEMENTS)],
-    ids=["standard input", "thread", "prompt"],
-)  # fmt: skip
+    ("options", "text"), [
+        pytest.param((), STATEMENTS, marks=pytest.mark.slow, id="standard input"),
+        pytest.param((), IN_A_THREAD, id="thread, from standard input"),
+        pytest.param(("-i", "-q"), STATEMENTS, id="prompt"),
+])  # fmt: skip
 def test_a_study_with_workers_runs_from(tmp_path, tiny_run_folder, options, text):
     done = subprocess.run(
         [sys.executable, *options, *([] if options else ["-"])],

@@ -5,7 +5,7 @@ from functools import cache
 from types import SimpleNamespace
 
 import pytest
-from factories import TINY
+from factories import TINY, CrewHere
 
 from pymantaray.study import parse_study
 from pymantaray.study.mission import mission_ocean
@@ -23,6 +23,12 @@ def nothing_in_memory(monkeypatch, ocean_of):
     """What one test computed is not there for the next, but for oceans."""
     stages._LATEST.clear()
     monkeypatch.setattr(stages, "mission_ocean", lambda config: ocean_of(config.ocean))
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Do a sweep's tasks in this process, one after the other."""
+    monkeypatch.setattr("pymantaray.sweep.runner.crew_of", CrewHere)
 
 
 @pytest.fixture(scope="session")

@@ -34,12 +34,6 @@ def depths(small):
 
 
 @pytest.fixture
-def here(monkeypatch):
-    """Do a sweep's tasks in this process, one after the other."""
-    monkeypatch.setattr("pymantaray.sweep.runner.crew_of", factories.CrewHere)
-
-
-@pytest.fixture
 def counted(monkeypatch):
     """How often each stage is computed."""
     counts = dict.fromkeys(STAGES, 0)
@@ -113,10 +107,12 @@ def test_added_points_alone_are_computed(here, counted, noises, tmp_path):
     assert digits(done) == first
 
 
-def test_workers_change_no_digit(depths, tmp_path):
-    one, two = (run_sweep(depths, tmp_path / str(n), workers=n) for n in (1, 2))
-    assert one.status() == two.status() == (4, 4, 0, {})
-    assert digits(one) == digits(two)
+def test_workers_change_no_digit(depths, tmp_path, monkeypatch):
+    workers = run_sweep(depths, tmp_path / "workers", workers=2)
+    monkeypatch.setattr("pymantaray.sweep.runner.crew_of", factories.CrewHere)
+    alone = run_sweep(depths, tmp_path / "alone")
+    assert workers.status() == alone.status() == (4, 4, 0, {})
+    assert digits(workers) == digits(alone)
 
 
 def test_a_point_that_fails_is_a_result_and_the_others_go_on(here, counted, small, tmp_path):

@@ -80,8 +80,8 @@ def test_what_a_killed_process_left_half_written_is_removed_when_it_is_old(tmp_p
     assert [path.name for path in tmp_path.iterdir()] == [".new.part"]
 
 
-def test_a_damaged_result_is_told_by_its_name(noises, tmp_path):
-    results = run_sweep(noises(1), tmp_path / "out", workers=1)
+def test_a_damaged_result_is_told_by_its_name(here, noises, tmp_path):
+    results = run_sweep(noises(1), tmp_path / "out")
     key = results.contents[0]["key"]
     (tmp_path / "out" / point_name(key)).write_text("{")
     with pytest.raises(SweepError, match=f"{key}.json: is damaged; remove it and run the sweep again"):
