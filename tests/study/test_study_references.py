@@ -95,6 +95,19 @@ def test_data_are_cited_by_what_they_say_of_themselves(tiny, tmp_path):
     assert not {"steele2004", "zhao2015"} & by.keys()
 
 
+def test_files_of_one_name_have_keys_of_their_own(tiny, tmp_path):
+    (tmp_path / "other").mkdir()
+    names = ("ocean.nc", "other/ocean.nc", "my ocean, 2.nc", "jensen.nc")
+    references = citation(tiny(ocean={"source": [data_file(tmp_path / n, title="mine") for n in names]}))
+    keys = {
+        r.fields["title"].removeprefix(f"{tmp_path}/"): r.key
+        for r in references
+        if "provider" in r.fields.get("note", "")
+    }
+    assert keys == dict(zip(names, ("ocean", "ocean-2", "my-ocean-2", "jensen-2"), strict=True))
+    assert re.findall(r"^@\w+\{([\w-]+),$", references.bibtex, re.MULTILINE) == [r.key for r in references]
+
+
 @pytest.mark.parametrize("preset", list_presets())
 def test_text_and_bibtex_hold_every_reference_once(preset):
     references = citation(load_study(preset))

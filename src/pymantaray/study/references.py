@@ -2,10 +2,11 @@
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +120,24 @@ def citation(config: StudyConfig) -> Citations:
     uses: dict[str, str] = {}
     for key, used_for in _relied_on(config):
         uses.setdefault(key, used_for)
-    return Citations(Reference(Path(key).stem, _fields(key), used_for) for key, used_for in uses.items())
+    return Citations(
+        Reference(name, _fields(key), used_for)
+        for name, (key, used_for) in zip(_names(uses), uses.items(), strict=True)
+    )
+
+
+def _names(uses: Iterable[str]) -> Iterator[str]:
+    """Keys in BibTeX: a file's is its stem, numbered where another reference has that already."""
+    taken = set(_references())
+    for key in uses:
+        if key in _references():
+            yield key
+            continue
+        stem = re.sub(r"[^\w.:+-]+", "-", Path(key).stem)
+        names = chain([stem], (f"{stem}-{i}" for i in count(2)))
+        name = next(name for name in names if name not in taken)
+        taken.add(name)
+        yield name
 
 
 def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
