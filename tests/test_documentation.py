@@ -170,3 +170,37 @@ def test_configurations_in_pages_have_no_unknown_key(page):
             tree.pop("cross", None)  # paths to fields of a base
             unknown = keys_in(tree) - known
             assert not unknown, f"line {block.line}: {unknown}"
+
+
+RECORDS = [*sorted((DOCS / "design").glob("*.md")), *sorted((DOCS / "theory").glob("*.md"))]
+PATH = re.compile(
+    r"(?:src|tests|benchmarks|examples|acoustics|estimation|evaluation|geometry|ocean|records|sensing|study|sweep|cli)/[\w./]+\w"
+)
+
+
+@pytest.mark.parametrize("page", RECORDS, ids=lambda page: page.name)
+def test_files_commands_and_options_that_a_record_names_are_there(page):
+    root = DOCS.parent
+    literals = re.findall(r"`([^`\n]+)`", page.read_text())
+    tree = {" ".join(words): command for words, command in PAGES["command_tree"]()}
+    for words in literals:
+        for path in PATH.findall(words):
+            homes = (root / path, root / "src" / "pymantaray" / path)
+            assert any(home.exists() or home.with_suffix(".py").exists() for home in homes), path
+        if re.fullmatch(r"\w+\.py|test_\w+", words):
+            name = words if words.endswith(".py") else f"def {words}("
+            code = [
+                path for folder in ("src", "tests", "benchmarks") for path in (root / folder).rglob("*.py")
+            ]
+            assert any(path.name == name or name in path.read_text() for path in code), words
+        script = re.search(r"benchmarks/\w+\.py", words)
+        command = re.match(r"mantaray(?: [a-z][\w-]*)*", words)
+        known = (root / script[0]).read_text() if script else ""
+        if command:
+            parts = command[0].split()
+            head = next(" ".join(parts[:n]) for n in range(len(parts), 0, -1) if " ".join(parts[:n]) in tree)
+            assert len(head.split()) > 1, words
+            known = str([parameter.opts for parameter in tree[head].params])
+        if known:
+            for option in re.findall(r"(?<!\S)--[\w-]+", words):
+                assert option in known, words
