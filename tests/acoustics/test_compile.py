@@ -163,6 +163,17 @@ def test_where_a_disk_is_full_kernels_go_on_in_memory_and_one_line_says_so(two_f
     assert not [*(tmp_path / "__pycache__").glob("*.tmp.*")]
 
 
+def test_types_of_registers_come_back_from_disk_in_another_process(tmp_path):
+    """Kernels that take them are kept where each is compiled by itself."""
+    way = "from numba.core import serialize\nfrom pymantaray.acoustics._kernels.lanes import LANES, MASK\n"
+    path = f"{tmp_path}/types"
+    python(f"{way}open({path!r}, 'wb').write(serialize.dumps((LANES, MASK)))")
+    assert (
+        python(f"{way}print(serialize.loads(open({path!r}, 'rb').read()) == (LANES, MASK))").stdout
+        == "True\n"
+    )
+
+
 @pytest.mark.parametrize(
     "numba", ["numba.__version__ = '9.0.0'", "sys.modules['numba.core.typed_passes'] = None"]
 )

@@ -19,18 +19,25 @@ _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _QUAD = ir.VectorType(ir.DoubleType(), 4)
 
 
-def _kind(name, element):
-    """Numba's type of eight numbers or truths, held in a vector register."""
-    kind = type(name, (types.Type,), {})
+class Lanes(types.Type):
+    """Numba's type of eight numbers in a vector register; found by its name where a kernel that takes it is kept on disk."""
+
+
+class Mask(types.Type):
+    """Numba's type of eight truths."""
+
+
+def _kind(kind, element):
+    """Type whose values are held in a vector register."""
 
     def of_vectors(self, manager, own):
         models.PrimitiveModel.__init__(self, manager, own, ir.VectorType(element, WIDTH))
 
-    register_model(kind)(type(f"{name}Model", (models.PrimitiveModel,), {"__init__": of_vectors}))
-    return kind(name)
+    register_model(kind)(type(f"{kind.__name__}Model", (models.PrimitiveModel,), {"__init__": of_vectors}))
+    return kind(kind.__name__)
 
 
-LANES, MASK = _kind("Lanes", ir.DoubleType()), _kind("Mask", ir.IntType(1))
+LANES, MASK = _kind(Lanes, ir.DoubleType()), _kind(Mask, ir.IntType(1))
 
 
 def _splat(builder, value):
