@@ -22,13 +22,15 @@ from pymantaray.acoustics import Leakage, Medium, find_eigenrays, find_leaks, tr
 from pymantaray.records import Arrivals, RayPaths
 
 FIGURES = Path(__file__).parent.parent / "docs" / "figures"
-PADE_TERMS = 8
-CELLS_A_WAVELENGTH = 10.0
-WAVELENGTHS_A_STEP = 4.0
+PADE_TERMS = 6
+CELLS_A_WAVELENGTH = 20.0
+WAVELENGTHS_A_STEP = 16.0
 ABSORBER = 100.0  # wavelengths of absorbing bed below the water
 TIME_WINDOW = 0.16  # s; later arrivals fold back into it
+PERIODS_A_WINDOW = 80.0  # at most: no more frequencies at 2 kHz than at 500 Hz
 MODE_WINDOW = 0.64  # s; KRAKEN's bed reflects, and echoes of it come for half a second
 MOST_SURFACE_BOUNCES = 15
+FLOOR = -55.0  # dB; weaker waves are an echo of the bed, -57 dB at 1 and 2 kHz, and of the steps
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,11 @@ class Band(NamedTuple):
     centre: float
     width: float
     window: float = TIME_WINDOW
+
+    @classmethod
+    def around(cls, centre: float) -> "Band":
+        """A quarter of its centre wide."""
+        return cls(centre, centre / 4.0, min(TIME_WINDOW, PERIODS_A_WINDOW / centre))
 
     def frequencies(self) -> np.ndarray:
         """Multiples of 1 / window in the band, twice its width from end to end. [Hz]"""
@@ -80,11 +87,13 @@ def section(medium: Medium, link: Link, n_ranges: int) -> tuple[np.ndarray, np.n
     return depth, ranges, medium.sound_speed_at(place).reshape(n_ranges, depth.size).T
 
 
-def parabolic(frequency: float, link: Link, water: tuple[np.ndarray, np.ndarray, np.ndarray]) -> complex:
-    """Pressure at the receiver of a source of 1 at 1 m, time dependence exp(-i omega t)."""
+def parabolic(
+    frequency: float, link: Link, water: tuple[np.ndarray, np.ndarray, np.ndarray], finer: float = 1.0
+) -> complex:
+    """Pressure at the receiver of a source of 1 at 1 m, time dependence exp(-i omega t); steps are shorter by a factor."""
     depth, ranges, speed = water
     wavelength = float(speed.mean()) / frequency
-    steps = int(np.ceil(link.distance / (WAVELENGTHS_A_STEP * wavelength)))
+    steps = int(np.ceil(finer * link.distance / (WAVELENGTHS_A_STEP * wavelength)))
     bed = [np.full((2, 1), value) for value in (speed[-1].mean(), 1.0)]
     from pyram.PyRAM import PyRAM  # which compiles for some seconds when it is imported
 
@@ -93,7 +102,7 @@ def parabolic(frequency: float, link: Link, water: tuple[np.ndarray, np.ndarray,
         depth, ranges, speed,
         np.array([0.0, 0.0 + ABSORBER * wavelength]), np.zeros(1), *bed, np.array([[0.0], [1.0]]),
         np.array([[0.0, depth[-1]], [link.distance, depth[-1]]]),
-        np=PADE_TERMS, dr=link.distance / steps, dz=wavelength / CELLS_A_WAVELENGTH,
+        np=PADE_TERMS, dr=link.distance / steps, dz=wavelength / (finer * CELLS_A_WAVELENGTH),
         rmax=link.distance * (1 + 1e-9), rs=link.distance, ndz=10**4, c0=float(speed.mean()), lyrw=10.0,
     )  # fmt: skip
     result = model.run()
@@ -198,11 +207,12 @@ class Compared(NamedTuple):
     """Level [dB] and time after the chord's [s] of what the leakage model lets through where no ray goes."""
 
     def row(self, link: Link, band: Band) -> dict[str, Any]:
-        """The waves' highest peak, and the rays' highest within half a resolved time of it."""
+        """The waves' highest peak, NaN below what they resolve, and the rays' highest within half a resolved time of it."""
         peak = int(np.argmax(self.wave))
         row = {"link": link.name, "frequency_hz": band.centre, "rays": self.arrivals}
-        row["wave_db"] = 20.0 * np.log10(self.wave[peak])
-        if self.leak is not None:
+        level = 20.0 * np.log10(self.wave[peak])
+        row["wave_db"] = level if level > FLOOR else np.nan
+        if self.leak is not None and level > FLOOR:
             row["leak_minus_wave_db"] = self.leak[0] - row["wave_db"]
             row["leak_minus_wave_ms"] = 1e3 * (self.leak[1] - self.time[peak])
         if self.arrivals == 0:
@@ -226,10 +236,10 @@ def leak(band: Band, medium: Medium, link: Link, chord: float) -> tuple[float, f
     ) - chord
 
 
-def compare(sea: Medium, link: Link, band: Band, workers: int = 1) -> Compared:
-    """Both responses of a link in a band."""
+def compare(sea: Medium, link: Link, band: Band, workers: int = 1, finer: float = 1.0) -> Compared:
+    """Both responses of a link in a band, waves with steps shorter by a factor."""
     medium, n_ranges = (sea, 26) if link.name.endswith("section") else (middle_column(sea), 1)
-    solve = partial(parabolic, link=link, water=section(medium, link, n_ranges))
+    solve = partial(parabolic, link=link, water=section(medium, link, n_ranges), finer=finer)
     if workers > 1:
         with ProcessPoolExecutor(workers) as pool:
             wave = np.array(list(pool.map(solve, band.frequencies().tolist())))
@@ -238,7 +248,7 @@ def compare(sea: Medium, link: Link, band: Band, workers: int = 1) -> Compared:
     arrivals, ray = ray_spectrum(band, medium, link)
     source, receiver = ends(link)
     distance, chord = float(np.linalg.norm(receiver - source)), float(arrivals.chord_travel_time[0])
-    after = np.arange(-0.25, 0.75, 1.0 / (50.0 * band.width * TIME_WINDOW)) * TIME_WINDOW
+    after = np.arange(-0.25, 0.75, 1.0 / (50.0 * band.width * band.window)) * band.window
     waves, rays = (distance * envelope(band, spectrum, chord + after) for spectrum in (wave, ray))
     weights = band.weights()
     misfit = np.sum(np.abs(weights * (wave - ray)) ** 2) / np.sum(np.abs(weights * wave) ** 2)
@@ -265,6 +275,19 @@ def compare_modes(sea: Medium, link: Link, band: Band) -> None:
         f"{link.name}, {band.centre:.0f} Hz: modes beside the parabolic equation {gap:+.2f} dB, {late:+.2f} ms",
         flush=True,
     )
+
+
+def check(sea: Medium, link: Link, band: Band) -> None:
+    """Print what steps of half the length, and twice the time, change in the waves' highest peak."""
+    reference = compare(sea, link, band)
+    longer = band._replace(window=2.0 * band.window)
+    for label, other in (
+        ("half the steps", compare(sea, link, band, finer=2.0)),
+        ("twice the time", compare(sea, link, longer)),
+    ):
+        gap = 20.0 * np.log10(other.wave.max() / reference.wave.max())
+        late = 1e3 * (other.time[np.argmax(other.wave)] - reference.time[np.argmax(reference.wave)])
+        print(f"{link.name}, {band.centre:.0f} Hz, {label}: {gap:+.3f} dB, {late:+.2f} ms", flush=True)
 
 
 LINKS = (
@@ -300,7 +323,7 @@ def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
         grid = plate.add_gridspec(3, 2)
         for place, letter, link in zip(((0, 0), (0, 1), (1, 0), (1, 1)), "abcd", DRAWN, strict=True):
             axes = plate.add_subplot(grid[place])
-            compared = compare(seas[link.sea], link, Band(DRAWN_AT, DRAWN_AT / 4.0))
+            compared = compare(seas[link.sea], link, Band.around(DRAWN_AT))
             axes.plot(1e3 * compared.time, compared.wave, color=style.INK, label="Waves")
             axes.plot(1e3 * compared.time, compared.ray, color=style.ORANGE, linestyle="--", label="Rays")
             axes.set_xlim(-25.0, 40.0)
@@ -343,11 +366,16 @@ def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--frequencies", type=float, nargs="+", default=[250.0, 500.0, 1000.0], help="centres [Hz]"
+        "--frequencies", type=float, nargs="+", default=[250.0, 500.0, 1000.0, 2000.0], help="centres [Hz]"
     )
     parser.add_argument("--links", nargs="+", default=[""], help="parts of names of links")
     parser.add_argument(
         "--modes", action="store_true", help="only KRAKEN beside the parabolic equation, two links, 250 Hz"
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="only the waves beside those of half the steps and of twice the time",
     )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, default=FIGURES, help="folder of waves_beside_rays.csv and .png")
@@ -355,18 +383,22 @@ def main() -> None:
     seas = {"beaufort": arctic(), "fram": fram()}
     if options.modes:
         for link in (LINKS[0], LINKS[5]):
-            compare_modes(seas[link.sea], link, Band(250.0, 62.5))
+            compare_modes(seas[link.sea], link, Band.around(250.0))
+        return
+    chosen = [link for link in LINKS if any(part in link.name for part in options.links)]
+    if options.check:
+        for link in chosen:
+            for frequency in options.frequencies:
+                check(seas[link.sea], link, Band.around(frequency))
         return
     path = options.out / "waves_beside_rays.csv"
     table = pd.read_csv(path) if path.exists() else pd.DataFrame(columns=["link", "frequency_hz"])
     for frequency in options.frequencies:
-        for link in LINKS:
-            done = ((table["link"] == link.name) & (table["frequency_hz"] == frequency)).any()
-            if done or not any(part in link.name for part in options.links):
+        for link in chosen:
+            if ((table["link"] == link.name) & (table["frequency_hz"] == frequency)).any():
                 continue
-            row = compare(seas[link.sea], link, Band(frequency, frequency / 4.0), options.workers).row(
-                link, Band(frequency, frequency / 4.0)
-            )
+            band = Band.around(frequency)
+            row = compare(seas[link.sea], link, band, options.workers).row(link, band)
             table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
             table.round(4).to_csv(path, index=False)
     print(table.to_string(index=False, float_format="{:.3f}".format))
