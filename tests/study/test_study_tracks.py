@@ -284,10 +284,10 @@ def test_the_mission_is_as_long_as_the_trajectories_unless_it_is_cut(table):
 def test_water_that_varies_is_that_of_the_dates(table, tmp_path):
     # near an eddy that moves
     varying = {**OCEAN, "time_varying": True, "centre_latitude_deg": 74.8, "centre_longitude_deg": -136.95}
-    frame, runs = pd.read_csv(table), {}
+    frame, runs = pd.read_csv(table, dtype=str), {}  # as it stands
     for hour in (10, 15):
         start = pd.Timestamp(f"2014-07-15T{hour + 2}:00:00+02:00")
-        dated = frame.assign(time=start + pd.to_timedelta(frame["time"], unit="s"))
+        dated = frame.assign(time=start + pd.to_timedelta(frame["time"].astype(float), unit="s"))
         dated.to_csv(tmp_path / "dated.csv", index=False)
         runs[hour] = measure(tmp_path / "dated.csv", varying, 1800.0, acoustics={"currents": True})
         assert runs[hour].truth.start == np.datetime64(f"2014-07-15T{hour}:00:00")
