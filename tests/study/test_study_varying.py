@@ -249,7 +249,7 @@ def check_page_rays(run):
 def test_rays_on_the_page_run_through_the_water_of_their_ping(run_tiny, tmp_path):
     files = written(tmp_path, hours(0, 3, 6))
     for file, degrees in zip(files[1:], (2.0, 4.0), strict=True):  # 2 degrees are 10 m/s, 7 ms/s
-        with xr.open_dataset(file) as ocean:
+        with xr.open_dataset(file) as ocean, xr.set_options(keep_attrs=True):
             warmer = ocean.load().assign(water_temp=ocean["water_temp"] + degrees)
         write_netcdf(warmer, Path(file))
     run = run_tiny(
