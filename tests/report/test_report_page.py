@@ -111,7 +111,7 @@ def test_costs_are_those_of_the_solves_of_each_condition(reported):
 def test_page_needs_no_network_and_says_that_the_ocean_is_synthetic(reported):
     text = reported.text
     own = text[
-        : text.index('<script type="application/json"')
+        : text.index('<script type="text/plain"')
     ]  # what follows is data and the library that draws it
     assert not re.search(r"https?://|<script|@import|url\(", own)
     assert not re.search(

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from matplotlib.image import imread
-from plotly.offline import get_plotlyjs
 
 from pymantaray.records import whole_file
 from pymantaray.report.atlas_plots import CONVENTION_COLOURS, CONVENTION_WORDS
@@ -74,7 +73,6 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
         description="",
         notes=thinned if step > 1 else [],
         explorer=as_json(content),
-        plotly=get_plotlyjs(),
         pictures=[_picture(file) for file in figures if file.suffix == ".png"],
     )
     out = Path(folder) / PAGE

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
-from plotly.offline import get_plotlyjs
 
 from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
@@ -305,7 +304,6 @@ def _page(
         pictures=pictures,
         joint_tables=shown,
         explorer=_explorer(runs, tables["configuration"]),
-        plotly=get_plotlyjs(),
     )
 
 

@@ -1,5 +1,6 @@
 """The page of a run: what is told of it, and numbers and tables as people read them; the templates lay it out."""
 
+import gzip
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -50,6 +51,7 @@ _NEES = (
     " estimator is as good as it thinks, above 1 where it is too sure."
 )
 _LONG = 40  # characters of a cell that may be broken
+_MOST_ROWS = 500  # of a table on the page
 
 
 class Picture(NamedTuple):
@@ -80,6 +82,8 @@ def render(template: str, **content: Any) -> str:
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["base64"] = lambda content: b64encode(content).decode()
+    environment.filters["packed"] = lambda text: b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
+    environment.globals["plotly"] = get_plotlyjs
     return environment.get_template(template).render(content) + "\n"
 
 
@@ -107,7 +111,6 @@ def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> str:
         cards=headlines(results),
         words=_words(results),
         explorer=explorer(results, rays),
-        plotly=get_plotlyjs(),
         pictures=pictures,
         run_tables=shown,
         origin=[show_table(manifest, "Manifest", "manifest.json")],
@@ -189,7 +192,10 @@ def troubles(results: Results) -> list[str]:
 
 
 def show_table(table: pd.DataFrame, caption: str, file: str, *, folded: bool = False) -> ShownTable:
-    """Table for a template, without its index; ``file`` is what it links to."""
+    """Table for a template, without its index and no longer than a page bears; ``file`` is what it links to."""
+    if len(table) > _MOST_ROWS:
+        caption = f"{caption.removesuffix('.')}: the first {_MOST_ROWS} of {len(table):,} rows"
+        table = table.head(_MOST_ROWS)
     marks = ["number" if pd.api.types.is_numeric_dtype(table[column]) else "" for column in table.columns]
 
     def cell(value: Any, mark: str) -> tuple[str, str]:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from plotly.offline import get_plotlyjs
 
 from pymantaray.replay import Replay
 from pymantaray.report import style
@@ -88,7 +87,6 @@ def write_replay(
             cards=_cards(replay),
             pictures=pictures,
             explorer=_explorer(replay.events),
-            plotly=get_plotlyjs(),
             shown_tables=[
                 show_table(tables[name], caption, f"tables/{name}.csv") for name, caption in _CAPTIONS.items()
             ],

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
-from plotly.offline import get_plotlyjs
 
 from pymantaray.records import whole_file
 from pymantaray.report.page import render, show_table
@@ -12,7 +11,6 @@ from pymantaray.report.parts import PAGE
 from pymantaray.report.table_explorer import table_explorer
 
 _NO_RESULTS = ("point", "status", "error", "condition", "key")
-_SHOWN = 300  # rows of the table on the page
 
 
 def write_sweep_page(table: pd.DataFrame, fields: Sequence[str], folder: str | Path, *, title: str) -> Path:
@@ -62,13 +60,8 @@ def write_sweep_page(table: pd.DataFrame, fields: Sequence[str], folder: str | P
         description="",
         notes=[f"{count} failed: {line}" for line, count in failures.items()],
         explorer=explorer,
-        plotly=get_plotlyjs(),
         shown_tables=[
-            show_table(
-                table.head(_SHOWN).drop(columns="key"),
-                f"Points, the first {_SHOWN} rows" if len(table) > _SHOWN else "Points",
-                "table.csv",
-            )
+            show_table(table.drop(columns="key"), "Points", "table.csv"),
         ],
     )
     out = Path(folder) / PAGE

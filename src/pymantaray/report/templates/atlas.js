@@ -1,5 +1,4 @@
-(() => {
-  const data = JSON.parse(at("explorer").textContent);
+start((data) => {
   const { time, lat, lon, conventions, distances, pairs } = data;
   const shape = [time.length, lat.length, lon.length, conventions.length, pairs.length, distances.length];
   const one = (place) => data.error[place.reduce((sum, index, dim) => sum * shape[dim] + index, 0)];
@@ -57,5 +56,4 @@
     at("lon").value = lon.indexOf(point.x);
     showMap();
   });
-  document.documentElement.dataset.ready = "yes";
-})();
+});

@@ -1,5 +1,4 @@
-(() => {
-  const data = JSON.parse(document.getElementById("explorer").textContent);
+start((data) => {
   const { fleet, links, errors, nees } = data;
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   const sections = new Map(data.rays.map((section) => [section.link, section]));
@@ -233,5 +232,4 @@
       if (link !== undefined && link !== null) choose(Number(Array.isArray(link) ? link[0] : link));
     });
   }
-  document.documentElement.dataset.ready = "yes";
-})();
+});

@@ -18,3 +18,15 @@ function layout(extra) {
 }
 const options = { displaylogo: false, responsive: true, displayModeBar: false };
 const draw = (id, traces, extra) => Plotly.react(at(id), traces, layout(extra), options);
+async function unpacked(id) {
+  const bytes = Uint8Array.from(atob(at(id).textContent), (letter) => letter.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+}
+// what moves comes after the page itself has been painted
+const start = (show) => requestAnimationFrame(() => setTimeout(async () => {
+  const library = document.createElement("script");
+  library.textContent = await unpacked("library");
+  document.head.append(library);
+  show(JSON.parse(await unpacked("explorer")));
+  document.documentElement.dataset.ready = "yes";
+}));

@@ -1,5 +1,4 @@
-(() => {
-  const data = JSON.parse(at("explorer").textContent);
+start((data) => {
   const { columns, labels, colours } = data;
   const rows = columns[data.up[0]].length;
   const label = (name) => labels[name] ?? name;
@@ -52,5 +51,4 @@
   for (const id of ["up", "logarithmic"]) at(id).addEventListener("change", show);
   dark.addEventListener("change", show);
   narrow();
-  document.documentElement.dataset.ready = "yes";
-})();
+});
