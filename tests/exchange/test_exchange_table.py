@@ -177,7 +177,10 @@ def text(content, name="m.csv"):
 
 
 REFUSED = {
-    "m.csv: lacks north, east; found time, lat, depth; a trajectory needs": text("time,lat,depth\n0,1,2\n1,1,2"),
+    "m.csv: lacks north, east; found time, depth; a trajectory needs": text("time,depth\n0,2\n1,2"),
+    "m.csv: lacks lon; found time, lat, depth; a trajectory needs": text("time,lat,depth\n0,1,2\n1,1,2"),
+    "m.csv: lacks east; found time, lat, north, depth; a trajectory needs": text(
+        "time,lat,north,depth\n0,1,1,2\n1,1,1,2"),
     "m.csv, line 3: every one of north, east, depth needs a number; depth is 'x'": text(
         "time,north,east,depth\n0,0,0,0\n1,0,0,x"),
     "m.csv, line 3: time is 'noon'; all are seconds, or all are dates": text(

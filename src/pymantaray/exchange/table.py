@@ -66,7 +66,9 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
     unread = [title for title in table.frame.columns if title not in there]
     if conditions is not None and (conditions == TRUTH).any():  # an exported run, whose estimates are none
         table, unread = TextTable(path, table.frame[conditions == TRUTH], table.comments), []
-    place = ["lat", "lon"] if {"lat", "lon"} <= there else ["north", "east"]
+    place = ["north", "east"]
+    if {"lat", "lon"} <= there or ({"lat", "lon"} & there and not {"north", "east"} & there):
+        place = ["lat", "lon"]
     try:
         table.require(["time", *place, "depth", *({"vehicle"} & there)])
     except RecordError as error:
