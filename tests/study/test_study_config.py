@@ -121,6 +121,7 @@ REFUSED = [
     ("mission.duration_h", "9" * 400 + " d", "mission.duration_h: found inf; allowed"),
     ("study.realizations", 0, "study.realizations: found 0; allowed: 1 or more"),
     ("study.realizations", 2.5, "study.realizations: found 2.5"),
+    ("noise.range_sigma", "1 s", "noise.range_sigma: found '1 s'; allowed: a number"),
     ("study.conditions", ["curved"], "study.conditions[0]: found 'curved'; allowed: 'odometry', "),
     ("study.conditions", ["straight", "straight"], "conditions must differ; found straight more than once"),
 
@@ -310,6 +311,10 @@ def test_unknown_preset_lists_those_there_are():
         match=r"no preset 'fast'; there are beaufort, estimators-beaufort, estimators-fram, fram, quick, survey",
     ):
         load_study("fast")
+    with pytest.raises(
+        StudyError, match=r"no preset 'beufort'; did you mean beaufort[?] there are beaufort, "
+    ):
+        load_study("beufort")
 
 
 @pytest.mark.parametrize(("content", "expected"), [

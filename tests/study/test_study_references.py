@@ -7,7 +7,8 @@ from importlib.resources import files
 import pytest
 import xarray as xr
 
-from pymantaray import citation, load_study
+from pymantaray import citation, load_study, run_study
+from pymantaray.errors import OceanError
 from pymantaray.study import list_presets
 from pymantaray.study.references import Citations
 
@@ -93,6 +94,12 @@ def test_data_are_cited_by_what_they_say_of_themselves(tiny, tmp_path):
     assert str(by["mine_2"]) == f"{mine}, data; cite as their provider asks"
     assert by["cast"].used_for == "ocean that is believed"
     assert not {"steele2004", "zhao2015"} & by.keys()
+
+
+def test_a_synthetic_ocean_there_is_not_is_refused_by_those_there_are(tiny, tmp_path):
+    unknown = tiny(ocean={"source": "synthetic:beaufot"})
+    with pytest.raises(OceanError, match="'beaufot' is unknown; there are beaufort, fram"):
+        run_study(unknown, tmp_path / "run")
 
 
 def test_files_of_one_name_have_keys_of_their_own(tiny, tmp_path):

@@ -26,6 +26,9 @@ _ALLOWED = {
     "less_than_equal": "{le:g} or less",
     "literal_error": "{expected}",
     "union_tag_invalid": "{expected_tags}",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
     "string_type": "text",
     "string_pattern_mismatch": "text that matches {pattern}",
     "too_short": "at least {min_length} entries",
@@ -62,7 +65,9 @@ def preset_text(name: str) -> str:
     """
     known = _preset_names()
     if name not in known:
-        raise StudyError(f"no preset {name!r}; there are {', '.join(known)}")
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        raise StudyError(f"no preset {name!r}; {hint}there are {', '.join(known)}")
     return (files("pymantaray.study") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
 
 

@@ -166,8 +166,8 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
 
 def _data(source: str, what: str) -> Iterator[tuple[str, str]]:
     """Whose data a source has: those of a synthetic ocean, or what a file says of itself."""
-    if source in _SYNTHETIC:
-        for key in _SYNTHETIC[source].split():
+    if source.startswith("synthetic:"):
+        for key in _SYNTHETIC.get(source, "").split():  # an unknown one is refused where it is opened
             yield key, f"{what}, water masses of {source}"
         return
     said = ""
