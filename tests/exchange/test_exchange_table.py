@@ -238,10 +238,10 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
         path, np.datetime64("2023-05-01T10:01:00", "ns")))  # fmt: skip
     refused(ExchangeError, "lacks transmitter; found time, who; a list of pings needs", lambda: read_pings(
         text("time,who\n0,A\n")(tmp_path), None))  # fmt: skip
-    mistyped = text("time,transmitter,recievers\n0,A,B\n")(tmp_path)
+    mistyped = text("time,transmitter,receivrs\n0,A,B\n")(tmp_path)
     refused(
         ExchangeError,
-        "m.csv: unknown column 'recievers'; a list of pings has time, transmitter, receivers and no other: rename it",
+        "m.csv: unknown column 'receivrs'; a list of pings has time, transmitter, receivers and no other: rename it",
         lambda: read_pings(mistyped, None),
     )
     both = text("time,transmitter,receiver,receivers\n0,A,B,B\n")(tmp_path)

@@ -19,11 +19,11 @@ _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _QUAD = ir.VectorType(ir.DoubleType(), 4)
 
 
-class Lanes(types.Type):
+class Lanes(types.Type):  # type: ignore[misc]
     """Numba's type of eight numbers in a vector register; found by its name where a kernel that takes it is kept on disk."""
 
 
-class Mask(types.Type):
+class Mask(types.Type):  # type: ignore[misc]
     """Numba's type of eight truths."""
 
 
