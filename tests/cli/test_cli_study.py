@@ -39,6 +39,14 @@ def test_list_names_each_preset_and_show_prints_it(mantaray, told):
     assert told("study", "show", "fram") == load_study("fram").model_dump(mode="json")
 
 
+def test_show_of_a_file_has_every_key_and_loads_the_same(mantaray, told, small, tmp_path):
+    shown = tmp_path / "shown.toml"
+    shown.write_text(mantaray("study", "show", str(small)).out)
+    assert load_study(shown) == load_study(small)
+    assert "max_surface_bounces" in shown.read_text()
+    assert told("study", "show", str(small)) == load_study(small).model_dump(mode="json")
+
+
 @pytest.mark.parametrize("name", PRESETS.split(", "))
 def test_init_writes_a_preset_with_the_defaults_of_all_other_keys(mantaray, tmp_path, monkeypatch, name):
     """What is commented out is what holds without it, and every key of each table is there."""

@@ -51,13 +51,14 @@ def list_command(as_json: Json = False) -> None:
 
 
 @app.command()
-def show(name: Name, as_json: Json = False) -> None:
-    """Print a preset with its comments; as JSON every key of it, defaults included."""
-    from pymantaray.study import load_study, preset_text
+def show(study: NameOrFile, as_json: Json = False) -> None:
+    """Print a preset with its comments, or a file with the keys that it leaves at their defaults; as JSON every key of either."""
+    from pymantaray.study import list_presets, load_study, preset_text, study_toml
 
     with printer(as_json=as_json) as out:
-        out.line(preset_text(name).removesuffix("\n"))
-        out.add(**load_study(name).model_dump(mode="json") if as_json else {})
+        text = preset_text(study) if study in list_presets() else study_toml(load_study(study))
+        out.line(text.removesuffix("\n"))
+        out.add(**load_study(study).model_dump(mode="json") if as_json else {})
 
 
 @app.command()
