@@ -17,7 +17,11 @@ def client_here(threads):
     from distributed import Client
 
     return Client(
-        processes=False, n_workers=1, threads_per_worker=threads, dashboard_address=None, memory_limit=0
+        processes=False,
+        n_workers=1,
+        threads_per_worker=threads,
+        dashboard_address="127.0.0.1:0",  # with None the scheduler takes 8787, which others may have
+        memory_limit=0,
     )
 
 
