@@ -46,7 +46,7 @@ class OnTerminal:
 
     def counts(self, stage):
         """Numbers done and numbers of all that the bar of a stage has shown."""
-        return [(int(x), int(n)) for x, n in re.findall(rf"{stage}\D*?(\d+)/(\d+)", self.printed)]
+        return [(int(x), int(n)) for x, n in re.findall(rf"{stage}[^\w,\r\n]*(\d+)/(\d+)", self.printed)]
 
     def stop_within(self, stage, sent):
         """Send a signal when the first of a stage is done; the exit code, once it has ended."""

@@ -1,6 +1,7 @@
 """Making an atlas: blocks go to workers, who leave them beside the file that is put together of them."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -132,7 +133,7 @@ def _clear(store: Store) -> None:
     store.remove(_MARKER)
     assert store.folder is not None  # beside a file
     for folder in (store.folder / "blocks", store.folder):
-        if folder.is_dir() and not any(folder.iterdir()):
+        with suppress(OSError):  # it holds something else, or another runner was first
             folder.rmdir()
 
 
