@@ -152,6 +152,17 @@ def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(tab
     assert page.evaluate(drawn)[1] == ["near", [0.5, 1, 2], [1, 5, 9]]
 
 
+def test_a_browser_that_cannot_unpack_says_so_and_shows_the_rest(chromium, table_file):
+    page, said = chromium.new_page(), []
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.add_init_script("delete window.DecompressionStream")
+    page.goto(table_file.as_uri())
+    page.wait_for_selector("p.note:has-text('newer browser')")
+    assert said == []
+    assert page.locator("table").count() > 0
+    page.close()
+
+
 def test_an_atlas_draws_without_errors_or_requests_and_any_place_by_keyboard(atlas_opened, atlas_file):
     check_quiet_and_fitting(atlas_opened, atlas_file)
     page = atlas_opened.page

@@ -131,8 +131,10 @@ def _cards(replay: Replay) -> list[tuple[str, str, str]]:
         ("Median residual", f"{show(every['median_m'])} m", "measured less predicted, clocks not taken off"),
         (
             "Changes of candidate",
-            f"{show(100.0 * switching['rate'])} %",
-            f"{show(100.0 * switching['independent_rate'])} % if independent; {switching['steps']:,} steps",
+            f"{show(100.0 * switching['rate'])} %" if switching["steps"] else "none to be seen",
+            f"{show(100.0 * switching['independent_rate'])} % if independent; {switching['steps']:,} steps"
+            if switching["steps"]
+            else "residuals do not tell candidates apart",
         ),
         ("Near a limit", f"{near:,} events", "another limit, 1 dB off, changes the pick"),
     ]

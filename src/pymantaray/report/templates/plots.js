@@ -24,6 +24,12 @@ async function unpacked(id) {
 }
 // what moves comes after the page itself has been painted
 const start = (show) => requestAnimationFrame(() => setTimeout(async () => {
+  if (!window.DecompressionStream) {
+    const note = Object.assign(document.createElement("p"), {className: "note"});
+    note.textContent = "What moves needs a newer browser; figures and tables do not.";
+    document.querySelector("noscript").before(note);
+    return;
+  }
   const library = document.createElement("script");
   library.textContent = await unpacked("library");
   document.head.append(library);
