@@ -143,7 +143,7 @@ def _names(uses: Iterable[str]) -> Iterator[str]:
 def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
     """Keys of references, and what relies on them; some more than once."""
     yield "mantaray", "the software"
-    yield "kogucki-papalia", "the study that it runs"
+    yield "kogucki-papalia", "conditions and noise of the study"
     o, a, estimators = config.ocean, config.acoustics, config.estimators or ()
     for source in o.source:
         yield from _data(source, "ocean")
