@@ -52,7 +52,7 @@ def main() -> None:
             axes.text(
                 column,
                 row,
-                f"{value:.2f}" if value < 10.0 else f"{value:.3g}",
+                f"{value:.2f}" if value < 10.0 else f"{value:#.3g}".rstrip("."),
                 ha="center",
                 va="center",
                 fontsize=7,
@@ -64,7 +64,8 @@ def main() -> None:
         axes.set_yticks(range(ratio.shape[0]), ratio.index, fontsize=7)
     figure.supxlabel("hours between pings", fontsize=8)
     figure.supylabel("odometry's noise", fontsize=8)
-    bar = figure.colorbar(image, ax=grid, label="over the least that is possible", extend="both")
+    bar = figure.colorbar(image, ax=grid, extend="both")
+    bar.set_label("over the least that is possible", fontsize=8)
     bar.ax.tick_params(labelsize=7)
     figure.suptitle(
         "Vehicles under water at pings: error, root mean square [m]; bold within 1.5 of the bound. Synthetic ocean.",
