@@ -1,6 +1,7 @@
 """A server that misbehaves: every fault ends in the right water after a retry, or in one line that says what happened."""
 
 import base64
+import socket
 import sys
 import threading
 import time
@@ -101,6 +102,21 @@ def test_the_total_time_limit_holds_where_each_attempt_keeps_its_own(refusal, th
 @pytest.mark.parametrize("what", ["headers", "continue", "text"])
 def test_the_total_time_limit_holds_for_answers_without_an_end(refusal, what):
     """Bytes come all the time, so that no limit of a read from the socket is met."""
+    ends_in_time_and_leaves_no_thread(refusal, what)
+
+
+def test_an_attempt_that_connects_after_its_time_is_hung_up(refusal, monkeypatch):
+    look_up = socket.getaddrinfo
+
+    def look_up_slowly(*address, **settings):
+        time.sleep(0.6)
+        return look_up(*address, **settings)
+
+    monkeypatch.setattr(socket, "getaddrinfo", look_up_slowly)
+    ends_in_time_and_leaves_no_thread(refusal, "headers")
+
+
+def ends_in_time_and_leaves_no_thread(refusal, what):
     endless = Endless(what)
     before, start = threading.active_count(), time.monotonic()
     try:

@@ -131,7 +131,7 @@ class Connection:
         finally:
             late = thread.is_alive()
             if late:
-                self._adapter.hang_up()
+                self._adapter.hang_up(thread)
         if late:
             self._remaining()
             raise PassingError(f"answer not complete within {seconds:.3g} s")
@@ -146,29 +146,45 @@ class Connection:
 
 
 class _Adapter(HTTPAdapter):
-    """Remembers its sockets, so that they can be shut under a thread that waits."""
+    """Remembers its sockets, so that they can be shut under a thread that waits, and threads whose time has passed."""
 
     def __init__(self) -> None:
         super().__init__(pool_maxsize=1)
         self._sockets: weakref.WeakSet[socket.socket] = weakref.WeakSet()
+        self._late: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
+        self._lock = threading.Lock()
 
     def get_connection_with_tls_context(self, *args: Any, **kwargs: Any) -> Any:
         pool: Any = super().get_connection_with_tls_context(*args, **kwargs)
         if "ConnectionCls" not in vars(pool):
-            pool.ConnectionCls = _remembering(pool.ConnectionCls, self._sockets)
+            pool.ConnectionCls = _remembering(pool.ConnectionCls, self.remember)
         return pool
 
-    def hang_up(self) -> None:
-        for busy in list(self._sockets):
-            with suppress(OSError):
-                busy.shutdown(socket.SHUT_RDWR)
+    def remember(self, connected: socket.socket) -> None:
+        """Take up a socket of this thread; shut it where the thread's time passed while it was being connected."""
+        with self._lock:
+            self._sockets.add(connected)
+            if threading.current_thread() in self._late:
+                _shut(connected)
+
+    def hang_up(self, late: threading.Thread) -> None:
+        """Shut all sockets, and those that a late thread will connect."""
+        with self._lock:
+            self._late.add(late)
+            for busy in self._sockets:
+                _shut(busy)
 
 
-def _remembering(connection: Any, sockets: weakref.WeakSet[socket.socket]) -> Any:
+def _shut(busy: socket.socket) -> None:
+    with suppress(OSError):
+        busy.shutdown(socket.SHUT_RDWR)
+
+
+def _remembering(connection: Any, remember: Callable[[socket.socket], None]) -> Any:
     class Remembering(connection):  # type: ignore[misc]
         def connect(self) -> None:
             super().connect()
-            sockets.add(self.sock)
+            remember(self.sock)
 
     return Remembering
 
