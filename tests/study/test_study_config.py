@@ -323,11 +323,12 @@ def test_unknown_preset_lists_those_there_are():
     (b"[study\n", "not valid TOML: Expected"),
     (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: a number is too long, or tables are nested"),
     (b"a = " + b"9" * 5000, "not valid TOML: a number is too long, or tables are nested"),
-    (b".".join([b"a"] * 3000) + b" = 1", "a: unknown key"),
+    (b".".join([b"a"] * 900) + b" = 1", "a: unknown key"),
+    (b".".join([b"a"] * 3000) + b" = 1", ""),  # Python 3.14 reads keys of at most 1000 parts
     (b"[study]\nname = " + b"[" * 90 + b"]" * 90, "study.name: found [[[[[[[...]]]]]]]"),
     (b'[study]\nname = "' + b"/" * 9999 + b'"', "study.name: found '///////"),
     (b"[study]\nseed = -" + b"9" * 4000, "study.seed: found -99999"),
-], ids=range(9))  # fmt: skip
+], ids=range(10))  # fmt: skip
 def test_files_that_are_no_configuration_are_named_in_short_lines(tmp_path, content, expected):
     if content is not None:
         (tmp_path / "mine.toml").write_bytes(content)

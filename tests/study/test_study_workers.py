@@ -2,6 +2,7 @@
 
 import logging
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -99,7 +100,7 @@ def test_what_every_process_would_warn_of_is_left_to_who_started_them(capfd):
 
 
 @pytest.mark.parametrize(("function", "error", "match"), [
-    (return_unsendable, AttributeError, "local object"),
+    (return_unsendable, (AttributeError, pickle.PicklingError), "local object"),  # the latter from Python 3.14 on
     (raise_unsendable, StudyError, "ended early, with code 1"),
 ])  # fmt: skip
 def test_what_cannot_be_sent_back_ends_the_work_and_not_the_patience(function, error, match):
