@@ -190,8 +190,9 @@ def commands() -> dict[str, str]:
     parts = [
         "# Commands",
         (
-            "Made from the program itself. `mantaray COMMAND --help` prints the same. What the program ends with:"
-            " [exit codes](exit-codes.md)."
+            "Made from the program itself. `mantaray COMMAND --help` prints the same. A `DURATION` is a number in the unit that its"
+            " meaning names, or text with a unit of its own (s, min, h, d) such as `'1 d 12 h'`, as in a"
+            " [configuration](configuration.md). What the program ends with: [exit codes](exit-codes.md)."
         ),
     ]
     for path, command in command_tree():

@@ -1,13 +1,19 @@
-"""One `--ocean` takes several files and no argument of the command."""
+"""What several commands share: `--ocean` takes several files and no argument of the command; durations are a configuration's."""
 
-from typing import Annotated
+import inspect
+import re
+from typing import Annotated, get_args
 
 import pytest
 import typer
+from refusals import refused
+from typer.main import get_command
 from typer.testing import CliRunner
 
-from pymantaray.cli.options import OceanCommand
-from pymantaray.study import load_study
+from pymantaray.cli.main import app as mantaray_app
+from pymantaray.cli.options import OceanCommand, parse_duration
+from pymantaray.errors import MantaRayError
+from pymantaray.study import load_study, parse_study
 
 app = typer.Typer()
 
@@ -82,3 +88,91 @@ def test_a_study_takes_an_ocean_by_name(mantaray, monkeypatch, words):
     assert mantaray("study", "run", *words).code == 130
     assert seen == [("synthetic:fram",)]
     assert load_study("quick", ocean=["synthetic:fram"]).ocean.files == ()
+
+
+@pytest.mark.parametrize("text", ["5 min", " 1h30min ", "0.125 s", ".5 d", "1 d 12 h", "9999 min"])
+def test_a_duration_is_read_as_a_configuration_reads_it(text):
+    mission = {"sampling_period_s": text, "duration_h": text}
+    tree = {
+        "study": {"name": "own"},
+        "ocean": {"source": "synthetic:fram"},
+        "fleet": {"trajectories": "own.csv"},
+    }
+    config = parse_study({**tree, "mission": mission}).mission
+    assert parse_duration("--own", text) == config.sampling_period_s
+    assert parse_duration("--own", text, "h") == config.duration_h
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("5 minutes", r"--own: found '5 minutes'; allowed: a number of days, or text such as \"10 min\""),
+    ("", "--own: found ''; allowed"),
+    ("-1", "--own is -1 d; it must be finite and positive"),
+    ("0 h", "--own is 0 d; it must be finite and positive"),
+    ("nan", "--own is nan d; it must be finite"),
+    ("9" * 400 + " h", "--own is inf d; it must be finite"),
+])  # fmt: skip
+def test_what_is_no_duration_is_refused(text, message):
+    refused(MantaRayError, message, parse_duration, "--own", text, "d")
+
+
+def test_a_number_in_the_option_s_unit_needs_no_word():
+    assert (parse_duration("--own", "300"), parse_duration("--own", "0", positive=False)) == (300.0, 0.0)
+
+
+def commands_of(command, words="mantaray"):
+    """A command, or all those below a group, each with its words."""
+    inner = getattr(command, "commands", {})
+    for name in inner:
+        yield from commands_of(inner[name], f"{words} {name}")
+    if not inner:
+        yield words, command
+
+
+def test_no_option_takes_a_time_as_a_bare_number():
+    numbers = []
+    for words, command in commands_of(get_command(mantaray_app)):
+        for name, parameter in inspect.signature(command.callback).parameters.items():
+            what, *about = get_args(parameter.annotation) or (None,)
+            if what in (float, int, float | None, int | None):
+                numbers.append((words, name, str(about[0].help)))
+    assert ("mantaray rays eigen", "tolerance") in [number[:2] for number in numbers]
+    assert not [n for n in numbers if re.search(r"\b(seconds|minutes|hours|days)\b", n[-1].lower())]
+
+
+def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(mantaray, monkeypatch, tmp_path):
+    seen = []
+    monkeypatch.setattr("pymantaray.cli.study.run_and_report", lambda config, *_, **__: seen.append(config))
+    (tmp_path / "own.csv").touch()
+    words = ("ranges", tmp_path / "own.csv", "--ocean", "synthetic:fram", "--out", tmp_path / "new")
+    assert mantaray(*words, "--interval", "5 min", "--sampling", "1 min 40 s").code == 0
+    assert mantaray(*words, "--slots", "A,B", "--slot", "1.5 min").code == 0
+    first, second = (config.mission for config in seen)
+    assert (first.ping_interval_h, first.sampling_period_s) == (300.0 / 3600.0, 100.0)
+    assert second.schedule.slot_s == 90.0
+    missing = tmp_path / "nothere.csv"
+    lost = mantaray("ranges", missing, *words[2:])
+    assert (lost.code, lost.err) == (2, f"error: {missing}: there is no such file\n")
+    assert "who pings when" in mantaray(*words).err
+
+
+@pytest.mark.parametrize(("words", "fault"), [
+    ("nope", "mantaray: No such command 'nope'"),
+    ("study quick --quiet", "mantaray study: No such command 'quick'; there are list, .*; perhaps: mantaray study run quick --quiet"),
+    ("ranges --itnerval 3", "mantaray ranges: No such option: --itnerval .*--interval"),
+    ("ranges own.csv --ocean synthetic:fram", "mantaray ranges: Missing option '--out'"),
+    ("study run quick --workers two", "mantaray study run: Invalid value for '--workers'"),
+    ("ocean check --currents rset", "mantaray ocean check: Invalid value for '--currents': .*'rest'"),
+    ("ocean make", "mantaray ocean: No such command 'make'"),
+])  # fmt: skip
+def test_a_word_that_a_command_does_not_take_is_one_line_that_names_the_command(mantaray, words, fault):
+    wrong = mantaray(*words.split())
+    assert (wrong.code, wrong.out) == (2, "")
+    command = fault.partition(":")[0]
+    assert re.fullmatch(f"error: {fault}.*; {command} --help lists what it takes\n", wrong.err), wrong.err
+
+
+@pytest.mark.parametrize("words", [(), ("ocean",), ("ocean", "fetch")])
+def test_a_group_without_a_command_prints_its_help(mantaray, words):
+    done = mantaray(*words)
+    assert (done.code, done.err) == (2, "")
+    assert f"Usage: {' '.join(('mantaray', *words))}" in done.out

@@ -91,7 +91,7 @@ REFUSED = {
     "empty.toml: has no section [detection]": (*WATER, "--detection", "empty.toml"),
     "francois-garrison, but cast first lacks temperature or salinity": (*WATER, "--detection", "salty.toml"),
     "reference 'Z' is no node": (*WATER, "--reference", "Z"),
-    "window -5 s; allowed are 0 s and more": (*WATER, "--window", -5),
+    "--window is -5 s; it must be finite and zero or positive": (*WATER, "--window", -5),
     "--run: events are replayed in --profile or --ocean": ("--run", "."),
 }
 

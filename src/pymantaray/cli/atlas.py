@@ -16,6 +16,7 @@ from pymantaray.cli.options import (
     Scheduler,
     SearchOptions,
     Workers,
+    parse_duration,
     parse_pair,
     with_options,
 )
@@ -78,9 +79,11 @@ def run(
     start: Annotated[str | None, typer.Option("--start", help="First instant (UTC) of a series.")] = None,
     stop: Annotated[str | None, typer.Option("--stop", help="Last instant (UTC) of a series.")] = None,
     step_h: Annotated[
-        float | None,
+        str | None,
         typer.Option(
-            "--step-h", help="Hours between instants at least. Default: all; of a synthetic ocean 24."
+            "--step-h",
+            metavar="DURATION",
+            help="Time between instants at least: hours, or such as '2 d'. Default: all; of a synthetic ocean 24 h.",
         ),
     ] = None,
     sea_floor: SeaFloor = None,
@@ -121,12 +124,13 @@ def run(
         raise AtlasError("--start and --stop belong together, and exclude --time")
     if step_h is not None and start is None:
         raise AtlasError("--step-h: there are steps from --start to --stop alone; give both")
+    step = None if step_h is None else parse_duration("--step-h", step_h, "h")
     atlas = Atlas(
         files,
         links,
         window=None if corners is None else (corners[0], corners[1], corners[2], corners[3]),
         every=every,
-        times=instants_between(files, start, stop, step_h) if start and stop else time or None,
+        times=instants_between(files, start, stop, step) if start and stop else time or None,
         equation=equation,
         sea_floor=sea_floor,
     )

@@ -3,7 +3,7 @@
 import signal
 import sys
 import threading
-from typing import Annotated
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -12,6 +12,8 @@ from pymantaray.cli import atlas, doctor, export, graph, ocean, ranges, rays, re
 from pymantaray.cli.options import Commands, OceanCommand
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
+
+_UsageError: Any = typer.BadParameter.__base__  # which typer does not export
 
 app = Commands(
     name="mantaray",
@@ -52,7 +54,10 @@ def main(arguments: list[str] | None = None) -> None:
         signal.signal(signal.SIGTERM, _stop)
     with standard_streams():
         try:
-            app(args=sys.argv[1:] if arguments is None else arguments, prog_name="mantaray")
+            words = sys.argv[1:] if arguments is None else arguments
+            raise SystemExit(app(args=words, prog_name="mantaray", standalone_mode=False))
+        except _UsageError as error:
+            _refuse(error)
         except (MantaRayError, FileNotFoundError, PermissionError) as error:
             for line in str(error).splitlines():
                 typer.echo(f"error: {line}", err=True)
@@ -64,6 +69,15 @@ def main(arguments: list[str] | None = None) -> None:
             if stop is None:
                 raise
             raise SystemExit(stop) from None
+
+
+def _refuse(error: Any) -> NoReturn:
+    """End with the line of a word that the command does not take, and what lists those that it does."""
+    fault = " ".join(error.format_message().split()).removesuffix(".")
+    if fault:  # where no word was given its message is the help, which is printed
+        command = error.ctx.command_path if error.ctx else "mantaray"
+        typer.echo(f"error: {command}: {fault}; {command} --help lists what it takes", err=True)
+    raise SystemExit(EXIT_KNOWN_ERROR) from None
 
 
 def _stop_behind(error: BaseException) -> int | None:

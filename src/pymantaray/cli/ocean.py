@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pymantaray.cli import ocean_fetch
-from pymantaray.cli.options import Commands, Force, Json, Quiet, parse_pair
+from pymantaray.cli.options import Commands, Force, Json, Quiet, parse_duration, parse_pair
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import printer
 from pymantaray.errors import OceanError
@@ -259,8 +259,12 @@ def correct(
         float, typer.Option("--vertical-scale", help="Decay below the deepest sample, in m.")
     ] = 100.0,
     time_scale: Annotated[
-        float | None,
-        typer.Option("--time-scale", help="Scale in time, in days. Default: casts count in full."),
+        str | None,
+        typer.Option(
+            "--time-scale",
+            metavar="DURATION",
+            help="Scale in time: days, or such as '36 h'. Default: casts count in full.",
+        ),
     ] = None,
     time: CastTime = None,
     force: Force = False,
@@ -275,7 +279,9 @@ def correct(
         horizontal_scale=scale * _M_PER_KM,
         noise_ratio=noise_ratio,
         vertical_scale=vertical_scale,
-        time_scale=None if time_scale is None else time_scale * _S_PER_DAY,
+        time_scale=None
+        if time_scale is None
+        else parse_duration("--time-scale", time_scale, "d") * _S_PER_DAY,
     )
     _write(corrected, out)
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import Commands, Quiet, parse_pair
+from pymantaray.cli.options import Commands, Quiet, parse_duration, parse_pair
 from pymantaray.cli.printing import LOG
 
 if TYPE_CHECKING:
@@ -47,8 +47,11 @@ def hycom(
     ] = None,
     servers: Servers = None,
     time_limit: Annotated[
-        float, typer.Option("--time-limit", metavar="SECONDS", help="For the whole fetch.")
-    ] = 1800.0,
+        str,
+        typer.Option(
+            "--time-limit", metavar="DURATION", help="For the whole fetch: seconds, or such as '30 min'."
+        ),
+    ] = "30 min",
     attempts: Annotated[int, typer.Option("--attempts", min=1, help="For each request.")] = 4,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -66,7 +69,7 @@ def hycom(
             servers=servers,
             experiment=experiment,
             nearest=nearest,
-            limits=Limits(total_s=time_limit, attempts=attempts),
+            limits=Limits(total_s=parse_duration("--time-limit", time_limit), attempts=attempts),
             overwrite=overwrite,
             progress=progress,
         )

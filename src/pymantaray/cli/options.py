@@ -11,8 +11,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from pymantaray.cli.printing import log_to_stderr
-from pymantaray.errors import AcousticsError, OceanError
-from pymantaray.geometry.checks import check_number
+from pymantaray.errors import AcousticsError, MantaRayError, OceanError
+from pymantaray.geometry.checks import check_number, duration_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -74,6 +74,19 @@ def parse_place(option: str, text: str) -> tuple[float, float, float]:
             f"{option} is {text!r}; needs north, east and depth in metres with commas between, as 6000,0,500"
         ) from None
     return north, east, depth
+
+
+def parse_duration(option: str, text: str, unit: str = "s", *, positive: bool = True) -> float:
+    """A number in the option's unit, or text with units of its own, as a configuration has it."""
+    try:
+        value = float(text)
+    except ValueError:
+        try:
+            value = duration_of(text, unit)
+        except ValueError as error:
+            raise MantaRayError(f"{option}: {error}") from None
+    check_number(MantaRayError, option, value, unit, positive=positive)
+    return value
 
 
 def fan_angles(first: float, last: float, count: int) -> "NDArray[np.float64]":
@@ -170,7 +183,7 @@ class RunGroup(TyperGroup):
         if args and self.get_command(ctx, args[0]) is None:
             commands = ", ".join(self.list_commands(ctx))
             ctx.fail(
-                f"No such command '{args[0]}'; there are {commands}. Perhaps: {ctx.command_path} run {args[0]} ..."
+                f"No such command '{args[0]}'; there are {commands}; perhaps: {ctx.command_path} run {' '.join(args)}"
             )
         return super().resolve_command(ctx, args)
 

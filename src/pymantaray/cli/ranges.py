@@ -5,10 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Json, Pair, Quiet
+from pymantaray.cli.options import Json, Pair, Quiet, parse_duration
 from pymantaray.cli.printing import printer
 from pymantaray.errors import SensingError
-from pymantaray.geometry.checks import check_number
 
 
 def ranges(
@@ -25,15 +24,20 @@ def ranges(
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder for the results; must be new or empty.")],
     interval: Annotated[
-        float | None,
-        typer.Option("--interval", metavar="S", help="All vehicles ping at every multiple, in seconds."),
+        str | None,
+        typer.Option(
+            "--interval",
+            metavar="DURATION",
+            help="All vehicles ping at every multiple: seconds, or such as '5 min'.",
+        ),
     ] = None,
     slots: Annotated[
         str | None,
         typer.Option("--slots", metavar="A,B,...", help="Vehicles that ping in turn (TDMA); needs --slot."),
     ] = None,
     slot: Annotated[
-        float | None, typer.Option("--slot", metavar="S", help="Length of a slot in seconds; needs --slots.")
+        str | None,
+        typer.Option("--slot", metavar="DURATION", help="Length of a slot, as --interval; needs --slots."),
     ] = None,
     pings: Annotated[
         Path | None,
@@ -54,9 +58,13 @@ def ranges(
         ),
     ] = None,
     sampling: Annotated[
-        float,
-        typer.Option("--sampling", metavar="S", help="Seconds between poses, besides those at pings."),
-    ] = 200.0,
+        str,
+        typer.Option(
+            "--sampling",
+            metavar="DURATION",
+            help="Time between poses, as --interval, besides those at pings.",
+        ),
+    ] = "200 s",
     surface_bounces: Annotated[
         int,
         typer.Option("--max-surface-bounces", help="Reflections at the surface that an arrival may have."),
@@ -77,15 +85,19 @@ def ranges(
     from pymantaray.ocean.convert import parse_instant
     from pymantaray.study.ranges import ranges_config
 
+    files = files_of(trajectories)
     section: dict[str, Any] = {"source": ocean}
     if time is not None:
         section["time"] = parse_instant(time).astype("datetime64[us]").item()
     if centre is not None:
         section |= {"centre_latitude_deg": centre[0], "centre_longitude_deg": centre[1]}
     config = ranges_config(
-        files_of(trajectories),
+        files,
         section,
-        mission={"sampling_period_s": sampling, **_schedule(interval, slots, slot, pings)},
+        mission={
+            "sampling_period_s": parse_duration("--sampling", sampling),
+            **_schedule(interval, slots, slot, pings),
+        },
         acoustics={"max_surface_bounces": surface_bounces, "max_bottom_bounces": bottom_bounces},
         enu=enu,
     )
@@ -94,7 +106,7 @@ def ranges(
 
 
 def _schedule(
-    interval: float | None, slots: str | None, slot: float | None, pings: Path | None
+    interval: str | None, slots: str | None, slot: str | None, pings: Path | None
 ) -> dict[str, Any]:
     """Keys of a study's mission that say who pings when, by the one option that is given."""
     if [interval, slots, pings].count(None) != 2:
@@ -102,9 +114,8 @@ def _schedule(
     if (slots is None) != (slot is None):
         raise SensingError("--slots and --slot: the one needs the other")
     if interval is not None:
-        check_number(SensingError, "--interval", interval, "s", positive=True)
-        return {"ping_interval_h": interval / 3600.0}
-    if slots is not None:
+        return {"ping_interval_h": parse_duration("--interval", interval) / 3600.0}
+    if slots is not None and slot is not None:
         names = [name.strip() for name in slots.split(",")]
-        return {"schedule": {"kind": "slots", "slots": names, "slot_s": slot}}
+        return {"schedule": {"kind": "slots", "slots": names, "slot_s": parse_duration("--slot", slot)}}
     return {"schedule": {"kind": "pings", "file": str(pings)}}

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.options import LINKS, Force, Json, MediumOptions, Quiet, with_options
+from pymantaray.cli.options import LINKS, Force, Json, MediumOptions, Quiet, parse_duration, with_options
 from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import AcousticsError
 
@@ -41,8 +41,13 @@ def compare_bellhop(
     ] = None,
     step: StepLength = 50.0,
     timeout: Annotated[
-        float, typer.Option("--timeout", help="Seconds that one run of Bellhop may take.")
-    ] = 600.0,
+        str,
+        typer.Option(
+            "--timeout",
+            metavar="DURATION",
+            help="Time that one run of Bellhop may take: seconds, or such as '5 min'.",
+        ),
+    ] = "10 min",
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -58,7 +63,13 @@ def compare_bellhop(
     source, receiver = content.places(frame)
     with progress_bars(quiet=quiet) as progress:
         table = compare_with_bellhop(
-            straight, source, receiver, options, program=program, timeout=timeout, progress=progress
+            straight,
+            source,
+            receiver,
+            options,
+            program=program,
+            timeout=parse_duration("--timeout", timeout),
+            progress=progress,
         )
     write_table(table, out)
     with printer(as_json=as_json, quiet=quiet) as printed:

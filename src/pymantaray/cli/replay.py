@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Json, MediumOptions, Quiet, SearchOptions, with_options
+from pymantaray.cli.options import Json, MediumOptions, Quiet, SearchOptions, parse_duration, with_options
 from pymantaray.cli.printing import Printer, printer
 from pymantaray.replay.rules import DEFAULT_RULE
 
@@ -53,11 +53,13 @@ def replay(
         typer.Option(metavar="FOLDER", help="Folder of the results, new or empty. Default: runs/replay-..."),
     ] = None,
     window: Annotated[
-        float,
+        str,
         typer.Option(
-            metavar="S", help="Events so near in time are compared: both directions, and one after the other."
+            metavar="DURATION",
+            help="Events so near in time are compared: both directions, and one after the other. Seconds, or such as"
+            " '5 min'.",
         ),
-    ] = 60.0,
+    ] = "60 s",
     reference: Annotated[
         str | None, typer.Option(metavar="NODE", help="Node whose clock is right. Default: their mean is.")
     ] = None,
@@ -71,6 +73,7 @@ def replay(
     from pymantaray.replay import DetectionRule, read_events, replay_events
     from pymantaray.report import write_replay
 
+    window_s = parse_duration("--window", window, positive=False)
     measured, kind = read_events(events), DetectionRule.parse(rule)
     waters, sources, notes = _waters(medium, search, detection)
     with progress_bars(quiet=quiet) as report:
@@ -78,7 +81,7 @@ def replay(
             measured,
             waters,
             kind,
-            window=window,
+            window=window_s,
             reference=reference,
             notes=notes,
             progress=None if report is None else lambda done, total: report("events", done, total),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.cli.options import parse_duration
 from pymantaray.cli.printing import LOG
 
 if TYPE_CHECKING:
@@ -30,17 +31,19 @@ def serve(
         int, typer.Option(min=0, help="Processes that pings are handed to; 0 works in the server's threads.")
     ] = 0,
     water_interval: Annotated[
-        float,
+        str,
         typer.Option(
-            metavar="S",
-            help="Of an ocean that varies: how long its water is kept, in seconds; 0 for each ping's own.",
+            metavar="DURATION",
+            help="Of an ocean that varies: how long its water is kept, in seconds or such as '5 min'; 0 for each ping's"
+            " own.",
         ),
-    ] = 0.0,
+    ] = "0",
 ) -> None:
     """Answer pings by JSON over HTTP: who hears what when. End it with Ctrl-C."""
     from pymantaray.service import RangingService, make_server
 
-    with RangingService(_ocean(ocean), water_interval=water_interval, workers=workers) as service:
+    kept_s = parse_duration("--water-interval", water_interval, positive=False)
+    with RangingService(_ocean(ocean), water_interval=kept_s, workers=workers) as service:
         server = make_server(service, host, port)
         if not ip_address(server.effective_host).is_loopback:
             LOG.warning(

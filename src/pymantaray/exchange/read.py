@@ -56,6 +56,8 @@ def files_of(source: Source) -> list[Path]:
         names = sorted(glob.glob(str(one))) if "*" in str(one) else [str(one)]  # noqa: PTH207  patterns may be absolute
         if not names:
             raise ExchangeError(f"{one}: no file of that name")
+        if missing := [name for name in names if not Path(name).exists()]:
+            raise ExchangeError(f"{missing[0]}: there is no such file")
         paths += map(Path, names)
     if not paths:
         raise ExchangeError("trajectories: no file given; name at least one")
@@ -63,8 +65,6 @@ def files_of(source: Source) -> list[Path]:
 
 
 def _reader(path: Path) -> Callable[[Path], tuple[list[Poses], list[str]]]:
-    if not path.exists():
-        raise ExchangeError(f"{path}: there is no such file")
     if path.is_dir():
         return read_bag
     reader = _READERS.get(path.suffix.lower())

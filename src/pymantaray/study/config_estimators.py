@@ -1,9 +1,7 @@
 """Sections of a configuration about estimators, and what all sections have in common."""
 
 import datetime as dt
-import re
 from collections.abc import Sequence
-from decimal import Decimal
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -19,26 +17,16 @@ from pydantic import (
     model_validator,
 )
 
+from pymantaray.geometry.checks import duration_of
+
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 Depth = NonNegativeFloat  # positive down
 
-_SECONDS = {"s": 1, "min": 60, "h": 3600, "d": 86400}
-_PART = rf"(\d+(?:\.\d*)?|\.\d+)\s*({'|'.join(_SECONDS)})"
-_WORDS = {"s": "seconds", "h": "hours"}
-
 
 def _duration(value: object, unit: str) -> object:
-    """Number in a unit, of text such as ``10 min`` or ``1 h 30 min``; what is not text is what it was."""
-    if not isinstance(value, str):
-        return value
-    if not re.fullmatch(rf"\s*(?:{_PART}\s*)+", value, re.ASCII):
-        units = ", ".join(_SECONDS)
-        raise ValueError(
-            f'found {value[:100]!r}; allowed: a number of {_WORDS[unit]}, or text such as "10 min" (units {units})'
-        )
-    seconds = sum(Decimal(number) * _SECONDS[name] for number, name in re.findall(_PART, value))
-    return float(seconds / _SECONDS[unit])
+    """Number in a unit, of text; what is not text is what it was."""
+    return duration_of(value, unit) if isinstance(value, str) else value
 
 
 # durations: a number is in the unit that the key ends in, text has units of its own; it is kept as that number
