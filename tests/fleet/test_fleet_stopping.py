@@ -1,10 +1,13 @@
 """How vehicles stop, that they do not act on each other, and what is refused before they start."""
 
+import re
+
 import numpy as np
 import pytest
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet import ConstantTwist, FloatCycle, StationKeeping, Vehicle, Waypoints
+from pymantaray.fleet import ConstantTwist, Drifting, FloatCycle, StationKeeping, Vehicle, Waypoints
+from pymantaray.fleet.simulate import fleet_refusals
 from pymantaray.records import VehicleStatus
 
 BOX, FLOOR = 5000.0, 1000.0  # m; half the side and the depth of the domain that conftest builds
@@ -45,6 +48,31 @@ def test_float_that_sinks_onto_a_slope_grounds_and_the_others_go_on(run, make_fl
     assert truth.position[0, -1, 2] == pytest.approx(0.5 + 0.5 * when, rel=0, abs=0.25)
     assert (truth.status[1] == VehicleStatus.ACTIVE).all()
     np.testing.assert_allclose(truth.position[1, -1, 0], 4500.0, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("below", "lies"), [(-1e-3, True), (0.0, True), (9e-7, True), (1.1e-6, False), (1e-3, False)]
+)
+def test_a_vehicle_lies_on_the_bed_to_a_micrometre_and_not_beneath(run, make_float, make_ocean, below, lies):
+    """A bed of 1000 m between nodes is 999.9999999999999 m by rounding; nobody is told that 1000 m is below 1000 m."""
+    water = make_ocean(uniform=(0.1, 0.03))
+    north, depth = 333.3, FLOOR + below
+    station = Vehicle("S", (north, 0.1, depth), StationKeeping(depth))
+    drifter = Vehicle("D", (north, 0.1, depth), Drifting(depth))
+    deep = make_float("F", target_depth=depth, north=north)
+    if lies:
+        truth = run(station, drifter, deep, water=water, duration=400.0)
+        assert (truth.status == VehicleStatus.ACTIVE).all()
+        return
+    for vehicle in (station, drifter, deep):
+        with pytest.raises(FleetError) as caught:
+            run(vehicle, water=water)
+        own, floor = re.search(
+            r"is (\S+) m deep; the sea floor at .* is at (\S+) m:", str(caught.value)
+        ).groups()
+        assert float(own) > float(floor), caught.value
+        (refusal,) = fleet_refusals([vehicle], water, 0.5)
+        assert str(refusal) == str(caught.value)
 
 
 def test_swimmer_and_twist_ground_on_a_wall(run, make_ocean):

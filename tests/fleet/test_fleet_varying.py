@@ -7,7 +7,7 @@ from refusals import refused
 from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet.kernel import surface_depth
+from pymantaray.fleet.kernel import TOUCH, surface_depth
 from pymantaray.records import VehicleStatus
 
 BOX, FLOOR = 5000.0, 1000.0  # m; half the side and the depth of the domain that conftest builds
@@ -113,7 +113,7 @@ def test_a_floor_of_random_heights_stops_floats_where_it_lies(run, make_float, m
         if target < floor(start)
     ]
     truth = run(*fleet, water=water, duration=8000.0)
-    assert (truth.position[..., 2] <= floor(truth.position[..., :2]) + 1e-9).all()
+    assert (truth.position[..., 2] <= floor(truth.position[..., :2]) + TOUCH).all()
     grounded = truth.status[:, -1] == VehicleStatus.GROUNDED
     assert 0 < grounded.sum() < len(fleet)
     last = truth.position[grounded, -1]

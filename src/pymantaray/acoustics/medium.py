@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.checks import checked_array
+from pymantaray.geometry.checks import checked_array, told_apart
 from pymantaray.geometry.grid import linear_interpolator
 
 if TYPE_CHECKING:
@@ -322,8 +322,9 @@ def _sheet(name: str, depth: ArrayLike, *axes: tuple[str, ArrayLike | None, Arra
         own = water if values is None else _axis(axis_name, values)
         slack = 1e-6 * max(np.ptp(water), 1.0)
         if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
+            first, last, low, high = told_apart(own[0], own[-1], water[0], water[-1])
             raise AcousticsError(
-                f"{axis_name}: {own[0]:g} to {own[-1]:g} m; must reach over the water, {water[0]:g} to {water[-1]:g} m"
+                f"{axis_name}: {first} to {last} m; must reach over the water, {low} to {high} m"
             )
         sides.append(own)
     north, east = sides

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.eigenrays import as_positions, find_eigenrays, in_blocks, solved_backwards
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.checks import told_apart
 from pymantaray.records import Arrivals, RayPaths, RayStatus
 
 if TYPE_CHECKING:
@@ -156,14 +157,14 @@ def trace_fan(
     for name, axis, k in (("north", medium.north, 0), ("east", medium.east, 1)):
         for place in (start[0], end):
             if axis.size > 1 and not axis[0] <= place[k] <= axis[-1]:
+                end_at, low, high = told_apart(place[k], axis[0], axis[-1])
                 raise AcousticsError(
-                    f"fan: {name} {place[k]:g} m is outside the medium, {axis[0]:g} to {axis[-1]:g} m; shorten it"
+                    f"fan: {name} {end_at} m is outside the medium, {low} to {high} m; shorten it"
                 )
     top, bed = medium.surface_depth(start)[0], medium.bottom_depth(start)[0]
     if not top <= start[0, 2] <= bed:
-        raise AcousticsError(
-            f"source: depth {start[0, 2]:g} m; the water there reaches from {top:g} to {bed:g} m"
-        )
+        depth, low, high = told_apart(start[0, 2], top, bed)
+        raise AcousticsError(f"source: depth {depth} m; the water there reaches from {low} to {high} m")
     domain, (work, nodes) = medium.domain(), _room(medium)
     counts = np.zeros(angles.size, dtype=np.int64)
     bounces, fan = (max_surface_bounces, max_bottom_bounces), (start[0], unit, float(distance))

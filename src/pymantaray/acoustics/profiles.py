@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
 from pymantaray.errors import AcousticsError, OceanError
-from pymantaray.geometry.checks import check_number, checked_array
+from pymantaray.geometry.checks import check_number, checked_array, told_apart
 
 if TYPE_CHECKING:
     from pymantaray.ocean.cast import CastTable
@@ -225,8 +225,9 @@ def smooth_profile(
     z, c = up_to_surface(*cast)
     gap, extent = float(np.diff(z).max()), float(z[-1] - z[0])
     if not gap <= length <= 0.5 * extent:
+        own, least, most = told_apart(length, gap, 0.5 * extent)
         raise AcousticsError(
-            f"length: {length:g} m; the cast allows {gap:g} m, its widest gap, to {0.5 * extent:g} m, half its depth"
+            f"length: {own} m; the cast allows {least} m, its widest gap, to {most} m, half its depth"
         )
     levels = np.linspace(z[0], z[-1], math.ceil(extent / (0.5 * length)) + 1)
     share, sigma = np.gradient(z), length / _FWHM

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet.kernel import LEFT_DOMAIN, Water, floor_depth, place
-from pymantaray.geometry.checks import check_fields, checked_array
+from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, Water, floor_depth, place
+from pymantaray.geometry.checks import check_fields, checked_array, told_apart
 
 Array = NDArray[np.float64]
 
@@ -219,8 +219,9 @@ class Vehicle:
         if not math.isfinite(self.heading):
             raise FleetError(f"{owner}: heading is {self.heading:g} rad; it must be finite")
         if isinstance(self.behaviour, StationKeeping | Drifting) and depth != self.behaviour.depth:
+            start, keeps = told_apart(depth, self.behaviour.depth)
             raise FleetError(
-                f"{owner}: start depth is {depth:g} m, {type(self.behaviour).__name__} keeps {self.behaviour.depth:g} m;"
+                f"{owner}: start depth is {start} m, {type(self.behaviour).__name__} keeps {keeps} m;"
                 " they must be equal: it neither rises nor sinks"
             )
 
@@ -254,19 +255,22 @@ def check_placement(vehicle: Vehicle, water: Water) -> None:
 
 def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
     north, east, depth = (float(value) for value in point)
-    if place(water, north, east, 0.0) == LEFT_DOMAIN:
-        span_north = (water.current_north.shape[1] - 1) / water.per_north
-        span_east = (water.current_north.shape[2] - 1) / water.per_east
-        raise FleetError(
-            f"{owner}: {what} is at north {north:g}, east {east:g} m, outside the ocean; north must lie in"
-            f" {water.north:g} to {water.north + span_north:g} and east in {water.east:g} to"
-            f" {water.east + span_east:g} m: move it or give a larger ocean"
+    state = place(water, north, east, depth)
+    if state == LEFT_DOMAIN:
+        far_north = water.north + (water.current_north.shape[1] - 1) / water.per_north
+        far_east = water.east + (water.current_north.shape[2] - 1) / water.per_east
+        (x, south, top), (y, west, right) = (
+            told_apart(*axis) for axis in ((north, water.north, far_north), (east, water.east, far_east))
         )
-    floor = floor_depth(water, north, east)
-    if depth > floor:
         raise FleetError(
-            f"{owner}: {what} is {depth:g} m deep; the sea floor at north {north:g}, east {east:g} m is at"
-            f" {floor:.9g} m: choose a smaller depth or another place"
+            f"{owner}: {what} is at north {x}, east {y} m, outside the ocean; north must lie in {south} to {top} and"
+            f" east in {west} to {right} m: move it or give a larger ocean"
+        )
+    if state == GROUNDED:
+        deep, floor = told_apart(depth, floor_depth(water, north, east))
+        raise FleetError(
+            f"{owner}: {what} is {deep} m deep; the sea floor at north {north:g}, east {east:g} m is at {floor} m:"
+            " choose a smaller depth or another place"
         )
 
 

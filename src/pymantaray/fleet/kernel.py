@@ -17,6 +17,7 @@ ACTIVE = int(VehicleStatus.ACTIVE)
 GROUNDED = int(VehicleStatus.GROUNDED)
 LEFT_DOMAIN = int(VehicleStatus.LEFT_DOMAIN)
 
+TOUCH = 1e-6  # m; a vehicle this far below the sea bed still lies on it: interpolation rounds
 _SAME = 1e-6  # of a cell; nodes closer than this are one
 _SMALL = 1e-4  # rad; below it Taylor series replace the closed forms
 
@@ -43,13 +44,13 @@ class Water(NamedTuple):
 
 @entry
 def place(water, north, east, depth):
-    """Tell the status of a vehicle at a position; the domain's edge and the sea floor are inside."""
+    """Tell the status of a vehicle at a position; the domain's edge and, to within `TOUCH`, the sea floor are inside."""
     x = (north - water.north) * water.per_north
     y = (east - water.east) * water.per_east
     _, n, m, _ = water.current_north.shape
     if not (0.0 <= x <= n - 1.0 and 0.0 <= y <= m - 1.0):
         return LEFT_DOMAIN
-    if depth > floor_depth(water, north, east):
+    if depth > floor_depth(water, north, east) + TOUCH:
         return GROUNDED
     return ACTIVE
 

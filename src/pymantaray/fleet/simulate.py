@@ -3,7 +3,7 @@
 import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import xarray as xr
@@ -92,9 +92,8 @@ def simulate(
             f"simulate: the currents are given from {water.time[0]:g} to {water.time[-1]:g} s; the mission takes 0 to"
             f" {duration:g} s: give snapshots that enclose it"
         )
-    for vehicle in vehicles:
-        check_placement(vehicle, water)
-        check_step(vehicle, physics_step, water)
+    for refusal in _refusals(vehicles, water, physics_step):
+        raise refusal
     position = np.empty((len(vehicles), periods + 1, 3))
     quaternion = np.empty((len(vehicles), periods + 1, 4))
     status = np.zeros((len(vehicles), periods + 1), dtype=np.int8)
@@ -114,6 +113,20 @@ def simulate(
         start=ocean.attrs.get("time", "NaT") if start is None else start,
         centre=_centre(ocean),
     )
+
+
+def fleet_refusals(vehicles: Sequence[Vehicle], ocean: xr.Dataset, physics_step: float) -> list[FleetError]:
+    """Why `simulate` would refuse vehicles in an ocean: where they start or plan to go, or the step; the first of each vehicle."""
+    return list(_refusals(vehicles, _water(ocean), physics_step))
+
+
+def _refusals(vehicles: Sequence[Vehicle], water: kernel.Water, physics_step: float) -> Iterator[FleetError]:
+    for vehicle in vehicles:
+        try:
+            check_placement(vehicle, water)
+            check_step(vehicle, physics_step, water)
+        except FleetError as error:
+            yield error
 
 
 def _centre(ocean: xr.Dataset) -> tuple[float, float] | None:

@@ -34,6 +34,13 @@ def check_number(error: Error, name: str, value: float, unit: str = "", *, posit
         raise error(f"{name} is {f'{value:g} {unit}'.rstrip()}; it must be finite and {allowed}")
 
 
+def told_apart(*values: float) -> list[str]:
+    """Numbers that a refusal compares: of six digits, or of as many as different ones need to look different."""
+    different = len(set(values))
+    digits = next((n for n in range(6, 17) if len({f"{v:.{n}g}" for v in values}) == different), 17)
+    return [f"{v:.{digits}g}" for v in values]
+
+
 def check_fields(error: Error, model: object, unit: str, *names: str, positive: bool = False) -> None:
     """Refuse numbers in fields of a model, see `check_number`."""
     for name in names:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.checks import told_apart
 from pymantaray.ocean import convert
 from pymantaray.ocean.argo import read_argo
 from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cast_table
@@ -366,9 +367,9 @@ def _extended(
     if isinstance(below, Cast):
         deeper = below.depth > last
         if not deeper.any():
+            end, of_other = told_apart(below.depth[-1], last)
             raise OceanError(
-                f"cast {below.name}: ends at {below.depth[-1]:g} m, not below the {last:g} m of {cast.name}; a deeper"
-                " cast is needed"
+                f"cast {below.name}: ends at {end} m, not below the {of_other} m of {cast.name}; a deeper cast is needed"
             )
         warmer, saltier = (
             float(np.interp(last, below.depth, theirs) - ours[-1])
@@ -386,9 +387,10 @@ def _extended(
         )
         last = float(cast.depth[-1])
     elif below == "refuse":
+        sample, bed = told_apart(last, bottom)
         raise OceanError(
-            f"cast {cast.name}: its deepest sample is at {last:g} m, above the bottom at {bottom:g} m; give"
-            f' bottom_depth={np.floor(last):g}, below="constant" or a deeper cast'
+            f"cast {cast.name}: its deepest sample is at {sample} m, above the bottom at {bed} m; give a bottom of"
+            f' {np.floor(last):g} m, or what is below: "constant" water or a deeper cast'
         )
     elif below != "constant":
         raise OceanError(f"below is {below!r}; allowed are 'refuse', 'constant' and a cast")

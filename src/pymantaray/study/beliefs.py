@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
+from pymantaray.geometry.checks import told_apart
 from pymantaray.ocean import (
     SoundSpeedCovariance,
     cast_ocean,
@@ -231,11 +232,10 @@ class Beliefs:
         there, whole = _reach(local), _reach(self._run.ocean)
         fleet = np.minimum(np.abs(self._run.truth.position).max(axis=(0, 1)), whole)  # some may have left it
         if np.any(fleet > there):
+            (north, far_north), (east, far_east), (depth, deep) = map(told_apart, there, fleet)
             raise OceanError(
-                "holds +-{:.4g} m north and +-{:.4g} m east of the study's centre, down to {:.4g} m;".format(
-                    *there
-                )
-                + " the fleet goes to {:.4g}, {:.4g} and {:.4g} m: give a larger ocean".format(*fleet)
+                f"holds +-{north} m north and +-{east} m east of the study's centre, down to {depth} m; the fleet goes to"
+                f" {far_north}, {far_east} and {deep} m: give a larger ocean"
             )
 
     def _geographic_belief(self, section: AnyBelief, realization: int) -> xr.Dataset:
@@ -302,7 +302,8 @@ def _constant_below(geographic: xr.Dataset, depth: float) -> xr.Dataset:
     levels = geographic["depth"].values
     last = int(np.searchsorted(levels, depth, side="right")) - 1
     if last < 0:
-        raise OceanError(f"belief: a cast down to {depth:g} m ends above the first level, {levels[0]:g} m")
+        end, first = told_apart(depth, levels[0])
+        raise OceanError(f"belief: a cast down to {end} m ends above the first level, {first} m")
     upper = geographic.isel(depth=np.minimum(np.arange(levels.size), last))
     return geographic.assign(
         {
