@@ -75,6 +75,19 @@ def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, t
     assert (result.code, "name one, or a study" in result.err) == (2, True)
 
 
+def test_what_only_the_run_s_own_check_sees_is_told_by_the_check_too(mantaray, small_text, tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text(small_text.replace("physics_step_s = 0.125", "physics_step_s = 20.0"), encoding="utf-8")
+    says = "vehicle 'B': physics_step is 20 s; it may be at most 10 s"
+    checked, ran = (
+        mantaray("ocean", "check", "--study", study),
+        mantaray("study", "run", study, "--no-figures"),
+    )
+    assert (checked.code, ran.code) == (2, 2)
+    assert f"wrong: fleet: {says}" in checked.out
+    assert ran.err.startswith(f"error: {says}")
+
+
 def test_files_are_checked_about_the_centre_that_a_run_gives_them(mantaray, ocean_file, tmp_path):
     with xr.open_dataset(ocean_file) as data:
         narrow = data.isel(lat=slice(None, 10))  # 40 km north to south, 74.34 N in the middle

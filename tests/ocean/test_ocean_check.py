@@ -5,7 +5,10 @@ import pytest
 import xarray as xr
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean import check_ocean, validate_ocean
+from pymantaray.fleet import StationKeeping, Vehicle
+from pymantaray.fleet.simulate import fleet_refusals
+from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.ocean import check_ocean, to_local, validate_ocean
 
 POINT = (5, 11, 23)
 
@@ -215,6 +218,30 @@ def test_the_domain_and_the_fleet_must_fit(healthy):
         ("doubtful", "vehicle D"),
         ("doubtful", "vehicle E"),
     ]
+
+
+@pytest.mark.parametrize("own_floor", [False, True])
+def test_the_check_refuses_whom_the_simulation_refuses(fram_strait, own_floor):
+    """Both ask the bed on the domain's grid; between nodes of this ocean, 13 km apart, it is up to 240 m from the ocean's own."""
+    rng = np.random.default_rng(17)
+    coarse = fram_strait.isel(lat=slice(20, 50, 3), lon=slice(40, 100, 3))
+    half, floor = (25e3, 20e3), None
+    if own_floor:
+        lat, lon = (np.linspace(*coarse[axis].values[[0, -1]], 240) for axis in ("lat", "lon"))
+        rough = rng.uniform(1500.0, 2500.0, (lat.size, lon.size))
+        floor = xr.DataArray(rough, {"lat": lat, "lon": lon}, ("lat", "lon"))
+    local = to_local(coarse, half_extent=half, sea_floor=floor)
+    axes = local["sea_floor_depth"].dims
+    bed = linear_interpolator([local[name].values for name in axes], local["sea_floor_depth"].values)
+    plan, vehicles = {}, []
+    for n, (north, east) in enumerate(rng.uniform(-1.0, 1.0, (60, 2)) * half):
+        deep = bed([north, east]).item() + rng.choice([-1.0, -1e-3, 0.0, 1e-3, 1.0])
+        plan[f"V{n}"] = np.array([[north, east, deep]])
+        vehicles.append(Vehicle(f"V{n}", plan[f"V{n}"][0], StationKeeping(deep)))
+    refused = [str(error).split("'")[1] for error in fleet_refusals(vehicles, local, 0.1)]
+    assert 10 < len(refused) < 50
+    findings = check_ocean(coarse, half_extent=half, fleet=plan, sea_floor=floor)
+    assert [f.where.removeprefix("vehicle ") for f in findings.wrong] == refused
 
 
 def test_a_finer_sea_floor_decides_for_the_fleet(healthy):

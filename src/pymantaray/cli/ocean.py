@@ -1,5 +1,6 @@
 """Commands of `mantaray ocean`: check, show, plot and make; `fetch` is a group of its own. What they need is imported when they run."""
 
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -89,12 +90,14 @@ def check(
 ) -> None:
     """List what is wrong (exit 2) or doubtful (exit 0) about an ocean."""
     from pymantaray.ocean import check_ocean, open_ocean, open_sea_floor, window_of
+    from pymantaray.ocean.check import Findings
 
+    config = None
     options: dict[str, Any] = {"time": time, "equation": equation, "currents": currents}
     sources = list(files or [])
     if study is not None:
         from pymantaray.study import load_study
-        from pymantaray.study.assemble import fleet_plan
+        from pymantaray.study.assemble import fleet_findings, fleet_plan
         from pymantaray.study.tracks import with_tracks
 
         # files given here take the place of the study's ocean as those of `study run --ocean` do
@@ -112,14 +115,15 @@ def check(
         )
     if not sources:
         raise OceanError("no file is given; name one, or a study with --study")
-    if sea_floor is not None:
-        try:
+    ocean = None
+    if sea_floor is not None or config is not None:
+        with suppress(OceanError):  # the findings tell why
             ocean = open_ocean(sources, time=options["time"], currents=options["currents"])
-        except OceanError:  # the findings tell why
-            pass
-        else:
-            options["sea_floor"] = open_sea_floor(sea_floor, window=window_of(ocean), crs=crs)
+    if sea_floor is not None and ocean is not None:
+        options["sea_floor"] = open_sea_floor(sea_floor, window=window_of(ocean), crs=crs)
     findings = check_ocean(sources, **options)
+    if config is not None and ocean is not None and findings.ok and not config.fleet.trajectories:
+        findings = Findings([*fleet_findings(config, ocean, options.get("sea_floor")), *findings])
     with printer(as_json=as_json) as out:
         for finding in findings:
             out.line(str(finding))

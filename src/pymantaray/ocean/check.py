@@ -10,10 +10,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import GeometryError, OceanError
-from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.geometry.checks import told_apart
+from pymantaray.ocean.local import floor_in_domain
 from pymantaray.ocean.open import Currents, read_ocean
 from pymantaray.ocean.schema import Finding, place_of, violations
-from pymantaray.ocean.sea_floor import local_floor, sea_floor_depth
 from pymantaray.ocean.seawater import (
     SUPERCOOLED,
     UNFROZEN,
@@ -22,7 +22,7 @@ from pymantaray.ocean.seawater import (
     ocean_sound_speed,
     supercooling,
 )
-from pymantaray.ocean.window import Window
+from pymantaray.ocean.window import Window, half_sides_within
 from pymantaray.records.shown import shown_html
 
 Array = NDArray[np.float64]
@@ -34,6 +34,7 @@ _MIN_LEVELS, _UPPER, _MIN_UPPER = 15, 200.0, 6  # levels in all, and in the uppe
 _COARSE = 12e3  # m; beyond it eddies and fronts are lost; HYCOM's and GLORYS's spacing is 9 km at most
 _MIN_NODES = 10  # across the domain
 _SCALE_ERROR = 1e-3  # distortion of lengths by the projection: 1 m in 1 km
+_TOUCH = 1e-6  # m; a point this far below the sea bed still lies on it: interpolation rounds
 _CHANGES = [
     "carried",
     "extended",
@@ -290,7 +291,7 @@ def _place(
             "wrong",
             "coverage",
             f"domain of +-{half[0] / 1e3:g} km north, +-{half[1] / 1e3:g} km east",
-            f"+-{largest[0] / 1e3:.1f} km by +-{largest[1] / 1e3:.1f} km fits",
+            f"{half_sides_within(largest)} fits",
             "fetch a larger window or shrink the domain",
             f"{window.frame.latitude_deg:g} N {window.frame.longitude_deg:g} E",
         )
@@ -322,40 +323,37 @@ def _fleet(
     sea_floor: xr.DataArray | None,
 ) -> Iterator[Finding]:
     try:
-        local = None if sea_floor is None else local_floor(sea_floor, window, half)
+        bed = floor_in_domain(ocean, window, half, sea_floor)
     except OceanError as error:
         yield Finding("wrong", "sea floor", str(error), "the whole domain", "fetch a larger window of it")
         return
-    if local is None:
-        bed = linear_interpolator((window.lat, window.lon), sea_floor_depth(ocean).values)
-    else:
-        bed = linear_interpolator((local["floor_north"].values, local["floor_east"].values), local.values)
     for name, plan in fleet.items():
         where = f"vehicle {name}"
         points = np.atleast_2d(np.asarray(plan, dtype=float))
         outside = np.any(np.abs(points[:, :2]) > np.asarray(half) + 1e-6, axis=1)
         if outside.any():
-            north, east = points[int(np.argmax(outside)), :2] / 1e3
+            place = points[int(np.argmax(outside)), :2] / 1e3
+            (north, high), (east, wide) = map(told_apart, place, np.asarray(half) / 1e3)
             yield Finding(
                 "doubtful" if moved_elsewhere and not outside.all() else "wrong",
                 "coverage",
                 f"{np.count_nonzero(outside)} of {len(points)} planned points outside the domain, the first"
-                f" {north:g} km north, {east:g} km east",
-                f"+-{half[0] / 1e3:.1f} km by +-{half[1] / 1e3:.1f} km",
+                f" {north} km north, {east} km east",
+                f"+-{high} km by +-{wide} km",
                 "fetch a larger window or move the vehicle",
                 where,
             )
             continue
-        geographic = np.stack(window.geographic(points[:, 0], points[:, 1]), axis=-1)
-        beds = bed(geographic if local is None else points[:, :2])
+        beds = bed(points[:, :2])
         short = points[:, 2] - beds
-        if np.any(short > 0.0):
+        if np.any(short > _TOUCH):
             worst = int(np.argmax(short))
+            floor, depth = told_apart(beds[worst], points[worst, 2])
             yield Finding(
                 "doubtful" if moved_elsewhere else "wrong",
                 "sea bed above the vehicle",
-                f"sea bed at {beds[worst]:.0f} m, {'plan' if worst else 'start'} at {points[worst, 2]:g} m",
-                f"above {beds[worst]:.0f} m",
+                f"sea bed at {floor} m, {'plan' if worst else 'start'} at {depth} m",
+                f"above {floor} m",
                 "its ranges fail there" if moved_elsewhere else "move it to deeper water or plan shallower",
                 where,
             )

@@ -1,15 +1,17 @@
 """From latitude and longitude to the local frame: every node is looked up where it truly lies."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, NdBSpline, make_interp_spline
 from scipy.sparse.linalg import splu
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import (
     fill_below_sea_bed,
@@ -18,7 +20,7 @@ from pymantaray.ocean.sea_floor import (
     sea_floor_depth,
 )
 from pymantaray.ocean.seawater import Equation, sound_speed
-from pymantaray.ocean.window import Window
+from pymantaray.ocean.window import Window, half_sides_within
 
 Array = NDArray[np.float64]
 _MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
@@ -85,7 +87,7 @@ def to_local(
     window, depth = Window.of(ocean, centre), np.asarray(ocean["depth"].values, dtype=float)
     lat, lon = window.lat, window.lon
     half = window.largest_rectangle() if half_extent is None else _checked(half_extent, window)
-    north, east = (_axis(h, step) for h, step in zip(half, window.native_spacing(), strict=True))
+    north, east = _axes(window, half)
     finer = None if sea_floor is None else local_floor(sea_floor, window, half)
     notes = _notes(sea_floor, finer)
     added = np.empty(0) if finer is None else levels_to(depth, float(finer.max()))
@@ -113,9 +115,7 @@ def to_local(
         "depth": ("depth", depth, {**_attrs("depth", "m"), "positive": "down"}),
     }
     if finer is None:
-        own = sea_floor_depth(ocean).values
-        floor = TensorSpline(lat, lon, at_lat, at_lon, degree=1)(own[None])[..., 0]
-        floor = np.clip(floor, own.min(), own.max())  # not even by rounding below the deepest level
+        floor = _own_floor(ocean, window, at_lat, at_lon)
     else:
         floor, floor_grid = finer.values, ("floor_north", "floor_east")
         for name, letter in zip(floor_grid, "yx", strict=True):
@@ -139,6 +139,30 @@ def to_local(
             **notes,
         },
     )
+
+
+def floor_in_domain(
+    ocean: xr.Dataset, window: Window, half: tuple[float, float], sea_floor: xr.DataArray | None
+) -> Callable[[ArrayLike], Array]:
+    """Depth of the sea floor at places (..., 2) north and east of a domain, as `to_local` has it. [m]"""
+    finer = None if sea_floor is None else local_floor(sea_floor, window, half)
+    if finer is not None:
+        return linear_interpolator((finer["floor_north"].values, finer["floor_east"].values), finer.values)
+    north, east = _axes(window, half)
+    place = window.geographic(north[:, None], east[None, :])
+    return linear_interpolator((north, east), _own_floor(ocean, window, *place))
+
+
+def _axes(window: Window, half: tuple[float, float]) -> tuple[Array, Array]:
+    north, east = (_axis(h, step) for h, step in zip(half, window.native_spacing(), strict=True))
+    return north, east
+
+
+def _own_floor(ocean: xr.Dataset, window: Window, at_lat: Array, at_lon: Array) -> Array:
+    """Where an ocean's levels end, at the nodes of its local grid. [m]"""
+    own = sea_floor_depth(ocean).values
+    floor = TensorSpline(window.lat, window.lon, at_lat, at_lon, degree=1)(own[None])[..., 0]
+    return np.clip(floor, own.min(), own.max())  # not even by rounding below the deepest level
 
 
 def _along_axes(u: Array, v: Array, bearing: Array) -> tuple[Array, Array]:
@@ -170,7 +194,7 @@ def _checked(half_extent: tuple[float, float], window: Window) -> tuple[float, f
         raise OceanError(
             f"domain of +-{north / 1e3:g} km north, +-{east / 1e3:g} km east about"
             f" {window.frame.latitude_deg:g} N {window.frame.longitude_deg:g} E does not fit into the data;"
-            f" the largest that fits is +-{largest[0] / 1e3:.1f} km by +-{largest[1] / 1e3:.1f} km"
+            f" the largest that fits is {half_sides_within(largest)}"
         )
     return north, east
 

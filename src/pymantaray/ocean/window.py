@@ -179,6 +179,12 @@ def counted_place(ocean: xr.Dataset, place: tuple[float, float], name: str) -> t
     return lat, lon
 
 
+def half_sides_within(half: tuple[float, float]) -> str:
+    """Half sides [m] in words, rounded down, so that what is shown fits where they do."""
+    north, east = (np.floor(h / 100.0) / 10.0 for h in half)
+    return f"+-{north:.1f} km by +-{east:.1f} km"
+
+
 def rectangle(half_north: float, half_east: float) -> tuple[Array, Array]:
     """North and east of points along the four sides of a rectangle about the origin. [m]"""
     s = np.linspace(-1.0, 1.0, _SIDE_POINTS)

@@ -36,6 +36,7 @@ from pymantaray.fleet import (
     Vehicle,
     Waypoints,
 )
+from pymantaray.fleet.simulate import fleet_refusals
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean import (
@@ -51,6 +52,7 @@ from pymantaray.ocean import (
     with_ice,
 )
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
+from pymantaray.ocean.schema import Finding
 from pymantaray.records import Trajectories
 from pymantaray.sensing import (
     ClockModel,
@@ -244,6 +246,15 @@ def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
         frame = LocalFrame(*(config.ocean.centre or (0.0, 0.0)))  # of places in the frame itself any will do
         return {p.name: p.place for p in tracks.in_frame(frame)} | marks
     return {name: np.array(points, dtype=float) for name, points in plan.items()} | marks
+
+
+def fleet_findings(
+    config: StudyConfig, geographic: xr.Dataset, sea_floor: xr.DataArray | None
+) -> list[Finding]:
+    """What a run of a study in an ocean would refuse of its vehicles, by the run's own check; nothing of given trajectories."""
+    local = local_ocean(config.ocean, geographic, sea_floor)
+    refusals = fleet_refusals(build_fleet(config), local, config.mission.physics_step_s)
+    return [Finding("wrong", "fleet", str(refusal)) for refusal in refusals]
 
 
 def build_schedule(config: StudyConfig) -> Schedule:
