@@ -232,7 +232,7 @@ REFUSED = {
         axis("latitude", [40, 40.1, np.nan, 40.5, 41]),
         "latitude is empty or has values that are missing",
     ),
-    "no currents": (lambda d: d[["thetao", "so"]], 'or open it with currents="rest"'),
+    "no currents": (lambda d: d[["thetao", "so"]], 'or take water at rest: currents = "rest" (under '),
 }  # fmt: skip
 
 

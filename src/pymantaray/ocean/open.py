@@ -332,7 +332,7 @@ class Collection:
 
     def _lacks(self, roles: Sequence[str]) -> OceanError:
         relative = [n for p in self.parts for n in p.layout.grid_relative]
-        rest = 'or open it with currents="rest" for water at rest'
+        rest = 'or take water at rest: currents = "rest" (under [ocean], in Python), --currents rest (mantaray ocean)'
         if relative and set(roles) <= set(_ROLES[2:]):
             return OceanError(f"{self.names}: {cf.grid_relative_refusal(relative)}, {rest}")
         line = (
