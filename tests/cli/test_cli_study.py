@@ -11,8 +11,10 @@ import pymantaray
 from pymantaray.cli import study as study_commands
 from pymantaray.cli.main import main
 from pymantaray.cli.output import Watch
+from pymantaray.cli.printing import Printer
 from pymantaray.evaluation import error_table
-from pymantaray.study import load_study, open_run, preset_text
+from pymantaray.records import RayStatus
+from pymantaray.study import load, load_study, open_run, preset_text
 from pymantaray.study.config_estimators import Section
 
 PRESETS = "beaufort, estimators-beaufort, estimators-fram, fram, quick, survey"
@@ -37,6 +39,15 @@ def test_list_names_each_preset_and_show_prints_it(mantaray, told):
     assert mantaray("study", "show", "fram").out == preset_text("fram")
     assert [preset["name"] for preset in told("study", "list")["presets"]] == PRESETS.split(", ")
     assert told("study", "show", "fram") == load_study("fram").model_dump(mode="json")
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_show_reads_a_file_once_and_no_preset(mantaray, small, monkeypatch, words):
+    opened, read = [], load._read
+    monkeypatch.setattr(load, "_read", lambda path: opened.append(path) or read(path))
+    monkeypatch.setattr(load, "preset_text", lambda name: pytest.fail(name))
+    assert mantaray("study", "show", small, *words).code == 0
+    assert opened == [small]
 
 
 def test_show_of_a_file_has_every_key_and_loads_the_same(mantaray, told, small, tmp_path):
@@ -106,6 +117,8 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     assert run.config.study.description == f"{small} with 2 realizations and the ocean {ocean_file}"
     assert list(run.manifest["ocean"]["sha256"]) == [str(ocean_file)]
     assert run.estimates.realization.tolist() == [0, 1]
+    assert (run.measurements.range_status == RayStatus.OK).all()
+    assert " lost: " not in done.out
     summary = told("study", "run", small, *words[:-2], "json", "--no-figures", "--workers", 1)
     assert (summary["realizations"], summary["synthetic_ocean"], summary["folder"]) == (
         2,
@@ -115,6 +128,15 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     assert summary["range_error"][0].keys() > {"category", "attempts", "percent", "mean_m", "p99_m"}
     rmse = [row["rmse_m"] for row in summary["trajectory_error"]]
     assert rmse == error_table(run.truth, run.estimates)["rmse_m"].tolist()
+
+
+def test_causes_of_lost_ranges_are_in_the_page_s_words_the_commonest_first(capsys):
+    counts = {status.name.lower(): 0 for status in RayStatus}
+    counts |= {"attempts": 90, "dropouts": 12, "shadow": 3, "blocked": 7, "unheard": 2, "leaked": 20}
+    study_commands._print_causes(Printer(as_json=False, quiet=False), counts)
+    assert capsys.readouterr().out == "12 of 90 lost: 7 blocked by the bottom, 3 shadow, 2 not heard\n"
+    study_commands._print_causes(Printer(as_json=False, quiet=False), dict.fromkeys(counts, 0))
+    assert capsys.readouterr().out == ""
 
 
 def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkeypatch):

@@ -1,8 +1,9 @@
 """Commands of `mantaray study`; what they need is imported when they run, so that help is quick."""
 
+from collections.abc import Hashable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -25,9 +26,9 @@ Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser
 
 def _presets(incomplete: str) -> list[str]:
     """Presets that begin so, for completion; where none does shells complete files."""
-    from pymantaray.study import list_presets
+    from pymantaray.study.load import preset_names
 
-    return [name for name in list_presets() if name.startswith(incomplete)]
+    return [name for name in preset_names() if name.startswith(incomplete)]
 
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="A preset.", autocompletion=_presets)]
@@ -53,12 +54,13 @@ def list_command(as_json: Json = False) -> None:
 @app.command()
 def show(study: NameOrFile, as_json: Json = False) -> None:
     """Print a preset with its comments, or a file with the keys that it leaves at their defaults; as JSON every key of either."""
-    from pymantaray.study import list_presets, load_study, preset_text, study_toml
+    from pymantaray.study import load_study, preset_text, study_toml
+    from pymantaray.study.load import preset_names
 
+    config = load_study(study)
+    text = preset_text(study) if study in preset_names() else study_toml(config)
     with printer(as_json=as_json) as out:
-        text = preset_text(study) if study in list_presets() else study_toml(load_study(study))
-        out.line(text.removesuffix("\n"))
-        out.add(**load_study(study).model_dump(mode="json") if as_json else {})
+        out.line(text.removesuffix("\n"), **config.model_dump(mode="json"))
 
 
 @app.command()
@@ -241,6 +243,7 @@ def _print_cost(out: Printer, run: "Run") -> None:
 def _print_summary(out: Printer, run: "Run") -> None:
     """Dropouts, range errors and trajectory errors, and warnings of solves and vehicles that did not end well."""
     from pymantaray.evaluation import dropout_table, range_error_table
+    from pymantaray.evaluation.ranging_error import ALL_LINKS
 
     study, hours, vehicles = run.config.study, run.config.mission.duration_h, run.truth.name.size
     count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
@@ -253,10 +256,10 @@ def _print_summary(out: Printer, run: "Run") -> None:
         realizations=study.realizations if run.config.solves else 0,
         synthetic_ocean=run.synthetic,
     )
-    errors = range_error_table(run.measurements, run.ranging_truth, run.truth)
+    dropouts = dropout_table(run.measurements, run.truth)
     out.table(
         "range_error",
-        dropout_table(run.measurements, run.truth).merge(errors),
+        dropouts.merge(range_error_table(run.measurements, run.ranging_truth, run.truth)),
         {
             "links": ("category", ""),
             "tried": ("attempts", "d"),
@@ -268,9 +271,25 @@ def _print_summary(out: Printer, run: "Run") -> None:
         },
         "Refracted minus straight range",
     )
+    _print_causes(out, dropouts[dropouts["category"] == ALL_LINKS].to_dict("records")[0])
     if run.config.solves:
         _print_errors(out, run)
     out.warn(_warnings(run))
+
+
+def _print_causes(out: Printer, lost: Mapping[Hashable, Any]) -> None:
+    """Why ranges are lost, the commonest cause first, in the words of the page; the tables of scripts have it in columns."""
+    from pymantaray.records.status import ARRIVES, RAY_STATUS_WORDS
+
+    counts = {
+        word: lost[status.name.lower()]
+        for status, word in RAY_STATUS_WORDS.items()
+        if status not in ARRIVES and lost[status.name.lower()]
+    }
+    if counts:
+        causes = sorted(counts, key=lambda word: -counts[word])
+        listed = ", ".join(f"{counts[word]} {word}" for word in causes)
+        out.line(f"{lost['dropouts']} of {lost['attempts']} lost: {listed}")
 
 
 def _print_errors(out: Printer, run: "Run") -> None:

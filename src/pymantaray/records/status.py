@@ -21,6 +21,19 @@ class RayStatus(IntEnum):
 ARRIVES = (RayStatus.OK, RayStatus.LEAKED, RayStatus.SCATTERED)
 """Outcomes of a link on which something arrives."""
 
+RAY_STATUS_WORDS = {
+    RayStatus.SHADOW: "shadow",
+    RayStatus.WEAK: "too weak",
+    RayStatus.BLOCKED: "blocked by the bottom",
+    RayStatus.OUTSIDE: "outside the domain",
+    RayStatus.STOPPED: "vehicle stopped",
+    RayStatus.UNHEARD: "not heard",
+    RayStatus.UNRESOLVED: "search cut short",
+    RayStatus.LEAKED: "leaked, no ray",
+    RayStatus.SCATTERED: "scattered, no ray",
+}
+"""Outcomes but OK, as figures, pages and commands call them."""
+
 
 class RayAxis(IntEnum):
     """Along what an eigenray was followed; its path is traced in the same way."""

@@ -9,21 +9,22 @@ from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
 from pymantaray.records import RayStatus
+from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.report import style
 from pymantaray.report.figures import range_ends, register
 
 _LONG = 16  # letters of a name
 _LEAST_COUNT = 0.6  # where logarithmic axes of counts begin, so that a single one shows
 _STATUS_LOOK = {
-    RayStatus.SHADOW: (style.ORANGE, "o", "shadow"),
-    RayStatus.WEAK: (style.BLUE, "s", "too weak"),
-    RayStatus.BLOCKED: (style.GREEN, "^", "blocked by the bottom"),
-    RayStatus.OUTSIDE: (style.PINK, "D", "outside the domain"),
-    RayStatus.STOPPED: (style.SKY, "v", "vehicle stopped"),
-    RayStatus.UNHEARD: (style.INK, "x", "not heard"),
-    RayStatus.UNRESOLVED: (style.INK, "+", "search cut short"),
-    RayStatus.LEAKED: (style.GREY, "o", "leaked, no ray"),
-    RayStatus.SCATTERED: (style.GREY, "^", "scattered, no ray"),
+    RayStatus.SHADOW: (style.ORANGE, "o"),
+    RayStatus.WEAK: (style.BLUE, "s"),
+    RayStatus.BLOCKED: (style.GREEN, "^"),
+    RayStatus.OUTSIDE: (style.PINK, "D"),
+    RayStatus.STOPPED: (style.SKY, "v"),
+    RayStatus.UNHEARD: (style.INK, "x"),
+    RayStatus.UNRESOLVED: (style.INK, "+"),
+    RayStatus.LEAKED: (style.GREY, "o"),
+    RayStatus.SCATTERED: (style.GREY, "^"),
 }
 
 
@@ -115,10 +116,10 @@ def dropout_map(
         axes.plot(
             x[ok], y[ok], ".", color=style.PALE, markersize=2, rasterized=True, label=f"heard ({ok.sum():,})"
         )
-        for member, (colour, marker, label) in _STATUS_LOOK.items():
+        for member, (colour, marker) in _STATUS_LOOK.items():
             chosen = status == member
             if chosen.any():
-                text = f"{label} ({chosen.sum():,})"
+                text = f"{RAY_STATUS_WORDS[member]} ({chosen.sum():,})"
                 axes.plot(x[chosen], y[chosen], marker, color=colour, markersize=2.6, label=text, **look)
         if not status.size:
             style.note(axes, "no range was attempted")

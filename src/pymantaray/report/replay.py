@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pymantaray.records import RayStatus
+from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.replay import Replay
 from pymantaray.report import style
 from pymantaray.report.figures import Plate
@@ -28,14 +30,14 @@ _CAPTIONS = {
 }
 _LOOKS = {
     "ok": (style.BLUE, "predicted"),
-    "leaked": ("#332288", "leaked, no ray"),
-    "scattered": ("#AA4499", "scattered, no ray"),
-    "shadow": (style.ORANGE, "shadow"),
-    "weak": (style.SKY, "too weak"),
-    "blocked": (style.GREEN, "blocked by the bottom"),
-    "outside": (style.PINK, "outside the domain"),
+    "leaked": ("#332288", RAY_STATUS_WORDS[RayStatus.LEAKED]),
+    "scattered": ("#AA4499", RAY_STATUS_WORDS[RayStatus.SCATTERED]),
+    "shadow": (style.ORANGE, RAY_STATUS_WORDS[RayStatus.SHADOW]),
+    "weak": (style.SKY, RAY_STATUS_WORDS[RayStatus.WEAK]),
+    "blocked": (style.GREEN, RAY_STATUS_WORDS[RayStatus.BLOCKED]),
+    "outside": (style.PINK, RAY_STATUS_WORDS[RayStatus.OUTSIDE]),
     "unheard": (style.INK, "below the threshold"),
-    "unresolved": (style.GREY, "search cut short"),
+    "unresolved": (style.GREY, RAY_STATUS_WORDS[RayStatus.UNRESOLVED]),
 }
 
 

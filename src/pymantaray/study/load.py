@@ -43,7 +43,7 @@ def list_presets() -> dict[str, str]:
     -------
     dict of str to str
     """
-    return {name: load_study(name).study.description for name in _preset_names()}
+    return {name: load_study(name).study.description for name in preset_names()}
 
 
 def preset_text(name: str) -> str:
@@ -63,7 +63,7 @@ def preset_text(name: str) -> str:
     StudyError
         If there is no such preset; the message lists those there are.
     """
-    known = _preset_names()
+    known = preset_names()
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
@@ -259,7 +259,8 @@ def _read(path: Path) -> str:
     return text
 
 
-def _preset_names() -> list[str]:
+def preset_names() -> list[str]:
+    """Names of the presets that the package ships."""
     folder = files("pymantaray.study") / "presets"
     return sorted(
         entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")
