@@ -2,7 +2,9 @@
 
 import itertools
 import math
+import re
 import tomllib
+from typing import Literal, get_origin
 
 import pytest
 import tomli_w
@@ -11,13 +13,14 @@ from refusals import refused
 from pymantaray.errors import StudyError
 from pymantaray.study import (
     list_presets,
+    load,
     load_sound,
     load_study,
     parse_study,
     preset_text,
     study_toml,
 )
-from pymantaray.study.config import FloatVehicle, StationVehicle
+from pymantaray.study.config import FloatVehicle, StationVehicle, StudyConfig
 
 PAPER_TARGETS = {
     "G": 250, "B": 500, "D": 750, "I": 1000, "K": 1250, "F": 1500, "J": 1750, "C": 2000, "E": 2250, "H": 2500,
@@ -125,12 +128,12 @@ REFUSED = [
     ("study.conditions", ["curved"], "study.conditions[0]: found 'curved'; allowed: 'odometry', "),
     ("study.conditions", ["straight", "straight"], "conditions must differ; found straight more than once"),
 
-    ("study.name", "a/b", "study.name: found 'a/b'; allowed: text that matches"),
+    ("study.name", "a/b", "study.name: found 'a/b'; allowed: letters, digits and ._- after a letter or digit"),
     ("fleet.vehicles.1.target_dept", 3.0, "[1].target_dept: unknown key; did you mean target_depth?"),
     ("fleet.vehicles.1.kind", "boat", "fleet.vehicles[1].kind: found 'boat'; allowed: 'float', "),
     ("fleet.vehicles.1.name", "", "vehicles[1].name: found ''"),
-    ("fleet.vehicles.1.name", "../up", "found '../up'; allowed: text that matches ^[A-Za-z0-9_-]{1,64}$"),
-    ("fleet.vehicles.1.name", "x" * 65, "{1,64}"),
+    ("fleet.vehicles.1.name", "../up", "found '../up'; allowed: 1 to 64 letters, digits, _ and -"),
+    ("fleet.vehicles.1.name", "x" * 65, "allowed: 1 to 64 letters"),
     ("fleet.vehicles.1.name", "A", "vehicle names must differ; found A more than once"),
     ("fleet.vehicles.1.name", "L0", "names of vehicles and landmarks must differ; found L0"),
     ("mission.ping_interval_h", 0.1, "ping_interval_h is 360 s; it must be a whole multiple of"),
@@ -154,7 +157,13 @@ REFUSED = [
     ("", {"ranging": DEEP, "acoustics": {"arrival": "first"}}, "but acoustics.arrival is first"),
     ("detection", DETECTION | {"scatter_db": 40.0}, "scatter_db is 40, but leakage is false"),
     ("acoustics.max_bottom_bounces", 16, "acoustics.max_bottom_bounces: found 16; allowed: 15 or less"),
-    ("detection", {"frequency_hz": 1e4, "bandwidth_hz": 1e3}, "detection.source_level_db: missing"),
+    ("detection", {"frequency_hz": 1e4, "bandwidth_hz": 1e3}, "detection.source_level_db: missing; add it (level of a ping at 1 m, in the band [dB re 1 µPa])"),
+    ("mission.schedule", {"slot_s": 5.0}, "mission.schedule.kind: missing; add it, one of 'slots', 'pings'"),
+    ("mission.schedule", "slots", "mission.schedule: found 'slots'; allowed: a table"),
+    ("study.conditions", "straight", "study.conditions: found 'straight'; allowed: a list"),
+    ("ocean.time", "noon", "ocean.time: found 'noon'; allowed: a time as 2014-07-15T12:00:00"),
+    ("ocean", 5, "ocean: found 5; allowed: a table"),
+    ("ocean.source", "", "ocean.source[0]: found ''; allowed: text of a letter or more"),
     ("detection", DETECTION | {"bandwidth_hz": 6e4}, "detection: bandwidth_hz is 60000, but frequency_hz"),
     ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}, "exclude each other"),
     ("detection", DETECTION | {"surface_loss": "bubbles"}, "is bubbles, but acoustics.max_surface_bounces is 0"),
@@ -266,16 +275,53 @@ def test_a_duration_with_a_unit_is_the_number_that_its_key_means(tiny, path, tex
     assert study_toml(config) == study_toml(with_value(number))
 
 
+def required_keys(model):
+    """Models of a configuration with the keys that each must have, by their names."""
+    models = {model}
+    while (
+        inner := {
+            m for one in models for f in one.model_fields.values() for m in load._models_in(f.annotation)
+        }
+        - models
+    ):
+        models |= inner
+    return [(m, name) for m in models for name, field in m.model_fields.items() if field.is_required()]
+
+
+def test_what_every_required_key_means_is_said_where_it_is_missing():
+    required = required_keys(StudyConfig)
+    assert len(required) > 30
+    for model, name in required:
+        if (
+            get_origin(model.model_fields[name].annotation) is Literal
+        ):  # kind, which says what may stand there
+            continue
+        with pytest.raises(StudyError) as caught:
+            load.parse(model, {}, "it", None)
+        line = next(line for line in str(caught.value).splitlines() if line.startswith(f"it: {name}:"))
+        assert re.fullmatch(rf"it: {name}: missing; add it \([^`]+\)", line), (model, line)
+
+
+def test_a_table_in_the_place_of_several_is_told_how_these_are_written(quick):
+    quick["landmarks"] = {"name": "L", "north": 0.0, "east": 0.0, "depth": 1.0}
+    refused(
+        StudyError,
+        r"landmarks: found \{.*; allowed: tables in a list, each under \[\[landmarks\]\]",
+        parse_study,
+        quick,
+    )
+
+
 def test_several_faults_are_several_lines(quick):
     quick["study"]["realizations"] = 0
     del quick["ocean"]["source"]
     with pytest.raises(StudyError) as caught:
         parse_study(quick, "my.toml")
-    lines = str(caught.value).splitlines()
-    assert lines == [
-        "my.toml: ocean.source: missing; it has no default",
-        "my.toml: study.realizations: found 0; allowed: 1 or more",
-    ]
+    source, count = str(caught.value).splitlines()
+    assert source.startswith(
+        'my.toml: ocean.source: missing; add it (files that belong together, "synthetic:beaufort"'
+    )
+    assert count == "my.toml: study.realizations: found 0; allowed: 1 or more"
 
 
 def test_what_ranging_needs_is_read_of_a_study_and_of_a_file_that_has_it_alone(tmp_path):

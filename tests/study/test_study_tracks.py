@@ -320,7 +320,7 @@ IMPOSSIBLE = {
         table, OCEAN, 600.0, acoustics={"max_bounces": 1}),
     "no-such.csv": lambda _: measure("no-such.csv", OCEAN, 600.0),
     "no-such.nc": lambda _: run_study(parse_study({**TINY, "fleet": {"trajectories": "no-such.nc"}})),
-    "fleet: vehicles or trajectories make a fleet; neither is given": lambda _: parse_study(
+    "fleet: vehicles or trajectories make a fleet; give ": lambda _: parse_study(
         {**TINY, "fleet": {}}),
     "fleet: vehicles or trajectories make a fleet; both are given": lambda _: parse_study(
         {**TINY, "fleet": {**TINY["fleet"], "trajectories": "m.csv"}}),

@@ -55,7 +55,7 @@ def main(arguments: list[str] | None = None) -> None:
     with standard_streams():
         try:
             words = sys.argv[1:] if arguments is None else arguments
-            raise SystemExit(app(args=words, prog_name="mantaray", standalone_mode=False))
+            raise SystemExit(app(args=words, prog_name="mantaray", standalone_mode=False) or 0)
         except _UsageError as error:
             _refuse(error)
         except (MantaRayError, FileNotFoundError, PermissionError) as error:

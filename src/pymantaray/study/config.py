@@ -9,6 +9,7 @@ from pydantic import Field, create_model, model_validator
 
 from pymantaray.sensing.noise import NoiseModel
 from pymantaray.study.config_estimators import (
+    NAME,
     Depth,
     Hours,
     InputFile,
@@ -167,7 +168,8 @@ class DetectionSection(Section):
         return self
 
 
-ParticipantName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+PARTICIPANT = r"^[A-Za-z0-9_-]{1,64}$"
+ParticipantName = Annotated[str, Field(pattern=PARTICIPANT)]
 
 
 class FloatSection(Section):
@@ -305,7 +307,7 @@ class FleetSection(Section):
     @model_validator(mode="after")
     def _one_or_the_other(self) -> Self:
         if bool(self.vehicles) == bool(self.trajectories):
-            there = "both are given" if self.vehicles else "neither is given"
+            there = "both are given; leave one out" if self.vehicles else "give [[fleet.vehicles]], or files"
             raise ValueError(f"vehicles or trajectories make a fleet; {there}")
         return self
 
@@ -329,7 +331,7 @@ Condition = Literal["odometry", "straight", "refracted", "straight-all", "no-ran
 class StudySection(Section):
     """Name, seed and size of the Monte Carlo study; without conditions and estimators it has ranges alone."""
 
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    name: str = Field(pattern=NAME)
     """Letters, digits, dot, _ and -."""
     description: str = ""
     """One line for lists and reports."""

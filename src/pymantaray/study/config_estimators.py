@@ -29,6 +29,7 @@ def _duration(value: object, unit: str) -> object:
     return duration_of(value, unit) if isinstance(value, str) else value
 
 
+NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
 # durations: a number is in the unit that the key ends in, text has units of its own; it is kept as that number
 Hours = Annotated[NonNegativeFloat, BeforeValidator(partial(_duration, unit="h"))]
 PositiveHours = Annotated[PositiveFloat, BeforeValidator(partial(_duration, unit="h"))]
@@ -298,7 +299,7 @@ class RangeEstimatorSection(Section):
     down to the deepest vehicle.
     """
 
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    name: str = Field(pattern=NAME)
     """Name of the condition; letters, digits, dot, _ and -."""
     ranges: Literal["refracted", "straight"] = "refracted"
     """What is measured: refracted ranges, or straight ones."""

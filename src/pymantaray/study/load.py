@@ -1,19 +1,20 @@
 """From a preset's name or a TOML file to a validated configuration, and back to text."""
 
 import difflib
+import re
 import reprlib
 import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, NamedTuple, TypeVar, get_args
 
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from pymantaray.errors import StudyError
-from pymantaray.study.config import DetectionSection, SoundConfig, StudyConfig
-from pymantaray.study.config_estimators import input_file
+from pymantaray.study.config import PARTICIPANT, DetectionSection, SoundConfig, StudyConfig
+from pymantaray.study.config_estimators import NAME, input_file
 
 Model = TypeVar("Model", bound=BaseModel)
 _MOST_CHARACTERS = 10_000_000
@@ -31,7 +32,20 @@ _ALLOWED = {
     "bool_type": "true or false",
     "string_type": "text",
     "string_pattern_mismatch": "text that matches {pattern}",
-    "too_short": "at least {min_length} entries",
+    "too_short": "{min_length} or more",
+    "string_too_short": "text of a letter or more",
+    "finite_number": "a finite number",
+    "tuple_type": "a list",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "dict_type": "a table",
+    **dict.fromkeys(
+        ("datetime_type", "datetime_parsing", "datetime_from_date_parsing"), "a time as 2014-07-15T12:00:00"
+    ),
+}
+_PATTERNS = {
+    NAME: "letters, digits and ._- after a letter or digit",
+    PARTICIPANT: "1 to 64 letters, digits, _ and -",
 }
 
 
@@ -277,7 +291,7 @@ def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
 
 def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
     kind, location, context = finding["type"], finding["loc"], finding.get("ctx", {})
-    model, where = _walk(location[:-1] if kind == "extra_forbidden" else location, root)
+    model, where, options = _walk(location[:-1] if kind == "extra_forbidden" else location, root)
     if kind == "extra_forbidden":
         known = sorted(model.model_fields) if model else []
         close = difflib.get_close_matches(str(location[-1]), known, n=1)
@@ -285,19 +299,48 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
         prefix = f"{where}." if where else ""
         return f"{prefix}{location[-1]}: unknown key; {hint}allowed: {', '.join(known)}"
     if kind == "missing":
-        return f"{where}: missing; it has no default"
+        return f"{where}: missing; add it{_meaning(location, root)}"
     if kind == "value_error":
         return f"{where}: {context['error']}" if where else str(context["error"])
     value = finding.get("input")
     allowed = _ALLOWED[kind].format(**context) if kind in _ALLOWED else finding["msg"]
+    if kind == "union_tag_not_found":
+        kinds = [tag for option in options for tag in get_args(option.model_fields["kind"].annotation)]
+        return f"{where}.kind: missing; add it, one of {', '.join(map(repr, kinds))}"
     if kind == "union_tag_invalid":
         return f"{where}.kind: found {context['tag']!r}; allowed: {allowed}"
+    if kind == "string_pattern_mismatch":
+        allowed = _PATTERNS.get(context["pattern"], f"text that matches {context['pattern']}")
+    if kind == "tuple_type" and isinstance(value, dict) and issubclass(root, SoundConfig):
+        allowed = f"tables in a list, each under [[{where}]]"
     shown = f"{len(value)} entries" if kind == "too_short" and value is not None else _SHORT.repr(value)
     return f"{where}: found {shown}; allowed: {allowed}"
 
 
-def _walk(location: tuple[int | str, ...], root: type[BaseModel]) -> tuple[type[BaseModel] | None, str]:
-    """Model that owns a pydantic location under a root, and the location as a TOML path without union tags."""
+def _meaning(location: tuple[int | str, ...], root: type[BaseModel]) -> str:
+    """What the key at a pydantic location means, in brackets; nothing where nobody has said it."""
+    model, _, _ = _walk(location[:-1], root)
+    field = model.model_fields.get(str(location[-1])) if model else None
+    meaning = (field.description or "").replace("``", "") if field else ""
+    first = re.split(r"\.(?=\s|$)", meaning)[0]
+    unit = re.search(r"\[[^]]+\]$", meaning)
+    words = first + (f" {unit[0]}" if unit and unit[0] not in first else "")
+    return f" ({words[:1].lower()}{words[1:]})" if words else ""
+
+
+class _Place(NamedTuple):
+    """A place in a configuration."""
+
+    model: type[BaseModel] | None
+    """That owns it; None if it is of one of several kinds."""
+    path: str
+    """As TOML has it."""
+    options: list[type[BaseModel]]
+    """Models that may stand there."""
+
+
+def _walk(location: tuple[int | str, ...], root: type[BaseModel]) -> _Place:
+    """Find a pydantic location under a root; tags of unions in it are no part of the path."""
     model: type[BaseModel] | None = root
     options: list[type[BaseModel]] = []
     path = ""
@@ -311,7 +354,7 @@ def _walk(location: tuple[int | str, ...], root: type[BaseModel]) -> tuple[type[
         else:
             tagged = [m for m in options if part in get_args(m.model_fields["kind"].annotation)]
             model = tagged[0] if tagged else None
-    return model, path
+    return _Place(model, path, options)
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:
