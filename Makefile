@@ -16,7 +16,7 @@ help:
 	@echo "make test         the fast tests"
 	@echo "make lint         formatting, lint, types, import contracts, spelling"
 	@echo "make docs         the documentation as a site, in build/docs"
-	@echo "make figures      the figures of the documentation again, in minutes; ARGS=all those that take hours too"
+	@echo "make figures      the figures of the documentation again, in minutes; ARGS=all those that take longer, too"
 	@echo "make bench        timings"
 	@echo "make matrix       the fast tests on Python 3.11 to 3.14, as far as they are here, and on the oldest dependencies (needs uv)"
 	@echo "make cuda         the kernels compiled for a GPU, which need not be here (needs uv; 1.2 GB of packages)"
