@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import Commands, Quiet, parse_duration, parse_pair
+from pymantaray.cli.options import Commands, Force, Quiet, parse_duration, parse_pair
 from pymantaray.cli.printing import LOG
 
 if TYPE_CHECKING:
@@ -30,7 +30,6 @@ Servers = Annotated[
         help="TOML file of servers, or the address of an OPeNDAP root; else MANTARAY_OCEAN_SERVERS.",
     ),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 
 
 @app.command()
@@ -53,7 +52,7 @@ def hycom(
         ),
     ] = "30 min",
     attempts: Annotated[int, typer.Option("--attempts", min=1, help="For each request.")] = 4,
-    overwrite: Overwrite = False,
+    force: Force = False,
     quiet: Quiet = False,
 ) -> None:
     """A window of HYCOM at one time, as a valid ocean."""
@@ -70,7 +69,7 @@ def hycom(
             experiment=experiment,
             nearest=nearest,
             limits=Limits(total_s=parse_duration("--time-limit", time_limit), attempts=attempts),
-            overwrite=overwrite,
+            overwrite=force,
             progress=progress,
         )
     _tell(fetched)
@@ -86,7 +85,7 @@ def copernicus(
         str | None, typer.Option("--product", help="Name of a product, in place of the first that covers.")
     ] = None,
     servers: Servers = None,
-    overwrite: Overwrite = False,
+    force: Force = False,
 ) -> None:
     """A window of GLORYS12's daily means, as a valid ocean; needs an account of Copernicus Marine."""
     from pymantaray.ocean.fetch import fetch_copernicus
@@ -98,7 +97,7 @@ def copernicus(
         out,
         product=product,
         servers=servers,
-        overwrite=overwrite,
+        overwrite=force,
     )
     _tell(fetched)
 

@@ -30,9 +30,9 @@ def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monk
         assert dict(ocean.sizes) == {"depth": 40, "lat": 11, "lon": 8}
     assert "exists already" in str(run(*words).exception)
     words[words.index("2014-07-15T12")] = "2014-06-28T18"
-    noted = run(*words, "--overwrite", "--nearest", "--servers", thredds.root)
+    noted = run(*words, "--force", "--nearest", "--servers", thredds.root)
     assert "warning: 2014-06-28T18:00 does not exist: 2014-06-28T09:00 was taken" in noted.stderr
-    quiet = run(*words, "--overwrite", "--nearest", "--quiet")
+    quiet = run(*words, "--force", "--nearest", "--quiet")
     assert (quiet.stdout, quiet.stderr) == ("ocean.nc\n", "")
 
 
@@ -46,5 +46,5 @@ def test_a_pair_that_is_none_is_refused(run, text):
 def test_help_names_every_option(run, command):
     result = run(command, "--help")
     assert result.exit_code == 0
-    for option in ("--lat", "--lon", "--time", "--out", "--servers", "--overwrite", "--quiet"):
+    for option in ("--lat", "--lon", "--time", "--out", "--servers", "--force", "--quiet"):
         assert option in result.stdout

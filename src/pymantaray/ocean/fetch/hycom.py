@@ -156,7 +156,7 @@ def check_out(out: str | Path, *, overwrite: bool) -> Path:
     if not path.parent.is_dir():
         raise OceanError(f"{path.parent}: no such folder; make it first")
     if path.is_dir() or (path.exists() and not overwrite):
-        raise OceanError(f"{path}: exists already; give another name, or overwrite it (--overwrite)")
+        raise OceanError(f"{path}: exists already; give another name or --force (overwrite=True)")
     return path
 
 
