@@ -220,6 +220,7 @@ def test_full_output_folder_is_refused_untouched(mantaray, small):
     (("run", "fast"), f"no preset 'fast'; there are {PRESETS}"),
     (("run", "no.toml"), "no.toml: cannot be read: No such file or directory"),
     (("show", "fast"), "no preset 'fast'"),
+    (("run", "."), ".: no preset, and no study's file, whose name ends in .toml"),
     (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
 ])  # fmt: skip
 def test_known_errors_are_one_line(mantaray, small, words, expected):

@@ -132,7 +132,13 @@ def test_fault_is_one_line_that_names_the_place(tmp_path, line, old, new, messag
 def test_file_without_a_graph_is_refused(tmp_path):
     for text in ("", HAND.splitlines()[2] + "\n"):
         refused(EstimationError, "no VERTEX_SE3:QUAT or VERTEX_SE2 in the file", read_text, tmp_path, text)
-    refused(EstimationError, r"none\.pyfg: not a readable text file", read_pyfg, tmp_path / "none.pyfg")
+    refused(
+        EstimationError,
+        r"none\.pyfg: not a readable text file: No such file",
+        read_pyfg,
+        tmp_path / "none.pyfg",
+    )
+    refused(EstimationError, "not a readable text file: Is a directory$", read_pyfg, tmp_path)
 
 
 def named(graph, *names):

@@ -121,4 +121,8 @@ def test_bags_without_poses_and_files_that_are_none_are_refused_in_one_line(tmp_
     (tmp_path / "bad.mcap").write_bytes(b"nothing of the kind")
     refused(ExchangeError, "bad.mcap: not a readable bag", lambda: read_trajectories(tmp_path / "bad.mcap"))
     (tmp_path / "empty").mkdir()
-    refused(ExchangeError, "empty: not a readable bag", lambda: read_trajectories(tmp_path / "empty"))
+    refused(
+        ExchangeError,
+        "empty: a folder, but no bag; name files",
+        lambda: read_trajectories(tmp_path / "empty"),
+    )

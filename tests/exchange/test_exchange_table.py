@@ -200,7 +200,7 @@ REFUSED = {
     "m.csv: has two columns vehicle; keep one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
     "m.csv, line 3: no name of a vehicle": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0\n2,a,0,0,0"),
     "m.csv: A has 1 pose;": text("time,vehicle,north,east,depth\n0,A,0,0,0\n0,B,0,0,0\n1,B,0,0,0"),
-    "m.csv: needs a header": text(""),
+    "m.csv: found nothing; needs a header": text(""),
     "there is no such file": lambda folder: folder / "none.csv",
     r"none\*.csv: no file of that name": lambda folder: folder / "none*.csv",
     "trajectories are read from .bag, .csv": text("x", "m.xyz"),

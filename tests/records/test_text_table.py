@@ -37,13 +37,14 @@ def test_a_pipe_is_read_as_a_file_is(tmp_path):
 
 
 REFUSED = {  # a file's content, its size or a name
-    "needs a header with names of columns, and rows": "depth\n",
+    "found one line, 'depth'; needs a header with names of columns, and rows": "depth\n",
+    "found nothing; needs a header": "",
     "a.csv, line 3: 4 cells under a header of 3; is a separator missing": "x,y,z\n1,2,3\n1,2,3,4\n",
     "2 lines make 1 rows; a quote is not closed|not a readable table": 'x,y\n"1,2\n3,4\n',
     "a.csv: not a table of text": b"\x80\x04\x95\0pickle",
     "more than 200,000,000 bytes; no table": 200_000_001,
     "/dev/zero: not an ordinary file": Path("/dev/zero"),
-    "/: not an ordinary file": Path("/"),
+    "/: a folder; name a table of text": Path("/"),
     "cannot be read: embedded null": Path("a\0b.csv"),
     "none.csv: cannot be read: No such file": Path("none.csv"),
     r"\.csv: cannot be read: No such file": Path(os.fsdecode(b"\xff.csv")),

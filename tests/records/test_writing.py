@@ -88,7 +88,13 @@ def test_what_links_of_others_point_to_is_not_touched(name, tmp_path):
 )
 def test_a_file_that_is_there_is_refused_if_asked(make, tmp_path):
     make(tmp_path / "a.txt")
-    refused(WriteError, r"a\.txt: is already there$", write_text, tmp_path / "a.txt", replace=False)
+    refused(
+        WriteError,
+        r"a\.txt: is already there; give another name$",
+        write_text,
+        tmp_path / "a.txt",
+        replace=False,
+    )
     assert len(list(tmp_path.iterdir())) == 1
 
 

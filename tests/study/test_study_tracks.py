@@ -266,6 +266,9 @@ def test_a_folder_of_ranges_alone_has_a_report_and_no_estimates(table, tmp_path)
     assert "3 vehicles, 1 h" in page
     assert "Position error, " not in page  # among the numbers it opens with
     assert run.noisy_measurements(0).straight_range.size == run.measurements.straight_range.size
+    last = run.config.study.realizations - 1  # of the noise, without estimates
+    assert run.trajectories(last).equals(run.trajectories(0))
+    assert not run.ranges(last).equals(run.ranges(0))
 
 
 def test_the_mission_is_as_long_as_the_trajectories_unless_it_is_cut(table):

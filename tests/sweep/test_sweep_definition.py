@@ -166,6 +166,10 @@ def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, li
         ("base = [", "s.toml: not valid TOML: .*"),
         ("seeds = [1]", "s.toml: base: missing; give a preset or a study file"),
         (
+            'base = "quik"',
+            "s.toml: base: found 'quik'; allowed: a file that ends in .toml, beaufort, .*, survey",
+        ),
+        (
             'base = "quick"\ncrossed = 1',
             "s.toml: crossed: unknown key; allowed: base, folder, cross, zip, seeds",
         ),

@@ -258,7 +258,8 @@ class TextLines:
                         self.refuse(f"{word} with a character that is not ASCII", "ASCII")
                     yield line
         except (OSError, UnicodeDecodeError) as error:
-            raise EstimationError(f"{self._path}: not a readable text file: {error}") from None
+            cause = getattr(error, "strerror", None) or error
+            raise EstimationError(f"{self._path}: not a readable text file: {cause}") from None
         never = [w for w in self._leave_out if w not in self._words and w not in self._left_out]
         if never:
             self.refuse(f"no line begins with {never[0]!r}", "words of the file to leave out", 0)

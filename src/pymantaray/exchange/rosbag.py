@@ -38,6 +38,15 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     files = [path]
     if path.is_dir() and path.suffix == ".bag":  # which the library takes for a file of ROS 1
         files = sorted(file for kind in ("*.db3", "*.mcap") for file in path.glob(kind))
+    if (
+        path.is_dir()
+        and not any(path.glob("*.yaml"))
+        and not any(path.glob("*.db3"))
+        and not any(path.glob("*.mcap"))
+    ):
+        raise ExchangeError(
+            f"{path}: a folder, but no bag; name files, or the folder that has a bag's metadata.yaml"
+        )
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore

@@ -100,7 +100,8 @@ def read_text_table(path: str | Path) -> TextTable:
     comments = {i: line for i, line in lines.items() if line.lstrip().startswith("#")}
     rows = {i: line.rstrip(" \t,;") for i, line in lines.items() if i not in comments}
     if len(rows) < 2:
-        raise RecordError(f"{path}: needs a header with names of columns, and rows")
+        there = "nothing" if not rows else f"one line, {next(iter(rows.values()))[:40]!r}"
+        raise RecordError(f"{path}: found {there}; needs a header with names of columns, and rows")
     separator = next((s for s in ",;\t" if s in next(iter(rows.values()))), r"\s+")
     try:
         cells = pd.read_csv(
@@ -127,7 +128,8 @@ def read_text_table(path: str | Path) -> TextTable:
 def _text(path: Path) -> str:
     try:
         if path.exists() and not (path.is_file() or path.is_fifo()):
-            raise RecordError(f"{path}: not an ordinary file")
+            what = "a folder" if path.is_dir() else "not an ordinary file"
+            raise RecordError(f"{path}: {what}; name a table of text, as .csv")
         with path.open("rb") as file:
             raw = file.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError

@@ -56,7 +56,7 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
 def _check_place(path: Path, *, replace: bool) -> None:
     if path.is_symlink() or path.exists():
         if not replace:
-            raise WriteError(f"{path}: is already there")
+            raise WriteError(f"{path}: is already there; give another name")
         if not (path.is_symlink() or path.is_file()):
             raise WriteError(f"{path}: cannot be written: not an ordinary file")
 

@@ -61,7 +61,8 @@ def error_frame(run: "Run") -> pd.DataFrame:
 
 def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
     """One row a pose, of the truth and of every condition in a realization; convergence is the bearing of true north in the frame."""
-    estimates = run.estimates.to_dataset().isel(realization=realization)
+    estimated = realization if run.config.solves else 0  # of ranges alone there are noises, but no estimates
+    estimates = run.estimates.to_dataset().isel(realization=estimated)
     parts = {TRUTH: _poses(run.truth.to_dataset())}
     for condition in run.estimates.condition.tolist():
         parts[condition] = _poses(estimates.sel(condition=condition))

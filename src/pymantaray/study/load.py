@@ -170,6 +170,8 @@ def _tree(name_or_file: str | Path) -> tuple[dict[str, Any], Path | None]:
     """What TOML gives for a preset or a file, and the file's folder."""
     path, name = Path(name_or_file), str(name_or_file)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
+    if not is_file and name not in preset_names() and path.exists():
+        raise StudyError(f"{name}: no preset, and no study's file, whose name ends in .toml")
     text = _read(path) if is_file else preset_text(name)
     try:
         return tomllib.loads(text), path.parent if is_file else None

@@ -11,6 +11,7 @@ import tomli_w
 
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.study import StudyConfig, load_study, parse_study
+from pymantaray.study.load import preset_names
 from pymantaray.study.tracks import with_tracks
 
 Tree = dict[str, Any]
@@ -209,6 +210,10 @@ def parse_sweep(text: str, label: str, folder: Path) -> Sweep:
     ):
         if not isinstance(tree.get(key, kind()), kind):
             raise SweepError(f"{label}: {key}: must be {what}")
+    if isinstance(base, str) and base not in preset_names():
+        raise SweepError(
+            f"{label}: base: found {base!r}; allowed: a file that ends in .toml, {', '.join(preset_names())}"
+        )
     try:
         return Sweep(base, cross=cross, zipped=zipped or (), seeds=seeds or (), folder=folder)
     except SweepError as error:
