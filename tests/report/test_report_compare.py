@@ -81,6 +81,15 @@ def test_the_keys_that_differ_come_first_and_no_others(run, other_folder, run_fo
     assert again["configuration"].empty
 
 
+def test_physics_that_differs_comes_before_the_study_and_its_words_are_left_out():
+    one, runs = load_study("quick"), {}
+    study = one.study.model_copy(update={"name": "b", "description": "b", "seed": 7})
+    noise = one.noise.model_copy(update={"range_sigma": 2.0})
+    for name, config in (("one", one), ("other", one.model_copy(update={"study": study, "noise": noise}))):
+        runs[name] = SimpleNamespace(run=SimpleNamespace(config=config))
+    assert compare._differences(runs)["key"].tolist() == ["noise.range_sigma", "study.seed"]
+
+
 def test_a_vehicle_that_differs_is_named_by_its_key():
     quick = load_study("quick")
     vehicles = list(quick.fleet.vehicles)

@@ -85,7 +85,10 @@ def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run
     assert {f"figures/{name}.pdf" for name in FIGURES} | {f"tables/{name}.csv" for name in TABLES} <= set(
         links
     )
-    drawn = re.findall(r'id="(\w+)">\n<a [^>]*><img src="[^"]*" width="(\d+)" height="(\d+)"', reported.text)
+    drawn = re.findall(
+        r'id="(\w+)">\n(?:<p class="keys">.*\n)?<a [^>]*><img src="[^"]*" width="(\d+)" height="(\d+)"',
+        reported.text,
+    )
     assert len(drawn) == len(FIGURES)
     for name, *size in drawn:
         rows, columns = mpl.image.imread(folder / "figures" / f"{name}.png").shape[:2]

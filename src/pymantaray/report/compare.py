@@ -125,13 +125,15 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
 
 
 def _differences(runs: Mapping[str, Results]) -> pd.DataFrame:
-    """Keys of the configuration, as in the file, whose values are not the same in all runs."""
+    """Keys of the configuration, as in the file, whose values are not the same in all runs; the study's own last, its words left out."""
     settings = {
         name: dict(entries(_by_names(r.run.config.model_dump(mode="json")))) for name, r in runs.items()
     }
-    keys = dict.fromkeys(key for values in settings.values() for key in values)
+    words = ("study / name", "study / description")
+    keys = dict.fromkeys(key for values in settings.values() for key in values if key not in words)
     rows = [
-        [key.replace(" / ", "."), *(values.get(key, "–") for values in settings.values())] for key in keys
+        [key.replace(" / ", "."), *(values.get(key, "–") for values in settings.values())]
+        for key in sorted(keys, key=lambda key: key.startswith("study / "))
     ]
     return pd.DataFrame([row for row in rows if len(set(row[1:])) > 1], columns=["key", *runs])
 
@@ -311,7 +313,7 @@ def _explorer(runs: Mapping[str, Results], differences: pd.DataFrame) -> str:
     """Position errors of all runs over what differs in their configurations, by condition."""
     if not _all_solved(runs):
         return ""
-    keys = differences.set_index("key").T.drop(columns=["study.name", "study.description"], errors="ignore")
+    keys = differences.set_index("key").T
     frames = [
         r.tables["ate_pooled"].assign(run=name, **{str(key): value for key, value in keys.loc[name].items()})
         for name, r in runs.items()

@@ -55,13 +55,14 @@ _MOST_ROWS = 500  # of a table on the page
 
 
 class Picture(NamedTuple):
-    """A figure that was drawn, its size on the page [px], and its files by their kinds."""
+    """A figure that was drawn, its size on the page [px], its files by their kinds, and its legend's signs, colours and words."""
 
     name: str
     caption: str
     width: int
     height: int
     files: Mapping[str, bytes]
+    legend: Sequence[tuple[str, str, str]] = ()
 
 
 class ShownTable(NamedTuple):

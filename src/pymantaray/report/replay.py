@@ -101,12 +101,9 @@ def write_replay(
 
 def _explorer(events: pd.DataFrame) -> str:
     """Residuals of events over time and distance."""
-    table = events.assign(
-        time_h=events["time_s"] / 3600.0,
-        bounces=(events["surface_bounces"] + events["bottom_bounces"])
-        .astype("string")
-        .fillna("none predicted"),
-    )
+    count = events["surface_bounces"] + events["bottom_bounces"]
+    words = count.astype("string") + count.eq(1).map({True: " bounce", False: " bounces"}).fillna("")
+    table = events.assign(time_h=events["time_s"] / 3600.0, bounces=words.fillna("none predicted"))
     return table_explorer(
         table,
         ["residual_m", "residual_s", "measured_s"],

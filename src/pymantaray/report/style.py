@@ -17,7 +17,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.colors import Colormap, LinearSegmentedColormap, to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
@@ -66,6 +66,7 @@ DISTINCT = len(_MORE_COLOURS)
 """Conditions besides the study's own that have a colour each."""
 _PER_LINE = 5  # entries of a legend below the panels
 _MARKERS = "osD^v<>phd"
+_SIGNS = dict(zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True))  # of markers in text
 _FITS = 28  # characters of a name on a figure
 _FITS_ABOVE = 19  # beside a legend of `HEADER_LINE` entries
 
@@ -216,6 +217,22 @@ def common_legend(figure: Figure, handles: Sequence[Artist], **options: Any) -> 
     else:
         place = {"loc": "upper right", "ncols": len(handles)}
     figure.legend(handles=handles, borderaxespad=0.1, **(place | options))
+
+
+def legend_entries(figure: Figure) -> list[tuple[str, str, str]]:
+    """Entries of a figure's common legend as text: a sign, its colour, and the words; for pages too narrow for the figure."""
+    entries = []
+    for legend in figure.legends:
+        for handle, words in zip(legend.legend_handles, legend.get_texts(), strict=True):
+            if isinstance(handle, Line2D):
+                line = "━" if handle.get_linestyle() == "-" else "╍"
+                sign = _SIGNS.get(str(handle.get_marker()), line)
+                sign = "○" if handle.get_markerfacecolor() == "white" else sign
+                colour = handle.get_color()
+            else:
+                sign, colour = "■", handle.get_facecolor()  # type: ignore[union-attr]
+            entries.append((sign, to_hex(colour), words.get_text().replace(r"\$", "$")))
+    return entries
 
 
 def note(axes: Axes, text: str) -> None:

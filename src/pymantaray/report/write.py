@@ -10,7 +10,7 @@ from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import Plate, Results, find_figures, run_plates
 from pymantaray.report.page import Picture, run_page
 from pymantaray.report.parts import PAGE, PARTS, write_files
-from pymantaray.report.style import rendered
+from pymantaray.report.style import legend_entries, rendered
 from pymantaray.study.folder import staged_parts
 from pymantaray.study.store import FIGURES, TABLES, Run, open_run
 
@@ -96,9 +96,8 @@ def draw(
 def _picture(plate: Plate, *, pdf: bool) -> Picture:
     figure = plate.draw()
     width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
-    return Picture(
-        plate.name, plate.caption, width, height, rendered(figure, ("png", "pdf") if pdf else ("png",))
-    )
+    files = rendered(figure, ("png", "pdf") if pdf else ("png",))
+    return Picture(plate.name, plate.caption, width, height, files, legend_entries(figure))
 
 
 def all_files(tables: Mapping[str, pd.DataFrame], pictures: Sequence[Picture], page: str) -> dict[str, bytes]:

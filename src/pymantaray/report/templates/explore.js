@@ -71,7 +71,7 @@ start((data) => {
       margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "fleet",
       scene: {
         xaxis: axis("East [m]"), yaxis: axis("North [m]"), zaxis: axis("Depth [m]", { autorange: "reversed" }),
-        aspectmode: "manual", aspectratio: { x: 1.2, y: 1.2, z: 0.6 }, camera: { eye: { x: 1.3, y: -1.4, z: 0.8 } },
+        aspectmode: "manual", aspectratio: { x: 1.2, y: 1.2, z: 0.6 }, camera: { eye: { x: 1.5, y: -1.6, z: 0.9 }, center: { x: 0, y: 0, z: -0.15 } },
       },
     });
     at("hour").textContent = `${fleet.hour[state.frame].toFixed(1)} h`;
@@ -186,7 +186,7 @@ start((data) => {
       { type: "scatter", mode: "lines", name: condition.label, x: errors.hour, y: condition.rms[v], line: { color: condition.colour, dash: condition.dash } },
       ...(condition.sigma3 ? [{ type: "scatter", mode: "markers", name: `${condition.label}, 3 sigma`, showlegend: false, x: condition.sigma_hour, y: condition.sigma3[v], marker: { color: condition.colour, size: 5, symbol: "circle-open" } }] : []),
     ]);
-    draw("over-time", traces, { showlegend: true, legend: { orientation: "h", y: 1.15 }, margin: { l: 60, r: 15, t: 40, b: 45 }, xaxis: { title: { text: "Time [h]" } }, yaxis: { title: { text: "Position error [m]" }, rangemode: "tozero" } });
+    draw("over-time", traces, { showlegend: true, legend: { orientation: "h", y: 1.15 }, margin: { l: 60, r: 15, t: 40, b: 45 }, xaxis: { title: { text: "Time [h]" } }, yaxis: { title: { text: "Position error [m]" }, type: "log" } });
   }
   function drawEstimates() {
     at("estimates").hidden = !errors.conditions.length;
@@ -202,7 +202,7 @@ start((data) => {
     const of = (name) => nees.filter((row) => row.condition === name);
     const traces = errors.conditions.filter((c) => of(c.name).length).map((c) => ({ type: "scatter", mode: "lines+markers", name: c.label, x: of(c.name).map((r) => r.time_h), y: of(c.name).map((r) => r.ratio), line: { color: c.colour } }));
     const bounds = of(nees[0].condition);
-    for (const side of ["low", "high"]) traces.push({ type: "scatter", mode: "lines", x: bounds.map((r) => r.time_h), y: bounds.map((r) => r[side]), line: { color: ink(), dash: "dash", width: 1 }, showlegend: false, hoverinfo: "skip" });
+    for (const side of ["low", "high"]) traces.push({ type: "scatter", mode: "lines+markers", x: bounds.map((r) => r.time_h), y: bounds.map((r) => r[side]), line: { color: ink(), dash: "dash", width: 1 }, marker: { color: ink(), symbol: "line-ew-open", size: 10 }, showlegend: false, hoverinfo: "skip" });
     draw("nees", traces, { showlegend: true, legend: { orientation: "h", y: 1.15 }, margin: { l: 60, r: 15, t: 40, b: 45 }, xaxis: { title: { text: "Time [h]" } }, yaxis: { title: { text: "NEES / degrees of freedom" }, type: "log" } });
   }
 
