@@ -1,4 +1,4 @@
-"""The page of a run in a real browser: it draws without a word on the console, and every control does what it says."""
+"""Every kind of page in a real browser: it draws without a word on the console, and every control does what it says."""
 
 import shutil
 from types import SimpleNamespace
@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from pymantaray.report import write_atlas_page, write_report, write_sweep_page
+from pymantaray.replay import DetectionRule, Replay
+from pymantaray.report import write_atlas_page, write_comparison, write_replay, write_report, write_sweep_page
 
 axe = pytest.importorskip(
     "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
@@ -43,6 +44,7 @@ def table_file(tmp_path_factory):
     return write_sweep_page(table, ["noise.range_sigma", "place"], folder, title="made up")
 
 
+DRAWN = "document.getElementById('chart').data.map((t) => [t.name, t.x, t.y])"
 ATLAS = 1.0 + np.arange(2 * 3 * 4 * 2 * 2 * 2.0).reshape(2, 3, 4, 2, 2, 2)
 
 
@@ -65,6 +67,52 @@ def atlas_file(tmp_path_factory):
         {"title": "Test Sea"},
     )
     return write_atlas_page(atlas, [], tmp_path_factory.mktemp("atlas"))
+
+
+@pytest.fixture(scope="module")
+def comparison_file(run_folder, made_run, tmp_path_factory):
+    """Of two runs that differ in the number of their realizations."""
+    folder = tmp_path_factory.mktemp("comparison")
+    return write_comparison([run_folder, made_run(realizations=2).write(folder / "other")], folder / "both")
+
+
+@pytest.fixture(scope="module")
+def replay_file(tmp_path_factory):
+    """Forty events of two nodes, every other one after a bounce; residuals count them."""
+    n = np.arange(40)
+    events = pd.DataFrame(
+        {
+            "time_s": 45.0 * n,
+            "source": np.where(n % 2, "B", "A"),
+            "receiver": np.where(n % 2, "A", "B"),
+            "pair": "A and B",
+            "source_depth_m": 30.0,
+            "receiver_depth_m": 150.0,
+            "measured_s": 2.0 + 1e-3 * n,
+            "sigma_s": np.nan,
+            "distance_m": 3e3,
+            "status": "ok",
+            "predicted_s": 2.0,
+            "surface_bounces": n % 2,
+            "bottom_bounces": 0,
+            "near_limit": False,
+            "residual_s": 1e-3 * n,
+            "residual_m": 1.5 * n,
+        }
+    ).astype({"surface_bounces": "Int64", "bottom_bounces": "Int64"})
+    candidates = pd.DataFrame({"event": n, "travel_time_s": 2.0, "loss_db": 70.0})
+    replay = Replay(events, DetectionRule.parse("first"), 60.0, 1, candidates)
+    return write_replay(replay, tmp_path_factory.mktemp("replay") / "out")
+
+
+@pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
+def comparison_opened(request, chromium, comparison_file):
+    yield from open_page(chromium, comparison_file, *request.param)
+
+
+@pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
+def replay_opened(request, chromium, replay_file):
+    yield from open_page(chromium, replay_file, *request.param)
 
 
 @pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
@@ -120,6 +168,33 @@ def check_quiet_and_fitting(opened, page_file):
     assert overflow <= 0
 
 
+def check_keyboard(page):
+    """Every control of the moving part is reached by tabulator, in the page's order."""
+    controls = "[...document.querySelectorAll('#look :is(select, input, button)')].filter((c) => c.checkVisibility())"
+    count = page.evaluate(f"{controls}.length")
+    page.evaluate("document.body.tabIndex = -1; document.body.focus()")
+    order = []
+    for _ in range(count + 60):  # besides links and tables that scroll
+        page.keyboard.press("Tab")
+        at = page.evaluate(f"{controls}.indexOf(document.activeElement)")
+        order += [at] if at >= 0 and at not in order else []
+    page.evaluate("document.body.removeAttribute('tabindex')")
+    assert order == list(range(count))
+
+
+def check_dark(page):
+    """Charts have the ink and paper of the page's scheme, and follow when it changes."""
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        page.wait_for_function(
+            """() => {
+              const own = getComputedStyle(document.body), { paper_bgcolor, font } = document.getElementById("chart").layout;
+              const rgb = (hex) => `rgb(${[1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)).join(", ")})`;
+              return rgb(paper_bgcolor) === own.backgroundColor && rgb(font.color) === own.color;
+            }"""
+        )
+
+
 def check_accessible(page):
     """What axe-core finds wrong."""
     violations = axe.Axe().run(page).response["violations"]
@@ -129,27 +204,93 @@ def check_accessible(page):
 def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_file):
     check_quiet_and_fitting(opened, page_file)
     check_accessible(opened.page)
+    check_keyboard(opened.page)
 
 
 def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(table_opened, table_file):
     check_quiet_and_fitting(table_opened, table_file)
     page = table_opened.page
     check_accessible(page)
-    drawn = "document.getElementById('chart').data.map((t) => [t.name, t.x, t.y])"
-    assert {name: y for name, _, y in page.evaluate(drawn)} == {
+    check_keyboard(page)
+    check_dark(page)
+    assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
         "straight": [1, 3, 5, 7, 9, 11],
         "refracted": [2, 4, 6, 8, 10, 12],
     }
     page.focus("#each")
     page.keyboard.press("End")
-    assert [(name, y) for name, _, y in page.evaluate(drawn)] == [
+    assert [(name, y) for name, _, y in page.evaluate(DRAWN)] == [
         ("far", [3, 4, 7, 8, 11, 12]),
         ("near", [1, 2, 5, 6, 9, 10]),
     ]
     page.focus("#only select")
     page.keyboard.press("End")
     assert page.inner_text("#told") == "6 of 12 rows"
-    assert page.evaluate(drawn)[1] == ["near", [0.5, 1, 2], [1, 5, 9]]
+    assert page.evaluate(DRAWN)[1] == ["near", [0.5, 1, 2], [1, 5, 9]]
+
+
+def test_a_comparison_draws_without_errors_or_requests_and_any_number_by_keyboard(
+    comparison_opened, comparison_file
+):
+    check_quiet_and_fitting(comparison_opened, comparison_file)
+    page = comparison_opened.page
+    check_accessible(page)
+    check_keyboard(page)
+    check_dark(page)
+    table = pd.read_csv(comparison_file.parent / "tables" / "ate_pooled.csv").set_index(
+        ["condition", "quantity"]
+    )
+    runs = list(table.columns)
+
+    def expected(quantity):
+        return {
+            condition: [runs, pytest.approx(list(table.loc[condition, quantity]), rel=1e-5)]
+            for condition in ("odometry", "straight", "refracted")
+        }
+
+    def drawn():
+        return {name: [x, y] for name, x, y in page.evaluate(DRAWN)}
+
+    assert drawn() == expected("mean_m")
+    page.focus("#up")
+    page.keyboard.press("End")
+    assert drawn() == expected("p95_m")
+    page.focus("#logarithmic")
+    page.keyboard.press("Space")
+    assert page.evaluate("document.getElementById('chart').layout.yaxis.type") == "log"
+    page.focus("#across")
+    page.keyboard.press("End")
+    assert {tuple(x) for x, _ in drawn().values()} == {(2, 3)}  # realizations
+
+
+def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(replay_opened, replay_file):
+    check_quiet_and_fitting(replay_opened, replay_file)
+    page = replay_opened.page
+    check_accessible(page)
+    check_keyboard(page)
+    check_dark(page)
+    direct, bounced = page.evaluate(DRAWN)
+    assert (direct[0], bounced[0]) == ("0 bounces", "1 bounce")
+    np.testing.assert_allclose(direct[2], 3.0 * np.arange(20))
+    np.testing.assert_allclose(bounced[1], 45.0 * (2.0 * np.arange(20) + 1.0) / 3600.0, rtol=1e-5)
+    page.focus("#up")
+    page.keyboard.press("ArrowDown")
+    np.testing.assert_allclose(page.evaluate(DRAWN)[0][2], 2e-3 * np.arange(20))
+    page.focus("#each")
+    page.keyboard.press("End")
+    assert [name for name, _, _ in page.evaluate(DRAWN)] == ["A", "B"]
+    page.focus("#only select")
+    page.keyboard.press("End")
+    assert page.inner_text("#told") == "20 of 40 rows"
+
+
+def test_a_replay_printed_at_once_has_all_its_figures(chromium, replay_file, tmp_path):
+    page = chromium.new_page()
+    page.goto(replay_file.as_uri())
+    printed = page.pdf()
+    page.close()
+    names = sorted((replay_file.parent / "figures").glob("*.png"))
+    assert printed.count(b"/Subtype /Image") >= len(names) == 4
 
 
 def test_a_browser_that_cannot_unpack_says_so_and_shows_the_rest(chromium, table_file):
@@ -167,6 +308,7 @@ def test_an_atlas_draws_without_errors_or_requests_and_any_place_by_keyboard(atl
     check_quiet_and_fitting(atlas_opened, atlas_file)
     page = atlas_opened.page
     check_accessible(page)
+    check_keyboard(page)
 
     def drawn():
         return np.array(page.evaluate("document.getElementById('map').data[0].customdata"), dtype=float)
@@ -258,3 +400,12 @@ def test_in_print_the_figures_stay_and_the_controls_go(opened):
     opened.page.emulate_media(media="print")
     assert not opened.page.locator("#look").is_visible()
     assert opened.page.locator("figure img").first.is_visible()
+
+
+def test_legends_of_figures_wrap_on_a_narrow_page_only(opened):
+    narrow = opened.page.viewport_size["width"] < 768
+    legends = opened.page.locator("#range_error .keys span")
+    assert legends.first.is_visible() == narrow
+    assert [text.split(maxsplit=1)[1] for text in legends.all_inner_texts() if narrow] == (
+        ["zero", "ranges", "fitted normal", "mean"] if narrow else []
+    )
