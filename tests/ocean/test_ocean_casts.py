@@ -368,7 +368,7 @@ NO_BED = "give the sea bed's depth, beneath the shallowest sample at 5 m"
 
 
 @pytest.mark.parametrize(("change", "options", "message"), [
-    ({}, {"bottom_depth": 1000.0}, "sample is at 300 m, above the bottom at 1000 m; give bottom_depth=300"),
+    ({}, {"bottom_depth": 1000.0}, "sample is at 300 m, above the bottom at 1000 m; give a bottom of 300 m, or what is below"),
     ({}, {"bottom_depth": 1000.0, "below": SHORT}, "ends at 200 m, not below the 300 m"),
     (NAMELESS, {"bottom_depth": None}, NO_BED), (NAMELESS, {"bottom_depth": 4.0}, NO_BED),
     (NAMELESS, {"bottom_depth": 1e9}, NO_BED), (NAMELESS, {}, "its time is unknown; give one"),
