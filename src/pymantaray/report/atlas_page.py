@@ -65,11 +65,12 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
         "pairs": np.stack([part["transmitter_depth"].values, part["receiver_depth"].values], axis=1),
         "error": values.ravel().astype(float).round(3),
     }
+    instants = "1 instant" if atlas.sizes["time"] == 1 else f"{atlas.sizes['time']} instants"
     thinned = [f"The moving map has every {step}-th column each way; the figures and the file have all."]
     page = render(
         "atlas.html",
         title=str(atlas.attrs["title"]),
-        facts=[f"{atlas.sizes['lat']} x {atlas.sizes['lon']} columns, {atlas.sizes['time']} instants"],
+        facts=[f"{atlas.sizes['lat']} x {atlas.sizes['lon']} columns, {instants}"],
         description="",
         notes=thinned if step > 1 else [],
         explorer=as_json(content),

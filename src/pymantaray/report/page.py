@@ -35,6 +35,10 @@ _WORDS = {
     "p75_m": "75 % [m]",
     "p95_m": "95 % [m]",
     "p99_m": "99 % [m]",
+    "from_straight_rmse_m": "RMSE from straight [m]",
+    "from_straight_median_m": "median from straight [m]",
+    "bound_rmse_m": "least possible RMSE [m]",
+    "efficiency": "efficiency, (least possible / RMSE)²",
     "percent": "dropouts [%]",
     "percent_beyond_3_sigma": "beyond 3 sigma of range noise [%]",
 }

@@ -17,7 +17,7 @@ start((data) => {
     const ticks = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].filter((x) => Math.log10(x) >= low && Math.log10(x) <= high);
     draw("map", [
       { type: "heatmap", x: lon, y: lat, z: z.map((row) => row.map((value) => (value === null ? null : Math.log10(Math.max(value, 1e-3))))), customdata: z, zmin: low, zmax: Math.max(high, low + 1e-3), colorscale: "Viridis", reversescale: true,
-        colorbar: { title: { text: "m" }, thickness: 10, tickvals: ticks.map(Math.log10), ticktext: ticks.map(String) }, hovertemplate: "%{y:.2f}, %{x:.2f}: %{customdata:.2f} m<extra></extra>" },
+        colorbar: { title: { text: "error [m]" }, thickness: 10, tickvals: ticks.map(Math.log10), ticktext: ticks.map(String) }, hovertemplate: "%{y:.2f}, %{x:.2f}: %{customdata:.2f} m<extra></extra>" },
       { type: "scatter", mode: "markers", x: [lon[c.lon]], y: [lat[c.lat]], marker: { symbol: "circle-open", size: 14, color: "#D55E00", line: { width: 3 } }, hoverinfo: "skip" },
     ], { xaxis: { title: { text: "Longitude [deg]" } }, yaxis: { title: { text: "Latitude [deg]" } } });
     at("instant").textContent = time[c.time];
@@ -32,7 +32,7 @@ start((data) => {
     at("here").textContent = `${place}, ${distances[c.distance] / 1e3} km, ${conventions[c.convention].name}: ${here === null ? "no direct path, or no water" : `${here.toFixed(2)} m`}`;
     const lines = (x, value) => conventions.map((convention, k) => ({ type: "scatter", mode: "lines+markers", name: convention.name, x, y: x.map((_, n) => value(k, n)), line: { color: convention.colour }, marker: { color: convention.colour } }));
     const common = { showlegend: true, legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, margin: { l: 60, r: 15, t: 70, b: 45 }, yaxis: { title: { text: "Largest range error [m]" }, type: "log" } };
-    draw("over-distance", lines(distances, (k, n) => error(c.time, c.lat, c.lon, k, c.pair, n)), { ...common, xaxis: { title: { text: "Distance [m]" } } });
+    draw("over-distance", lines(distances.map((d) => d / 1e3), (k, n) => error(c.time, c.lat, c.lon, k, c.pair, n)), { ...common, xaxis: { title: { text: "Distance [km]" } } });
     at("over-time").hidden = time.length < 2;
     if (time.length > 1) draw("over-time", lines(time, (k, n) => error(n, c.lat, c.lon, k, c.pair, c.distance)), { ...common, xaxis: { title: { text: "Time (UTC)" } } });
   }

@@ -67,11 +67,12 @@ start((data) => {
     }
     traces.push(...graphTraces());
     const axis = (title, more) => ({ title: { text: title }, color: ink(), gridcolor: faint(), backgroundcolor: paper(), showspikes: false, ...more });
+    const back = at("fleet").clientWidth < 600 ? 1.9 : 1; // so that its axes are not cut
     draw("fleet", traces, {
       margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "fleet",
       scene: {
         xaxis: axis("East [m]"), yaxis: axis("North [m]"), zaxis: axis("Depth [m]", { autorange: "reversed" }),
-        aspectmode: "manual", aspectratio: { x: 1.2, y: 1.2, z: 0.6 }, camera: { eye: { x: 1.5, y: -1.6, z: 0.9 }, center: { x: 0, y: 0, z: -0.15 } },
+        aspectmode: "manual", aspectratio: { x: 1.2, y: 1.2, z: 0.6 }, camera: { eye: { x: 1.5 * back, y: -1.6 * back, z: 0.9 * back }, center: { x: 0, y: 0, z: -0.15 } },
       },
     });
     at("hour").textContent = `${fleet.hour[state.frame].toFixed(1)} h`;
