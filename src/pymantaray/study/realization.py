@@ -5,6 +5,8 @@ from concurrent.futures import as_completed
 from pathlib import Path
 from typing import NamedTuple
 
+from threadpoolctl import threadpool_limits
+
 from pymantaray.estimation import (
     GraphSolver,
     Solution,
@@ -43,7 +45,14 @@ class RealizationSolver:
         self._run, self._solver, self._factory = run, GraphSolver(), EstimatorFactory(run)
 
     def solve(self, realization: int) -> Solved:
-        """Solve one realization under all conditions, then by all estimators, in the configured order."""
+        """Solve one realization under all conditions, then by all estimators, in the configured order.
+
+        On one thread as workers do: the last digits of linear algebra depend on their number.
+        """
+        with threadpool_limits(limits=1, user_api="blas"):
+            return self._solve(realization)
+
+    def _solve(self, realization: int) -> Solved:
         config, truth, factory = self._run.config, self._run.truth, self._factory
         sections = config.estimators or ()
         solutions = solve_conditions(
