@@ -1,5 +1,6 @@
 """Two runs side by side."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -99,6 +100,18 @@ def test_a_vehicle_that_differs_is_named_by_its_key():
         name: SimpleNamespace(run=SimpleNamespace(config=c)) for name, c in (("one", quick), ("other", other))
     }
     assert compare._differences(runs).to_numpy().tolist() == [["fleet.vehicles.C.north", "2000.0", "5.0"]]
+
+
+def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run):
+    runs = {name: Results(run) for name in ("one", "two", "three")}
+    rows = [
+        ["noise.range_sigma", "1", "2", "3"],
+        ["ocean.source", "a", "a", "b"],
+        ["fleet.vehicles.B.points", "–", "–", "[]"],
+    ]
+    page = json.loads(compare._explorer(runs, pd.DataFrame(rows, columns=["key", *runs])))
+    assert page["across"] == ["run", "noise.range_sigma", "ocean.source"]
+    assert page["each"] == ["condition", "run", "ocean.source"]
 
 
 def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):

@@ -32,6 +32,7 @@ from pymantaray.report.write import Progress, all_files, draw
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import open_run
 
+_NO_KEY = "–"  # of a configuration that has not the key
 _CAPTIONS = {
     "configuration": "What differs in the configurations",
     "range_drop_category_compare": "Ranging failure rate by link category [%]",
@@ -132,7 +133,7 @@ def _differences(runs: Mapping[str, Results]) -> pd.DataFrame:
     words = ("study / name", "study / description")
     keys = dict.fromkeys(key for values in settings.values() for key in values if key not in words)
     rows = [
-        [key.replace(" / ", "."), *(values.get(key, "–") for values in settings.values())]
+        [key.replace(" / ", "."), *(values.get(key, _NO_KEY) for values in settings.values())]
         for key in sorted(keys, key=lambda key: key.startswith("study / "))
     ]
     return pd.DataFrame([row for row in rows if len(set(row[1:])) > 1], columns=["key", *runs])
@@ -310,14 +311,20 @@ def _page(
 
 
 def _explorer(runs: Mapping[str, Results], differences: pd.DataFrame) -> str:
-    """Position errors of all runs over what differs in their configurations, by condition."""
+    """Position errors of all runs over what differs in their configurations, by condition.
+
+    Keys that not all runs have are left out, and those with a value of its own in each tell no more apart than its name.
+    """
     if not _all_solved(runs):
         return ""
     keys = differences.set_index("key").T
+    keys = keys.loc[:, (keys != _NO_KEY).all()]
     frames = [
         r.tables["ate_pooled"].assign(run=name, **{str(key): value for key, value in keys.loc[name].items()})
         for name, r in runs.items()
     ]
-    fields = ["run", *keys.columns]
+    groups = [key for key in keys.columns if keys[key].nunique() < len(runs)]
     table = pd.concat(frames, ignore_index=True)
-    return table_explorer(table, list(_STATISTICS["ate_pooled"]), fields, ["condition", *fields])
+    return table_explorer(
+        table, list(_STATISTICS["ate_pooled"]), ["run", *keys.columns], ["condition", "run", *groups]
+    )
