@@ -104,3 +104,16 @@ def test_every_eigenray_of_the_multipath_table(name, bounces, links, least, bar)
     assert not invented
     assert len(errors) > least
     assert errors.max() < bar
+
+
+def test_a_root_that_rough_rays_misplace_is_not_lost_between_two_intervals():
+    grid = np.load(REFERENCE / "medium_f_fram.npz")
+    medium = Medium.from_grid(
+        *(grid[name] for name in ("north", "east", "depth", "sound_speed")), bathymetry=grid["bathymetry"]
+    )
+    # a fan's rays from the deeper end, 0.2 m wrong beside the root, change sign in one interval, finer ones in the next
+    ends = [37043.49132, 11542.51169, 3.940598838], [37958.085605715, 13474.271104446, 59.484725231]
+    for source, receiver in (ends, ends[::-1]):
+        arrivals = find_eigenrays(medium, source, receiver)
+        assert arrivals.status.tolist() == [RayStatus.OK]
+        assert arrivals.travel_time == pytest.approx(1.485250369, abs=1e-7)

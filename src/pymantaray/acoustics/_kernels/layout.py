@@ -103,9 +103,10 @@ search then unfolds the miss, see `search.shoot`.
 """
 OPEN, FORWARD, LEGS = 0, 1, 2
 
-Course = namedtuple("Course", "rule axis length target")
+Course = namedtuple("Course", "rule axis length target to_levels")
 Course.__doc__ = """How rays are followed: by a rule, along an axis (z_source, cb, sb, c_ref) over a length, to an offset target. [m]
 
+Steps of a fan's direct rays through a SMOOTH section end at its levels with to_levels; those of full rays always do.
 cb and sb are the cosine and sine of the axis' tilt, c_ref the sound speed at the source. For LEGS the length is a rough
 measure of all legs.
 """

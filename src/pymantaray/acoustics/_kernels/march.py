@@ -22,7 +22,7 @@ from pymantaray.acoustics._kernels.lanes import (
     store,
     take,
 )
-from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, A, C
+from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, FAN_TUBE, LEAST_WIDTH, A, C
 from pymantaray.compile import inlined, kernel
 
 # Rows of the workspace: state, its derivatives at the seven stages of a step, and what belongs to each ray
@@ -33,13 +33,17 @@ _COME, _FAILED = 1.0, 2.0
 _DIVERGING = 3.0  # from here on a ray is traced with a tolerance that allows for it,
 _HOPELESS = 1e3  # up to here: weaker ones are no arrivals
 _AMPLIFIED, _MOST = 2.0, 30.0  # smaller by the first times the divergence, or times the second
+_AT_LEVELS = 10.0  # times the tolerance is allowed where steps end at the levels: errors are a fiftieth of their estimate there
 ERRING = 100.0  # times tolerance and divergence away from the receiver, errors do not matter
 
 
 @kernel
-def allowed(tol, growth):
-    """Tolerance of a ray that is expected to diverge by growth."""
-    return tol / (_AMPLIFIED * min(growth, _MOST)) if _DIVERGING < growth < _HOPELESS else tol
+def allowed(tol, growth, to_levels):
+    """Tolerance of a ray's steps, which end at the levels or not, if it is expected to diverge by growth."""
+    diverges = _DIVERGING < growth < _HOPELESS
+    if to_levels:
+        return tol * _AT_LEVELS / min(growth, _AT_LEVELS) if diverges else tol * _AT_LEVELS
+    return tol / (_AMPLIFIED * min(growth, _MOST)) if diverges else tol
 
 
 @kernel
@@ -148,8 +152,22 @@ def _step(s, rows, pos, h, state, first_stage, axis):
     return w1, p1, xi1, eta1, room
 
 
+@inlined
+def _to_level(s, z, down):
+    """Step of eight rays to just beyond the next level; as `trace._to_level`, but a level just passed is taken as a layer away."""
+    last = s.depth.size - 1
+    inside = choose(z < s.depth[0], s.depth[0], z)
+    inside = choose(inside < s.depth[last], inside, s.depth[last])
+    k, x = _level(s, inside)
+    thickness = take(s.depth, k + 1.0) - inside + x
+    gap = choose(down > 0.0, thickness - x, x)
+    gap = choose(gap < 1e-3 * thickness, gap + thickness, gap)
+    rate = absolute(down)
+    return (gap + 1e-4 * thickness) / choose(rate < 1e-9, 1e-9, rate)
+
+
 @kernel
-def _launch(rows, lane, fan, n_rays, length):
+def _launch(rows, lane, fan, n_rays, course):
     """Start the next ray of the fan in a lane; one beyond the last is the first again. Return whether it counts."""
     ray = int(rows[_NEXT, 0])
     rows[_NEXT, 0] += 1.0
@@ -158,9 +176,9 @@ def _launch(rows, lane, fan, n_rays, length):
     for row in (at.W, at.XI, _POS, _GONE, _GROWN):
         rows[row, lane] = 0.0
     rows[at.P, lane], rows[at.ETA, lane] = math.sin(angle), math.cos(angle)
-    rows[_LENGTH, lane], rows[_RAY, lane] = min(length, FIRST_STEP), ray
+    rows[_LENGTH, lane], rows[_RAY, lane] = min(course.length, FIRST_STEP), ray
     rows[_EXPECTED, lane] = node[at.GROWTH]
-    rows[_TOL, lane] = allowed(node[at.TOL], node[at.GROWTH]) / length
+    rows[_TOL, lane] = allowed(node[at.TOL], node[at.GROWTH], course.to_levels) / course.length
     return ray < n_rays
 
 
@@ -183,7 +201,7 @@ def _relay(rows, fan, n_rays, course):
             if node[at.LEFT] == 0.0 and more:
                 node[at.GOOD] = 0.0
             change -= 1
-        if _launch(rows, lane, fan, n_rays, course.length):
+        if _launch(rows, lane, fan, n_rays, course):
             change += 1
     return change
 
@@ -230,12 +248,16 @@ def _stored(rows, state, pos, h, gone, grown):
 
 
 @inlined
-def _controlled(rows, h, left, room):
+def _controlled(rows, h, left, room, width, to_levels):
     """Whether steps are good enough, with what their length is to be multiplied, and whether they are too short to go on.
 
+    Where they end at the levels, the variation, here as a share of the ray's length, counts as in `step.step_error`.
     Derivatives at the end of a good step become those at the beginning of the next.
     """
     error = h * (_embedded(rows, at.W) + left * _embedded(rows, at.P)) + 1e-300
+    if to_levels:
+        width = choose(width < LEAST_WIDTH, LEAST_WIDTH, width)
+        error = error + h * load(rows, _TOL) / (FAN_TUBE * width) * _embedded(rows, at.XI)
     most = load(rows, _TOL) * h
     factor = root(root(most / error))
     forward = room > 0.0
@@ -259,7 +281,7 @@ def march(s, walls, course, fan, n_rays, rows):
     running = 0
     rows[_NEXT, 0] = 0.0
     for lane in range(WIDTH):
-        running += 1 if _launch(rows, lane, fan, n_rays, length) else 0
+        running += 1 if _launch(rows, lane, fan, n_rays, course) else 0
     state, pos, h, gone, grown = _loaded(rows)
     first_stage = 0
     while running > 0:
@@ -267,7 +289,7 @@ def march(s, walls, course, fan, n_rays, rows):
         last = left < h * (1.0 + 1e-12)
         h = choose(last, left, h)
         w, p, xi, eta, room = _step(s, rows, pos, h, state, first_stage, (z_source, c_ref))
-        good, factor = _controlled(rows, h, left, room)
+        good, factor = _controlled(rows, h, left, room, absolute(xi) * (1.0 / length), course.to_levels)
         failed = h < 1e-9 * length
         state = (
             choose(good, w, state[0]),
@@ -277,6 +299,9 @@ def march(s, walls, course, fan, n_rays, rows):
         )
         pos = choose(good, choose(last, length, pos + h), pos)
         h = h * factor
+        if course.to_levels:
+            ahead = _to_level(s, state[0] + z_source, load(rows, _SLOPES))
+            h = choose(ahead < h, ahead, h)
         grown = choose(grown < absolute(state[2]), absolute(state[2]), grown)
         above = (state[0] < lowest - z_source) & (gone < 1e-300) & good
         if any_lane(above):

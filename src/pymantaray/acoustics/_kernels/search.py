@@ -18,7 +18,7 @@ from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.layout import Course
 from pymantaray.acoustics._kernels.march import ERRING, allowed, march, needs_more
-from pymantaray.acoustics._kernels.trace import fan_ray, trace
+from pymantaray.acoustics._kernels.trace import fan_ray, to_levels, trace
 from pymantaray.compile import inlined, kernel, shared
 
 STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
@@ -50,20 +50,23 @@ overhang beyond it are brackets without width. [rad]
 @kernel
 def aimed_at(course, target):
     """Give a course to another target."""
-    return Course(course.rule, course.axis, course.length, target)
+    return Course(course.rule, course.axis, course.length, target, course.to_levels)
 
 
 @kernel
 def shoot(s, walls, course, angle, tol, growth, node, work):
     """Trace a ray of a fan into a node, so that it ends within tol of where it should; growth is the divergence to expect.
 
+    Steps of one that diverges end at the levels.
     Slopes are derivatives by the launch angle. For a receiver on a boundary a reflection there is unfolded: rays that were
     reflected just before they reach it miss it on the other side, so that the miss changes sign at the receiver.
     """
     rule, y = course.rule, work.y
     grown = 0.0
     while True:
-        ok, _, _, code = trace(s, walls, course, angle, 0.0, allowed(tol, growth), fan_ray(work))
+        course = to_levels(s, course, growth > 0.0)
+        tol_here = allowed(tol, growth, course.to_levels)
+        ok, _, _, code = trace(s, walls, course, angle, 0.0, tol_here, fan_ray(work))
         grown = y[at.GROWN] / course.length
         gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
         if gone or not needs_more(y[at.W] - course.target, tol, grown, growth):
@@ -181,8 +184,9 @@ def copy_ray(source, target):
 
 
 @kernel
-def _shoot_all(s, walls, course, rays, n, work, lanes):
+def _shoot_all(s, walls, course, rays, n, work):
     """Trace n rays of given ANGLE, TOL and expected GROWTH: direct ones side by side, those that are then left one by one."""
+    lanes = work.lanes
     for i in range(n):
         rays[i, at.GOOD] = 0.0
     if lanes is not None and s.kind == at.SMOOTH and course.rule.kind == at.OPEN and n > _FEW:  # None on CUDA
@@ -210,7 +214,7 @@ def find_brackets(s, walls, course, n_nodes, search, work):
         fan[i, at.ANGLE], fan[i, at.TOL] = work.nodes[i], search.coarse
         fan[i, at.GROWTH], fan[i, at.DEFECT] = 0.0, 0.0
         work.nodes[i] = 0.0  # from here on what the search of the interval above has taken
-    _shoot_all(s, walls, course, fan, n_nodes, work, work.lanes)
+    _shoot_all(s, walls, course, fan, n_nodes, work)
     for i in range(n_nodes):
         if fan[i, at.GOOD] > 0.0:
             margin = min(margin, abs(fan[i, at.MISS]))
@@ -218,13 +222,14 @@ def find_brackets(s, walls, course, n_nodes, search, work):
         a, m, b = fan[i - 1], fan[i], fan[i + 1]
         if a[at.GOOD] * m[at.GOOD] * b[at.GOOD] > 0.0 and a[at.CODE] == m[at.CODE] == b[at.CODE]:
             m[at.DEFECT] = 2.0 * _defect(a, m, b)
+    course = to_levels(s, course, True)
     so_far = 0, margin, n_nodes, True
     waiting = 0, 0, n_nodes - 2
     while True:
         n, waiting, so_far = _gather(s, walls, course, search, waiting, so_far, work)
         if n == 0:
             return so_far
-        _shoot_all(s, walls, course, work.middles, n, work, work.lanes)
+        _shoot_all(s, walls, course, work.middles, n, work)
         waiting, so_far = _put_halves(course, n, waiting, so_far, work)
 
 
@@ -286,11 +291,9 @@ def _gather(s, walls, course, search, waiting, so_far, work):
         # rays part so fast that the fan's tolerance shows
         doubtful = (crosses and h < _NARROW) or min(abs(a[at.MISS]), abs(b[at.MISS])) < 4.0 * tol_here
         if same and tol_here > fine and doubtful:
-            for end in (a, b):
-                if end[at.TOL] > fine:
-                    shoot(s, walls, course, end[at.ANGLE], fine, end[at.GROWTH], end, work)
-                    rays += 1
-                    spent[k] += 1.0
+            traced = _shoot_finely(s, walls, course, (a, b), fine, work)
+            rays += traced
+            spent[k] += traced
             top += 1
             continue
         full = spent[k] >= MAX_RAYS_INTERVAL or top + 2 * n + 4 > st.shape[0]
@@ -304,6 +307,26 @@ def _gather(s, walls, course, search, waiting, so_far, work):
         rays += 1
         n += 1
     return n, (top, left, right), (n_brackets, margin, rays, complete)
+
+
+@kernel
+def _shoot_finely(s, walls, course, ends, fine, work):
+    """Trace both rays of an interval again with the fine tolerance; return how many rays that took.
+
+    A root that was between them, but is just beyond one by the fine tolerance, the interval beside may not have: that end is moved over it.
+    """
+    a, b = ends
+    crossed, rays = a[at.MISS] * b[at.MISS] < 0.0, 0
+    for end in ends:
+        if end[at.TOL] > fine:
+            shoot(s, walls, course, end[at.ANGLE], fine, end[at.GROWTH], end, work)
+            rays += 1
+    end = a if abs(a[at.MISS]) < abs(b[at.MISS]) else b
+    over = -2.0 * end[at.MISS] / end[at.SLOPE]
+    if crossed and a[at.MISS] * b[at.MISS] > 0.0 and abs(over) < b[at.ANGLE] - a[at.ANGLE]:
+        shoot(s, walls, course, end[at.ANGLE] + over, fine, end[at.GROWTH], end, work)
+        rays += 1
+    return rays
 
 
 @kernel

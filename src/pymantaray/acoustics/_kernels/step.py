@@ -21,7 +21,11 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import linear_full, move_level, smooth_full, smooth_planar
 from pymantaray.compile import inlined, kernel
 
-TUBE = 1e-3  # accuracy of the ray tube's width: 0.004 dB
+TUBE, FAN_TUBE = (
+    1e-3,
+    2e-3,
+)  # accuracy of the ray tube's width: 0.004 dB; of a fan's ray whose steps end at the levels
+LEAST_WIDTH = 0.05  # of the length: narrower tubes are taken as so wide
 
 # Dormand and Prince (1980), the pair RK5(4)7M; the tests compare it with scipy.integrate.RK45
 C = np.array((0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0))
@@ -120,15 +124,16 @@ def _embedded(K, i):
 
 
 @inlined
-def step_error(h, ray, remaining, tol, width):
+def step_error(h, ray, remaining, tol, width, tube):
     """Estimated displacement at the end of the ray that this step's error causes. [m]
 
-    Of a full ray, a relative error TUBE of the variation, taken as no less than width, counts as much as the whole
-    tolerance.
+    A relative error tube of the variation, taken as no less than width, counts as much as the whole tolerance; where tube is 0,
+    the variation does not count.
     """
     K = ray.K
     total = _embedded(K, at.W) + remaining * _embedded(K, at.P)
     if K.shape[1] == at.N_FULL:
-        tube = tol / (TUBE * max(abs(ray.ynew[at.XI]), width))
-        total += _embedded(K, at.TAU) + _embedded(K, at.Y) + tube * _embedded(K, at.XI)
+        total += _embedded(K, at.TAU) + _embedded(K, at.Y)
+    if tube > 0.0:
+        total += tol / (tube * max(abs(ray.ynew[at.XI]), width)) * _embedded(K, at.XI)
     return abs(h) * total

@@ -30,7 +30,7 @@ from pymantaray.acoustics._kernels.boundary import (
 )
 from pymantaray.acoustics._kernels.field import find_level, move_level
 from pymantaray.acoustics._kernels.layout import Course, Ray, Rule
-from pymantaray.acoustics._kernels.step import derivative, step, step_error
+from pymantaray.acoustics._kernels.step import FAN_TUBE, LEAST_WIDTH, TUBE, derivative, step, step_error
 from pymantaray.compile import inlined, kernel, out_of_line, shared
 
 MAX_STEPS = 100_000
@@ -45,14 +45,14 @@ def direct_course(link, along_chord):
     if along_chord:
         slope = math.atan2(target, link.horizontal)
         cb, sb, length, target = math.cos(slope), math.sin(slope), link.length, 0.0
-    return Course(Rule(at.OPEN, 0, 0, 0, 0, 0.0, 0), (link.z0, cb, sb, link.c0), length, target)
+    return Course(Rule(at.OPEN, 0, 0, 0, 0, 0.0, 0), (link.z0, cb, sb, link.c0), length, target, False)
 
 
 @kernel
 def forward_course(link, bounces, spare, fold, z_end):
     """Follow rays along the horizontal, reflected at most so many times at the surface and at the sea bed, to a depth."""
     rule = Rule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
-    return Course(rule, (link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0)
+    return Course(rule, (link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0, False)
 
 
 @kernel
@@ -62,7 +62,7 @@ def legs_course(link, bounces, down, z_end, length):
     sb = 1.0 if down else -1.0
     sb_end = sb if legs % 2 == 1 else -sb
     rule = Rule(at.LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
-    return Course(rule, (link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end)
+    return Course(rule, (link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end, False)
 
 
 @kernel
@@ -71,6 +71,15 @@ def ray_axis(course):
     if course.rule.kind == at.LEGS:
         return at.VERTICAL
     return at.CHORD if course.axis[2] != 0.0 else at.HORIZONTAL
+
+
+@inlined
+def to_levels(s, course, diverges):
+    """Have the steps of a fan's rays end at the levels: of direct ones along the horizontal, in a SMOOTH section, if they diverge."""
+    able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis[2] == 0.0
+    return Course(
+        course.rule, course.axis, course.length, course.target, course.to_levels or (able and diverges)
+    )
 
 
 @inlined
@@ -121,13 +130,15 @@ def trace(s, walls, course, angle, q0, tol, ray):
     record = n_eq == at.N_FULL and path.shape[0] > 0
     if record:
         _record(path[0], 0.0, y, K[0], axis, at.IN_WATER)
-    to_levels = s.kind == at.SMOOTH and n_eq == at.N_FULL
+    full = n_eq == at.N_FULL
+    at_levels = course.to_levels or (s.kind == at.SMOOTH and full)
+    tube = TUBE if full else (FAN_TUBE if course.to_levels else 0.0)
     span = _LONG if rule.kind == at.LEGS else length
     turns, code, surface, bottom = 0, 0, 0, 0
     count, leg, next_break, stuck = 0, 1, 0, 0
     pos, gone = 0.0, 0.0
     h = min(length, 60.0)
-    if to_levels:
+    if at_levels:
         h = min(h, _to_level(s, cell[1], axis[0], down))
     lowest = walls.ice.depth[0, 0] if walls.ice.depth.size == 1 else math.inf  # place of the surface
     hit = at.IN_WATER
@@ -155,7 +166,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
             if not derivative(s, cell[0], cell[1], pos, y, K[0], n_eq, axis):
                 return False, count, turns, code
             down = axis[2] + K[0, at.W] * axis[1]
-            if to_levels:
+            if at_levels:
                 z = _depth(axis, pos, y)
                 cell = cell[0], move_level(s.depth, cell[1], z)
                 h = min(h, _to_level(s, cell[1], z, down))
@@ -183,7 +194,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
             if h < 1e-7 * length:
                 return False, count, turns, code
             continue
-        error = step_error(h, ray, max(length - gone - pos, 0.0), tol, 0.05 * length)
+        error = step_error(h, ray, max(length - gone - pos, 0.0), tol, LEAST_WIDTH * length, tube)
         allowed = tol * h / length
         if error > allowed:
             if h > 1e-9 * length:
@@ -224,7 +235,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 _note_exit(walls, axis, pos, z, y, K)
         if s.kind == at.SMOOTH:
             cell = cell[0], move_level(s.depth, cell[1], z)
-            if n_eq == at.N_FULL:
+            if at_levels:
                 h = min(h, _to_level(s, cell[1], z, new_down))
         if new_down * down < 0.0:
             turns += 1
