@@ -310,3 +310,13 @@ def test_headings_carry_units_in_brackets():
     assert [heading(c) for c in ("mean_m", "p95_m", "start_h", "percent", "final_cost")] == [
         "mean [m]", "95 % [m]", "start [h]", "dropouts [%]", "final cost",
     ]  # fmt: skip
+    keys = (
+        "noise.range_sigma",
+        "mission.ping_interval_h",
+        "ocean.source",
+        "fleet.vehicles.A.depth",
+        "sweep.no_such_key",
+    )
+    assert [heading(key) for key in keys] == [
+        "noise.range_sigma [m]", "mission.ping_interval_h [h]", "ocean.source", "fleet.vehicles.A.depth", "sweep.no_such_key",
+    ]  # fmt: skip

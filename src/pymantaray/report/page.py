@@ -1,6 +1,7 @@
 """The page of a run: what is told of it, and numbers and tables as people read them; the templates lay it out."""
 
 import gzip
+import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from pymantaray.report.explore import explorer
 from pymantaray.report.figures import Results
 from pymantaray.report.style import condition_label
 from pymantaray.report.tables import TABLES
+from pymantaray.study.config import StudyConfig
 
 SYNTHETIC_NOTE = (
     "The ocean of this study is synthetic: it is made from published water masses, not from measurements or a"
@@ -221,13 +223,24 @@ def show_table(table: pd.DataFrame, caption: str, file: str, *, folded: bool = F
 
 
 def heading(column: str) -> str:
-    """Head of a column for people, its unit in brackets."""
+    """Head of a column for people, its unit in brackets; a key of a configuration as it is written there."""
     if column in _WORDS:
         return _WORDS[column]
+    if "." in column:
+        return column + _unit_of_key(column)
     for ending, unit in _UNITS.items():
         if column.endswith(ending):
             return column.removesuffix(ending).replace("_", " ") + unit
     return column.replace("_", " ")
+
+
+def _unit_of_key(key: str) -> str:
+    """Unit of a key of a configuration's section in brackets, with which its description ends; empty if it has none."""
+    section, _, name = key.partition(".")
+    model = StudyConfig.model_fields[section].annotation if section in StudyConfig.model_fields else None
+    field = getattr(model, "model_fields", {}).get(name)
+    unit = re.search(r" \[[^][]+\]$", field.description or "") if field else None
+    return unit[0] if unit else ""
 
 
 def show(value: Any) -> str:
