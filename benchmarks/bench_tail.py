@@ -38,11 +38,11 @@ class Cost(NamedTuple):
     arrivals: np.ndarray
 
 
-def solve_each(medium: Medium, ends: Ends, surface_bounces: int = 0, cutoff_db: float = 15.0) -> Cost:
-    """Solve links one by one."""
+def solve_each(medium: Medium, ends: Ends, surface_bounces: int = 0, *, canonical: bool = True) -> Cost:
+    """Solve links one by one, canonical from their deeper ends, else from the first ones."""
     domain, work = medium.domain(), workspace(medium.depth.size)
     bounces = (surface_bounces, 0) if surface_bounces else None
-    settings = Settings(cutoff_db, 1e-3, True)
+    settings = Settings(15.0, 1e-3, canonical)
     n = len(ends[0])
     seconds, info = np.empty(n), np.full((n, N_INFO), np.nan)
     status, counts = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.int64)
@@ -125,6 +125,10 @@ def bench_maps(sort_seconds: float) -> None:
         cost = solve_each(medium, ends)
         row(f"{name}, with a ray", cost, cost.status == RayStatus.OK, sort_seconds)
         row(f"{name}, without", cost, cost.status != RayStatus.OK, sort_seconds)
+        more = solve_each(medium, ends, canonical=False).arrivals - cost.arrivals
+        print(
+            f"{name}, from the source: {(more > 0).sum()} links with more arrivals, {(more < 0).sum()} with fewer"
+        )
 
 
 def bench_cast(sort_seconds: float) -> None:

@@ -18,7 +18,7 @@ from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.layout import Course
 from pymantaray.acoustics._kernels.march import ERRING, allowed, march, needs_more
-from pymantaray.acoustics._kernels.trace import fan_ray, to_levels, trace
+from pymantaray.acoustics._kernels.trace import course_to_levels, fan_ray, trace
 from pymantaray.compile import inlined, kernel, shared
 
 STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
@@ -64,7 +64,8 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
     rule, y = course.rule, work.y
     grown = 0.0
     while True:
-        course = to_levels(s, course, growth > 0.0)
+        if growth > 0.0:
+            course = course_to_levels(s, course)
         tol_here = allowed(tol, growth, course.to_levels)
         ok, _, _, code = trace(s, walls, course, angle, 0.0, tol_here, fan_ray(work))
         grown = y[at.GROWN] / course.length
@@ -222,7 +223,7 @@ def find_brackets(s, walls, course, n_nodes, search, work):
         a, m, b = fan[i - 1], fan[i], fan[i + 1]
         if a[at.GOOD] * m[at.GOOD] * b[at.GOOD] > 0.0 and a[at.CODE] == m[at.CODE] == b[at.CODE]:
             m[at.DEFECT] = 2.0 * _defect(a, m, b)
-    course = to_levels(s, course, True)
+    course = course_to_levels(s, course)
     so_far = 0, margin, n_nodes, True
     waiting = 0, 0, n_nodes - 2
     while True:

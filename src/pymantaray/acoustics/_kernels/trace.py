@@ -74,12 +74,10 @@ def ray_axis(course):
 
 
 @inlined
-def to_levels(s, course, diverges):
-    """Have the steps of a fan's rays end at the levels: of direct ones along the horizontal, in a SMOOTH section, if they diverge."""
+def course_to_levels(s, course):
+    """Have the steps of a fan's rays end at the levels: of direct ones along the horizontal, in a SMOOTH section."""
     able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis[2] == 0.0
-    return Course(
-        course.rule, course.axis, course.length, course.target, course.to_levels or (able and diverges)
-    )
+    return Course(course.rule, course.axis, course.length, course.target, able)
 
 
 @inlined
