@@ -14,6 +14,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
+from pymantaray.config.load import load_study
 from pymantaray.estimation import (
     LOSSES,
     FactorGraph,
@@ -28,7 +29,6 @@ from pymantaray.estimation import (
 from pymantaray.estimation.losses import range_weights
 from pymantaray.estimation.replay import replay
 from pymantaray.sensing import perturb
-from pymantaray.study.load import load_study
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
 from pymantaray.study.store import open_run

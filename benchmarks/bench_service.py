@@ -28,10 +28,10 @@ import numpy as np
 from all_rows import machine
 from bench_links import GRID, TARGETS
 
+from pymantaray.config.load import parse
 from pymantaray.service import RangingService
 from pymantaray.service.server import MOST_BYTES
 from pymantaray.study import SoundConfig
-from pymantaray.study.load import parse
 
 STILL = {"ocean": {"source": "synthetic:beaufort"}}
 LOUD = STILL | {

@@ -54,7 +54,7 @@ def test_archives_hold_the_package_and_nothing_else(archives):
     assert {name for name in names if not re.match(r"[^/]+\.dist-info/", name)} == ours
     for name in (
         "py.typed",
-        "study/presets/quick.toml",
+        "config/presets/quick.toml",
         "report/templates/page.html",
         "report/templates/explore.js",
     ):

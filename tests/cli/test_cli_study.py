@@ -12,10 +12,11 @@ from pymantaray.cli import study as study_commands
 from pymantaray.cli.main import main
 from pymantaray.cli.output import Watch
 from pymantaray.cli.printing import Printer
+from pymantaray.config import load
+from pymantaray.config.estimators import Section
 from pymantaray.evaluation import error_table
 from pymantaray.records import RayStatus
-from pymantaray.study import load, load_study, open_run, preset_text
-from pymantaray.study.config_estimators import Section
+from pymantaray.study import load_study, open_run, preset_text
 
 PRESETS = "beaufort, estimators-beaufort, estimators-fram, fram, quick, survey"
 

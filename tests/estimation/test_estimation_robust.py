@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from pymantaray.config.load import load_study
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
     LOSSES,
@@ -27,7 +28,6 @@ from pymantaray.estimation import (
 from pymantaray.estimation.losses import range_weights
 from pymantaray.records import SolveStatus
 from pymantaray.sensing import perturb
-from pymantaray.study.load import load_study
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
 

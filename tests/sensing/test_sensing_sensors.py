@@ -5,12 +5,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from pymantaray.config.sections import NoiseSection
 from pymantaray.errors import SensingError
 from pymantaray.estimation import dead_reckon
 from pymantaray.geometry import stream
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_log, so3_exp
 from pymantaray.sensing import NoiseModel, perturb
-from pymantaray.study.config import NoiseSection
 
 NOISY = NoiseModel(odometry_rotation_drift=1e-4, first_rotation_sigma=0.02)
 

@@ -10,17 +10,17 @@ import pytest
 import tomli_w
 from refusals import refused
 
+from pymantaray.config import load
+from pymantaray.config.sections import FloatVehicle, StationVehicle, StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.study import (
     list_presets,
-    load,
     load_sound,
     load_study,
     parse_study,
     preset_text,
     study_toml,
 )
-from pymantaray.study.config import FloatVehicle, StationVehicle, StudyConfig
 
 PAPER_TARGETS = {
     "G": 250, "B": 500, "D": 750, "I": 1000, "K": 1250, "F": 1500, "J": 1750, "C": 2000, "E": 2250, "H": 2500,

@@ -10,6 +10,18 @@ import xarray as xr
 from oracles import nonlinear_vector_factors
 from refusals import refused
 
+from pymantaray.config.estimators import (
+    CastBelief,
+    ExactBelief,
+    FileBelief,
+    MeanBelief,
+    NumericsBelief,
+    OffsetBelief,
+    OtherDayBelief,
+    PerturbedBelief,
+    RangeEstimatorSection,
+)
+from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon, solve_conditions
 from pymantaray.estimation.build import timed_ranges
@@ -30,18 +42,6 @@ from pymantaray.records import SolveStatus, write_netcdf
 from pymantaray.study import parse_study, preset_text, run_study, study_toml
 from pymantaray.study.assemble import mission_start, open_start
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config import StudyConfig
-from pymantaray.study.config_estimators import (
-    CastBelief,
-    ExactBelief,
-    FileBelief,
-    MeanBelief,
-    NumericsBelief,
-    OffsetBelief,
-    OtherDayBelief,
-    PerturbedBelief,
-    RangeEstimatorSection,
-)
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty

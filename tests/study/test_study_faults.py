@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from factories import python
 
+from pymantaray.config.estimators import ModesSection
 from pymantaray.errors import StudyError
 from pymantaray.ocean import open_ocean
 from pymantaray.records import write_netcdf
 from pymantaray.study import assemble, open_run, run_study
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config_estimators import ModesSection
 
 FULL = """
 import resource

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pymantaray.config.estimators import ModesSection
 from pymantaray.errors import OceanError
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config_estimators import ModesSection
 
 EXACT = {"kind": "exact"}
 OFFSET = 1e-3

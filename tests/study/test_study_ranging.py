@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import Leakage, WenzNoise
+from pymantaray.config.sections import DetectionSection, RangingSection
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.records import RayStatus
@@ -20,7 +21,6 @@ from pymantaray.study.assemble import (
     build_timing,
     leakage_of,
 )
-from pymantaray.study.config import DetectionSection, RangingSection
 from pymantaray.study.realization import solve_realizations, start_solver
 from pymantaray.study.workers import Workers
 

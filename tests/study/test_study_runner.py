@@ -12,11 +12,11 @@ import xarray as xr
 from factories import assert_same, names_in
 from refusals import refused
 
+from pymantaray.config.sections import Condition
 from pymantaray.errors import FleetError, StudyError
 from pymantaray.estimation import CONDITIONS, GraphSolver, SolveOptions, build_graph, dead_reckon, read_pyfg
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.study import open_run, run_study, runner
-from pymantaray.study.config import Condition
 from pymantaray.study.manifest import checksums, describe_run
 from pymantaray.study.store import summarize
 

@@ -6,11 +6,11 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from pymantaray.config.estimators import RangeEstimatorSection
+from pymantaray.config.sections import Condition
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 from pymantaray.study import load_study, parse_study, preset_text, run_study
-from pymantaray.study.config import Condition
-from pymantaray.study.config_estimators import RangeEstimatorSection
 from pymantaray.study.mission import mission_ocean, simulate_fleet
 
 

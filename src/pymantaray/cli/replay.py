@@ -127,13 +127,13 @@ def _waters(
     """Waters that the options ask for, how they were made, and what of that to tell the user."""
     from pymantaray.acoustics.profiles import read_profiles
     from pymantaray.cli.rays_medium import from_profile, load_medium, source_kind
+    from pymantaray.config.load import load_detection
     from pymantaray.errors import ReplayError
     from pymantaray.geometry import LocalFrame
     from pymantaray.ocean import open_ocean
     from pymantaray.replay import Water
     from pymantaray.sensing import Reception
     from pymantaray.study.assemble import cast_absorption, detector_of, leakage_of, ocean_absorption
-    from pymantaray.study.load import load_detection
 
     if source_kind(medium) == "run":
         raise ReplayError("--run: events are replayed in --profile or --ocean; give one of them")

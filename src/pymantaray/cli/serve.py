@@ -60,8 +60,8 @@ def serve(
 
 def _ocean(words: list[str]) -> "Ocean":
     """Configuration that one word names, or else sources of an ocean."""
+    from pymantaray.config.load import preset_names
     from pymantaray.study import load_sound
-    from pymantaray.study.load import preset_names
 
     if len(words) == 1 and (words[0].endswith(".toml") or words[0] in preset_names()):
         return load_sound(words[0])

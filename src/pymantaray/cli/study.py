@@ -26,7 +26,7 @@ Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser
 
 def _presets(incomplete: str) -> list[str]:
     """Presets that begin so, for completion; where none does shells complete files."""
-    from pymantaray.study.load import preset_names
+    from pymantaray.config.load import preset_names
 
     return [name for name in preset_names() if name.startswith(incomplete)]
 
@@ -54,8 +54,8 @@ def list_command(as_json: Json = False) -> None:
 @app.command()
 def show(study: NameOrFile, as_json: Json = False) -> None:
     """Print a preset with its comments, or a file with the keys that it leaves at their defaults; as JSON every key of either."""
+    from pymantaray.config.load import preset_names
     from pymantaray.study import load_study, preset_text, study_toml
-    from pymantaray.study.load import preset_names
 
     config = load_study(study)
     text = preset_text(study) if study in preset_names() else study_toml(config)

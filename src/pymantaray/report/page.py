@@ -11,12 +11,12 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs
 
+from pymantaray.config.sections import StudyConfig
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.report.explore import explorer
 from pymantaray.report.figures import Results
 from pymantaray.report.style import condition_label
 from pymantaray.report.tables import TABLES
-from pymantaray.study.config import StudyConfig
 
 SYNTHETIC_NOTE = (
     "The ocean of this study is synthetic: it is made from published water masses, not from measurements or a"

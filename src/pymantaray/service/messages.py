@@ -5,12 +5,12 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
+from pymantaray.config.estimators import Section
+from pymantaray.config.load import finding_lines
 from pymantaray.errors import ServiceError
 from pymantaray.records import RayStatus
 from pymantaray.service.ping import Ping
 from pymantaray.service.ranging_service import RangingService
-from pymantaray.study.config_estimators import Section
-from pymantaray.study.load import finding_lines
 
 MOST_RECEIVERS = 10_000
 _MOST_FAULTS = 3  # that one answer tells

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.config.load import parse
 from pymantaray.errors import ServiceError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import to_local
@@ -24,7 +25,6 @@ from pymantaray.study.assemble import (
     build_timing,
     mission_start,
 )
-from pymantaray.study.load import parse
 from pymantaray.study.mission import mission_ocean
 from pymantaray.study.tracks import with_tracks
 

@@ -1,4 +1,4 @@
-"""Runs the whole experiment: configuration, realizations, conditions, and the run folder.
+"""Runs the whole experiment: realizations, conditions, and the run folder; `pymantaray.config` reads its file.
 
 Reading a configuration is quick; what it takes to run one is imported when it is first asked for.
 """
@@ -6,9 +6,17 @@ Reading a configuration is quick; what it takes to run one is imported when it i
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pymantaray.study.config import SoundConfig, StudyConfig
-from pymantaray.study.load import list_presets, load_sound, load_study, parse_study, preset_text, study_toml
-from pymantaray.study.starter import starter_text
+from pymantaray.config import (
+    SoundConfig,
+    StudyConfig,
+    list_presets,
+    load_sound,
+    load_study,
+    parse_study,
+    preset_text,
+    starter_text,
+    study_toml,
+)
 
 if TYPE_CHECKING:
     from pymantaray.study.export import export_run

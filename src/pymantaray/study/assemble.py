@@ -25,6 +25,21 @@ from pymantaray.acoustics import (
 )
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.profiles import Profile
+from pymantaray.config.sections import (
+    AnyVehicle,
+    DetectionSection,
+    DriftingVehicle,
+    FloatSection,
+    FloatVehicle,
+    OceanSection,
+    PingsSection,
+    RangingSection,
+    SlotsSection,
+    SoundConfig,
+    StationVehicle,
+    StudyConfig,
+    TwistVehicle,
+)
 from pymantaray.errors import StudyError
 from pymantaray.exchange.table import read_pings
 from pymantaray.fleet import (
@@ -66,21 +81,6 @@ from pymantaray.sensing import (
     SlotSchedule,
     Timing,
     TwoWay,
-)
-from pymantaray.study.config import (
-    AnyVehicle,
-    DetectionSection,
-    DriftingVehicle,
-    FloatSection,
-    FloatVehicle,
-    OceanSection,
-    PingsSection,
-    RangingSection,
-    SlotsSection,
-    SoundConfig,
-    StationVehicle,
-    StudyConfig,
-    TwistVehicle,
 )
 from pymantaray.study.tracks import read_fleet
 from pymantaray.study.varying import series_of, snapshot_at

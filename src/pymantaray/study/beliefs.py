@@ -9,6 +9,21 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.config.estimators import (
+    AnyBelief,
+    CastBelief,
+    ExactBelief,
+    FileBelief,
+    InternalTideBelief,
+    MeanBelief,
+    ModesSection,
+    NumericsBelief,
+    OffsetBelief,
+    OtherDayBelief,
+    PerturbedBelief,
+    own_files,
+)
+from pymantaray.config.sections import StationVehicle
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
 from pymantaray.geometry.checks import told_apart
@@ -37,21 +52,6 @@ from pymantaray.study.assemble import (
     mission_start,
     open_start,
     utc_instant,
-)
-from pymantaray.study.config import StationVehicle
-from pymantaray.study.config_estimators import (
-    AnyBelief,
-    CastBelief,
-    ExactBelief,
-    FileBelief,
-    InternalTideBelief,
-    MeanBelief,
-    ModesSection,
-    NumericsBelief,
-    OffsetBelief,
-    OtherDayBelief,
-    PerturbedBelief,
-    own_files,
 )
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.store import Run

@@ -1,8 +1,8 @@
 """From the sections of a configuration to estimators with their range models and uncertainties."""
 
+from pymantaray.config.estimators import ExactBelief, RangeEstimatorSection
 from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config_estimators import ExactBelief, RangeEstimatorSection
 from pymantaray.study.range_models import build_range_model
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.range_models.eigenray_model import EigenrayModel

@@ -14,8 +14,8 @@ from time import perf_counter
 from typing import Any
 
 import pymantaray
+from pymantaray.config.sections import StudyConfig
 from pymantaray.installation import peak_memory_mib, versions
-from pymantaray.study.config import StudyConfig
 from pymantaray.study.references import Citations
 from pymantaray.study.tracks import read_fleet
 

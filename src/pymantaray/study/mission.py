@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.acoustics import Medium, ray_picture, select
+from pymantaray.config.sections import SoundConfig, StudyConfig
 from pymantaray.errors import MantaRayError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times
@@ -41,7 +42,6 @@ from pymantaray.study.assemble import (
     gnss_depth,
     mission_start,
 )
-from pymantaray.study.config import SoundConfig, StudyConfig
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.tracks import follow, read_fleet
 

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pymantaray.config.load import parse_study
+from pymantaray.config.sections import StudyConfig
 from pymantaray.exchange import Tracks, read_trajectories
 from pymantaray.records import Trajectories
 from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
-from pymantaray.study.config import StudyConfig
-from pymantaray.study.load import parse_study
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import Progress, simulate_mission
 from pymantaray.study.store import Run, run_in_memory

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pymantaray
+from pymantaray.config.estimators import FileBelief, NumericsBelief, RangeEstimatorSection
+from pymantaray.config.sections import DetectionSection, StudyConfig
 from pymantaray.ocean import holds_casts
 from pymantaray.ocean.files import open_file
-from pymantaray.study.config import DetectionSection, StudyConfig
-from pymantaray.study.config_estimators import FileBelief, NumericsBelief, RangeEstimatorSection
 
 _SYNTHETIC = {
     "synthetic:beaufort": "steele2004 shimada2005 timmermans2014 timmermans2003 timmermans2008 zhao2014 zhao2015",

@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pymantaray.config.load import study_toml
+from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.records import Estimates, whole_file, write_netcdf
 from pymantaray.study import store
-from pymantaray.study.config import StudyConfig
 from pymantaray.study.folder import MANIFEST, staged_folder
 from pymantaray.study.graphs import write_graphs
-from pymantaray.study.load import study_toml
 from pymantaray.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
 from pymantaray.study.realization import Solved, collect_results, solve_realizations, start_solver

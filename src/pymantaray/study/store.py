@@ -11,6 +11,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.config.load import load_study
+from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
 from pymantaray.evaluation import dropout_table, error_bound, error_table, range_error_table
@@ -31,10 +33,8 @@ from pymantaray.records.shown import shown_html
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.assemble import build_clocks, build_timing
-from pymantaray.study.config import StudyConfig
 from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
 from pymantaray.study.folder import MANIFEST
-from pymantaray.study.load import load_study
 
 if TYPE_CHECKING:
     from pymantaray.study.mission import Mission

@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.config.sections import FleetSection, SlotsSection, StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories
 from pymantaray.exchange.tracks import union_of_times
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Trajectories
-from pymantaray.study.config import FleetSection, SlotsSection, StudyConfig
 
 Array = NDArray[np.float64]
 

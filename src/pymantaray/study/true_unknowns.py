@@ -6,11 +6,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.config.sections import StudyConfig
 from pymantaray.estimation import Solution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
 from pymantaray.records import SharedUnknowns, Trajectories
 from pymantaray.study.assemble import build_clocks
-from pymantaray.study.config import StudyConfig
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 
 Array = NDArray[np.float64]

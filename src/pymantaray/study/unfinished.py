@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pymantaray
+from pymantaray.config.load import study_toml
+from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import WriteError
 from pymantaray.records import whole_file
-from pymantaray.study.config import StudyConfig
-from pymantaray.study.load import study_toml
 from pymantaray.study.manifest import checksums, git_commit
 from pymantaray.study.realization import Solved
 

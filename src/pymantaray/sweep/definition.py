@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
+from pymantaray.config.load import preset_names
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.study import StudyConfig, load_study, parse_study
-from pymantaray.study.load import preset_names
 from pymantaray.study.tracks import with_tracks
 
 Tree = dict[str, Any]

@@ -1,15 +1,15 @@
 """Range models of a study's estimators: a module for each, of its name, with a function ``build``.
 
-A new one is a module here, its name and what it needs in `RANGE_MODELS` of `config_estimators`, and a test.
+A new one is a module here, its name and what it needs in `RANGE_MODELS` of `config.estimators`, and a test.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pymantaray.config.estimators import RangeEstimatorSection
     from pymantaray.estimation import RangeModel
     from pymantaray.study.beliefs import Beliefs
-    from pymantaray.study.config_estimators import RangeEstimatorSection
 
 
 def build_range_model(section: "RangeEstimatorSection", beliefs: "Beliefs", realization: int) -> "RangeModel":

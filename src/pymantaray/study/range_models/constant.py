@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from pymantaray.config.estimators import RangeEstimatorSection
 from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeLinks
 from pymantaray.study.assemble import fleet_plan
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config_estimators import RangeEstimatorSection
 
 
 def build(section: RangeEstimatorSection, beliefs: Beliefs, realization: int) -> ConstantSpeed:

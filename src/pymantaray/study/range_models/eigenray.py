@@ -1,9 +1,9 @@
 """Eigenrays through a believed ocean: as it is believed, as it varies, or with modes of unknown amplitude."""
 
+from pymantaray.config.estimators import RangeEstimatorSection
 from pymantaray.estimation import RangeModel
 from pymantaray.study.assemble import build_currents, build_medium
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config_estimators import RangeEstimatorSection
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.range_models.varying_eigenrays import VaryingEigenrays
 

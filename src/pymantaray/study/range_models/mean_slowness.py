@@ -1,8 +1,8 @@
 """Straight rays through the horizontal mean of a believed ocean."""
 
+from pymantaray.config.estimators import RangeEstimatorSection
 from pymantaray.estimation import MeanSlowness
 from pymantaray.study.beliefs import Beliefs
-from pymantaray.study.config_estimators import RangeEstimatorSection
 
 
 def build(section: RangeEstimatorSection, beliefs: Beliefs, realization: int) -> MeanSlowness:

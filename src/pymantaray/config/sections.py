@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, create_model, model_validator
 
-from pymantaray.sensing.noise import NoiseModel
-from pymantaray.study.config_estimators import (
+from pymantaray.config.estimators import (
     NAME,
     Depth,
     Hours,
@@ -26,7 +25,8 @@ from pymantaray.study.config_estimators import (
     own_files,
     require_unique,
 )
-from pymantaray.study.geographic import with_local_places
+from pymantaray.config.geographic import with_local_places
+from pymantaray.sensing.noise import NoiseModel
 
 Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
 

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, TypeVar, get_args
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
+from pymantaray.config.estimators import NAME, input_file
+from pymantaray.config.sections import PARTICIPANT, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.errors import StudyError
-from pymantaray.study.config import PARTICIPANT, DetectionSection, SoundConfig, StudyConfig
-from pymantaray.study.config_estimators import NAME, input_file
 
 Model = TypeVar("Model", bound=BaseModel)
 _MOST_CHARACTERS = 10_000_000
@@ -82,7 +82,7 @@ def preset_text(name: str) -> str:
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
         raise StudyError(f"no preset {name!r}; {hint}there are {', '.join(known)}")
-    return (files("pymantaray.study") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
+    return (files("pymantaray.config") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def load_study(
@@ -277,7 +277,7 @@ def _read(path: Path) -> str:
 
 def preset_names() -> list[str]:
     """Names of the presets that the package ships."""
-    folder = files("pymantaray.study") / "presets"
+    folder = files("pymantaray.config") / "presets"
     return sorted(
         entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")
     )

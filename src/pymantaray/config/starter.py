@@ -9,8 +9,8 @@ import tomli_w
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from pymantaray.study.config import StudyConfig
-from pymantaray.study.load import preset_text
+from pymantaray.config.load import preset_text
+from pymantaray.config.sections import StudyConfig
 
 _HEADER = re.compile(r"^\[+([\w.]+)\]+", re.MULTILINE)
 _HEAD = """\
