@@ -17,7 +17,7 @@ from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.convert import parse_instant
-from pymantaray.ocean.open import OceanIndex, Source, ocean_index
+from pymantaray.ocean.open import FileSource, OceanIndex, ocean_index
 from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import GeographicWindow, rectangle, select
 from pymantaray.study.manifest import sha256
@@ -86,7 +86,7 @@ class Atlas:
 
     def __init__(
         self,
-        source: Source,
+        source: FileSource,
         links: AtlasLinks | None = None,
         *,
         window: GeographicWindow | None = None,
@@ -200,7 +200,7 @@ class Atlas:
         return float(south), float(north), float(west), float(min(east, west + 360.0))
 
 
-def _resolved(source: Source) -> list[str]:
+def _resolved(source: FileSource) -> list[str]:
     """Names of files by which every worker knows them."""
     sources = [source] if isinstance(source, str | Path) else list(source)
     return [str(s) if str(s).startswith(_SYNTHETIC) else str(Path(s).resolve()) for s in sources]
@@ -224,7 +224,7 @@ def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:
 
 
 def instants_between(
-    source: Source, start: str, stop: str, step_h: float | None = None
+    source: FileSource, start: str, stop: str, step_h: float | None = None
 ) -> NDArray[np.datetime64]:
     """Instants (UTC) of a source from one to another, both included, at least so many hours apart; of a synthetic one by default a day."""
     index, first, last = ocean_index(source), parse_instant(start), parse_instant(stop)

@@ -4,7 +4,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from pymantaray.records.writing import NETCDF_LOCK
 Array = NDArray[np.float64]
 MEMORY_SHARE = 1 / 12
 """Of the machine's memory, for one of four variables; conversion holds up to three of each."""
+IN_MEMORY = "data set in memory"
 _NEVER_WRITTEN = {  # what the NetCDF library fills in where a variable declares nothing
     "f4": np.float32(9.9692099683868690e36),
     "f8": np.float64(9.9692099683868690e36),
@@ -27,12 +28,14 @@ _NEVER_WRITTEN = {  # what the NetCDF library fills in where a variable declares
 }
 
 
-def open_file(path: str | Path) -> xr.Dataset:
+def open_file(path: str | Path | xr.Dataset) -> xr.Dataset:
     """
     Header of a data set, its values read where they are asked for: see `numbers`. To be closed.
 
-    Fill values become NaN, scale and offset are applied; times stay numbers.
+    Fill values become NaN, scale and offset are applied; times stay numbers. A data set in memory takes the form of a file.
     """
+    if isinstance(path, xr.Dataset):
+        return _from_memory(path)
     address = re.search(r"[a-z][a-z0-9+]+:/.*", str(path))  # also where a folder was put before it
     if address:
         line = "an address, not a file; get it with mantaray ocean fetch, or download it"
@@ -61,6 +64,41 @@ def open_file(path: str | Path) -> xr.Dataset:
     data.set_close(close)
     data.encoding = {"source": str(path)}
     return data
+
+
+def _from_memory(data: xr.Dataset) -> xr.Dataset:
+    """Data set whose instants are numbers again, as in a file; values are shared, not copied."""
+    data = data.copy(deep=False)
+    for name, variable in data.variables.items():
+        dates = variable.dtype.kind == "O" and str(name) in data.coords
+        if variable.dtype.kind == "M" or dates:
+            try:
+                encoded = xr.conventions.encode_cf_variable(variable, name=name)
+            except Exception as error:  # noqa: BLE001  objects of any kind
+                raise OceanError(
+                    f"data set in memory: {name} holds no instants ({one_line(error, 80)})"
+                ) from None
+            data = data.drop_vars([name]).assign_coords({name: encoded})
+    data.encoding = {"source": str(data.encoding.get("source") or IN_MEMORY)}
+    return data
+
+
+def with_standard_names(files: Sequence[xr.Dataset], names: Mapping[str, str]) -> None:
+    """Give variables of open files the standard names, and the units in brackets behind them, that a user says they have."""
+    for name, meaning in names.items():
+        match = re.fullmatch(r"\s*(\w+)\s*(?:\[(.*)\])?\s*", meaning)
+        if not match:
+            raise OceanError(
+                f"name of {name}: {meaning!r}; needs a CF standard name such as sea_water_potential_temperature, or with a"
+                " unit sea_water_temperature[degC]"
+            )
+        holders = [data for data in files if name in data.variables]
+        if not holders:
+            there = ", ".join(dict.fromkeys(str(variable) for data in files for variable in data.variables))
+            where = ", ".join(map(file_name, files))
+            raise OceanError(f"{where}: no variable {name!r} to name {match[1]}; there are {one_line(there)}")
+        for data in holders:
+            data[name].attrs |= {"standard_name": match[1]} | ({"units": match[2]} if match[2] else {})
 
 
 def decoded(raw: xr.Dataset) -> xr.Dataset:

@@ -1,6 +1,6 @@
 """One door to all oceans: files that belong together, or the name of a synthetic region."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +22,16 @@ from pymantaray.ocean.convert import (
     pick,
     without_scaled_fill,
 )
-from pymantaray.ocean.files import file_name, numbers, open_file, unreadable
+from pymantaray.ocean.files import IN_MEMORY, file_name, numbers, open_file, unreadable, with_standard_names
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.synthetic import EPOCH, synthetic_axes, synthetic_ocean
 from pymantaray.ocean.window import SAME_DEGREES, GeographicWindow, Selection, crop, select
 
 Array = NDArray[np.float64]
-Source = str | Path | Sequence[str | Path]
+FileSource = str | Path | Sequence[str | Path]
+Source = FileSource | xr.Dataset | Sequence[str | Path | xr.Dataset]
+Names = Mapping[str, str]
+"""CF standard names by variable, for files that lack them; a unit may follow in brackets."""
 Currents = Literal["required", "rest"]
 _ROLES = tuple(v.name for v in VARIABLES)
 _SYNTHETIC = "synthetic:"
@@ -41,16 +44,17 @@ def open_ocean(
     time: str | np.datetime64 | None = None,
     window: GeographicWindow | None = None,
     currents: Currents = "required",
+    names: Names | None = None,
 ) -> xr.Dataset:
     """
     Open an ocean and check it.
 
     Parameters
     ----------
-    source : str, Path or sequence of them
-        A NetCDF file or zarr folder with HYCOM's variables or CF standard names, several that belong
-        together, or ``"synthetic:beaufort"`` or ``"synthetic:fram"``. A valid ocean that was written as NetCDF
-        comes back unchanged.
+    source : str, Path, xarray.Dataset or sequence of them
+        A NetCDF file, zarr folder or data set in memory with HYCOM's variables or CF standard names, several that belong
+        together, or ``"synthetic:beaufort"`` or ``"synthetic:fram"``. Axes may have any order and direction. A valid ocean
+        that was written as NetCDF comes back unchanged.
     time : str or numpy.datetime64, optional
         Instant (UTC). For files by default their only time; for synthetic oceans 15 July 2014, 12 h.
     window : tuple of float, optional
@@ -58,6 +62,9 @@ def open_ocean(
         antimeridian. By default everything. [degrees]
     currents : {"required", "rest"}
         Whether a data set without currents is refused, or taken with zero ones.
+    names : mapping of str to str, optional
+        CF standard names of variables that lack one, such as ``{"temp": "sea_water_potential_temperature"}``; with a unit,
+        if the variable lacks it too, ``{"temp": "sea_water_temperature[degC]"}``.
 
     Returns
     -------
@@ -76,19 +83,24 @@ def open_ocean(
     >>> dict(ocean.sizes)
     {'depth': 40, 'lat': 25, 'lon': 51}
     """
-    ocean = read_ocean(source, time=time, window=window, currents=currents)
+    ocean = read_ocean(source, time=time, window=window, currents=currents, names=names)
     _validate(ocean, source)
     return ocean
 
 
 def read_ocean(
-    source: Source, *, time: str | np.datetime64 | None, window: GeographicWindow | None, currents: Currents
+    source: Source,
+    *,
+    time: str | np.datetime64 | None,
+    window: GeographicWindow | None,
+    currents: Currents,
+    names: Names | None = None,
 ) -> xr.Dataset:
     """Ocean in the form of the schema, converted but not validated; otherwise as `open_ocean`."""
     sources, region = _sources(source)
     if region is not None:
         return crop(synthetic_ocean(region, EPOCH if time is None else time), window)
-    with Collection(sources, window) as collection:
+    with Collection(sources, window, names) as collection:
         collection.needed(currents)
         return collection.ocean(pick(collection.times(), time, collection.names), currents)
 
@@ -100,6 +112,7 @@ def open_ocean_series(
     *,
     window: GeographicWindow | None = None,
     currents: Currents = "required",
+    names: Names | None = None,
 ) -> tuple[xr.Dataset, ...]:
     """
     Open the oceans at a source's own instants that enclose a span of time (UTC); otherwise as `open_ocean`.
@@ -116,7 +129,7 @@ def open_ocean_series(
         begin = origin + (first - origin) // _SYNTHETIC_STEP * _SYNTHETIC_STEP
         times = np.arange(begin, last + _SYNTHETIC_STEP, _SYNTHETIC_STEP)
         return tuple(crop(synthetic_ocean(region, t), window) for t in _enclosing(times, first, last, region))
-    with Collection(sources, window) as collection:
+    with Collection(sources, window, names) as collection:
         times = _enclosing(collection.whole_times(currents), first, last, collection.names)
         oceans = tuple(collection.ocean(np.datetime64(t), currents) for t in times)
     for ocean in oceans:
@@ -130,7 +143,7 @@ def open_ocean_series(
     return oceans
 
 
-def ocean_times(source: Source) -> NDArray[np.datetime64]:
+def ocean_times(source: Source, names: Names | None = None) -> NDArray[np.datetime64]:
     """
     Instants (UTC), rising, at which a source of `open_ocean` has an ocean, shape (time,).
 
@@ -140,7 +153,7 @@ def ocean_times(source: Source) -> NDArray[np.datetime64]:
     sources, region = _sources(source)
     if region is not None:
         return np.array([EPOCH], dtype="datetime64[ns]")
-    with Collection(sources) as collection:
+    with Collection(sources, names=names) as collection:
         return collection.whole_times("rest")
 
 
@@ -157,13 +170,13 @@ class OceanIndex(NamedTuple):
     """Those of the source that hold each of the times."""
 
 
-def ocean_index(source: Source) -> OceanIndex:
+def ocean_index(source: Source, names: Names | None = None) -> OceanIndex:
     """Grid and times of a source, and which of its files hold each time."""
     sources, region = _sources(source)
     if region is not None:
         lat, lon = synthetic_axes(region)
         return OceanIndex(lat, lon, ocean_times(source), ((str(sources[0]),),))
-    with Collection(sources) as collection:
+    with Collection(sources, names=names) as collection:
         times, roles = collection.whole_times("rest"), collection.needed("rest")
         holds = [{id(part) for part, _ in collection.at(time, roles).values()} for time in times]
         named = [(str(path), id(part)) for path, part in zip(sources, collection.parts, strict=True)]
@@ -172,10 +185,10 @@ def ocean_index(source: Source) -> OceanIndex:
         return OceanIndex(grid.lat, grid.lon, times, files)
 
 
-def _sources(source: Source) -> tuple[list[str | Path], str | None]:
+def _sources(source: Source) -> tuple[list[str | Path | xr.Dataset], str | None]:
     """Sources as a list, and the name of the synthetic region if they are one."""
-    sources = [source] if isinstance(source, str | Path) else list(source)
-    regions = [str(s) for s in sources if str(s).startswith(_SYNTHETIC)]
+    sources = [source] if isinstance(source, str | Path | xr.Dataset) else list(source)
+    regions = [str(s) for s in sources if isinstance(s, str) and s.startswith(_SYNTHETIC)]
     if regions and len(sources) > 1:
         raise OceanError(f"ocean: {regions[0]} cannot be combined with other sources; give it alone")
     return sources, regions[0].removeprefix(_SYNTHETIC) if regions else None
@@ -185,7 +198,8 @@ def _validate(ocean: xr.Dataset, source: Source) -> None:
     try:
         validate_ocean(ocean)
     except OceanError as error:
-        raise OceanError(f"{_names([Path(s).name for s in _sources(source)[0]])}: {error}") from None
+        shown = [IN_MEMORY if isinstance(s, xr.Dataset) else Path(s).name for s in _sources(source)[0]]
+        raise OceanError(f"{_names(shown)}: {error}") from None
 
 
 def _enclosing(times: Instants, start: np.datetime64, stop: np.datetime64, names: str) -> Instants:
@@ -258,21 +272,30 @@ class Part:
         return without_scaled_fill(field.variable, np.ascontiguousarray(whole))
 
 
+def _part(data: xr.Dataset, window: GeographicWindow | None) -> Part:
+    try:
+        return Part.of(data, window)
+    except Exception as error:  # noqa: BLE001  what no check foresaw in a damaged file
+        raise unreadable(file_name(data), error) from None
+
+
 class Collection:
     """Files that together hold an ocean, open until the block ends."""
 
-    def __init__(self, paths: Sequence[str | Path], window: GeographicWindow | None = None) -> None:
+    def __init__(
+        self,
+        paths: Sequence[str | Path | xr.Dataset],
+        window: GeographicWindow | None = None,
+        names: Names | None = None,
+    ) -> None:
         if not paths:
             raise OceanError("ocean: no file given; name at least one NetCDF file")
         with ExitStack() as stack:
-            self.parts: list[Part] = []
-            for path in paths:
-                data = open_file(path)
-                stack.callback(data.close)
-                try:
-                    self.parts.append(Part.of(data, window))
-                except Exception as error:  # noqa: BLE001  what no check foresaw in a damaged file
-                    raise unreadable(path, error) from None
+            data = [open_file(path) for path in paths]
+            for one in data:
+                stack.callback(one.close)
+            with_standard_names(data, names or {})
+            self.parts = [_part(one, window) for one in data]
             self.names = _names([file_name(part.data) for part in self.parts])
             missing = [r for r in _ROLES[:2] if not any(p.field(r) for p in self.parts)]
             if missing:
