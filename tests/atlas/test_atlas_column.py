@@ -19,7 +19,7 @@ from pymantaray.ocean import open_ocean
 from pymantaray.records import RayStatus
 from pymantaray.sensing import Landmark
 from pymantaray.study import parse_study
-from pymantaray.study.assemble import build_medium, build_ocean
+from pymantaray.water.ocean import build_medium, build_ocean
 
 PLACE = 15, 25  # row and column of the ocean
 

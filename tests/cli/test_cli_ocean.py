@@ -21,7 +21,8 @@ from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.schema import validate_ocean
 from pymantaray.records import write_netcdf
 from pymantaray.study import load_study, preset_text
-from pymantaray.study.assemble import build_ocean, fleet_plan
+from pymantaray.study.assemble import fleet_plan
+from pymantaray.water.ocean import build_ocean
 
 CAST = """# drop 9, 2014-07-24/1920 UTC, lat 74.0, lon -140.0; bottom 450 m
 depth_m,temperature_degC,practical_salinity

@@ -10,8 +10,9 @@ from pymantaray.acoustics import Medium, Sonar
 from pymantaray.sensing import Detector, Reception, TwoWay
 from pymantaray.service import RangingService, make_server
 from pymantaray.study import parse_study
-from pymantaray.study.assemble import build_landmarks, build_medium
-from pymantaray.study.mission import mission_ocean, range_fleet, simulate_fleet
+from pymantaray.study.assemble import build_landmarks
+from pymantaray.study.mission import range_fleet, simulate_fleet
+from pymantaray.water.ocean import build_medium, mission_ocean
 
 SONAR = Sonar(source_level_db=170.0, frequency_hz=25e3, bandwidth_hz=4e3, noise=45.0)
 

@@ -40,13 +40,13 @@ from pymantaray.ocean import (
 from pymantaray.ocean.internal_tide import PRESSURE_GRADIENT, displaced
 from pymantaray.records import SolveStatus, write_netcdf
 from pymantaray.study import parse_study, preset_text, run_study, study_toml
-from pymantaray.study.assemble import mission_start, open_start
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.study.realization import RealizationSolver
 from pymantaray.study.store import Run
+from pymantaray.water.ocean import mission_start, open_start
 
 EXACT = {"kind": "exact"}
 PERTURBED = {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 20e3, "down_to": 300.0}

@@ -10,7 +10,7 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import cast_ocean, crop_around, open_ocean, read_cast, sound_speed_profile_spread
 from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
 from pymantaray.study import load_study, run_study
-from pymantaray.study.assemble import build_ocean
+from pymantaray.water.ocean import build_ocean
 
 CASTS = Path(__file__).resolve().parents[3] / "shared" / "data" / "casts"
 

@@ -12,17 +12,11 @@ from pymantaray.estimation import read_pyfg
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ClockModel, Picker, TwoWay, perturb
 from pymantaray.study import open_run
-from pymantaray.study.assemble import (
-    build_clocks,
-    build_currents,
-    build_detector,
-    build_ocean,
-    build_picker,
-    build_timing,
-    leakage_of,
-)
+from pymantaray.study.assemble import build_clocks, build_picker
 from pymantaray.study.realization import solve_realizations, start_solver
 from pymantaray.study.workers import Workers
+from pymantaray.water.listening import build_detector, build_timing, leakage_of
+from pymantaray.water.ocean import build_currents, build_ocean
 
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 

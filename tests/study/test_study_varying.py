@@ -20,10 +20,11 @@ from pymantaray.records import write_netcdf
 from pymantaray.report.explore import Ends, mission_rays
 from pymantaray.report.figures import Results
 from pymantaray.study import open_run, run_study
-from pymantaray.study.assemble import build_currents, build_fleet, build_medium, mission_start
+from pymantaray.study.assemble import build_fleet
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.manifest import sha256
-from pymantaray.study.varying import VARYING, series_of, snapshot_at
+from pymantaray.water.ocean import build_currents, build_medium, mission_start
+from pymantaray.water.varying import VARYING, series_of, snapshot_at
 
 WINDOW = (74.2, 74.8, -141.2, -138.8)
 HOUR = 3600.0

@@ -8,8 +8,8 @@ import pytest
 from factories import TINY, CrewHere
 
 from pymantaray.study import parse_study
-from pymantaray.study.mission import mission_ocean
 from pymantaray.sweep import Sweep, stages
+from pymantaray.water.ocean import mission_ocean
 
 
 @pytest.fixture(scope="session")

@@ -10,10 +10,10 @@ import xarray as xr
 from factories import TINY
 
 from pymantaray.study import parse_study
-from pymantaray.study.assemble import build_medium
-from pymantaray.study.mission import mission_ocean, range_fleet, simulate_fleet
+from pymantaray.study.mission import range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys, narrowed, reads
 from pymantaray.sweep.stages import _PACK, _UNPACK, _content, _datasets
+from pymantaray.water.ocean import build_medium, mission_ocean
 
 MODEM = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
 

@@ -133,7 +133,7 @@ def _waters(
     from pymantaray.ocean import open_ocean
     from pymantaray.replay import Water
     from pymantaray.sensing import Reception
-    from pymantaray.study.assemble import cast_absorption, detector_of, leakage_of, ocean_absorption
+    from pymantaray.water.listening import cast_absorption, detector_of, leakage_of, ocean_absorption
 
     if source_kind(medium) == "run":
         raise ReplayError("--run: events are replayed in --profile or --ocean; give one of them")

@@ -18,15 +18,9 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import to_local
 from pymantaray.sensing import OneWay, Reception, Timing, TwoWay
 from pymantaray.study import SoundConfig, StudyConfig
-from pymantaray.study.assemble import (
-    build_currents,
-    build_medium,
-    build_reception,
-    build_timing,
-    mission_start,
-)
-from pymantaray.study.mission import mission_ocean
 from pymantaray.study.tracks import with_tracks
+from pymantaray.water.listening import build_reception, build_timing
+from pymantaray.water.ocean import build_currents, build_medium, mission_ocean, mission_start
 
 Array = NDArray[np.float64]
 Ocean = SoundConfig | Medium | xr.Dataset | str | Path | Sequence[str | Path]

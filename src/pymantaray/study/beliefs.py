@@ -44,8 +44,10 @@ from pymantaray.ocean import (
 )
 from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window
-from pymantaray.study.assemble import (
-    StudyOcean,
+from pymantaray.study.range_models.eigenray_model import EigenrayModel
+from pymantaray.study.store import Run
+from pymantaray.water.ocean import (
+    OceanFields,
     build_ocean,
     build_sea_floor,
     local_ocean,
@@ -53,8 +55,6 @@ from pymantaray.study.assemble import (
     open_start,
     utc_instant,
 )
-from pymantaray.study.range_models.eigenray_model import EigenrayModel
-from pymantaray.study.store import Run
 
 Array = NDArray[np.float64]
 _DOMAIN = ("centre_latitude_deg", "centre_longitude_deg", "half_extent_north", "half_extent_east")
@@ -88,7 +88,7 @@ class Beliefs:
     def __init__(self, run: Run) -> None:
         self.config, self._run = run.config, run
         self._latest: dict[AnyBelief, tuple[int, Belief]] = {}
-        self._over_time: dict[AnyBelief, StudyOcean] = {}
+        self._over_time: dict[AnyBelief, OceanFields] = {}
 
     def believed(self, section: AnyBelief, realization: int) -> Belief:
         """Ocean that an estimator believes in; where the true one varies in time, a snapshot of its start."""
@@ -100,7 +100,7 @@ class Beliefs:
             self._latest[section] = member, self._make(section, realization)
         return self._latest[section][1]
 
-    def varying(self, section: AnyBelief) -> StudyOcean:
+    def varying(self, section: AnyBelief) -> OceanFields:
         """Ocean over the mission that is believed to vary: as the study's, of the day that is believed in, or by a tide."""
         if section not in self._over_time:
             ocean = self.config.ocean

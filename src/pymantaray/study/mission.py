@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.acoustics import Medium, ray_picture, select
-from pymantaray.config.sections import SoundConfig, StudyConfig
+from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import MantaRayError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times
@@ -27,23 +27,17 @@ from pymantaray.sensing import (
     find_candidates,
     measure_ranges,
 )
-from pymantaray.study.assemble import (
-    StudyOcean,
-    build_currents,
-    build_fleet,
-    build_landmarks,
-    build_medium,
-    build_ocean,
-    build_picker,
-    build_reception,
-    build_schedule,
-    build_sonar,
-    build_timing,
-    gnss_depth,
-    mission_start,
-)
+from pymantaray.study.assemble import build_fleet, build_landmarks, build_picker, build_schedule, gnss_depth
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.tracks import follow, read_fleet
+from pymantaray.water.listening import build_reception, build_sonar, build_timing
+from pymantaray.water.ocean import (
+    OceanFields,
+    build_currents,
+    build_medium,
+    mission_ocean,
+    mission_start,
+)
 
 if TYPE_CHECKING:
     from pymantaray.study.store import Run
@@ -56,7 +50,7 @@ Progress = Callable[[str, int, int], None]
 class Mission:
     """Everything that all realizations of a study share."""
 
-    ocean: StudyOcean
+    ocean: OceanFields
     truth: Trajectories
     links: Links
     arrivals: Arrivals
@@ -123,14 +117,8 @@ def _check_names(config: StudyConfig, tracks: Tracks | None, schedule: Schedule 
     plan.check_names(names, [mark.name for mark in config.landmarks])
 
 
-def mission_ocean(config: SoundConfig) -> StudyOcean:
-    """Ocean of a mission, over its duration where it varies."""
-    section = config.ocean
-    return build_ocean(section, config.mission.duration_h * 3600.0 if section.time_varying else 0.0)
-
-
 def simulate_fleet(
-    config: StudyConfig, ocean: StudyOcean, *, tracks: Tracks | None = None, schedule: Schedule | None = None
+    config: StudyConfig, ocean: OceanFields, *, tracks: Tracks | None = None, schedule: Schedule | None = None
 ) -> Trajectories:
     """Where the vehicles of a mission go, sampled at every ping too."""
     mission, duration = config.mission, config.mission.duration_h * 3600.0
@@ -154,7 +142,7 @@ def simulate_fleet(
 
 def range_fleet(
     config: StudyConfig,
-    ocean: StudyOcean,
+    ocean: OceanFields,
     medium: Medium | Callable[[float], Medium],
     truth: Trajectories,
     progress: Callable[[int, int], None] | None = None,
@@ -175,7 +163,7 @@ def range_fleet(
 
 
 def assemble_mission(
-    config: StudyConfig, ocean: StudyOcean, truth: Trajectories, ranging: Ranging
+    config: StudyConfig, ocean: OceanFields, truth: Trajectories, ranging: Ranging
 ) -> Mission:
     """What all realizations of a study share, from its ranges, and no picture."""
     noise = NoiseModel(**config.noise.model_dump())

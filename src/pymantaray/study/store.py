@@ -32,9 +32,10 @@ from pymantaray.records import (
 from pymantaray.records.shown import shown_html
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
-from pymantaray.study.assemble import build_clocks, build_timing
+from pymantaray.study.assemble import build_clocks
 from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
 from pymantaray.study.folder import MANIFEST
+from pymantaray.water.listening import build_timing
 
 if TYPE_CHECKING:
     from pymantaray.study.mission import Mission

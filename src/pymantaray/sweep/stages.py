@@ -19,10 +19,10 @@ from pymantaray.sensing import Links, Ranging
 from pymantaray.sensing.ranging import Leaked
 from pymantaray.sensing.schedule import Attempts
 from pymantaray.study import StudyConfig
-from pymantaray.study.assemble import StudyOcean, build_medium
-from pymantaray.study.mission import mission_ocean, range_fleet, simulate_fleet
+from pymantaray.study.mission import range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, narrowed
 from pymantaray.sweep.store import Store, failure_content, stage_name
+from pymantaray.water.ocean import OceanFields, build_medium, mission_ocean
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """The latest of each stage that this process has had, after its key, and what it took when it was computed. [s]"""
@@ -38,9 +38,9 @@ class Stages:
         self._config, self._keys, self._store, self._shared = config, keys, store, shared
 
     @property
-    def ocean(self) -> StudyOcean:
+    def ocean(self) -> OceanFields:
         """Ocean of the mission."""
-        out: StudyOcean = self._get(OCEAN, lambda: mission_ocean(narrowed(self._config, OCEAN)))
+        out: OceanFields = self._get(OCEAN, lambda: mission_ocean(narrowed(self._config, OCEAN)))
         return out
 
     @property
@@ -108,7 +108,7 @@ class Stages:
             raise
 
 
-def _pack_ocean(ocean: StudyOcean) -> dict[str, xr.Dataset]:
+def _pack_ocean(ocean: OceanFields) -> dict[str, xr.Dataset]:
     region = io.StringIO()
     ocean.region.to_csv(region)
     groups = {"geographic": ocean.geographic, "local": ocean.local, "profile": ocean.profile}
@@ -117,10 +117,10 @@ def _pack_ocean(ocean: StudyOcean) -> dict[str, xr.Dataset]:
     return {"region": xr.Dataset(attrs={"csv": region.getvalue()}), **groups}
 
 
-def _unpack_ocean(groups: dict[str, xr.Dataset]) -> StudyOcean:
+def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
     region = pd.read_csv(io.StringIO(groups.pop("region").attrs["csv"]), index_col=0)
     groups["geographic"] = xr.decode_cf(groups["geographic"], decode_timedelta=False)
-    return StudyOcean(region=region, **groups)
+    return OceanFields(region=region, **groups)
 
 
 def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:

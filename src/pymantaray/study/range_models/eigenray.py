@@ -2,10 +2,10 @@
 
 from pymantaray.config.estimators import RangeEstimatorSection
 from pymantaray.estimation import RangeModel
-from pymantaray.study.assemble import build_currents, build_medium
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.range_models.varying_eigenrays import VaryingEigenrays
+from pymantaray.water.ocean import build_currents, build_medium
 
 
 def build(section: RangeEstimatorSection, beliefs: Beliefs, realization: int) -> RangeModel:

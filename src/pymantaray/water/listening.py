@@ -1,0 +1,112 @@
+"""From configuration to what receivers listen for: sonar, losses, reflections and timing."""
+
+import xarray as xr
+
+from pymantaray.acoustics import (
+    Absorption,
+    FluidBottom,
+    IceCover,
+    Leakage,
+    SeaSurface,
+    Sonar,
+    WenzNoise,
+)
+from pymantaray.acoustics.profiles import Profile
+from pymantaray.config.sections import DetectionSection, RangingSection, SoundConfig
+from pymantaray.errors import StudyError
+from pymantaray.sensing import Detector, OneWay, Reception, Timing, TwoWay
+from pymantaray.water.ocean import OceanFields
+
+
+def build_timing(section: RangingSection) -> Timing:
+    """Timing scheme of a study."""
+    return OneWay() if section.timing == "one-way" else TwoWay(turn_around=section.turn_around_s)
+
+
+def build_detector(config: SoundConfig, ocean: OceanFields) -> Detector | None:
+    """Sonar and losses of a study, absorption by its first snapshot; None if every arrival is heard."""
+    s = config.detection
+    if s is None:
+        return None
+    return detector_of(s, ocean_absorption(s, ocean.geographic, config.ocean.centre))
+
+
+def detector_of(s: DetectionSection, absorption: Absorption | None) -> Detector:
+    """Sonar and losses of a section in water of some absorption."""
+    return Detector(
+        sonar=sonar_of(s),
+        absorption=absorption,
+        bottom=None if s.sediment == "none" else FluidBottom.standard(s.sediment),
+        surface=_surface(s),
+    )
+
+
+def build_reception(config: SoundConfig, ocean: OceanFields) -> Reception:
+    """What the receivers of a study listen for."""
+    acoustics = config.acoustics
+    return Reception(
+        spreading_cutoff_db=acoustics.cutoff_db,
+        max_surface_bounces=acoustics.max_surface_bounces,
+        max_bottom_bounces=acoustics.max_bottom_bounces,
+        arrival=acoustics.arrival,
+        detector=build_detector(config, ocean),
+        leakage=leakage_of(config.detection),
+    )
+
+
+def leakage_of(s: DetectionSection | None) -> Leakage | None:
+    """What arrives where no ray does; None if nothing."""
+    return Leakage(s.leakage_reach_m, s.scatter_db) if s is not None and s.leakage else None
+
+
+def build_sonar(s: DetectionSection | None) -> Sonar | None:
+    """Modems of a study; None if every arrival is heard."""
+    return None if s is None else sonar_of(s)
+
+
+def sonar_of(s: DetectionSection) -> Sonar:
+    """Modems of a section."""
+    noise: WenzNoise | float
+    if s.noise_spectral_level_db is None:
+        noise = WenzNoise(wind_speed=s.wind_speed, shipping=0.5 if s.shipping is None else s.shipping)
+    else:
+        noise = s.noise_spectral_level_db
+    return Sonar(
+        source_level_db=s.source_level_db,
+        frequency_hz=s.frequency_hz,
+        bandwidth_hz=s.bandwidth_hz,
+        noise=noise,
+        processing_gain_db=s.processing_gain_db,
+        threshold_db=s.threshold_db,
+        spread_db=s.spread_db,
+    )
+
+
+def _surface(s: DetectionSection) -> SeaSurface | IceCover | None:
+    if s.ice_loss_db is not None:
+        return IceCover(s.ice_loss_db)
+    return None if s.surface_loss == "none" else SeaSurface(wind_speed=s.wind_speed, model=s.surface_loss)
+
+
+def cast_absorption(s: DetectionSection, profile: Profile) -> Absorption | None:
+    """Absorption of a section in the water of a cast, which must have temperature and salinity for most formulas."""
+    if s.absorption == "none":
+        return None
+    if s.absorption == "thorp":
+        return Absorption.thorp()
+    if profile.water is None:
+        raise StudyError(
+            f"detection.absorption is {s.absorption}, but cast {profile.name} lacks temperature or salinity; take thorp or none"
+        )
+    return Absorption.from_profile(profile.depth, *profile.water, formula=s.absorption)
+
+
+def ocean_absorption(
+    s: DetectionSection, geographic: xr.Dataset, centre: tuple[float, float] | None
+) -> Absorption | None:
+    """Absorption of a section in an ocean as its source has it."""
+    if s.absorption == "none":
+        return None
+    if s.absorption == "thorp":
+        return Absorption.thorp()
+    return Absorption.from_dataset(geographic, centre=centre, formula=s.absorption)
