@@ -28,7 +28,7 @@ import numpy as np
 from all_rows import machine
 from bench_links import GRID, TARGETS
 
-from pymantaray.config.load import parse
+from pymantaray.config.checks import parse
 from pymantaray.service import RangingService
 from pymantaray.service.server import MOST_BYTES
 from pymantaray.study import SoundConfig

@@ -65,7 +65,9 @@ def configuration() -> dict[str, str]:
         ),
         "## A study",
         (
-            "What `mantaray study run` reads. `mantaray serve` takes a file with `[ocean]`, `[mission]`, `[acoustics]`, `[ranging]` and"
+            "What `mantaray study run` reads. A key `base` at the top names a preset or another file: keys that the file lacks are the"
+            ' base\'s, and `"none"` takes out a value that the base has. Every command that takes a study has `--set KEY=VALUE`.'
+            " `mantaray serve` takes a file with `[ocean]`, `[mission]`, `[acoustics]`, `[ranging]` and"
             " `[detection]` alone, `mantaray replay` the section `[detection]`; what `rays`, `ranges`, `replay` and `atlas` need besides are"
             " [options](commands.md)."
         ),

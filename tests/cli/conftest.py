@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 
 from pymantaray.cli.main import main
-from pymantaray.study import preset_text
-
-WINDOW = """half_extent_north = 15000.0
-half_extent_east = 15000.0
-"""
+from pymantaray.study import load_study, study_toml
 
 
 @pytest.fixture
@@ -44,16 +40,19 @@ def told(mantaray):
 @pytest.fixture
 def small_text():
     """Text of a study that takes seconds: the quick preset for four hours in a small window, dead reckoning only."""
-    text = preset_text("quick")
-    for old, new in (
-        ("duration_h = 24.0", "duration_h = 4.0"),
-        ("realizations = 3", "realizations = 1"),
-        ('conditions = ["odometry", "straight", "refracted"]', 'conditions = ["odometry", "straight"]'),
-        ("centre_longitude_deg = -140.0\n", "centre_longitude_deg = -140.0\n" + WINDOW),
-    ):
-        assert old in text
-        text = text.replace(old, new)
-    return text
+    return study_toml(
+        load_study(
+            "quick",
+            **{
+                "study.description": "small",
+                "study.realizations": 1,
+                "study.conditions": ["odometry", "straight"],
+                "mission.duration_h": 4.0,
+                "ocean.half_extent_north": 15000.0,
+                "ocean.half_extent_east": 15000.0,
+            },
+        )
+    )
 
 
 @pytest.fixture(scope="session")

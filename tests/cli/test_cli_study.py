@@ -13,7 +13,7 @@ from pymantaray.cli.main import main
 from pymantaray.cli.output import Watch
 from pymantaray.cli.printing import Printer
 from pymantaray.config import load
-from pymantaray.config.estimators import Section
+from pymantaray.config.common import Section
 from pymantaray.evaluation import error_table
 from pymantaray.records import RayStatus
 from pymantaray.study import load_study, open_run, preset_text
@@ -69,10 +69,67 @@ def test_init_writes_a_preset_with_the_defaults_of_all_other_keys(mantaray, tmp_
     set_text, count = re.subn(r"^#(?=[\w\[])", "", text, flags=re.MULTILINE)
     Path("set.toml").write_text(set_text)
     assert load_study("set.toml") == preset
-    assert count >= 20
+    assert count >= 15
     tables = [table for _, table in preset if isinstance(table, Section)]
     for key in {key for table in tables for key in type(table).model_fields}:
         assert re.search(rf"^(#|# |#?\[+fleet\.)?{key}\b", text, flags=re.MULTILINE), key
+
+
+EVENTS = (
+    "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,receiver_depth,travel_time\n"
+    "2014-07-15T12:00:00,A,B,74.5,-140.0,10,74.51,-140.0,20,0.8\n"
+)
+LOUD = "[detection]\nsource_level_db = 185.0\nfrequency_hz = 25e3\nbandwidth_hz = 5e3\n"
+OF_A_STUDY = [
+    ("study", "show", "quick"),
+    ("study", "init", "quick", "mine.toml"),
+    ("study", "cite", "quick"),
+    ("study", "run", "quick", "--out", "run"),
+    ("sweep", "show", "sweep.toml"),
+    ("sweep", "run", "sweep.toml", "--out", "out"),
+    ("serve", "quick", "--port", 0),
+    ("ocean", "check", "--study", "quick"),
+    ("ranges", "own.csv", "--ocean", "synthetic:fram", "--interval", "5 min", "--out", "out"),
+]
+
+
+@pytest.mark.parametrize("words", OF_A_STUDY, ids=lambda words: " ".join(words[:2]))
+def test_every_command_of_a_study_changes_it_and_says_what_was_meant(mantaray, small, words):
+    Path("sweep.toml").write_text('base = "quick"\nseeds = [1]\n')
+    Path("own.csv").write_text("time,north,east,depth\n0,0,0,5\n1800,900,0,5\n")
+    done = mantaray(*words, "--set", "noise.rnge_sigma=2")
+    assert done.err.splitlines()[-1].endswith(
+        "`noise.rnge_sigma`: unknown key. Did you mean `noise.range_sigma`?"
+    )
+    assert (done.code, done.out) == (2, "")
+    assert names_in(Path()) == ["own.csv", "small.toml", "sweep.toml"]
+
+
+def test_replay_changes_the_section_detection(mantaray, small):
+    Path("events.csv").write_text(EVENTS)
+    Path("loud.toml").write_text(LOUD)
+    words = ("replay", "events.csv", "--ocean", "synthetic:beaufort", "--set", "detection.thresold_db=2")
+    done = mantaray(*words, "--detection", "loud.toml")
+    assert done.code == 2
+    assert done.err.endswith("`thresold_db`: unknown key. Did you mean `threshold_db`?\n")
+    assert "--detection" in mantaray(*words).err
+
+
+def test_changes_hold_in_what_is_shown_and_in_a_file_made_of_them(mantaray, told, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    changes = (
+        "--set",
+        "noise.range_sigma=2",
+        "--set",
+        "fleet.vehicles.B.target_depth=123",
+        "--set",
+        "ocean.source=synthetic:fram",
+    )
+    shown = told("study", "show", "quick", *changes)
+    assert (shown["noise"]["range_sigma"], shown["ocean"]["source"]) == (2.0, ["synthetic:fram"])
+    assert shown["fleet"]["vehicles"][1]["target_depth"] == 123.0
+    assert mantaray("study", "init", "quick", "mine.toml", *changes).code == 0
+    assert load_study("mine.toml").model_dump(mode="json") == shown
 
 
 def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch):
@@ -194,7 +251,7 @@ def check_refusal(done, expected, left=("small.toml",)):
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
-    ("[noise]\n", "[noise]\nrange_sigm = 2.0\n", "noise.range_sigm: unknown key; did you mean range_sigma?"),
+    ("[noise]\n", "[noise]\nrange_sigm = 2.0\n", "`noise.range_sigm`: unknown key. Did you mean `noise.range_sigma`?"),
     ("target_depth = 250.0", "target_depth = 6000.0", "'G': target_depth is 6000 m deep; the sea floor"),
     ("half_extent_north = 15000.0", "half_extent_north = 9e6", "does not fit into the data"),
 ])  # fmt: skip
@@ -232,7 +289,7 @@ def test_unknown_errors_keep_their_traceback(monkeypatch):
     def fail(*_arguments, **_options):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("pymantaray.study.preset_text", fail)
+    monkeypatch.setattr("pymantaray.study.load_study", fail)
     with pytest.raises(ZeroDivisionError):
         main(["study", "show", "quick"])
 

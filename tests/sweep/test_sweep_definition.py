@@ -121,11 +121,12 @@ def test_the_size_of_a_fleet_and_its_spacing_are_fields_too(small):
     assert (after[2].points, after[2].depth) == (((2.0, 3.0, 8.0),), 5.0)
 
 
-def test_an_empty_table_takes_a_section_out(small):
+@pytest.mark.parametrize("none", [{}, None, "none"])
+def test_none_takes_a_section_out(small, none):
     modem = {"source_level_db": 170.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
-    sweep = Sweep(small, cross={"detection": [modem, {}]})
+    sweep = Sweep(small, cross={"detection": [modem, none]})
     assert [sweep.point(n).detection is None for n in (0, 1)] == [False, True]
-    assert sweep.axes[0].coordinates()["detection"][1] == "{}"
+    assert sweep.axes[0].coordinates()["detection"][1] == "none"
 
 
 def test_a_bad_point_is_one_line_and_all_are_told_at_once(small):
@@ -147,12 +148,25 @@ def test_a_bad_point_is_one_line_and_all_are_told_at_once(small):
 @pytest.mark.parametrize(
     ("field", "value", "line"),
     [
-        ("noise.range_sgima", 1.0, "noise.range_sgima: unknown key; did you mean range_sigma\\? allowed: .*"),
-        ("fleet.vehicles.Z.north", 1.0, "fleet.vehicles.Z.north: there is no such field or entry to change"),
-        ("fleet.vehicles.9.north", 1.0, "fleet.vehicles.9.north: there is no such field or entry to change"),
-        ("study.seed.deeper", 1.0, "study.seed.deeper: there is no such field or entry to change"),
+        ("noise.range_sgima", 1.0, "`noise.range_sgima`: unknown key. Did you mean `noise.range_sigma`\\?"),
+        (
+            "fleet.vehicles.Z.north",
+            1.0,
+            "`fleet.vehicles.Z.north`: no such entry. Entries of `fleet.vehicles`: A, B",
+        ),
+        (
+            "fleet.vehicles.9.north",
+            1.0,
+            "`fleet.vehicles.9.north`: no such entry. Entries of `fleet.vehicles`: A, B",
+        ),
+        (
+            "study.realizations.deeper",
+            1.0,
+            "`study.realizations.deeper`: `study.realizations` is 1, which has no keys; .*",
+        ),
         ("fleet.count", 9, "fleet.count is 9; the base has 1 to 2 vehicles"),
-        ("fleet.count", "x", "fleet.count: there is no such field or entry to change"),
+        ("fleet.count", "x", "fleet.count is x; the base has 1 to 2 vehicles"),
+        ("fleet.spacing", "x", "fleet.spacing is x; needs a factor, such as 0.5"),
     ],
 )
 def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, line):

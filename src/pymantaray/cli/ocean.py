@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pymantaray.cli import ocean_fetch
-from pymantaray.cli.options import Commands, Force, Json, Quiet, parse_duration, parse_pair
+from pymantaray.cli.options import Commands, Force, Json, Quiet, Set, changes_of, parse_duration, parse_pair
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import printer
 from pymantaray.errors import OceanError
@@ -86,6 +86,7 @@ def check(
     crs: Crs = None,
     currents: Currents = "required",
     equation: Equation = "teos-10",
+    changes: Set = None,
     as_json: Json = False,
 ) -> None:
     """List what is wrong (exit 2) or doubtful (exit 0) about an ocean."""
@@ -101,7 +102,7 @@ def check(
         from pymantaray.study.tracks import with_tracks
 
         # files given here take the place of the study's ocean as those of `study run --ocean` do
-        config = with_tracks(load_study(study, ocean=sources or None))
+        config = with_tracks(load_study(study, ocean=sources or None, **changes_of(changes)))
         if not sources:
             sources = [*config.ocean.source]
             options["time"] = time or (config.ocean.time and config.ocean.time.isoformat())
@@ -113,6 +114,8 @@ def check(
             fleet=fleet_plan(config),
             moved_elsewhere=bool(config.fleet.trajectories),
         )
+    elif changes:
+        raise OceanError("--set changes a study, but there is none; give one with --study")
     if not sources:
         raise OceanError("no file is given; name one, or a study with --study")
     ocean = None

@@ -40,6 +40,14 @@ Verbose = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key of the study, such as noise.range_sigma=2 or fleet.vehicles.B.target_depth=300; none takes a value out.",
+    ),
+]
 
 
 Fan = Annotated[
@@ -98,6 +106,13 @@ def fan_angles(first: float, last: float, count: int) -> "NDArray[np.float64]":
             f"--fan {first:g} {last:g} {count}: needs FROM below TO and a COUNT of 1 to {_MOST_RAYS}"
         )
     return np.radians(np.linspace(first, last, count))
+
+
+def changes_of(assignments: list[str] | None) -> dict[str, Any]:
+    """Values by dotted key, of what ``--set`` was given."""
+    from pymantaray.config.keys import parse_changes
+
+    return parse_changes(assignments or [])
 
 
 class Commands(typer.Typer):

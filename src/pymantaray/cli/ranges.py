@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Json, Pair, Quiet, parse_duration
+from pymantaray.cli.options import Json, Pair, Quiet, Set, changes_of, parse_duration
 from pymantaray.cli.printing import printer
 from pymantaray.errors import SensingError
 
@@ -75,6 +75,7 @@ def ranges(
     enu: Annotated[
         bool, typer.Option("--enu", help="TUM files have ROS's axes: east, north, up; forward, left, up.")
     ] = False,
+    changes: Set = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -100,7 +101,7 @@ def ranges(
         },
         acoustics={"max_surface_bounces": surface_bounces, "max_bottom_bounces": bottom_bounces},
         enu=enu,
-    )
+    ).with_(**changes_of(changes))
     with printer(as_json=as_json, quiet=quiet) as printed:
         run_and_report(config, out, printed, workers=1, figures=True, pdf=pdf, quiet=quiet)
 

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Json, MediumOptions, Quiet, SearchOptions, parse_duration, with_options
+from pymantaray.cli.options import (
+    Json,
+    MediumOptions,
+    Quiet,
+    SearchOptions,
+    Set,
+    changes_of,
+    parse_duration,
+    with_options,
+)
 from pymantaray.cli.printing import Printer, printer
 from pymantaray.replay.rules import DEFAULT_RULE
 
@@ -63,6 +72,7 @@ def replay(
     reference: Annotated[
         str | None, typer.Option(metavar="NODE", help="Node whose clock is right. Default: their mean is.")
     ] = None,
+    changes: Set = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Write figures as PDF too.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -75,7 +85,7 @@ def replay(
 
     window_s = parse_duration("--window", window, positive=False)
     measured, kind = read_events(events), DetectionRule.parse(rule)
-    waters, sources, notes = _waters(medium, search, detection)
+    waters, sources, notes = _waters(medium, search, detection, changes_of(changes))
     with progress_bars(quiet=quiet) as report:
         result = replay_events(
             measured,
@@ -122,7 +132,7 @@ def _tell(out: Printer, result: "Replay") -> None:
 
 
 def _waters(
-    medium: MediumOptions, search: SearchOptions, detection: Path | None
+    medium: MediumOptions, search: SearchOptions, detection: Path | None, changes: dict[str, Any]
 ) -> tuple[list["Water"], list[dict[str, Any]], list[str]]:
     """Waters that the options ask for, how they were made, and what of that to tell the user."""
     from pymantaray.acoustics.profiles import read_profiles
@@ -137,7 +147,11 @@ def _waters(
 
     if source_kind(medium) == "run":
         raise ReplayError("--run: events are replayed in --profile or --ocean; give one of them")
-    section = None if detection is None else load_detection(detection)
+    if changes and detection is None:
+        raise ReplayError(
+            "--set changes the section detection, but there is none; give a file with --detection"
+        )
+    section = None if detection is None else load_detection(detection, **changes)
     reception = Reception(
         spreading_cutoff_db=search.spreading_cutoff_db,
         max_surface_bounces=search.max_surface_bounces,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import parse_duration
+from pymantaray.cli.options import Set, changes_of, parse_duration
 from pymantaray.cli.printing import LOG
 
 if TYPE_CHECKING:
@@ -38,12 +38,15 @@ def serve(
             " own.",
         ),
     ] = "0",
+    changes: Set = None,
 ) -> None:
     """Answer pings by JSON over HTTP: who hears what when. End it with Ctrl-C."""
     from pymantaray.service import RangingService, make_server
 
     kept_s = parse_duration("--water-interval", water_interval, positive=False)
-    with RangingService(_ocean(ocean), water_interval=kept_s, workers=workers) as service:
+    with RangingService(
+        _ocean(ocean, changes_of(changes)), water_interval=kept_s, workers=workers
+    ) as service:
         server = make_server(service, host, port)
         if not ip_address(server.effective_host).is_loopback:
             LOG.warning(
@@ -58,13 +61,17 @@ def serve(
     raise SystemExit(128 + number)
 
 
-def _ocean(words: list[str]) -> "Ocean":
+def _ocean(words: list[str], changes: dict[str, Any]) -> "Ocean":
     """Configuration that one word names, or else sources of an ocean."""
+    from pymantaray.config.checks import parse
     from pymantaray.config.load import preset_names
-    from pymantaray.study import load_sound
+    from pymantaray.study import SoundConfig, load_sound
 
     if len(words) == 1 and (words[0].endswith(".toml") or words[0] in preset_names()):
-        return load_sound(words[0])
+        return load_sound(words[0], **changes)
+    if changes:
+        sections = {"ocean": {"source": words}}
+        return parse(SoundConfig, sections, "ocean", None).with_(**changes)
     return words
 
 

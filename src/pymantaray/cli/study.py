@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Commands, Json, OceanCommand, Quiet, RunGroup
+from pymantaray.cli.options import Commands, Json, OceanCommand, Quiet, RunGroup, Set, changes_of
 from pymantaray.cli.output import duration, progress_bars
 from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.report.parts import PAGE
@@ -52,27 +52,27 @@ def list_command(as_json: Json = False) -> None:
 
 
 @app.command()
-def show(study: NameOrFile, as_json: Json = False) -> None:
-    """Print a preset with its comments, or a file with the keys that it leaves at their defaults; as JSON every key of either."""
-    from pymantaray.config.load import preset_names
-    from pymantaray.study import load_study, preset_text, study_toml
+def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
+    """Print all keys of a preset or a file, its base included, and what they mean; keys at their defaults are commented out."""
+    from pymantaray.config.text import commented_toml
+    from pymantaray.study import load_study
 
-    config = load_study(study)
-    text = preset_text(study) if study in preset_names() else study_toml(config)
+    config = load_study(study, **changes_of(changes))
     with printer(as_json=as_json) as out:
-        out.line(text.removesuffix("\n"), **config.model_dump(mode="json"))
+        out.line(commented_toml(config).removesuffix("\n"), **config.model_dump(mode="json"))
 
 
 @app.command()
 def init(
     name: Name = "quick",
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The file to make.")] = Path("study.toml"),
+    changes: Set = None,
 ) -> None:
     """Write a preset into a file to edit, with every key that it leaves at its default."""
     from pymantaray.errors import StudyError
     from pymantaray.study import starter_text
 
-    text = starter_text(name)
+    text = starter_text(name, **changes_of(changes))
     try:
         with file.open("x", encoding="utf-8") as copy:
             copy.write(text)
@@ -87,11 +87,12 @@ def init(
 def cite(
     study: NameOrFile,
     bibtex: Annotated[bool, typer.Option("--bibtex", help="As BibTeX.")] = False,
+    changes: Set = None,
 ) -> None:
     """List the publications that a study relies on."""
     from pymantaray.study import citation, load_study
 
-    references = citation(load_study(study))
+    references = citation(load_study(study, **changes_of(changes)))
     typer.echo(references.bibtex if bibtex else references, nl=not bibtex)
 
 
@@ -109,6 +110,7 @@ def run(
         list[str] | None,
         typer.Option("--ocean", help="Files, or a synthetic ocean's name, in place of the configured ocean."),
     ] = None,
+    changes: Set = None,
     no_figures: Annotated[
         bool, typer.Option("--no-figures", help="Data only: no tables and figures.")
     ] = False,
@@ -124,7 +126,7 @@ def run(
         raise typer.BadParameter(
             "there is no page with --no-figures; leave one of them out", param_hint="--open"
         )
-    config = load_study(study, realizations=realizations, ocean=ocean)
+    config = load_study(study, realizations=realizations, ocean=ocean, **changes_of(changes))
     with printer(as_json=as_json, quiet=quiet) as printed:
         folder = run_and_report(
             config, out, printed, workers=workers, figures=not no_figures, pdf=pdf, quiet=quiet

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import Commands, Json, Quiet, RunGroup, Scheduler, Workers
+from pymantaray.cli.options import Commands, Json, Quiet, RunGroup, Scheduler, Set, Workers, changes_of
 from pymantaray.cli.output import check_output, counted_progress, duration
 from pymantaray.cli.printing import LOG, Printer, printer
 
@@ -33,6 +33,7 @@ def show(
         bool, typer.Option("--measure", help="Run the first point to estimate the time.")
     ] = False,
     workers: Annotated[int, typer.Option("--workers", min=1, help="Workers that the time is for.")] = 1,
+    changes: Set = None,
     as_json: Json = False,
 ) -> None:
     """Print the plan: points, what they share, time and room. Nothing is run."""
@@ -41,7 +42,7 @@ def show(
     from pymantaray.sweep.plan import Plan
     from pymantaray.sweep.store import finished, open_store
 
-    sweep = load_sweep(file)
+    sweep = load_sweep(file, **changes_of(changes))
     plan = Plan(sweep)
     with printer(as_json=as_json) as printed:
         printed.line(f"{sweep.name}: {len(sweep)} points", name=sweep.name, points=len(sweep))
@@ -96,6 +97,7 @@ def run(
     out: Annotated[
         str, typer.Option("--out", help="Folder or URL of the results; what is done there is not done again.")
     ],
+    changes: Set = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     studies: Annotated[bool, typer.Option("--studies", help="Keep the run folder of each point.")] = False,
@@ -109,7 +111,7 @@ def run(
     """Do the points that are not done; exit with 1 if some fail."""
     from pymantaray.sweep import load_sweep
 
-    sweep = load_sweep(file)
+    sweep = load_sweep(file, **changes_of(changes))
     from pymantaray.sweep import run_sweep  # takes seconds, and not before the file is read
 
     with counted_progress("points", quiet=quiet) as progress:

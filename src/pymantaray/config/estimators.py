@@ -1,84 +1,22 @@
-"""Sections of a configuration about estimators, and what all sections have in common."""
+"""Sections of a configuration about estimators and what they believe of the ocean."""
 
 import datetime as dt
-from collections.abc import Sequence
-from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationInfo,
-    model_validator,
+from pydantic import Field, model_validator
+
+from pymantaray.config.common import (
+    NAME,
+    Depth,
+    InputFile,
+    NonNegativeFloat,
+    OceanSource,
+    PositiveFloat,
+    PositiveHours,
+    Section,
+    own_files,
 )
-
-from pymantaray.geometry.checks import duration_of
-
-PositiveFloat = Annotated[float, Field(gt=0.0)]
-NonNegativeFloat = Annotated[float, Field(ge=0.0)]
-Depth = NonNegativeFloat  # positive down
-
-
-def _duration(value: object, unit: str) -> object:
-    """Number in a unit, of text; what is not text is what it was."""
-    return duration_of(value, unit) if isinstance(value, str) else value
-
-
-NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
-# durations: a number is in the unit that the key ends in, text has units of its own; it is kept as that number
-Hours = Annotated[NonNegativeFloat, BeforeValidator(partial(_duration, unit="h"))]
-PositiveHours = Annotated[PositiveFloat, BeforeValidator(partial(_duration, unit="h"))]
-Seconds = Annotated[NonNegativeFloat, BeforeValidator(partial(_duration, unit="s"))]
-PositiveSeconds = Annotated[PositiveFloat, BeforeValidator(partial(_duration, unit="s"))]
-
-
-def input_file(name: str, folder: Path) -> str:
-    """Absolute name of a file named relative to a folder; that of a synthetic ocean is what it is."""
-    if "\0" in name:
-        raise ValueError(f"found {name!r}, which no file can be named")
-    return name if name.startswith("synthetic:") else str((folder / name).resolve())
-
-
-def _anchor(name: str, info: ValidationInfo) -> str:
-    return input_file(name, (info.context or {}).get("folder", Path()))
-
-
-InputFile = Annotated[str, Field(min_length=1), AfterValidator(_anchor)]
-"""Relative to what validation is told, `load_study` the configuration's folder; absolute from then on."""
-
-
-def _one_is_enough(value: object) -> object:
-    return (value,) if isinstance(value, str) else value
-
-
-InputFiles = Annotated[tuple[InputFile, ...], BeforeValidator(_one_is_enough), Field(strict=False)]
-OceanSource = Annotated[InputFiles, Field(min_length=1)]
-"""What `open_ocean` takes: a file, several that belong together, or the name of a synthetic ocean."""
-
-
-def own_files(source: Sequence[str]) -> tuple[str, ...]:
-    """Files of an ocean's source; a synthetic one has none."""
-    return tuple(name for name in source if not name.startswith("synthetic:"))
-
-
-class Section(BaseModel):
-    """Base of all sections: frozen, strict about types, no unknown keys, finite numbers only."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
-
-
-def require_unique(what: str, values: Sequence[str]) -> None:
-    """Raise a ValueError, of which pydantic makes a finding, if a value comes twice."""
-    repeated = sorted({v for v in values if values.count(v) > 1})
-    if repeated:
-        raise ValueError(f"{what} must differ; found {', '.join(repeated)} more than once")
 
 
 class ExactBelief(Section):

@@ -1,52 +1,24 @@
-"""From a preset's name or a TOML file to a validated configuration, and back to text."""
+"""From a preset's name or a TOML file, and its base, to a validated configuration."""
 
 import difflib
 import re
-import reprlib
 import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, get_args
+from typing import Any
 
-import tomli_w
-from pydantic import BaseModel, ValidationError
-
-from pymantaray.config.estimators import NAME, input_file
-from pymantaray.config.sections import PARTICIPANT, DetectionSection, SoundConfig, StudyConfig
+from pymantaray.config.checks import parse
+from pymantaray.config.common import NAME, located
+from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
+from pymantaray.config.sections import DetectionSection, SoundConfig, StudyConfig
+from pymantaray.config.text import commented_toml, starter
 from pymantaray.errors import StudyError
 
-Model = TypeVar("Model", bound=BaseModel)
+BASE = "base"
+"""Key at the top of a file: the preset or the file that it changes."""
+_PRESETS = files("pymantaray.config") / "presets"
 _MOST_CHARACTERS = 10_000_000
-_SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxother = 100
-_ALLOWED = {
-    "greater_than": "greater than {gt:g}",
-    "greater_than_equal": "{ge:g} or more",
-    "less_than": "less than {lt:g}",
-    "less_than_equal": "{le:g} or less",
-    "literal_error": "{expected}",
-    "union_tag_invalid": "{expected_tags}",
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "bool_type": "true or false",
-    "string_type": "text",
-    "string_pattern_mismatch": "text that matches {pattern}",
-    "too_short": "{min_length} or more",
-    "string_too_short": "text of a letter or more",
-    "finite_number": "a finite number",
-    "tuple_type": "a list",
-    "model_type": "a table",
-    "model_attributes_type": "a table",
-    "dict_type": "a table",
-    **dict.fromkeys(
-        ("datetime_type", "datetime_parsing", "datetime_from_date_parsing"), "a time as 2014-07-15T12:00:00"
-    ),
-}
-_PATTERNS = {
-    NAME: "letters, digits and ._- after a letter or digit",
-    PARTICIPANT: "1 to 64 letters, digits, _ and -",
-}
 
 
 def list_presets() -> dict[str, str]:
@@ -62,7 +34,7 @@ def list_presets() -> dict[str, str]:
 
 def preset_text(name: str) -> str:
     """
-    TOML text of a preset, with its comments.
+    TOML text of a preset with the meaning of each key; keys at their defaults are commented out.
 
     Parameters
     ----------
@@ -77,12 +49,33 @@ def preset_text(name: str) -> str:
     StudyError
         If there is no such preset; the message lists those there are.
     """
-    known = preset_names()
-    if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {close[0]}? " if close else ""
-        raise StudyError(f"no preset {name!r}; {hint}there are {', '.join(known)}")
-    return (files("pymantaray.config") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
+    _check_preset(name)
+    return commented_toml(load_study(name))
+
+
+def starter_text(name: str, **changes: Any) -> str:
+    """
+    TOML text of a preset to begin a study's file with: as `preset_text`, below some lines that say how to edit it.
+
+    Parameters
+    ----------
+    name : str
+        Of the preset.
+    **changes
+        Values by dotted key, as for `load_study`.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    StudyError
+        If there is no such preset; the message lists those there are. Or if a change is not allowed.
+    """
+    _check_preset(name)
+    config = load_study(name, **changes)
+    return starter(config, config.study.description if changes else f"the preset {name}")
 
 
 def load_study(
@@ -90,6 +83,7 @@ def load_study(
     *,
     realizations: int | None = None,
     ocean: Sequence[str | Path] | None = None,
+    **changes: Any,
 ) -> StudyConfig:
     """
     Read and check a study's configuration; the description of a changed one says what is changed.
@@ -97,12 +91,16 @@ def load_study(
     Parameters
     ----------
     name_or_file : str or pathlib.Path
-        Name of a preset, or a TOML file. Ocean and sea floor files named in it are relative to its folder.
+        Name of a preset, or a TOML file. Ocean and sea floor files named in it are relative to its folder. Its key ``base``
+        names a preset or another file, whose keys hold where the file has none.
     realizations : int, optional
         Number of realizations in place of the configured one.
     ocean : sequence of path or str, optional
         Ocean files, or the name of a synthetic ocean, in place of the whole configured ocean. Files are
         relative to the working folder; the time is the files' only one, the centre the middle of the data.
+    **changes
+        Values by dotted key, such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the name of an entry
+        (``fleet.vehicles.B.target_depth``); ``"none"`` takes a value out. Files are relative to the working folder.
 
     Returns
     -------
@@ -118,17 +116,23 @@ def load_study(
     --------
     >>> load_study("beaufort", realizations=2).study.realizations
     2
+    >>> load_study("quick", **{"noise.range_sigma": 2.0}).noise.range_sigma
+    2.0
     """
-    tree, folder = _tree(name_or_file)
-    name = str(name_or_file)
-    if realizations is not None or ocean is not None:
-        _change(tree, name, realizations, ocean)
+    name, words = str(name_or_file), []
+    tree = _tree(name_or_file)
+    if realizations is not None:
+        tree = with_key(tree, "study.realizations", realizations)
+        words.append(f"{realizations} realization{'' if realizations == 1 else 's'}")
     if ocean is not None:
-        tree["ocean"] = {"source": [input_file(str(source), Path()) for source in ocean]}
-    return parse_study(tree, name, folder)
+        tree = {**tree, "ocean": located({"source": [str(source) for source in ocean]}, Path())}
+        words.append(f"the ocean {' '.join(map(str, ocean))}")
+    tree = changed(tree, changes)
+    words += words_of(changes)
+    return parse_study(described(tree, name, words) if words else tree, name)
 
 
-def load_sound(name_or_file: str | Path) -> SoundConfig:
+def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     """
     Read what ranging needs of a study's configuration; a file may have that alone.
 
@@ -138,6 +142,8 @@ def load_sound(name_or_file: str | Path) -> SoundConfig:
         Name of a preset, or a TOML file with the section ``[ocean]`` and, where their defaults do not fit, ``[mission]``,
         ``[acoustics]``, ``[ranging]`` and ``[detection]``. One with a fleet is read as a study; without, its other sections are
         passed over.
+    **changes
+        Values by dotted key, as for `load_study`.
 
     Returns
     -------
@@ -149,53 +155,76 @@ def load_sound(name_or_file: str | Path) -> SoundConfig:
     StudyError
         As `load_study`.
     """
-    tree, folder = _tree(name_or_file)
+    tree, label = _tree(name_or_file), str(name_or_file)
     if "fleet" in tree:
-        return parse_study(tree, str(name_or_file), folder)
+        return parse_study(changed(tree, changes), label)
     others = StudyConfig.model_fields.keys() - SoundConfig.model_fields.keys()
     sound = {name: section for name, section in tree.items() if name not in others}
-    return parse(SoundConfig, sound, str(name_or_file), folder)
+    return parse(SoundConfig, changed(sound, changes), label, None)
 
 
-def load_detection(file: Path) -> DetectionSection:
-    """Section ``[detection]`` of a TOML file, whatever else is in it."""
-    tree, folder = _tree(file)
-    section = tree.get("detection")
+def load_detection(file: Path, **changes: Any) -> DetectionSection:
+    """Section ``[detection]`` of a TOML file, whatever else is in it, with changes by dotted key."""
+    section = changed(_tree(file), changes).get("detection")
     if not isinstance(section, dict):
         raise StudyError(f"{file}: has no section [detection]")
-    return parse(DetectionSection, section, f"{file}: detection", folder)
+    return parse(DetectionSection, section, f"{file}: detection", None)
 
 
-def _tree(name_or_file: str | Path) -> tuple[dict[str, Any], Path | None]:
-    """What TOML gives for a preset or a file, and the file's folder."""
+def _tree(name_or_file: str | Path, chain: tuple[str, ...] = ()) -> Tree:
+    """Tree of a preset or a file over that of its base; texts in it remember the folder of their file."""
     path, name = Path(name_or_file), str(name_or_file)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
     if not is_file and name not in preset_names() and path.exists():
         raise StudyError(f"{name}: no preset, and no study's file, whose name ends in .toml")
-    text = _read(path) if is_file else preset_text(name)
+    if not is_file:
+        _check_preset(name)
+    folder = path.parent if is_file else Path()
+    text = _read(path if is_file else Path(str(_PRESETS / f"{name}.toml")))
     try:
-        return tomllib.loads(text), path.parent if is_file else None
+        tree = located(tomllib.loads(text), folder)
     except tomllib.TOMLDecodeError as error:
         raise StudyError(f"{name}: not valid TOML: {error}") from None
     except (ValueError, RecursionError):
         raise StudyError(
             f"{name}: not valid TOML: a number is too long, or tables are nested too deep"
         ) from None
+    here = str(path.resolve()) if is_file else name
+    return _over_base(tree, folder, name, (*chain, here)) if BASE in tree else tree
 
 
-def _change(
-    tree: dict[str, Any], name: str, realizations: int | None, ocean: Sequence[str | Path] | None
-) -> None:
-    study = tree.setdefault("study", {})
-    if not isinstance(study, dict):
-        return
-    changes = []
-    if realizations is not None:
-        study["realizations"] = realizations
-        changes.append(f"{realizations} realization{'' if realizations == 1 else 's'}")
-    if ocean is not None:
-        changes.append(f"the ocean {' '.join(map(str, ocean))}")
-    study["description"] = f"{name} with {' and '.join(changes)}"
+def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> Tree:
+    """Tree over that of its base, with names of files relative to a folder; chain is how it was reached."""
+    base, rest = tree[BASE], {key: value for key, value in tree.items() if key != BASE}
+    if not isinstance(base, str) or not (base in preset_names() or base.endswith(".toml")):
+        hint = "".join(
+            f"did you mean {name}? " for name in difflib.get_close_matches(str(base), preset_names(), n=1)
+        )
+        raise StudyError(
+            f"{label}: base: found {str(base)[:100]!r}; {hint}allowed: a file that ends in .toml, {', '.join(preset_names())}"
+        )
+    source = str(base) if base in preset_names() else folder / base
+    reached = source if isinstance(source, str) else str(source.resolve())
+    if reached in chain:
+        circle = " -> ".join(Path(name).name for name in (*chain[chain.index(reached) :], reached))
+        raise StudyError(f"{label}: base: {circle} is a circle; leave out one of these keys")
+    try:
+        below = _tree(source, chain)
+        tree = merged(below, rest)
+    except StudyError as error:
+        raise StudyError(str(error) if str(error).startswith(label) else f"{label}: base: {error}") from None
+    return _named(tree, rest, label, str(base))
+
+
+def _named(tree: Tree, own: Tree, label: str, base: str) -> Tree:
+    """Tree of a file with a base, by the name of the file and a description of its own, unless it has them."""
+    study = own.get("study", {})
+    if not isinstance(study, dict) or not isinstance(tree.get("study", {}), dict):
+        return tree
+    stem = Path(label).stem
+    named = {} if "name" in study or not re.match(NAME, stem) else {"name": stem}
+    described = {} if "description" in study else {"description": f"{Path(label).name}, based on {base}"}
+    return {**tree, "study": {**tree.get("study", {}), **named, **described}}
 
 
 def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None = None) -> StudyConfig:
@@ -220,45 +249,10 @@ def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None 
     StudyError
         One line per finding.
     """
+    if BASE in tree:
+        folder = folder or Path()
+        tree = _over_base(located(tree, folder), folder, label, ())
     return parse(StudyConfig, tree, label, folder)
-
-
-def parse(model: type[Model], tree: dict[str, Any], label: str, folder: Path | None) -> Model:
-    """Check nested dictionaries by a model; input files are relative to the folder, by default the working folder."""
-    try:
-        return model.model_validate(tree, context={"folder": folder or Path()})
-    except ValidationError as error:
-        raise StudyError("\n".join(f"{label}: {line}" for line in finding_lines(error, model))) from None
-
-
-def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """What a model refused, one line per finding: where, what was found and what is allowed."""
-    findings = [dict(finding) for finding in error.errors(include_url=False)]
-    lines: dict[str, str] = {}
-    for finding in findings:
-        if not _follows(finding, findings):
-            fault, ends, allowed = _describe(finding, model).partition("; allowed: ")
-            before = (
-                f"{lines[fault]} or " if fault in lines else ends
-            )  # a value of which several kinds may be
-            lines[fault] = before + allowed
-    return [fault + allowed for fault, allowed in lines.items()]
-
-
-def study_toml(config: StudyConfig) -> str:
-    """
-    Write a resolved configuration, defaults included, as TOML that `load_study` reads back.
-
-    Parameters
-    ----------
-    config : StudyConfig
-
-    Returns
-    -------
-    str
-    """
-    tree = config.model_dump(exclude_none=True)
-    return tomli_w.dumps({"study": tree.pop("study"), **tree})
 
 
 def _read(path: Path) -> str:
@@ -277,89 +271,14 @@ def _read(path: Path) -> str:
 
 def preset_names() -> list[str]:
     """Names of the presets that the package ships."""
-    folder = files("pymantaray.config") / "presets"
     return sorted(
-        entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")
+        entry.name.removesuffix(".toml") for entry in _PRESETS.iterdir() if entry.name.endswith(".toml")
     )
 
 
-def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
-    """Whether a list only seems too short because its entries were refused, which is said already."""
-    location = finding["loc"]
-    return finding["type"] == "too_short" and any(
-        len(other["loc"]) > len(location) and other["loc"][: len(location)] == location for other in findings
-    )
-
-
-def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
-    kind, location, context = finding["type"], finding["loc"], finding.get("ctx", {})
-    model, where, options = _walk(location[:-1] if kind == "extra_forbidden" else location, root)
-    if kind == "extra_forbidden":
-        known = sorted(model.model_fields) if model else []
-        close = difflib.get_close_matches(str(location[-1]), known, n=1)
+def _check_preset(name: str) -> None:
+    known = preset_names()
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
-        prefix = f"{where}." if where else ""
-        return f"{prefix}{location[-1]}: unknown key; {hint}allowed: {', '.join(known)}"
-    if kind == "missing":
-        return f"{where}: missing; add it{_meaning(location, root)}"
-    if kind == "value_error":
-        return f"{where}: {context['error']}" if where else str(context["error"])
-    value = finding.get("input")
-    allowed = _ALLOWED[kind].format(**context) if kind in _ALLOWED else finding["msg"]
-    if kind == "union_tag_not_found":
-        kinds = [tag for option in options for tag in get_args(option.model_fields["kind"].annotation)]
-        return f"{where}.kind: missing; add it, one of {', '.join(map(repr, kinds))}"
-    if kind == "union_tag_invalid":
-        return f"{where}.kind: found {context['tag']!r}; allowed: {allowed}"
-    if kind == "string_pattern_mismatch":
-        allowed = _PATTERNS.get(context["pattern"], f"text that matches {context['pattern']}")
-    if kind == "tuple_type" and isinstance(value, dict) and issubclass(root, SoundConfig):
-        allowed = f"tables in a list, each under [[{where}]]"
-    shown = f"{len(value)} entries" if kind == "too_short" and value is not None else _SHORT.repr(value)
-    return f"{where}: found {shown}; allowed: {allowed}"
-
-
-def _meaning(location: tuple[int | str, ...], root: type[BaseModel]) -> str:
-    """What the key at a pydantic location means, in brackets; nothing where nobody has said it."""
-    model, _, _ = _walk(location[:-1], root)
-    field = model.model_fields.get(str(location[-1])) if model else None
-    meaning = (field.description or "").replace("``", "") if field else ""
-    first = re.split(r"\.(?=\s|$)", meaning)[0]
-    unit = re.search(r"\[[^]]+\]$", meaning)
-    words = first + (f" {unit[0]}" if unit and unit[0] not in first else "")
-    return f" ({words[:1].lower()}{words[1:]})" if words else ""
-
-
-class _Place(NamedTuple):
-    """A place in a configuration."""
-
-    model: type[BaseModel] | None
-    """That owns it; None if it is of one of several kinds."""
-    path: str
-    """As TOML has it."""
-    options: list[type[BaseModel]]
-    """Models that may stand there."""
-
-
-def _walk(location: tuple[int | str, ...], root: type[BaseModel]) -> _Place:
-    """Find a pydantic location under a root; tags of unions in it are no part of the path."""
-    model: type[BaseModel] | None = root
-    options: list[type[BaseModel]] = []
-    path = ""
-    for part in location:
-        if isinstance(part, int):
-            path += f"[{part}]"
-        elif model is not None and part in model.model_fields:
-            path += f".{part}" if path else part
-            options = _models_in(model.model_fields[part].annotation)
-            model = options[0] if len(options) == 1 else None
-        else:
-            tagged = [m for m in options if part in get_args(m.model_fields["kind"].annotation)]
-            model = tagged[0] if tagged else None
-    return _Place(model, path, options)
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for argument in get_args(annotation) for model in _models_in(argument)]
+        raise StudyError(f"no preset {name!r}; {hint}there are {', '.join(known)}")

@@ -3,29 +3,31 @@
 import datetime as dt
 import math
 from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, create_model, model_validator
 
-from pymantaray.config.estimators import (
+from pymantaray.config.checks import parse
+from pymantaray.config.common import (
     NAME,
     Depth,
     Hours,
     InputFile,
     InputFiles,
-    InternalTideSection,
     NonNegativeFloat,
     OceanSource,
+    ParticipantName,
     PositiveFloat,
     PositiveHours,
     PositiveSeconds,
-    RangeEstimatorSection,
     Seconds,
     Section,
     own_files,
     require_unique,
 )
+from pymantaray.config.estimators import InternalTideSection, RangeEstimatorSection
 from pymantaray.config.geographic import with_local_places
+from pymantaray.config.keys import changed, described, words_of
 from pymantaray.sensing.noise import NoiseModel
 
 Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
@@ -166,10 +168,6 @@ class DetectionSection(Section):
                 "shipping and noise_spectral_level_db exclude each other: one makes the noise, the other gives it"
             )
         return self
-
-
-PARTICIPANT = r"^[A-Za-z0-9_-]{1,64}$"
-ParticipantName = Annotated[str, Field(pattern=PARTICIPANT)]
 
 
 class FloatSection(Section):
@@ -497,6 +495,8 @@ class EstimatorSection(Section):
 class SoundConfig(Section):
     """What of a study decides who hears whom, and when, but the places: all that ranging needs without a fleet."""
 
+    in_toml: ClassVar[bool] = True
+
     ocean: OceanSection
     """Water and sea floor."""
     mission: MissionSection = MissionSection()
@@ -507,6 +507,36 @@ class SoundConfig(Section):
     """How travel times are measured."""
     detection: DetectionSection | None = None
     """Who is heard; everybody unless given."""
+
+    def with_(self, **changes: Any) -> Self:
+        """
+        Change values by dotted key and check all of it again; the description says what is changed.
+
+        Parameters
+        ----------
+        **changes
+            Such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the name of an entry
+            (``fleet.vehicles.B.target_depth``), a table replaces a whole section, ``"none"`` takes a value out. Files are
+            relative to the working folder.
+
+        Returns
+        -------
+        SoundConfig or StudyConfig
+            As this one.
+
+        Raises
+        ------
+        StudyError
+            If a key is unknown or a value is not allowed; one line per finding.
+        """
+        tree, label = (
+            changed(self.model_dump(exclude_none=True, exclude_unset=True), changes),
+            "configuration",
+        )
+        if "study" in tree and (words := words_of(changes)):
+            label = str(tree["study"]["name"])
+            tree = described(tree, label, words)
+        return parse(type(self), tree, label, None)
 
     @model_validator(mode="after")
     def _mistakes_need_a_rule(self) -> Self:

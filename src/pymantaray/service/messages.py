@@ -5,8 +5,8 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from pymantaray.config.estimators import Section
-from pymantaray.config.load import finding_lines
+from pymantaray.config.checks import finding_lines
+from pymantaray.config.common import Section
 from pymantaray.errors import ServiceError
 from pymantaray.records import RayStatus
 from pymantaray.service.ping import Ping

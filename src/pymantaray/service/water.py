@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
-from pymantaray.config.load import parse
+from pymantaray.config.checks import parse
 from pymantaray.errors import ServiceError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import to_local

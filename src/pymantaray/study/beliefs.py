@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.config.common import own_files
 from pymantaray.config.estimators import (
     AnyBelief,
     CastBelief,
@@ -21,7 +22,6 @@ from pymantaray.config.estimators import (
     OffsetBelief,
     OtherDayBelief,
     PerturbedBelief,
-    own_files,
 )
 from pymantaray.config.sections import StationVehicle
 from pymantaray.errors import OceanError

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pymantaray.config.load import study_toml
 from pymantaray.config.sections import StudyConfig
+from pymantaray.config.text import study_toml
 from pymantaray.errors import StudyError
 from pymantaray.records import Estimates, whole_file, write_netcdf
 from pymantaray.study import store

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pymantaray
-from pymantaray.config.load import study_toml
 from pymantaray.config.sections import StudyConfig
+from pymantaray.config.text import study_toml
 from pymantaray.errors import WriteError
 from pymantaray.records import whole_file
 from pymantaray.study.manifest import checksums, git_commit

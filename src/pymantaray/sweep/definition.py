@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
+from pymantaray.config.common import NONE
+from pymantaray.config.keys import Tree, with_key
 from pymantaray.config.load import preset_names
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.study import StudyConfig, load_study, parse_study
 from pymantaray.study.tracks import with_tracks
 
-Tree = dict[str, Any]
 SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
 _COLUMNS = {"condition", "error", "key", "point", "status"}
 KEYS = {
@@ -58,7 +59,7 @@ class Sweep:
         Values by field, such as ``{"noise.range_sigma": [0.5, 1.0]}``, every one with every other. A field may be a
         whole section, or part of an entry of a list by its number or name (``fleet.vehicles.B.target_depth``). Besides
         the fields of a study there are ``fleet.count``, the first n vehicles, and ``fleet.spacing``, a factor on the
-        distances of vehicles from the centre of the frame.
+        distances of vehicles from the centre of the frame. ``None`` or ``"none"`` takes a section out.
     zipped : sequence of mapping, optional
         Each the values of fields that change together, and a ``name`` and ``labels`` for tables.
     seeds : sequence of int, optional
@@ -91,9 +92,7 @@ class Sweep:
     ) -> None:
         config = base if isinstance(base, StudyConfig) else load_study(base)
         self.name = config.study.name
-        self._base: Tree = config.model_dump(exclude_none=True)
-        if config.fleet.trajectories and "duration_h" not in config.mission.model_fields_set:
-            del self._base["mission"]["duration_h"]  # which is theirs
+        self._base: Tree = config.model_dump(exclude_none=True, exclude_unset=True)
         self._folder = Path(folder).resolve()
         axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
         axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]
@@ -143,10 +142,8 @@ class Sweep:
         for field in sorted(values, key=(COUNT, SPACING).__contains__):  # these two after all others
             try:
                 tree = _with(tree, field, values[field])
-            except SweepError as error:
+            except (StudyError, SweepError) as error:
                 raise StudyError(f"{label}: {error}") from None
-            except (KeyError, ValueError, TypeError, IndexError):
-                raise StudyError(f"{label}: {field}: there is no such field or entry to change") from None
         return with_tracks(parse_study(tree, label, self._folder))
 
     def to_toml(self) -> str:
@@ -158,7 +155,7 @@ class Sweep:
         return tomli_w.dumps({"folder": str(self._folder), "base": self._base, "zip": tables})
 
 
-def load_sweep(file: str | Path) -> Sweep:
+def load_sweep(file: str | Path, **changes: Any) -> Sweep:
     """
     Read a sweep file.
 
@@ -166,6 +163,8 @@ def load_sweep(file: str | Path) -> Sweep:
     ----------
     file : str or pathlib.Path
         TOML: ``base``, a preset or a study file; tables ``[cross]`` and ``[[zip]]``; ``seeds``. See `Sweep`.
+    **changes
+        Values of the base by dotted key, as for `pymantaray.load_study`.
 
     Returns
     -------
@@ -180,15 +179,15 @@ def load_sweep(file: str | Path) -> Sweep:
     """
     path = Path(file)
     try:
-        return parse_sweep(path.read_text(encoding="utf-8"), str(path), path.parent)
+        return parse_sweep(path.read_text(encoding="utf-8"), str(path), path.parent, changes)
     except UnicodeDecodeError:
         raise SweepError(f"{path}: cannot be read: not UTF-8 text") from None
     except (OSError, ValueError) as error:
         raise SweepError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
-def parse_sweep(text: str, label: str, folder: Path) -> Sweep:
-    """Sweep of a file's text; names of files in it are relative to a folder."""
+def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] | None = None) -> Sweep:
+    """Sweep of a file's text, whose base has changes; names of files in the text are relative to a folder."""
     try:
         tree = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -214,6 +213,8 @@ def parse_sweep(text: str, label: str, folder: Path) -> Sweep:
         raise SweepError(
             f"{label}: base: found {base!r}; allowed: a file that ends in .toml, {', '.join(preset_names())}"
         )
+    if changes:
+        base = (base if isinstance(base, StudyConfig) else load_study(base)).with_(**changes)
     try:
         return Sweep(base, cross=cross, zipped=zipped or (), seeds=seeds or (), folder=folder)
     except SweepError as error:
@@ -232,7 +233,12 @@ def _list(field: str, values: Any) -> list[Any]:
     values = values.tolist() if hasattr(values, "tolist") else values
     if isinstance(values, (str, bytes)) or not isinstance(values, Sequence) or not len(values):
         raise SweepError(f"sweep: {field}: needs a list of at least one value; found {_word(values)}")
-    return [{} if value is None else value.item() if hasattr(value, "item") else value for value in values]
+    return [NONE if value is None or value == {} else value for value in map(_plain, values)]
+
+
+def _plain(value: Any) -> Any:
+    """Number of Python for one of NumPy."""
+    return value.item() if hasattr(value, "item") else value
 
 
 def _zip(table: Mapping[str, Any], number: int) -> Axis:
@@ -258,16 +264,17 @@ def _word(value: Any) -> Any:
 
 
 def _with(tree: Tree, field: str, value: Any) -> Tree:
-    """Tree with another value in one place; nothing of the old one is changed. An empty table takes a section out."""
+    """Tree with another value in one place; nothing of the old one is changed."""
+    vehicles = tree["fleet"].get("vehicles", ())
     if field == COUNT:
-        vehicles = tree["fleet"]["vehicles"]
-        if not 1 <= value <= len(vehicles):
+        if not isinstance(value, int) or not 1 <= value <= len(vehicles):
             raise SweepError(f"{COUNT} is {value}; the base has 1 to {len(vehicles)} vehicles")
         field, value = "fleet.vehicles", vehicles[:value]
     if field == SPACING:
-        field, value = "fleet.vehicles", [_spread(v, float(value)) for v in tree["fleet"]["vehicles"]]
-    changed: Tree = _put(tree, field.split("."), value)
-    return changed
+        if not isinstance(value, int | float):
+            raise SweepError(f"{SPACING} is {value}; needs a factor, such as 0.5")
+        field, value = "fleet.vehicles", [_spread(v, float(value)) for v in vehicles]
+    return with_key(tree, field, value)
 
 
 def _spread(vehicle: Tree, factor: float) -> Tree:
@@ -275,16 +282,3 @@ def _spread(vehicle: Tree, factor: float) -> Tree:
     if "points" in out:
         out["points"] = [[factor * north, factor * east, depth] for north, east, depth in out["points"]]
     return out
-
-
-def _put(node: Any, parts: Sequence[str], value: Any) -> Any:
-    if not parts:
-        return value
-    first, rest = parts[0], parts[1:]
-    if isinstance(node, (list, tuple)):
-        names = [entry["name"] for entry in node]
-        k = names.index(first) if first in names else range(len(node))[int(first)]
-        return [*node[:k], _put(node[k], rest, value), *node[k + 1 :]]
-    if not rest and value == {}:
-        return {key: entry for key, entry in node.items() if key != first}
-    return {**node, first: _put(node.get(first, {}), rest, value)}

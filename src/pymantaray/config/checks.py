@@ -1,0 +1,172 @@
+"""Check nested dictionaries against the models of a configuration: one line for each finding."""
+
+import difflib
+import re
+import reprlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from pymantaray.config.common import NAME, PARTICIPANT, Section
+from pymantaray.errors import StudyError
+
+Model = TypeVar("Model", bound=BaseModel)
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 100
+_ALLOWED = {
+    "greater_than": "greater than {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "{le:g} or less",
+    "literal_error": "{expected}",
+    "union_tag_invalid": "{expected_tags}",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "string_pattern_mismatch": "text that matches {pattern}",
+    "too_short": "{min_length} or more",
+    "string_too_short": "text of a letter or more",
+    "finite_number": "a finite number",
+    "tuple_type": "a list",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "dict_type": "a table",
+    **dict.fromkeys(
+        ("datetime_type", "datetime_parsing", "datetime_from_date_parsing"), "a time as 2014-07-15T12:00:00"
+    ),
+}
+_PATTERNS = {
+    NAME: "letters, digits and ._- after a letter or digit",
+    PARTICIPANT: "1 to 64 letters, digits, _ and -",
+}
+
+
+def parse(model: type[Model], tree: dict[str, Any], label: str, folder: Path | None) -> Model:
+    """Check nested dictionaries by a model; input files are relative to the folder, by default the working folder."""
+    try:
+        return model.model_validate(tree, context={"folder": folder or Path()})
+    except ValidationError as error:
+        raise StudyError("\n".join(f"{label}: {line}" for line in finding_lines(error, model))) from None
+
+
+def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """What a model refused, one line per finding: where, what was found and what is allowed."""
+    findings = [dict(finding) for finding in error.errors(include_url=False)]
+    lines: dict[str, str] = {}
+    for finding in findings:
+        if not _follows(finding, findings):
+            fault, ends, allowed = _describe(finding, model).partition("; allowed: ")
+            before = (
+                f"{lines[fault]} or " if fault in lines else ends
+            )  # a value of which several kinds may be
+            lines[fault] = before + allowed
+    return [fault + allowed for fault, allowed in lines.items()]
+
+
+def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
+    """Whether a list only seems too short because its entries were refused, which is said already."""
+    location = finding["loc"]
+    return finding["type"] == "too_short" and any(
+        len(other["loc"]) > len(location) and other["loc"][: len(location)] == location for other in findings
+    )
+
+
+def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
+    kind, location, context = finding["type"], finding["loc"], finding.get("ctx", {})
+    model, where, options = _walk(location[:-1] if kind == "extra_forbidden" else location, root)
+    if kind == "extra_forbidden":
+        return _unknown(str(location[-1]), model, where, root)
+    if kind == "missing":
+        return f"{where}: missing; add it{_meaning(location, root)}"
+    if kind == "value_error":
+        return f"{where}: {context['error']}" if where else str(context["error"])
+    value = finding.get("input")
+    allowed = _ALLOWED[kind].format(**context) if kind in _ALLOWED else finding["msg"]
+    if kind == "union_tag_not_found":
+        kinds = [tag for option in options for tag in get_args(option.model_fields["kind"].annotation)]
+        return f"{where}.kind: missing; add it, one of {', '.join(map(repr, kinds))}"
+    if kind == "union_tag_invalid":
+        return f"{where}.kind: found {context['tag']!r}; allowed: {allowed}"
+    if kind == "string_pattern_mismatch":
+        allowed = _PATTERNS.get(context["pattern"], f"text that matches {context['pattern']}")
+    if kind == "tuple_type" and isinstance(value, dict) and issubclass(root, Section) and root.in_toml:
+        allowed = f"tables in a list, each under [[{where}]]"
+    shown = f"{len(value)} entries" if kind == "too_short" and value is not None else _SHORT.repr(value)
+    return f"{where}: found {shown}; allowed: {allowed}"
+
+
+def _unknown(key: str, model: type[BaseModel] | None, where: str, root: type[BaseModel]) -> str:
+    """Line about an unknown key: the key that was perhaps meant, in its table or in another, or else those of its table."""
+    known = sorted(model.model_fields) if model else []
+    prefix = f"{where}." if where else ""
+    meant = [path for path in _paths(root, "") if path.rpartition(".")[2] == key]
+    meant = meant or [f"{prefix}{name}" for name in difflib.get_close_matches(key, known, n=1)]
+    hint = (
+        f"Did you mean {' or '.join(f'`{path}`' for path in meant)}?"
+        if meant
+        else f"Allowed: {', '.join(known)}"
+    )
+    return f"`{prefix}{key}`: unknown key. {hint}"
+
+
+def _paths(model: type[BaseModel], before: str) -> Iterator[str]:
+    """Dotted keys of a model and of the tables in it; not those of lists of tables."""
+    for name, field in model.model_fields.items():
+        yield before + name
+        inner = models_in(field.annotation)
+        if len(inner) == 1 and not _is_list(field.annotation):
+            yield from _paths(inner[0], f"{before}{name}.")
+
+
+def _is_list(annotation: Any) -> bool:
+    return get_origin(annotation) is tuple or any(_is_list(inner) for inner in get_args(annotation))
+
+
+def _meaning(location: tuple[int | str, ...], root: type[BaseModel]) -> str:
+    """What the key at a pydantic location means, in brackets; nothing where nobody has said it."""
+    model, _, _ = _walk(location[:-1], root)
+    field = model.model_fields.get(str(location[-1])) if model else None
+    meaning = (field.description or "").replace("``", "") if field else ""
+    first = re.split(r"\.(?=\s|$)", meaning)[0]
+    unit = re.search(r"\[[^]]+\]$", meaning)
+    words = first + (f" {unit[0]}" if unit and unit[0] not in first else "")
+    return f" ({words[:1].lower()}{words[1:]})" if words else ""
+
+
+class _Place(NamedTuple):
+    """A place in a configuration."""
+
+    model: type[BaseModel] | None
+    """That owns it; None if it is of one of several kinds."""
+    path: str
+    """As TOML has it."""
+    options: list[type[BaseModel]]
+    """Models that may stand there."""
+
+
+def _walk(location: tuple[int | str, ...], root: type[BaseModel]) -> _Place:
+    """Find a pydantic location under a root; tags of unions in it are no part of the path."""
+    model: type[BaseModel] | None = root
+    options: list[type[BaseModel]] = []
+    path = ""
+    for part in location:
+        if isinstance(part, int):
+            path += f"[{part}]"
+        elif model is not None and part in model.model_fields:
+            path += f".{part}" if path else part
+            options = models_in(model.model_fields[part].annotation)
+            model = options[0] if len(options) == 1 else None
+        else:
+            tagged = [m for m in options if part in get_args(m.model_fields["kind"].annotation)]
+            model = tagged[0] if tagged else None
+    return _Place(model, path, options)
+
+
+def models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Models that a value of a type may be, or hold."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in models_in(argument)]

@@ -1,0 +1,116 @@
+"""What all sections of a configuration have in common: strictness, the word "none", names of files and durations."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+
+from pymantaray.geometry.checks import duration_of
+
+PositiveFloat = Annotated[float, Field(gt=0.0)]
+NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+Depth = NonNegativeFloat  # positive down
+
+NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
+PARTICIPANT = r"^[A-Za-z0-9_-]{1,64}$"
+ParticipantName = Annotated[str, Field(pattern=PARTICIPANT)]
+NONE = "none"
+"""The word for no value, in every key that may have none."""
+
+
+def _duration(value: object, unit: str) -> object:
+    """Number in a unit, of text; what is not text is what it was."""
+    return duration_of(value, unit) if isinstance(value, str) else value
+
+
+# durations: a number is in the unit that the key ends in, text has units of its own; it is kept as that number
+Hours = Annotated[NonNegativeFloat, BeforeValidator(partial(_duration, unit="h"))]
+PositiveHours = Annotated[PositiveFloat, BeforeValidator(partial(_duration, unit="h"))]
+Seconds = Annotated[NonNegativeFloat, BeforeValidator(partial(_duration, unit="s"))]
+PositiveSeconds = Annotated[PositiveFloat, BeforeValidator(partial(_duration, unit="s"))]
+
+
+class Located(str):
+    """Text of a configuration that remembers the folder that names of files in it are relative to."""
+
+    __slots__ = ("folder",)
+    folder: Path
+
+    def __new__(cls, text: str, folder: Path) -> Self:
+        """Text that was written in a folder."""
+        out = super().__new__(cls, text)
+        out.folder = folder
+        return out
+
+
+def located(tree: Any, folder: Path) -> Any:
+    """Nested dictionaries and lists whose texts remember a folder; those that remember one already keep theirs."""
+    if isinstance(tree, str):
+        return tree if isinstance(tree, Located) else Located(tree, folder)
+    if isinstance(tree, Mapping):
+        return {key: located(value, folder) for key, value in tree.items()}
+    return [located(value, folder) for value in tree] if isinstance(tree, list | tuple) else tree
+
+
+def input_file(name: str, folder: Path) -> str:
+    """Absolute name of a file named relative to a folder; that of a synthetic ocean is what it is."""
+    if "\0" in name:
+        raise ValueError(f"found {name!r}, which no file can be named")
+    return name if name.startswith("synthetic:") else str((folder / name).resolve())
+
+
+def _anchor(name: Any, info: ValidationInfo) -> Any:
+    if not isinstance(name, str) or not name:
+        return name
+    return input_file(
+        name, name.folder if isinstance(name, Located) else (info.context or {}).get("folder", Path())
+    )
+
+
+InputFile = Annotated[str, Field(min_length=1), BeforeValidator(_anchor)]
+"""Relative to the file that names it, else to what validation is told, else to the working folder; absolute from then on."""
+
+
+def _one_is_enough(value: object) -> object:
+    return (value,) if isinstance(value, str) else value
+
+
+InputFiles = Annotated[tuple[InputFile, ...], BeforeValidator(_one_is_enough), Field(strict=False)]
+OceanSource = Annotated[InputFiles, Field(min_length=1)]
+"""What `open_ocean` takes: a file, several that belong together, or the name of a synthetic ocean."""
+
+
+def own_files(source: Sequence[str]) -> tuple[str, ...]:
+    """Files of an ocean's source; a synthetic one has none."""
+    return tuple(name for name in source if not name.startswith("synthetic:"))
+
+
+class Section(BaseModel):
+    """Base of all sections: frozen, strict about types, no unknown keys, finite numbers only, ``"none"`` for no value."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+    in_toml: ClassVar[bool] = False
+    """True if it is the root of a TOML file."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _drop_none(cls, tree: Any) -> Any:
+        if not isinstance(tree, Mapping):
+            return tree
+        empty = {key for key, field in cls.model_fields.items() if field.default in (None, ())}
+        return {key: value for key, value in tree.items() if not (key in empty and _is_none(value))}
+
+
+def _is_none(value: object) -> bool:
+    return isinstance(value, str) and value == NONE
+
+
+def require_unique(what: str, values: Sequence[str]) -> None:
+    """Raise a ValueError, of which pydantic makes a finding, if a value comes twice."""
+    repeated = sorted({v for v in values if values.count(v) > 1})
+    if repeated:
+        raise ValueError(f"{what} must differ; found {', '.join(repeated)} more than once")

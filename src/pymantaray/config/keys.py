@@ -1,0 +1,160 @@
+"""Dotted keys of a configuration, such as ``noise.range_sigma`` and ``fleet.vehicles.B.depth``: change one, lay a tree over another."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pymantaray.config.common import NONE, located
+from pymantaray.errors import StudyError
+
+Tree = dict[str, Any]
+
+
+def with_key(tree: Tree, key: str, value: Any) -> Tree:
+    """
+    Tree with another value at a dotted key; nothing of the old tree is changed.
+
+    A part of the key names an entry of a list by its number or its ``name``. A table replaces a whole section; ``"none"``
+    takes an entry out of a list.
+
+    Raises
+    ------
+    StudyError
+        If there is no such entry, or the key goes on where there is no table.
+
+    Examples
+    --------
+    >>> with_key({"noise": {"depth_sigma": 0.1}}, "noise.range_sigma", 2.0)
+    {'noise': {'depth_sigma': 0.1, 'range_sigma': 2.0}}
+    """
+    changed: Tree = _put(tree, key.split("."), value, key)
+    return changed
+
+
+def merged(base: Any, over: Any, key: str = "") -> Any:
+    """
+    Lay one tree over another: tables key by key, anything else in place of what was there.
+
+    A table of another ``kind`` replaces the base's. A table over a list changes its entries by name, and adds those that are
+    new.
+    """
+    if not isinstance(over, Mapping) or not isinstance(base, Mapping | list | tuple):
+        return over
+    if isinstance(base, Mapping):
+        if over.get("kind", base.get("kind")) != base.get("kind"):
+            return over
+        return {**base, **{k: merged(base.get(k), v, f"{key}.{k}" if key else k) for k, v in over.items()}}
+    entries = list(base)
+    for name, value in over.items():
+        place, where = _place(entries, [name]), f"{key}.{name}"
+        if place is not None:
+            entries = _put(entries, [name], merged(entries[place[0]], value, where), where)
+        elif isinstance(value, Mapping):
+            entries.append({"name": name, **value})
+        else:
+            raise _no_entry(entries, [name], where)
+    return entries
+
+
+def parse_changes(assignments: Sequence[str]) -> Tree:
+    """
+    Values by dotted key, of texts such as ``noise.range_sigma=2``: TOML values, and text where it is no TOML.
+
+    Raises
+    ------
+    StudyError
+        If a text has no ``=``, or a key comes twice.
+
+    Examples
+    --------
+    >>> parse_changes(["noise.range_sigma=2", "ocean.source=synthetic:fram", "ocean.bathymetry=none"])
+    {'noise.range_sigma': 2, 'ocean.source': 'synthetic:fram', 'ocean.bathymetry': 'none'}
+    """
+    out: Tree = {}
+    for assignment in assignments:
+        key, sign, text = (part.strip() for part in assignment.partition("="))
+        if not key or not sign:
+            raise StudyError(f"--set {assignment}: needs KEY=VALUE, such as --set noise.range_sigma=2")
+        if key in out:
+            raise StudyError(f"--set {assignment}: {key} is set twice; set it once")
+        out[key] = _value(text)
+    return out
+
+
+def changed(tree: Tree, changes: Mapping[str, Any]) -> Tree:
+    """Tree with values at dotted keys; files among them are relative to the working folder."""
+    for key, value in changes.items():
+        tree = with_key(tree, key, located(value, Path()))
+    return tree
+
+
+def words_of(changes: Mapping[str, Any]) -> list[str]:
+    """Changes for the description of what is changed; none where a description is among them."""
+    return (
+        []
+        if "study.description" in changes
+        else [f"{key} = {_shown(value)}" for key, value in changes.items()]
+    )
+
+
+def described(tree: Tree, name: str, words: Sequence[str]) -> Tree:
+    """Tree of a study whose description says what is changed, besides what was changed before."""
+    before = (
+        f"{tree.get('study', {}).get('description', '')}" if isinstance(tree.get("study"), Mapping) else ""
+    )
+    start = f"{before} and" if before.startswith(f"{name} with ") else f"{name} with"
+    return with_key(tree, "study.description", f"{start} {' and '.join(words)}")
+
+
+def _shown(value: Any) -> str:
+    """Value as a line of text has it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _value(text: str) -> Any:
+    try:
+        tree = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text
+    return tree["value"] if len(tree) == 1 else text
+
+
+def _put(node: Any, parts: Sequence[str], value: Any, key: str) -> Any:
+    """Node with a value at the end of the parts of a key."""
+    if not parts:
+        return value
+    first, rest = parts[0], parts[1:]
+    if isinstance(node, list | tuple):
+        place = _place(node, parts)
+        if place is None:
+            raise _no_entry(node, parts, key)
+        k, length = place
+        rest = parts[length:]
+        kept = () if not rest and value == NONE else (_put(node[k], rest, value, key),)
+        return [*node[:k], *kept, *node[k + 1 :]]
+    if not isinstance(node, Mapping):
+        table = key.removesuffix("." + ".".join(parts))
+        raise StudyError(
+            f"`{key}`: `{table}` is {_shown(node)[:100]}, which has no keys; set `{table}` as a whole"
+        )
+    inner = node.get(first, {})
+    return {**node, first: _put({} if rest and inner in (None, NONE) else inner, rest, value, key)}
+
+
+def _place(entries: Sequence[Any], parts: Sequence[str]) -> tuple[int, int] | None:
+    """Number of the entry that the first parts of a key name, and how many parts that are; names may have dots."""
+    names = [entry.get("name") if isinstance(entry, Mapping) else None for entry in entries]
+    for length in range(len(parts), 0, -1):
+        name = ".".join(parts[:length])
+        if name in names:
+            return names.index(name), length
+    number = parts[0]
+    return (int(number), 1) if number.isdecimal() and int(number) < len(entries) else None
+
+
+def _no_entry(entries: Sequence[Any], parts: Sequence[str], key: str) -> StudyError:
+    table = key.removesuffix("." + ".".join(parts))
+    names = [str(entry["name"]) for entry in entries if isinstance(entry, Mapping) and "name" in entry]
+    there = ", ".join(names) if names else f"numbers from 0 to {len(entries) - 1}" if entries else "none"
+    return StudyError(f"`{key}`: no such entry. Entries of `{table}`: {there[:300]}")

@@ -1,0 +1,129 @@
+"""A configuration as TOML text: every key that is set, and those left at their defaults commented out, with their meaning."""
+
+import datetime as dt
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import tomli_w
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from pymantaray.config.checks import models_in
+from pymantaray.config.sections import StudyConfig
+
+_HEAD = """\
+# Made of {name}. A line that begins with # and a key, without a space between, is that key's default: take the #
+# away to set it. Lines that begin with # and a space are comments. Run: mantaray study run THIS_FILE
+
+"""
+
+
+def study_toml(config: StudyConfig) -> str:
+    """
+    Write a resolved configuration, defaults included, as TOML that `load_study` reads back.
+
+    Parameters
+    ----------
+    config : StudyConfig
+
+    Returns
+    -------
+    str
+    """
+    tree = config.model_dump(exclude_none=True)
+    return tomli_w.dumps({"study": tree.pop("study"), **tree})
+
+
+def commented_toml(config: StudyConfig) -> str:
+    """
+    Write a configuration as TOML with the meaning of each key; keys that are not set are commented out at their defaults.
+
+    Parameters
+    ----------
+    config : StudyConfig
+
+    Returns
+    -------
+    str
+        What `load_study` reads back. Of vehicles, landmarks and estimators the first of each kind has comments.
+    """
+    names = sorted(type(config).model_fields, key=lambda name: name != "study")
+    tables = [_of_field((name,), type(config).model_fields[name], getattr(config, name)) for name in names]
+    return "\n\n".join(block for blocks in tables for block in blocks) + "\n"
+
+
+def starter(config: StudyConfig, name: str) -> str:
+    """Text of `commented_toml` under a few lines that explain it, made of a configuration with a name."""
+    return _HEAD.format(name=name) + commented_toml(config)
+
+
+def _of_field(path: tuple[str, ...], field: FieldInfo, value: Any) -> list[str]:
+    """Blocks of text for the tables that a key holds."""
+    if isinstance(value, BaseModel):
+        return list(_blocks(path, value))
+    if value and isinstance(value, tuple) and isinstance(value[0], BaseModel):
+        known: set[type] = set()
+        blocks = []
+        for entry in value:
+            blocks.append(_entry(path, entry, explain=type(entry) not in known))
+            known.add(type(entry))
+        return blocks
+    if models_in(field.annotation) and len(path) == 1:
+        return [f"# {path[0]}: {_not_set(field)}"]
+    return []
+
+
+def _blocks(path: tuple[str, ...], section: BaseModel) -> Iterator[str]:
+    """Table of a section, and those in it."""
+    header = f"[{'.'.join(path)}]" if section.model_fields_set else f"#[{'.'.join(path)}]"
+    meaning = " ".join((type(section).__doc__ or "").split("\n\n")[0].split()).replace("`", "")
+    yield "\n".join([f"# {meaning}", header, *_keys(section, explain=True)])
+    for key, field in type(section).model_fields.items():
+        yield from _of_field((*path, key), field, getattr(section, key))
+
+
+def _keys(section: BaseModel, *, explain: bool) -> Iterator[str]:
+    """Lines of the keys that hold no tables."""
+    tree = section.model_dump(exclude_none=True, exclude_unset=True)
+    for key, field in type(section).model_fields.items():
+        value, meaning = getattr(section, key), _meaning(field)
+        tables = isinstance(value, BaseModel) or (
+            isinstance(value, tuple) and bool(models_in(field.annotation))
+        )
+        hidden = key not in section.model_fields_set
+        if value is None or (value == () and hidden):
+            if explain:
+                yield f"# {key}: {_not_set(field)}"
+        elif not tables:
+            line = f"{key} = {_value(tree.get(key, value))}"
+            if explain:
+                yield f"{'#' if hidden else ''}{line}  # {meaning}"
+            elif not hidden:
+                yield line
+
+
+def _entry(path: tuple[str, ...], entry: BaseModel, *, explain: bool) -> str:
+    """Table in a list; tables in it are inline."""
+    tree = entry.model_dump(exclude_none=True, exclude_unset=True)
+    inner = [f"{key} = {_value(value)}" for key, value in tree.items() if isinstance(value, dict)]
+    return "\n".join([f"[[{'.'.join(path)}]]", *_keys(entry, explain=explain), *inner])
+
+
+def _value(value: Any) -> str:
+    """Value as TOML has it, on one line but for tables of numbers."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_value(inner)}" for key, inner in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        rows = [_value(inner) for inner in value]
+        if value and isinstance(value[0], list | tuple):
+            return "[\n    " + ",\n    ".join(rows) + ",\n]"
+        return f"[{', '.join(rows)}]"
+    return value.isoformat() if isinstance(value, dt.datetime) else tomli_w.dumps({"v": value})[4:].rstrip()
+
+
+def _meaning(field: FieldInfo) -> str:
+    return " ".join((field.description or "").split()).replace("``", "")
+
+
+def _not_set(field: FieldInfo) -> str:
+    return f"not set. {_meaning(field)}"
