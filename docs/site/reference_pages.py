@@ -57,9 +57,9 @@ def configuration() -> dict[str, str]:
         "# Configuration keys",
         (
             "Made from the models that check a configuration, so that it is complete. `mantaray study show beaufort` prints a whole"
-            " study with comments, `mantaray study init quick mine.toml` writes one to edit. Lengths are in metres, depth is positive"
-            " down, times are UTC. Keys that end in `_h` or `_s` are durations: a number of hours or seconds, or text with a unit of"
-            ' its own (s, min, h, d) such as `"1 d 12 h"`. A key without a default must be given; `-` is none, which the meaning'
+            " study with comments, `mantaray study init quick mine.toml` writes one to edit. Depth is positive down, times are UTC."
+            " A length, time, speed, angle or frequency is a number in the unit that the table gives, or text with a unit of its own, such as"
+            ' `"2 km"`, `"1 d 12 h"`, `"500 ms"`, `"3 kn"`, `"10 deg"` and `"25 kHz"`. A key without a default must be given; `-` is none, which the meaning'
             " explains. *Ours* says that the paper leaves the value open"
             " ([record 0001](../design/0001-what-the-paper-leaves-open.md)); other defaults of noise and mission are the paper's tables."
         ),
@@ -170,6 +170,8 @@ def kind_of(value: dict[str, Any], schema: dict[str, Any]) -> Iterator[str]:
             "string": "text",
         }
         yield "date and time" if date else words[value["type"]] + limits(value)
+        if "unit" in value:
+            yield "text with a unit"
 
 
 def limits(value: dict[str, Any]) -> str:
@@ -192,8 +194,8 @@ def commands() -> dict[str, str]:
     parts = [
         "# Commands",
         (
-            "Made from the program itself. `mantaray COMMAND --help` prints the same. A `DURATION` is a number in the unit that its"
-            " meaning names, or text with a unit of its own (s, min, h, d) such as `'1 d 12 h'`, as in a"
+            "Made from the program itself. `mantaray COMMAND --help` prints the same. A length, time, speed or angle is a number"
+            " in the unit that its meaning names, or text with a unit of its own such as `'2 km'` and `'1 d 12 h'`, as in a"
             " [configuration](configuration.md). What the program ends with: [exit codes](exit-codes.md)."
         ),
     ]

@@ -11,7 +11,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from pymantaray.cli.main import app as mantaray_app
-from pymantaray.cli.options import OceanCommand, parse_duration
+from pymantaray.cli.options import OceanCommand, parse_duration, parse_place, quantity
 from pymantaray.errors import MantaRayError
 from pymantaray.study import load_study, parse_study
 
@@ -176,3 +176,24 @@ def test_a_group_without_a_command_prints_its_help(mantaray, words):
     done = mantaray(*words)
     assert (done.code, done.err) == (2, "")
     assert f"Usage: {' '.join(('mantaray', *words))}" in done.out
+
+
+@pytest.mark.parametrize(
+    ("unit", "text", "number"), [("m", "4 km", 4000.0), ("m/s", "1450", 1450.0), ("km", "500 m", 0.5)]
+)
+def test_an_option_takes_a_number_in_its_unit_or_text_with_a_unit(unit, text, number):
+    assert quantity(unit)(text) == number
+    assert parse_place("--source", f"6 km,0,{text}" if unit == "m" else "6000,0,4000") == (
+        6000.0,
+        0.0,
+        4000.0,
+    )
+
+
+def test_an_option_refuses_another_quantity_in_one_line(mantaray):
+    done = mantaray("rays", "times", "a.csv", "b.csv", "--profile", "c.csv", "--bottom", "2 kg")
+    assert done.code == 2
+    assert done.err.startswith(
+        "error: mantaray rays times: Invalid value for '--bottom': found '2 kg'; allowed: a number of metres, or text"
+    )
+    assert len(done.err.splitlines()) == 1

@@ -113,12 +113,12 @@ BOUNCE = {"acoustics": {"max_surface_bounces": 1}}
 ICE = {"detection": DETECTION | {"ice_loss_db": 3.0}}
 DEEP = {"mistaken": "first-detected", "below_strongest_db": 6.0}
 
-DURATION = 'allowed: a number of hours, or text such as "10 min" (units s, min, h, d)'
+DURATION = 'allowed: a number of hours, or text such as "10 min" (units us, µs, ms, s, min, h, d)'
 
 REFUSED = [
     ("mission.duration_h", "7", f"mission.duration_h: found '7'; {DURATION}"),
     ("mission.duration_h", "7 days", f"mission.duration_h: found '7 days'; {DURATION}"),
-    ("mission.duration_h", "-1 h", f"mission.duration_h: found '-1 h'; {DURATION}"),
+    ("mission.duration_h", "-1 h", "mission.duration_h: found -1.0; allowed: greater than 0"),
     ("mission.duration_h", "0 min", "mission.duration_h: found 0.0; allowed: greater than 0"),
     ("ranging.turn_around_s", "", "ranging.turn_around_s: found ''; allowed: a number of seconds, or text"),
     ("mission.duration_h", "9" * 400 + " d", "mission.duration_h: found inf; allowed"),

@@ -18,6 +18,7 @@ from pymantaray.cli.options import (
     Workers,
     parse_duration,
     parse_pair,
+    quantity,
     with_options,
 )
 from pymantaray.cli.output import check_output, counted_progress
@@ -65,7 +66,13 @@ def run(
         int, typer.Option("--bearings", min=1, help="Directions, evenly spaced from north.")
     ] = 4,
     nominal: Annotated[
-        float, typer.Option("--nominal", metavar="M/S", help="The one sound speed where nothing is measured.")
+        float,
+        typer.Option(
+            "--nominal",
+            parser=quantity("m/s"),
+            metavar="M/S",
+            help="The one sound speed where nothing is measured.",
+        ),
     ] = 1500.0,
     safe: Annotated[
         str, typer.Option("--safe", metavar="M,...", help="Range errors that are put up with, rising.")
@@ -100,7 +107,7 @@ def run(
     """Compute an atlas, or what is left of it."""
     check_output(out, [".nc"], inputs=[Path(name) for name in files], force=True)
     if pair:
-        pairs = [parse_pair("--pair", text) for text in pair]
+        pairs = [parse_pair("--pair", text, "m") for text in pair]
     else:
         pairs = list(combinations_with_replacement(_numbers("--depths", depths), 2))
     corners = None if window is None else _numbers("--window", window, 4)
@@ -166,7 +173,12 @@ def plot(
     ] = "transmitter",
     distance: Annotated[
         float | None,
-        typer.Option("--distance", metavar="M", help="One of the atlas'. Default: the middle one."),
+        typer.Option(
+            "--distance",
+            parser=quantity("m"),
+            metavar="M",
+            help="One of the atlas'. Default: the middle one.",
+        ),
     ] = None,
     pair: Annotated[
         str | None, typer.Option("--pair", metavar="M,M", help="One of its pairs of depths. Default: all.")
@@ -185,7 +197,7 @@ def plot(
     from pymantaray.report import write_atlas_page, write_atlas_plots
 
     place = None if at is None else parse_pair("--at", at)
-    depths = None if pair is None else parse_pair("--pair", pair)
+    depths = None if pair is None else parse_pair("--pair", pair, "m")
     with open_atlas(file) as dataset, progress_bars(quiet=quiet) as progress:
         paths = write_atlas_plots(
             dataset,

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pymantaray.cli import ocean_fetch
-from pymantaray.cli.options import Commands, Force, Json, Quiet, Set, changes_of, parse_duration, parse_pair
+from pymantaray.cli.options import (
+    Commands,
+    Force,
+    Json,
+    Quiet,
+    Set,
+    changes_of,
+    parse_duration,
+    parse_pair,
+    quantity,
+)
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import printer
 from pymantaray.errors import OceanError
@@ -180,7 +190,11 @@ def plot(
     time: Time = None,
     depth: Annotated[
         float | None,
-        typer.Option("--depth", help="Level of the map in metres. Default: 100, or half-way down."),
+        typer.Option(
+            "--depth",
+            parser=quantity("m"),
+            help="Level of the map in metres. Default: 100, or half-way down.",
+        ),
     ] = None,
     at: Annotated[
         str | None,
@@ -210,7 +224,11 @@ def from_cast(
     out: Out,
     bottom: Annotated[
         float | None,
-        typer.Option("--bottom", help="Depth of the sea bed, in m. Default: what the file tells."),
+        typer.Option(
+            "--bottom",
+            parser=quantity("m"),
+            help="Depth of the sea bed, in m. Default: what the file tells.",
+        ),
     ] = None,
     half_extent: Annotated[
         tuple[float, float], typer.Option("--half-extent", help="Half sides north and east, in km.")
@@ -223,10 +241,18 @@ def from_cast(
         Path | None, typer.Option("--below-cast", help="A deeper cast for below the deepest sample.")
     ] = None,
     lat: Annotated[
-        float | None, typer.Option("--lat", help="The cast's latitude, if its file has none, in degrees.")
+        float | None,
+        typer.Option(
+            "--lat", parser=quantity("deg"), help="The cast's latitude, if its file has none, in degrees."
+        ),
     ] = None,
     lon: Annotated[
-        float | None, typer.Option("--lon", help="The cast's longitude, if its file has none, in degrees.")
+        float | None,
+        typer.Option(
+            "--lon",
+            parser=quantity("deg"),
+            help="The cast's longitude, if its file has none, in degrees.",
+        ),
     ] = None,
     time: CastTime = None,
     name: Annotated[
@@ -257,13 +283,17 @@ def correct(
     casts: Casts,
     out: Out,
     scale: Annotated[
-        float, typer.Option("--scale", help="Horizontal scale of the background's error, in km.")
+        float,
+        typer.Option(
+            "--scale", parser=quantity("km"), help="Horizontal scale of the background's error, in km."
+        ),
     ] = 50.0,
     noise_ratio: Annotated[
         float, typer.Option("--noise-ratio", help="Variance of the casts' errors over the background's.")
     ] = 0.1,
     vertical_scale: Annotated[
-        float, typer.Option("--vertical-scale", help="Decay below the deepest sample, in m.")
+        float,
+        typer.Option("--vertical-scale", parser=quantity("m"), help="Decay below the deepest sample, in m."),
     ] = 100.0,
     time_scale: Annotated[
         str | None,
@@ -301,14 +331,25 @@ def perturb(
         Literal["eof", "mean", "column"],
         typer.Option("--method", help="Random in vertical modes, the horizontal mean, or one column."),
     ] = "eof",
-    rms: Annotated[float | None, typer.Option("--rms", help="For eof: of sound speed, in m/s.")] = None,
+    rms: Annotated[
+        float | None,
+        typer.Option("--rms", parser=quantity("m/s"), help="For eof: of sound speed, in m/s."),
+    ] = None,
     scale: Annotated[
         float | None,
-        typer.Option("--scale", help="For eof: horizontal scale, in km; inf for the same everywhere."),
+        typer.Option(
+            "--scale",
+            parser=quantity("km"),
+            help="For eof: horizontal scale, in km; inf for the same everywhere.",
+        ),
     ] = None,
     down_to: Annotated[
         float | None,
-        typer.Option("--down-to", help="For eof: depth down to which rms is meant, in m. Default: all."),
+        typer.Option(
+            "--down-to",
+            parser=quantity("m"),
+            help="For eof: depth down to which rms is meant, in m. Default: all.",
+        ),
     ] = None,
     mode_cast: Annotated[
         list[Path] | None, typer.Option("--mode-cast", help="For eof: casts whose modes are taken.")

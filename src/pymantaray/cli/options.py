@@ -12,7 +12,8 @@ from typer.core import TyperCommand, TyperGroup
 
 from pymantaray.cli.printing import log_to_stderr
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError
-from pymantaray.geometry.checks import check_number, duration_of
+from pymantaray.geometry.checks import check_number
+from pymantaray.geometry.units import quantity_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,19 +65,40 @@ Scheduler = Annotated[
 ]
 
 
-def parse_pair(option: str, text: str) -> Pair:
-    """Two numbers with a comma between."""
+def quantity(unit: str) -> Callable[[str | float], float]:
+    """Parser of an option: a number in a unit, or text with a unit of its own, such as ``2 km``."""
+
+    def parse(value: str | float) -> float:
+        try:
+            return _number(value, unit)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+
+    parse.__name__ = unit
+    return parse
+
+
+def _number(value: str | float, unit: str) -> float:
+    """Number in a unit, of a number or of text with a unit of its own."""
     try:
-        first, second = (float(word) for word in text.split(","))
+        return float(value)
+    except ValueError:
+        return quantity_of(str(value), unit)
+
+
+def parse_pair(option: str, text: str, unit: str = "deg") -> Pair:
+    """Two numbers in a unit, or texts with units of their own, with a comma between."""
+    try:
+        first, second = (_number(word, unit) for word in text.split(","))
     except ValueError:
         raise OceanError(f"{option} is {text!r}; needs two numbers with a comma between, as 73,76") from None
     return first, second
 
 
 def parse_place(option: str, text: str) -> tuple[float, float, float]:
-    """North, east and depth with commas between. [m]"""
+    """North, east and depth with commas between: metres, or with units of their own. [m]"""
     try:
-        north, east, depth = (float(word) for word in text.split(","))
+        north, east, depth = (_number(word, "m") for word in text.split(","))
     except ValueError:
         raise AcousticsError(
             f"{option} is {text!r}; needs north, east and depth in metres with commas between, as 6000,0,500"
@@ -87,12 +109,9 @@ def parse_place(option: str, text: str) -> tuple[float, float, float]:
 def parse_duration(option: str, text: str, unit: str = "s", *, positive: bool = True) -> float:
     """A number in the option's unit, or text with units of its own, as a configuration has it."""
     try:
-        value = float(text)
-    except ValueError:
-        try:
-            value = duration_of(text, unit)
-        except ValueError as error:
-            raise MantaRayError(f"{option}: {error}") from None
+        value = _number(text, unit)
+    except ValueError as error:
+        raise MantaRayError(f"{option}: {error}") from None
     check_number(MantaRayError, option, value, unit, positive=positive)
     return value
 
@@ -216,16 +235,22 @@ class MediumOptions:
         ),
     ] = None
     bottom: Annotated[
-        float | None, typer.Option(metavar="M", help="Depth of the sea bed under the profile, in metres.")
+        float | None,
+        typer.Option(
+            parser=quantity("m"), metavar="M", help="Depth of the sea bed under the profile, in metres."
+        ),
     ] = None
     thin: Annotated[
         float | None,
         typer.Option(
-            metavar="M/S", help="Leave out levels of the profile that interpolation meets within so many m/s."
+            parser=quantity("m/s"),
+            metavar="M/S",
+            help="Leave out levels of the profile that interpolation meets within so many m/s.",
         ),
     ] = None
     smooth: Annotated[
-        float | None, typer.Option(metavar="M", help="Average the profile over so many metres.")
+        float | None,
+        typer.Option(parser=quantity("m"), metavar="M", help="Average the profile over so many metres."),
     ] = None
     position: Annotated[
         Pair | None,
@@ -303,7 +328,8 @@ class SearchOptions:
         ),
     ] = "15"
     tolerance: Annotated[
-        float, typer.Option(metavar="M", help="Error allowed at the end of a ray, in metres.")
+        float,
+        typer.Option(parser=quantity("m"), metavar="M", help="Error allowed at the end of a ray, in metres."),
     ] = 1e-3
 
     def __post_init__(self) -> None:

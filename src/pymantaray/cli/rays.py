@@ -19,6 +19,7 @@ from pymantaray.cli.options import (
     Quiet,
     SearchOptions,
     fan_angles,
+    quantity,
     with_options,
 )
 from pymantaray.cli.printing import printer
@@ -107,12 +108,18 @@ def trace(
     azimuth: Annotated[
         float | None,
         typer.Option(
-            metavar="DEG", help="Direction of the fan, clockwise from north. Default: to the receiver."
+            parser=quantity("deg"),
+            metavar="DEG",
+            help="Direction of the fan, clockwise from north. Default: to the receiver.",
         ),
     ] = None,
     distance: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Horizontal length of the fan in metres. Default: to the receiver."),
+        typer.Option(
+            parser=quantity("m"),
+            metavar="M",
+            help="Horizontal length of the fan in metres. Default: to the receiver.",
+        ),
     ] = None,
     force: Force = False,
     as_json: Json = False,

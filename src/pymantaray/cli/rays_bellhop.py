@@ -5,7 +5,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.options import LINKS, Force, Json, MediumOptions, Quiet, parse_duration, with_options
+from pymantaray.cli.options import (
+    LINKS,
+    Force,
+    Json,
+    MediumOptions,
+    Quiet,
+    parse_duration,
+    quantity,
+    with_options,
+)
 from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import AcousticsError
 
@@ -23,7 +32,12 @@ Refine = Annotated[
     int, typer.Option("--refine", min=1, help="Parts that each cell of a smooth ocean is cut into.")
 ]
 StepLength = Annotated[
-    float, typer.Option("--step", help="Step along Bellhop's rays in metres; 0 leaves it to Bellhop.")
+    float,
+    typer.Option(
+        "--step",
+        parser=quantity("m"),
+        help="Step along Bellhop's rays in metres; 0 leaves it to Bellhop.",
+    ),
 ]
 
 

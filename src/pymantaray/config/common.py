@@ -1,18 +1,16 @@
-"""What all sections of a configuration have in common: strictness, the word "none", names of files and durations."""
+"""What all sections of a configuration have in common: strictness, the word "none", names of files, quantities with units."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
-from pymantaray.geometry.checks import duration_of
+from pymantaray.geometry.units import quantity_of
 
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
-Depth = NonNegativeFloat  # positive down
-
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
 PARTICIPANT = r"^[A-Za-z0-9_-]{1,64}$"
 ParticipantName = Annotated[str, Field(pattern=PARTICIPANT)]
@@ -20,16 +18,35 @@ NONE = "none"
 """The word for no value, in every key that may have none."""
 
 
-def _duration(value: object, unit: str) -> object:
+def _quantity(value: object, unit: str) -> object:
     """Number in a unit, of text; what is not text is what it was."""
-    return duration_of(value, unit) if isinstance(value, str) else value
+    return quantity_of(value, unit) if isinstance(value, str) else value
 
 
-# durations: a number is in the unit that the key ends in, text has units of its own; it is kept as that number
-Hours = Annotated[NonNegativeFloat, BeforeValidator(partial(_duration, unit="h"))]
-PositiveHours = Annotated[PositiveFloat, BeforeValidator(partial(_duration, unit="h"))]
-Seconds = Annotated[NonNegativeFloat, BeforeValidator(partial(_duration, unit="s"))]
-PositiveSeconds = Annotated[PositiveFloat, BeforeValidator(partial(_duration, unit="s"))]
+# quantities: a number is in the unit that the key has, text has a unit of its own and is kept as that number
+T = TypeVar("T")
+Metres = Annotated[T, BeforeValidator(partial(_quantity, unit="m")), Field(json_schema_extra={"unit": "m"})]
+Seconds = Annotated[T, BeforeValidator(partial(_quantity, unit="s")), Field(json_schema_extra={"unit": "s"})]
+Hours = Annotated[T, BeforeValidator(partial(_quantity, unit="h")), Field(json_schema_extra={"unit": "h"})]
+Days = Annotated[T, BeforeValidator(partial(_quantity, unit="d")), Field(json_schema_extra={"unit": "d"})]
+MetresPerSecond = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="m/s")), Field(json_schema_extra={"unit": "m/s"})
+]
+Degrees = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="deg")), Field(json_schema_extra={"unit": "deg"})
+]
+Radians = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="rad")), Field(json_schema_extra={"unit": "rad"})
+]
+DegreesPerSecond = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="deg/s")), Field(json_schema_extra={"unit": "deg/s"})
+]
+RadiansPerSecond = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="rad/s")), Field(json_schema_extra={"unit": "rad/s"})
+]
+Hertz = Annotated[T, BeforeValidator(partial(_quantity, unit="Hz")), Field(json_schema_extra={"unit": "Hz"})]
+Depth = Metres[NonNegativeFloat]
+"""Positive down."""
 
 
 class Located(str):

@@ -8,12 +8,16 @@ from pydantic import Field, model_validator
 
 from pymantaray.config.common import (
     NAME,
+    Days,
     Depth,
+    Hours,
     InputFile,
+    Metres,
+    MetresPerSecond,
     NonNegativeFloat,
     OceanSource,
     PositiveFloat,
-    PositiveHours,
+    Seconds,
     Section,
     own_files,
 )
@@ -38,11 +42,11 @@ class PerturbedBelief(Section):
 
     kind: Literal["perturbed"]
     """The true ocean with random errors."""
-    rms: PositiveFloat
+    rms: MetresPerSecond[PositiveFloat]
     """Size of the errors of sound speed, root mean square. [m/s]"""
-    horizontal_scale: PositiveFloat
+    horizontal_scale: Metres[PositiveFloat]
     """Correlation length of the errors. [m]"""
-    down_to: PositiveFloat | None = None
+    down_to: Metres[PositiveFloat] | None = None
     """Depth over which ``rms`` is meant; all of the water column unless given. [m]"""
     n_modes: int | None = Field(default=None, ge=1)
     """How many vertical modes err; those that carry 99.99 % of the variance unless given."""
@@ -65,15 +69,15 @@ class CastBelief(Section):
 
     kind: Literal["cast"]
     """One cast of the true ocean."""
-    north: float | None = None
+    north: Metres[float] | None = None
     """Where it is taken; with ``east``. [m]"""
-    east: float | None = None
+    east: Metres[float] | None = None
     """Where it is taken; with ``north``. [m]"""
-    bias_sigma: NonNegativeFloat = 0.0
+    bias_sigma: MetresPerSecond[NonNegativeFloat] = 0.0
     """Standard deviation of the instrument's bias of sound speed. [m/s]"""
-    noise_sigma: NonNegativeFloat = 0.0
+    noise_sigma: MetresPerSecond[NonNegativeFloat] = 0.0
     """Standard deviation of sound speed at each level. [m/s]"""
-    down_to: PositiveFloat | None = None
+    down_to: Metres[PositiveFloat] | None = None
     """How deep it reaches; to the bed unless given. [m]"""
 
     @model_validator(mode="after")
@@ -90,7 +94,7 @@ class OffsetBelief(Section):
     """The true ocean with an error that depends on depth."""
     depth: tuple[Depth, ...] = Field(default=(0.0,), strict=False, min_length=1)
     """Depths of the table, increasing. [m]"""
-    sound_speed: tuple[float, ...] = Field(strict=False, min_length=1)
+    sound_speed: tuple[MetresPerSecond[float], ...] = Field(strict=False, min_length=1)
     """Errors at these depths. [m/s]"""
 
     @model_validator(mode="after")
@@ -120,11 +124,11 @@ class NumericsBelief(Section):
 class InternalTideSection(Section):
     """A first-mode internal tide that lifts and lowers water as it runs east."""
 
-    amplitude: PositiveFloat
+    amplitude: Metres[PositiveFloat]
     """Greatest displacement of water, up and down. [m]"""
-    period_h: PositiveHours = 12.42
+    period_h: Hours[PositiveFloat] = 12.42
     """From crest to crest. [h]"""
-    wavelength: PositiveFloat = 1e5
+    wavelength: Metres[PositiveFloat] = 1e5
     """From crest to crest, along east. [m]"""
 
 
@@ -140,7 +144,7 @@ class OtherDayBelief(Section):
 
     kind: Literal["other-day"]
     """The source at another time."""
-    days_earlier: float
+    days_earlier: Days[float]
     """How much earlier than the study's. [days]"""
     time_varying: bool = False
     """Whether it changes from then on."""
@@ -189,9 +193,9 @@ class ModesSection(Section):
 
     count: int = Field(ge=1)
     """How many, from the one that varies most."""
-    rms: PositiveFloat | None = None
+    rms: MetresPerSecond[PositiveFloat] | None = None
     """Standard deviation of sound speed beforehand; what the region varies by unless given. [m/s]"""
-    down_to: PositiveFloat | None = None
+    down_to: Metres[PositiveFloat] | None = None
     """Depth over which ``rms`` is meant; all of the water column unless given. [m]"""
     casts: tuple[InputFile, ...] = Field(default=(), strict=False)
     """Files whose modes are taken in place of the ocean's; relative to this file."""
@@ -206,7 +210,7 @@ class ModesSection(Section):
 class ClocksSection(Section):
     """Offset and skew of all clocks, estimated with the poses; priors are the study's unless given."""
 
-    offset_sigma: NonNegativeFloat | None = None
+    offset_sigma: Seconds[NonNegativeFloat] | None = None
     """Standard deviation of each clock's error beforehand; ``ranging.clock_offset_sigma`` unless given. [s]"""
     skew_sigma: NonNegativeFloat | None = None
     """Standard deviation of each clock's rate beforehand; ``ranging.clock_skew_sigma`` unless given. [-]"""
@@ -245,23 +249,23 @@ class RangeEstimatorSection(Section):
     """Links whose ranges are taken: those that refracted ranges have, or all."""
     range_model: RangeModelName = "transmitter"
     """What the estimator expects of a travel time: one speed, that at the transmitter, the mean of a profile, or rays through an ocean."""
-    sound_speed: PositiveFloat | None = None
+    sound_speed: MetresPerSecond[PositiveFloat] | None = None
     """The one speed of the range model ``constant``. [m/s]"""
     belief: AnyBelief | None = None
     """The ocean that is believed in; for range models that need one."""
     variance: Literal["fixed", "per-link", "correlated"] = "fixed"
     """Variance of a range: the study's, or with the travel time's own by the uncertain ocean added, alone or with covariances between the links of a ping."""
-    uncertainty_rms: PositiveFloat | None = None
+    uncertainty_rms: MetresPerSecond[PositiveFloat] | None = None
     """How wrong the ocean is, for ``variance``; as a perturbed belief says unless given. [m/s]"""
-    uncertainty_horizontal_scale: PositiveFloat | None = None
+    uncertainty_horizontal_scale: Metres[PositiveFloat] | None = None
     """Correlation length of these errors; as a perturbed belief says unless given. [m]"""
-    uncertainty_down_to: PositiveFloat | None = None
+    uncertainty_down_to: Metres[PositiveFloat] | None = None
     """Depth over which ``uncertainty_rms`` is meant. [m]"""
     loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
     """Robust loss of ranges; least squares without."""
     solver: Literal["batch", "incremental", "fixed-lag"] = "batch"
     """All at once, epoch by epoch, or with a lag after which poses are let go."""
-    lag_h: PositiveHours | None = None
+    lag_h: Hours[PositiveFloat] | None = None
     """How long the solver ``fixed-lag`` keeps a pose. [h]"""
     start: Literal["truth", "dead-reckoning"] = "truth"
     """Where the optimizer starts from."""
@@ -269,13 +273,13 @@ class RangeEstimatorSection(Section):
     """Water that is estimated too."""
     clocks: ClocksSection | None = None
     """Clocks that are estimated too."""
-    range_sigma: PositiveFloat | Literal["fitted"] | None = None
+    range_sigma: Metres[PositiveFloat] | Literal["fitted"] | None = None
     """Standard deviation believed of ranges in place of the study's; ``"fitted"``: that at which the cost is what is expected of it. [m]"""
     directions: Literal["each", "mean"] = "each"
     """Whether each range of a pair is taken as it is, or both as their mean."""
     scale_sigma: PositiveFloat | None = None
     """A factor on all travel times is estimated, which differs so much from 1 beforehand. [-]"""
-    bias_sigma: PositiveFloat | None = None
+    bias_sigma: Metres[PositiveFloat] | None = None
     """A bias of each ordered pair is estimated, so large beforehand. [m]"""
 
     @model_validator(mode="after")

@@ -3,6 +3,7 @@
 from typing import Any
 
 from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.units import quantity_of
 
 _CENTRE = ("centre_latitude_deg", "centre_longitude_deg")
 
@@ -21,7 +22,7 @@ def with_local_places(tree: Any) -> Any:
             return tree
     except (AttributeError, TypeError):
         return tree
-    centre = [tree.get("ocean", {}).get(name) for name in _CENTRE]
+    centre = [_degrees(tree.get("ocean", {}).get(name)) for name in _CENTRE]
     if not all(isinstance(value, int | float) for value in centre):
         raise ValueError(
             f"vehicles or landmarks have lat and lon, which need the frame's centre: give ocean.{_CENTRE[0]} and"
@@ -55,7 +56,18 @@ def _point(who: str, point: Any, frame: LocalFrame) -> Any:
     return [*_place(who, lat, lon, frame), depth]
 
 
+def _degrees(value: Any) -> Any:
+    """Number of degrees, of text with a unit; anything else is what it was."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return quantity_of(value, "deg")
+    except ValueError:
+        return value
+
+
 def _place(who: str, lat: Any, lon: Any, frame: LocalFrame) -> tuple[float, float]:
+    lat, lon = _degrees(lat), _degrees(lon)
     if not all(isinstance(value, int | float) for value in (lat, lon)) or abs(lat) > 90.0:
         raise ValueError(
             f"{who}: found lat {lat!r}, lon {lon!r}; allowed: numbers, lat from -90 to 90 degrees"

@@ -10,16 +10,21 @@ from pydantic import Field, create_model, model_validator
 from pymantaray.config.checks import parse
 from pymantaray.config.common import (
     NAME,
+    Degrees,
+    DegreesPerSecond,
     Depth,
+    Hertz,
     Hours,
     InputFile,
     InputFiles,
+    Metres,
+    MetresPerSecond,
     NonNegativeFloat,
     OceanSource,
     ParticipantName,
     PositiveFloat,
-    PositiveHours,
-    PositiveSeconds,
+    Radians,
+    RadiansPerSecond,
     Seconds,
     Section,
     own_files,
@@ -66,9 +71,9 @@ class RangingSection(Section):
 
     timing: Literal["one-way", "two-way"] = "one-way"
     """One way by synchronous clocks, or two ways with an answer."""
-    turn_around_s: Seconds = 0.0
+    turn_around_s: Seconds[NonNegativeFloat] = 0.0
     """Time from hearing a ping to answering it; two-way only. [s]"""
-    clock_offset_sigma: NonNegativeFloat = 0.0
+    clock_offset_sigma: Seconds[NonNegativeFloat] = 0.0
     """Standard deviation of each clock's error when the mission starts. [s]"""
     clock_skew_sigma: NonNegativeFloat = 0.0
     """Standard deviation of each clock's rate, as a share of time. [-]"""
@@ -76,7 +81,7 @@ class RangingSection(Section):
     """What a receiver takes for the direct arrival: that itself, or the first or strongest that it detects."""
     below_strongest_db: NonNegativeFloat | None = None
     """An arrival is detected if it is at most so much weaker than the link's strongest; without ``[detection]`` only. [dB]"""
-    mistaken_correlation_s: Seconds = 0.0
+    mistaken_correlation_s: Seconds[NonNegativeFloat] = 0.0
     """How long a receiver stays with an arrival that it has taken, as a correlation time. [s]"""
 
     @model_validator(mode="after")
@@ -116,11 +121,11 @@ class DetectionSection(Section):
 
     source_level_db: float
     """Level of a ping at 1 m, in the band. [dB re 1 µPa]"""
-    frequency_hz: PositiveFloat
+    frequency_hz: Hertz[PositiveFloat]
     """Middle of the band. [Hz]"""
-    bandwidth_hz: PositiveFloat
+    bandwidth_hz: Hertz[PositiveFloat]
     """Width of the band. [Hz]"""
-    wind_speed: NonNegativeFloat = 5.0
+    wind_speed: MetresPerSecond[NonNegativeFloat] = 5.0
     """Wind, for noise and for reflections at the surface. [m/s]"""
     shipping: float | None = Field(default=None, ge=0.0, le=1.0)
     """Activity of ships for noise, from 0 (none near) to 1 (heavy); 0.5 unless given. [-]"""
@@ -142,7 +147,7 @@ class DetectionSection(Section):
     """What the sea bed is made of, for loss at reflections; ``"none"`` reflects everything."""
     leakage: bool = False
     """Whether sound leaks past the nearest ray to where no ray arrives."""
-    leakage_reach_m: PositiveFloat = 200.0
+    leakage_reach_m: Metres[PositiveFloat] = 200.0
     """How far a receiver may be from the nearest ray that leaks. [m]"""
     scatter_db: NonNegativeFloat | None = None
     """Scattered sound in shadows is so much weaker than spherical spreading; none unless given. [dB]"""
@@ -173,17 +178,17 @@ class DetectionSection(Section):
 class FloatSection(Section):
     """What all floats share unless a vehicle says otherwise."""
 
-    hold_depth_h: Hours = 24.0
+    hold_depth_h: Hours[NonNegativeFloat] = 24.0
     """Time at the target depth. [h]"""
-    hold_surface_h: Hours = 1.0
+    hold_surface_h: Hours[NonNegativeFloat] = 1.0
     """Time at the surface. [h]"""
-    vertical_speed: PositiveFloat = 0.5
+    vertical_speed: MetresPerSecond[PositiveFloat] = 0.5
     """Limit of the vertical speed, up and down. [m/s]"""
     surface_depth: Depth = 0.5
     """Depth that counts as surfaced. Ours, record 0001. [m]"""
     depth_gain: PositiveFloat = 0.1
     """Vertical speed that is commanded per metre of depth error. Ours, record 0001. [1/s]"""
-    arrival_tolerance: PositiveFloat = 0.1
+    arrival_tolerance: Metres[PositiveFloat] = 0.1
     """A hold begins so near to its depth. Ours, record 0001. [m]"""
 
 
@@ -192,11 +197,11 @@ class _Placed(Section):
 
     name: ParticipantName
     """Unique; letters, digits, _ and -, 64 at most."""
-    north: float
+    north: Metres[float]
     """North of the frame's centre, at the start; or ``lat``, in degrees. [m]"""
-    east: float
+    east: Metres[float]
     """East of the frame's centre, at the start; or ``lon``, in degrees. [m]"""
-    heading_deg: float = 0.0
+    heading_deg: Degrees[float] = 0.0
     """Where its bow points at the start, clockwise from north. [degrees]"""
 
 
@@ -207,19 +212,19 @@ class FloatVehicle(_Placed):
     """An Argo-style float."""
     target_depth: Depth
     """Depth of the hold below; deeper than the surface's. [m]"""
-    start_delay_h: Hours = 0.0
+    start_delay_h: Hours[NonNegativeFloat] = 0.0
     """Time of its first descent. [h]"""
-    hold_depth_h: Hours | None = None
+    hold_depth_h: Hours[NonNegativeFloat] | None = None
     """Its own, in place of ``[fleet.floats]``. [h]"""
-    hold_surface_h: Hours | None = None
+    hold_surface_h: Hours[NonNegativeFloat] | None = None
     """Its own, in place of ``[fleet.floats]``. [h]"""
-    vertical_speed: PositiveFloat | None = None
+    vertical_speed: MetresPerSecond[PositiveFloat] | None = None
     """Its own, in place of ``[fleet.floats]``. [m/s]"""
     surface_depth: Depth | None = None
     """Its own, in place of ``[fleet.floats]``. [m]"""
     depth_gain: PositiveFloat | None = None
     """Its own, in place of ``[fleet.floats]``. [1/s]"""
-    arrival_tolerance: PositiveFloat | None = None
+    arrival_tolerance: Metres[PositiveFloat] | None = None
     """Its own, in place of ``[fleet.floats]``. [m]"""
 
 
@@ -250,7 +255,14 @@ class TwistVehicle(_Placed):
     """A vehicle that moves with one twist for ever."""
     depth: Depth
     """Depth at the start. [m]"""
-    twist: tuple[float, float, float, float, float, float] = Field(strict=False)
+    twist: tuple[
+        RadiansPerSecond[float],
+        RadiansPerSecond[float],
+        RadiansPerSecond[float],
+        MetresPerSecond[float],
+        MetresPerSecond[float],
+        MetresPerSecond[float],
+    ] = Field(strict=False)
     """Angular velocity about, and velocity along, forward, right and down. [rad/s, m/s]"""
     current: bool = False
     """Whether the current carries it besides."""
@@ -263,15 +275,15 @@ class WaypointVehicle(_Placed):
     """A vehicle that steers for points."""
     depth: Depth
     """Depth at the start. [m]"""
-    points: tuple[Annotated[tuple[float, float, Depth], Field(strict=False)], ...] = Field(
+    points: tuple[Annotated[tuple[Metres[float], Metres[float], Depth], Field(strict=False)], ...] = Field(
         min_length=1, strict=False
     )
     """North, east and depth of each; latitude, longitude and depth where its place is ``lat`` and ``lon``. [m]"""
-    speed: PositiveFloat
+    speed: MetresPerSecond[PositiveFloat]
     """Over ground, or through water with ``current``. [m/s]"""
-    turn_rate_deg: PositiveFloat = 5.0
+    turn_rate_deg: DegreesPerSecond[PositiveFloat] = 5.0
     """Limit of the angular speed. [degrees/s]"""
-    capture_radius: PositiveFloat = 20.0
+    capture_radius: Metres[PositiveFloat] = 20.0
     """A point counts as reached so near; not less than the turning radius. [m]"""
     loop: bool = False
     """Whether it goes on from the last point to the first; else it stops there."""
@@ -315,9 +327,9 @@ class LandmarkSection(Section):
 
     name: ParticipantName
     """Unique; letters, digits, _ and -, 64 at most."""
-    north: float
+    north: Metres[float]
     """North of the frame's centre; or ``lat``, in degrees. [m]"""
-    east: float
+    east: Metres[float]
     """East of the frame's centre; or ``lon``, in degrees. [m]"""
     depth: Depth
     """Positive down. [m]"""
@@ -361,17 +373,17 @@ class OceanSection(Section):
     """Equation of sound speed by temperature, salinity and pressure."""
     bathymetry: InputFile | None = None
     """File of a sea floor that is finer than the ocean's."""
-    ice: NonNegativeFloat | InputFile | None = None
+    ice: Metres[NonNegativeFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
     """Draft of an ice cover: the same everywhere, or a file's. [m]"""
     internal_tide: InternalTideSection | None = None
     """A wave through the true water; none unless given."""
-    centre_latitude_deg: float | None = Field(default=None, ge=-90.0, le=90.0)
+    centre_latitude_deg: Degrees[float] | None = Field(default=None, ge=-90.0, le=90.0)
     """Latitude of the local frame's centre; the middle of the data unless given. [degrees]"""
-    centre_longitude_deg: float | None = Field(default=None, ge=-180.0, le=360.0)
+    centre_longitude_deg: Degrees[float] | None = Field(default=None, ge=-180.0, le=360.0)
     """Longitude of the local frame's centre; the middle of the data unless given. [degrees]"""
-    half_extent_north: PositiveFloat | None = None
+    half_extent_north: Metres[PositiveFloat] | None = None
     """Half of the domain's side from south to north; the largest that fits unless given. [m]"""
-    half_extent_east: PositiveFloat | None = None
+    half_extent_east: Metres[PositiveFloat] | None = None
     """Half of the domain's side from west to east; the largest that fits unless given. [m]"""
 
     @model_validator(mode="after")
@@ -425,9 +437,9 @@ class SlotsSection(Section):
     """Vehicles ping in turn."""
     slots: tuple[str, ...] = Field(min_length=1, strict=False)
     """Names of who pings, in order."""
-    slot_s: PositiveSeconds
+    slot_s: Seconds[PositiveFloat]
     """Time from one slot to the next. [s]"""
-    start_s: Seconds = 0.0
+    start_s: Seconds[NonNegativeFloat] = 0.0
     """Time of the first slot. [s]"""
 
 
@@ -451,17 +463,17 @@ class MissionSection(Section):
     their first pose to their last; ``duration_h`` may cut them.
     """
 
-    duration_h: PositiveHours = 168.0
+    duration_h: Hours[PositiveFloat] = 168.0
     """Time from the first sample to the last. [h]"""
-    physics_step_s: PositiveSeconds = 0.125
+    physics_step_s: Seconds[PositiveFloat] = 0.125
     """Step of the vehicles' motion. [s]"""
-    sampling_period_s: PositiveSeconds = 200.0
+    sampling_period_s: Seconds[PositiveFloat] = 200.0
     """Time between samples of poses and sensors. Both ends are samples: ours, record 0001. [s]"""
-    ping_interval_h: PositiveHours = 4.0
+    ping_interval_h: Hours[PositiveFloat] = 4.0
     """All vehicles ping at every multiple. Not at 0: ours, record 0001. [h]"""
     schedule: AnySchedule | None = None
     """Who pings when, in place of ``ping_interval_h``."""
-    gnss_depth: PositiveFloat = 1.0
+    gnss_depth: Metres[PositiveFloat] = 1.0
     """A vehicle has a GNSS fix while it is shallower. Ours, record 0001. [m]"""
 
 
@@ -469,13 +481,19 @@ if TYPE_CHECKING:
     NoiseSection = Section
 else:
     _SIGN = {True: NonNegativeFloat, False: PositiveFloat}
+    _OF_UNIT = {"m": Metres, "m/s": MetresPerSecond, "rad": Radians, "rad/s": RadiansPerSecond}
+
+    def _level(description: str, number: Any) -> Any:
+        unit = description.rpartition("[")[2].removesuffix("]")
+        return _OF_UNIT[unit][number] if unit in _OF_UNIT else number
+
     NoiseSection = create_model(
         "NoiseSection",
         __base__=Section,
         __doc__="Levels of `NoiseModel`, the paper's table of noise; those it leaves open are in record 0001.",
         **{
             f.name: (
-                _SIGN[f.metadata["may_be_zero"]],
+                _level(f.metadata["description"], _SIGN[f.metadata["may_be_zero"]]),
                 Field(default=f.default, description=f.metadata["description"]),
             )
             for f in fields(NoiseModel)
@@ -488,7 +506,7 @@ class EstimatorSection(Section):
 
     initialise: Literal["truth", "dead-reckoning"] = "truth"
     """Where the optimizer starts from. Ours, record 0001."""
-    covariance_interval_h: PositiveHours = 24.0
+    covariance_interval_h: Hours[PositiveFloat] = 24.0
     """How often covariances of poses are kept. [h]"""
 
 

@@ -1,8 +1,6 @@
-"""Numbers, durations and arrays from outside: each folder refuses them by its own error, all in the same words."""
+"""Numbers and arrays from outside: each folder refuses them by its own error, all in the same words."""
 
 import math
-import re
-from decimal import Decimal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,20 +9,6 @@ from pymantaray.errors import MantaRayError
 
 Array = NDArray[np.float64]
 Error = type[MantaRayError]
-_SECONDS = {"s": 1, "min": 60, "h": 3600, "d": 86400}
-_PART = rf"(\d+(?:\.\d*)?|\.\d+)\s*({'|'.join(_SECONDS)})"
-_WORDS = {"s": "seconds", "h": "hours", "d": "days"}
-
-
-def duration_of(text: str, unit: str) -> float:
-    """Number in a unit, of text such as ``10 min`` or ``1 h 30 min``; else a ValueError that says what is allowed."""
-    if not re.fullmatch(rf"\s*(?:{_PART}\s*)+", text, re.ASCII):
-        units = ", ".join(_SECONDS)
-        raise ValueError(
-            f'found {text[:100]!r}; allowed: a number of {_WORDS[unit]}, or text such as "10 min" (units {units})'
-        )
-    seconds = sum(Decimal(number) * _SECONDS[name] for number, name in re.findall(_PART, text))
-    return float(seconds / _SECONDS[unit])
 
 
 def check_number(error: Error, name: str, value: float, unit: str = "", *, positive: bool = False) -> None:
