@@ -16,7 +16,7 @@ import pandas as pd
 from pymantaray import StudyConfig, error_table, load_study, measure, range_error_table, run_study
 from pymantaray.service import RangingService
 
-CENTRE = {"centre_latitude_deg": 74.5, "centre_longitude_deg": -140.0}
+CENTRE = {"centre_lat": 74.5, "centre_lon": -140.0}
 OCEAN = {"source": "synthetic:beaufort", **CENTRE}
 INTERVAL = 300.0  # s, between pings of everybody to everybody
 STUDY = f"""
@@ -26,8 +26,8 @@ realizations = 2
 
 [ocean]
 source = "synthetic:beaufort"
-centre_latitude_deg = {CENTRE["centre_latitude_deg"]}
-centre_longitude_deg = {CENTRE["centre_longitude_deg"]}
+centre_lat = {CENTRE["centre_lat"]}
+centre_lon = {CENTRE["centre_lon"]}
 
 [mission]
 ping_interval_h = {INTERVAL / 3600.0!r}

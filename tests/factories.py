@@ -29,8 +29,8 @@ conditions = ["odometry", "no-ranges", "straight", "refracted", "straight-all"]
 
 [ocean]
 source = "synthetic:beaufort"
-centre_latitude_deg = 74.5
-centre_longitude_deg = -140.0
+centre_lat = 74.5
+centre_lon = -140.0
 half_extent_north = 15000.0
 half_extent_east = 15000.0
 

@@ -166,7 +166,7 @@ BAD = {
     json.dumps(GOOD | {"receivers": [{"lat": 9.0, "lon": 0.0, "depth": 5.0}]}): "some positions have north and east",
     json.dumps(GOOD | {"source": HERE | {"velocity": [1.0]}}): "source.velocity",
     json.dumps(GOOD | {"source": HERE | {"velocity": [1.0, 0.0, 0.0]}}): "velocity: one-way timing",
-    json.dumps(GOOD | {"receiver": []}): "receiver: unknown key; did you mean receivers?",
+    json.dumps(GOOD | {"receiver": []}): "`receiver`: unknown key. Did you mean `receivers`?",
     json.dumps(GOOD | {"arrivals": "yes"}): "arrivals: found 'yes'; allowed: true or false",
     json.dumps({"time": 0.0, "source": {"lat": 1.0, "lon": 1.0, "depth": 5.0}, "receivers": []}): "bare medium has no",
 }  # fmt: skip

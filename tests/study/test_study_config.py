@@ -41,8 +41,8 @@ def test_presets_hold_the_papers_tables(name):
     assert (floats.hold_depth_h, floats.hold_surface_h, floats.vertical_speed) == (24, 1, 0.5)
     assert config.study.realizations == 25
     assert config.detection is None
-    assert (config.ranging.timing, config.ranging.mistaken) == ("one-way", "off")
-    assert (config.ranging.clock_offset_sigma, config.ranging.clock_skew_sigma) == (0.0, 0.0)
+    assert (config.ranging.timing, config.ranging.mistaken) == ("one-way", "none")
+    assert (config.noise.clock_offset_sigma, config.noise.clock_skew_sigma) == (0.0, 0.0)
     assert config.acoustics.arrival == "direct"
     assert (config.acoustics.max_surface_bounces, config.acoustics.max_bottom_bounces) == (0, 0)
     assert (config.ocean.time_varying, config.ocean.equation) == (False, "teos-10")
@@ -92,7 +92,7 @@ SHORT = {"range_model": "constant", "sound_speed": 1450.0, "loss": "huber"}
 @pytest.mark.parametrize("sections", [
     *list_presets(),
     {"detection": {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}},
-    {"ranging": {"timing": "two-way", "turn_around_s": 0.5, "clock_skew_sigma": 1e-6}},
+    {"ranging": {"timing": "two-way", "turn_around_s": 0.5}, "noise": {"clock_skew_sigma": 1e-6}},
     {"ranging": {"mistaken": "first-detected", "below_strongest_db": 9.0}},
     {"estimators": [{"name": "a"} | SHORT, {"name": "b"} | LONG]},
 ], ids=str)  # fmt: skip
@@ -144,13 +144,13 @@ REFUSED = [
     ("noise.range_sigma", "1", "noise.range_sigma: found '1'"),
     ("ocean.source", ["a\0.nc"], r"ocean.source[0]: found 'a\x00.nc', which no file can be named"),
     ("ocean.source", ["synthetic:fram", "a.nc"], "a synthetic source stands alone"),
-    ("ocean.centre_latitude_deg", None, "centre_latitude_deg and centre_longitude_deg must be given together"),
+    ("ocean.centre_lat", None, "centre_lat and centre_lon must be given together"),
     ("ocean.ice", -1.0, "ocean.ice: found -1.0; allowed: 0 or more or text"),
-    ("acoustics.spreading_cutoff_db", -1.0, "found -1.0; allowed: greater than 0 or 'off'"),
+    ("acoustics.spreading_cutoff_db", -1.0, "found -1.0; allowed: greater than 0 or 'none'"),
     ("ocean.half_extent_north", None, "half_extent_north and half_extent_east must be given together"),
     ("ranging.turn_around_s", 2.0, "ranging: turn_around_s is 2 s, but timing is one-way"),
-    ("ranging.below_strongest_db", 6.0, "ranging: below_strongest_db is 6, but mistaken is off"),
-    ("ranging.mistaken_correlation_s", 60.0, "ranging: mistaken_correlation_s is 60 s, but mistaken is off"),
+    ("ranging.below_strongest_db", 6.0, "ranging: below_strongest_db is 6, but mistaken is none"),
+    ("ranging.mistaken_correlation_s", 60.0, "ranging: mistaken_correlation_s is 60 s, but mistaken is none"),
     ("ranging", DEEP | {"mistaken": "strongest-detected"}, "but mistaken is strongest-detected"),
     ("ranging.mistaken", "first-detected", "is first-detected, but nothing says what is detected"),
     ("", {"ranging": DEEP, "detection": DETECTION}, "below_strongest_db and [detection] exclude each other"),

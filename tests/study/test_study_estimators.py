@@ -327,7 +327,7 @@ def test_members_travel_times_scatter_as_the_covariance_says(day, beliefs):
 
 
 def file_belief(path, **options):
-    return FileBelief.model_validate({"kind": "file", "path": str(path), **options})
+    return FileBelief.model_validate({"kind": "file", "source": str(path), **options})
 
 
 def true_ocean(day):
@@ -345,7 +345,7 @@ def test_the_truths_own_file_is_the_exact_belief_to_the_last_digit(day, beliefs,
         beliefs.believed(file_belief(tmp_path / "ocean.nc"), 0),
         beliefs.believed(ExactBelief(kind="exact"), 0),
     )
-    belief = {"kind": "file", "path": str(tmp_path / "ocean.nc")}
+    belief = {"kind": "file", "source": str(tmp_path / "ocean.nc")}
     sections = [{"range_model": "eigenray", "belief": b} for b in (EXACT, belief)]
     run = with_estimators(day, *sections)
     solutions = RealizationSolver(run).solve(0).solutions
@@ -439,7 +439,7 @@ def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp
 
 def test_the_file_of_a_belief_is_relative_to_the_study_and_an_input_of_it(tmp_path):
     tree = tomllib.loads(preset_text("quick"))
-    belief = {"kind": "file", "path": "casts/one.csv"}
+    belief = {"kind": "file", "source": "casts/one.csv"}
     tree["estimators"] = [{"name": "own", "range_model": "eigenray", "belief": belief}]
     config = parse_study(tree, folder=tmp_path)
     assert config.files == (str(tmp_path / "casts" / "one.csv"),)

@@ -31,7 +31,7 @@ def test_they_are_in_the_same_places_and_in_the_resolved_file_by_north_and_east(
     route, expected = (c.fleet.vehicles[2].points for c in (config, plain))
     for one, other in zip(route, expected, strict=True):
         assert one == pytest.approx(other, abs=1e-6)
-    assert "lat = " not in study_toml(config)
+    assert "\nlat = " not in study_toml(config)
 
 
 def changed(**of_first):
@@ -53,7 +53,7 @@ REFUSED = {
         lat=95.0, lon=-140.0
     ),
     "A: found lat 'north', lon": lambda: changed(lat="north"),
-    "which need the frame's centre: give ocean.centre_latitude_deg": no_centre,
+    "which need the frame's centre: give ocean.centre_lat": no_centre,
 }
 
 

@@ -17,7 +17,7 @@ def run(run_tiny):
     return run_tiny(
         landmarks=[],  # nobody keeps the time
         study={"conditions": ["straight"]},
-        ranging={"clock_offset_sigma": OFFSET, "clock_skew_sigma": 1e-8},
+        noise={"clock_offset_sigma": OFFSET, "clock_skew_sigma": 1e-8},
         estimators=[
             {"name": "e0", "modes": {"count": 3, "rms": 1.0, "down_to": 300.0}} | mean,
             {"name": "e1", "range_model": "eigenray", "belief": EXACT, "clocks": {}},

@@ -12,7 +12,7 @@ from pymantaray.estimation import read_pyfg
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ClockModel, Picker, TwoWay, perturb
 from pymantaray.study import open_run
-from pymantaray.study.assemble import build_clocks, build_picker
+from pymantaray.study.assemble import build_picker
 from pymantaray.study.realization import solve_realizations, start_solver
 from pymantaray.study.workers import Workers
 from pymantaray.water.listening import build_detector, build_timing, leakage_of
@@ -32,13 +32,14 @@ ERRING = {
 
 def test_sections_become_what_ranging_takes(tiny):
     config = tiny(
-        ranging={"timing": "two-way", "turn_around_s": 0.5, "clock_skew_sigma": 1e-6},
+        ranging={"timing": "two-way", "turn_around_s": 0.5},
+        noise={"clock_skew_sigma": 1e-6},
         acoustics={"currents": True, "max_surface_bounces": 1, "max_bottom_bounces": 1},
         detection=DETECTION | {"wind_speed": 12.0, "surface_loss": "coherent", "sediment": "silt"},
     )
     ocean = build_ocean(config.ocean, config.mission.duration_h * 3600.0)
     assert build_timing(config.ranging) == TwoWay(turn_around=0.5)
-    assert build_clocks(config.ranging) == ClockModel(skew_sigma=1e-6)
+    assert config.noise.clocks == ClockModel(skew_sigma=1e-6)
     currents = build_currents(config, ocean)
     np.testing.assert_array_equal(currents.velocity[..., 0], ocean.local["current_north"].values)
     np.testing.assert_array_equal(currents.velocity[..., 1], ocean.local["current_east"].values)
@@ -63,13 +64,13 @@ def two_way(run_tiny):
     """Two-way with bad clocks and a sonar that misses some pings."""
     clocks = {"clock_offset_sigma": 10.0, "clock_skew_sigma": 1e-4}
     timing = {"timing": "two-way", "turn_around_s": 2.0}
-    return run_tiny(study=STUDY, ranging=timing | clocks, detection=DETECTION)
+    return run_tiny(study=STUDY, ranging=timing, noise=clocks, detection=DETECTION)
 
 
 @pytest.fixture(scope="module")
 def one_way(fly_tiny):
     """One-way in moving water with clocks that are a millisecond apart."""
-    return fly_tiny(study=STUDY, ranging={"clock_offset_sigma": 1e-3}, acoustics={"currents": True})[1]
+    return fly_tiny(study=STUDY, noise={"clock_offset_sigma": 1e-3}, acoustics={"currents": True})[1]
 
 
 @pytest.fixture(scope="module")

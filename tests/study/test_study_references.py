@@ -24,7 +24,7 @@ def estimator(**keys):
 
 PARTS = [
     ({"acoustics": {"currents": True}}, "munk1995"),
-    ({"ocean": {"source": "synthetic:fram", "centre_latitude_deg": 78.0, "centre_longitude_deg": 0.0}},
+    ({"ocean": {"source": "synthetic:fram", "centre_lat": 78.0, "centre_lon": 0.0}},
      "rudels2005 rudels2000 beszczynska2012 richter2018 hofmann2021 wekerle2020"),
     ({"ocean": {"source": "synthetic:beaufort", "equation": "del-grosso"}}, "delgrosso1974 wong1995"),
     ({"ocean": {"source": "synthetic:beaufort", "equation": "unesco"}}, "chen1977 wong1995"),
@@ -81,7 +81,7 @@ def test_data_are_cited_by_what_they_say_of_themselves(tiny, tmp_path):
     mine = data_file(tmp_path / "mine_2.nc", title="my model")
     bed = data_file(tmp_path / "bed.nc", title="The GEBCO_2024 Grid")
     (tmp_path / "cast.csv").write_text(CAST, encoding="utf-8")
-    belief = {"kind": "file", "path": [str(tmp_path / "cast.csv")]}
+    belief = {"kind": "file", "source": [str(tmp_path / "cast.csv")]}
     references = citation(
         tiny(
             ocean={"source": [hycom, mine], "bathymetry": bed},

@@ -96,7 +96,7 @@ def test_pyfg_of_the_first_realization_starts_at_the_truth(tiny_run):
 
 def test_dead_reckoned_start_reaches_the_same_optimum(run_tiny, tiny_run):
     study = {"realizations": 1, "conditions": ["refracted"]}
-    other = run_tiny(estimator={"initialise": "dead-reckoning"}, study=study).estimates
+    other = run_tiny(estimator={"start": "dead-reckoning"}, study=study).estimates
     np.testing.assert_allclose(other.position[0, 0], tiny_run.estimates.position[3, 0], rtol=0, atol=1e-3)
 
 

@@ -34,9 +34,9 @@ def test_survey_is_a_driven_fleet_with_clocks_and_landmarks():
     config = load_study("survey")
     assert sorted(v.kind for v in config.fleet.vehicles) == ["station"] + 4 * ["waypoints"]
     assert len(config.landmarks) == 2
-    assert (config.ranging.timing, config.ranging.mistaken) == ("one-way", "off")
-    assert config.ranging.clock_offset_sigma > 0.0
-    assert config.ranging.clock_skew_sigma > 0.0
+    assert (config.ranging.timing, config.ranging.mistaken) == ("one-way", "none")
+    assert config.noise.clock_offset_sigma > 0.0
+    assert config.noise.clock_skew_sigma > 0.0
 
 
 def test_survey_mows_its_lawn(survey_run):

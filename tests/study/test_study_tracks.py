@@ -28,8 +28,8 @@ from pymantaray.study.tracks import with_tracks
 
 OCEAN = {
     "source": "synthetic:beaufort",
-    "centre_latitude_deg": 74.5,
-    "centre_longitude_deg": -140.0,
+    "centre_lat": 74.5,
+    "centre_lon": -140.0,
     "half_extent_north": 15000.0,
     "half_extent_east": 15000.0,
 }
@@ -286,7 +286,7 @@ def test_the_mission_is_as_long_as_the_trajectories_unless_it_is_cut(table):
 
 def test_water_that_varies_is_that_of_the_dates(table, tmp_path):
     # near an eddy that moves
-    varying = {**OCEAN, "time_varying": True, "centre_latitude_deg": 74.8, "centre_longitude_deg": -136.95}
+    varying = {**OCEAN, "time_varying": True, "centre_lat": 74.8, "centre_lon": -136.95}
     frame, runs = pd.read_csv(table, dtype=str), {}  # as it stands
     for hour in (10, 15):
         start = pd.Timestamp(f"2014-07-15T{hour + 2}:00:00+02:00")
@@ -319,7 +319,7 @@ IMPOSSIBLE = {
     "PingList: .*: A listens to itself": lambda table: measure(table, OCEAN, PingList((1.0,), ("A",), (("A",),))),
     "names of vehicles and landmarks must differ; found A": lambda table: measure(
         table, OCEAN, 600.0, landmarks=[{"name": "A", "north": 0.0, "east": 0.0, "depth": 1.0}]),
-    "ranges: acoustics.max_bounces: unknown key": lambda table: measure(
+    "ranges: `acoustics.max_bounces`: unknown key": lambda table: measure(
         table, OCEAN, 600.0, acoustics={"max_bounces": 1}),
     "no-such.csv": lambda _: measure("no-such.csv", OCEAN, 600.0),
     "no-such.nc": lambda _: run_study(parse_study({**TINY, "fleet": {"trajectories": "no-such.nc"}})),

@@ -53,9 +53,9 @@ def test_huge_text_ends_at_once():
     ("noise.odometry_translation_drift", "1 cm/s", 0.01),
     ("noise.first_rotation_sigma", "1 mrad", 1e-3),
     ("noise.odometry_rotation_drift", "3.6 deg/h", math.radians(1e-3)),
-    ("ranging.clock_offset_sigma", "1 ms", 1e-3),
+    ("noise.clock_offset_sigma", "1 ms", 1e-3),
     ("ocean.half_extent_north", "100 km", 1e5),
-    ("ocean.centre_latitude_deg", "74.5 deg", 74.5),
+    ("ocean.centre_lat", "74.5 deg", 74.5),
     ("ocean.ice", "2 m", 2.0),
     ("fleet.vehicles.B.north", "-2 km", -2000.0),
     ("fleet.vehicles.B.heading_deg", "1 rad", math.degrees(1.0)),
@@ -96,7 +96,7 @@ def test_ice_is_a_draft_or_a_file(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("key", "value", "line"), [
     ("noise.range_sigma", "2 s", "noise.range_sigma: found '2 s'; allowed: a number of metres, or text such as \"2 km\""),
     ("noise.range_sigma", "0 m", "noise.range_sigma: found 0.0; allowed: greater than 0"),
-    ("ocean.centre_latitude_deg", "2 rad", "ocean.centre_latitude_deg: found '2 rad'; allowed: 90 or less"),
+    ("ocean.centre_lat", "2 rad", "ocean.centre_lat: found '2 rad'; allowed: 90 or less"),
     ("fleet.vehicles.B.target_depth", "-5 m", "target_depth: found -5.0; allowed: 0 or more"),
     ("ranging.turn_around_s", "1 m", "ranging.turn_around_s: found '1 m'; allowed: a number of seconds"),
 ])  # fmt: skip

@@ -139,8 +139,8 @@ def test_files_that_end_before_the_mission_are_refused(tiny, tmp_path):
 MOVING = {
     "time_varying": True,
     "time": dt.datetime(2014, 7, 15, 13, 30),  # noqa: DTZ001  TOML's local time, taken as UTC
-    "centre_latitude_deg": 74.8,
-    "centre_longitude_deg": -136.95,
+    "centre_lat": 74.8,
+    "centre_lon": -136.95,
 }
 """Near the centre of a Pacific Winter Water eddy that moves 4 km a day to the south, from between two snapshots on."""
 

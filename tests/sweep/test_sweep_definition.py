@@ -139,8 +139,8 @@ def test_a_bad_point_is_one_line_and_all_are_told_at_once(small):
         for number, sigma, depth, found, allowed in (
             (2, -1.0, 1.0, "-1.0", "greater than 0"),
             (3, -1.0, 2.0, "-1.0", "greater than 0"),
-            (4, "x", 1.0, "'x'", "a number"),
-            (5, "x", 2.0, "'x'", "a number"),
+            (4, "x", 1.0, "'x'", 'a number of metres, or text such as "2 km" (units mm, cm, m, km, nmi)'),
+            (5, "x", 2.0, "'x'", 'a number of metres, or text such as "2 km" (units mm, cm, m, km, nmi)'),
         )
     ]
 

@@ -48,7 +48,7 @@ OTHER = {  # another allowed value of each field; numbers not listed are doubled
     "ranging.mistaken": "first-detected",
     "ranging.below_strongest_db": 6.0,
     "detection": MODEM,
-    "estimator.initialise": "dead-reckoning",
+    "estimator.start": "dead-reckoning",
     "estimators": [{"name": "e", "range_model": "travel-time", "ranges": "refracted"}],
     "landmarks": [{"name": "L9", "north": 1.0, "east": 2.0, "depth": 3.0}],
     "fleet.vehicles": TINY["fleet"]["vehicles"][:1],
@@ -124,9 +124,9 @@ def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
     tree = config.model_dump(exclude_none=True)
     tree["study"] = {"name": "other", "seed": 7, "realizations": 5, "conditions": ["odometry"]}
     tree["noise"] = {name: 3.0 * value for name, value in tree["noise"].items()}
-    tree["estimator"] = {"initialise": "dead-reckoning", "covariance_interval_h": 1.0}
+    tree["estimator"] = {"start": "dead-reckoning", "covariance_interval_h": 1.0}
     tree["mission"] |= {"gnss_depth": 50.0}
-    tree["ranging"] |= {"clock_offset_sigma": 0.1, "clock_skew_sigma": 1e-6}
+    tree["noise"] |= {"clock_offset_sigma": 0.1, "clock_skew_sigma": 1e-6}
     tree["ranging"] |= {"mistaken": "first-detected", "below_strongest_db": 6.0}
     other = parse_study(tree)
     assert [keys(other, {})[stage] for stage in STAGES] == [keys(config, {})[stage] for stage in STAGES]

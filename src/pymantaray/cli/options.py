@@ -324,7 +324,7 @@ class SearchOptions:
     cutoff_db: Annotated[
         str,
         typer.Option(
-            metavar="DB|off", help="Rays weaker than spherical spreading by more than this are no arrivals."
+            metavar="DB|none", help="Rays weaker than spherical spreading by more than this are no arrivals."
         ),
     ] = "15"
     tolerance: Annotated[
@@ -340,13 +340,13 @@ class SearchOptions:
             cutoff = 0.0
         if cutoff is not None and not cutoff > 0.0:
             raise AcousticsError(
-                f"--cutoff-db {self.cutoff_db}: a positive number of decibels or off is needed"
+                f"--cutoff-db {self.cutoff_db}: a positive number of decibels or none is needed"
             )
 
     @property
     def spreading_cutoff_db(self) -> float | None:
         """The cut-off as `find_eigenrays` takes it. [dB]"""
-        return None if self.cutoff_db == "off" else float(self.cutoff_db)
+        return None if self.cutoff_db in ("none", "off") else float(self.cutoff_db)
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -91,7 +91,7 @@ def ranges(
     if time is not None:
         section["time"] = parse_instant(time).astype("datetime64[us]").item()
     if centre is not None:
-        section |= {"centre_latitude_deg": centre[0], "centre_longitude_deg": centre[1]}
+        section |= {"centre_lat": centre[0], "centre_lon": centre[1]}
     config = ranges_config(
         files,
         section,

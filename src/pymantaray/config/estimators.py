@@ -160,7 +160,7 @@ class FileBelief(Section):
 
     kind: Literal["file"]
     """An ocean of its own."""
-    path: OceanSource
+    source: OceanSource
     """What ``ocean.source`` takes, or a file of casts; relative to this file."""
     time: dt.datetime | None = None
     """Which of several instants, UTC; the start of the mission unless given."""
@@ -211,9 +211,9 @@ class ClocksSection(Section):
     """Offset and skew of all clocks, estimated with the poses; priors are the study's unless given."""
 
     offset_sigma: Seconds[NonNegativeFloat] | None = None
-    """Standard deviation of each clock's error beforehand; ``ranging.clock_offset_sigma`` unless given. [s]"""
+    """Standard deviation of each clock's error beforehand; ``noise.clock_offset_sigma`` unless given. [s]"""
     skew_sigma: NonNegativeFloat | None = None
-    """Standard deviation of each clock's rate beforehand; ``ranging.clock_skew_sigma`` unless given. [-]"""
+    """Standard deviation of each clock's rate beforehand; ``noise.clock_skew_sigma`` unless given. [-]"""
 
     def priors(self, offset_sigma: float, skew_sigma: float) -> tuple[float, float]:
         """Standard deviations of offset and skew, where those given are the study's. [s, -]."""
@@ -343,7 +343,7 @@ class RangeEstimatorSection(Section):
     @property
     def files(self) -> tuple[str, ...]:
         """Input files: of what is believed, and of casts whose modes are taken."""
-        belief = own_files(self.belief.path) if isinstance(self.belief, FileBelief) else ()
+        belief = own_files(self.belief.source) if isinstance(self.belief, FileBelief) else ()
         return belief if self.modes is None else (*belief, *self.modes.casts)
 
     @property

@@ -5,7 +5,7 @@ from typing import Any
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.units import quantity_of
 
-_CENTRE = ("centre_latitude_deg", "centre_longitude_deg")
+_CENTRE = ("centre_lat", "centre_lon")
 
 
 def with_local_places(tree: Any) -> Any:

@@ -11,6 +11,7 @@ from typing import Any
 from pymantaray.config.checks import parse
 from pymantaray.config.common import NAME, located
 from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
+from pymantaray.config.renamed import with_new_names
 from pymantaray.config.sections import DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter
 from pymantaray.errors import StudyError
@@ -132,6 +133,11 @@ def load_study(
     return parse_study(described(tree, name, words) if words else tree, name)
 
 
+def load_resolved(file: Path) -> StudyConfig:
+    """Configuration that a run was made of; one of an earlier version has old names, of which nobody is told."""
+    return parse_study(_tree(file, warn=False), str(file))
+
+
 def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     """
     Read what ranging needs of a study's configuration; a file may have that alone.
@@ -171,7 +177,7 @@ def load_detection(file: Path, **changes: Any) -> DetectionSection:
     return parse(DetectionSection, section, f"{file}: detection", None)
 
 
-def _tree(name_or_file: str | Path, chain: tuple[str, ...] = ()) -> Tree:
+def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool = True) -> Tree:
     """Tree of a preset or a file over that of its base; texts in it remember the folder of their file."""
     path, name = Path(name_or_file), str(name_or_file)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
@@ -189,6 +195,7 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = ()) -> Tree:
         raise StudyError(
             f"{name}: not valid TOML: a number is too long, or tables are nested too deep"
         ) from None
+    tree = with_new_names(tree, name, warn=warn)
     here = str(path.resolve()) if is_file else name
     return _over_base(tree, folder, name, (*chain, here)) if BASE in tree else tree
 

@@ -33,6 +33,7 @@ from pymantaray.config.common import (
 from pymantaray.config.estimators import InternalTideSection, RangeEstimatorSection
 from pymantaray.config.geographic import with_local_places
 from pymantaray.config.keys import changed, described, words_of
+from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
 
 Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
@@ -41,8 +42,8 @@ Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
 class AcousticsSection(Section):
     """How eigenrays are looked for, which of them is ranged on, and whether the current carries them."""
 
-    spreading_cutoff_db: PositiveFloat | Literal["off"] = 15.0
-    """An eigenray that is so much weaker than spherical spreading is no arrival; ``"off"`` keeps all. Ours, record 0001. [dB]"""
+    spreading_cutoff_db: PositiveFloat | Literal["none"] = 15.0
+    """An eigenray that is so much weaker than spherical spreading is no arrival; ``"none"`` keeps all. Ours, record 0001. [dB]"""
     interpolation: Literal["smooth", "linear"] = "smooth"
     """What lies between grid points of sound speed: cubic splines, or straight lines as in Bellhop. Ours, record 0001."""
     max_surface_bounces: Bounces = 0
@@ -56,8 +57,8 @@ class AcousticsSection(Section):
 
     @property
     def cutoff_db(self) -> float | None:
-        """The spreading cut-off as `find_eigenrays` takes it, None for off. [dB]."""
-        return None if self.spreading_cutoff_db == "off" else float(self.spreading_cutoff_db)
+        """The spreading cut-off as `find_eigenrays` takes it, None for none. [dB]."""
+        return None if self.spreading_cutoff_db == "none" else float(self.spreading_cutoff_db)
 
 
 class RangingSection(Section):
@@ -73,11 +74,7 @@ class RangingSection(Section):
     """One way by synchronous clocks, or two ways with an answer."""
     turn_around_s: Seconds[NonNegativeFloat] = 0.0
     """Time from hearing a ping to answering it; two-way only. [s]"""
-    clock_offset_sigma: Seconds[NonNegativeFloat] = 0.0
-    """Standard deviation of each clock's error when the mission starts. [s]"""
-    clock_skew_sigma: NonNegativeFloat = 0.0
-    """Standard deviation of each clock's rate, as a share of time. [-]"""
-    mistaken: Literal["off", "first-detected", "strongest-detected"] = "off"
+    mistaken: Literal["none", "first-detected", "strongest-detected"] = "none"
     """What a receiver takes for the direct arrival: that itself, or the first or strongest that it detects."""
     below_strongest_db: NonNegativeFloat | None = None
     """An arrival is detected if it is at most so much weaker than the link's strongest; without ``[detection]`` only. [dB]"""
@@ -95,9 +92,9 @@ class RangingSection(Section):
 
     @model_validator(mode="after")
     def _only_mistakes_stay(self) -> Self:
-        if self.mistaken_correlation_s > 0.0 and self.mistaken == "off":
+        if self.mistaken_correlation_s > 0.0 and self.mistaken == "none":
             raise ValueError(
-                f"mistaken_correlation_s is {self.mistaken_correlation_s:g} s, but mistaken is off; leave it out or set"
+                f"mistaken_correlation_s is {self.mistaken_correlation_s:g} s, but mistaken is none; leave it out or set"
                 ' mistaken = "first-detected"'
             )
         return self
@@ -377,9 +374,9 @@ class OceanSection(Section):
     """Draft of an ice cover: the same everywhere, or a file's. [m]"""
     internal_tide: InternalTideSection | None = None
     """A wave through the true water; none unless given."""
-    centre_latitude_deg: Degrees[float] | None = Field(default=None, ge=-90.0, le=90.0)
+    centre_lat: Degrees[float] | None = Field(default=None, ge=-90.0, le=90.0)
     """Latitude of the local frame's centre; the middle of the data unless given. [degrees]"""
-    centre_longitude_deg: Degrees[float] | None = Field(default=None, ge=-180.0, le=360.0)
+    centre_lon: Degrees[float] | None = Field(default=None, ge=-180.0, le=360.0)
     """Longitude of the local frame's centre; the middle of the data unless given. [degrees]"""
     half_extent_north: Metres[PositiveFloat] | None = None
     """Half of the domain's side from south to north; the largest that fits unless given. [m]"""
@@ -391,7 +388,7 @@ class OceanSection(Section):
         if self.synthetic and len(self.source) > 1:
             raise ValueError(f"a synthetic source stands alone; found {', '.join(self.source)}")
         for one, other in (
-            ("centre_latitude_deg", "centre_longitude_deg"),
+            ("centre_lat", "centre_lon"),
             ("half_extent_north", "half_extent_east"),
         ):
             if (getattr(self, one) is None) != (getattr(self, other) is None):
@@ -418,9 +415,9 @@ class OceanSection(Section):
     @property
     def centre(self) -> tuple[float, float] | None:
         """Latitude and longitude of the frame's centre, None for the middle of the data. [degrees]."""
-        if self.centre_latitude_deg is None or self.centre_longitude_deg is None:
+        if self.centre_lat is None or self.centre_lon is None:
             return None
-        return self.centre_latitude_deg, self.centre_longitude_deg
+        return self.centre_lat, self.centre_lon
 
     @property
     def half_extent(self) -> tuple[float, float] | None:
@@ -478,7 +475,7 @@ class MissionSection(Section):
 
 
 if TYPE_CHECKING:
-    NoiseSection = Section
+    _Levels = Section
 else:
     _SIGN = {True: NonNegativeFloat, False: PositiveFloat}
     _OF_UNIT = {"m": Metres, "m/s": MetresPerSecond, "rad": Radians, "rad/s": RadiansPerSecond}
@@ -487,10 +484,9 @@ else:
         unit = description.rpartition("[")[2].removesuffix("]")
         return _OF_UNIT[unit][number] if unit in _OF_UNIT else number
 
-    NoiseSection = create_model(
-        "NoiseSection",
+    _Levels = create_model(
+        "_Levels",
         __base__=Section,
-        __doc__="Levels of `NoiseModel`, the paper's table of noise; those it leaves open are in record 0001.",
         **{
             f.name: (
                 _level(f.metadata["description"], _SIGN[f.metadata["may_be_zero"]]),
@@ -501,10 +497,31 @@ else:
     )
 
 
+class NoiseSection(_Levels):
+    """Levels of all noise, the paper's table; those it leaves open are in record 0001."""
+
+    clock_offset_sigma: Seconds[NonNegativeFloat] = 0.0
+    """Standard deviation of each clock's error when the mission starts. [s]"""
+    clock_skew_sigma: NonNegativeFloat = 0.0
+    """Standard deviation of each clock's rate, as a share of time. [-]"""
+
+    @property
+    def model(self) -> NoiseModel:
+        """Noise of all sensors but clocks."""
+        return NoiseModel(**{f.name: getattr(self, f.name) for f in fields(NoiseModel)})
+
+    @property
+    def clocks(self) -> ClockModel | None:
+        """Clocks of vehicles; None if they are synchronous."""
+        if self.clock_offset_sigma == 0.0 and self.clock_skew_sigma == 0.0:
+            return None
+        return ClockModel(offset_sigma=self.clock_offset_sigma, skew_sigma=self.clock_skew_sigma)
+
+
 class EstimatorSection(Section):
     """Where the optimizer starts from, and how often covariances are kept, the end included."""
 
-    initialise: Literal["truth", "dead-reckoning"] = "truth"
+    start: Literal["truth", "dead-reckoning"] = "truth"
     """Where the optimizer starts from. Ours, record 0001."""
     covariance_interval_h: Hours[PositiveFloat] = 24.0
     """How often covariances of poses are kept. [h]"""
@@ -559,7 +576,7 @@ class SoundConfig(Section):
     @model_validator(mode="after")
     def _mistakes_need_a_rule(self) -> Self:
         ranging, arrival = self.ranging, self.acoustics.arrival
-        if ranging.mistaken == "off":
+        if ranging.mistaken == "none":
             return self
         if arrival != "direct":
             raise ValueError(
@@ -669,7 +686,7 @@ class StudyConfig(SoundConfig):
 
     @model_validator(mode="after")
     def _estimators_fit(self) -> Self:
-        own = self.ranging.clock_offset_sigma, self.ranging.clock_skew_sigma
+        own = self.noise.clock_offset_sigma, self.noise.clock_skew_sigma
         for e in self.estimators or ():
             if e.follows_ocean and not self.ocean.time_varying:
                 raise ValueError(
@@ -678,7 +695,7 @@ class StudyConfig(SoundConfig):
                 )
             if e.clocks is not None and not any(e.clocks.priors(*own)):
                 raise ValueError(
-                    f"estimator {e.name} estimates clocks, but their priors are 0: give ranging.clock_offset_sigma or"
+                    f"estimator {e.name} estimates clocks, but their priors are 0: give noise.clock_offset_sigma or"
                     " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
                 )
         return self

@@ -38,7 +38,6 @@ from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.schema import Finding
 from pymantaray.records import Trajectories
 from pymantaray.sensing import (
-    ClockModel,
     Landmark,
     Picker,
     PingSchedule,
@@ -162,16 +161,9 @@ def _behaviour(vehicle: AnyVehicle, floats: FloatSection) -> Behaviour:
     )
 
 
-def build_clocks(section: RangingSection) -> ClockModel | None:
-    """Clocks of a study's vehicles; None if they are synchronous."""
-    if section.clock_offset_sigma == 0.0 and section.clock_skew_sigma == 0.0:
-        return None
-    return ClockModel(offset_sigma=section.clock_offset_sigma, skew_sigma=section.clock_skew_sigma)
-
-
 def build_picker(section: RangingSection, sonar: Sonar | None) -> Picker | None:
     """Rule by which a study's receivers take an arrival for the direct one; None if they never err."""
-    if section.mistaken == "off":
+    if section.mistaken == "none":
         return None
     return Picker(
         rule=section.mistaken,

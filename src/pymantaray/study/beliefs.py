@@ -57,7 +57,7 @@ from pymantaray.water.ocean import (
 )
 
 Array = NDArray[np.float64]
-_DOMAIN = ("centre_latitude_deg", "centre_longitude_deg", "half_extent_north", "half_extent_east")
+_DOMAIN = ("centre_lat", "centre_lon", "half_extent_north", "half_extent_east")
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +178,11 @@ class Beliefs:
 
     def _from_files(self, section: FileBelief) -> xr.Dataset:
         """Local ocean of files or of a cast, over what they hold of the study's domain; the fleet must be in it."""
-        name = ", ".join(section.path)
+        name = ", ".join(section.source)
         try:
             local = (
                 self._local_of_cast(section)
-                if holds_casts(section.path[0])
+                if holds_casts(section.source[0])
                 else self._local_of_ocean(section)
             )
             self._check_holds_fleet(local)
@@ -192,11 +192,11 @@ class Beliefs:
 
     def _local_of_cast(self, section: FileBelief) -> xr.Dataset:
         """Water of a cast everywhere, over the sea floor of the study."""
-        if len(section.path) > 1:
+        if len(section.source) > 1:
             raise OceanError("several files, the first of casts; name one cast, or files of an ocean")
         ocean, (north, east, bottom) = self.config.ocean, _reach(self._run.ocean).tolist()
         frame = self._frame
-        cast = read_cast(section.path[0], name=section.cast)
+        cast = read_cast(section.source[0], name=section.cast)
         geographic = cast_ocean(
             replace(cast, lat=frame.latitude_deg, lon=frame.longitude_deg),
             bottom_depth=bottom,
@@ -214,10 +214,10 @@ class Beliefs:
             raise OceanError(f"cast is {section.cast!r}, but this is an ocean; leave it out")
         ocean = self.config.ocean
         time = None if section.time is None else utc_instant(section.time)
-        if time is None and (own_files(section.path) == () or len(ocean_times(section.path)) > 1):
+        if time is None and (own_files(section.source) == () or len(ocean_times(section.source)) > 1):
             time = mission_start(ocean)
         currents = ocean.currents if self.config.acoustics.currents else "rest"
-        geographic = open_ocean(section.path, time=time, currents=currents)
+        geographic = open_ocean(section.source, time=time, currents=currents)
         return self._local(geographic, build_sea_floor(ocean, self._true))
 
     def _local(self, geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.Dataset:

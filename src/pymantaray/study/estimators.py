@@ -62,6 +62,6 @@ class EstimatorFactory:
     def _clocks(self, section: RangeEstimatorSection) -> ClockPrior | None:
         if section.clocks is None:
             return None
-        ranging = self._run.config.ranging
-        offset, skew = section.clocks.priors(ranging.clock_offset_sigma, ranging.clock_skew_sigma)
+        ranging, noise = self._run.config.ranging, self._run.config.noise
+        offset, skew = section.clocks.priors(noise.clock_offset_sigma, noise.clock_skew_sigma)
         return ClockPrior(offset, skew, None if ranging.timing == "one-way" else ranging.turn_around_s)

@@ -20,7 +20,6 @@ from pymantaray.sensing import (
     Candidates,
     Hearing,
     Links,
-    NoiseModel,
     Ranging,
     Schedule,
     assemble,
@@ -166,7 +165,7 @@ def assemble_mission(
     config: StudyConfig, ocean: OceanFields, truth: Trajectories, ranging: Ranging
 ) -> Mission:
     """What all realizations of a study share, from its ranges, and no picture."""
-    noise = NoiseModel(**config.noise.model_dump())
+    noise = config.noise.model
     picker = build_picker(config.ranging, build_sonar(config.detection))
     return Mission(
         ocean=ocean,

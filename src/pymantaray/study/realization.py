@@ -58,7 +58,7 @@ class RealizationSolver:
         solutions = solve_conditions(
             self._run.noisy_measurements(realization),
             config.study.conditions,
-            (truth.position, truth.quaternion) if config.estimator.initialise == "truth" else None,
+            (truth.position, truth.quaternion) if config.estimator.start == "truth" else None,
             estimators={section.name: factory.estimator(section, realization) for section in sections},
             solver=self._solver,
             covariance_samples=fixed_epochs(truth.time, config.estimator.covariance_interval_h * 3600.0),

@@ -152,7 +152,7 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
     for key in _EQUATIONS[o.equation]:
         yield key, "sound speed"
     yield "dormand1980", "integration of rays"
-    if a.spreading_cutoff_db != "off":
+    if a.spreading_cutoff_db != "none":
         yield "snieder1998", "reciprocal spreading of rays, by which weak ones are left out"
     if a.currents:
         yield "munk1995", "sound in moving water"
@@ -196,7 +196,7 @@ def _sonar(s: DetectionSection) -> Iterator[tuple[str, str]]:
 def _estimator(e: RangeEstimatorSection) -> Iterator[tuple[str, str]]:
     """What one estimator relies on."""
     if isinstance(e.belief, FileBelief):
-        for source in e.belief.path:
+        for source in e.belief.source:
             yield from _data(source, "ocean that is believed")
     if isinstance(e.belief, NumericsBelief) and e.belief.equation is not None:
         for key in _EQUATIONS[e.belief.equation]:

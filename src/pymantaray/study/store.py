@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.config.load import load_study
+from pymantaray.config.load import load_resolved
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
@@ -32,7 +32,6 @@ from pymantaray.records import (
 from pymantaray.records.shown import shown_html
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
-from pymantaray.study.assemble import build_clocks
 from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
 from pymantaray.study.folder import MANIFEST
 from pymantaray.water.listening import build_timing
@@ -93,7 +92,7 @@ class Run:
     @cached_property
     def config(self) -> StudyConfig:
         """Resolved configuration, defaults included."""
-        return load_study(self.path / CONFIG)
+        return load_resolved(self.path / CONFIG)
 
     @cached_property
     def ocean(self) -> xr.Dataset:
@@ -146,7 +145,7 @@ class Run:
     @cached_property
     def candidates(self) -> Candidates | None:
         """What each range attempt may take for its direct arrival; None if no receiver errs."""
-        if self.config.ranging.mistaken == "off":
+        if self.config.ranging.mistaken == "none":
             return None
         return Candidates.load(self.path / CANDIDATES)
 
@@ -219,7 +218,7 @@ class Run:
             root_seed=self.config.study.seed,
             realization=realization,
             timing=build_timing(ranging),
-            clocks=build_clocks(ranging),
+            clocks=self.config.noise.clocks,
             ranging_truth=self.ranging_truth,
             probability=None if hearing is None else hearing.probability,
             candidates=candidates,

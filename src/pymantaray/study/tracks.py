@@ -79,7 +79,7 @@ def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfi
         )
     place: dict[str, Any] = {}
     if ocean.centre is None and tracks.centre is not None:
-        place |= dict(zip(("centre_latitude_deg", "centre_longitude_deg"), tracks.centre, strict=True))
+        place |= dict(zip(("centre_lat", "centre_lon"), tracks.centre, strict=True))
     if ocean.time_varying and ocean.time is None and tracks.start is not None:
         place["time"] = tracks.start.astype("datetime64[us]").item()
     names = [*tracks.names, *(mark.name for mark in config.landmarks)]

@@ -10,7 +10,6 @@ from pymantaray.config.sections import StudyConfig
 from pymantaray.estimation import Solution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
 from pymantaray.records import SharedUnknowns, Trajectories
-from pymantaray.study.assemble import build_clocks
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 
 Array = NDArray[np.float64]
@@ -41,7 +40,7 @@ def true_amplitudes(
 
 def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict[str, float]:
     """Offsets [s] and skews of one realization's clocks by the names of `Unknowns`; zero where clocks are right."""
-    model = build_clocks(config.ranging)
+    model = config.noise.clocks
     offset = skew = np.zeros(len(names))
     if model is not None:
         clocks = model.draw(names, root_seed=config.study.seed, realization=realization)
