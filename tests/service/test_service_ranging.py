@@ -30,13 +30,12 @@ MISSIONS = {
         "ranging": {"timing": "two-way", "turn_around_s": 5.0},
     },
     "reflected and heard by a sonar": {
-        "acoustics": {"max_surface_bounces": 1, "arrival": "strongest"},
+        "acoustics": {"max_surface_bounces": 1, "surface_loss": "coherent", "arrival": "strongest"},
         "detection": {
             "source_level_db": 165.0,
             "frequency_hz": 25e3,
             "bandwidth_hz": 4e3,
             "wind_speed": 8.0,
-            "surface_loss": "coherent",
         },
     },
 }

@@ -109,8 +109,9 @@ DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3
 EIGENRAY = {"range_model": "eigenray", "belief": EXACT}
 UNSURE = {"uncertainty_rms": 1.0, "uncertainty_horizontal_scale": 1e4}
 
-BOUNCE = {"acoustics": {"max_surface_bounces": 1}}
-ICE = {"detection": DETECTION | {"ice_loss_db": 3.0}}
+BOUNCE = {"max_surface_bounces": 1}
+ICE = {"detection": DETECTION, "acoustics": {"ice_loss_db": 3.0}}
+ICE_BOUNCE = {"detection": DETECTION, "acoustics": {"ice_loss_db": 3.0} | BOUNCE}
 DEEP = {"mistaken": "first-detected", "below_strongest_db": 6.0}
 
 DURATION = 'allowed: a number of hours, or text such as "10 min" (units us, µs, ms, s, min, h, d)'
@@ -166,15 +167,17 @@ REFUSED = [
     ("ocean.source", "", "ocean.source[0]: found ''; allowed: text of a letter or more"),
     ("detection", DETECTION | {"bandwidth_hz": 6e4}, "detection: bandwidth_hz is 60000, but frequency_hz"),
     ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}, "exclude each other"),
-    ("detection", DETECTION | {"surface_loss": "bubbles"}, "is bubbles, but acoustics.max_surface_bounces is 0"),
-    ("detection", DETECTION | {"sediment": "sand"}, "is sand, but acoustics.max_bottom_bounces is 0"),
+    ("acoustics", {"surface_loss": "bubbles"}, "is bubbles, but acoustics.max_surface_bounces is 0"),
+    ("acoustics", {"sediment": "sand"}, "is sand, but acoustics.max_bottom_bounces is 0"),
+    ("acoustics", BOUNCE | {"surface_loss": "bubbles"}, "is bubbles, but without [detection] every arrival is heard"),
     ("ocean", {"internal_tide": {"amplitude": 5.0}, "time_varying": True}, "internal_tide runs through one snapshot"),
     ("ocean.internal_tide", {"amplitude": -5.0}, "ocean.internal_tide.amplitude: found -5"),
-    ("", ICE | BOUNCE, "there is no ice"),
+    ("", ICE_BOUNCE, "there is no ice"),
     ("", ICE | {"ocean": {"ice": 2.0}}, "max_surface_bounces is 0"),
     (
         "",
-        BOUNCE | {"ocean": {"ice": 2.0}, "detection": ICE["detection"] | {"surface_loss": "bubbles"}},
+        ICE_BOUNCE
+        | {"ocean": {"ice": 2.0}, "acoustics": ICE_BOUNCE["acoustics"] | {"surface_loss": "bubbles"}},
         "exclude each other",
     ),
     *((f"{s}.surprise", 1, f"`{s}.surprise`: unknown key. Allowed: ") for s in ("study", "ocean", "ranging", "noise", "fleet")),
@@ -342,11 +345,11 @@ def test_what_ranging_refuses_is_refused_without_a_fleet(tmp_path):
     file = tmp_path / "loud.toml"
     file.write_text(
         '[ocean]\nsource = "synthetic:fram"\n'
+        '[acoustics]\nsurface_loss = "bubbles"\n'
         "[detection]\nsource_level_db = 185.0\nfrequency_hz = 25e3\nbandwidth_hz = 5e3\n"
-        'surface_loss = "bubbles"\n'
     )
     with pytest.raises(
-        StudyError, match=r"detection\.surface_loss is bubbles, but acoustics\.max_surface_bounces is 0"
+        StudyError, match=r"acoustics\.surface_loss is bubbles, but acoustics\.max_surface_bounces is 0"
     ):
         load_sound(file)
 

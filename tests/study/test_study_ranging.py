@@ -34,8 +34,9 @@ def test_sections_become_what_ranging_takes(tiny):
     config = tiny(
         ranging={"timing": "two-way", "turn_around_s": 0.5},
         noise={"clock_skew_sigma": 1e-6},
-        acoustics={"currents": True, "max_surface_bounces": 1, "max_bottom_bounces": 1},
-        detection=DETECTION | {"wind_speed": 12.0, "surface_loss": "coherent", "sediment": "silt"},
+        acoustics={"currents": True, "max_surface_bounces": 1, "max_bottom_bounces": 1}
+        | {"surface_loss": "coherent", "sediment": "silt"},
+        detection=DETECTION | {"wind_speed": 12.0},
     )
     ocean = build_ocean(config.ocean, config.mission.duration_h * 3600.0)
     assert build_timing(config.ranging) == TwoWay(turn_around=0.5)
@@ -129,10 +130,10 @@ def test_detection_drops_pings_by_chance_and_says_how_many(two_way):
 
 
 def test_loss_at_the_ice_is_heard_and_no_vehicle_is_in_it_or_has_a_fix(fly_tiny, tiny_run):
-    bounces = {"acoustics": {"max_surface_bounces": 1, "arrival": "strongest"}, "ocean": {"ice": 0.8}}
+    bounces = {"max_surface_bounces": 1, "arrival": "strongest"}
+    modem = {"ocean": {"ice": 0.8}, "detection": DETECTION | {"source_level_db": 185.0}}
     (loud, _), (quiet, _) = (
-        fly_tiny(**bounces, detection=DETECTION | {"source_level_db": 185.0, "ice_loss_db": loss})
-        for loss in (0.0, 60.0)
+        fly_tiny(**modem, acoustics=bounces | {"ice_loss_db": loss}) for loss in (0.0, 60.0)
     )
     less = loud.hearing.probability - quiet.hearing.probability
     assert np.nanmin(less) > -1e-12

@@ -15,7 +15,10 @@ from pymantaray.study.references import Citations
 CAST = "depth,sound_speed\n0,1440\n500,1450\n1000,1460\n"
 SONAR = {"source_level_db": 185.0, "frequency_hz": 12e3, "bandwidth_hz": 4e3}
 NOISE = {**SONAR, "absorption": "none", "noise_spectral_level_db": 50.0}
-UP, DOWN = ({"acoustics": {f"max_{side}_bounces": 1}} for side in ("surface", "bottom"))
+
+
+def up(**losses):
+    return {"acoustics": {"max_surface_bounces": 1, **losses}, "detection": NOISE}
 
 
 def estimator(**keys):
@@ -32,9 +35,9 @@ PARTS = [
     ({"detection": SONAR}, "francois1982a francois1982b wenz1962"),
     ({"detection": {**SONAR, "absorption": "ainslie-mccolm"}}, "ainslie1998 wenz1962"),
     ({"detection": {**NOISE, "absorption": "thorp"}}, "thorp1967 jensen"),
-    ({**UP, "detection": {**NOISE, "surface_loss": "bubbles"}}, "apl-uw1994"),
-    ({**UP, "detection": {**NOISE, "surface_loss": "coherent"}}, "pierson1964"),
-    ({**DOWN, "detection": {**NOISE, "sediment": "silt"}}, "jensen"),
+    (up(surface_loss="bubbles"), "apl-uw1994"),
+    (up(surface_loss="coherent"), "pierson1964"),
+    ({"acoustics": {"max_bottom_bounces": 1, "sediment": "silt"}, "detection": NOISE}, "jensen"),
     ({"detection": {**NOISE, "leakage": True}}, "itu-p526"),
     (estimator(loss="huber"), ""),
     (estimator(loss="gnc"), "yang2020"),

@@ -22,9 +22,20 @@ name = "old"
 source = "synthetic:beaufort"
 centre_latitude_deg = 74.5
 centre_longitude_deg = -140.0
+ice = 1.0
 
 [acoustics]
 spreading_cutoff_db = "off"
+max_surface_bounces = 1
+max_bottom_bounces = 1
+
+[detection]
+source_level_db = 185.0
+frequency_hz = 25e3
+bandwidth_hz = 5e3
+surface_loss = "none"
+ice_loss_db = 3.0
+sediment = "sand"
 
 [ranging]
 clock_offset_sigma = 1e-3
@@ -59,6 +70,7 @@ def test_a_file_with_old_names_is_the_same_study_and_says_the_new_ones(old, tmp_
     assert config.ocean.centre == (74.5, -140.0)
     assert (config.noise.clock_offset_sigma, config.noise.clock_skew_sigma) == (1e-3, 1e-6)
     assert (config.acoustics.cutoff_db, config.ranging.mistaken) == (None, "none")
+    assert (config.acoustics.ice_loss_db, config.acoustics.sediment) == (3.0, "sand")
     assert config.estimator.start == "dead-reckoning"
     assert config.estimators[0].belief.source == (str(tmp_path / "sea.nc"),)
     (message,) = caught

@@ -42,6 +42,8 @@ OTHER = {  # another allowed value of each field; numbers not listed are doubled
     "acoustics.interpolation": "linear",
     "acoustics.max_surface_bounces": 1,
     "acoustics.max_bottom_bounces": 1,
+    "acoustics.surface_loss": "bubbles",
+    "acoustics.sediment": "sand",
     "acoustics.arrival": "strongest",
     "acoustics.currents": True,
     "ranging.timing": "two-way",
@@ -174,7 +176,9 @@ def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(confi
     for name, values in sections.items():
         tree[name] |= values
     tree["ocean"]["time"] = dt.datetime.fromisoformat(str(tree["ocean"].get("time", "2014-07-15T12:00:00")))
-    modem = MODEM | ({"ice_loss_db": 2.0, "leakage": True} if "ice" in tree["ocean"] else {})
+    modem = MODEM
+    if "ice" in tree["ocean"]:
+        tree["acoustics"]["ice_loss_db"], modem = 2.0, MODEM | {"leakage": True}
     ocean, fleet, rays = stages_of(parse_study(tree | {"detection": modem}))
     again = {
         stage: _UNPACK[stage](_datasets(_content(_PACK[stage](result))))

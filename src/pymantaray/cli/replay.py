@@ -55,7 +55,10 @@ def replay(
     ] = DEFAULT_RULE,
     detection: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.toml", help="A file with the section detection of a study, for levels."),
+        typer.Option(
+            metavar="FILE.toml",
+            help="A file with the section detection of a study, for levels, and losses in acoustics.",
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -151,7 +154,7 @@ def _waters(
         raise ReplayError(
             "--set changes the section detection, but there is none; give a file with --detection"
         )
-    section = None if detection is None else load_detection(detection, **changes)
+    sections = None if detection is None else load_detection(detection, **changes)
     reception = Reception(
         spreading_cutoff_db=search.spreading_cutoff_db,
         max_surface_bounces=search.max_surface_bounces,
@@ -159,9 +162,10 @@ def _waters(
     )
     if not medium.profile:
         loaded = load_medium(medium)
-        if section is not None:
+        if sections is not None:
+            section, losses = sections
             ocean = open_ocean(medium.ocean or [], time=medium.time)
-            detector = detector_of(section, ocean_absorption(section, ocean, medium.centre))
+            detector = detector_of(section, losses, ocean_absorption(section, ocean, medium.centre))
             reception = reception._replace(detector=detector, leakage=leakage_of(section))
         frame = LocalFrame(*loaded.record["centre_deg"])
         return [Water(loaded.medium, reception, frame=frame)], [loaded.record], loaded.notes
@@ -170,8 +174,9 @@ def _waters(
         for profile in read_profiles(path, medium.position):
             loaded = from_profile(path, profile, medium, medium.interpolation or "smooth")
             heard = reception
-            if section is not None:
-                detector = detector_of(section, cast_absorption(section, profile))
+            if sections is not None:
+                section, losses = sections
+                detector = detector_of(section, losses, cast_absorption(section, profile))
                 heard = reception._replace(detector=detector, leakage=leakage_of(section))
             waters.append(Water(loaded.medium, heard, profile.name, profile.time))
             sources.append(loaded.record | {"cast": profile.name})

@@ -12,7 +12,7 @@ from pymantaray.config.checks import parse
 from pymantaray.config.common import NAME, located
 from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
 from pymantaray.config.renamed import with_new_names
-from pymantaray.config.sections import DetectionSection, SoundConfig, StudyConfig
+from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter
 from pymantaray.errors import StudyError
 
@@ -169,12 +169,15 @@ def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     return parse(SoundConfig, changed(sound, changes), label, None)
 
 
-def load_detection(file: Path, **changes: Any) -> DetectionSection:
-    """Section ``[detection]`` of a TOML file, whatever else is in it, with changes by dotted key."""
-    section = changed(_tree(file), changes).get("detection")
-    if not isinstance(section, dict):
+def load_detection(file: Path, **changes: Any) -> tuple[DetectionSection, AcousticsSection]:
+    """Sections ``[detection]`` and ``[acoustics]`` of a TOML file, whatever else is in it, with changes by dotted key."""
+    tree = changed(_tree(file), changes)
+    if not isinstance(tree.get("detection"), dict):
         raise StudyError(f"{file}: has no section [detection]")
-    return parse(DetectionSection, section, f"{file}: detection", None)
+    return (
+        parse(DetectionSection, tree["detection"], f"{file}: detection", None),
+        parse(AcousticsSection, tree.get("acoustics", {}), f"{file}: acoustics", None),
+    )
 
 
 def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool = True) -> Tree:

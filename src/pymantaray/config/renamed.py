@@ -12,6 +12,9 @@ RENAMED = {
     "ocean.centre_longitude_deg": "ocean.centre_lon",
     "ranging.clock_offset_sigma": "noise.clock_offset_sigma",
     "ranging.clock_skew_sigma": "noise.clock_skew_sigma",
+    "detection.surface_loss": "acoustics.surface_loss",
+    "detection.ice_loss_db": "acoustics.ice_loss_db",
+    "detection.sediment": "acoustics.sediment",
     "estimator.initialise": "estimator.start",
     "estimators.*.belief.path": "estimators.*.belief.source",
 }

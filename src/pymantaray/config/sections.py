@@ -48,8 +48,14 @@ class AcousticsSection(Section):
     """What lies between grid points of sound speed: cubic splines, or straight lines as in Bellhop. Ours, record 0001."""
     max_surface_bounces: Bounces = 0
     """Reflections at the surface, or under ice, that an eigenray may have."""
+    surface_loss: Literal["none", "bubbles", "coherent"] = "none"
+    """Loss at reflections by a sea under wind: what bubbles take, or what is not coherent any more; with ``[detection]``."""
+    ice_loss_db: NonNegativeFloat | None = None
+    """Lost at each reflection under ice, which ``ocean.ice`` gives; with ``[detection]``. [dB]"""
     max_bottom_bounces: Bounces = 0
     """Reflections at the sea bed that an eigenray may have."""
+    sediment: Literal["none", "clay", "silt", "sand", "gravel", "moraine"] = "none"
+    """What the sea bed is made of, for loss at reflections; ``"none"`` reflects everything; with ``[detection]``."""
     arrival: Literal["direct", "first", "strongest"] = "direct"
     """Which arrival is ranged on: the earliest that met no boundary, the earliest of all, or the one of least loss."""
     currents: bool = False
@@ -123,7 +129,7 @@ class DetectionSection(Section):
     bandwidth_hz: Hertz[PositiveFloat]
     """Width of the band. [Hz]"""
     wind_speed: MetresPerSecond[NonNegativeFloat] = 5.0
-    """Wind, for noise and for reflections at the surface. [m/s]"""
+    """Wind, for noise and for ``acoustics.surface_loss``. [m/s]"""
     shipping: float | None = Field(default=None, ge=0.0, le=1.0)
     """Activity of ships for noise, from 0 (none near) to 1 (heavy); 0.5 unless given. [-]"""
     noise_spectral_level_db: float | None = None
@@ -136,12 +142,6 @@ class DetectionSection(Section):
     """Standard deviation of the level about the predicted one; with 0 a ping is heard or not. [dB]"""
     absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = "francois-garrison"
     """Formula of absorption by sea water."""
-    surface_loss: Literal["none", "bubbles", "coherent"] = "none"
-    """Loss at reflections by a sea under wind: what bubbles take, or what is not coherent any more."""
-    ice_loss_db: NonNegativeFloat | None = None
-    """Lost at each reflection under ice, which ``ocean.ice`` gives. [dB]"""
-    sediment: Literal["none", "clay", "silt", "sand", "gravel", "moraine"] = "none"
-    """What the sea bed is made of, for loss at reflections; ``"none"`` reflects everything."""
     leakage: bool = False
     """Whether sound leaks past the nearest ray to where no ray arrives."""
     leakage_reach_m: Metres[PositiveFloat] = 200.0
@@ -597,26 +597,30 @@ class SoundConfig(Section):
 
     @model_validator(mode="after")
     def _losses_need_bounces(self) -> Self:
-        if self.detection is None:
-            return self
+        a = self.acoustics
         for key, value, bounces in (
-            ("surface_loss", self.detection.surface_loss, "max_surface_bounces"),
-            ("ice_loss_db", self.detection.ice_loss_db or "none", "max_surface_bounces"),
-            ("sediment", self.detection.sediment, "max_bottom_bounces"),
+            ("surface_loss", a.surface_loss, "max_surface_bounces"),
+            ("ice_loss_db", a.ice_loss_db or "none", "max_surface_bounces"),
+            ("sediment", a.sediment, "max_bottom_bounces"),
         ):
-            if value != "none" and getattr(self.acoustics, bounces) == 0:
+            if value != "none" and getattr(a, bounces) == 0:
                 raise ValueError(
-                    f"detection.{key} is {value}, but acoustics.{bounces} is 0: no sound is reflected there;"
+                    f"acoustics.{key} is {value}, but acoustics.{bounces} is 0: no sound is reflected there;"
                     " leave it out or allow bounces"
                 )
-        if self.detection.ice_loss_db is not None:
+            if value != "none" and self.detection is None:
+                raise ValueError(
+                    f"acoustics.{key} is {value}, but without [detection] every arrival is heard; leave it out or add"
+                    " [detection]"
+                )
+        if a.ice_loss_db is not None:
             if self.ocean.ice is None:
                 raise ValueError(
-                    "detection.ice_loss_db is given, but there is no ice: give ocean.ice or leave it out"
+                    "acoustics.ice_loss_db is given, but there is no ice: give ocean.ice or leave it out"
                 )
-            if self.detection.surface_loss != "none":
+            if a.surface_loss != "none":
                 raise ValueError(
-                    f"detection.ice_loss_db and surface_loss = {self.detection.surface_loss} exclude each other: sound is"
+                    f"acoustics.ice_loss_db and surface_loss = {a.surface_loss} exclude each other: sound is"
                     " reflected by ice or by a sea under wind"
                 )
         return self

@@ -12,7 +12,7 @@ from typing import Any
 
 import pymantaray
 from pymantaray.config.estimators import FileBelief, NumericsBelief, RangeEstimatorSection
-from pymantaray.config.sections import DetectionSection, StudyConfig
+from pymantaray.config.sections import AcousticsSection, DetectionSection, StudyConfig
 from pymantaray.ocean import holds_casts
 from pymantaray.ocean.files import open_file
 
@@ -157,7 +157,7 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
     if a.currents:
         yield "munk1995", "sound in moving water"
     if config.detection is not None:
-        yield from _sonar(config.detection)
+        yield from _sonar(config.detection, config.acoustics)
     for estimator in estimators:
         yield from _estimator(estimator)
     if config.solves:
@@ -179,15 +179,15 @@ def _data(source: str, what: str) -> Iterator[tuple[str, str]]:
         yield key, what
 
 
-def _sonar(s: DetectionSection) -> Iterator[tuple[str, str]]:
+def _sonar(s: DetectionSection, losses: AcousticsSection) -> Iterator[tuple[str, str]]:
     """What a sonar equation relies on."""
     for key in _ABSORPTION.get(s.absorption, ()):
         yield key, "absorption"
     if s.noise_spectral_level_db is None:
         yield "wenz1962", "ambient noise, in the form of Coates (1990)"
-    for key in _SURFACE.get(s.surface_loss, ()):
+    for key in _SURFACE.get(losses.surface_loss, ()):
         yield key, "loss at the surface"
-    if s.sediment != "none":
+    if losses.sediment != "none":
         yield "jensen", "sediments"
     if s.leakage:
         yield "itu-p526", "sound behind an edge"

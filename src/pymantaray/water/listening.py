@@ -12,7 +12,7 @@ from pymantaray.acoustics import (
     WenzNoise,
 )
 from pymantaray.acoustics.profiles import Profile
-from pymantaray.config.sections import DetectionSection, RangingSection, SoundConfig
+from pymantaray.config.sections import AcousticsSection, DetectionSection, RangingSection, SoundConfig
 from pymantaray.errors import StudyError
 from pymantaray.sensing import Detector, OneWay, Reception, Timing, TwoWay
 from pymantaray.water.ocean import OceanFields
@@ -28,16 +28,16 @@ def build_detector(config: SoundConfig, ocean: OceanFields) -> Detector | None:
     s = config.detection
     if s is None:
         return None
-    return detector_of(s, ocean_absorption(s, ocean.geographic, config.ocean.centre))
+    return detector_of(s, config.acoustics, ocean_absorption(s, ocean.geographic, config.ocean.centre))
 
 
-def detector_of(s: DetectionSection, absorption: Absorption | None) -> Detector:
-    """Sonar and losses of a section in water of some absorption."""
+def detector_of(s: DetectionSection, losses: AcousticsSection, absorption: Absorption | None) -> Detector:
+    """Sonar and losses of sections in water of some absorption."""
     return Detector(
         sonar=sonar_of(s),
         absorption=absorption,
-        bottom=None if s.sediment == "none" else FluidBottom.standard(s.sediment),
-        surface=_surface(s),
+        bottom=None if losses.sediment == "none" else FluidBottom.standard(losses.sediment),
+        surface=_surface(s, losses),
     )
 
 
@@ -82,10 +82,14 @@ def sonar_of(s: DetectionSection) -> Sonar:
     )
 
 
-def _surface(s: DetectionSection) -> SeaSurface | IceCover | None:
-    if s.ice_loss_db is not None:
-        return IceCover(s.ice_loss_db)
-    return None if s.surface_loss == "none" else SeaSurface(wind_speed=s.wind_speed, model=s.surface_loss)
+def _surface(s: DetectionSection, losses: AcousticsSection) -> SeaSurface | IceCover | None:
+    if losses.ice_loss_db is not None:
+        return IceCover(losses.ice_loss_db)
+    return (
+        None
+        if losses.surface_loss == "none"
+        else SeaSurface(wind_speed=s.wind_speed, model=losses.surface_loss)
+    )
 
 
 def cast_absorption(s: DetectionSection, profile: Profile) -> Absorption | None:
