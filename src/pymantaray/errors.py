@@ -46,6 +46,10 @@ class EvaluationError(MantaRayError):
     """An error statistic is asked of data that do not support it."""
 
 
+class WaterError(MantaRayError):
+    """The water for rays is not what it has to be."""
+
+
 class StudyError(MantaRayError):
     """A study's configuration, run folder or inputs are unusable."""
 

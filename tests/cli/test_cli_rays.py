@@ -174,7 +174,7 @@ def test_an_output_can_be_overwritten_by_force_and_be_an_input(rays):
     for path in ("one.csv", "one.csv.json"):
         Path(path).write_text("old")
     assert rays("times", "links.csv", "one.csv", *WATER, "--quiet", "--force") == "one.csv\n"
-    assert medium_of("one.csv")["profile"] == "profile.csv"
+    assert [Path(name).name for name in medium_of("one.csv")["profile"]] == ["profile.csv"]
     assert "iso.csv: ends at" not in rays("times", "one.csv", "two.csv", *ISO)
     one, two = pd.read_csv("one.csv"), pd.read_csv("two.csv")
     pd.testing.assert_series_equal(two["given_travel_time_s"], one["travel_time_s"], check_names=False)
@@ -186,8 +186,8 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     cast = CASTS / "beaufort_axctd_20140724_74N140W.csv"
     words = ("times", "links.csv", "out.csv", "--profile", cast, "--bottom", 3000)
     assert mantaray("rays", *words).err == (
-        f"error: {cast}: 1001 levels less than 2 m apart are a raw cast; thin it, as by --thin 0.1 (m/s), smooth it,"
-        " as by --smooth 10 (m), or take --interpolation linear\n"
+        f"error: {cast.name}: 1001 levels less than 2 m apart are a raw cast; thin it, as by --thin 0.1 (ocean.thin, m/s),"
+        " smooth it, as by --smooth 10 (ocean.smooth, m), or take --interpolation linear (acoustics.interpolation)\n"
     )
     assert not Path("out.csv").exists()
     lines = rays(*words, "--thin", 0.1).splitlines()
@@ -195,9 +195,9 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     z = table["depth_m"].to_numpy()
     c = sound_speed(table["temperature_degC"], table["practical_salinity"], z, 73.9883, -139.95)
     thin = thin_profile(z, c, tolerance=0.1)
-    assert lines[1] == f"{cast}: {thin}"
-    assert lines[2] == f"{cast}: starts at 0.8029 m; the sound speed there is taken up to the surface"
-    assert lines[3].startswith(f"{cast}: ends at 1000.08 m, above the sea bed at 3000 m")
+    assert lines[1] == f"{cast.name}: {thin}"
+    assert lines[2] == f"{cast.name}: starts at 0.8029 m; the sound speed there is taken up to the surface"
+    assert lines[3].startswith(f"{cast.name}: ends at 1000.08 m, above the sea bed at 3000 m")
     record = medium_of("out.csv")
     assert (record["raw_levels"], record["levels"]) == (1001, thin.depth.size)
     assert record["thinned"]["rms_change_m_s"] == pytest.approx(thin.rms_change)
@@ -218,7 +218,7 @@ def test_a_profile_by_pressure_that_starts_below_the_surface_holds_up_to_it_and_
 
 
 def test_a_named_ocean_about_a_centre(rays):
-    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", 20000, 15000)
+    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", 20, 15)
     rays("times", *words, "links.csv", "out.csv", "--interpolation", "linear")
     local = to_local(open_ocean("synthetic:fram"), centre=(79.0, 1.0), half_extent=(20000.0, 15000.0))
     _, source, receiver = own_links()
@@ -229,7 +229,7 @@ def test_a_named_ocean_about_a_centre(rays):
 
 
 def test_links_in_latitude_and_longitude_are_those_in_the_frame(rays):
-    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", 20000, 15000)
+    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", 20, 15)
     plain, frame = pd.read_csv("links.csv", comment="#").iloc[[0, 2]], LocalFrame(79.0, 1.0)
     plain.to_csv("plain.csv", index=False)
     for end in ("source", "receiver"):
@@ -306,11 +306,11 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times nothing.csv out.csv W": "nothing.csv: cannot be read: No such file",
     "times links.csv out.csv": "no ocean given; exactly one of --ocean, --profile and --run",
     "times links.csv out.csv W --ocean synthetic:fram": "--ocean and --profile given; exactly one",
-    "times links.csv out.csv --profile iso.csv": "--profile and --bottom: the one needs the other",
-    "times links.csv out.csv --profile iso.csv --bottom -5": "--bottom -5: a positive depth",
-    "times links.csv out.csv --ocean synthetic:fram --thin 1": "--thin: goes with --profile, not with",
-    "times links.csv out.csv W --half-extent 1 1": "--half-extent: goes with --ocean, not with",
-    "times links.csv out.csv W --thin 0.1 --smooth 9": "--thin and --smooth exclude each other",
+    "times links.csv out.csv --profile iso.csv": "iso.csv: a profile has no sea bed; give its depth in metres",
+    "times links.csv out.csv --profile iso.csv --bottom -5": "ocean.bathymetry: found -5.0; allowed: greater than 0",
+    "times links.csv out.csv --ocean synthetic:fram --thin 1": "ocean.thin .--thin.: goes with a profile, not with an ocean",
+    "times links.csv out.csv W --half-extent 0 1": "ocean.half_extent_north: found 0.0; allowed: greater than 0",
+    "times links.csv out.csv W --thin 0.1 --smooth 9": "thin and smooth exclude each other",
     "times links.csv out.csv W --cutoff-db x": "--cutoff-db x: a positive number of decibels or off",
     "times links.csv out.csv W --cutoff-db nan": "--cutoff-db nan: a positive number of decibels or off",
     "times links.csv out.csv W --tolerance 0": "--tolerance is 0 m; it must be finite and positive",
@@ -320,8 +320,8 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times links.csv out.csv --profile salty.csv --bottom 9": "lacks sound_speed; found depth, salinity",
     "times links.csv out.csv --profile placeless.csv --bottom 9": "for which --position LAT LON is needed",
     "times links.csv out.csv --ocean synthetic:mars": "mars",
-    "times links.csv out.csv W --ice ice.nc": "--ice ice.nc: over a profile it is a draft in metres",
-    "times links.csv out.csv W --ice 3500": "the ice reaches",
+    "times links.csv out.csv W --ice ice.nc": "ocean.ice is a map; over a profile it needs the frame's centre",
+    "times links.csv out.csv W --ice 3500": "ice: a draft of 3500 m; it must lie in 0 to 100 m",
     "times links.csv out.csv --run . --ice 1": "--ice: goes with --ocean and --profile; a run has its own",
     "times links.csv out.csv --run .": "not a run folder",
     "trace links.csv out.csv W --azimuth 3": "--azimuth and --distance go with --fan FROM TO COUNT",

@@ -71,7 +71,7 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
 
 
 def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
-    words = ("--ocean", ocean_file, "--half-extent", 4000, 4000, "--quiet", "--out", "out")
+    words = ("--ocean", ocean_file, "--half-extent", 4, 4, "--quiet", "--out", "out")
     done = mantaray("replay", "events.csv", *words)
     result = told("replay", "events.csv", *words[:-1], "json")
     assert sum(result["statuses"].values()) == len(EVENTS)
@@ -86,13 +86,13 @@ REFUSED = {
     "rule 'loudest'; allowed are first": (*WATER, "--rule", "loudest"),
     "rule threshold: a sonar says what is heard": (*WATER, "--rule", "threshold"),
     "exactly one of --ocean, --profile and --run": (),
-    "--profile and --bottom: the one needs the other": WATER[:2],
+    "first: a profile has no sea bed": WATER[:2],
     "casts.csv: not valid TOML": (*WATER, "--detection", "casts.csv"),
     "empty.toml: has no section [detection]": (*WATER, "--detection", "empty.toml"),
-    "francois-garrison, but cast first lacks temperature or salinity": (*WATER, "--detection", "salty.toml"),
+    "francois-garrison, but first lacks temperature or salinity": (*WATER, "--detection", "salty.toml"),
     "reference 'Z' is no node": (*WATER, "--reference", "Z"),
     "--window is -5 s; it must be finite and zero or positive": (*WATER, "--window", -5),
-    "--run: events are replayed in --profile or --ocean": ("--run", "."),
+    "not a run folder": ("--run", "."),
 }
 
 
@@ -123,4 +123,4 @@ def test_rays_take_one_cast(mantaray, files):
     assert done.code == 2
     assert "casts.csv: holds 2 casts (first, second)" in done.err
     twice = mantaray("rays", "times", "links.csv", "out.csv", *WATER, "--profile", "casts.csv")
-    assert "--profile: 2 files; one is needed" in twice.err
+    assert "holds 4 casts (first, second, first, second); one is needed" in twice.err

@@ -7,10 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from pymantaray.acoustics import Medium
-from pymantaray.acoustics.profiles import read_profiles
-from pymantaray.replay import Water, read_events
-from pymantaray.sensing import Reception
+from pymantaray.replay import read_events
+from pymantaray.water import open_waters
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "replay_campaign.py"
 
@@ -20,15 +18,7 @@ def campaign_of(folder, duration):
     example = runpy.run_path(str(EXAMPLE))
     example["main"].__globals__["DURATION"] = duration
     example["main"](str(folder))
-    waters = [
-        Water(
-            Medium.from_profile(p.depth, p.sound_speed, bottom_depth=3000.0),
-            Reception(max_surface_bounces=2),
-            p.name,
-            p.time,
-        )
-        for p in read_profiles(folder / "casts.csv")
-    ]
+    waters = open_waters(folder / "casts.csv", bathymetry=3000.0, max_surface_bounces=2)
     truth = json.loads((folder / "truth.json").read_text())
     return SimpleNamespace(
         folder=folder, events=read_events(folder / "events.csv"), waters=waters, truth=truth

@@ -9,9 +9,10 @@ from refusals import refused
 from pymantaray.acoustics import Leakage, Medium, Sonar
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
-from pymantaray.replay import DetectionRule, Events, Water, read_events, replay_events
+from pymantaray.replay import DetectionRule, Events, read_events, replay_events
 from pymantaray.replay.water import choose_water, ends_of
 from pymantaray.sensing import Detector, Reception
+from pymantaray.water import Water
 
 HEAD = "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,receiver_depth,travel_time"
 ROW = "2020-03-10T12:00:00Z,A,B,72,-145,30,72.02,-145.1,150,1.6"
@@ -156,7 +157,7 @@ def test_an_event_in_shadow_is_predicted_by_what_leaks_where_that_is_asked_for()
     )
     bare = Reception(detector=Detector(modem))
     for reception, status in ((bare, "blocked"), (bare._replace(leakage=Leakage(250.0)), "leaked")):
-        replay = replay_events(events, Water(ridged(), reception))
+        replay = replay_events(events, Water(ridged(), reception=reception))
         (row,) = replay.events.to_dict("records")
         assert row["status"] == status
         assert replay.summary.loc[0, status] == 1
@@ -174,7 +175,7 @@ def test_rules_that_are_none_are_refused(word):
 def test_rules_and_references_that_do_not_fit_are_refused():
     events = events_at([0.0])
     sonar = Reception(detector=Detector(Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0)))
-    for waters in (Water(WATER), [Water(WATER, sonar), Water(WATER)]):
+    for waters in (Water(WATER), [Water(WATER, reception=sonar), Water(WATER)]):
         refused(ReplayError, "rule threshold: a sonar says", replay_events, events, waters, "threshold")
     refused(
         ReplayError,
@@ -185,4 +186,4 @@ def test_rules_and_references_that_do_not_fit_are_refused():
         reference="Z",
     )
     assert str(DetectionRule.parse("within:6")) == "within:6"
-    assert replay_events(events, Water(WATER, Reception())).rule == DetectionRule("within", 6.0)
+    assert replay_events(events, Water(WATER, reception=Reception())).rule == DetectionRule("within", 6.0)

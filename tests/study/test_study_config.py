@@ -322,7 +322,7 @@ def test_several_faults_are_several_lines(quick):
         parse_study(quick, "my.toml")
     source, count = str(caught.value).splitlines()
     assert source.startswith(
-        'my.toml: ocean.source: missing; add it (files that belong together, "synthetic:beaufort"'
+        'my.toml: ocean.source: missing; add it (files that belong together, a profile or cast, "synthetic:beaufort"'
     )
     assert count == "my.toml: study.realizations: found 0; allowed: 1 or more"
 

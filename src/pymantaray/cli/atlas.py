@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.ocean import Equation, Files, SeaFloor
+from pymantaray.cli.ocean import Equation, Files
 from pymantaray.cli.options import (
     Commands,
     Force,
@@ -93,7 +93,9 @@ def run(
             help="Time between instants at least: hours, or such as '2 d'. Default: all; of a synthetic ocean 24 h.",
         ),
     ] = None,
-    sea_floor: SeaFloor = None,
+    sea_floor: Annotated[
+        Path | None, typer.Option("--sea-floor", help="Sea floor from a GEBCO, ETOPO, IBCAO or GLORYS file.")
+    ] = None,
     equation: Equation = "teos-10",
     interpolation: Annotated[
         Literal["smooth", "linear"], typer.Option("--interpolation", help="What lies between grid points.")
@@ -121,9 +123,9 @@ def run(
         nominal_sound_speed=nominal,
         safe=_numbers("--safe", safe),
         within_db=within_db,
-        max_surface_bounces=search.max_surface_bounces,
-        max_bottom_bounces=search.max_bottom_bounces,
-        spreading_cutoff_db=search.spreading_cutoff_db,
+        max_surface_bounces=search.max_surface_bounces or 0,
+        max_bottom_bounces=search.max_bottom_bounces or 0,
+        spreading_cutoff_db=None if search.cutoff_db == "off" else float(search.cutoff_db or 15.0),
         tolerance=search.tolerance,
         interpolation=interpolation,
     )

@@ -1,6 +1,5 @@
 """Commands of `mantaray ocean`: check, show, plot and make; `fetch` is a group of its own. What they need is imported when they run."""
 
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -14,10 +13,12 @@ from pymantaray.cli.options import (
     Json,
     Quiet,
     Set,
+    WaterOptions,
     changes_of,
     parse_duration,
     parse_pair,
     quantity,
+    with_options,
 )
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import printer
@@ -25,6 +26,9 @@ from pymantaray.errors import OceanError
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from pymantaray.config import SoundConfig
+    from pymantaray.ocean.check import Findings
 
 EXIT_WRONG = 2
 _M_PER_KM = 1e3
@@ -37,32 +41,15 @@ app.add_typer(ocean_fetch.app, name="fetch")
 Files = Annotated[
     list[str],
     typer.Argument(
-        metavar="FILE...", help="NetCDF files that belong together, or synthetic:beaufort, synthetic:fram."
+        metavar="OCEAN...",
+        help="Files that belong together, a profile or cast, synthetic:beaufort or synthetic:fram, a preset, or a TOML file.",
     ),
 ]
-Ocean = Annotated[
-    str, typer.Argument(metavar="OCEAN", help="NetCDF file, or synthetic:beaufort, synthetic:fram.")
-]
+Ocean = Annotated[str, typer.Argument(metavar="OCEAN", help="As for show.")]
 Cast = Annotated[Path, typer.Argument(metavar="CAST", help="CSV table or Argo NetCDF file.")]
 Casts = Annotated[list[Path], typer.Argument(metavar="CASTS...", help="CSV tables or Argo NetCDF files.")]
 Out = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
-Time = Annotated[
-    str | None, typer.Option("--time", help="Instant in UTC, as 2014-07-15T12:00, if there are several.")
-]
 CastTime = Annotated[str | None, typer.Option("--time", help="Instant (UTC), as 2014-07-24T19:20.")]
-Currents = Annotated[
-    Literal["required", "rest"],
-    typer.Option(
-        "--currents", help="Whether files without currents are refused, or taken with water at rest."
-    ),
-]
-SeaFloor = Annotated[
-    Path | None, typer.Option("--sea-floor", help="Sea floor from a GEBCO, ETOPO, IBCAO or GLORYS file.")
-]
-Crs = Annotated[
-    str | None,
-    typer.Option("--crs", help="Projection of a sea floor that names none, as EPSG:3996 for IBCAO."),
-]
 Equation = Annotated[
     Literal["teos-10", "del-grosso", "unesco"], typer.Option("--equation", help="Equation of sound speed.")
 ]
@@ -78,11 +65,13 @@ VARIABLE_COLUMNS = {
 
 
 @app.command()
+@with_options
 def check(
+    water: WaterOptions,
     files: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="FILE...", help="As for show; may be left out with --study, whose ocean is then checked."
+            metavar="OCEAN...", help="As for show; may be left out with --study, whose ocean is then checked."
         ),
     ] = None,
     study: Annotated[
@@ -91,52 +80,32 @@ def check(
             "--study", metavar="NAME|FILE", help="Preset or TOML file whose domain and fleet must fit."
         ),
     ] = None,
-    time: Time = None,
-    sea_floor: SeaFloor = None,
-    crs: Crs = None,
-    currents: Currents = "required",
-    equation: Equation = "teos-10",
     changes: Set = None,
     as_json: Json = False,
 ) -> None:
     """List what is wrong (exit 2) or doubtful (exit 0) about an ocean."""
-    from pymantaray.ocean import check_ocean, open_ocean, open_sea_floor, window_of
     from pymantaray.ocean.check import Findings
 
-    config = None
-    options: dict[str, Any] = {"time": time, "equation": equation, "currents": currents}
-    sources = list(files or [])
-    if study is not None:
+    if study is None and not files:
+        raise OceanError("no ocean is given; name one, or a study with --study")
+    if study is None:
+        findings = _checked(_configured(files or [], water))
+    else:
+        from pymantaray.config.options import dotted_keys
         from pymantaray.study import load_study
         from pymantaray.study.assemble import fleet_findings, fleet_plan
         from pymantaray.study.tracks import with_tracks
 
         # files given here take the place of the study's ocean as those of `study run --ocean` do
-        config = with_tracks(load_study(study, ocean=sources or None, **changes_of(changes)))
-        if not sources:
-            sources = [*config.ocean.source]
-            options["time"] = time or (config.ocean.time and config.ocean.time.isoformat())
-            options |= {"equation": config.ocean.equation, "currents": config.ocean.currents}
-            sea_floor = sea_floor or (Path(config.ocean.bathymetry) if config.ocean.bathymetry else None)
-        options.update(
-            centre=config.ocean.centre,
-            half_extent=config.ocean.half_extent,
-            fleet=fleet_plan(config),
-            moved_elsewhere=bool(config.fleet.trajectories),
+        config = with_tracks(
+            load_study(study, ocean=files or None, **dotted_keys(water.keys), **changes_of(changes))
         )
-    elif changes:
-        raise OceanError("--set changes a study, but there is none; give one with --study")
-    if not sources:
-        raise OceanError("no file is given; name one, or a study with --study")
-    ocean = None
-    if sea_floor is not None or config is not None:
-        with suppress(OceanError):  # the findings tell why
-            ocean = open_ocean(sources, time=options["time"], currents=options["currents"])
-    if sea_floor is not None and ocean is not None:
-        options["sea_floor"] = open_sea_floor(sea_floor, window=window_of(ocean), crs=crs)
-    findings = check_ocean(sources, **options)
-    if config is not None and ocean is not None and findings.ok and not config.fleet.trajectories:
-        findings = Findings([*fleet_findings(config, ocean, options.get("sea_floor")), *findings])
+        moved = bool(config.fleet.trajectories)
+        findings = _checked(config, fleet=fleet_plan(config), moved_elsewhere=moved)
+        if findings.ok and not moved:
+            from pymantaray.water.ocean import open_geographic
+
+            findings = Findings([*fleet_findings(config, *open_geographic(config)), *findings])
     with printer(as_json=as_json) as out:
         for finding in findings:
             out.line(str(finding))
@@ -150,31 +119,58 @@ def check(
         raise typer.Exit(EXIT_WRONG)
 
 
-@app.command()
-def show(
-    files: Files,
-    time: Time = None,
-    currents: Currents = "required",
-    equation: Equation = "teos-10",
-    as_json: Json = False,
-) -> None:
-    """Print extent, levels, time, ranges of each variable and history of an ocean."""
-    from pymantaray.ocean import ocean_times, open_ocean
-    from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
+def _configured(words: list[str], options: WaterOptions) -> "SoundConfig":
+    """Configuration of an ocean, which must have currents unless an option says that it is at rest."""
+    from pymantaray.water.water import configuration_of
 
-    times = ocean_times(files)
+    return configuration_of(words, {"currents": "required"} | options.keys)
+
+
+def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
+    """Findings about the ocean of a configuration, over its domain and sea floor."""
+    from pymantaray.ocean import check_ocean
+    from pymantaray.ocean.check import Findings
+    from pymantaray.ocean.schema import Finding
+    from pymantaray.water.ocean import build_sea_floor, is_profile, open_start
+
+    section = config.ocean
+    options: dict[str, Any] = {"equation": section.equation, "currents": section.currents, **fleet}
+    options |= {"centre": section.centre, "half_extent": section.half_extent}
+    if not (is_profile(section) or section.names) and section.bathymetry is None:
+        time = None if section.time is None else section.time.isoformat()
+        return check_ocean(section.source, time=time, **options)
+    try:
+        ocean = open_start(section)
+    except OceanError as error:
+        return Findings([Finding("wrong", "cannot be opened", str(error))])
+    return check_ocean(ocean, sea_floor=build_sea_floor(section, ocean), **options)
+
+
+@app.command()
+@with_options
+def show(files: Files, water: WaterOptions, as_json: Json = False) -> None:
+    """Print extent, levels, time, ranges of each variable and history of an ocean."""
+    from pymantaray.ocean import ocean_times
+    from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
+    from pymantaray.water.ocean import is_profile, open_start
+
+    config = _configured(files, water)
+    section = config.ocean
     with printer(as_json=as_json) as out:
-        out.add(times=[str(t)[:16] for t in times])
-        if time is None and len(times) > 1:
-            listed = " ".join(str(t)[:16] for t in times)
-            out.line(f"times       {len(times)}, the first is shown; --time chooses another\n{listed}\n")
-            time = str(times[0])
-        ocean = open_ocean(files, time=time, currents=currents)
+        if not is_profile(section):
+            times = ocean_times(section.source, section.names)
+            out.add(times=[str(t)[:16] for t in times])
+            if section.time is None and len(times) > 1:
+                listed = " ".join(str(t)[:16] for t in times)
+                out.line(f"times       {len(times)}, the first is shown; --time chooses another\n{listed}\n")
+                section = config.with_(**{"ocean.time": times[0].astype("datetime64[us]").item()}).ocean
+        ocean = open_start(section)
         facts = ocean_facts(ocean)
         for name, text in facts.items():
             out.line(f"{name:<11} {text}")
-        out.add(title=facts["title"], region=region_table(ocean, equation=equation).iloc[:, 0].to_dict())
-        out.table("variables", variable_table(ocean, equation).reset_index(), VARIABLE_COLUMNS)
+        region = region_table(ocean, equation=section.equation).iloc[:, 0].to_dict()
+        out.add(title=facts["title"], region=region)
+        out.table("variables", variable_table(ocean, section.equation).reset_index(), VARIABLE_COLUMNS)
         levels = ocean["depth"].values
         out.line(f"levels [m]\n{' '.join(f'{z:g}' for z in levels)}", levels_m=levels)
         history = str(ocean.attrs.get("history", "")).strip()
@@ -184,10 +180,11 @@ def show(
 
 
 @app.command()
+@with_options
 def plot(
     files: Files,
+    water: WaterOptions,
     out: Annotated[Path, typer.Option("--out", help="Folder for the figures, PNG and PDF.")],
-    time: Time = None,
     depth: Annotated[
         float | None,
         typer.Option(
@@ -200,18 +197,14 @@ def plot(
         str | None,
         typer.Option("--at", metavar="LAT,LON", help="Where the sections cross. Default: the middle."),
     ] = None,
-    sea_floor: SeaFloor = None,
-    crs: Crs = None,
-    currents: Currents = "required",
     quiet: Quiet = False,
 ) -> None:
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
-    from pymantaray.ocean import open_ocean, open_sea_floor, window_of
     from pymantaray.report import write_ocean_plots
+    from pymantaray.water.ocean import open_geographic
 
     place = None if at is None else parse_pair("--at", at)
-    ocean = open_ocean(files, time=time, currents=currents)
-    floor = None if sea_floor is None else open_sea_floor(sea_floor, window=window_of(ocean), crs=crs)
+    ocean, floor = open_geographic(_configured(files, water))
     with progress_bars(quiet=quiet) as progress:
         paths = write_ocean_plots(ocean, out, depth=depth, place=place, sea_floor=floor, progress=progress)
     for path in paths:
@@ -278,10 +271,12 @@ def from_cast(
 
 
 @app.command()
+@with_options
 def correct(
     ocean: Ocean,
     casts: Casts,
     out: Out,
+    water: WaterOptions,
     scale: Annotated[
         float,
         typer.Option(
@@ -303,15 +298,15 @@ def correct(
             help="Scale in time: days, or such as '36 h'. Default: casts count in full.",
         ),
     ] = None,
-    time: CastTime = None,
     force: Force = False,
 ) -> None:
     """Correct a gridded ocean by casts (optimal interpolation)."""
     check_output(out, [".nc"], inputs=[Path(ocean), *casts], force=force)
-    from pymantaray.ocean import correct_with_casts, open_ocean, read_casts
+    from pymantaray.ocean import correct_with_casts, read_casts
+    from pymantaray.water.ocean import open_start
 
     corrected = correct_with_casts(
-        open_ocean(ocean, time=time),
+        open_start(_configured([ocean], water).ocean),
         read_casts(casts),
         horizontal_scale=scale * _M_PER_KM,
         noise_ratio=noise_ratio,
@@ -324,9 +319,11 @@ def correct(
 
 
 @app.command()
+@with_options
 def perturb(
     ocean: Ocean,
     out: Out,
+    water: WaterOptions,
     method: Annotated[
         Literal["eof", "mean", "column"],
         typer.Option("--method", help="Random in vertical modes, the horizontal mean, or one column."),
@@ -358,8 +355,6 @@ def perturb(
         tuple[float, float] | None, typer.Option("--place", help="For column: latitude and longitude.")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="For eof: one member for each seed.")] = 0,
-    time: CastTime = None,
-    equation: Equation = "teos-10",
     force: Force = False,
 ) -> None:
     """Make an ocean that is believed instead of the true one."""
@@ -370,14 +365,15 @@ def perturb(
     from pymantaray.ocean import (
         column_ocean,
         mean_ocean,
-        open_ocean,
         perturb_ocean,
         read_casts,
         vertical_modes,
         with_history,
     )
+    from pymantaray.water.ocean import open_start
 
-    true = open_ocean(ocean, time=time)
+    section = _configured([ocean], water).ocean
+    true, equation = open_start(section), section.equation
     if method == "mean":
         return _write(mean_ocean(true), out)
     if place is not None:

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from pymantaray.cli.printing import log_to_stderr
-from pymantaray.errors import AcousticsError, MantaRayError, OceanError
+from pymantaray.errors import AcousticsError, MantaRayError, OceanError, WaterError
 from pymantaray.geometry.checks import check_number
 from pymantaray.geometry.units import quantity_of
 
@@ -223,110 +223,249 @@ class RunGroup(TyperGroup):
 
 
 @dataclass(frozen=True)
-class MediumOptions:
-    """Where the water comes from: a profile, an ocean or a study's run."""
+class OceanOptions:
+    """Where the water comes from: an ocean, a profile or cast, or a configuration."""
 
+    ocean: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME|FILE...",
+            help="Ocean files that belong together, a profile or cast, synthetic:beaufort or synthetic:fram, a preset, or a"
+            " TOML file.",
+        ),
+    ] = None
     profile: Annotated[
         list[Path] | None,
         typer.Option(
-            metavar="CSV",
-            help="A profile or cast: depth (m) or pressure (dbar), and sound_speed (m/s) or temperature"
-            " (degC) and salinity; needs --bottom.",
+            metavar="FILE",
+            help="A profile or cast: depth (m) or pressure (dbar), and sound_speed (m/s) or temperature (degC) and"
+            " salinity; needs --sea-floor.",
         ),
     ] = None
-    bottom: Annotated[
-        float | None,
+
+    def __post_init__(self) -> None:
+        if self.ocean and self.profile:
+            raise WaterError("--ocean and --profile given; give one of them")
+
+    @property
+    def words(self) -> list[str]:
+        """Names of files, or of a synthetic ocean, a preset or a configuration; none if no option is given."""
+        return [str(word) for word in (self.ocean or self.profile or [])]
+
+    @property
+    def files(self) -> list[Path]:
+        """Files that no output may overwrite."""
+        return [Path(word) for word in self.words]
+
+
+@dataclass(frozen=True)
+class SourceOptions(OceanOptions):
+    """Where the water comes from, of which one has to be given: also a study's run."""
+
+    run: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Folder of a study's run, for its ocean at the start."),
+    ] = None
+
+    def __post_init__(self) -> None:
+        named = [f"--{name}" for name in ("ocean", "profile", "run") if getattr(self, name)]
+        if len(named) != 1:
+            found = " and ".join(named) or "no ocean"
+            raise WaterError(f"{found} given; exactly one of --ocean, --profile and --run is needed")
+
+
+@dataclass(frozen=True)
+class WaterOptions:
+    """Sea floor, ice, currents and domain of the water, whatever its source."""
+
+    sea_floor: Annotated[
+        str | None,
         typer.Option(
-            parser=quantity("m"), metavar="M", help="Depth of the sea bed under the profile, in metres."
+            "--sea-floor",
+            "--bottom",
+            metavar="M|FILE",
+            help="Depth of the sea floor in metres, or a NetCDF file of it; a profile needs one. Default: where the ocean's"
+            " levels end.",
         ),
     ] = None
+    crs: Annotated[
+        str | None,
+        typer.Option(help="Projection of a sea floor's file that names none, such as EPSG:3996 of IBCAO."),
+    ] = None
+    ice: Annotated[
+        str | None,
+        typer.Option(metavar="M|FILE", help="Draft of an ice cover: metres everywhere, or a NetCDF file."),
+    ] = None
+    currents: Annotated[
+        Literal["required", "rest", "carry"] | None,
+        typer.Option(
+            help="Whether files must have currents, water without them is at rest, or currents carry sound along the rays."
+            " Default: rest."
+        ),
+    ] = None
+    equation: Annotated[
+        Literal["teos-10", "del-grosso", "unesco"] | None,
+        typer.Option(help="Equation of sound speed. Default: teos-10."),
+    ] = None
+    interpolation: Annotated[
+        Literal["smooth", "linear"] | None,
+        typer.Option(
+            help="Between grid points: cubic splines or straight lines. Default: smooth, for --run as in the study, for"
+            " Bellhop linear."
+        ),
+    ] = None
+    centre: Annotated[
+        Pair | None,
+        typer.Option(
+            metavar="LAT LON",
+            help="Where north and east are 0. Default: the middle of the data, or a cast's place.",
+        ),
+    ] = None
+    half_extent: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="NORTH EAST",
+            help="Half sides of the domain in km. Default: the largest that fits; a profile has no sides.",
+        ),
+    ] = None
+    time: Annotated[str | None, typer.Option(help="Time of the ocean (UTC), if its files have several.")] = (
+        None
+    )
     thin: Annotated[
         float | None,
         typer.Option(
-            parser=quantity("m/s"),
             metavar="M/S",
-            help="Leave out levels of the profile that interpolation meets within so many m/s.",
+            help="Leave out levels of a profile that interpolation meets within this sound speed.",
         ),
     ] = None
     smooth: Annotated[
         float | None,
-        typer.Option(parser=quantity("m"), metavar="M", help="Average the profile over so many metres."),
+        typer.Option(parser=quantity("m"), metavar="M", help="Average a profile over this many metres."),
     ] = None
     position: Annotated[
         Pair | None,
         typer.Option(
             metavar="LAT LON",
-            help="Where the profile was taken, if sound speed or depth has to be computed (TEOS-10). Default: what"
-            " the file's comment lines say.",
+            help="Where a profile was taken, if its file does not say and sound speed or depth has to be computed.",
         ),
     ] = None
-    ocean: Annotated[
+    name: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME|FILE...", help="Ocean files, or synthetic:beaufort or synthetic:fram."),
-    ] = None
-    centre: Annotated[
-        Pair | None,
         typer.Option(
-            metavar="LAT LON", help="Where in the ocean north and east are 0. Default: the data's middle."
+            metavar="VARIABLE=STANDARD_NAME",
+            help="CF standard name of a variable that lacks one, such as temp=sea_water_potential_temperature; repeated.",
         ),
     ] = None
-    half_extent: Annotated[
-        Pair | None,
-        typer.Option(
-            metavar="NORTH EAST", help="Half sides of the domain in metres. Default: the largest that fits."
-        ),
-    ] = None
-    time: Annotated[str | None, typer.Option(help="Which time of the ocean's files, UTC.")] = None
-    ice: Annotated[
-        str | None,
-        typer.Option(
-            metavar="M|FILE",
-            help="Draft of an ice cover over profile or ocean: metres everywhere, or a NetCDF file over an ocean.",
-        ),
-    ] = None
-    run: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder of a study's run, for its ocean.")
-    ] = None
-    interpolation: Annotated[
-        Literal["smooth", "linear"] | None,
-        typer.Option(
-            help="What lies between grid points: cubic splines or straight lines. Default: smooth, for --run as in"
-            " the study, for Bellhop linear."
-        ),
-    ] = None
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """Options of `pymantaray.open_water`."""
+        from pymantaray.ocean.convert import parse_instant
+
+        time = None if self.time is None else parse_instant(self.time).astype("datetime64[us]").item()
+        half = (
+            None if self.half_extent is None else tuple(1e3 * _kilometres(side) for side in self.half_extent)
+        )
+        names = dict(_named(text) for text in self.name or [])
+        keys = {
+            "bathymetry": _metres_or_file(self.sea_floor),
+            "bathymetry_crs": self.crs,
+            "ice": _metres_or_file(self.ice),
+            "currents": self.currents,
+            "equation": self.equation,
+            "interpolation": self.interpolation,
+            "centre": self.centre or self.position,
+            "half_extent": half,
+            "time": time,
+            "thin": self.thin,
+            "smooth": self.smooth,
+            "names": names or None,
+        }
+        return {key: value for key, value in keys.items() if value is not None}
 
     @property
     def files(self) -> list[Path]:
         """Files that no output may overwrite."""
-        ice = self.ice_cover
-        names = (ice if isinstance(ice, str) else None, *(self.profile or []), *(self.ocean or []))
-        return [Path(name) for name in names if name is not None]
+        given = (_metres_or_file(self.sea_floor), _metres_or_file(self.ice))
+        return [Path(value) for value in given if isinstance(value, str)]
 
-    @property
-    def ice_cover(self) -> float | str:
-        """Draft of the ice [m], or the file that has it."""
-        try:
-            return float(self.ice or 0.0)
-        except ValueError:
-            return str(self.ice)
+
+def _kilometres(text: str) -> float:
+    """Half a side of the domain. [km]"""
+    try:
+        return _number(text, "km")
+    except ValueError as error:
+        raise WaterError(f"--half-extent: {error}") from None
+
+
+def _decibels(text: str) -> float | str:
+    """A cut-off in decibels, or the word for none."""
+    return "none" if text in ("none", "off") else float(text)
+
+
+def _metres_or_file(text: str | None) -> float | str | None:
+    """A depth or draft [m], or the name of a file that has it."""
+    try:
+        return None if text is None else _number(text, "m")
+    except ValueError:
+        return text
+
+
+def _named(text: str) -> tuple[str, str]:
+    variable, sign, meaning = text.partition("=")
+    if not (variable and sign and meaning):
+        raise WaterError(
+            f"--name {text}: needs VARIABLE=STANDARD_NAME, such as temp=sea_water_potential_temperature"
+        )
+    return variable, meaning
 
 
 @dataclass(frozen=True)
-class SearchOptions:
-    """Which eigenrays are looked for."""
+class ArrivalOptions:
+    """Which eigenrays count as arrivals; without an option as the configuration says, else direct rays within 15 dB."""
 
     max_surface_bounces: Annotated[
-        int, typer.Option(min=0, max=15, help="Reflections at the surface that an arrival may have.")
-    ] = 0
+        int | None,
+        typer.Option(min=0, max=15, help="Reflections at the surface that an arrival may have. Default: 0."),
+    ] = None
     max_bottom_bounces: Annotated[
-        int, typer.Option(min=0, max=15, help="Reflections at the sea bed that an arrival may have.")
-    ] = 0
+        int | None,
+        typer.Option(min=0, max=15, help="Reflections at the sea bed that an arrival may have. Default: 0."),
+    ] = None
     cutoff_db: Annotated[
-        str,
+        str | None,
         typer.Option(
-            metavar="DB|none", help="Rays weaker than spherical spreading by more than this are no arrivals."
+            metavar="DB|none",
+            help="Eigenrays weaker than spherical spreading by more than this are discarded. Default: 15.",
         ),
-    ] = "15"
+    ] = None
+
+    def __post_init__(self) -> None:
+        try:
+            cutoff = "none" if self.cutoff_db is None else _decibels(self.cutoff_db)
+        except ValueError:
+            cutoff = 0.0
+        if cutoff != "none" and not float(cutoff) > 0.0:
+            raise AcousticsError(
+                f"--cutoff-db {self.cutoff_db}: a positive number of decibels or none is needed"
+            )
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """Options of `pymantaray.open_water`."""
+        cutoff = None if self.cutoff_db is None else _decibels(self.cutoff_db)
+        keys = {
+            "max_surface_bounces": self.max_surface_bounces,
+            "max_bottom_bounces": self.max_bottom_bounces,
+            "spreading_cutoff_db": cutoff,
+        }
+        return {key: value for key, value in keys.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class SearchOptions(ArrivalOptions):
+    """How eigenrays are found, too."""
+
     tolerance: Annotated[
         float,
         typer.Option(parser=quantity("m"), metavar="M", help="Error allowed at the end of a ray, in metres."),
@@ -334,19 +473,7 @@ class SearchOptions:
 
     def __post_init__(self) -> None:
         check_number(AcousticsError, "--tolerance", self.tolerance, "m", positive=True)
-        try:
-            cutoff = self.spreading_cutoff_db
-        except ValueError:
-            cutoff = 0.0
-        if cutoff is not None and not cutoff > 0.0:
-            raise AcousticsError(
-                f"--cutoff-db {self.cutoff_db}: a positive number of decibels or none is needed"
-            )
-
-    @property
-    def spreading_cutoff_db(self) -> float | None:
-        """The cut-off as `find_eigenrays` takes it. [dB]"""
-        return None if self.cutoff_db in ("none", "off") else float(self.cutoff_db)
+        super().__post_init__()
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -5,11 +5,22 @@ from typing import Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Json, Pair, Quiet, Set, changes_of, parse_duration
+from pymantaray.cli.options import (
+    ArrivalOptions,
+    Json,
+    OceanOptions,
+    Quiet,
+    Set,
+    WaterOptions,
+    changes_of,
+    parse_duration,
+    with_options,
+)
 from pymantaray.cli.printing import printer
 from pymantaray.errors import SensingError
 
 
+@with_options
 def ranges(
     trajectories: Annotated[
         list[str],
@@ -19,9 +30,9 @@ def ranges(
             show_default=False,
         ),
     ],
-    ocean: Annotated[
-        list[str], typer.Option("--ocean", metavar="NAME|FILE...", help="Files, or a synthetic ocean's name.")
-    ],
+    source: OceanOptions,
+    water: WaterOptions,
+    arrivals: ArrivalOptions,
     out: Annotated[Path, typer.Option("--out", help="Folder for the results; must be new or empty.")],
     interval: Annotated[
         str | None,
@@ -47,16 +58,6 @@ def ranges(
             help="Pings one by one: columns time, transmitter and, maybe, receivers.",
         ),
     ] = None,
-    time: Annotated[
-        str | None, typer.Option("--time", help="Time of the ocean (UTC), where its files have several.")
-    ] = None,
-    centre: Annotated[
-        Pair | None,
-        typer.Option(
-            metavar="LAT LON",
-            help="Centre of the frame. Default: the middle of trajectories in lat and lon, else of the ocean.",
-        ),
-    ] = None,
     sampling: Annotated[
         str,
         typer.Option(
@@ -65,13 +66,6 @@ def ranges(
             help="Time between poses, as --interval, besides those at pings.",
         ),
     ] = "200 s",
-    surface_bounces: Annotated[
-        int,
-        typer.Option("--max-surface-bounces", help="Reflections at the surface that an arrival may have."),
-    ] = 0,
-    bottom_bounces: Annotated[
-        int, typer.Option("--max-bottom-bounces", help="Reflections at the sea bed that an arrival may have.")
-    ] = 0,
     enu: Annotated[
         bool, typer.Option("--enu", help="TUM files have ROS's axes: east, north, up; forward, left, up.")
     ] = False,
@@ -83,24 +77,21 @@ def ranges(
     """Ranges between vehicles that moved elsewhere, through an ocean: data, tables, figures and a page in one folder."""
     from pymantaray.cli.study import run_and_report
     from pymantaray.exchange.read import files_of
-    from pymantaray.ocean.convert import parse_instant
     from pymantaray.study.ranges import ranges_config
 
     files = files_of(trajectories)
-    section: dict[str, Any] = {"source": ocean, "currents": "rest"}  # which nobody drifts with
-    if time is not None:
-        section["time"] = parse_instant(time).astype("datetime64[us]").item()
-    if centre is not None:
-        section |= {"centre_lat": centre[0], "centre_lon": centre[1]}
+    if not source.words:
+        raise SensingError("no ocean given; --ocean or --profile is needed")
     config = ranges_config(
         files,
-        section,
+        source.words,
         mission={
             "sampling_period_s": parse_duration("--sampling", sampling),
             **_schedule(interval, slots, slot, pings),
         },
-        acoustics={"max_surface_bounces": surface_bounces, "max_bottom_bounces": bottom_bounces},
         enu=enu,
+        **water.keys,
+        **arrivals.keys,
     ).with_(**changes_of(changes))
     with printer(as_json=as_json, quiet=quiet) as printed:
         run_and_report(config, out, printed, workers=1, figures=True, pdf=pdf, quiet=quiet)

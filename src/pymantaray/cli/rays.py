@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,10 +14,11 @@ from pymantaray.cli.options import (
     Fan,
     Force,
     Json,
-    MediumOptions,
     OceanCommand,
     Quiet,
     SearchOptions,
+    SourceOptions,
+    WaterOptions,
     fan_angles,
     quantity,
     with_options,
@@ -32,10 +33,11 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-    from pymantaray.cli.rays_medium import LoadedMedium
+    from pymantaray.acoustics import Medium
     from pymantaray.cli.rays_tables import TracedRays
     from pymantaray.records import Arrivals
     from pymantaray.records.text_table import TextTable
+    from pymantaray.water import Water
 
     Array = NDArray[np.float64]
     Status = NDArray[np.int8]
@@ -56,7 +58,8 @@ Out = Annotated[Path, typer.Argument(metavar="OUT.csv", help="Table to write; OU
 def times(
     links: In,
     out: Out,
-    medium: MediumOptions,
+    source: SourceOptions,
+    water: WaterOptions,
     search: SearchOptions,
     force: Force = False,
     as_json: Json = False,
@@ -66,8 +69,8 @@ def times(
     from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
     from pymantaray.cli.rays_tables import times_table
 
-    job = _begin("times", links, out, medium, search, force=force, as_json=as_json, quiet=quiet)
-    cutoff, near = search.spreading_cutoff_db, None
+    job = _begin("times", links, out, (source, water, search), force=force, as_json=as_json, quiet=quiet)
+    cutoff, near = job.water.reception.spreading_cutoff_db, None
     if cutoff is None:
         arrivals = job.solve()
     else:
@@ -82,7 +85,8 @@ def times(
 def eigen(
     links: In,
     out: Out,
-    medium: MediumOptions,
+    source: SourceOptions,
+    water: WaterOptions,
     search: SearchOptions,
     force: Force = False,
     as_json: Json = False,
@@ -91,7 +95,7 @@ def eigen(
     """Every arrival of each link: time, bounces, angles, spreading and slowness."""
     from pymantaray.cli.rays_tables import arrivals_table
 
-    job = _begin("eigen", links, out, medium, search, force=force, as_json=as_json, quiet=quiet)
+    job = _begin("eigen", links, out, (source, water, search), force=force, as_json=as_json, quiet=quiet)
     arrivals = job.solve()
     result = arrivals.to_dataset() if out.suffix == ".nc" else arrivals_table(job.table.frame, arrivals)
     job.finish(result, arrivals.status, arrivals=arrivals.link.size)
@@ -102,7 +106,8 @@ def eigen(
 def trace(
     links: In,
     out: Out,
-    medium: MediumOptions,
+    source: SourceOptions,
+    water: WaterOptions,
     search: SearchOptions,
     fan: Fan = None,
     azimuth: Annotated[
@@ -131,12 +136,19 @@ def trace(
 
     if fan is None and (azimuth is not None or distance is not None):
         raise AcousticsError("--azimuth and --distance go with --fan FROM TO COUNT")
-    if fan is not None and search.cutoff_db != SearchOptions.cutoff_db:
+    if fan is not None and search.cutoff_db is not None:
         raise AcousticsError("--cutoff-db: a fan is traced whole, without a cut-off; leave one of them out")
     angles = None if fan is None else fan_angles(*fan)
     aimed = fan is None or azimuth is None or distance is None
     job = _begin(
-        "trace", links, out, medium, search, force=force, as_json=as_json, quiet=quiet, receivers=aimed
+        "trace",
+        links,
+        out,
+        (source, water, search),
+        force=force,
+        as_json=as_json,
+        quiet=quiet,
+        receivers=aimed,
     )
     status = None
     if angles is None:
@@ -156,28 +168,53 @@ class Job:
     as_json: bool
     quiet: bool
     search: SearchOptions
-    loaded: "LoadedMedium"
+    water: "Water"
     table: "TextTable"
     source: "Array"
     receiver: "Array"
     record: dict[str, Any]
 
+    @property
+    def medium(self) -> "Medium":
+        """Medium of the rays."""
+        return self.water.at_start[0]
+
+    @property
+    def notes(self) -> list[str]:
+        """What to tell the user of the water."""
+        from pymantaray.cli.water import water_notes
+
+        return water_notes(self.water)
+
     def solve(self, cutoff_db: float | None = None) -> "Arrivals":
-        """Arrivals of all links, by the cut-off of the search unless another is given. [dB]"""
-        from pymantaray.acoustics import find_eigenrays
+        """Arrivals of all links, by the cut-off of the search unless another is given [dB]; currents may carry them."""
+        from dataclasses import replace
+
+        from pymantaray.acoustics import find_eigenrays, trace_paths
+        from pymantaray.acoustics.currents import current_delays
+        from pymantaray.acoustics.paths import quadrature
         from pymantaray.cli.output import progress_bars
 
+        heard = self.water.reception
         with progress_bars(quiet=self.quiet or len(self.source) < _MANY) as report:
-            return find_eigenrays(
-                self.loaded.medium,
+            arrivals = find_eigenrays(
+                self.medium,
                 self.source,
                 self.receiver,
-                self.search.max_surface_bounces,
-                self.search.max_bottom_bounces,
-                self.search.spreading_cutoff_db if cutoff_db is None else cutoff_db,
+                heard.max_surface_bounces,
+                heard.max_bottom_bounces,
+                heard.spreading_cutoff_db if cutoff_db is None else cutoff_db,
                 tolerance=self.search.tolerance,
                 progress=None if report is None else lambda done, total: report("links", done, total),
             )
+        currents = self.water.at_start[1]
+        if currents is None:
+            return arrivals
+        paths = trace_paths(
+            self.medium, self.source, self.receiver, arrivals, tolerance=self.search.tolerance
+        )
+        delay = current_delays(quadrature(paths), currents, arrivals.link.size)
+        return replace(arrivals, travel_time=arrivals.travel_time + delay)
 
     def trace(self) -> "tuple[TracedRays, Status]":
         """Paths of all arrivals, and the outcome of each link."""
@@ -185,7 +222,7 @@ class Job:
         from pymantaray.cli.rays_tables import TracedRays, number_within
 
         arrivals, tolerance = self.solve(), self.search.tolerance
-        paths = trace_paths(self.loaded.medium, self.source, self.receiver, arrivals, tolerance=tolerance)
+        paths = trace_paths(self.medium, self.source, self.receiver, arrivals, tolerance=tolerance)
         return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals.status
 
     def trace_fans(self, angles: "Array", azimuth: float | None, distance: float | None) -> "TracedRays":
@@ -203,13 +240,13 @@ class Job:
             try:
                 fans.append(
                     trace_fan(
-                        self.loaded.medium,
+                        self.medium,
                         source,
                         math.atan2(east, north) if azimuth is None else math.radians(azimuth),
                         angles,
                         math.hypot(north, east) if distance is None else distance,
-                        max_surface_bounces=self.search.max_surface_bounces,
-                        max_bottom_bounces=self.search.max_bottom_bounces,
+                        max_surface_bounces=self.water.reception.max_surface_bounces,
+                        max_bottom_bounces=self.water.reception.max_bottom_bounces,
                         tolerance=self.search.tolerance,
                     )
                 )
@@ -232,9 +269,9 @@ class Job:
             ends = "sources" if status is None else "links"
             printed.line(
                 f"{len(self.source)} {ends}: {'; '.join(filter(None, (counts, more)))}",
-                **{ends: len(self.source), "outcomes": outcomes, "notes": list(self.loaded.notes), **also},
+                **{ends: len(self.source), "outcomes": outcomes, "notes": list(self.notes), **also},
             )
-            for note in self.loaded.notes:
+            for note in self.notes:
                 printed.line(note)
             printed.paths(file=self.out)
 
@@ -243,8 +280,7 @@ def _begin(
     command: str,
     links: Path,
     out: Path,
-    medium: MediumOptions,
-    search: SearchOptions,
+    options: tuple[SourceOptions, WaterOptions, SearchOptions],
     *,
     force: bool,
     as_json: bool,
@@ -256,25 +292,25 @@ def _begin(
 
     import pymantaray
     from pymantaray.cli.output import check_output
-    from pymantaray.cli.rays_medium import load_medium
     from pymantaray.cli.rays_tables import read_links, sidecar
+    from pymantaray.cli.water import load_water, search_record
 
     check_output(
         out,
         (".csv", ".nc"),
-        inputs=[links, *medium.files],
+        inputs=[links, *options[0].files, *options[1].files],
         beside=[sidecar(out)] if out.suffix == ".csv" else [],
         force=force,
     )
-    content = read_links(links, receivers=receivers)
-    loaded = load_medium(medium)
-    source, *others = content.places(loaded.frame)
-    receiver = others[0] if others else np.full_like(source, np.nan)
+    content, search = read_links(links, receivers=receivers), options[2]
+    water = load_water(*options)
+    start, *others = content.places(water.frame)
+    end = others[0] if others else np.full_like(start, np.nan)
     record = {
         "mantaray": pymantaray.__version__,
         "command": command,
         "links": str(links),
-        "medium": loaded.record,
-        "search": asdict(search),
+        "medium": water.record,
+        "search": {**search_record(water), "tolerance": search.tolerance},
     }
-    return Job(out, as_json, quiet, search, loaded, content.table, source, receiver, record)
+    return Job(out, as_json, quiet, search, water, content.table, start, end, record)

@@ -9,8 +9,9 @@ from pymantaray.cli.options import (
     LINKS,
     Force,
     Json,
-    MediumOptions,
     Quiet,
+    SourceOptions,
+    WaterOptions,
     parse_duration,
     quantity,
     with_options,
@@ -45,7 +46,8 @@ StepLength = Annotated[
 def compare_bellhop(
     links: Annotated[Path, LINKS],
     out: Annotated[Path, typer.Option("--out", help="Table to write.")],
-    medium: MediumOptions,
+    source: SourceOptions,
+    water: WaterOptions,
     refine: Refine = 4,
     program: Annotated[
         str | None,
@@ -71,14 +73,14 @@ def compare_bellhop(
     from pymantaray.cli.output import check_output, progress_bars
     from pymantaray.cli.rays_tables import read_links, write_table
 
-    check_output(out, (".csv",), inputs=[links, *medium.files], force=force)
+    check_output(out, (".csv",), inputs=[links, *source.files, *water.files], force=force)
     content, options = read_links(links), BellhopOptions(step=step)
-    straight, frame = _straight_medium(medium, refine)
-    source, receiver = content.places(frame)
+    straight, frame = _straight_medium(source, water, refine)
+    start, receiver = content.places(frame)
     with progress_bars(quiet=quiet) as progress:
         table = compare_with_bellhop(
             straight,
-            source,
+            start,
             receiver,
             options,
             program=program,
@@ -94,7 +96,8 @@ def compare_bellhop(
 @with_options
 def write_bellhop(
     out: Annotated[Path, typer.Option("--out", help="Folder for the files.")],
-    medium: MediumOptions,
+    source: SourceOptions,
+    water: WaterOptions,
     links: Annotated[Path | None, LINKS] = None,
     link: Annotated[
         list[int] | None, typer.Option("--link", help="Row of the run's links.nc; may be repeated.")
@@ -126,25 +129,27 @@ def write_bellhop(
     if there and not force:
         raise AcousticsError(f"{there[0]}: exists already; give another folder or --force")
     options = BellhopOptions(run=output, beams=beams, bottom=sea_bed, step=step)
-    straight, frame = _straight_medium(medium, refine)
+    straight, frame = _straight_medium(source, water, refine)
     if links is not None:
-        source, receiver = read_links(links).places(frame)
+        start, receiver = read_links(links).places(frame)
     else:
-        source, receiver = _links_of_run(medium.run, link or [])
-    for path in write_files(out, straight, source, receiver, options):
+        start, receiver = _links_of_run(source.run, link or [])
+    for path in write_files(out, straight, start, receiver, options):
         typer.echo(str(path))
 
 
-def _straight_medium(options: MediumOptions, refine: int) -> "tuple[Medium, LocalFrame | None]":
+def _straight_medium(
+    source: SourceOptions, options: WaterOptions, refine: int
+) -> "tuple[Medium, LocalFrame | None]":
     """Medium with straight lines between its grid points, linear, or a smooth one sampled on finer cells; and its frame."""
     from pymantaray.acoustics.bellhop import linear_medium
-    from pymantaray.cli.rays_medium import load_medium
+    from pymantaray.cli.water import load_water
 
-    loaded = load_medium(options, default="linear")
-    medium = loaded.medium
+    water = load_water(source, options, default="linear")
+    medium, _ = water.at_start
     if medium.interpolation == "smooth":
         medium = linear_medium(medium, horizontal=refine, vertical=refine)
-    return medium, loaded.frame
+    return medium, water.frame
 
 
 def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":

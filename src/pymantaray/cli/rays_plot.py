@@ -9,9 +9,10 @@ import typer
 from pymantaray.cli.options import (
     Fan,
     Force,
-    MediumOptions,
     Quiet,
     SearchOptions,
+    SourceOptions,
+    WaterOptions,
     fan_angles,
     parse_place,
     with_options,
@@ -53,7 +54,8 @@ class EndOptions:
 def plot(
     out: Annotated[Path, typer.Argument(metavar="OUT.png", help="Figure to write; OUT.pdf for a paper.")],
     ends: EndOptions,
-    medium: MediumOptions,
+    source: SourceOptions,
+    water: WaterOptions,
     search: SearchOptions,
     fan: Fan = None,
     force: Force = False,
@@ -62,39 +64,42 @@ def plot(
     """Draw the rays of one link, or of some, over sound speed and sea bed."""
     from pymantaray.acoustics import ray_picture
     from pymantaray.cli.output import check_output
-    from pymantaray.cli.rays_medium import load_medium
+    from pymantaray.cli.water import load_water, water_notes
     from pymantaray.report import write_ray_plot
     from pymantaray.report.style import ocean_header
 
-    inputs = [*medium.files, *([ends.links] if ends.links else [])]
+    inputs = [*source.files, *water.files, *([ends.links] if ends.links else [])]
     check_output(out, (".png", ".pdf"), inputs=inputs, force=force)
     angles = () if fan is None else fan_angles(*fan)
     _check_ends(ends)
-    loaded = load_medium(medium)
+    loaded = load_water(source, water, search)
+    medium, _ = loaded.at_start
     titles, pictures = [], []
-    for name, source, receiver in _links(ends, loaded.frame):
-        title = f"{name}{_words(source)} to {_words(receiver)} m"
+    for name, start, receiver in _links(ends, loaded.frame):
+        title = f"{name}{_words(start)} to {_words(receiver)} m"
         try:
             pictures.append(
                 ray_picture(
-                    loaded.medium,
-                    source,
+                    medium,
+                    start,
                     receiver,
                     fan_angles=angles,
-                    max_surface_bounces=search.max_surface_bounces,
-                    max_bottom_bounces=search.max_bottom_bounces,
-                    spreading_cutoff_db=search.spreading_cutoff_db,
+                    max_surface_bounces=loaded.reception.max_surface_bounces,
+                    max_bottom_bounces=loaded.reception.max_bottom_bounces,
+                    spreading_cutoff_db=loaded.reception.spreading_cutoff_db,
                 )
             )
         except AcousticsError as error:
             raise AcousticsError(f"{title}: {error}") from None
         titles.append(title)
-    write_ray_plot(pictures, out, titles=titles, header=ocean_header(loaded.attrs))
+    write_ray_plot(
+        pictures, out, titles=titles, header=ocean_header({} if loaded.local is None else loaded.local.attrs)
+    )
     if not quiet:
         for title, picture in zip(titles, pictures, strict=True):
             count = int(picture["ray_arrives"].sum())
             typer.echo(f"{title}: {count} ray{'' if count == 1 else 's'}, {picture.attrs['status'].lower()}")
-        for note in loaded.notes:
+        for note in water_notes(loaded):
             typer.echo(note)
     typer.echo(str(out))
 

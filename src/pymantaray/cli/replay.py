@@ -1,17 +1,17 @@
 """Command `mantaray replay`: measured travel times beside predicted ones."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pymantaray.cli.options import (
+    ArrivalOptions,
     Json,
-    MediumOptions,
     Quiet,
-    SearchOptions,
     Set,
+    SourceOptions,
+    WaterOptions,
     changes_of,
     parse_duration,
     with_options,
@@ -20,7 +20,7 @@ from pymantaray.cli.printing import Printer, printer
 from pymantaray.replay.rules import DEFAULT_RULE
 
 if TYPE_CHECKING:
-    from pymantaray.replay import Replay, Water
+    from pymantaray.replay import Replay
 
 COLUMNS = {
     "of": ("group", ""),
@@ -45,8 +45,9 @@ def replay(
             show_default=False,
         ),
     ],
-    medium: MediumOptions,
-    search: SearchOptions,
+    source: SourceOptions,
+    water: WaterOptions,
+    search: ArrivalOptions,
     rule: Annotated[
         str,
         typer.Option(
@@ -83,12 +84,17 @@ def replay(
     """Set measured one-way travel times beside those predicted: residuals, coverage, clocks, switching."""
     import pymantaray
     from pymantaray.cli.output import progress_bars
+    from pymantaray.cli.water import load_waters, search_record, water_notes
+    from pymantaray.config.load import sound_sections
     from pymantaray.replay import DetectionRule, read_events, replay_events
     from pymantaray.report import write_replay
 
     window_s = parse_duration("--window", window, positive=False)
     measured, kind = read_events(events), DetectionRule.parse(rule)
-    waters, sources, notes = _waters(medium, search, detection, changes_of(changes))
+    sections = {} if detection is None else sound_sections(detection)
+    waters = load_waters(source, water, search, sections=sections, changes=changes_of(changes))
+    sources = [one.record | ({"cast": one.name} if one.uniform else {}) for one in waters]
+    notes = list(dict.fromkeys(note for one in waters for note in water_notes(one)))
     with progress_bars(quiet=quiet) as report:
         result = replay_events(
             measured,
@@ -100,7 +106,10 @@ def replay(
             progress=None if report is None else lambda done, total: report("events", done, total),
         )
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
-        record |= {"search": asdict(search), "detection": None if detection is None else str(detection)}
+        record |= {
+            "search": search_record(waters[0]),
+            "detection": None if detection is None else str(detection),
+        }
         page = write_replay(result, out, made_by=record, pdf=pdf, progress=report)
     with printer(as_json=as_json, quiet=quiet) as printed:
         _tell(printed, result)
@@ -132,53 +141,3 @@ def _tell(out: Printer, result: "Replay") -> None:
             f"candidates change in {switching['rate']:.3f} of {switching['steps']} steps of {switching['step_s']:.0f} s,"
             f" {switching['independent_rate']:.3f} if independent: correlation time {switching['correlation_s']:.0f} s"
         )
-
-
-def _waters(
-    medium: MediumOptions, search: SearchOptions, detection: Path | None, changes: dict[str, Any]
-) -> tuple[list["Water"], list[dict[str, Any]], list[str]]:
-    """Waters that the options ask for, how they were made, and what of that to tell the user."""
-    from pymantaray.acoustics.profiles import read_profiles
-    from pymantaray.cli.rays_medium import from_profile, load_medium, source_kind
-    from pymantaray.config.load import load_detection
-    from pymantaray.errors import ReplayError
-    from pymantaray.geometry import LocalFrame
-    from pymantaray.ocean import open_ocean
-    from pymantaray.replay import Water
-    from pymantaray.sensing import Reception
-    from pymantaray.water.listening import cast_absorption, detector_of, leakage_of, ocean_absorption
-
-    if source_kind(medium) == "run":
-        raise ReplayError("--run: events are replayed in --profile or --ocean; give one of them")
-    if changes and detection is None:
-        raise ReplayError(
-            "--set changes the section detection, but there is none; give a file with --detection"
-        )
-    sections = None if detection is None else load_detection(detection, **changes)
-    reception = Reception(
-        spreading_cutoff_db=search.spreading_cutoff_db,
-        max_surface_bounces=search.max_surface_bounces,
-        max_bottom_bounces=search.max_bottom_bounces,
-    )
-    if not medium.profile:
-        loaded = load_medium(medium)
-        if sections is not None:
-            section, losses = sections
-            ocean = open_ocean(medium.ocean or [], time=medium.time)
-            detector = detector_of(section, losses, ocean_absorption(section, ocean, medium.centre))
-            reception = reception._replace(detector=detector, leakage=leakage_of(section))
-        frame = LocalFrame(*loaded.record["centre_deg"])
-        return [Water(loaded.medium, reception, frame=frame)], [loaded.record], loaded.notes
-    waters, sources, notes = list["Water"](), list[dict[str, Any]](), list[str]()
-    for path in medium.profile:
-        for profile in read_profiles(path, medium.position):
-            loaded = from_profile(path, profile, medium, medium.interpolation or "smooth")
-            heard = reception
-            if sections is not None:
-                section, losses = sections
-                detector = detector_of(section, losses, cast_absorption(section, profile))
-                heard = reception._replace(detector=detector, leakage=leakage_of(section))
-            waters.append(Water(loaded.medium, heard, profile.name, profile.time))
-            sources.append(loaded.record | {"cast": profile.name})
-            notes += [note for note in loaded.notes if note not in notes]
-    return waters, sources, notes

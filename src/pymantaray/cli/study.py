@@ -7,7 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Commands, Json, OceanCommand, Quiet, RunGroup, Set, changes_of
+from pymantaray.cli.options import (
+    ArrivalOptions,
+    Commands,
+    Json,
+    OceanCommand,
+    OceanOptions,
+    Quiet,
+    RunGroup,
+    Set,
+    WaterOptions,
+    changes_of,
+    with_options,
+)
 from pymantaray.cli.output import duration, progress_bars
 from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.report.parts import PAGE
@@ -97,18 +109,18 @@ def cite(
 
 
 @app.command(cls=OceanCommand)
+@with_options
 def run(
     study: NameOrFile,
+    source: OceanOptions,
+    water: WaterOptions,
+    arrivals: ArrivalOptions,
     out: Out = None,
     realizations: Annotated[
         int | None, typer.Option("--realizations", help="Number of noise realizations.")
     ] = None,
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, help="Processes that solve realizations.")
-    ] = None,
-    ocean: Annotated[
-        list[str] | None,
-        typer.Option("--ocean", help="Files, or a synthetic ocean's name, in place of the configured ocean."),
     ] = None,
     changes: Set = None,
     no_figures: Annotated[
@@ -120,13 +132,15 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run a study: data, tables and figures go into one folder."""
+    from pymantaray.config.options import dotted_keys
     from pymantaray.study import load_study
 
     if open_page and no_figures:
         raise typer.BadParameter(
             "there is no page with --no-figures; leave one of them out", param_hint="--open"
         )
-    config = load_study(study, realizations=realizations, ocean=ocean, **changes_of(changes))
+    keys = dotted_keys(water.keys | arrivals.keys) | changes_of(changes)
+    config = load_study(study, realizations=realizations, ocean=source.words or None, **keys)
     with printer(as_json=as_json, quiet=quiet) as printed:
         folder = run_and_report(
             config, out, printed, workers=workers, figures=not no_figures, pdf=pdf, quiet=quiet

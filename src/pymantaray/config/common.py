@@ -71,11 +71,16 @@ def located(tree: Any, folder: Path) -> Any:
     return [located(value, folder) for value in tree] if isinstance(tree, list | tuple) else tree
 
 
+IN_MEMORY = "memory:"
+"""Source of an ocean that is a data set in memory."""
+_NO_FILE = ("synthetic:", IN_MEMORY)
+
+
 def input_file(name: str, folder: Path) -> str:
     """Absolute name of a file named relative to a folder; that of a synthetic ocean is what it is."""
     if "\0" in name:
         raise ValueError(f"found {name!r}, which no file can be named")
-    return name if name.startswith("synthetic:") else str((folder / name).resolve())
+    return name if name.startswith(_NO_FILE) else str((folder / name).resolve())
 
 
 def _anchor(name: Any, info: ValidationInfo) -> Any:
@@ -101,7 +106,7 @@ OceanSource = Annotated[InputFiles, Field(min_length=1)]
 
 def own_files(source: Sequence[str]) -> tuple[str, ...]:
     """Files of an ocean's source; a synthetic one has none."""
-    return tuple(name for name in source if not name.startswith("synthetic:"))
+    return tuple(name for name in source if not name.startswith(_NO_FILE))
 
 
 class Section(BaseModel):

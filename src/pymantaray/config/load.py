@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pymantaray.config.checks import parse
 from pymantaray.config.common import NAME, located
@@ -15,6 +15,9 @@ from pymantaray.config.renamed import with_new_names
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter
 from pymantaray.errors import StudyError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 BASE = "base"
 """Key at the top of a file: the preset or the file that it changes."""
@@ -83,7 +86,7 @@ def load_study(
     name_or_file: str | Path,
     *,
     realizations: int | None = None,
-    ocean: Sequence[str | Path] | None = None,
+    ocean: "str | Path | Sequence[str | Path] | xr.Dataset | None" = None,
     **changes: Any,
 ) -> StudyConfig:
     """
@@ -96,9 +99,10 @@ def load_study(
         names a preset or another file, whose keys hold where the file has none.
     realizations : int, optional
         Number of realizations in place of the configured one.
-    ocean : sequence of path or str, optional
-        Ocean files, or the name of a synthetic ocean, in place of the whole configured ocean. Files are
-        relative to the working folder; the time is the files' only one, the centre the middle of the data.
+    ocean : str, path, sequence of them, or xarray.Dataset, optional
+        Ocean files, a profile or cast, the name of a synthetic ocean, a preset or a TOML file for its ocean, or an ocean in memory, in place of the whole configured
+        ocean. Files are relative to the working folder; the time is the files' only one, the centre the middle of the data.
+        An ocean in memory is written to the user's cache, so that processes and later sessions have it.
     **changes
         Values by dotted key, such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the name of an entry
         (``fleet.vehicles.B.target_depth``); ``"none"`` takes a value out. Files are relative to the working folder.
@@ -126,8 +130,9 @@ def load_study(
         tree = with_key(tree, "study.realizations", realizations)
         words.append(f"{realizations} realization{'' if realizations == 1 else 's'}")
     if ocean is not None:
-        tree = {**tree, "ocean": located({"source": [str(source) for source in ocean]}, Path())}
-        words.append(f"the ocean {' '.join(map(str, ocean))}")
+        sources = _sources(ocean)
+        tree = {**tree, "ocean": _ocean_section(sources)}
+        words.append(f"the ocean {' '.join(sources)}")
     tree = changed(tree, changes)
     words += words_of(changes)
     return parse_study(described(tree, name, words) if words else tree, name)
@@ -136,6 +141,24 @@ def load_study(
 def load_resolved(file: Path) -> StudyConfig:
     """Configuration that a run was made of; one of an earlier version has old names, of which nobody is told."""
     return parse_study(_tree(file, warn=False), str(file))
+
+
+def _ocean_section(sources: list[str]) -> Tree:
+    """Section ``[ocean]`` of sources, or of the configuration that one of them is."""
+    if len(sources) == 1 and (sources[0].endswith(".toml") or sources[0] in preset_names()):
+        return dict(_tree(sources[0]).get("ocean", {}))
+    return dict(located({"source": sources}, Path()))
+
+
+def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[str]:
+    """Names of files of an ocean, or of a synthetic one."""
+    if isinstance(ocean, str | Path):
+        return [str(ocean)]
+    if isinstance(ocean, Sequence):
+        return [str(source) for source in ocean]
+    from pymantaray.ocean import stored_ocean
+
+    return [str(stored_ocean(ocean))]
 
 
 def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
@@ -169,15 +192,15 @@ def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     return parse(SoundConfig, changed(sound, changes), label, None)
 
 
-def load_detection(file: Path, **changes: Any) -> tuple[DetectionSection, AcousticsSection]:
-    """Sections ``[detection]`` and ``[acoustics]`` of a TOML file, whatever else is in it, with changes by dotted key."""
-    tree = changed(_tree(file), changes)
+def sound_sections(file: Path) -> dict[str, Any]:
+    """Section ``[detection]`` and keys of ``[acoustics]`` of a TOML file, whatever else is in it, by dotted key."""
+    tree = _tree(file)
     if not isinstance(tree.get("detection"), dict):
         raise StudyError(f"{file}: has no section [detection]")
-    return (
-        parse(DetectionSection, tree["detection"], f"{file}: detection", None),
-        parse(AcousticsSection, tree.get("acoustics", {}), f"{file}: acoustics", None),
-    )
+    parse(DetectionSection, tree["detection"], f"{file}: detection", None)
+    losses = parse(AcousticsSection, tree.get("acoustics", {}), f"{file}: acoustics", None)
+    keys = losses.model_dump(exclude_unset=True, exclude_none=True)
+    return {"detection": tree["detection"], **{f"acoustics.{key}": value for key, value in keys.items()}}
 
 
 def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool = True) -> Tree:

@@ -359,7 +359,13 @@ class OceanSection(Section):
     """Where the water and the sea floor come from, whether they vary, and the centre of the local frame."""
 
     source: OceanSource
-    """Files that belong together, ``"synthetic:beaufort"`` or ``"synthetic:fram"``; files are relative to this one."""
+    """Files that belong together, a profile or cast, ``"synthetic:beaufort"`` or ``"synthetic:fram"``; files are relative to this one."""
+    names: dict[str, str] = Field(default={}, strict=False)
+    """CF standard names of the files' variables that lack one, such as ``temp = "sea_water_potential_temperature"``."""
+    thin: MetresPerSecond[PositiveFloat] | None = None
+    """Leave out levels of a profile that interpolation meets within this. [m/s]"""
+    smooth: Metres[PositiveFloat] | None = None
+    """Average a profile over this. [m]"""
     time: dt.datetime | None = None
     """Instant of the water, UTC; the start of the mission where it varies. The files' only one unless given."""
     time_varying: bool = False
@@ -368,8 +374,10 @@ class OceanSection(Section):
     """Whether files must have currents, or water without them is at rest."""
     equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
     """Equation of sound speed by temperature, salinity and pressure."""
-    bathymetry: InputFile | None = None
-    """File of a sea floor that is finer than the ocean's."""
+    bathymetry: Metres[PositiveFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
+    """Sea floor: its depth everywhere, or a file that is finer than the ocean; a profile needs one. [m]"""
+    bathymetry_crs: str | None = None
+    """Projection of a sea floor's file that names none, such as ``"EPSG:3996"`` of IBCAO."""
     ice: Metres[NonNegativeFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
     """Draft of an ice cover: the same everywhere, or a file's. [m]"""
     internal_tide: InternalTideSection | None = None
@@ -393,6 +401,8 @@ class OceanSection(Section):
         ):
             if (getattr(self, one) is None) != (getattr(self, other) is None):
                 raise ValueError(f"{one} and {other} must be given together")
+        if self.thin is not None and self.smooth is not None:
+            raise ValueError("thin and smooth exclude each other; leave one out")
         if self.internal_tide is not None and self.time_varying:
             raise ValueError(
                 "internal_tide runs through one snapshot; set time_varying = false or leave it out"

@@ -12,6 +12,7 @@ from pymantaray.ocean.perturb import column_ocean, mean_ocean, perturb_ocean, po
 from pymantaray.ocean.schema import assemble_ocean, validate_ocean, with_history
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, open_sea_floor, sea_floor_depth
 from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.stored import stored_ocean
 from pymantaray.ocean.summary import region_table, sound_speed_profile_spread
 from pymantaray.ocean.synthetic import synthetic_ocean
 from pymantaray.ocean.window import crop_around, window_of
@@ -42,6 +43,7 @@ __all__ = [
     "sea_floor_depth",
     "sound_speed",
     "sound_speed_profile_spread",
+    "stored_ocean",
     "synthetic_ocean",
     "to_local",
     "validate_ocean",

@@ -108,28 +108,13 @@ def to_local(
     bearing = window.frame.convergence(at_lat, at_lon)[..., None]
     current = _along_axes(smooth(fields["water_u"]), smooth(fields["water_v"]), bearing)
     scale = window.frame.scale_factor(north[:, None], east[None, :])
-    grid, floor_grid = ("north", "east", "depth"), ("north", "east")
-    axes: dict[str, Any] = {
-        "north": ("north", north, _attrs("projection_y_coordinate", "m")),
-        "east": ("east", east, _attrs("projection_x_coordinate", "m")),
-        "depth": ("depth", depth, {**_attrs("depth", "m"), "positive": "down"}),
-    }
-    if finer is None:
-        floor = _own_floor(ocean, window, at_lat, at_lon)
-    else:
-        floor, floor_grid = finer.values, ("floor_north", "floor_east")
-        for name, letter in zip(floor_grid, "yx", strict=True):
-            axes[name] = (name, finer[name].values, _attrs(f"projection_{letter}_coordinate", "m"))
-    return xr.Dataset(
+    return assemble_local(
+        {"north": north, "east": east, "depth": depth},
+        smooth(speed),
+        current,
+        _own_floor(ocean, window, at_lat, at_lon) if finer is None else finer,
+    ).assign_attrs(
         {
-            "sound_speed": (grid, smooth(speed), _attrs("speed_of_sound_in_sea_water", "m s-1")),
-            "current_north": (grid, current[0], _attrs("sea_water_y_velocity", "m s-1")),
-            "current_east": (grid, current[1], _attrs("sea_water_x_velocity", "m s-1")),
-            "sea_floor_depth": (floor_grid, floor, _attrs("sea_floor_depth_below_sea_surface", "m")),
-        },
-        coords=axes,
-        attrs={
-            "Conventions": "CF-1.8",
             "centre_latitude_deg": window.frame.latitude_deg,
             "centre_longitude_deg": window.frame.longitude_deg,
             "proj_string": window.frame.proj_string,
@@ -137,7 +122,37 @@ def to_local(
             "time": str(np.datetime_as_string(ocean["time"].values, unit="s")),
             **{name: ocean.attrs[name] for name in ("title", "source", "synthetic")},
             **notes,
+        }
+    )
+
+
+def assemble_local(
+    axes: dict[str, Array], sound_speed: Array, current: tuple[Array, Array], floor: Array | xr.DataArray
+) -> xr.Dataset:
+    """
+    Local ocean of fields (north, east, depth) on its axes [m], currents along them [m/s].
+
+    The sea floor is on (north, east), or a data array with axes ``floor_north`` and ``floor_east`` of its own. [m]
+    """
+    grid, floor_grid = ("north", "east", "depth"), ("north", "east")
+    letters = {"north": "y", "east": "x", "floor_north": "y", "floor_east": "x"}
+    coords: dict[str, Any] = {"depth": ("depth", axes["depth"], {**_attrs("depth", "m"), "positive": "down"})}
+    horizontal = {name: axes[name] for name in floor_grid}
+    if isinstance(floor, xr.DataArray):
+        floor_grid = ("floor_north", "floor_east")
+        horizontal |= {name: floor[name].values for name in floor_grid}
+        floor = floor.values
+    for name, axis in horizontal.items():
+        coords[name] = (name, axis, _attrs(f"projection_{letters[name]}_coordinate", "m"))
+    return xr.Dataset(
+        {
+            "sound_speed": (grid, sound_speed, _attrs("speed_of_sound_in_sea_water", "m s-1")),
+            "current_north": (grid, current[0], _attrs("sea_water_y_velocity", "m s-1")),
+            "current_east": (grid, current[1], _attrs("sea_water_x_velocity", "m s-1")),
+            "sea_floor_depth": (floor_grid, floor, _attrs("sea_floor_depth_below_sea_surface", "m")),
         },
+        coords={name: coords[name] for name in ("north", "east", "depth", *list(horizontal)[2:])},
+        attrs={"Conventions": "CF-1.8"},
     )
 
 

@@ -8,19 +8,17 @@ from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule
 if TYPE_CHECKING:
     from pymantaray.replay.compare import Replay, replay_events
     from pymantaray.replay.events import Events, read_events
-    from pymantaray.replay.water import Water
 
 __all__ = [
     "DEFAULT_RULE",
     "DetectionRule",
     "Events",
     "Replay",
-    "Water",
     "read_events",
     "replay_events",
 ]
 
-_HOME = {"compare": ("Replay", "replay_events"), "events": ("Events", "read_events"), "water": ("Water",)}
+_HOME = {"compare": ("Replay", "replay_events"), "events": ("Events", "read_events")}
 _LATER = {name: module for module, names in _HOME.items() for name in names}
 
 

@@ -1,9 +1,9 @@
 """Each measured travel time beside the one predicted, and what the differences say together."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.errors import ReplayError
-from pymantaray.records import RayStatus
+from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.shown import shown_html
 from pymantaray.replay.clocks import reciprocity_table
 from pymantaray.replay.events import Events
 from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule, Heard
 from pymantaray.replay.summary import summary_table
 from pymantaray.replay.switching import fit_clocks, switching_table
-from pymantaray.replay.water import Water, choose_water, ends_of
-from pymantaray.sensing import sound_between
+from pymantaray.replay.water import choose_water, ends_of, instants_in
+from pymantaray.sensing import Sound, sound_between
+from pymantaray.water import Source, Water, open_waters
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -107,10 +108,11 @@ class Replay:
 
 def replay_events(
     events: Events,
-    waters: Water | Sequence[Water],
+    waters: Water | Source | Sequence[Water],
     rule: DetectionRule | str = DEFAULT_RULE,
     *,
     window: float = 60.0,
+    water_interval: float = 600.0,
     reference: str | None = None,
     seed: int = SEED,
     notes: Sequence[str] = (),
@@ -122,12 +124,14 @@ def replay_events(
     Parameters
     ----------
     events : Events
-    waters : Water or sequence of Water
+    waters : Water, sequence of Water, or source of `open_waters`
         What sound runs through; of several an event takes the one that it names, else the nearest in time.
     rule : DetectionRule or str
         Which arrival is taken to have been detected. Fix it before you look at residuals.
     window : float
         Events at most so far apart in time are near each other, for reciprocity and switching. [s]
+    water_interval : float
+        Water that varies in time is taken at the multiple of this that is nearest to an event. [s]
     reference : str, optional
         Node whose clock is taken for true. By default the mean of all clocks is.
     seed : int
@@ -152,7 +156,7 @@ def replay_events(
         If an event names a cast that is not there, none can be chosen, the rule needs a sonar that is not given, or the window is
         negative.
     """
-    waters = [waters] if isinstance(waters, Water) else list(waters)
+    waters = _waters(waters)
     rule = DetectionRule.parse(rule) if isinstance(rule, str) else rule
     if rule.kind == "threshold" and any(water.reception.detector is None for water in waters):
         raise ReplayError("rule threshold: a sonar says what is heard; give [detection], or another rule")
@@ -161,16 +165,14 @@ def replay_events(
     nodes = set(events.source) | set(events.receiver)
     if reference is not None and reference not in nodes:
         raise ReplayError(f"reference {reference!r} is no node; there are {', '.join(sorted(nodes)[:12])}")
-    which = choose_water(events, waters)
     predicted, candidates, done = [], [], 0
-    for index in np.unique(which).tolist():
-        rows = np.flatnonzero(which == index)
+    for water, time, rows in _parts(events, waters, water_interval):
 
         def tell(part: int, parts: int, done: int = done, here: int = rows.size) -> None:
             if progress is not None:
-                progress(done + part * here // max(parts, 1), which.size)
+                progress(done + part * here // max(parts, 1), events.time.size)
 
-        frame, others = _predict(events, rows, waters[index], rule, tell)
+        frame, others = _predict(events, rows, water, time, rule, tell)
         predicted.append(frame)
         candidates.append(others)
         done += rows.size
@@ -181,6 +183,31 @@ def replay_events(
         ["event", "travel_time_s"], ignore_index=True
     )
     return Replay(table, rule, window, seed, every, reference, tuple(notes))
+
+
+def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
+    """Waters as a list, those of a source opened."""
+    if isinstance(waters, Water):
+        return [waters]
+    if (
+        isinstance(waters, Sequence)
+        and not isinstance(waters, str)
+        and all(isinstance(w, Water) for w in waters)
+    ):
+        return [w for w in waters if isinstance(w, Water)]
+    return open_waters(cast("Source", waters))
+
+
+def _parts(
+    events: Events, waters: list[Water], interval: float
+) -> Iterator[tuple[Water, float, NDArray[np.int64]]]:
+    """Events that share a water and its time [s]."""
+    which = choose_water(events, waters)
+    for index in np.unique(which).tolist():
+        rows = np.flatnonzero(which == index)
+        times = instants_in(events, rows, waters[index], interval)
+        for time in np.unique(times):
+            yield waters[index], float(time), rows[times == time]
 
 
 def _measured(events: Events) -> pd.DataFrame:
@@ -200,18 +227,30 @@ def _measured(events: Events) -> pd.DataFrame:
     )
 
 
+def _moved(sound: Sound) -> Arrivals:
+    """Arrivals of some sound with the delays of the current in their travel times."""
+    if sound.delay is None:
+        return sound.arrivals
+    return replace(sound.arrivals, travel_time=sound.arrivals.travel_time + sound.delay)
+
+
 def _predict(
-    events: Events, rows: NDArray[np.int64], water: Water, rule: DetectionRule, progress: Progress
+    events: Events,
+    rows: NDArray[np.int64],
+    water: Water,
+    time: float,
+    rule: DetectionRule,
+    progress: Progress,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Prediction of some events in one water, and all candidates of each; indexed by event."""
-    reception = water.reception
+    """Prediction of some events in one water at a time, and all candidates of each; indexed by event."""
+    reception, (medium, currents) = water.reception, water.at(time)
     source, receiver = ends_of(events, rows, water)
     cutoff = reception.spreading_cutoff_db
     wide = reception._replace(
         arrival="first", spreading_cutoff_db=None if cutoff is None else cutoff + NEAR_DB
     )
-    sound = sound_between(source, receiver, water.medium, wide, progress=progress)
-    a, distance = sound.arrivals, np.linalg.norm(receiver - source, axis=-1)
+    sound = sound_between(source, receiver, medium, wide, currents=currents, progress=progress)
+    a, distance = _moved(sound), np.linalg.norm(receiver - source, axis=-1)
     loss = sound.loss_db
     if loss is None:
         loss = a.spreading_db + 20.0 * np.log10(np.maximum(distance[a.link], 1.0))

@@ -1,45 +1,18 @@
-"""What sound ran through: one medium a cast or an ocean, which of them an event belongs to, and its ends there."""
+"""Which water an event belongs to, when its sound ran through it, and its ends there."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 import pyproj
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.replay.events import Events
-from pymantaray.sensing import Reception
+from pymantaray.water import Water
 
 Array = NDArray[np.float64]
 _ELLIPSOID = pyproj.Geod(ellps="WGS84")
-
-
-@dataclass(frozen=True, eq=False)
-class Water:
-    """
-    A medium that events may belong to, and what is heard in it.
-
-    Parameters
-    ----------
-    medium : Medium
-    reception : Reception
-        Which eigenrays count, and the detector if levels are to be predicted. Its ``arrival`` is not used.
-    name : str
-        Of the cast, by which events choose it.
-    time : numpy.datetime64
-        Of the cast, by which others choose it; NaT where it is unknown.
-    frame : LocalFrame, optional
-        In which the medium lies. By default it is the same everywhere: a distance and two depths are all that matters.
-    """
-
-    medium: Medium
-    reception: Reception = field(default_factory=Reception)
-    name: str = ""
-    time: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
-    frame: LocalFrame | None = None
 
 
 def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
@@ -74,12 +47,30 @@ def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
     return chosen
 
 
+def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval: float) -> Array:
+    """
+    Time [s] in water that varies at which each of some events is predicted, the nearest multiple of an interval within its span.
+
+    Zero if the water does not vary.
+    """
+    if not water.varies:
+        return np.zeros(rows.size)
+    if np.isnat(events.epoch):
+        raise ReplayError(
+            "the events' times are seconds, but the water varies; write them as 2020-03-10T12:00:00"
+        )
+    since = (events.instant[rows] - np.datetime64(water.start, "ns")) / np.timedelta64(1, "s")
+    for time in since:
+        water.require(float(time))
+    return np.clip(np.round(since / interval) * interval, *water.span)
+
+
 def ends_of(events: Events, rows: NDArray[np.int64], water: Water) -> tuple[Array, Array]:
     """Sources and receivers (n, 3) of some events in the frame of their water. [m]"""
     source, receiver = events.source_position[rows], events.receiver_position[rows]
     if not events.geographic:
         return source, receiver
-    if water.frame is not None:
+    if water.frame is not None and not water.uniform:
         return _in_frame(source, water.frame), _in_frame(receiver, water.frame)
     azimuth, _, distance = _ELLIPSOID.inv(source[:, 1], source[:, 0], receiver[:, 1], receiver[:, 0])
     bearing = np.radians(azimuth)

@@ -45,7 +45,8 @@ from pymantaray.sensing import (
     SlotSchedule,
 )
 from pymantaray.study.tracks import read_fleet
-from pymantaray.water.ocean import OceanFields, local_ocean, utc_instant
+from pymantaray.water.instants import utc_instant
+from pymantaray.water.ocean import OceanFields, local_ocean
 
 
 def gnss_depth(config: StudyConfig, ocean: OceanFields, truth: Trajectories) -> float | NDArray[np.float64]:

@@ -46,6 +46,7 @@ from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.store import Run
+from pymantaray.water.instants import utc_instant
 from pymantaray.water.ocean import (
     OceanFields,
     build_ocean,
@@ -53,7 +54,6 @@ from pymantaray.water.ocean import (
     local_ocean,
     mission_start,
     open_start,
-    utc_instant,
 )
 
 Array = NDArray[np.float64]

@@ -70,16 +70,17 @@ def simulate_mission(
     *,
     tracks: Tracks | None = None,
     schedule: Schedule | None = None,
+    data: xr.Dataset | None = None,
 ) -> Mission:
     """
     Run a mission up to its measurements without noise; the watch gets the duration of each stage.
 
-    ``tracks`` and ``schedule`` are those of the configuration where they are in memory.
+    ``tracks``, ``schedule`` and ``data``, the ocean, are those of the configuration if they are in memory.
     """
     _check_names(config, tracks, schedule)
     progress("ocean", 0, 1)
     with watch.stage("ocean"):
-        ocean = mission_ocean(config)
+        ocean = mission_ocean(config, data)
     progress("ocean", 1, 1)
 
     progress("fleet", 0, 1)

@@ -4,8 +4,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pymantaray.config.load import parse_study
-from pymantaray.config.sections import StudyConfig
+import xarray as xr
+
+from pymantaray.acoustics import Medium
+from pymantaray.config.common import IN_MEMORY
+from pymantaray.config.keys import with_key
+from pymantaray.config.load import load_sound, parse_study
+from pymantaray.config.options import dotted_keys, names_configuration
+from pymantaray.config.sections import SoundConfig, StudyConfig
+from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories
 from pymantaray.records import Trajectories
 from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
@@ -13,17 +20,18 @@ from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import Progress, simulate_mission
 from pymantaray.study.store import Run, run_in_memory
 from pymantaray.study.tracks import with_tracks
+from pymantaray.water import Source as WaterSource
 
 Source = str | Path | Sequence[str | Path]
 
 
 def measure(
     trajectories: Source | Tracks | Trajectories,
-    ocean: Source | Mapping[str, Any],
+    ocean: WaterSource | Mapping[str, Any],
     schedule: float | Schedule,
     *,
     progress: Progress | None = None,
-    **sections: Any,
+    **options: Any,
 ) -> Run:
     """
     Ranges between vehicles whose trajectories are known, through an ocean.
@@ -32,17 +40,18 @@ def measure(
     ----------
     trajectories : str, pathlib.Path, sequence of them, Tracks or Trajectories
         Files as `read_trajectories` takes them, what it returned, or poses in the local frame at common times.
-    ocean : str, pathlib.Path, sequence of them, or dict
-        Files, or the name of a synthetic ocean; or the section ``[ocean]`` of a study. The frame's centre is the middle of
-        the trajectories where they have latitudes and longitudes, else that of the ocean, unless the section gives it.
+    ocean : str, pathlib.Path, sequence of them, xarray.Dataset, SoundConfig or dict
+        Any source that `pymantaray.open_water` takes, or the section ``[ocean]`` of a study. The frame's centre is the middle
+        of the trajectories if they have latitudes and longitudes, else that of the ocean, unless it is given.
     schedule : float or Schedule
         Interval at which all vehicles ping [s], a `PingSchedule`, `SlotSchedule` or `PingList`. Time counts from the first
         pose of all.
     progress : callable, optional
         Told the name of a stage, how many of its parts are done, and how many there are.
-    **sections
-        Further sections of a study, as its TOML file has them: ``acoustics``, ``ranging``, ``detection``, ``landmarks``,
-        ``noise``, ``mission`` (``sampling_period_s``, 200 by default; poses at pings are added), ``study`` (``seed``).
+    **options
+        Options of `pymantaray.open_water`, such as ``ice=1.5`` and ``max_surface_bounces=2``, and sections of a study as its
+        TOML file has them: ``acoustics``, ``ranging``, ``detection``, ``landmarks``, ``noise``, ``mission``
+        (``sampling_period_s``, 200 by default; poses at pings are added), ``study`` (``seed``).
 
     Returns
     -------
@@ -67,30 +76,61 @@ def measure(
         trajectories = Tracks.of_record(trajectories)
     elif not isinstance(trajectories, Tracks):
         trajectories = read_trajectories(trajectories)
-    mission = dict(sections.pop("mission", {}))
+    mission = dict(options.pop("mission", {}))
     if isinstance(schedule, SlotSchedule):
         slots = {"slots": list(schedule.slots), "slot_s": schedule.slot, "start_s": schedule.start}
         mission["schedule"] = {"kind": "slots", **slots}
     elif isinstance(schedule, PingSchedule):
         mission["ping_interval_h"] = schedule.interval / 3600.0
     files = list(dict.fromkeys(p.file for p in trajectories.poses))
-    config = with_tracks(ranges_config(files, ocean, mission=mission, **sections), trajectories)
+    config = with_tracks(ranges_config(files, ocean, mission=mission, **options), trajectories)
     out = simulate_mission(
-        config, Stopwatch(), progress or (lambda *_: None), tracks=trajectories, schedule=schedule
+        config,
+        Stopwatch(),
+        progress or (lambda *_: None),
+        tracks=trajectories,
+        schedule=schedule,
+        data=ocean if isinstance(ocean, xr.Dataset) else None,
     )
     return run_in_memory(config, out)
 
 
 def ranges_config(
     trajectories: Sequence[str | Path],
-    ocean: Source | Mapping[str, Any],
+    ocean: WaterSource | Mapping[str, Any],
     *,
     enu: bool = False,
-    **sections: Any,
+    **options: Any,
 ) -> StudyConfig:
     """Study of the ranges alone of trajectories in files, see `measure`; ``mantaray ranges`` runs it."""
-    if not isinstance(ocean, Mapping):
-        ocean = {"source": [str(one) for one in ([ocean] if isinstance(ocean, str | Path) else ocean)]}
-    study = {"name": "ranges", "conditions": [], **sections.pop("study", {})}
-    fleet = {"trajectories": [str(path) for path in trajectories], "enu": enu}
-    return parse_study({"study": study, "ocean": dict(ocean), "fleet": fleet, **sections}, "ranges")
+    sections = {name: options.pop(name) for name in list(options) if name in StudyConfig.model_fields}
+    tree = _water_tree(ocean)
+    for name, section in sections.items():
+        tree[name] = {**tree.get(name, {}), **section} if isinstance(section, Mapping) else section
+    tree["study"] = {"name": "ranges", "conditions": [], **sections.get("study", {})}
+    tree["fleet"] = {"trajectories": [str(path) for path in trajectories], "enu": enu}
+    for key, value in dotted_keys(options).items():
+        tree = with_key(tree, key, value)
+    return parse_study(tree, "ranges")
+
+
+def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
+    """Sections of a study that say through what sound runs; water at rest is enough, nobody drifts with it."""
+    if isinstance(ocean, Mapping) and not isinstance(ocean, xr.Dataset):
+        return {"ocean": dict(ocean)}
+    if isinstance(ocean, xr.Dataset):
+        words = [IN_MEMORY]
+    elif isinstance(ocean, SoundConfig):
+        return _dump(ocean)
+    elif isinstance(ocean, Medium):
+        raise StudyError("measure: a medium has no grid for vehicles; give a local ocean, or an ocean")
+    else:
+        words = [str(one) for one in ([ocean] if isinstance(ocean, str | Path) else ocean)]
+        if names_configuration(words):
+            return _dump(load_sound(words[0]))
+    return {"ocean": {"source": words, "currents": "rest"}}
+
+
+def _dump(config: SoundConfig) -> dict[str, Any]:
+    tree = config.model_dump(exclude_none=True, exclude_unset=True)
+    return {name: tree[name] for name in SoundConfig.model_fields if name in tree}

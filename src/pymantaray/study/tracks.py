@@ -91,7 +91,8 @@ def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfi
 
 def follow(tracks: Tracks, duration: float, period: float, pings: Array, local: xr.Dataset) -> Trajectories:
     """Trajectories as a study samples them in a local ocean: every period [s] from the first pose on, at the end, at every ping."""
-    frame = LocalFrame(*(local.attrs[f"centre_{axis}_deg"] for axis in ("latitude", "longitude")))
+    # water without a place has tracks in its own frame, for which any centre will do
+    frame = LocalFrame(*(local.attrs.get(f"centre_{axis}_deg", 0.0) for axis in ("latitude", "longitude")))
     grid = np.append(np.arange(0.0, duration * (1.0 - 1e-12), period), duration)
     truth = tracks.at(union_of_times(grid, pings), frame)
     place = truth.position[..., :2]

@@ -22,7 +22,7 @@ from pymantaray.study import StudyConfig
 from pymantaray.study.mission import range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, narrowed
 from pymantaray.sweep.store import Store, failure_content, stage_name
-from pymantaray.water.ocean import OceanFields, build_medium, mission_ocean
+from pymantaray.water.ocean import OceanFields, build_medium, is_profile, mission_ocean
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """The latest of each stage that this process has had, after its key, and what it took when it was computed. [s]"""
@@ -40,6 +40,8 @@ class Stages:
     @property
     def ocean(self) -> OceanFields:
         """Ocean of the mission."""
+        if is_profile(self._config.ocean):  # is read faster than kept
+            return mission_ocean(self._config)
         out: OceanFields = self._get(OCEAN, lambda: mission_ocean(narrowed(self._config, OCEAN)))
         return out
 
@@ -111,16 +113,15 @@ class Stages:
 def _pack_ocean(ocean: OceanFields) -> dict[str, xr.Dataset]:
     region = io.StringIO()
     ocean.region.to_csv(region)
-    groups = {"geographic": ocean.geographic, "local": ocean.local, "profile": ocean.profile}
-    if ocean.series is not None:
-        groups["series"] = ocean.series
+    fields = {name: getattr(ocean, name) for name in ("geographic", "local", "profile", "series")}
+    groups = {name: field for name, field in fields.items() if field is not None}
     return {"region": xr.Dataset(attrs={"csv": region.getvalue()}), **groups}
 
 
 def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
     region = pd.read_csv(io.StringIO(groups.pop("region").attrs["csv"]), index_col=0)
     groups["geographic"] = xr.decode_cf(groups["geographic"], decode_timedelta=False)
-    return OceanFields(region=region, **groups)
+    return OceanFields(groups["geographic"], groups["local"], groups["profile"], region, groups.get("series"))
 
 
 def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:

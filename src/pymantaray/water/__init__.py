@@ -1,1 +1,5 @@
 """What sound runs through, from any source: fields, medium, currents, and what receivers listen for."""
+
+from pymantaray.water.water import Source, Water, open_water, open_waters, water_of
+
+__all__ = ["Source", "Water", "open_water", "open_waters", "water_of"]

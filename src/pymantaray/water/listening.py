@@ -1,7 +1,5 @@
 """From configuration to what receivers listen for: sonar, losses, reflections and timing."""
 
-import xarray as xr
-
 from pymantaray.acoustics import (
     Absorption,
     FluidBottom,
@@ -11,7 +9,6 @@ from pymantaray.acoustics import (
     Sonar,
     WenzNoise,
 )
-from pymantaray.acoustics.profiles import Profile
 from pymantaray.config.sections import AcousticsSection, DetectionSection, RangingSection, SoundConfig
 from pymantaray.errors import StudyError
 from pymantaray.sensing import Detector, OneWay, Reception, Timing, TwoWay
@@ -28,7 +25,7 @@ def build_detector(config: SoundConfig, ocean: OceanFields) -> Detector | None:
     s = config.detection
     if s is None:
         return None
-    return detector_of(s, config.acoustics, ocean_absorption(s, ocean.geographic, config.ocean.centre))
+    return detector_of(s, config.acoustics, absorption_of(s, ocean, config.ocean.centre))
 
 
 def detector_of(s: DetectionSection, losses: AcousticsSection, absorption: Absorption | None) -> Detector:
@@ -92,25 +89,19 @@ def _surface(s: DetectionSection, losses: AcousticsSection) -> SeaSurface | IceC
     )
 
 
-def cast_absorption(s: DetectionSection, profile: Profile) -> Absorption | None:
-    """Absorption of a section in the water of a cast, which must have temperature and salinity for most formulas."""
-    if s.absorption == "none":
-        return None
-    if s.absorption == "thorp":
-        return Absorption.thorp()
-    if profile.water is None:
-        raise StudyError(
-            f"detection.absorption is {s.absorption}, but cast {profile.name} lacks temperature or salinity; take thorp or none"
-        )
-    return Absorption.from_profile(profile.depth, *profile.water, formula=s.absorption)
-
-
-def ocean_absorption(
-    s: DetectionSection, geographic: xr.Dataset, centre: tuple[float, float] | None
+def absorption_of(
+    s: DetectionSection, ocean: OceanFields, centre: tuple[float, float] | None
 ) -> Absorption | None:
-    """Absorption of a section in an ocean as its source has it."""
+    """Absorption of a section in an ocean or a cast, which must have temperature and salinity for most formulas."""
     if s.absorption == "none":
         return None
     if s.absorption == "thorp":
         return Absorption.thorp()
-    return Absorption.from_dataset(geographic, centre=centre, formula=s.absorption)
+    if ocean.geographic is not None:
+        return Absorption.from_dataset(ocean.geographic, centre=centre, formula=s.absorption)
+    if ocean.cast is None or ocean.cast.water is None:
+        raise StudyError(
+            f"detection.absorption is {s.absorption}, but {ocean.local.attrs.get('title', 'the water')} lacks temperature or"
+            " salinity; take thorp or none"
+        )
+    return Absorption.from_profile(ocean.cast.depth, *ocean.cast.water, formula=s.absorption)

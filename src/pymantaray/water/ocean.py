@@ -1,9 +1,10 @@
 """From the section `[ocean]` of a configuration to fields in the local frame, and to the medium and currents of rays."""
 
-import datetime as dt
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,9 +13,12 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
+from pymantaray.acoustics.profiles import Profile
 from pymantaray.config.sections import OceanSection, SoundConfig
+from pymantaray.errors import OceanError
 from pymantaray.ocean import (
     crop_around,
+    holds_casts,
     ocean_times,
     open_ocean,
     open_ocean_series,
@@ -26,6 +30,9 @@ from pymantaray.ocean import (
     with_ice,
 )
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
+from pymantaray.ocean.open import Source
+from pymantaray.water.instants import utc_instant
+from pymantaray.water.uniform import geographic_of, one_profile, profile_region, profile_spread, uniform_water
 from pymantaray.water.varying import series_of, snapshot_at
 
 
@@ -33,8 +40,8 @@ from pymantaray.water.varying import series_of, snapshot_at
 class OceanFields:
     """Fields of an ocean over a mission; if its source varies, all except `series` are of the last snapshot at or before the start."""
 
-    geographic: xr.Dataset
-    """Temperature, salinity and currents as the source has them: depth, lat, lon."""
+    geographic: xr.Dataset | None
+    """Temperature, salinity and currents as the source has them: depth, lat, lon; None of a profile."""
     local: xr.Dataset
     """Dimensions north, east, depth."""
     profile: xr.Dataset
@@ -43,6 +50,14 @@ class OceanFields:
     """Properties of the region, one row each."""
     series: xr.Dataset | None = None
     """The local ocean over the mission: time [s], north, east, depth; None if it stands still."""
+    cast: Profile | None = None
+    """The profile that the water has everywhere, if it has."""
+    unbounded: bool = False
+    """True if rays meet no side of the domain: that of a profile without a map, whose size nobody gave."""
+    record: dict[str, Any] = field(default_factory=dict)
+    """How a profile was reduced, for files."""
+    notes: tuple[str, ...] = ()
+    """What is doubtful about the source."""
 
     @property
     def drift(self) -> xr.Dataset:
@@ -61,9 +76,25 @@ class OceanFields:
         return self.local if self.series is None else snapshot_at(self.series, time)
 
 
-def build_ocean(section: OceanSection, duration: float) -> OceanFields:
-    """Ocean of a configuration over the duration of a mission [s], in its local frame."""
-    oceans, time = _open(section, duration)
+def build_ocean(
+    section: OceanSection,
+    duration: float,
+    *,
+    interpolation: Interpolation = "smooth",
+    data: xr.Dataset | None = None,
+) -> OceanFields:
+    """
+    Ocean of a configuration over the duration of a mission [s], in its local frame.
+
+    ``data`` is an ocean in memory in place of the section's source. The medium's interpolation matters to profiles that are
+    thinned.
+    """
+    if data is None and is_profile(section):
+        return profile_fields(section, one_profile(section), interpolation)
+    for key in ("thin", "smooth"):
+        if getattr(section, key) is not None:
+            raise OceanError(f"ocean.{key} (--{key}): goes with a profile, not with an ocean; leave it out")
+    oceans, time = _open(section, duration, data)
     geographic = oceans[0]
     sea_floor = build_sea_floor(section, geographic)
 
@@ -82,10 +113,33 @@ def build_ocean(section: OceanSection, duration: float) -> OceanFields:
     )
 
 
-def mission_ocean(config: SoundConfig) -> OceanFields:
-    """Ocean of a configuration, over the duration of its mission if it varies."""
+def is_profile(section: OceanSection) -> bool:
+    """True if the source is a profile or cast, the same water everywhere."""
+    first = section.source[0]
+    return Path(first).is_file() and holds_casts(first)
+
+
+def profile_fields(section: OceanSection, profile: Profile, interpolation: Interpolation) -> OceanFields:
+    """Ocean of one profile, the same everywhere."""
+    water = uniform_water(section, profile, interpolation)
+    local = _with_tide(section, water.local)
+    return OceanFields(
+        geographic=None,
+        local=local,
+        profile=profile_spread(water.local),
+        region=profile_region(water.local),
+        cast=profile,
+        unbounded=section.half_extent is None and section.internal_tide is None,
+        record=water.record,
+        notes=water.notes,
+    )
+
+
+def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanFields:
+    """Ocean of a configuration, or in memory, over the duration of its mission if it varies."""
     section = config.ocean
-    return build_ocean(section, config.mission.duration_h * 3600.0 if section.time_varying else 0.0)
+    duration = config.mission.duration_h * 3600.0 if section.time_varying else 0.0
+    return build_ocean(section, duration, interpolation=config.acoustics.interpolation, data=data)
 
 
 def _at_domain(section: OceanSection, geographic: xr.Dataset) -> xr.Dataset:
@@ -104,7 +158,10 @@ def local_ocean(section: OceanSection, geographic: xr.Dataset, sea_floor: xr.Dat
         sea_floor=sea_floor,
         equation=section.equation,
     )
-    local = local if section.ice is None else with_ice(local, section.ice)
+    return _with_tide(section, local if section.ice is None else with_ice(local, section.ice))
+
+
+def _with_tide(section: OceanSection, local: xr.Dataset) -> xr.Dataset:
     tide = section.internal_tide
     if tide is None:
         return local
@@ -114,40 +171,53 @@ def local_ocean(section: OceanSection, geographic: xr.Dataset, sea_floor: xr.Dat
 
 
 def build_sea_floor(section: OceanSection, geographic: xr.Dataset) -> xr.DataArray | None:
-    """Sea floor of a study where it has a file of its own."""
-    if section.bathymetry is None:
+    """Sea floor on latitude and longitude that a section gives, from a file or of one depth; None if it gives none. [m]"""
+    bed = section.bathymetry
+    if bed is None:
         return None
-    return open_sea_floor(section.bathymetry, window=window_of(geographic))
+    if isinstance(bed, str):
+        return open_sea_floor(bed, window=window_of(geographic), crs=section.bathymetry_crs)
+    flat = xr.full_like(geographic["water_temp"].isel(depth=0, drop=True), bed)
+    return flat.rename("sea_floor_depth").assign_attrs(units="m", source="one depth")
 
 
 def open_start(section: OceanSection) -> xr.Dataset:
-    """Geographic ocean of a study's start."""
-    return _open(section, 0.0)[0][0]
+    """Geographic ocean of a study's start; of a cast, the same water everywhere."""
+    if is_profile(section):
+        return geographic_of(section, one_profile(section))
+    return _open(section, 0.0, None)[0][0]
 
 
-def mission_start(section: OceanSection) -> np.datetime64:
+def open_geographic(config: SoundConfig) -> tuple[xr.Dataset, xr.DataArray | None]:
+    """Ocean on latitude and longitude of a configuration at its start, and the sea floor that it gives, if it gives one. [m]"""
+    geographic = open_start(config.ocean)
+    return geographic, build_sea_floor(config.ocean, geographic)
+
+
+def mission_start(section: OceanSection, data: xr.Dataset | None = None) -> np.datetime64:
     """Start of a mission; the first time of its source if it names none."""
     if section.time is None:
-        return np.datetime64(ocean_times(section.source)[0], "ns")
+        return np.datetime64(ocean_times(_source(section, data), section.names)[0], "ns")
     return utc_instant(section.time)
 
 
-def utc_instant(time: dt.datetime) -> np.datetime64:
-    """Instant of a configuration's time, in UTC if it names no zone."""
-    if time.tzinfo is not None:
-        time = time.astimezone(dt.UTC).replace(tzinfo=None)
-    return np.datetime64(time, "ns")
+def _source(section: OceanSection, data: xr.Dataset | None) -> Source:
+    return section.source if data is None else data
 
 
-def _open(section: OceanSection, duration: float) -> tuple[list[xr.Dataset], NDArray[np.float64]]:
+def _open(
+    section: OceanSection, duration: float, data: xr.Dataset | None
+) -> tuple[list[xr.Dataset], NDArray[np.float64]]:
     """Snapshots of a mission, the only one where the ocean stands still, and when they are. [s]"""
+    source = _source(section, data)
+    options: dict[str, Any] = {"currents": section.currents, "names": section.names}
     if not section.time_varying:
         time = None if section.time is None else mission_start(section)
-        return [open_ocean(section.source, time=time, currents=section.currents)], np.zeros(1)
-    start = mission_start(section)
+        return [open_ocean(source, time=time, **options)], np.zeros(1)
+    start = mission_start(section, data)
     second = np.timedelta64(1_000_000_000, "ns")
     stop = start + round(duration * 1e9) * np.timedelta64(1, "ns")
-    oceans = list(open_ocean_series(section.source, start, stop, currents=section.currents))
+    oceans = list(open_ocean_series(source, start, stop, **options))
     return oceans, np.array([(ocean["time"].values - start) / second for ocean in oceans])
 
 
@@ -158,7 +228,10 @@ def build_medium(config: SoundConfig, ocean: OceanFields) -> Medium | Callable[[
 
 
 def _medium_at(ocean: OceanFields, interpolation: Interpolation, time: float) -> Medium:
-    return Medium.from_dataset(ocean.local_at(time), interpolation=interpolation)
+    local = ocean.local_at(time)
+    if ocean.unbounded:
+        local = local.isel(north=[0], east=[0])  # one point of an axis: no variation along it, and no end
+    return Medium.from_dataset(local, interpolation=interpolation)
 
 
 def build_currents(config: SoundConfig, ocean: OceanFields) -> Currents | Callable[[float], Currents] | None:

@@ -1,0 +1,105 @@
+"""The water that options of a command ask for: from files, a profile or cast, a configuration or a run."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pymantaray.cli.options import ArrivalOptions, SourceOptions, WaterOptions
+from pymantaray.errors import WaterError
+
+if TYPE_CHECKING:
+    from pymantaray.acoustics.medium import Interpolation
+    from pymantaray.water import Water
+
+
+OF_THE_SOURCE = {
+    "bathymetry": "--sea-floor",
+    "thin": "--thin",
+    "smooth": "--smooth",
+    "names": "--name",
+    "half_extent": "--half-extent",
+    **{name: f"--{name}" for name in ("ice", "equation", "centre", "time")},
+}
+"""Options of water, and what they are on the command line, that a run's ocean has already."""
+
+
+def load_water(
+    source: SourceOptions,
+    options: WaterOptions,
+    search: ArrivalOptions | None = None,
+    *,
+    default: "Interpolation | None" = None,
+    sections: dict[str, Any] | None = None,
+    changes: dict[str, Any] | None = None,
+) -> "Water":
+    """
+    Water of the one source that is given, its record naming the source.
+
+    The interpolation, if none is asked for, is ``default``, or else that of a run or configuration, or else smooth.
+    ``sections`` are keys of a file, which options override; ``changes`` are values by dotted key, which override these.
+    """
+    waters = load_waters(source, options, search, default=default, sections=sections, changes=changes)
+    if len(waters) > 1:
+        names = ", ".join(water.name for water in waters[:4]) + (", ..." if len(waters) > 4 else "")
+        raise WaterError(f"{source.words[0]}: holds {len(waters)} casts ({names}); one is needed: keep one")
+    return waters[0]
+
+
+def load_waters(
+    source: SourceOptions,
+    options: WaterOptions,
+    search: ArrivalOptions | None = None,
+    *,
+    default: "Interpolation | None" = None,
+    sections: dict[str, Any] | None = None,
+    changes: dict[str, Any] | None = None,
+) -> "list[Water]":
+    """Waters of a source that may hold several casts, one each; otherwise as `load_water`."""
+    from pymantaray.water import open_waters
+
+    arrivals = {} if search is None else search.keys
+    keys = (sections or {}) | options.keys | arrivals | (changes or {})
+    if source.run is not None:
+        return [_of_run(source.run, keys, default)]
+    if options.interpolation is None and default is not None:
+        keys["interpolation"] = default
+    return open_waters(source.words, **keys)
+
+
+def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None") -> "Water":
+    """Water of a finished study at its start."""
+    from dataclasses import replace
+
+    fixed = [key for key in keys if key in OF_THE_SOURCE]
+    if fixed:
+        raise WaterError(f"{OF_THE_SOURCE[fixed[0]]}: goes with --ocean and --profile; a run has its own")
+    from pymantaray.study import open_run
+    from pymantaray.water import open_water
+
+    run = open_run(folder)
+    keys.setdefault("interpolation", default or run.config.acoustics.interpolation)
+    water = open_water(run.ocean, **keys)
+    return replace(water, record={"run": str(folder), **water.record})
+
+
+def search_record(water: "Water") -> dict[str, Any]:
+    """Which eigenrays count as arrivals in a water, for files."""
+    heard = water.reception
+    return {
+        "max_surface_bounces": heard.max_surface_bounces,
+        "max_bottom_bounces": heard.max_bottom_bounces,
+        "cutoff_db": "off" if heard.spreading_cutoff_db is None else heard.spreading_cutoff_db,
+    }
+
+
+def water_notes(water: "Water") -> list[str]:
+    """What to tell the user of a water: its domain if it has sides, and what is doubtful about it."""
+    if water.uniform or water.local is None or water.frame is None:
+        return list(water.notes)
+    medium, _ = water.at_start
+    named = " ".join(water.record.get("ocean") or [water.record.get("run", "")])
+    bed = medium.bathymetry
+    domain = (
+        f"{named}: north +-{medium.north[-1]:.0f} m, east +-{medium.east[-1]:.0f} m about {water.frame.latitude_deg:g} N"
+        f" {water.frame.longitude_deg:g} E, sea bed {bed.min():.0f} to {bed.max():.0f} m"
+    )
+    return [domain, *water.notes]

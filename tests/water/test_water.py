@@ -1,0 +1,156 @@
+"""Water from any source is the same water, and the same options mean the same."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from refusals import refused
+
+from pymantaray.acoustics import Currents, Medium, find_eigenrays, thin_profile
+from pymantaray.config import load_sound
+from pymantaray.errors import MantaRayError, OceanError, WaterError
+from pymantaray.ocean import open_ocean, to_local, with_ice
+from pymantaray.records import RayStatus
+from pymantaray.water import Water, open_water, open_waters
+
+HALF = 15e3
+DEPTH = np.array([0.0, 40.0, 90.0, 200.0, 600.0])
+SPEED = np.array([1436.0, 1435.0, 1442.0, 1447.0, 1455.0])
+SOURCE, RECEIVER = (
+    np.array([[0.0, 0.0, 30.0]] * 3),
+    np.array([[4000.0, 0.0, 60.0], [0, 3000, 300], [-2e3, 1e3, 20]]),
+)
+
+
+@pytest.fixture(scope="module")
+def fram():
+    return open_ocean("synthetic:fram")
+
+
+@pytest.fixture
+def profile(tmp_path):
+    rows = "\n".join(f"{z},{c}" for z, c in zip(DEPTH, SPEED, strict=True))
+    path = tmp_path / "profile.csv"
+    path.write_text(f"depth,sound_speed\n{rows}\n")
+    return path
+
+
+def times(water, bounces=0):
+    arrivals = find_eigenrays(water.medium, SOURCE, RECEIVER, bounces, bounces)
+    return arrivals.link, arrivals.travel_time
+
+
+def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path):
+    fram.to_netcdf(tmp_path / "fram.nc")
+    (tmp_path / "fram.toml").write_text('[ocean]\nsource = "fram.nc"\n')
+    sources = ["synthetic:fram", tmp_path / "fram.nc", [tmp_path / "fram.nc"], tmp_path / "fram.toml", fram]
+    sources.append(load_sound(tmp_path / "fram.toml"))
+    waters = [open_water(source, half_extent=HALF, ice=2.0) for source in sources]
+    expected = Medium.from_dataset(with_ice(to_local(fram, half_extent=(HALF, HALF)), 2.0))
+    for water in waters:
+        np.testing.assert_array_equal(water.medium.field, expected.field)
+        np.testing.assert_array_equal(water.medium.ice_draft, expected.ice_draft)
+        assert water.frame is not None
+        assert water.frame.latitude_deg == waters[0].frame.latitude_deg
+
+
+def test_a_local_ocean_is_taken_as_it_is(fram):
+    local = to_local(fram, half_extent=(HALF, HALF))
+    water = open_water(local, max_surface_bounces=2)
+    np.testing.assert_array_equal(water.medium.field, Medium.from_dataset(local).field)
+    assert water.reception.max_surface_bounces == 2
+    refused(WaterError, "ocean.ice: a local ocean is what it is", open_water, local, ice=1.0)
+
+
+def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile):
+    water = open_water(profile, bathymetry=700.0, ice=3.0)
+    by_hand = Medium.from_profile(DEPTH, SPEED, bottom_depth=700.0, ice_draft=3.0)
+    for mine, its in zip(times(water, 1), times(Water(by_hand), 1), strict=True):
+        np.testing.assert_array_equal(mine, its)
+    assert water.uniform
+    assert water.frame is None
+    assert water.record["bottom_depth_m"] == 700.0
+
+
+def test_a_profile_with_sides_ends_there_and_is_the_same_inside(profile):
+    bounded = open_water(profile, bathymetry=700.0, half_extent=3500.0)
+    free = open_water(profile, bathymetry=700.0)
+    inside, everywhere = (find_eigenrays(water.medium, SOURCE, RECEIVER).first() for water in (bounded, free))
+    assert [RayStatus(code).name for code in inside.status[:2]] == ["OUTSIDE", "OK"]
+    np.testing.assert_allclose(inside.travel_time[1:], everywhere.travel_time[1:], rtol=0, atol=1e-9)
+
+
+def test_a_raw_cast_is_thinned_as_by_hand(tmp_path):
+    z = np.arange(0.0, 301.0)
+    c = 1450.0 + 0.05 * np.abs(z - 120.0)
+    path = tmp_path / "raw.csv"
+    path.write_text(
+        "depth,sound_speed\n" + "\n".join(f"{a:.17g},{b:.17g}" for a, b in zip(z, c, strict=True))
+    )
+    refused(
+        MantaRayError,
+        "raw.csv: 301 levels less than 2 m apart are a raw cast",
+        open_water,
+        path,
+        bathymetry=400.0,
+    )
+    water = open_water(path, bathymetry=400.0, thin=0.01, interpolation="linear")
+    kept = thin_profile(z, c, tolerance=0.01, interpolation="linear")
+    np.testing.assert_array_equal(water.medium.depth, kept.depth)
+    assert water.record["thinned"]["rms_change_m_s"] == kept.rms_change
+
+
+def test_several_casts_are_a_water_each(tmp_path):
+    path = tmp_path / "casts.csv"
+    rows = [
+        f"{name},2020-03-0{day}T12:00,{z},{c}"
+        for name, day in (("A", 1), ("B", 2))
+        for z, c in ((0, 1440), (90, 1450))
+    ]
+    path.write_text("station,time,depth,sound_speed\n" + "\n".join(rows) + "\n")
+    waters = open_waters(path, bathymetry=100.0)
+    assert [water.name for water in waters] == ["A", "B"]
+    assert waters[1].time == np.datetime64("2020-03-02T12:00")
+    refused(WaterError, r"holds 2 casts \(A, B\); one is needed", open_water, path, bathymetry=100.0)
+
+
+def test_one_depth_is_the_sea_floor_of_an_ocean_too(fram):
+    water = open_water(fram, half_extent=HALF, bathymetry=900.0)
+    np.testing.assert_allclose(water.medium.bottom_depth([[0.0, 0.0], [9e3, -9e3]]), 900.0, rtol=0, atol=1e-9)
+    assert open_water(fram, half_extent=HALF).medium.bathymetry.min() > 2000.0
+
+
+def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path):
+    depth = xr.full_like(fram["water_temp"][0], 500.0).drop_vars("depth") + 0.1 * (fram["lat"] - 79.0)
+    depth.attrs = {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}
+    depth.drop_vars("time").rename("deptho").to_netcdf(tmp_path / "floor.nc")
+    options = {"bathymetry": tmp_path / "floor.nc", "half_extent": 20e3}
+    refused(OceanError, "ocean.bathymetry is a map; over a profile it needs", open_water, profile, **options)
+    water = open_water(profile, centre=(79.0, 1.0), **options)
+    at_north = water.medium.bottom_depth([[15e3, 0.0]])[0]
+    assert at_north == pytest.approx(500.0 + 0.1 * 15e3 / 111.7e3, abs=1e-3)
+    assert water.frame.latitude_deg == 79.0
+
+
+def test_currents_are_carried_on_request_only(fram):
+    assert open_water(fram, half_extent=HALF).currents is None
+    carried = open_water(fram, half_extent=HALF, currents="carry").currents
+    local = to_local(fram, half_extent=(HALF, HALF))
+    np.testing.assert_array_equal(carried.velocity, Currents.from_dataset(local).velocity)
+
+
+def test_an_unknown_option_names_the_nearest():
+    refused(
+        WaterError,
+        "bathymtry: unknown option of water; did you mean bathymetry",
+        open_water,
+        "synthetic:fram",
+        bathymtry=9.0,
+    )
+    refused(
+        WaterError,
+        "a medium takes no options; found ice",
+        open_water,
+        Medium.from_profile(DEPTH, SPEED, bottom_depth=700.0),
+        ice=1.0,
+    )
+    refused(MantaRayError, "ocean.thin .--thin.: goes with a profile", open_water, "synthetic:fram", thin=0.1)
