@@ -1,11 +1,13 @@
 """Where the vehicles are: layout in plan and in depth, and the factor graph that joins them."""
 
+from collections.abc import Callable
 from itertools import takewhile
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
@@ -18,6 +20,11 @@ from pymantaray.report.figures import range_ends, register
 _ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down
 _SHALLOWEST = 0.05  # km; depth of the axes where nobody dives
 _LONG = 6  # letters; longer names cover each other
+_LETTER, _KEY_MARK, _KEY_LINE = (
+    0.058,
+    0.42,
+    0.16,
+)  # of a key below a figure: width of a letter and of a mark, a line's height [in]
 _WAYS = np.array([(1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (-1, -1), (0, 1), (0, -1)])  # from mark to name
 _REACH = (3.0, 9.0, 16.0, 24.0)  # points
 _NAME: dict[str, Any] = {
@@ -35,16 +42,16 @@ _MAX_VERTICES = 600  # of a chain in three dimensions, where every vertex costs
 def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
     """Fleet in plan, in depth over time, and in three dimensions."""
     colours = style.vehicle_colours(truth.name.size)
-    figure = style.new_figure(style.DOUBLE, 4.6, header, layout=None)
-    plan = figure.add_axes((0.075, 0.47, 0.40, 0.45))
-    solid = figure.add_axes((0.50, 0.40, 0.44, 0.54), projection="3d")
-    time = figure.add_axes((0.075, 0.09, 0.90, 0.24))
+    figure, place = _figure_with_key(style.DOUBLE, 4.6, header, _key(truth, measurements, colours))
+    plan = figure.add_axes(place(0.075, 0.47, 0.40, 0.45))
+    solid = figure.add_axes(place(0.50, 0.40, 0.44, 0.54), projection="3d")
+    time = figure.add_axes(place(0.075, 0.09, 0.90, 0.24))
     _draw_plan(plan, truth, measurements, colours)
     assert isinstance(solid, Axes3D)
     _draw_solid(solid, truth, measurements, colours)
     _draw_depths(time, truth, colours)
     style.panel_title(plan, "a", "plan")
-    figure.text(0.55, 0.9335, "(b) start, greatest depth and track", fontsize=7.5)
+    figure.text(*place(0.55, 0.9335)[:2], "(b) start, greatest depth and track", fontsize=7.5)
     style.panel_title(time, "c", "depth")
     return figure
 
@@ -53,8 +60,8 @@ def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -
 def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
     """Factor graph in three dimensions: each vehicle's chain of poses coloured, ranges grey."""
     colours = style.vehicle_colours(truth.name.size)
-    figure = style.new_figure(style.COLUMN, 3.1, header, layout=None)
-    axes = figure.add_axes((-0.03, 0.08, 0.96, 0.88), projection="3d")
+    figure, place = _figure_with_key(style.COLUMN, 3.1, header, _key(truth, measurements, colours))
+    axes = figure.add_axes(place(-0.03, 0.08, 0.96, 0.88), projection="3d")
     assert isinstance(axes, Axes3D)
     heard = np.isin(measurements.range_status, ARRIVES)
     edges = np.stack(range_ends(truth, measurements), axis=1)[heard]
@@ -71,10 +78,41 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
         axes.plot(*start[_ENU, None], "o", color=colour, markersize=3.4, markeredgecolor="white", zorder=8)
     _finish(axes, truth, measurements, starts)
     poses = truth.position.shape[0] * truth.position.shape[1]
-    figure.text(
-        0.5, 0.02, f"{poses:,} poses, {len(edges):,} range edges", ha="center", fontsize=6.5, color=style.GREY
-    )
+    words = f"{poses:,} poses, {len(edges):,} range edges"
+    figure.text(*place(0.5, 0.02)[:2], words, ha="center", fontsize=6.5, color=style.GREY)
     return figure
+
+
+def _key(truth: Trajectories, measurements: Measurements, colours: list[str]) -> list[Line2D]:
+    """Legend of the marks of vehicles and landmarks that are not their names."""
+    vehicles = zip(_marks(truth.name), truth.name.tolist(), colours, strict=True)
+    landmarks = zip(_marks(measurements.landmark_name, "L"), measurements.landmark_name.tolist(), strict=True)
+    looks = [(mark, name, {"color": colour, "marker": "o"}) for mark, name, colour in vehicles]
+    looks += [(mark, name, {"color": style.INK, "marker": "^"}) for mark, name in landmarks]
+    return [
+        style.entry(style.plain(f"{mark}: {style.short(name)}"), linestyle="none", markersize=3.6, **look)
+        for mark, name, look in looks
+        if mark != name
+    ]
+
+
+def _figure_with_key(
+    width: float, height: float, header: str, key: list[Line2D]
+) -> tuple[Figure, Callable[..., tuple[float, float, float, float]]]:
+    """Figure with a key below its panels, and a function that moves a panel of the figure without it up; both in inches."""
+    longest = max((len(str(entry.get_label())) for entry in key), default=0)
+    columns = max(1, int(width / (_LETTER * longest + _KEY_MARK)))
+    room = _KEY_LINE * -(-len(key) // columns)
+    figure = style.new_figure(width, height + room, header, layout=None)
+    if key:
+        style.common_legend(figure, key, loc="lower center", ncols=min(columns, len(key)), handletextpad=0.2)
+
+    def place(
+        left: float, low: float, wide: float = 0.0, high: float = 0.0
+    ) -> tuple[float, float, float, float]:
+        return left, (low * height + room) / (height + room), wide, high * height / (height + room)
+
+    return figure, place
 
 
 def _draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, colours: list[str]) -> None:
@@ -192,7 +230,7 @@ register(
     of_mission=True,
     caption="Fleet layout: (a) start positions and drift in plan, (b) start (dotted line downward to the vehicle's"
     " greatest depth) and track, (c) depth against time. Each vehicle has one colour in all figures"
-    " of the fleet.",
+    " of the fleet; names that are too long for the plan are numbered, with a key below.",
     draw=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header),
 )
 register(
