@@ -175,8 +175,8 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
         if k == 0 and isinstance(norm, LogNorm):
             bar.set_label(labels[k])
             bar.outline.set_linewidth(0.4)
-            bar.ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             style.short_numbers(bar.ax.xaxis)
+            bar.ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         else:
             finish_bar(bar, labels[k])
     figure.draw_without_rendering()

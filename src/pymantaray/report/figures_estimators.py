@@ -59,8 +59,9 @@ def error_and_consistency(
         style.short_numbers(panel.xaxis)
     for panel in grid[1:]:
         panel.tick_params(axis="y", left=False)
-    for panel in grid[:2]:
-        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if panels == 2 else (1.0,)))
+    if panels == 2:
+        for panel in grid:
+            panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     return figure
 
 

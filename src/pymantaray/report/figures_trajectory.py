@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from pymantaray.report import style
@@ -40,9 +40,9 @@ def _caption_over_time(results: Results) -> str:
     shown = _shown_over_time(results)
     shaded = ", quartiles shaded" if len(shown) <= style.HEADER_LINE else ""
     others = "; estimators are in the next figure" if len(shown) < len(results.errors) else ""
+    fixes = "; GNSS fixes are marked at the bottom" if results.fixes.any() else ""
     return (
-        f"Position error of each vehicle over time: median of {results.realizations}{shaded}{others};"
-        " GNSS fixes are marked at the bottom."
+        f"Position error of each vehicle over time: median of {results.realizations}{shaded}{others}{fixes}."
     )
 
 
@@ -87,7 +87,7 @@ def error_over_time(
     """Position error of every vehicle over time: median over the realizations; of few conditions quartiles shaded."""
     columns = min(3, max(len(names), 1))
     rows = max(-(-len(names) // columns), 1)
-    lines = style.legend_lines(len(errors) + 1)
+    lines = style.legend_lines(len(errors) + bool(fixes.any()))
     legend = 0.06 + 0.14 * lines if lines else 0.0  # room for it below the panels [in]
     width, height = style.DOUBLE, 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
     figure = style.new_figure(width, height, header, layout=None)
@@ -97,7 +97,7 @@ def error_over_time(
         right=1.0 - 0.18 / width,
         bottom=(0.45 + legend) / height,
         top=1.0 - 0.42 / height,
-        wspace=0.07,
+        wspace=0.15,
         hspace=0.38,
     )
     hours = time / 3600.0
@@ -120,6 +120,7 @@ def error_over_time(
         axes.set_yscale("log")
         axes.yaxis.set_minor_locator(NullLocator())
         axes.set_xlim(hours[0], hours[-1])
+        axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         axes.set_title(style.plain(names[i]), loc="left", fontweight="bold")
         marks = np.repeat(hours[fixes[i]], 3), np.tile([0.0, 0.045, np.nan], int(fixes[i].sum()))
         look: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "solid_capstyle": "butt"}
@@ -136,7 +137,9 @@ def error_over_time(
         )
         for name in errors
     ]
-    style.common_legend(figure, [*handles, style.entry("GNSS fix", color=style.SKY, linewidth=2.5)])
+    if fixes.any():
+        handles.append(style.entry("GNSS fix", color=style.SKY, linewidth=2.5))
+    style.common_legend(figure, handles)
     return figure
 
 

@@ -21,7 +21,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
-from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from pymantaray.errors import WriteError
@@ -64,6 +64,7 @@ CONDITION_LABELS = {
 _MORE_COLOURS = (PINK, "#882255", "#332288", "#999933", "#44AA99", "#AA4499")  # after Okabe and Ito, Tol
 DISTINCT = len(_MORE_COLOURS)
 """Conditions besides the study's own that have a colour each."""
+_MOST_DECADES = 9  # ticks at powers of ten
 _PER_LINE = 5  # entries of a legend below the panels
 _MARKERS = "osD^v<>phd"
 _SIGNS = dict(zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True))  # of markers in text
@@ -187,6 +188,23 @@ def panel_title(axes: Axes, letter: str, text: str) -> None:
     axes.set_title(f"({letter}) {text}", loc="left")
 
 
+class LogTicks(LogLocator):
+    """Ticks of a logarithmic axis: powers of ten, else 1, 2 and 5 of each decade, else even steps; always at least two."""
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        """Ticks from one value to another."""
+        low, high = sorted((vmin, vmax))
+        if not low > 0.0:
+            return super().tick_values(vmin, vmax)
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
+        for subs in ((1.0,), (1.0, 2.0, 5.0)):
+            ticks = np.outer(decades, subs).ravel()
+            inside = ticks[(ticks >= low * (1.0 - 1e-9)) & (ticks <= high * (1.0 + 1e-9))]
+            if inside.size > 1:
+                return inside[:: -(-inside.size // _MOST_DECADES)] if len(subs) == 1 else inside
+        return MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(low, high)
+
+
 def short_numbers(axis: Axis) -> None:
     """Write major ticks of a logarithmic axis, and only these: as 0.1, 1, 10, on an axis up to 100,000 and more as powers of ten."""
     powers = LogFormatterMathtext()
@@ -195,6 +213,7 @@ def short_numbers(axis: Axis) -> None:
     def text(value: float, position: int | None) -> str:
         return powers(value, position) if axis.get_view_interval()[1] >= 1e5 else f"{value:g}"
 
+    axis.set_major_locator(LogTicks())
     axis.set_major_formatter(FuncFormatter(text))
     axis.set_minor_formatter(NullFormatter())
 
