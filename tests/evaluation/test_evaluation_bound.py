@@ -139,6 +139,12 @@ def test_errors_at_pings_by_hand():
     table = ping_error_table(truth, factories.estimates(truth, estimate), o).set_index("condition")
     assert table.loc["straight", ["n", "median_m", "from_straight_rmse_m"]].tolist() == [6, 2.5, 0.0]
     assert table.loc["straight", "rmse_m"] == pytest.approx(np.sqrt((25 + 25 + 144) / 6))
+    squares = (
+        25.0 / 3.0,
+        (25.0 + 144.0) / 3.0,
+    )  # of either realization: B errs by 5 m in both, C by 12 m in one
+    error = 0.5 * (squares[1] - squares[0]) / (2.0 * table.loc["straight", "rmse_m"])
+    assert table.loc["straight", "rmse_standard_error_m"] == pytest.approx(error)
     assert table.loc["refracted", "from_straight_rmse_m"] == pytest.approx(np.sqrt((9 + 9) / 6))
     assert table["bound_rmse_m"].isna().all()
     bounds = dict.fromkeys(table.index, error_bound(truth, o))

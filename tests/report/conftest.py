@@ -13,6 +13,7 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
 
 from pymantaray.records import RayStatus, SolveStatus, write_netcdf
+from pymantaray.replay import DetectionRule, Replay
 from pymantaray.study import load_study, open_run, store, study_toml
 
 N_TIME, PERIOD = 121, 600.0
@@ -201,6 +202,34 @@ def tables():
         unknowns=pd.concat([modes, unknown_rows("clocks", clocks, 1e-3, sigma, error)]),
         consistency_rows=consistency_rows,
     )
+
+
+@pytest.fixture(scope="session")
+def made_replay():
+    """Forty events of two nodes, every other one after a bounce; residuals count them."""
+    n = np.arange(40)
+    events = pd.DataFrame(
+        {
+            "time_s": 45.0 * n,
+            "source": np.where(n % 2, "B", "A"),
+            "receiver": np.where(n % 2, "A", "B"),
+            "pair": "A and B",
+            "source_depth_m": 30.0,
+            "receiver_depth_m": 150.0,
+            "measured_s": 2.0 + 1e-3 * n,
+            "sigma_s": np.nan,
+            "distance_m": 3e3,
+            "status": "ok",
+            "predicted_s": 2.0,
+            "surface_bounces": n % 2,
+            "bottom_bounces": 0,
+            "near_limit": False,
+            "residual_s": 1e-3 * n,
+            "residual_m": 1.5 * n,
+        }
+    ).astype({"surface_bounces": "Int64", "bottom_bounces": "Int64"})
+    candidates = pd.DataFrame({"event": n, "travel_time_s": 2.0, "loss_db": 70.0})
+    return Replay(events, DetectionRule.parse("first"), 60.0, 1, candidates)
 
 
 def texts(figure):

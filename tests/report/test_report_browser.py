@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from pymantaray.replay import DetectionRule, Replay
 from pymantaray.report import write_atlas_page, write_comparison, write_replay, write_report, write_sweep_page
 
 axe = pytest.importorskip(
@@ -77,32 +76,8 @@ def comparison_file(run_folder, made_run, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def replay_file(tmp_path_factory):
-    """Forty events of two nodes, every other one after a bounce; residuals count them."""
-    n = np.arange(40)
-    events = pd.DataFrame(
-        {
-            "time_s": 45.0 * n,
-            "source": np.where(n % 2, "B", "A"),
-            "receiver": np.where(n % 2, "A", "B"),
-            "pair": "A and B",
-            "source_depth_m": 30.0,
-            "receiver_depth_m": 150.0,
-            "measured_s": 2.0 + 1e-3 * n,
-            "sigma_s": np.nan,
-            "distance_m": 3e3,
-            "status": "ok",
-            "predicted_s": 2.0,
-            "surface_bounces": n % 2,
-            "bottom_bounces": 0,
-            "near_limit": False,
-            "residual_s": 1e-3 * n,
-            "residual_m": 1.5 * n,
-        }
-    ).astype({"surface_bounces": "Int64", "bottom_bounces": "Int64"})
-    candidates = pd.DataFrame({"event": n, "travel_time_s": 2.0, "loss_db": 70.0})
-    replay = Replay(events, DetectionRule.parse("first"), 60.0, 1, candidates)
-    return write_replay(replay, tmp_path_factory.mktemp("replay") / "out")
+def replay_file(made_replay, tmp_path_factory):
+    return write_replay(made_replay, tmp_path_factory.mktemp("replay") / "out")
 
 
 @pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])

@@ -1,9 +1,12 @@
 """Numbers, names and legends of figures can be read: no offsets, no missing or colliding ticks, a key to every number."""
 
+import re
+
 import numpy as np
 import pytest
 from matplotlib.ticker import ScalarFormatter
 
+from pymantaray.report import replay as replay_page
 from pymantaray.report import style
 from pymantaray.report.figures import Results, run_plates
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
@@ -114,6 +117,14 @@ def test_ticks_of_errors_over_time_do_not_touch(look, hours, vehicles):
     for i, box in enumerate(found):
         for other in found[i + 1 :]:
             assert not box.padded(1.0).overlaps(other), "two tick labels touch"
+
+
+def test_a_replay_calls_the_share_of_predicted_events_by_its_name(made_replay, tmp_path, monkeypatch):
+    monkeypatch.setattr(replay_page, "draw", lambda *_, **__: [])
+    text = replay_page.write_replay(made_replay, tmp_path / "out").read_text(encoding="utf-8")
+    heads = re.findall("<th[^>]*>(.*?)</th>", text)
+    assert "predicted [%]" in heads
+    assert not [head for head in heads if "dropout" in head]
 
 
 def test_gnss_is_in_the_legend_exactly_where_there_is_a_fix(look, run, made_run, tmp_path):

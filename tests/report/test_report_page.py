@@ -18,8 +18,9 @@ from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.report import write, write_report
 from pymantaray.report.figures import Results
-from pymantaray.report.page import heading, headlines, run_page, show
+from pymantaray.report.page import heading, headlines, run_page, show, show_alike, show_table
 from pymantaray.report.parts import ReportProcess
+from pymantaray.report.tables import TABLES as TABLES_OF_PAGE
 from pymantaray.study import open_run
 from pymantaray.study.folder import staged_parts
 
@@ -306,9 +307,53 @@ def test_numbers_are_shown_for_people(value, shown):
     assert show(value) == shown
 
 
+@pytest.mark.parametrize(
+    ("values", "shown"),
+    [
+        ([143.0, 179.02, 34.94], ["143.00", "179.02", "34.94"]),
+        ([-0.0181, 0.9698, np.nan], ["−0.0181", "0.9698", "–"]),
+        ([24.0, 48.0, 0.0], ["24", "48", "0"]),
+        ([12345.678, 3.0], ["12,345.68", "3.00"]),
+        ([831875.4, 120.25], ["831,875", "120"]),
+        ([1e-9, 3.5], ["1.000e−09", "3.5"]),
+        ([1, 2.5, "text", None], ["1", "2.5", "text", "–"]),
+        ([74.5], ["74.5"]),
+    ],
+)
+def test_numbers_of_a_quantity_have_the_same_decimals(values, shown):
+    assert show_alike(values) == shown
+
+
+def test_a_column_or_a_row_is_one_quantity_and_a_head_may_be_the_table_s_own():
+    table = pd.DataFrame(
+        {"quantity": ["n", "sd"], "a": [4000.0, 3.25], "b": [3000.0, 4.0], "percent": [1.0, 2.5]}
+    )
+    by_column = show_table(table, "", "t.csv", words={"percent": "predicted [%]"})
+    assert [[text for text, _ in row] for row in by_column.rows] == [
+        ["n", "4,000.00", "3,000", "1.000"], ["sd", "3.25", "4", "2.500"],
+    ]  # fmt: skip
+    assert [text for text, _ in by_column.head] == ["quantity", "a", "b", "predicted [%]"]
+    by_row = show_table(table[["quantity", "a", "b"]], "", "t.csv", by_row=True)
+    assert [[text for text, _ in row] for row in by_row.rows] == [
+        ["n", "4,000", "3,000"],
+        ["sd", "3.250", "4.000"],
+    ]
+
+
+def test_heads_of_columns_fit_two_lines_of_their_numbers(run):
+    """A head is broken at spaces; a table of many columns leaves each some ten letters."""
+    for name, table in TABLES_OF_PAGE.items():
+        frame = Results(run).tables.get(name)
+        if frame is None:
+            continue
+        for column in table.columns.split() or frame.columns:
+            words = table.words.get(column, heading(str(column))).split()
+            assert len(words) <= 5, (name, column)
+
+
 def test_headings_carry_units_in_brackets():
     assert [heading(c) for c in ("mean_m", "p95_m", "start_h", "percent", "final_cost")] == [
-        "mean [m]", "95 % [m]", "start [h]", "dropouts [%]", "final cost",
+        "mean [m]", "95 % [m]", "start [h]", "share [%]", "final cost",
     ]  # fmt: skip
     keys = (
         "noise.range_sigma",

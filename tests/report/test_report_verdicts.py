@@ -67,7 +67,7 @@ def test_estimators_are_where_the_tables_say(look, tables):
     assert error.get_yticklabels()[2].get_text() == "Refracted ranges"
     (dashed,) = [line for line in under_water.lines if line.get_linestyle() == "--"]
     assert dashed.get_xdata()[0] == 0.5
-    assert figure.legends[0].get_texts()[0].get_text() == "least that is possible"
+    assert figure.legends[0].get_texts()[0].get_text() == "lower bound"
     spans = [line for line in nees.lines if len(line.get_xdata()) == 2 and len(set(line.get_ydata())) == 1]
     assert [tuple(line.get_xdata()) for line in spans] == [(0.99, 1.01), (0.98, 1.3), (150.0, 1200.0)]
     points = [line for line in nees.lines if line.get_marker() == "o"]

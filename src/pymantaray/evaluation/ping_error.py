@@ -34,10 +34,11 @@ def ping_error_table(
     -------
     pandas.DataFrame
         ``condition``; ``n``, errors of all pings, vehicles and usable realizations; ``rmse_m`` and ``median_m`` of their size;
+        ``rmse_standard_error_m``, the standard error of ``rmse_m`` over realizations, NaN for one alone;
         ``from_straight_rmse_m`` and ``from_straight_median_m``, the distance from the estimate of the same realization with
         ``straight`` ranges, NaN where that was not run; ``bound_rmse_m``, the least that an unbiased estimator reaches with these
-        measurements, and ``efficiency``, the ratio of its square to that of ``rmse_m``: 1 where all that is possible is
-        reached.
+        measurements on average over the noise, below which ``rmse_m`` of a few realizations can be by chance, and ``efficiency``, the
+        ratio of its square to that of ``rmse_m``: 1 where all that is possible is reached.
 
     Raises
     ------
@@ -69,6 +70,7 @@ def ping_error_table(
                 "condition": name,
                 "n": int(own.size),
                 "rmse_m": rmse,
+                "rmse_standard_error_m": _standard_error(at_pings(errors[c])),
                 "median_m": _median(own),
                 "from_straight_rmse_m": _rms(apart),
                 "from_straight_median_m": _median(apart),
@@ -81,6 +83,15 @@ def ping_error_table(
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
+
+
+def _standard_error(errors: Array) -> float:
+    """Of the root mean square of errors of shape (realizations, places), from how much the mean square differs by realization."""
+    usable = errors[np.isfinite(errors).all(axis=1)]
+    if len(usable) < 2 or not usable.any():
+        return np.nan
+    squares = np.mean(usable**2, axis=1)
+    return float(squares.std(ddof=1) / np.sqrt(len(usable)) / (2.0 * np.sqrt(squares.mean())))
 
 
 def _median(values: Array) -> float:

@@ -28,6 +28,7 @@ from pymantaray.report.page import (
 from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.style import Array, condition_label, shortened
 from pymantaray.report.table_explorer import table_explorer
+from pymantaray.report.tables import TABLES
 from pymantaray.report.write import Progress, all_files, draw
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import open_run
@@ -39,10 +40,13 @@ _CAPTIONS = {
     "range_error": "Signed range error, refracted minus straight",
     "range_error_split": "Mean of the range error and of its parts, all links",
     "ate_pooled": "Position error by condition, pooled over vehicles, times and realizations",
-    "ping_error": "Position error of vehicles under water at the pings, its distance from the estimate with straight ranges, and"
-    " the least that is possible",
+    "ping_error": TABLES["ping_error"].caption,
     "region": "Regions",
 }
+_ONE_QUANTITY = (
+    "range_drop_category_compare",
+    "range_error_split",
+)  # tables; rows of the others differ in theirs
 _FEW = 2  # runs whose distributions fit beside each other
 _QUANTILES = "median (white bar), mean (white dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {
@@ -294,7 +298,7 @@ def _page(
         table = numbers_from_text(tables[name]) if name == "region" else tables[name]
         if "quantity" in table:
             table = table.assign(quantity=table["quantity"].map(heading))
-        shown.append(show_table(table, caption, f"tables/{name}.csv"))
+        shown.append(show_table(table, caption, f"tables/{name}.csv", by_row=name not in _ONE_QUANTITY))
     return render(
         "comparison.html",
         title=in_words(list(runs)),

@@ -38,7 +38,7 @@ def error_and_consistency(
     _draw_errors(grid[1], under_water["rmse_m"].to_numpy(dtype=float), colours)
     for least in under_water.loc[under_water.index == _BASELINE, "bound_rmse_m"].dropna():
         look: dict[str, Any] = {"color": style.GREY, "linewidth": 0.8, "linestyle": "--"}
-        handles.append(grid[1].axvline(least, label="least that is possible", **look))
+        handles.append(grid[1].axvline(least, label="lower bound", **look))
     axes = grid[0]
     axes.set_yticks(range(len(names)), [style.plain(style.condition_label(name)) for name in names])
     axes.set_ylim(len(names) - 0.4, -0.6)
@@ -98,7 +98,7 @@ register(
     place=50,
     caption="What each estimator is worth, over {r.realizations}: (a) root mean square of the position error over all"
     " poses; (b) the same of vehicles under water at the pings, where ranges act, dashed the least that an unbiased"
-    " estimator reaches with these measurements; (c) squared error of the fleet's horizontal positions in the covariance"
+    " estimator reaches with these measurements, on average over the noise; (c) squared error of the fleet's horizontal positions in the covariance"
     " that the estimator gives, by its degrees of freedom: median over the epochs, least to greatest, and the 95 %"
     " bounds of a consistent estimator in grey.",
     draw=lambda r: error_and_consistency(

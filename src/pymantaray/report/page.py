@@ -4,6 +4,7 @@ import gzip
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ _MEANING = {
     "OVER_CHI_SQUARE": " (converged, but the cost is not what the noise lets one expect)",
     "SECOND_MINIMUM": " (two starts end in different minima; this is the lower)",
 }
-_UNITS = {"_m": " [m]", "_s": " [s]", "_h": " [h]", "_deg": " [deg]"}
+_UNITS = {"_m": " [m]", "_s": " [s]", "_h": " [h]", "_deg": " [deg]", "_percent": " [%]"}
 _WORDS = {
     "n": "N",
     "sd_m": "sd [m]",
@@ -39,10 +40,11 @@ _WORDS = {
     "p99_m": "99 % [m]",
     "from_straight_rmse_m": "RMSE from straight [m]",
     "from_straight_median_m": "median from straight [m]",
-    "bound_rmse_m": "least possible RMSE [m]",
-    "efficiency": "efficiency, (least possible / RMSE)²",
-    "percent": "dropouts [%]",
-    "percent_beyond_3_sigma": "beyond 3 sigma of range noise [%]",
+    "rmse_standard_error_m": "standard error of RMSE [m]",
+    "bound_rmse_m": "lower bound of RMSE [m]",
+    "efficiency": "efficiency, (bound / RMSE)²",
+    "percent": "share [%]",
+    "percent_beyond_3_sigma": "> 3 sigma [%]",
 }
 _CONDITIONS = {
     "odometry": "the noisy odometry, composed from the first pose",
@@ -57,6 +59,7 @@ _NEES = (
     " estimator is as good as it thinks, above 1 where it is too sure."
 )
 _LONG = 40  # characters of a cell that may be broken
+_LARGE, _HUGE = 1e5, 1e7  # from here on numbers have no decimals, and an exponent
 _MOST_ROWS = 500  # of a table on the page
 
 
@@ -107,7 +110,9 @@ def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> str:
         if name == "region":
             frame = numbers_from_text(frame)
         columns = frame[table.columns.split()] if table.columns else frame
-        shown.append(show_table(columns, table.caption, f"tables/{name}.csv", folded=table.folded))
+        shown.append(
+            show_table(columns, table.caption, f"tables/{name}.csv", folded=table.folded, words=table.words)
+        )
     manifest = pd.DataFrame(entries(results.run.manifest), columns=["entry", "value"])
     return render(
         "run.html",
@@ -157,7 +162,8 @@ def headlines(results: Results) -> list[tuple[str, str, str]]:
     total = _row(tables["range_error"], category=ALL_LINKS)
     bending = _row(tables["range_error_split"], category=ALL_LINKS, part="bending")
     dropouts = f"{drop['percent']:.1f} % dropouts" if drop["attempts"] else "no attempts"
-    spread = f"sd {show(total['sd_m'])} m; 1 % to 99 %: {show(total['p1_m'])} to {show(total['p99_m'])} m"
+    ends = [signed_metres(total[f"p{percent}_m"]) for percent in (1, 99)]
+    spread = f"sd {metres(total['sd_m'])}; 1 % to 99 %: {' to '.join(ends)}"
     cards = [
         ("Ranges heard", f"{results.heard:,} of {results.attempts:,}", dropouts),
         ("Mean range error", signed_metres(total["mean_m"]), spread),
@@ -173,11 +179,9 @@ def _error_cards(tables: Mapping[str, pd.DataFrame]) -> list[tuple[str, str, str
     cards, at_pings = [], tables["ping_error"].set_index("condition")["rmse_m"]
     for row in tables["ate_pooled"].to_dict("records"):
         what = f"Position error, {condition_label(row['condition']).lower()}"
-        mean = "–" if np.isnan(row["mean_m"]) else f"{row['mean_m']:.2f} m"
-        remark = (
-            f"mean; RMSE {show(row['rmse_m'])} m; under water at pings {show(at_pings[row['condition']])} m"
-        )
-        cards.append((what, mean, remark))
+        rmse = metres(row["rmse_m"])
+        remark = f"mean; RMSE {rmse}; RMSE under water at pings {metres(at_pings[row['condition']])}"
+        cards.append((what, metres(row["mean_m"]), remark))
     for row in tables["ate_difference"].head(1).to_dict("records"):
         ends = [row[f"bootstrap_{end}_m"] for end in ("low", "high")]
         interval = f"; {' to '.join(map(signed_metres, ends))} (95 %)" if np.isfinite(ends).all() else ""
@@ -198,15 +202,32 @@ def troubles(results: Results) -> list[str]:
     return lines
 
 
-def show_table(table: pd.DataFrame, caption: str, file: str, *, folded: bool = False) -> ShownTable:
-    """Table for a template, without its index and no longer than a page bears; ``file`` is what it links to."""
+def show_table(
+    table: pd.DataFrame,
+    caption: str,
+    file: str,
+    *,
+    folded: bool = False,
+    words: Mapping[str, str] = MappingProxyType({}),
+    by_row: bool = False,
+) -> ShownTable:
+    """
+    Table for a template, without its index and cut to the rows that a page has room for; ``file`` is what it links to.
+
+    ``words`` are heads of columns that mean something else in other tables. The numbers of a column have the same decimals; those of
+    a row do with ``by_row``, for tables whose rows are quantities.
+    """
     if len(table) > _MOST_ROWS:
         caption = f"{caption.removesuffix('.')}: the first {_MOST_ROWS} of {len(table):,} rows"
         table = table.head(_MOST_ROWS)
     marks = ["number" if pd.api.types.is_numeric_dtype(table[column]) else "" for column in table.columns]
 
-    def cell(value: Any, mark: str) -> tuple[str, str]:
-        text = show(value)
+    cells = table.astype(object).to_numpy()
+    texts = cells.astype(object)
+    for line, values in zip(texts if by_row else texts.T, cells if by_row else cells.T, strict=True):
+        line[:] = show_alike(values.tolist())
+
+    def cell(text: str, mark: str) -> tuple[str, str]:
         return text, "long" if not mark and len(text) > _LONG else mark
 
     return ShownTable(
@@ -214,11 +235,11 @@ def show_table(table: pd.DataFrame, caption: str, file: str, *, folded: bool = F
         file,
         file.rpartition(".")[2].upper(),
         folded,
-        [(heading(str(column)), mark) for column, mark in zip(table.columns, marks, strict=True)],
         [
-            [cell(value, mark) for value, mark in zip(row, marks, strict=True)]
-            for row in table.astype(object).itertuples(index=False, name=None)
+            (words.get(str(column), heading(str(column))), mark)
+            for column, mark in zip(table.columns, marks, strict=True)
         ],
+        [[cell(text, mark) for text, mark in zip(row, marks, strict=True)] for row in texts.tolist()],
     )
 
 
@@ -243,6 +264,25 @@ def _unit_of_key(key: str) -> str:
     return unit[0] if unit else ""
 
 
+def show_alike(values: Sequence[Any]) -> list[str]:
+    """Values of one quantity: numbers that are not all whole have the same decimals, two or more, if each then shows a digit."""
+    numbers = [value for value in values if isinstance(value, float | np.floating) and np.isfinite(value)]
+    sizes = np.abs([number for number in numbers if number != 0.0])
+    if len(numbers) < 2 or not sizes.size:
+        return [show(value) for value in values]
+    decimals = 0
+    if (sizes != np.round(sizes)).any() and sizes.max() < _LARGE:
+        decimals = max(2, 3 - int(np.floor(np.log10(sizes.max()))))
+    if sizes.min() < 0.5 * 10.0**-decimals or sizes.max() >= _HUGE:
+        return [show(value) for value in values]
+    return [
+        f"{value:,.{decimals}f}".replace("-", "−")
+        if isinstance(value, float | np.floating) and np.isfinite(value)
+        else show(value)
+        for value in values
+    ]
+
+
 def show(value: Any) -> str:
     """Value of a cell: four digits for a measured number, all of them for a count, a dash for a missing value."""
     if value is None:
@@ -261,6 +301,11 @@ def show(value: Any) -> str:
     else:
         text = f"{value:,.0f}" if 1e4 <= size < 1e7 else f"{value:.3e}"
     return text.replace("-", "−")
+
+
+def metres(value: float) -> str:
+    """Number with its unit and as many digits as `signed_metres` gives, a dash for a missing value."""
+    return f"{value:,.2f} m".replace("-", "−") if np.isfinite(value) else "–"
 
 
 def signed_metres(value: float) -> str:

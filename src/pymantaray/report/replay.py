@@ -12,7 +12,7 @@ from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.replay import Replay
 from pymantaray.report import style
 from pymantaray.report.figures import Plate
-from pymantaray.report.page import render, show, show_table
+from pymantaray.report.page import metres, render, show, show_table, signed_metres
 from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import Progress, all_files, draw
@@ -28,6 +28,7 @@ _CAPTIONS = {
     "reciprocity": "Residuals of one direction less those of the other near in time, what the clocks make of it, and the rest",
     "switching": "How often a receiver changes its candidate from one event to the next, and how often independent picks would",
 }
+_WORDS = {"percent": "predicted [%]"}
 _LOOKS = {
     "ok": (style.BLUE, "predicted"),
     "leaked": ("#332288", RAY_STATUS_WORDS[RayStatus.LEAKED]),
@@ -90,7 +91,8 @@ def write_replay(
             pictures=pictures,
             explorer=_explorer(replay.events),
             shown_tables=[
-                show_table(tables[name], caption, f"tables/{name}.csv") for name, caption in _CAPTIONS.items()
+                show_table(tables[name], caption, f"tables/{name}.csv", words=_WORDS)
+                for name, caption in _CAPTIONS.items()
             ],
             origin=[show_table(_entries(record), "Options", "replay.json")],
         )
@@ -121,13 +123,17 @@ def _cards(replay: Replay) -> list[tuple[str, str, str]]:
     """Numbers that the page opens with: what it is, its value, and a remark."""
     every = replay.summary.iloc[0]
     lost = [f"{every[name]} {label}" for name, (_, label) in _LOOKS.items() if name in every.index]
-    size = f"{show(every['median_size_low_m'])} to {show(every['median_size_high_m'])} m over pairs"
+    size = f"{metres(every['median_size_low_m'])} to {metres(every['median_size_high_m'])} over pairs"
     near = int(replay.events["near_limit"].sum())
     switching = replay.switching.iloc[0]
     return [
         ("Predicted", f"{every['predicted']:,} of {every['events']:,}", ", ".join(lost) or "all of them"),
-        ("Median size of the residual", f"{show(every['median_size_m'])} m", size),
-        ("Median residual", f"{show(every['median_m'])} m", "measured less predicted, clocks not taken off"),
+        ("Median size of the residual", metres(every["median_size_m"]), size),
+        (
+            "Median residual",
+            signed_metres(every["median_m"]),
+            "measured less predicted, clocks not taken off",
+        ),
         (
             "Changes of candidate",
             f"{show(100.0 * switching['rate'])} %" if switching["steps"] else "none to be seen",

@@ -1,8 +1,8 @@
 """Tables of a run: what is in each, and how it stands on the page, in the order of the page."""
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -36,6 +36,9 @@ class Table:
     make: Callable[[Run], pd.DataFrame | None]  # None where the run does not have what it needs
     columns: str = ""  # those on the page, where the CSV file has more than fit
     folded: bool = False  # only the caption is shown until it is clicked
+    words: Mapping[str, str] = field(
+        default_factory=dict
+    )  # heads of columns that mean something else in other tables
 
 
 def solve_table(estimates: Estimates) -> pd.DataFrame:
@@ -93,8 +96,9 @@ TABLES: dict[str, Table] = {
         f"condition failed_solves {_ERRORS}",
     ),
     "ping_error": Table(
-        "Position error of vehicles under water at the pings, its distance from the estimate with straight ranges, and the"
-        " least that is possible",
+        "Position error of vehicles under water at the pings, its distance from the estimate with straight ranges, and the lower bound"
+        " of the RMSE. The bound holds on average over all noise: the RMSE of a few realizations can be below it by a few of its"
+        " standard errors",
         _solved(lambda run: ping_error_table(run.truth, run.estimates, run.measurements, run.bounds)),
     ),
     "ate_difference": Table(
@@ -123,6 +127,7 @@ TABLES: dict[str, Table] = {
     "dropouts": Table(
         "Range attempts and dropouts by kind of link, and their causes",
         lambda run: dropout_table(run.measurements, run.truth),
+        words={"percent": "dropouts [%]"},
     ),
     "range_error": Table(
         "Signed range error, refracted minus straight, by kind of link",
