@@ -1,12 +1,14 @@
 """Every kind of page in a real browser: it draws without a word on the console, and every control does what it says."""
 
 import shutil
+from io import BytesIO
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from PIL import Image
 
 from pymantaray.report import write_atlas_page, write_comparison, write_replay, write_report, write_sweep_page
 
@@ -109,6 +111,13 @@ def opened(request, chromium, page_file):
     yield from open_page(chromium, page_file, *request.param)
 
 
+@pytest.fixture(scope="module")
+def atlas_page(chromium, atlas_file):
+    """Page whose functions can be called."""
+    for opened in open_page(chromium, atlas_file, 1440, "light"):
+        yield opened.page
+
+
 @pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
 def table_opened(request, chromium, table_file):
     yield from open_page(chromium, table_file, *request.param)
@@ -168,6 +177,18 @@ def check_dark(page):
               return rgb(paper_bgcolor) === own.backgroundColor && rgb(font.color) === own.color;
             }"""
         )
+
+
+def contrast(*colours):
+    """Ratio of the luminances of two colours, as WCAG 2 defines it."""
+
+    def luminance(colour):
+        rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    dim, bright = sorted(map(luminance, colours))
+    return (bright + 0.05) / (dim + 0.05)
 
 
 def check_accessible(page):
@@ -307,6 +328,44 @@ def test_an_atlas_draws_without_errors_or_requests_and_any_place_by_keyboard(atl
     np.testing.assert_array_equal(lines, ATLAS[:, 0, 0, :, 0, 1].T)
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (0.3, 40.0, [0.5, 1, 2, 5, 10, 20]),
+        (2.1, 4.9, [2.5, 3, 3.5, 4, 4.5]),
+        (51.2, 51.9, [51.2, 51.4, 51.6, 51.8]),
+        (900.0, 30000.0, [1000, 2000, 5000, 10000, 20000]),
+        (3.0, 3.0, [3]),
+    ],
+)
+def test_the_scale_of_an_atlas_has_numbers_whatever_its_span(atlas_page, low, high, expected):
+    ticks = atlas_page.evaluate(f"logTicks({low}, {high})")
+    if len(ticks) == len(expected):
+        np.testing.assert_allclose(ticks, expected)
+    assert all(low * (1 - 1e-9) <= tick <= high * (1 + 1e-9) for tick in ticks)
+    assert min(3, len(expected)) <= len(ticks) <= 9
+
+
+def test_the_map_of_an_atlas_has_numbers_beside_its_colours(atlas_opened):
+    bar = atlas_opened.page.evaluate("document.getElementById('map').data[0].colorbar")
+    assert len(bar["tickvals"]) >= 3
+    np.testing.assert_allclose(
+        10.0 ** np.array(bar["tickvals"]), np.array(bar["ticktext"], dtype=float), rtol=5e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("hours", "words"),
+    [
+        ([0.0, 1 / 12, 0.25, 24.0], ["0 h 00 min", "0 h 05 min", "0 h 15 min", "24 h 00 min"]),
+        ([0.0, 0.005556, 1.999722], ["0 h 00 min 00 s", "0 h 00 min 20 s", "1 h 59 min 59 s"]),
+        ([1.999999, 167.99999], ["2 h 00 min", "168 h 00 min"]),
+    ],
+)
+def test_times_are_as_fine_as_in_the_data(atlas_page, hours, words):
+    assert atlas_page.evaluate(f"{hours}.map(clock({hours}))") == words
+
+
 def test_the_slider_moves_the_fleet_by_keyboard(opened):
     page = opened.page
     page.focus("#time")
@@ -352,6 +411,71 @@ def test_a_link_chosen_by_keyboard_shows_its_rays_and_numbers(opened):
     traces = page.evaluate("document.getElementById('rays').data.map((t) => t.type)")
     assert traces[0] == "heatmap"
     assert traces.count("scatter") >= 2  # a ray and the sea bed
+
+
+def test_every_link_of_a_small_run_has_its_rays_and_all_pictures_show_its_hour(opened):
+    page = opened.page
+    stars = page.locator("#links option").all_inner_texts()
+    assert not any(text.startswith("*") for text in stars)
+    for step in ("Home", "End"):
+        page.focus("#time")
+        page.keyboard.press(step)
+        page.focus("#after")
+        page.keyboard.press("Enter")
+        page.focus("#links")
+        page.keyboard.press(step)
+        assert not page.locator("#command").is_visible()
+        assert page.inner_text("#link").split(", ")[1].startswith(page.inner_text("#hour") + ":")
+        assert page.evaluate("document.getElementById('rays').data[0].type") == "heatmap"
+    page.select_option("#which", "rays")
+    page.focus("#links")
+    for step in ("Home", "End"):
+        page.keyboard.press(step)
+        assert page.inner_text("#link").split(", ")[1].startswith(page.inner_text("#hour") + ":")
+
+
+def test_without_webgl_all_is_drawn_in_the_plane_and_vehicles_are_coloured_by_depth(chromium, page_file):
+    flat = ["--no-sandbox", "--disable-gpu", "--disable-3d-apis"]
+    browser = chromium.browser_type.launch(executable_path=BROWSER, args=flat)
+    for opened in open_page(browser, page_file, 1440, "dark"):
+        check_quiet_and_fitting(opened, page_file)
+        page = opened.page
+        assert "no WebGL" in page.inner_text("#shown")
+        kinds = page.evaluate(
+            "[...document.querySelectorAll('.plot')].flatMap((p) => (p.data ?? []).map((t) => t.type))"
+        )
+        assert {"scatter", "contour"} <= set(kinds) <= {"scatter", "contour", "heatmap"}
+        x, colour, scale = page.evaluate(
+            "(() => { const t = document.getElementById('fleet').data.find((t) => t.mode === 'markers+text' && Array.isArray(t.marker.color));"
+            " return [t.x, t.marker.color, t.marker.showscale]; })()"
+        )
+        assert len(colour) == len(x) > 1
+        assert scale
+    browser.close()
+
+
+def test_the_chord_and_its_legend_can_be_told_from_what_is_behind_them(opened):
+    """WCAG asks for a contrast of 3 of graphics, of 4.5 of text."""
+    chord, legend = opened.page.evaluate(
+        "(() => { const p = document.getElementById('rays');"
+        " return [p.data.find((t) => t.name === 'chord').line.color, p.layout.legend]; })()"
+    )
+    assert contrast(chord, legend["bgcolor"]) > 4.5
+    assert contrast(legend["font"]["color"], legend["bgcolor"]) > 4.5
+    water = opened.page.evaluate("document.getElementById('rays').data[0].colorscale.map((c) => c[1])")
+    assert min(contrast(chord, colour) for colour in water) > 3.0
+
+
+def test_figures_are_dark_where_the_page_is(opened):
+    dark = opened.page.viewport_size["width"] == 390
+    corner = opened.page.locator("#range_error img").screenshot()
+    with Image.open(BytesIO(corner)) as image:
+        level = np.asarray(image.convert("L"), dtype=float)
+    assert (np.median(level) < 60) == dark
+    assert (np.median(level) > 230) == (not dark)
+    opened.page.emulate_media(media="print")
+    style = "getComputedStyle(document.querySelector('figure img')).filter"
+    assert opened.page.evaluate(style) == "none"
 
 
 def test_a_click_on_a_range_error_chooses_its_link(opened):

@@ -115,7 +115,7 @@ def test_ray_picture_draws_eigenrays_over_fan_and_states_its_exaggeration(look, 
     (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1000.0)])  # 1 km each way
     stated = float(axes.get_title(loc="left").rpartition(" ")[2])
     assert stated == pytest.approx(abs(y1 - y0) / abs(x1 - x0), rel=0.05)  # two digits are shown
-    assert "A to B, 8 h" in axes.get_title(loc="left")
+    assert "A to B, 8 h 00 min" in axes.get_title(loc="left")
     assert legend is None or legend in look.texts(figure)
     direct = look.markers(axes, style.ORANGE)
     fan = [line for line in axes.lines if line.get_linewidth() < 0.5]

@@ -295,7 +295,7 @@ def test_page_tells_of_a_vehicle_that_stopped(made_run, tmp_path):
     status[1, 60:] = 1
     run.__dict__["truth"] = type(run.truth)(**{**vars(run.truth), "status": status})
     text = run_page(Results(run), [], "[]")
-    assert "Vehicle B stopped after 10.0 h: GROUNDED." in text
+    assert "Vehicle B stopped after 10 h 00 min: GROUNDED." in text
 
 
 @pytest.mark.parametrize(

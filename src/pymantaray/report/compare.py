@@ -48,7 +48,7 @@ _ONE_QUANTITY = (
     "range_error_split",
 )  # tables; rows of the others differ in theirs
 _FEW = 2  # runs whose distributions fit beside each other
-_QUANTILES = "median (white bar), mean (white dot), quartiles (thick), 5 to 95 % (thin)"
+_QUANTILES = "median (bar), mean (dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {
     "ate_pooled": ("mean_m", "median_m", "rmse_m", "p25_m", "p75_m", "p95_m"),
     "ping_error": ("rmse_m", "median_m", "from_straight_rmse_m", "from_straight_median_m", "bound_rmse_m"),

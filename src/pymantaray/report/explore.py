@@ -19,9 +19,10 @@ from pymantaray.report.style import SOUND_SPEED, Array, condition_label, conditi
 from pymantaray.study.mission import medium_of_run
 from pymantaray.study.store import Run
 
-WORST = 50
-"""Links besides those of the chosen ping whose rays are shown, by the size of their range error."""
+WORST, EVERY = 50, 700
+"""Links besides those of the chosen ping whose rays are on the page, by the size of their range error; up to how many links all are."""
 _FRAMES, _PINGS, _BED = 160, 120, 41  # at most, evenly over the mission or the sea bed
+_PAIRS = 10_000  # more pings than that are shown if all of them have no more pairs
 _RANGES, _DEPTHS, _POINTS = 41, 301, 81  # of a section, and of each of its rays
 _LEVELS, _BELOW = 51, 1.3  # of a section that are shown, and how far down, in depths of its rays
 _MOST_RAYS = 8  # of a link, earliest first
@@ -44,6 +45,8 @@ def explorer(results: Results, rays: str) -> str:
         "nees": _nees(results),
         "water": _WATER,
         "kinds": _KINDS,
+        "pings": np.unique(run.measurements.range_sample).size,
+        "command": rays_command(run),
     }
     return f'{as_json(content)[:-1]},"rays":{rays}}}'
 
@@ -53,8 +56,17 @@ def mission_rays(results: Results) -> str:
     return as_json(list(_rays(results.run, Ends(results, _shown_pings(results.run)))))
 
 
+def rays_command(run: Run) -> str:
+    """Command that draws the rays of a link of a run, in its folder; its ends are to be added."""
+    a = run.config.acoustics
+    cutoff = "off" if a.cutoff_db is None else f"{a.cutoff_db:g}"
+    bounces = f"--max-surface-bounces {a.max_surface_bounces} --max-bottom-bounces {a.max_bottom_bounces}"
+    return f"mantaray rays plot link.png --run . {bounces} --cutoff-db {cutoff}"
+
+
 def _shown_pings(run: Run) -> NDArray[np.int64]:
-    return _evenly(np.unique(run.measurements.range_sample), _PINGS)
+    pings, attempts = np.unique(run.measurements.range_sample, return_counts=True)
+    return _evenly(pings, max(_PINGS, _PAIRS // int(attempts.max(initial=1))))
 
 
 class Ends:
@@ -98,7 +110,11 @@ class Ends:
         }
 
     def with_rays(self) -> NDArray[np.int64]:
-        """Links whose rays are shown: those of the ping at which most are heard, and the worst."""
+        """Links whose rays are on the page: all of a few, else those of the ping at which most are heard, and the worst."""
+        apart = np.linalg.norm((self.receiver - self.source)[:, :2], axis=1) > 0.0
+        drawable = apart & (self.status != RayStatus.STOPPED)
+        if drawable.sum() <= EVERY:
+            return np.flatnonzero(drawable)
         total = self._each_way(self._errors.total)
         worst = np.where(
             np.isfinite(total).any(axis=1), np.nanmax(np.abs(np.nan_to_num(total)), axis=1), -1.0
@@ -106,9 +122,8 @@ class Ends:
         heard = np.bincount(self.ping[self.status == RayStatus.OK], minlength=1)
         chosen = int(np.argmax(heard))
         order = np.argsort(-worst, kind="stable")[:WORST]
-        apart = np.linalg.norm((self.receiver - self.source)[:, :2], axis=1) > 0.0
         links = np.union1d(np.flatnonzero(self.ping == chosen), order[worst[order] >= 0.0])
-        return np.asarray(links[apart[links] & (self.status[links] != RayStatus.STOPPED)])
+        return np.asarray(links[drawable[links]])
 
 
 def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
@@ -121,7 +136,7 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
         "names": [*truth.name.tolist(), *run.measurements.landmark_name.tolist()],
         "vehicles": truth.name.size,
         "colours": vehicle_colours(truth.name.size),
-        "hour": _rounded(truth.time[samples] / 3600.0, 4),
+        "hour": _rounded(truth.time[samples] / 3600.0, 6),
         "ping": np.searchsorted(samples, pings),
         "north": _rounded(truth.position[:, samples, 0], 1),
         "east": _rounded(truth.position[:, samples, 1], 1),

@@ -62,7 +62,7 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
 @style.styled
 def ray_picture(picture: xr.Dataset, header: str) -> Figure:
     """Vertical section along one link: sound speed, sea bed, a fan of rays, eigenrays and the chord."""
-    hour = f", {float(picture.attrs['time_h']):g} h" if "time_h" in picture.attrs else ""
+    hour = f", {style.clock(float(picture.attrs['time_h']))}" if "time_h" in picture.attrs else ""
     source, receiver = _names(picture)
     return _ray_pictures([picture], [f"{source} to {receiver}{hour}"], header)
 
@@ -196,7 +196,7 @@ def _outcome(picture: xr.Dataset) -> str:
 
 def _caption_of_rays(results: Results) -> str:
     ice = results.run.ray_picture.get("sea_ice_draft")
-    cover = " ice (white)," if ice is not None and ice.any() else ""
+    cover = " ice (blank)," if ice is not None and ice.any() else ""
     return (
         f"Sound on the link that bends most: sound speed (blue),{cover} sea bed (brown, where it is not far below),"
         " direct eigenrays (orange), the straight chord (dashed) and other rays from the same source (grey)."

@@ -16,7 +16,7 @@ from pymantaray.config.sections import StudyConfig
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.report.explore import explorer
 from pymantaray.report.figures import Results
-from pymantaray.report.style import condition_label
+from pymantaray.report.style import clock, condition_label
 from pymantaray.report.tables import TABLES
 
 SYNTHETIC_NOTE = (
@@ -198,7 +198,7 @@ def troubles(results: Results) -> list[str]:
         meaning = _MEANING.get(str(status), "")
         lines.append(f"Condition {condition}: {len(part)} of {every} solves have status {status}{meaning}.")
     for name, (stop, time) in results.run.truth.stops.items():
-        lines.append(f"Vehicle {name} stopped after {time / 3600.0:.1f} h: {stop.name}.")
+        lines.append(f"Vehicle {name} stopped after {clock(time / 3600.0)}: {stop.name}.")
     return lines
 
 

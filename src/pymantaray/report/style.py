@@ -149,6 +149,13 @@ def shortened(names: Sequence[str]) -> list[str]:
     return next(cut for cut in cuts if len(set(cut)) == len(names))
 
 
+def clock(hours: float) -> str:
+    """Time since the start in hours and minutes, and in seconds if there are some."""
+    seconds = round(3600.0 * hours)
+    text = f"{seconds // 3600} h {seconds // 60 % 60:02d} min"
+    return f"{text} {seconds % 60:02d} s" if seconds % 60 else text
+
+
 def plain(text: str) -> str:
     """Text as matplotlib shows it literally: dollar signs start no mathematics."""
     return text.replace("$", r"\$")

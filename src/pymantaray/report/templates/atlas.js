@@ -12,12 +12,13 @@ start((data) => {
   function showMap() {
     const c = chosen();
     const z = lat.map((_, i) => lon.map((_, j) => error(c.time, i, j, c.convention, c.pair, c.distance)));
-    const known = z.flat().filter((value) => value !== null && value > 0).map(Math.log10);
-    const [low, high] = known.length ? [Math.min(...known), Math.max(...known)] : [-1, 0];
-    const ticks = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].filter((x) => Math.log10(x) >= low && Math.log10(x) <= high);
+    const known = z.flat().filter((value) => value !== null && value > 0);
+    const [least, most] = known.length ? [Math.max(known.reduce((x, y) => Math.min(x, y)), 1e-3), known.reduce((x, y) => Math.max(x, y))] : [0.1, 1];
+    const [low, high] = [Math.log10(least), Math.log10(Math.max(most, least))];
+    const ticks = logTicks(least, Math.max(most, least));
     draw("map", [
       { type: "heatmap", x: lon, y: lat, z: z.map((row) => row.map((value) => (value === null ? null : Math.log10(Math.max(value, 1e-3))))), customdata: z, zmin: low, zmax: Math.max(high, low + 1e-3), colorscale: "Viridis", reversescale: true,
-        colorbar: { title: { text: "error [m]" }, thickness: 10, tickvals: ticks.map(Math.log10), ticktext: ticks.map(String) }, hovertemplate: "%{y:.2f}, %{x:.2f}: %{customdata:.2f} m<extra></extra>" },
+        colorbar: { title: { text: "error [m]" }, thickness: 10, tickvals: ticks.map(Math.log10), ticktext: ticks.map((x) => String(Number(x.toPrecision(3)))) }, hovertemplate: "%{y:.2f}, %{x:.2f}: %{customdata:.2f} m<extra></extra>" },
       { type: "scatter", mode: "markers", x: [lon[c.lon]], y: [lat[c.lat]], marker: { symbol: "circle-open", size: 14, color: "#D55E00", line: { width: 3 } }, hoverinfo: "skip" },
     ], { xaxis: { title: { text: "Longitude [deg]" } }, yaxis: { title: { text: "Latitude [deg]" } } });
     at("instant").textContent = time[c.time];

@@ -2,8 +2,11 @@ start((data) => {
   const { fleet, links, errors, nees } = data;
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   const sections = new Map(data.rays.map((section) => [section.link, section]));
+  const every = sections.size === links.ping.length;
   const nameOf = (link) => `${fleet.names[links.first[link]]} – ${fleet.names[links.second[link]]}`;
   const largest = (link) => Math.max(...links.error[link].map((value) => Math.abs(value ?? 0)));
+  const hours = clock(fleet.hour);
+  const hourOf = (link) => hours(fleet.hour[fleet.ping[links.ping[link]]]);
   const state = { frame: fleet.ping[0] ?? 0, link: null, timer: null };
 
   // the fleet
@@ -13,77 +16,113 @@ start((data) => {
     return fleet.ping.length ? ping : null;
   };
   const linksOf = (ping) => links.ping.flatMap((p, link) => (p === ping ? [link] : []));
-  const place = (who) => {
+  const place = (who, ping) => {
     if (who >= fleet.vehicles) return fleet.landmarks[who - fleet.vehicles];
-    const frame = fleet.ping[pingAt(state.frame)];
+    const frame = fleet.ping[ping];
     return [fleet.north[who][frame], fleet.east[who][frame], fleet.down[who][frame]];
   };
   const sizes = links.error.flat().filter((value) => value !== null).map(Math.abs).sort((a, b) => a - b);
   const scale = Math.max(1, sizes[Math.floor(0.95 * sizes.length)] ?? 1);
+  const scaleColours = () => [[0, "#0072B2"], [0.5, dark.matches ? "#969696" : "#bebebe"], [1, "#D55E00"]];
   function shade(error) {
     const x = Math.max(-1, Math.min(1, error / scale));
     const grey = dark.matches ? 150 : 190;
     const end = x > 0 ? [213, 94, 0] : [0, 114, 178];
     return `rgb(${end.map((c) => Math.round(grey + (c - grey) * Math.abs(x))).join(",")})`;
   }
-  function graphTraces() {
+  const bar = (title, place) => ({ title: { text: title, side: "top" }, orientation: "h", thickness: 8, len: 0.6, xanchor: "center", x: 0.5, yanchor: "bottom", tickfont: { color: ink() }, ...place });
+  // where the name of each vehicle and landmark stands beside its marker, so that names of close ones do not cover each other
+  function sides(vehicles) {
+    const places = [...vehicles, ...fleet.landmarks.map((p) => [p[1], p[0], p[2]])];
+    const span = [0, 1, 2].map((k) => Math.max(1, ...places.map((p) => p[k])) - Math.min(...places.map((p) => p[k])) || 1);
+    const near = (a, b) => Math.hypot(...[0, 1, webgl ? 2 : 1].map((k) => (a[k] - b[k]) / span[k])) < 0.3;
+    const ways = ["middle right", "middle left", "top center", "bottom center"];
+    if (!webgl) ways.reverse();
+    return places.reduce((taken, here, v) => {
+      const used = taken.filter((_, w) => near(places[w], here));
+      return [...taken, ways.find((way) => !used.includes(way)) ?? ways[v % 4]];
+    }, []);
+  }
+  function pairTraces(make) {
     const ping = pingAt(state.frame);
-    if (ping === null || Math.abs(fleet.ping[ping] - state.frame) > 0) return [];
+    if (ping === null || fleet.ping[ping] !== state.frame) return [];
     return linksOf(ping).map((link) => {
-      const [a, b] = [place(links.first[link]), place(links.second[link])];
       const worst = links.error[link].reduce((x, y) => (Math.abs(y ?? 0) > Math.abs(x ?? 0) ? y : x), null);
       const chosen = link === state.link;
       return {
-        type: "scatter3d", mode: "lines", x: [a[1], b[1]], y: [a[0], b[0]], z: [a[2], b[2]], customdata: [link, link],
-        line: { color: chosen ? ink() : worst === null ? faint() : shade(worst), width: chosen ? 8 : 3, dash: worst === null ? "dash" : "solid" },
-        hovertemplate: `${nameOf(link)}<br>${metres(worst)}<extra>${data.statuses[links.status[link]]}</extra>`,
+        mode: "lines", customdata: [link, link], line: { color: chosen ? ink() : worst === null ? faint() : shade(worst), width: chosen ? 2.5 : 1, dash: worst === null ? "dash" : "solid" },
+        hovertemplate: `${nameOf(link)}<br>${metres(worst)}<extra>${data.statuses[links.status[link]]}</extra>`, ...make(place(links.first[link], ping), place(links.second[link], ping)),
       };
     });
   }
-  function drawFleet() {
+  const now = (rows) => rows.map((row) => row[state.frame]);
+  const tracks = (make) => fleet.colours.map((colour, v) => ({ mode: "lines", hoverinfo: "skip", line: { color: colour, width: 1 }, ...make(...[fleet.east, fleet.north, fleet.down].map((rows) => rows[v].slice(0, state.frame + 1))) }));
+  const errorScale = (extra) => ({ marker: { color: [0], cmin: -scale, cmax: scale, colorscale: scaleColours(), showscale: true, opacity: 0, colorbar: bar("Range error [m]", { y: -0.02, yanchor: "top" }) }, mode: "markers", hoverinfo: "skip", ...extra });
+  // traces of vehicles and landmarks with their names
+  function named(x, y, z) {
+    const beside = sides(x.map((_, v) => [x[v], y[v], z[v]]));
+    const common = { mode: "markers+text", textfont: { color: ink() }, hovertemplate: "%{text}<br>%{customdata:.0f} m deep<extra></extra>" };
+    const [north, east, down] = [0, 1, 2].map((k) => fleet.landmarks.map((p) => p[k]));
+    return [
+      { ...common, text: fleet.names.slice(0, fleet.vehicles), textposition: beside.slice(0, fleet.vehicles), x, y, z, customdata: z },
+      { ...common, text: fleet.names.slice(fleet.vehicles), textposition: beside.slice(fleet.vehicles), x: east, y: north, z: down, customdata: down },
+    ];
+  }
+  function drawSolid() {
     const { bed } = fleet;
     const traces = [{
       type: "surface", x: bed.east, y: bed.north, z: bed.down, showscale: false, opacity: 0.55, hoverinfo: "skip",
       colorscale: [[0, "#b9ab9a"], [1, "#5b4f44"]],
     }];
-    for (let v = 0; v < fleet.vehicles; v += 1) {
-      const upTo = state.frame + 1;
-      traces.push({
-        type: "scatter3d", mode: "lines", hoverinfo: "skip", line: { color: fleet.colours[v], width: 3 },
-        x: fleet.east[v].slice(0, upTo), y: fleet.north[v].slice(0, upTo), z: fleet.down[v].slice(0, upTo),
-      });
-    }
-    const now = (rows) => rows.map((row) => row[state.frame]);
-    traces.push({
-      type: "scatter3d", mode: "markers+text", text: fleet.names.slice(0, fleet.vehicles), textposition: "top center",
-      x: now(fleet.east), y: now(fleet.north), z: now(fleet.down), marker: { size: 5, color: fleet.colours, line: { color: ink(), width: 1 } },
-      textfont: { color: ink() }, hovertemplate: "%{text}<br>%{z:.0f} m deep<extra></extra>",
-    });
-    if (fleet.landmarks.length) {
-      traces.push({
-        type: "scatter3d", mode: "markers+text", text: fleet.names.slice(fleet.vehicles), marker: { symbol: "diamond", size: 5, color: ink() },
-        x: fleet.landmarks.map((p) => p[1]), y: fleet.landmarks.map((p) => p[0]), z: fleet.landmarks.map((p) => p[2]), hovertemplate: "%{text}<extra></extra>",
-      });
-    }
-    traces.push(...graphTraces());
+    traces.push(...tracks((x, y, z) => ({ type: "scatter3d", x, y, z })).map((t) => ({ ...t, line: { ...t.line, width: 3 } })));
+    const [x, y, z] = [fleet.east, fleet.north, fleet.down].map(now);
+    const [own, landmarks] = named(x, y, z);
+    traces.push({ ...own, type: "scatter3d", marker: { size: 5, color: fleet.colours, line: { color: ink(), width: 1 } } });
+    if (fleet.landmarks.length) traces.push({ ...landmarks, type: "scatter3d", marker: { symbol: "diamond", size: 5, color: ink() } });
+    traces.push(...pairTraces((a, b) => ({ type: "scatter3d", x: [a[1], b[1]], y: [a[0], b[0]], z: [a[2], b[2]] })).map((t) => ({ ...t, line: { ...t.line, width: 3 * t.line.width } })));
+    traces.push(errorScale({ type: "scatter3d", x: [x[0]], y: [y[0]], z: [z[0]] }));
     const axis = (title, more) => ({ title: { text: title }, color: ink(), gridcolor: faint(), backgroundcolor: paper(), showspikes: false, ...more });
-    const back = at("fleet").clientWidth < 600 ? 1.9 : 1; // so that its axes are not cut
+    const narrow = at("fleet").clientWidth < 600; // so that its axes are not cut
+    const [back, wide] = narrow ? [1.75, 1.2] : [1, 1.75];
     draw("fleet", traces, {
       margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "fleet",
       scene: {
+        domain: { x: [0, 1], y: [0.1, 1] },
         xaxis: axis("East [m]"), yaxis: axis("North [m]"), zaxis: axis("Depth [m]", { autorange: "reversed" }),
-        aspectmode: "manual", aspectratio: { x: 1.2, y: 1.2, z: 0.6 }, camera: { eye: { x: 1.5 * back, y: -1.6 * back, z: 0.9 * back }, center: { x: 0, y: 0, z: -0.15 } },
+        aspectmode: "manual", aspectratio: { x: wide, y: 1.2, z: 0.75 }, camera: { eye: { x: 1.1 * back, y: -1.65 * back, z: 0.78 * back }, center: { x: 0, y: 0, z: -0.26 } },
       },
     });
-    at("hour").textContent = `${fleet.hour[state.frame].toFixed(1)} h`;
+  }
+  // without WebGL: the plan, vehicles coloured by their depth
+  function drawPlan() {
+    const { bed } = fleet;
+    const deepest = Math.max(1, ...fleet.down.flatMap((row) => row.filter((z) => z !== null)));
+    const [x, y, z] = [fleet.east, fleet.north, fleet.down].map(now);
+    const traces = [{ type: "contour", x: bed.east, y: bed.north, z: bed.down, showscale: false, hoverinfo: "skip", contours: { coloring: "none", showlabels: true, labelfont: { color: "#8d7f70" } }, line: { color: "#8d7f70", width: 0.7 } }];
+    traces.push(...tracks((east, north) => ({ type: "scatter", x: east, y: north })), ...pairTraces((a, b) => ({ type: "scatter", x: [a[1], b[1]], y: [a[0], b[0]] })));
+    const [own, landmarks] = named(x, y, z);
+    if (fleet.landmarks.length) traces.push({ ...landmarks, type: "scatter", marker: { symbol: "diamond", size: 9, color: ink() } });
+    traces.push({ ...own, type: "scatter", marker: { size: 11, color: z, cmin: 0, cmax: deepest, colorscale: "Viridis", reversescale: true, showscale: true, line: { color: ink(), width: 1 }, colorbar: bar("Depth [m]", { y: 1.01 }) } });
+    traces.push(errorScale({ type: "scatter", x: [x[0]], y: [y[0]], marker: { ...errorScale().marker, colorbar: bar("Range error [m]", { y: -0.2, yanchor: "top" }) } }));
+    draw("fleet", traces, { margin: { l: 70, r: 15, t: 60, b: 120 }, uirevision: "fleet", xaxis: { title: { text: "East [m]" } }, yaxis: { title: { text: "North [m]" }, scaleanchor: "x" } });
+  }
+  function drawFleet() {
+    if (webgl) drawSolid();
+    else drawPlan();
+    at("hour").textContent = hours(fleet.hour[state.frame]);
     at("time").value = state.frame;
     at("time").setAttribute("aria-valuetext", at("hour").textContent);
   }
   function show(frame) {
     const before = pingAt(state.frame);
     state.frame = Math.max(0, Math.min(fleet.hour.length - 1, frame));
-    drawFleet();
-    if (pingAt(state.frame) !== before) listLinks();
+    const ping = pingAt(state.frame);
+    if (ping === before) return drawFleet();
+    // the chosen pair goes along, so that all pictures show one hour
+    const same = state.link === null ? undefined : linksOf(ping).find((link) => nameOf(link) === nameOf(state.link));
+    state.link = same ?? null;
+    listLinks();
+    showLink();
   }
   function stop() {
     clearInterval(state.timer);
@@ -112,26 +151,40 @@ start((data) => {
     at("links").replaceChildren(...rows.map((link) => {
       const heard = links.error[link].some((value) => value !== null);
       const text = heard ? links.error[link].filter((v) => v !== null).map((v) => metres(v)).join(", ") : data.statuses[links.status[link]];
-      const when = at("which").value === "rays" ? `, ${fleet.hour[fleet.ping[links.ping[link]]].toFixed(1)} h` : "";
-      return new Option(`${sections.has(link) ? "* " : "  "}${nameOf(link)}: ${(links.distance[link] / 1e3).toFixed(2)} km${when}: ${text}`, link, false, link === state.link);
+      const when = at("which").value === "rays" ? `, ${hourOf(link)}` : "";
+      return new Option(`${every ? "" : sections.has(link) ? "* " : "  "}${nameOf(link)}: ${(links.distance[link] / 1e3).toFixed(2)} km${when}: ${text}`, link, false, link === state.link);
     }));
   }
   function describe(link, section) {
-    const words = [`${nameOf(link)}, ${fleet.hour[fleet.ping[links.ping[link]]].toFixed(1)} h: ${(links.distance[link] / 1e3).toFixed(3)} km, ${data.statuses[links.status[link]]}.`];
+    const words = [`${nameOf(link)}, ${hourOf(link)}: ${(links.distance[link] / 1e3).toFixed(3)} km, ${data.statuses[links.status[link]]}.`];
     links.error[link].forEach((error, way) => {
       if (error === null) return;
       const [from, to] = way === 0 ? [links.first, links.second] : [links.second, links.first];
       words.push(`From ${fleet.names[from[link]]} to ${fleet.names[to[link]]} the range is wrong by ${metres(error)}: reference speed ${metres(links.reference[link][way])}, bending ${metres(links.bending[link][way])}.`);
     });
-    if (!section) words.push("Its rays are not kept.");
-    else section.time.forEach((time, ray) => words.push(
-      `Ray ${ray + 1}: ${(1e3 * time).toFixed(3)} ms, ${section.surface[ray]} surface and ${section.bottom[ray]} bottom bounces, spreading ${section.spreading[ray]} dB beyond spherical.`));
+    if (section) section.time.forEach((time, ray) => words.push(
+      `Ray ${ray + 1}: ${(1e3 * time).toFixed(3)} ms, ${section.surface[ray]} surface and ${section.bottom[ray]} bottom bounces, spreading ${String(section.spreading[ray]).replace("-", "−")} dB beyond spherical.`));
     return words.join(" ");
+  }
+  function commandOf(link) {
+    const ends = [links.first[link], links.second[link]].map((who) => [...place(who, links.ping[link])].join(","));
+    return `${data.command} --source=${ends[0]} --receiver=${ends[1]}`;
   }
   function choose(link) {
     state.link = link;
+    const frame = fleet.ping[links.ping[link]];
+    if (frame !== state.frame) {
+      state.frame = frame;
+      listLinks();
+    }
+    showLink();
+  }
+  function showLink() {
+    const link = state.link;
     const section = sections.get(link);
-    at("link").textContent = describe(link, section);
+    at("link").textContent = link === null ? "Choose a link." : describe(link, section);
+    at("command").hidden = link === null || section !== undefined;
+    if (!at("command").hidden) at("command").querySelector("code").textContent = commandOf(link);
     const deepest = section ? section.depth[section.depth.length - 1] : 1;
     const kindOf = (ray) => Number(section.surface[ray] > 0) + 2 * Number(section.bottom[ray] > 0);
     const far = section ? section.range[section.range.length - 1] : 1;
@@ -142,17 +195,17 @@ start((data) => {
         const first = section.ray_range.findIndex((_, other) => kindOf(other) === kindOf(ray)) === ray;
         return { type: "scatter", mode: "lines", name: kind.name, showlegend: first, x: range, y: section.ray_depth[ray], line: { color: kind.colour, dash: kind.dash, width: 2.5 }, hovertemplate: `ray ${ray + 1}<extra></extra>` };
       }),
-      { type: "scatter", mode: "lines+markers", name: "chord", x: [0, far], y: section.ends, line: { color: "#1a1a1a", dash: "dot", width: 1.2 }, marker: { color: "#ffffff", size: 8, line: { color: "#1a1a1a", width: 1.5 } }, hoverinfo: "skip" },
+      { type: "scatter", mode: "lines+markers", name: "chord", x: [0, far], y: section.ends, line: { color: "#1a1a1a", dash: "dash", width: 1.6 }, marker: { color: "#ffffff", size: 8, line: { color: "#1a1a1a", width: 1.5 } }, hoverinfo: "skip" },
       { type: "scatter", mode: "lines", x: [0, far], y: [2 * deepest, 2 * deepest], line: { width: 0 }, showlegend: false, hoverinfo: "skip" },
       { type: "scatter", mode: "lines", x: section.range, y: section.bed, fill: "tonexty", fillcolor: "#8d7f70", line: { color: "#4a4038", width: 2 }, showlegend: false, hoverinfo: "skip" },
     ];
     const named = (text, x, y, side) => ({ text: `<b>${text}</b>`, x, y, xanchor: side, showarrow: false, xshift: side === "left" ? 8 : -8, yshift: -12, font: { color: "#1a1a1a" }, bgcolor: "rgba(255,255,255,0.75)" });
     draw("rays", traces, {
       xaxis: { title: { text: "Range [m]" }, range: [0, far] }, yaxis: { title: { text: "Depth [m]" }, range: [deepest, 0] },
-      showlegend: true, legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, margin: { l: 60, r: 15, t: 30, b: 45 },
+      showlegend: true, legend: { orientation: "h", y: 1.02, yanchor: "bottom", bgcolor: "#eef2f5", font: { color: "#1a1a1a" } }, margin: { l: 60, r: 15, t: 30, b: 45 },
       annotations: section
         ? [named(fleet.names[links.first[link]], 0, section.ends[0], "left"), named(fleet.names[links.second[link]], far, section.ends[1], "right")]
-        : [{ text: "no rays kept", showarrow: false, x: 0.5, y: 0.5, xref: "paper", yref: "paper" }],
+        : [{ text: link === null ? "no link chosen" : "The rays of this link are not on the page:<br>the command below draws them.", showarrow: false, x: 0.5, y: 0.5, xref: "paper", yref: "paper" }],
     });
     drawFleet();
     drawErrors();
@@ -173,7 +226,7 @@ start((data) => {
         into.link.push(link);
       }));
       const dots = (part, colour, size, opacity) => ({
-        type: "scattergl", mode: "markers", x: part.x, y: part.y, customdata: part.link, text: part.link.map(nameOf),
+        type: webgl ? "scattergl" : "scatter", mode: "markers", x: part.x, y: part.y, customdata: part.link, text: part.link.map(nameOf),
         marker: { color: colour, size, opacity }, hovertemplate: "%{text}<br>%{y:.2f} m<extra></extra>",
       });
       draw(id, [dots(all, dark.matches ? "#56B4E9" : "#0072B2", 4, chosen === null ? 0.5 : 0.25), dots(mine, "#D55E00", 8, 1)], { xaxis: { title: { text: title } }, yaxis: { title: { text: "Range error [m]" } } });
@@ -211,9 +264,8 @@ start((data) => {
     drawFleet();
     listLinks();
     drawEstimates();
-    const first = sections.keys().next();
-    if (state.link !== null || !first.done) choose(state.link ?? first.value);
-    else drawErrors();
+    if (state.link !== null) choose(state.link);
+    else showLink();
   }
   at("vehicle").replaceChildren(...fleet.names.slice(0, fleet.vehicles).map((name, v) => new Option(name, v)));
   at("time").max = fleet.hour.length - 1;
@@ -225,7 +277,13 @@ start((data) => {
   at("links").addEventListener("change", () => choose(Number(at("links").value)));
   at("vehicle").addEventListener("change", drawOverTime);
   dark.addEventListener("change", drawAll);
-  if (data.rays.length) state.frame = fleet.ping[links.ping[data.rays[0].link]];
+  state.link = data.rays.map((section) => section.link).reduce((worst, link) => (worst === null || largest(link) > largest(worst) ? link : worst), null);
+  if (state.link !== null) state.frame = fleet.ping[links.ping[state.link]];
+  at("shown").textContent = [
+    every ? "" : `The page has the rays of ${sections.size} of ${links.ping.length} links, which are marked with a star; for the others it prints a command.`,
+    fleet.ping.length < data.pings ? `It has ${fleet.ping.length} of ${data.pings} pings.` : "",
+    webgl ? "" : "This browser has no WebGL: the fleet is drawn in plan, coloured by depth.",
+  ].join(" ").trim();
   drawAll();
   for (const id of ["fleet", "by-distance", "by-depth"]) {
     at(id).on("plotly_click", (event) => {

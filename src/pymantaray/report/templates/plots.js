@@ -4,6 +4,31 @@ const at = (id) => document.getElementById(id);
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const metres = (value, digits = 2) =>
   value === null ? "–" : `${value > 0 ? "+" : ""}${value.toFixed(digits)} m`.replace("-", "−");
+// hours as in the data: whole minutes, or seconds if some of the times are not whole minutes
+function clock(hours) {
+  const whole = hours.every((hour) => Math.abs(60 * hour - Math.round(60 * hour)) < 1e-3);
+  return (hour) => {
+    const seconds = whole ? 60 * Math.round(60 * hour) : Math.round(3600 * hour);
+    const [h, min, s] = [Math.floor(seconds / 3600), Math.floor(seconds / 60) % 60, seconds % 60].map((part, i) => String(part).padStart(i ? 2 : 1, "0"));
+    return whole ? `${h} h ${min} min` : `${h} h ${min} min ${s} s`;
+  };
+}
+// numbers between two others at which a logarithmic scale is labelled: 1, 2 and 5 of each decade, or even steps of less than one
+function logTicks(low, high) {
+  const within = (values) => values.filter((x) => x >= low * (1 - 1e-9) && x <= high * (1 + 1e-9));
+  const first = Math.floor(Math.log10(low));
+  const decades = Array.from({ length: Math.ceil(Math.log10(high)) - first + 1 }, (_, k) => 10 ** (first + k));
+  const round = within(decades.flatMap((x) => [1, 2, 5].map((y) => x * y)));
+  if (round.length > 2) return round.map((x) => Number(x.toPrecision(1)));
+  const step = [1, 2, 5, 10].map((y) => y * 10 ** Math.floor(Math.log10((high - low) / 4))).find((y) => (high - low) / y <= 7);
+  const even = step > 0 ? Array.from({ length: 12 }, (_, k) => Number(((Math.ceil(low / step) + k) * step).toPrecision(12))) : [];
+  const ticks = within(even);
+  return ticks.length ? ticks : [low];
+}
+const webgl = (() => {
+  const canvas = document.createElement("canvas");
+  return Boolean(canvas.getContext("webgl2") ?? canvas.getContext("webgl"));
+})();
 const ink = () => (dark.matches ? "#e8e8e8" : "#1a1a1a");
 const paper = () => (dark.matches ? "#15181b" : "#ffffff");
 const faint = () => (dark.matches ? "#3a3f45" : "#d9d9d9");
