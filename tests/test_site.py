@@ -2,6 +2,7 @@
 
 import posixpath
 import runpy
+import shutil
 import subprocess
 import sys
 from urllib.parse import unquote, urldefrag
@@ -79,3 +80,30 @@ def test_names_of_quantities_lead_to_the_nomenclature(pages):
                     assert anchor in anchors, f"{page}: {name} leads to {anchor}"
                     seen.add(entry)
     assert {"sound_speed", "travel_time", "range_sigma", "odometry_..._fraction"} <= seen
+
+
+CUT = """() => [...document.querySelectorAll(".bd-sidebar-primary a, .bd-sidebar-secondary a")].filter((link) => {
+  const margin = link.closest(".bd-sidebar-primary, .bd-sidebar-secondary").getBoundingClientRect();
+  return link.checkVisibility() && [...link.getClientRects(), ...[...link.querySelectorAll("*")].flatMap((part) => [...part.getClientRects()])].some((box) => box.right > margin.right + 1);
+}).map((link) => link.textContent.trim())"""
+
+
+@pytest.mark.parametrize("width", [1100, 1440])
+def test_contents_beside_a_page_are_not_cut(html, width):
+    sync_playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed"
+    ).sync_playwright
+    browser_path = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser_path is None:
+        pytest.skip("no Chromium on this machine")
+    generated = html / "reference" / "api" / "generated"
+    pages = [html / "reference" / "configuration.html", *sorted(generated.glob("*.html"))[::20]]
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=browser_path, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": width, "height": 900})
+        cut = {}
+        for file in pages:
+            page.goto(file.as_uri())
+            cut[file.name] = page.evaluate(CUT)
+        browser.close()
+    assert {name: links for name, links in cut.items() if links} == {}
