@@ -495,6 +495,30 @@ def test_a_click_on_a_range_error_chooses_its_link(opened):
     page.wait_for_function(f"document.getElementById('link').textContent.startsWith({spot[2]!r})")
 
 
+def test_tables_sort_and_filter_by_keyboard(opened):
+    page = opened.page
+    table = page.locator("table", has=page.locator("caption", has_text="condition and vehicle"))
+    cells = "(t) => [...t.tBodies[0].rows].filter((r) => !r.hidden).map((r) => [r.cells[0].textContent, r.cells[2].textContent])"
+    before = table.evaluate(cells)
+    assert len(before) > 3
+    table.locator("th button").nth(2).focus()
+    for way in (1, -1):
+        page.keyboard.press("Enter")
+        means = [float(mean.replace(",", "")) for _, mean in table.evaluate(cells)]
+        assert means == sorted(means, reverse=way < 0)
+        assert table.locator("th").nth(2).get_attribute("aria-sort") == (
+            "ascending" if way > 0 else "descending"
+        )
+    assert sorted(table.evaluate(cells)) == sorted(before)
+    box = page.locator(".filter input").first
+    box.focus()
+    page.keyboard.type("refracted")
+    folded = box.evaluate(
+        "(i) => [...i.closest('label').nextElementSibling.querySelectorAll('tbody tr')].map((r) => [r.hidden, r.textContent])"
+    )
+    assert all(hidden == ("refracted" not in text.lower()) for hidden, text in folded)
+
+
 def test_in_print_the_figures_stay_and_the_controls_go(opened):
     opened.page.emulate_media(media="print")
     assert not opened.page.locator("#look").is_visible()

@@ -1,16 +1,20 @@
 """Numbers, names and legends of figures can be read: no offsets, no missing or colliding ticks, a key to every number."""
 
+import hashlib
 import re
 
 import numpy as np
 import pytest
 from matplotlib.ticker import ScalarFormatter
 
+from pymantaray.records import RayStatus
 from pymantaray.report import replay as replay_page
 from pymantaray.report import style
 from pymantaray.report.figures import Results, run_plates
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_trajectory import error_over_time
+from pymantaray.report.glossary import GLOSSARY
+from pymantaray.report.page import run_page
 
 LONG = ("surface-beacon", "remus-north", "hugin-south", "bluefin-east")
 
@@ -125,6 +129,18 @@ def test_a_replay_calls_the_share_of_predicted_events_by_its_name(made_replay, t
     heads = re.findall("<th[^>]*>(.*?)</th>", text)
     assert "predicted [%]" in heads
     assert not [head for head in heads if "dropout" in head]
+
+
+def test_the_page_says_what_its_words_mean_and_how_to_cite_it(run):
+    text = run_page(Results(run), [], "[]")
+    digest = hashlib.sha256((run.path / "config.toml").read_bytes()).hexdigest()
+    assert f"configuration {digest[:12]}" in text
+    assert "@software{mantaray," in text
+    lost = run.measurements.range_status
+    for status in (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.LEAKED):
+        word = status.name.lower()
+        assert (f"<p>{word}: {GLOSSARY[word]}</p>" in text) == bool((lost == status).any())
+        assert f'title="{GLOSSARY[word]}"' in text or status == RayStatus.LEAKED
 
 
 def test_gnss_is_in_the_legend_exactly_where_there_is_a_fix(look, run, made_run, tmp_path):

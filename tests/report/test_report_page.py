@@ -282,8 +282,8 @@ def test_many_conditions_are_a_table_and_each_word_is_explained(made_run, run, r
     assert all(f"Position error, {name}" in many for name in conditions)
     assert few.count('class="card"') == len(headlines(Results(run))) <= 8
     assert "Refracted ranges: the same graph" in few
-    assert "NEES: squared position error" in reported.text
-    assert "NEES: squared position error" not in few, "it has no covariances"
+    assert "NEES: Squared position error" in reported.text
+    assert "NEES: Squared position error" not in few, "it has no covariances"
     assert "water of 2014-07-15 12:00 UTC, seed 20140715" in few
     assert "Again with: mantaray study run config.toml" in few
 
@@ -332,12 +332,28 @@ def test_a_column_or_a_row_is_one_quantity_and_a_head_may_be_the_table_s_own():
     assert [[text for text, _ in row] for row in by_column.rows] == [
         ["n", "4,000.00", "3,000", "1.000"], ["sd", "3.25", "4", "2.500"],
     ]  # fmt: skip
-    assert [text for text, _ in by_column.head] == ["quantity", "a", "b", "predicted [%]"]
+    assert [text for text, *_ in by_column.head] == ["quantity", "a", "b", "predicted [%]"]
     by_row = show_table(table[["quantity", "a", "b"]], "", "t.csv", by_row=True)
     assert [[text for text, _ in row] for row in by_row.rows] == [
         ["n", "4,000", "3,000"],
         ["sd", "3.250", "4.000"],
     ]
+
+
+def test_columns_in_one_unit_have_the_same_decimals():
+    table = pd.DataFrame(
+        {
+            "mean_m": [143.0, 179.0],
+            "p5_m": [2.064, 0.065],
+            "max_m": [34.94, 1.0],
+            "ratio": [0.5, 0.25],
+            "tiny_s": [1e-7, 1.0],
+        }
+    )
+    shown = show_table(table, "", "t.csv")
+    assert [[text for text, _ in row] for row in shown.rows] == [
+        ["143.00", "2.06", "34.94", "0.5000", "1.000e−07"], ["179.00", "0.07", "1.00", "0.2500", "1"],
+    ]  # fmt: skip
 
 
 def test_heads_of_columns_fit_two_lines_of_their_numbers(run):

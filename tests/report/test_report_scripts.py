@@ -102,10 +102,11 @@ def page(request, run, tmp_path):
 
 def test_a_page_has_its_own_script_after_what_all_share(page):
     name, parts = page
-    (_, _, numbers), (_, _, library), (_, _, script) = parts.scripts
+    (_, _, numbers), (_, _, library), (_, _, script), (_, _, tables) = parts.scripts
     assert [(n, t) for n, t, _ in parts.scripts] == [
-        ("explorer", "text/plain"), ("library", "text/plain"), (None, None),
+        ("explorer", "text/plain"), ("library", "text/plain"), (None, None), (None, None),
     ]  # fmt: skip
+    assert tables.strip() == (TEMPLATES / "tables.js").read_text(encoding="utf-8").strip()
     assert unpacked(library) == get_plotlyjs()
     expected = [
         (TEMPLATES / file).read_text(encoding="utf-8").rstrip() for file in ("plots.js", SCRIPTS[name])
@@ -116,7 +117,7 @@ def test_a_page_has_its_own_script_after_what_all_share(page):
 
 def test_all_that_a_script_fills_and_reads_is_on_its_page(page):
     _, parts = page
-    script = parts.scripts[-1][2]
+    script = parts.scripts[2][2]
     places = set(re.findall(r'\b(?:at|draw|fill|unpacked)\("([\w-]+)"', script))
     assert places
     assert len(parts.names) == len(set(parts.names))

@@ -4,20 +4,24 @@ import gzip
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
+from hashlib import sha256
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
 
 from pymantaray.config.sections import StudyConfig
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.report.explore import explorer
 from pymantaray.report.figures import Results
+from pymantaray.report.glossary import GLOSSARY, explained, meaning
 from pymantaray.report.style import clock, condition_label
 from pymantaray.report.tables import TABLES
+from pymantaray.study.store import CONFIG
 
 SYNTHETIC_NOTE = (
     "The ocean of this study is synthetic: it is made from published water masses, not from measurements or a"
@@ -54,10 +58,6 @@ _CONDITIONS = {
     "straight-all": "straight ranges of all attempts, none of them lost",
     "no-ranges": "the graph without ranges",
 }
-_NEES = (
-    "NEES: squared position error in the covariance that the estimator gives; by its degrees of freedom it is 1 where the"
-    " estimator is as good as it thinks, above 1 where it is too sure."
-)
 _LONG = 40  # characters of a cell that may be broken
 _LARGE, _HUGE = 1e5, 1e7  # from here on numbers have no decimals, and an exponent
 _MOST_ROWS = 500  # of a table on the page
@@ -75,13 +75,13 @@ class Picture(NamedTuple):
 
 
 class ShownTable(NamedTuple):
-    """A table as a template writes it; a cell is its text and its class of the style sheet."""
+    """A table as a template writes it; a cell is its text and its class of the style sheet, a head has its meaning too."""
 
     caption: str
     file: str
     kind: str
     folded: bool
-    head: list[tuple[str, str]]
+    head: list[tuple[str, str, str]]
     rows: list[list[tuple[str, str]]]
 
 
@@ -126,6 +126,8 @@ def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> str:
         pictures=pictures,
         run_tables=shown,
         origin=[show_table(manifest, "Manifest", "manifest.json")],
+        citation=_citation(results),
+        references=results.run.manifest.get("references", []),
     )
 
 
@@ -146,13 +148,37 @@ def _provenance(results: Results) -> list[str]:
 
 
 def _words(results: Results) -> list[str]:
-    """What conditions and NEES are, a line each."""
+    """Conditions of the run and words of its tables, each with its meaning."""
+    tables = results.tables
+    causes = tables["dropouts"].set_index("category").loc[ALL_LINKS]
+    used = [str(name) for name in causes.index if name in GLOSSARY and causes[name] > 0]
+    used += ["reference speed", "bending"]
     if not results.run.config.solves:
-        return []
+        return explained(used)
     lines = [
         f"{condition_label(name)}: {_CONDITIONS[name]}." for name in results.errors if name in _CONDITIONS
     ]
-    return [*lines, _NEES] if "consistency" in results.tables else lines
+    used += ["NEES"] if "consistency" in tables else []
+    used += ["lower bound", "efficiency"] if tables["ping_error"]["bound_rmse_m"].notna().any() else []
+    return [*lines, *explained(used)]
+
+
+def _citation(results: Results) -> tuple[str, str]:
+    """How a paper cites the run, in words and as BibTeX: the program, its version, and what makes the run again."""
+    run, manifest = results.run, results.run.manifest
+    versions = manifest["versions"]
+    version, commit = versions.get("pymantaray", "unknown"), versions.get("git_commit")
+    made = str((manifest.get("made") or {}).get("began", ""))[:10]
+    study, seed = run.config.study.name, run.config.study.seed
+    which = f"version {version}" + (f", commit {commit[:12]}" if commit else "")
+    digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
+    words = f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with MantaRay, {which}"
+    note = f"{which}; study {study}, seed {seed}, configuration {digest}"
+    lines = ["@software{mantaray,", "  author = {{The MantaRay developers}},"]
+    lines += ["  title = {MantaRay: what the real ocean does to acoustic ranges between vehicles},"]
+    lines += [f"  year = {{{made[:4]}}},"] if made else []
+    lines += [f"  version = {{{version}}},", f"  note = {{{note.replace('_', chr(92) + '_')}}}", "}"]
+    return f"{words}{f' on {made}' if made else ''}.", "\n".join(lines)
 
 
 def headlines(results: Results) -> list[tuple[str, str, str]]:
@@ -223,9 +249,11 @@ def show_table(
     marks = ["number" if pd.api.types.is_numeric_dtype(table[column]) else "" for column in table.columns]
 
     cells = table.astype(object).to_numpy()
-    texts = cells.astype(object)
-    for line, values in zip(texts if by_row else texts.T, cells if by_row else cells.T, strict=True):
-        line[:] = show_alike(values.tolist())
+    texts = cells.copy()
+    lines, sources = (texts, cells) if by_row else (texts.T, cells.T)
+    decimals = [None] * len(lines) if by_row else _decimals_of_columns(table)
+    for line, values, digits in zip(lines, sources, decimals, strict=True):
+        line[:] = show_alike(values.tolist(), digits)
 
     def cell(text: str, mark: str) -> tuple[str, str]:
         return text, "long" if not mark and len(text) > _LONG else mark
@@ -236,7 +264,7 @@ def show_table(
         file.rpartition(".")[2].upper(),
         folded,
         [
-            (words.get(str(column), heading(str(column))), mark)
+            (words.get(str(column), heading(str(column))), mark, meaning(str(column)))
             for column, mark in zip(table.columns, marks, strict=True)
         ],
         [[cell(text, mark) for text, mark in zip(row, marks, strict=True)] for row in texts.tolist()],
@@ -264,23 +292,50 @@ def _unit_of_key(key: str) -> str:
     return unit[0] if unit else ""
 
 
-def show_alike(values: Sequence[Any]) -> list[str]:
-    """Values of one quantity: numbers that are not all whole have the same decimals, two or more, if each then shows a digit."""
-    numbers = [value for value in values if isinstance(value, float | np.floating) and np.isfinite(value)]
-    sizes = np.abs([number for number in numbers if number != 0.0])
-    if len(numbers) < 2 or not sizes.size:
-        return [show(value) for value in values]
-    decimals = 0
-    if (sizes != np.round(sizes)).any() and sizes.max() < _LARGE:
-        decimals = max(2, 3 - int(np.floor(np.log10(sizes.max()))))
-    if sizes.min() < 0.5 * 10.0**-decimals or sizes.max() >= _HUGE:
+def show_alike(values: Sequence[Any], decimals: int | None = None) -> list[str]:
+    """Values of one quantity: numbers that are not all whole have the same decimals, by default two or more, if each then shows a digit."""
+    numbers = _numbers(values)
+    decimals = _decimals(numbers) if decimals is None else decimals
+    if len(numbers) < 2 or decimals is None or not _all_show(numbers, decimals):
         return [show(value) for value in values]
     return [
-        f"{value:,.{decimals}f}".replace("-", "−")
-        if isinstance(value, float | np.floating) and np.isfinite(value)
-        else show(value)
+        f"{value:,.{decimals}f}".replace("-", "−") if len(_numbers([value])) else show(value)
         for value in values
     ]
+
+
+def _numbers(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Those of values that are floating-point numbers and finite."""
+    return np.array([v for v in values if isinstance(v, float | np.floating) and np.isfinite(v)], dtype=float)
+
+
+def _decimals(numbers: NDArray[np.float64]) -> int | None:
+    """Decimals with which the largest of some numbers has four digits, at least two unless all are whole; None if they are huge or all 0."""
+    largest = float(np.abs(numbers).max(initial=0.0))
+    if not 0.0 < largest < _HUGE:
+        return None
+    if largest >= _LARGE or (numbers == np.round(numbers)).all():
+        return 0
+    return max(2, 3 - int(np.floor(np.log10(largest))))
+
+
+def _all_show(numbers: NDArray[np.float64], decimals: int) -> bool:
+    """Whether each number but 0 keeps a digit."""
+    sizes = np.abs(numbers[numbers != 0.0])
+    return bool((sizes >= 0.5 * 10.0**-decimals).all())
+
+
+def _decimals_of_columns(table: pd.DataFrame) -> list[int | None]:
+    """Decimals of each column: those in one unit have the same if all their numbers then show a digit."""
+    columns = [str(column) for column in table.columns]
+    units = [next((ending for ending in _UNITS if column.endswith(ending)), column) for column in columns]
+    numbers = [_numbers(table.iloc[:, k].tolist()) for k in range(len(columns))]
+    shared = {}
+    for unit in set(units):
+        pooled = np.concatenate([part for part, own in zip(numbers, units, strict=True) if own == unit])
+        decimals = _decimals(pooled)
+        shared[unit] = decimals if decimals is not None and _all_show(pooled, decimals) else None
+    return [shared[unit] for unit in units]
 
 
 def show(value: Any) -> str:
