@@ -27,9 +27,9 @@ study: $(VENV)/.ready-run
 	$(BIN)/mantaray study run beaufort $(ARGS)
 
 study-paper: $(VENV)/.ready-run
-	$(BIN)/mantaray study run beaufort --pdf --out runs/paper-$(STAMP)/beaufort $(ARGS)
-	$(BIN)/mantaray study run fram --pdf --out runs/paper-$(STAMP)/fram $(ARGS)
-	$(BIN)/mantaray study compare --pdf runs/paper-$(STAMP)/beaufort runs/paper-$(STAMP)/fram \
+	$(BIN)/mantaray study run beaufort --format pdf,tex --out runs/paper-$(STAMP)/beaufort $(ARGS)
+	$(BIN)/mantaray study run fram --format pdf,tex --out runs/paper-$(STAMP)/fram $(ARGS)
+	$(BIN)/mantaray study compare --format pdf,tex runs/paper-$(STAMP)/beaufort runs/paper-$(STAMP)/fram \
 	  --out runs/paper-$(STAMP)/comparison
 
 quick: $(VENV)/.ready-run

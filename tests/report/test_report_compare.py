@@ -25,7 +25,7 @@ def other_folder(made_run, tmp_path_factory):
 
 
 def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(write_module, "rendered", lambda _, kinds: dict.fromkeys(kinds, b"drawn"))
+    monkeypatch.setattr(write_module, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
     page = write_comparison([run_folder, other_folder], tmp_path / "both")
     assert page == tmp_path / "both" / "index.html"
     text = page.read_text(encoding="utf-8")
@@ -134,7 +134,7 @@ def test_a_folder_that_is_not_empty_is_refused_and_kept(run_folder, other_folder
 
 
 def test_a_comparison_that_fails_leaves_nothing(run_folder, other_folder, tmp_path, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(write_module, "rendered", fail)

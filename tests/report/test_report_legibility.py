@@ -2,10 +2,12 @@
 
 import hashlib
 import re
+from io import BytesIO
 
 import numpy as np
 import pytest
 from matplotlib.ticker import ScalarFormatter
+from PIL import Image
 
 from pymantaray.records import RayStatus
 from pymantaray.report import replay as replay_page
@@ -141,6 +143,20 @@ def test_the_page_says_what_its_words_mean_and_how_to_cite_it(run):
         word = status.name.lower()
         assert (f"<p>{word}: {GLOSSARY[word]}</p>" in text) == bool((lost == status).any())
         assert f'title="{GLOSSARY[word]}"' in text or status == RayStatus.LEAKED
+
+
+@pytest.mark.parametrize(("width", "mm"), [(style.COLUMN, 84.0), (style.DOUBLE, 174.0)])
+def test_figures_for_a_paper_have_a_journal_s_width_and_300_dots_per_inch(width, mm):
+    figure = style.new_figure(width, 2.0, "Test Sea")
+    figure.subplots().plot([0.0, 1.0])
+    files = style.rendered(figure, ("png", "pdf", "svg"), dpi=300)
+    assert files == style.rendered(figure, ("png", "pdf", "svg"), dpi=300), "the same bytes each time"
+    with Image.open(BytesIO(files["png"])) as image:
+        assert image.width == pytest.approx(mm / 25.4 * 300.0, abs=1.0)
+    (box,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+)", files["pdf"])
+    assert float(box) == pytest.approx(mm / 25.4 * 72.0, abs=0.1)
+    (points,) = re.findall(rb'<svg [^>]*?width="([\d.]+)pt"', files["svg"])
+    assert float(points) == pytest.approx(mm / 25.4 * 72.0, abs=0.1)
 
 
 def test_gnss_is_in_the_legend_exactly_where_there_is_a_fix(look, run, made_run, tmp_path):

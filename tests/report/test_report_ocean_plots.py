@@ -96,7 +96,7 @@ def test_uniform_water_at_rest_and_a_flat_bed_can_be_drawn(look, ocean):
 
 
 def test_all_are_written_or_the_reason_is_given(ocean, tmp_path, monkeypatch):
-    monkeypatch.setattr(style, "rendered", lambda _, kinds: dict.fromkeys(kinds, b"drawn"))
+    monkeypatch.setattr(style, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
     names = ["ocean_profiles", "ocean_sections", "ocean_map", "ocean_sea_floor"]
     written = write_ocean_plots(ocean, tmp_path / "a", place=(78.0, 361.0))
     assert written == [tmp_path / "a" / f"{n}.{kind}" for n in names for kind in ("png", "pdf")]

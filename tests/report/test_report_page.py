@@ -60,7 +60,7 @@ class Page(HTMLParser):
 
 def without_drawing(monkeypatch):
     """Let a report be written without its figures, which other tests look at."""
-    monkeypatch.setattr(write, "rendered", lambda _, kinds: dict.fromkeys(kinds, b"drawn"))
+    monkeypatch.setattr(write, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
     plates = write.run_plates
     monkeypatch.setattr(write, "run_plates", lambda r: [replace(p, draw=Figure) for p in plates(r)])
 
@@ -70,14 +70,14 @@ def reported(tiny_run_folder, tmp_path_factory):
     """Folder of a run with its report, the page's text, and what was told of the progress."""
     folder, calls = tmp_path_factory.mktemp("report") / "run", []
     shutil.copytree(tiny_run_folder, folder)
-    page = write_report(folder, pdf=True, progress=lambda *call: calls.append(call))
+    page = write_report(folder, formats=("pdf", "tex"), progress=lambda *call: calls.append(call))
     assert page == folder / "index.html"
     return SimpleNamespace(folder=folder, text=page.read_text(encoding="utf-8"), calls=calls)
 
 
 def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run_folder):
     folder = reported.folder
-    for parts, names, kinds in (("figures", FIGURES, ("png", "pdf")), ("tables", TABLES, ("csv",))):
+    for parts, names, kinds in (("figures", FIGURES, ("png", "pdf")), ("tables", TABLES, ("csv", "tex"))):
         expected = {f"{name}.{kind}" for name in names for kind in kinds}
         assert {p.name for p in (folder / parts).iterdir()} == expected
         assert all(p.stat().st_size > 0 for p in (folder / parts).iterdir())
@@ -98,6 +98,31 @@ def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run
     assert [done for _, done, _ in reported.calls] == list(range(len(FIGURES) + 1))
     report = {"figures", "tables", "index.html"}
     assert {p.name for p in folder.iterdir()} == {p.name for p in tiny_run_folder.iterdir()} | report
+
+
+def test_tables_for_a_paper_are_those_of_the_page(reported):
+    """LaTeX of the page's cells, a row a line; what LaTeX takes for a command is escaped."""
+    text = (reported.folder / "tables" / "dropouts.tex").read_text(encoding="utf-8")
+    frame = Results(open_run(reported.folder)).tables["dropouts"]
+    body = text[text.index("\\midrule") : text.index("\\bottomrule")]
+    rows = [line.removesuffix(r" \\").split(" & ") for line in body.splitlines()[1:]]
+    assert [row[0] for row in rows] == frame["category"].tolist()
+    assert [int(row[1].replace(",", "")) for row in rows] == frame["attempts"].tolist()
+    assert r"dropouts [\%]" in text
+    assert r"\label{tab:dropouts}" in text
+    for file in (reported.folder / "tables").glob("*.tex"):
+        lines = file.read_text(encoding="utf-8").splitlines()
+        assert not [line for line in lines if re.search(r"(?<!\\)[%#]|−|²", line)], file.name
+
+
+def test_an_unknown_format_is_one_clear_line(tmp_path):
+    refused(
+        ReportError,
+        "format 'jpg': unknown; allowed: png, pdf, svg, tex",
+        write_report,
+        tmp_path,
+        formats=("jpg",),
+    )
 
 
 def test_costs_are_those_of_the_solves_of_each_condition(reported):
@@ -186,7 +211,7 @@ def test_a_new_report_replaces_the_old_one_or_leaves_it_as_it_was(made_run, tmp_
     (folder / "tables" / "old.csv").touch()
     before = sorted(folder.rglob("*"))
 
-    def fail(*_):
+    def fail(*_, **__):
         raise ReportError("disk full")
 
     with monkeypatch.context() as patch:
@@ -206,7 +231,7 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
     later = {p.name: p.read_bytes() for p in map(stage.joinpath, LATER)}
     for name in later:
         (stage / name).unlink()
-    with ReportProcess(pdf=False) as report:
+    with ReportProcess(formats=()) as report:
         report.begin(stage).result()
         for name, content in later.items():
             (stage / name).write_bytes(content)

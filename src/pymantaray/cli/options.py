@@ -14,6 +14,7 @@ from pymantaray.cli.printing import log_to_stderr
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError, WaterError
 from pymantaray.geometry.checks import check_number
 from pymantaray.geometry.units import quantity_of
+from pymantaray.report.parts import FORMATS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -500,3 +501,24 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     call.__annotations__ = {p.name: p.annotation for p in parameters}
     return call
+
+
+Formats = Annotated[
+    str,
+    typer.Option(
+        "--format",
+        metavar="NAME,...",
+        help="For a paper: figures as png (300 dpi), pdf or svg in journal widths, tables as tex; several with commas.",
+    ),
+]
+
+
+def format_names(text: str) -> tuple[str, ...]:
+    """Names in the option ``--format``; an unknown one is refused before anything is computed."""
+    names = tuple(filter(None, text.split(",")))
+    for name in names:
+        if name not in FORMATS:
+            raise typer.BadParameter(
+                f"{name!r} is unknown; allowed: {', '.join(FORMATS)}", param_hint="--format"
+            )
+    return names

@@ -7,6 +7,7 @@ import typer
 
 from pymantaray.cli.options import (
     ArrivalOptions,
+    Formats,
     Json,
     OceanOptions,
     Quiet,
@@ -70,7 +71,7 @@ def ranges(
         bool, typer.Option("--enu", help="TUM files have ROS's axes: east, north, up; forward, left, up.")
     ] = False,
     changes: Set = None,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")] = False,
+    formats: Formats = "",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -94,7 +95,7 @@ def ranges(
         **arrivals.keys,
     ).with_(**changes_of(changes))
     with printer(as_json=as_json, quiet=quiet) as printed:
-        run_and_report(config, out, printed, workers=1, figures=True, pdf=pdf, quiet=quiet)
+        run_and_report(config, out, printed, workers=1, figures=True, formats=formats, quiet=quiet)
 
 
 def _schedule(

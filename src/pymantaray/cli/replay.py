@@ -7,12 +7,14 @@ import typer
 
 from pymantaray.cli.options import (
     ArrivalOptions,
+    Formats,
     Json,
     Quiet,
     Set,
     SourceOptions,
     WaterOptions,
     changes_of,
+    format_names,
     parse_duration,
     with_options,
 )
@@ -77,7 +79,7 @@ def replay(
         str | None, typer.Option(metavar="NODE", help="Node whose clock is right. Default: their mean is.")
     ] = None,
     changes: Set = None,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Write figures as PDF too.")] = False,
+    formats: Formats = "",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -110,7 +112,7 @@ def replay(
             "search": search_record(waters[0]),
             "detection": None if detection is None else str(detection),
         }
-        page = write_replay(result, out, made_by=record, pdf=pdf, progress=report)
+        page = write_replay(result, out, made_by=record, formats=format_names(formats), progress=report)
     with printer(as_json=as_json, quiet=quiet) as printed:
         _tell(printed, result)
         printed.paths(page=page)

@@ -10,6 +10,7 @@ import typer
 from pymantaray.cli.options import (
     ArrivalOptions,
     Commands,
+    Formats,
     Json,
     OceanCommand,
     OceanOptions,
@@ -18,6 +19,7 @@ from pymantaray.cli.options import (
     Set,
     WaterOptions,
     changes_of,
+    format_names,
     with_options,
 )
 from pymantaray.cli.output import duration, progress_bars
@@ -32,7 +34,6 @@ app = Commands(cls=RunGroup, help="Run the paper's study, or one of your own.")
 _FEW = 2  # runs whose names fit above the columns of a table
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
-Pdf = Annotated[bool, typer.Option("--pdf", help="Figures as PDF too, for a paper.")]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
 
@@ -126,7 +127,7 @@ def run(
     no_figures: Annotated[
         bool, typer.Option("--no-figures", help="Data only: no tables and figures.")
     ] = False,
-    pdf: Pdf = False,
+    formats: Formats = "",
     open_page: Open = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -143,7 +144,7 @@ def run(
     config = load_study(study, realizations=realizations, ocean=source.words or None, **keys)
     with printer(as_json=as_json, quiet=quiet) as printed:
         folder = run_and_report(
-            config, out, printed, workers=workers, figures=not no_figures, pdf=pdf, quiet=quiet
+            config, out, printed, workers=workers, figures=not no_figures, formats=formats, quiet=quiet
         )
     if open_page:
         _open(folder / PAGE)
@@ -156,14 +157,14 @@ def run_and_report(
     *,
     workers: int | None,
     figures: bool,
-    pdf: bool,
+    formats: str,
     quiet: bool,
 ) -> Path:
     """Run a study, draw what its mission shows meanwhile, and say what came out and where; that folder."""
     from pymantaray.report.parts import ReportProcess
 
     # it starts beside what takes seconds to import here, and not before the file is read
-    with ReportProcess(pdf=pdf) if figures else nullcontext() as report:
+    with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
         from pymantaray.study import run_study
 
         with progress_bars(quiet=quiet, stages=_stages(config, figures=figures)) as progress:
@@ -200,7 +201,7 @@ def _stages(config: "StudyConfig", *, figures: bool) -> list[str]:
 @app.command()
 def report(
     folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
-    pdf: Pdf = False,
+    formats: Formats = "",
     open_page: Open = False,
     quiet: Quiet = False,
 ) -> None:
@@ -208,7 +209,7 @@ def report(
     from pymantaray.report import write_report
 
     with progress_bars(quiet=quiet) as progress:
-        page = write_report(folder, pdf=pdf, progress=progress)
+        page = write_report(folder, formats=format_names(formats), progress=progress)
     typer.echo(str(page))
     if open_page:
         _open(page)
@@ -218,7 +219,7 @@ def report(
 def compare(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of two runs or more.")],
     out: Out = None,
-    pdf: Pdf = False,
+    formats: Formats = "",
     open_page: Open = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -227,7 +228,7 @@ def compare(
     from pymantaray.report import write_comparison
 
     with progress_bars(quiet=quiet) as progress:
-        page = write_comparison(runs, out, pdf=pdf, progress=progress)
+        page = write_comparison(runs, out, formats=format_names(formats), progress=progress)
     with printer(as_json=as_json, quiet=quiet) as printed:
         _print_comparison(printed, page.parent, len(runs))
         printed.paths(page=page)

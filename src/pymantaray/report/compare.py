@@ -19,6 +19,7 @@ from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
 from pymantaray.report.page import (
     SYNTHETIC_NOTE,
     Picture,
+    ShownTable,
     entries,
     heading,
     numbers_from_text,
@@ -29,7 +30,7 @@ from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.style import Array, condition_label, shortened
 from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.tables import TABLES
-from pymantaray.report.write import Progress, all_files, draw
+from pymantaray.report.write import Progress, all_files, checked_formats, draw
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import open_run
 
@@ -59,7 +60,7 @@ def write_comparison(
     run_dirs: Sequence[str | Path],
     out: str | Path | None = None,
     *,
-    pdf: bool = False,
+    formats: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Path:
     """
@@ -71,28 +72,31 @@ def write_comparison(
         Folders of the runs, two or more.
     out : str or pathlib.Path, optional
         Folder for the comparison, new or empty; by default a dated one in ``runs``.
-    pdf : bool
-        Whether figures are written as PDF too, for a paper.
+    formats : sequence of str
+        What is written for a paper besides: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the parts done and the parts there are.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG, and PDF if asked for).
+        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG, and the formats asked for).
 
     Raises
     ------
     MantaRayError
         If there are fewer than two, a folder is no run, ``out`` is not free, or nothing can be written; then nothing is left behind.
     """
+    checked_formats(formats)
     if len(run_dirs) < 2:
         raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
     runs = by_name([Results(open_run(run_dir)) for run_dir in run_dirs])
     tables, plates = comparison_tables(runs), comparison_plates(runs)
     with staged_folder(out, "comparison", latest=False) as (stage, folder):
-        pictures = draw(plates, pdf=pdf, progress=progress)
-        write_files(stage, all_files(tables, pictures, _page(runs, tables, pictures)))
+        pictures = draw(plates, formats=formats, progress=progress)
+        shown = _shown(tables)
+        page = _page(runs, tables, pictures)
+        write_files(stage, all_files(tables, pictures, page, shown if "tex" in formats else {}))
     return folder / PAGE
 
 
@@ -287,18 +291,23 @@ def _side_by_side(columns: Mapping[str, "pd.Series[float]"], key: str, last: str
     return table.reset_index(drop=True)
 
 
-def _page(
-    runs: Mapping[str, Results], tables: Mapping[str, pd.DataFrame], pictures: Sequence[Picture]
-) -> str:
-    synthetic = [name for name, r in runs.items() if r.synthetic]
-    shown = []
+def _shown(tables: Mapping[str, pd.DataFrame]) -> dict[str, ShownTable]:
+    """Tables of the page by their names, in its order."""
+    shown = {}
     for name, caption in _CAPTIONS.items():
         if name not in tables:
             continue
         table = numbers_from_text(tables[name]) if name == "region" else tables[name]
         if "quantity" in table:
             table = table.assign(quantity=table["quantity"].map(heading))
-        shown.append(show_table(table, caption, f"tables/{name}.csv", by_row=name not in _ONE_QUANTITY))
+        shown[name] = show_table(table, caption, f"tables/{name}.csv", by_row=name not in _ONE_QUANTITY)
+    return shown
+
+
+def _page(
+    runs: Mapping[str, Results], tables: Mapping[str, pd.DataFrame], pictures: Sequence[Picture]
+) -> str:
+    synthetic = [name for name, r in runs.items() if r.synthetic]
     return render(
         "comparison.html",
         title=in_words(list(runs)),
@@ -309,7 +318,7 @@ def _page(
         description="",
         notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],
         pictures=pictures,
-        joint_tables=shown,
+        joint_tables=list(_shown(tables).values()),
         explorer=_explorer(runs, tables["configuration"]),
     )
 

@@ -104,15 +104,6 @@ def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> str:
     if config.solves:
         count = config.study.realizations
         mission += f", {count} noise realization{'' if count == 1 else 's'}"
-    shown = []
-    for name, frame in results.tables.items():
-        table = TABLES[name]
-        if name == "region":
-            frame = numbers_from_text(frame)
-        columns = frame[table.columns.split()] if table.columns else frame
-        shown.append(
-            show_table(columns, table.caption, f"tables/{name}.csv", folded=table.folded, words=table.words)
-        )
     manifest = pd.DataFrame(entries(results.run.manifest), columns=["entry", "value"])
     return render(
         "run.html",
@@ -124,11 +115,25 @@ def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> str:
         words=_words(results),
         explorer=explorer(results, rays),
         pictures=pictures,
-        run_tables=shown,
+        run_tables=list(shown_tables(results).values()),
         origin=[show_table(manifest, "Manifest", "manifest.json")],
         citation=_citation(results),
         references=results.run.manifest.get("references", []),
     )
+
+
+def shown_tables(results: Results) -> dict[str, ShownTable]:
+    """Tables of the page of a run by their names, in its order."""
+    shown = {}
+    for name, frame in results.tables.items():
+        table = TABLES[name]
+        if name == "region":
+            frame = numbers_from_text(frame)
+        columns = frame[table.columns.split()] if table.columns else frame
+        shown[name] = show_table(
+            columns, table.caption, f"tables/{name}.csv", folded=table.folded, words=table.words
+        )
+    return shown
 
 
 def _provenance(results: Results) -> list[str]:

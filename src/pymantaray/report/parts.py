@@ -1,6 +1,6 @@
 """The parts of a report in a folder, and what makes them in another process while a study is still running."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack
 from functools import partial
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 PAGE = "index.html"
 PARTS = ("tables", "figures", PAGE)
+FIGURE_KINDS = ("png", "pdf", "svg")
+FORMATS = (*FIGURE_KINDS, "tex")
+"""Formats for a paper: of figures, and of tables."""
 
 
 class ReportProcess(ExitStack):
@@ -24,12 +27,12 @@ class ReportProcess(ExitStack):
     It is started with the block and ends with it. It writes nothing: that is left to the process of the study.
     """
 
-    def __init__(self, *, pdf: bool) -> None:
+    def __init__(self, *, formats: Sequence[str]) -> None:
         super().__init__()
-        self._pdf = pdf
+        self._formats = formats
 
     def __enter__(self) -> Self:
-        self._process = self.enter_context(Workers(partial(_start, self._pdf), 1))
+        self._process = self.enter_context(Workers(partial(_start, self._formats), 1))
         self._process.submit(methodcaller("import_all"))
         return self
 
@@ -63,8 +66,8 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
             file.write_bytes(content)
 
 
-def _start(pdf: bool) -> Callable[[Callable[["ReportMaker"], Any]], Any]:
+def _start(formats: Sequence[str]) -> Callable[[Callable[["ReportMaker"], Any]], Any]:
     from pymantaray.report.write import ReportMaker
 
-    maker = ReportMaker(pdf=pdf)
+    maker = ReportMaker(formats=formats)
     return lambda call: call(maker)

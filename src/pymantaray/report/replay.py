@@ -1,5 +1,6 @@
 """Page, tables and figures of a replay: residuals over range and time, coverage, clocks and switching."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from pymantaray.report.figures import Plate
 from pymantaray.report.page import metres, render, show, show_table, signed_metres
 from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.table_explorer import table_explorer
-from pymantaray.report.write import Progress, all_files, draw
+from pymantaray.report.write import Progress, all_files, checked_formats, draw
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.store import write_json
 
@@ -47,7 +48,7 @@ def write_replay(
     out: str | Path | None = None,
     *,
     made_by: dict[str, Any] | None = None,
-    pdf: bool = False,
+    formats: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Path:
     """
@@ -60,8 +61,8 @@ def write_replay(
         Folder, new or empty; by default a new one in ``runs``.
     made_by : dict, optional
         How it was made, for ``replay.json`` and the page.
-    pdf : bool
-        Whether figures are written as PDF too.
+    formats : sequence of str
+        What is written for a paper besides: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the parts done and the parts there are.
 
@@ -75,10 +76,15 @@ def write_replay(
     StudyError
         If the folder is not empty or cannot be written.
     """
+    checked_formats(formats)
     record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (made_by or {})
     with staged_folder(out, "replay", latest=False) as (stage, folder):
-        pictures = draw(_plates(replay), pdf=pdf, progress=progress)
+        pictures = draw(_plates(replay), formats=formats, progress=progress)
         tables = replay.tables
+        shown = {
+            name: show_table(tables[name], caption, f"tables/{name}.csv", words=_WORDS)
+            for name, caption in _CAPTIONS.items()
+        }
         page = render(
             "replay.html",
             title="Replay of measured travel times",
@@ -90,13 +96,10 @@ def write_replay(
             cards=_cards(replay),
             pictures=pictures,
             explorer=_explorer(replay.events),
-            shown_tables=[
-                show_table(tables[name], caption, f"tables/{name}.csv", words=_WORDS)
-                for name, caption in _CAPTIONS.items()
-            ],
+            shown_tables=list(shown.values()),
             origin=[show_table(_entries(record), "Options", "replay.json")],
         )
-        write_files(stage, all_files(tables, pictures, page))
+        write_files(stage, all_files(tables, pictures, page, shown if "tex" in formats else {}))
         write_json(record, stage / "replay.json")
     return folder / PAGE
 

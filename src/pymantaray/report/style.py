@@ -33,8 +33,8 @@ with warnings.catch_warnings():
     import cmocean
 
 Array = NDArray[np.float64]
-COLUMN, DOUBLE = 3.5, 7.16
-"""Width of one and of both columns of the paper. [in]"""
+COLUMN, DOUBLE = 84.0 / 25.4, 174.0 / 25.4
+"""Widths of one column and of both in journals: 84 and 174 mm. [in]"""
 HEADER_LINE = 4
 """Entries of a legend that fit beside the header over both columns."""
 
@@ -69,7 +69,7 @@ _PER_LINE = 5  # entries of a legend below the panels
 _MARKERS = "osD^v<>phd"
 _SIGNS = dict(zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True))  # of markers in text
 _FITS = 28  # characters of a name on a figure
-_FITS_ABOVE = 19  # beside a legend of `HEADER_LINE` entries
+_FITS_ABOVE = 16  # beside a legend of `HEADER_LINE` entries
 
 with as_file(files("pymantaray.report") / "mantaray.mplstyle") as _file:
     _STYLE: Any = ["default", mpl.rc_params_from_file(_file, use_default_template=False)]
@@ -280,17 +280,18 @@ def freeze_layout(figure: Figure) -> None:
 
 
 @styled
-def rendered(figure: Figure, kinds: Sequence[str]) -> dict[str, bytes]:
-    """Figure as files of these kinds, ``png`` and ``pdf``, the same bytes each time."""
+def rendered(figure: Figure, kinds: Sequence[str], *, dpi: float | None = None) -> dict[str, bytes]:
+    """Figure as files of these kinds, ``png``, ``pdf`` and ``svg``, the same bytes each time; dots per inch by default those of the style."""
     metadata: dict[str, dict[str, Any]] = {
         "png": {"Software": None},
         "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+        "svg": {"Date": None, "Creator": None},
     }
     freeze_layout(figure)
     content = {}
     for kind in kinds:
         with BytesIO() as file:
-            figure.savefig(file, format=kind, metadata=metadata[kind])
+            figure.savefig(file, format=kind, metadata=metadata[kind], dpi=dpi or mpl.rcParams["savefig.dpi"])
             content[kind] = file.getvalue()
     return content
 

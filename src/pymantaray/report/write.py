@@ -6,10 +6,12 @@ from types import MappingProxyType
 
 import pandas as pd
 
+from pymantaray.errors import ReportError
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import Plate, Results, find_figures, run_plates
-from pymantaray.report.page import Picture, run_page
-from pymantaray.report.parts import PAGE, PARTS, write_files
+from pymantaray.report.latex import latex
+from pymantaray.report.page import Picture, ShownTable, run_page, shown_tables
+from pymantaray.report.parts import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
 from pymantaray.report.style import legend_entries, rendered
 from pymantaray.study.folder import staged_parts
 from pymantaray.study.store import FIGURES, TABLES, Run, open_run
@@ -18,9 +20,12 @@ Progress = Callable[[str, int, int], None]
 """Told the name of a stage, how many of its parts are done, and how many there are."""
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
+_PRINTED = 300.0  # dots per inch of a paper
 
 
-def write_report(run_dir: str | Path, *, pdf: bool = False, progress: Progress | None = None) -> Path:
+def write_report(
+    run_dir: str | Path, *, formats: Sequence[str] = (), progress: Progress | None = None
+) -> Path:
     """
     Write tables, figures and page of a run into its folder; an earlier report there is replaced.
 
@@ -28,15 +33,15 @@ def write_report(run_dir: str | Path, *, pdf: bool = False, progress: Progress |
     ----------
     run_dir : str or pathlib.Path
         Folder of a run.
-    pdf : bool
-        Whether figures are written as PDF too, for a paper.
+    formats : sequence of str
+        What is written for a paper besides: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the parts done and the parts there are.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG, and PDF if asked for).
+        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG, and the formats asked for).
 
     Raises
     ------
@@ -44,17 +49,26 @@ def write_report(run_dir: str | Path, *, pdf: bool = False, progress: Progress |
         If the folder is no run, a file of it is damaged, or nothing can be written; then the folder is as
         it was.
     """
+    maker = ReportMaker(formats=formats)
     run = open_run(run_dir)
     with staged_parts(run.path, PARTS) as stage:
-        write_files(stage, ReportMaker(pdf=pdf).make(run.path, progress))
+        write_files(stage, maker.make(run.path, progress))
     return run.path / PAGE
+
+
+def checked_formats(formats: Sequence[str]) -> Sequence[str]:
+    """Formats of a report; an unknown one is refused."""
+    for name in formats:
+        if name not in FORMATS:
+            raise ReportError(f"format {name!r}: unknown; allowed: {', '.join(FORMATS)}")
+    return formats
 
 
 class ReportMaker:
     """Makes a run's report in pieces: what realizations do not change from the folder that the run is written in, then the rest."""
 
-    def __init__(self, *, pdf: bool) -> None:
-        self._pdf, self._drawn = pdf, dict[str, Picture]()
+    def __init__(self, *, formats: Sequence[str]) -> None:
+        self._formats, self._drawn = checked_formats(formats), dict[str, Picture]()
         self._rays: str | None = None
 
     def import_all(self) -> None:
@@ -65,21 +79,23 @@ class ReportMaker:
         """Draw what realizations do not change."""
         results = Results(Run(folder))
         plates = run_plates(results, of_mission=True)
-        self._drawn = {picture.name: picture for picture in draw(plates, pdf=self._pdf)}
+        self._drawn = {picture.name: picture for picture in draw(plates, formats=self._formats)}
         self._rays = mission_rays(results)
 
     def make(self, folder: Path, progress: Progress | None = None) -> dict[str, bytes]:
         """Files of the report of a run that is whole, by their names."""
         results = Results(open_run(folder))
-        pictures = draw(run_plates(results), pdf=self._pdf, drawn=self._drawn, progress=progress)
+        pictures = draw(run_plates(results), formats=self._formats, drawn=self._drawn, progress=progress)
         rays = self._rays or mission_rays(results)
-        return all_files(results.tables, pictures, run_page(results, pictures, rays))
+        page = run_page(results, pictures, rays)
+        shown = shown_tables(results) if "tex" in self._formats else {}
+        return all_files(results.tables, pictures, page, shown)
 
 
 def draw(
     plates: Sequence[Plate],
     *,
-    pdf: bool,
+    formats: Sequence[str],
     drawn: Mapping[str, Picture] = MappingProxyType({}),
     progress: Progress | None = None,
 ) -> list[Picture]:
@@ -88,24 +104,31 @@ def draw(
     told = progress or (lambda *_: None)
     told("report", 0, len(plates) or 1)
     for i, plate in enumerate(plates):
-        pictures.append(drawn.get(plate.name) or _picture(plate, pdf=pdf))
+        pictures.append(drawn.get(plate.name) or _picture(plate, formats))
         told("report", i + 1, len(plates))
     return pictures
 
 
-def _picture(plate: Plate, *, pdf: bool) -> Picture:
+def _picture(plate: Plate, formats: Sequence[str]) -> Picture:
     figure = plate.draw()
     width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
-    files = rendered(figure, ("png", "pdf") if pdf else ("png",))
+    kinds = ("png", *(kind for kind in FIGURE_KINDS if kind in formats and kind != "png"))
+    files = rendered(figure, kinds, dpi=_PRINTED if "png" in formats else None)
     return Picture(plate.name, plate.caption, width, height, files, legend_entries(figure))
 
 
-def all_files(tables: Mapping[str, pd.DataFrame], pictures: Sequence[Picture], page: str) -> dict[str, bytes]:
-    """Files of a report by their names: tables with all their digits, figures, page."""
+def all_files(
+    tables: Mapping[str, pd.DataFrame],
+    pictures: Sequence[Picture],
+    page: str,
+    shown: Mapping[str, ShownTable] = MappingProxyType({}),
+) -> dict[str, bytes]:
+    """Files of a report by their names: tables with all their digits, those that are ``shown`` as LaTeX too, figures, page."""
     content = {
         f"{TABLES}/{name}.csv": table.to_csv(index=False, lineterminator="\n").encode()
         for name, table in tables.items()
     }
+    content |= {f"{TABLES}/{name}.tex": latex(table, name).encode() for name, table in shown.items()}
     for picture in pictures:
         content |= {f"{FIGURES}/{picture.name}.{kind}": file for kind, file in picture.files.items()}
     return content | {PAGE: page.encode()}
