@@ -8,11 +8,11 @@ from factories import without
 from refusals import refused
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import FactorGraph, GraphSolver, build_graph, dead_reckon
+from pymantaray.estimation import FactorGraph, GraphSolver, Method, build_graph, dead_reckon
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, worst_misfit
-from pymantaray.estimation.graph import check_anchored, check_graph, check_values
+from pymantaray.estimation.graph import KINDS, check_anchored, check_graph, check_values
 from pymantaray.estimation.starts import anchor_loose_parts, dead_reckon_graph
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp
 from pymantaray.records import RayStatus
 
 
@@ -305,3 +305,80 @@ def test_anchors_go_to_the_first_pose_of_each_loose_part_and_make_it_solvable(wh
     again, none = anchor_loose_parts(graph, values)
     assert none.size == 0
     np.testing.assert_array_equal(again["prior"].variables, graph["prior"].variables)
+
+
+def one_more(graph, name, truth):
+    """One factor of a kind, of the last pose or the landmark, that measures 3 m and 0.1 rad more than the truth."""
+    kind, n = KINDS[name], graph.n_poses
+    last = {"pose": n - 1, "landmark": n, "any": n - 1}[kind.ends[-1]]
+    ends = [0, last][-len(kind.ends) :]
+    place, turn = (
+        np.concatenate([truth.position, truth.landmark_position]),
+        matrix_from_quaternion(truth.quaternion),
+    )
+    stride, rotation = place[last], turn[min(last, n - 1)]
+    if len(ends) == 2:
+        stride, rotation = turn[0].T @ (stride - place[0]), turn[0].T @ rotation
+    measured = {
+        "position": stride + 3.0,
+        "quaternion": quaternion_from_matrix(rotation @ so3_exp(np.array([0.0, 0.0, 0.1]))),
+        "depth": stride[2] + 3.0,
+        "distance": np.linalg.norm(stride) + 3.0,
+    }
+    columns = [[measured[column]] for column, _, _ in kind.columns]
+    variance = [1e-4 if row.startswith("r") else 1e-2 for row in kind.row_names]
+    table = kind.table([ends], columns, [np.diag(variance)])
+    return graph.with_factors(**{name: graph[name].joined(table)})
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_a_factor_of_every_kind_moves_the_estimate_of_every_solver(make_fleet, name):
+    """A kind that is counted and then ignored would leave the estimate where it is."""
+    fleet = make_fleet(n_agents=1, n_times=6, n_landmarks=1)
+    graph = build_graph(fleet.noisy, "straight")
+    more = one_more(graph, name, fleet.truth)
+    assert more.degrees_of_freedom == graph.degrees_of_freedom + KINDS[name].rows
+    for method in (Method(), Method(incremental=True)):
+        before, after = (GraphSolver().solve(g, fleet.truth, method=method) for g in (graph, more))
+        moved = max(
+            np.abs(after.position - before.position).max(),
+            np.abs(after.landmark_position - before.landmark_position).max(),
+            np.abs(after.quaternion - before.quaternion).max(),
+        )
+        assert moved > 0.01, (name, method, before.status, after.status)
+
+
+def test_a_new_kind_is_solved_by_its_columns_and_ends(make_fleet, monkeypatch):
+    fleet = make_fleet(n_agents=1, n_times=6, n_landmarks=1)
+    graph = build_graph(fleet.noisy, "straight")
+    kinds = {"beacon": replace(KINDS["sighting"], what="beacon", plural="beacons"), **KINDS}
+    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", kinds)
+    sighted = one_more(graph, "sighting", fleet.truth)
+    beacon = replace(sighted["sighting"], kind=kinds["beacon"])
+    tables = {"sighting": sighted, "beacon": graph.with_factors(beacon=beacon)}
+    ends = {
+        name: [GraphSolver().solve(g, fleet.truth, method=m) for m in (Method(), Method(incremental=True))]
+        for name, g in tables.items()
+    }
+    for one, other in zip(*ends.values(), strict=True):
+        np.testing.assert_allclose(
+            one.position, other.position, rtol=0, atol=1e-6
+        )  # m; summed in another order
+        assert np.abs(one.landmark_position - fleet.truth.landmark_position).max() > 0.1
+
+
+@pytest.mark.parametrize(("kind", "message"), [
+    (replace(KINDS["sighting"], what="baseline", ends=("pose", "pose")), "^baseline: no residual for position of pose and pose;"),
+    (replace(KINDS["range"], what="altitude", ends=("pose",)), "^altitude: no residual for distance of pose;"),
+    (replace(KINDS["range"], what="second range"), "^kinds that measure distances: new, range; allowed: range alone"),
+])  # fmt: skip
+def test_a_kind_that_no_residual_fits_is_refused(whole, monkeypatch, kind, message):
+    _, graph, truth = whole
+    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", {"new": kind, **KINDS})
+    refused(EstimationError, message, GraphSolver().solve, graph, truth)
+
+
+def test_a_table_of_no_kind_is_refused(whole):
+    _, graph, truth = whole
+    odd = graph.with_factors(rnage=graph["range"])
+    refused(EstimationError, "^factors of a kind 'rnage'; allowed: prior,", GraphSolver().solve, odd, truth)

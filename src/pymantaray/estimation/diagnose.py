@@ -52,7 +52,7 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
 def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
     """Say which measurement fits the values worst, such as ``A17 and L0 (cost 3e+04)``."""
     problem, state = distance_problem(graph), State.of(values)
-    variables, cost = problem.fixed.worst(state)
+    variables, cost = problem.factors.worst(state)
     ranges = 0.5 * problem.whitened(state) ** 2
     if ranges.max(initial=-1.0) > cost:
         variables, cost = graph["range"].variables[ranges.argmax()].tolist(), float(ranges.max())

@@ -1,13 +1,14 @@
 """
 Solver-free factor graph: its variables, and for each kind of factor one table.
 
-A kind is added by one entry of `KINDS` here and, for replays, one constructor in `_gtsam/factors.py`: checks, the NetCDF
-and PyFactorGraph files, degrees of freedom, starts, solves, covariances and diagnoses follow from the entry.
-What measures it is put into a graph by `build.build_graph`.
+A kind is added by one entry of `KINDS`: its columns and ends determine its `Residual`, and with it solves, replays, checks, the
+NetCDF and PyFactorGraph files, degrees of freedom, covariances and diagnoses. A kind that no residual fits is refused.
+`build.build_graph` puts the measurements into a graph.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from itertools import pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
@@ -44,6 +45,27 @@ _UNITS = {row: "rad" if name == "quaternion" else "m" for name, rows in _ROWS.it
 OUT_OF_PLANE = ("rx", "ry", "z")  # of a graph in two dimensions
 
 
+class Residual(Enum):
+    """Residuals that all solvers implement; each kind of factor has one of them."""
+
+    POSE = "relative pose"  # of a pose in another pose or in the world; in the world also its rotation alone
+    SIGHTING = "sighting"  # of a landmark's position in the body frame of a pose
+    POSITION = "position"  # of a pose or a landmark in the world, or a pose's depth alone
+    DISTANCE = "distance"  # between two variables
+
+
+_RESIDUALS = {  # by the ends and the columns that are measured
+    (("pose",), ("position", "quaternion")): Residual.POSE,
+    (("pose",), ("quaternion",)): Residual.POSE,
+    (("pose", "pose"), ("position", "quaternion")): Residual.POSE,
+    (("pose", "landmark"), ("position",)): Residual.SIGHTING,
+    (("pose",), ("position",)): Residual.POSITION,
+    (("landmark",), ("position",)): Residual.POSITION,
+    (("pose",), ("depth",)): Residual.POSITION,
+    (("any", "any"), ("distance",)): Residual.DISTANCE,
+}
+
+
 @dataclass(frozen=True)
 class FactorKind:
     """What there is to know of one kind of factor."""
@@ -60,6 +82,18 @@ class FactorKind:
     ] = ()  # of a pose prior there, those of rx ry rz x y z that are measured; others are free
     anchors: bool = False  # whether it ties its variable to the world, so that nothing else has to
     named_after: int = 0  # which of its variables messages name
+
+    @property
+    def residual(self) -> Residual:
+        """Residual that fits its ends and columns; refused if there is none."""
+        shape = self.ends, tuple(sorted(self.columns_at))
+        if shape not in _RESIDUALS:
+            fitting = (f"{' and '.join(c)} of {' and '.join(e)}" for e, c in _RESIDUALS)
+            raise EstimationError(
+                f"{self.what}: no residual for {' and '.join(shape[1])} of {' and '.join(self.ends)};"
+                f" allowed: {', '.join(fitting)}"
+            )
+        return _RESIDUALS[shape]
 
     @property
     def rows(self) -> int:
@@ -231,6 +265,10 @@ class FactorGraph(Record):
         kind = KINDS[name]
         return self.factors.get(name) or kind.table([], [[]] * len(kind.columns), [])
 
+    def of_residual(self, *residuals: Residual) -> list[Factors]:
+        """Tables of all kinds with one of some residuals, in the order of `KINDS`."""
+        return [self[name] for name, kind in KINDS.items() if kind.residual in residuals]
+
     def with_factors(self, **tables: Factors) -> "FactorGraph":
         """Graph with some tables exchanged, by the names of `KINDS`."""
         return replace(self, factors={**self.factors, **tables})
@@ -303,6 +341,12 @@ def check_graph(graph: FactorGraph) -> None:
     rotation as it is, and throw in the middle of a solve for a singular or overflowing covariance.
     """
     _check_names(graph)
+    unknown = [name for name in graph.factors if name not in KINDS]
+    if unknown:
+        raise EstimationError(f"factors of a kind {unknown[0]!r}; allowed: {', '.join(KINDS)}")
+    distances = [name for name, kind in KINDS.items() if kind.residual is Residual.DISTANCE]
+    if distances != ["range"]:
+        raise EstimationError(f"kinds that measure distances: {', '.join(distances)}; allowed: range alone")
     for name in KINDS:
         factors = graph[name]
         if len(factors):

@@ -86,7 +86,7 @@ def group_marginals(
     fits = [(np.nan, 0)] * n_epochs
     if problem.loss is None:
         among = problem.ranges.linear_among(last.state, np.unique(np.concatenate(groups)))
-        terms = _by_group(among, poses, problem.fixed.n_poses)
+        terms = _by_group(among, poses, problem.factors.n_poses)
         step = last.step[problem.structure.row]
         fits = [_innovation(*each, step) for each in zip(terms, inverse, groups, strict=True)]
     return EpochCovariances(

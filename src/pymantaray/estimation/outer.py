@@ -12,7 +12,7 @@ from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.marginals import epoch_groups
 from pymantaray.estimation.normal_equations import SIZE, Indices
 from pymantaray.estimation.optimize import Optimum
-from pymantaray.estimation.problems import ExpandedRanges, Parts, Problem, State
+from pymantaray.estimation.problems import ExpandedRanges, Problem, ProblemCache, State
 from pymantaray.estimation.range_models import BelievedRanges, Prediction
 from pymantaray.estimation.robust import optimize_robust
 from pymantaray.estimation.solution import Progress, SolveOptions
@@ -49,7 +49,12 @@ class OuterIterations:
     """
 
     def __init__(
-        self, parts: Parts, graph: FactorGraph, believed: BelievedRanges, loss: Loss | None, poses: Indices
+        self,
+        cache: ProblemCache,
+        graph: FactorGraph,
+        believed: BelievedRanges,
+        loss: Loss | None,
+        poses: Indices,
     ) -> None:
         _check_rows(graph, believed)
         if loss is not None and believed.correlated:
@@ -59,12 +64,12 @@ class OuterIterations:
         self._believed, self._loss = believed, loss
         r, n = believed.ranges, graph.n_variables
         self._shared = n + np.arange(-(-believed.n_unknowns // SIZE))
-        self._fixed = parts.fixed(graph)
+        self._factors = cache.factors(graph)
         self.groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, self._shared)
         ends = np.stack([r.transmitter, r.receiver], axis=1)
         epochs = [np.unique(ends[r.epoch == e]) for e in range(int(r.epoch.max(initial=-1)) + 1)]
         cliques = [*self.groups, *(np.concatenate([e, self._shared]) for e in epochs)]
-        self._structure = parts.structure(n + self._shared.size, self._fixed.pairs, cliques)
+        self._structure = cache.structure(n + self._shared.size, self._factors.pairs, cliques)
         self._weights = RangeWeights(believed, graph["range"].variance)
         self._rows = np.arange(r.time.size)
         self._used, self._gated = np.ones(r.time.size, dtype=bool), np.zeros(r.time.size, dtype=int)
@@ -92,7 +97,7 @@ class OuterIterations:
             ranges = ExpandedRanges(self._believed.ranges, blocks, expansion, self._shared)
             if loss is not None and count:
                 loss = replace(loss, graduated=False)  # only about the first expansion
-            problem = Problem(self._fixed, ranges, self._structure, loss)
+            problem = Problem(self._factors, ranges, self._structure, loss)
             tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
             end = optimize_robust(problem, end.state, replace(options, step_tolerance=tolerance))
             iterations, count = iterations + end.progress.iterations, count + 1
@@ -142,7 +147,7 @@ class OuterIterations:
         assert self._expansion is not None
         prediction, residual = self._first
         comparable = np.where(prediction.possible, residual, self._expansion(*place)[0])
-        return self._fixed.cost(start) + ranges.cost_of(comparable, self._loss)
+        return self._factors.cost(start) + ranges.cost_of(comparable, self._loss)
 
 
 def _check_rows(graph: FactorGraph, believed: BelievedRanges) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pymantaray.estimation._kernels import residuals
 from pymantaray.estimation.expansion import Block, Expansion, whiten
-from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, GraphValues
+from pymantaray.estimation.graph import FactorGraph, Factors, GraphValues, Residual
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.normal_equations import SIZE, Blocks, Indices, NormalEquations, Structure
 from pymantaray.estimation.range_models import Rows, TimedRanges, chord
@@ -48,65 +48,59 @@ class State(NamedTuple):
         return State(rotation, place, self.shared + shared)
 
 
-class FixedBlocks(NamedTuple):
+class FactorBlocks(NamedTuple):
     """Blocks of pairs of poses, and of poses with landmarks that they sight."""
 
-    seen: Blocks
+    relative: Blocks
     sighted: Blocks
 
 
-class Fixed:
-    """All factors of a graph but its ranges: poses and landmarks seen from poses or the world, and measured positions."""
+class FactorsExceptRanges:
+    """All factors of a graph except its ranges: relative poses, sightings of landmarks, and measured positions."""
 
     def __init__(self, graph: FactorGraph) -> None:
-        tables = [graph[name] for name in KINDS if name != "range"]
-        self._tables, self.n_poses, self.n_variables = tables, graph.n_poses, graph.n_variables
+        self._tables, self.n_poses, self.n_variables = _except_ranges(graph), graph.n_poses, graph.n_variables
         self.planar = graph.planar
-        self._of_sighted = [graph["sighting"]]
-        turned = ["quaternion" in t.kind.columns_at for t in tables]
-        self._of_seen = [t for t, seen in zip(tables, turned, strict=True) if seen]
-        self._of_placed = [
-            t for t, seen in zip(tables, turned, strict=True) if not seen and len(t.kind.ends) == 1
-        ]
-        self._seen = residuals.Seen(*_stacked(_relative, self._of_seen))
-        self._sighted = residuals.Sighted(*_stacked(_sighted, self._of_sighted))
-        self._placed = residuals.Placed(*_stacked(_place, self._of_placed))
-        self._inner = self._seen.first >= 0  # seen from other poses, not from the world
-        self._seen_pairs = np.stack(self._seen[:2], axis=1)[self._inner]
+        self._groups = [graph.of_residual(r) for r in (Residual.POSE, Residual.SIGHTING, Residual.POSITION)]
+        self._relative = residuals.RelativePoses(*_stacked(_relative, self._groups[0]))
+        self._sighted = residuals.Sightings(*_stacked(_sighted, self._groups[1]))
+        self._positions = residuals.Positions(*_stacked(_position, self._groups[2]))
+        self._inner = self._relative.first >= 0  # relative to another pose, not to the world
+        self._relative_pairs = np.stack(self._relative[:2], axis=1)[self._inner]
         self._sighted_pairs = np.stack(self._sighted[:2], axis=1)
-        self.pairs = np.concatenate([self._seen_pairs, self._sighted_pairs])
+        self.pairs = np.concatenate([self._relative_pairs, self._sighted_pairs])
 
     def is_of(self, graph: FactorGraph) -> bool:
         """Whether a graph has the same tables."""
-        tables = [graph[name] for name in KINDS if name != "range"]
+        tables = _except_ranges(graph)
         shape = graph.n_poses, graph.n_variables, graph.planar
         return (self.n_poses, self.n_variables, self.planar) == shape and all(
             a is b or len(a) == len(b) == 0 for a, b in zip(self._tables, tables, strict=True)
         )
 
-    def blocks(self, structure: Structure) -> FixedBlocks:
+    def blocks(self, structure: Structure) -> FactorBlocks:
         """Blocks of pairs of variables; poses that are seen from the world have none."""
         n, inner = self._inner.size, self._inner
         out = Blocks(np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.bool_))
-        out.block[inner], out.turned[inner] = structure.blocks(self._seen_pairs)
-        return FixedBlocks(out, structure.blocks(self._sighted_pairs))
+        out.block[inner], out.turned[inner] = structure.blocks(self._relative_pairs)
+        return FactorBlocks(out, structure.blocks(self._sighted_pairs))
 
-    def add(self, state: State, blocks: FixedBlocks, out: NormalEquations) -> None:
+    def add(self, state: State, blocks: FactorBlocks, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, and the curvature of odometry from order 2 on."""
         costs = self._evaluate(state, blocks, out.matrix, 1 if out.order > 3 else min(out.order, 2))
         out.cost += sum(float(cost.sum()) for cost in costs)
 
-    def add_curvature(self, state: State, blocks: FixedBlocks, out: NormalEquations) -> None:
+    def add_curvature(self, state: State, blocks: FactorBlocks, out: NormalEquations) -> None:
         """
         Add all curvature of poses seen from others: what a product of Jacobians lacks of the Hessian.
 
         Residuals are linear in positions, so that what is lacking has to do with rotations: it is the change of each
         residual's own gradient as its two poses, copied for it alone, are turned, by central differences.
         """
-        inner, m = self._inner, len(self._seen_pairs)
-        one, other = self._seen_pairs.T
+        inner, m = self._inner, len(self._relative_pairs)
+        one, other = self._relative_pairs.T
         row = np.arange(2 * m)
-        copies = residuals.Seen(row[:m], row[m:], *(column[inner] for column in self._seen[2:]))
+        copies = residuals.RelativePoses(row[:m], row[m:], *(column[inner] for column in self._relative[2:]))
         pairs = Blocks(row[:m], np.zeros(m, dtype=np.bool_))
         place = np.concatenate([state.place[one], state.place[other]])
         rotation = np.concatenate([state.rotation[one], state.rotation[other]])
@@ -145,9 +139,9 @@ class Fixed:
         np.add.at(out.diagonal, rows[one], whole[:, 0, :, 0])
         np.add.at(out.diagonal, rows[other], whole[:, 1, :, 1])
         between = whole[:, 0, :, 1]
-        back = blocks.seen.turned[inner]
+        back = blocks.relative.turned[inner]
         between[back] = np.swapaxes(between[back], 1, 2)
-        np.add.at(out.above, blocks.seen.block[inner], between)
+        np.add.at(out.above, blocks.relative.block[inner], between)
 
     def cost(self, state: State) -> float:
         """Half the sum of squares."""
@@ -155,8 +149,7 @@ class Fixed:
 
     def worst(self, state: State) -> tuple[list[int], float]:
         """Variables and cost of the factor that fits worst."""
-        groups = self._of_seen, self._of_sighted, self._of_placed
-        costs = zip(self._costs(state), groups, strict=True)
+        costs = zip(self._costs(state), self._groups, strict=True)
         each = [(float(c.max()), int(c.argmax()), tables) for c, tables in costs if c.size]
         if not each:
             return [], -1.0
@@ -164,25 +157,29 @@ class Fixed:
         return [v for t in tables for v in t.variables.tolist()][row], cost
 
     def _costs(self, state: State) -> tuple[Array, Array, Array]:
-        """Cost of each factor with a rotation, of each sighting, and of each measured position."""
+        """Cost of each relative pose, of each sighting, and of each measured position."""
         none, nothing = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE))
         matrix = residuals.Matrix(none, nothing, nothing, nothing[:, 0])
         no_blocks = Blocks(none, none > 0)
-        return self._evaluate(state, FixedBlocks(no_blocks, no_blocks), matrix, 0)
+        return self._evaluate(state, FactorBlocks(no_blocks, no_blocks), matrix, 0)
 
     def _evaluate(
-        self, state: State, blocks: FixedBlocks, matrix: residuals.Matrix, order: int
+        self, state: State, blocks: FactorBlocks, matrix: residuals.Matrix, order: int
     ) -> tuple[Array, Array, Array]:
         """The same, and what is added to a matrix if they are of order 1 or 2."""
         poses = residuals.Poses(state.rotation, state.place)
-        seen, sighted, placed = (
-            np.empty(len(rows)) for rows in (self._inner, self._sighted_pairs, self._placed.variable)
+        relative, sighted, positions = (
+            np.empty(len(rows)) for rows in (self._inner, self._sighted_pairs, self._positions.variable)
         )
-        residuals.add_relative(self._seen, blocks.seen, poses, matrix, order, seen, _scratch())
+        residuals.add_relative(self._relative, blocks.relative, poses, matrix, order, relative, _scratch())
         if sighted.size:  # the kernel is compiled where there is one
             residuals.add_sightings(self._sighted, blocks.sighted, poses, matrix, order, sighted, _scratch())
-        residuals.add_places(self._placed, state.place, matrix, order, placed)
-        return seen, sighted, placed
+        residuals.add_places(self._positions, state.place, matrix, order, positions)
+        return relative, sighted, positions
+
+
+def _except_ranges(graph: FactorGraph) -> list[Factors]:
+    return graph.of_residual(*(r for r in Residual if r is not Residual.DISTANCE))
 
 
 def _scratch() -> tuple[Array, Array, Array]:
@@ -216,7 +213,7 @@ def _sighted(table: Factors) -> tuple[Any, ...]:
     return pose, landmark, table.column("position"), root
 
 
-def _place(table: Factors) -> tuple[Any, ...]:
+def _position(table: Factors) -> tuple[Any, ...]:
     """Variable, measured position and its information; a depth has none across."""
     n = len(table)
     if "position" in table.kind.columns_at:
@@ -384,10 +381,14 @@ class Problem:
     """A cost to be minimized, of a graph whose ranges are under a loss or, for None, squared."""
 
     def __init__(
-        self, fixed: Fixed, ranges: Distances | ExpandedRanges, structure: Structure, loss: Loss | None = None
+        self,
+        factors: FactorsExceptRanges,
+        ranges: Distances | ExpandedRanges,
+        structure: Structure,
+        loss: Loss | None = None,
     ) -> None:
-        self.fixed, self.ranges, self.structure, self.loss = fixed, ranges, structure, loss
-        self._blocks = fixed.blocks(structure)
+        self.factors, self.ranges, self.structure, self.loss = factors, ranges, structure, loss
+        self._blocks = factors.blocks(structure)
         self._range_blocks = structure.blocks(ranges.pairs)
 
     @property
@@ -397,26 +398,26 @@ class Problem:
 
     def under(self, loss: Loss | None) -> "Problem":
         """The same ranges under another loss."""
-        return Problem(self.fixed, self.ranges, self.structure, loss)
+        return Problem(self.factors, self.ranges, self.structure, loss)
 
     def cost(self, state: State) -> float:
         """Cost at a state."""
-        return self.fixed.cost(state) + self.ranges.cost(state, self.loss)
+        return self.factors.cost(state) + self.ranges.cost(state, self.loss)
 
     def linearize(self, state: State, order: int = 1) -> NormalEquations:
         """Normal equations at a state, ranges weighted as the loss has it there."""
         out = NormalEquations(self.structure, order)
-        i, n, m = np.arange(SIZE), self.fixed.n_poses, self.fixed.n_variables
+        i, n, m = np.arange(SIZE), self.factors.n_poses, self.factors.n_variables
         row = self.structure.row
         out.diagonal[row[n:m, None], i[:3], i[:3]] = 1.0  # a landmark does not turn
         out.diagonal[row[m:, None], i, i] = 1.0  # prior of what is shared
-        self.fixed.add(state, self._blocks, out)
+        self.factors.add(state, self._blocks, out)
         self.ranges.add(state, self._range_blocks, self.loss, out)
         if order > 3:
             out.scale = np.diagonal(out.diagonal, axis1=1, axis2=2).copy()
-            self.fixed.add_curvature(state, self._blocks, out)
+            self.factors.add_curvature(state, self._blocks, out)
             _add_arcs(state, out, row[:n])
-        if self.fixed.planar:
+        if self.factors.planar:
             _hold_in_plane(out, row[:m])
         return out
 
@@ -444,18 +445,18 @@ def _hold_in_plane(out: NormalEquations, rows: Indices) -> None:
     out.gradient[rows[:, None], _OUT_OF_PLANE] = 0.0
 
 
-class Parts:
-    """Parts of problems, kept to be used again where their inputs are equal."""
+class ProblemCache:
+    """Factors and structures of problems, reused for equal inputs."""
 
     def __init__(self) -> None:
-        self._fixed: Fixed | None = None
+        self._factors: FactorsExceptRanges | None = None
         self._structures: dict[tuple[int, bytes], Structure] = {}
 
-    def fixed(self, graph: FactorGraph) -> Fixed:
-        """All factors of a graph but its ranges."""
-        if self._fixed is None or not self._fixed.is_of(graph):
-            self._fixed = Fixed(graph)
-        return self._fixed
+    def factors(self, graph: FactorGraph) -> FactorsExceptRanges:
+        """All factors of a graph except its ranges."""
+        if self._factors is None or not self._factors.is_of(graph):
+            self._factors = FactorsExceptRanges(graph)
+        return self._factors
 
     def structure(self, size: int, pairs: Indices, groups: Sequence[Indices]) -> Structure:
         """Structure of variables that are connected by pairs, or all within a group."""
@@ -472,14 +473,14 @@ def distance_problem(
     graph: FactorGraph,
     loss: Loss | None = None,
     *,
-    parts: Parts | None = None,
+    cache: ProblemCache | None = None,
     groups: Sequence[Indices] = (),
 ) -> Problem:
     """Problem of a graph whose ranges are distances; the variables of each group are connected besides."""
-    parts = parts or Parts()
-    fixed, ranges = parts.fixed(graph), Distances(graph)
-    pairs = np.concatenate([fixed.pairs, ranges.pairs])
-    return Problem(fixed, ranges, parts.structure(graph.n_variables, pairs, groups), loss)
+    cache = cache or ProblemCache()
+    factors, ranges = cache.factors(graph), Distances(graph)
+    pairs = np.concatenate([factors.pairs, ranges.pairs])
+    return Problem(factors, ranges, cache.structure(graph.n_variables, pairs, groups), loss)
 
 
 def _cost(white: Array, loss: Loss | None) -> float:

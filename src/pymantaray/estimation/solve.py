@@ -14,7 +14,7 @@ from pymantaray.estimation.losses import LOSSES, Loss
 from pymantaray.estimation.marginals import check_poses, epoch_groups, group_marginals
 from pymantaray.estimation.normal_equations import Indices
 from pymantaray.estimation.outer import Outcome, OuterIterations
-from pymantaray.estimation.problems import Parts, Problem, State, distance_problem
+from pymantaray.estimation.problems import Problem, ProblemCache, State, distance_problem
 from pymantaray.estimation.range_models import BelievedRanges, Unknowns, UnknownsEstimate
 from pymantaray.estimation.replay import replay
 from pymantaray.estimation.robust import optimize_robust
@@ -30,7 +30,7 @@ class GraphSolver:
 
     def __init__(self, options: SolveOptions | None = None) -> None:
         self.options = options or SolveOptions()
-        self._parts = Parts()
+        self._cache = ProblemCache()
 
     def solve(
         self,
@@ -106,7 +106,7 @@ class GraphSolver:
         poses: Indices,
     ) -> Outcome:
         if believed is not None:
-            return OuterIterations(self._parts, graph, believed, loss, poses).solve(initial, self.options)
+            return OuterIterations(self._cache, graph, believed, loss, poses).solve(initial, self.options)
         problem, groups = self._distances(graph, loss, poses)
         return Outcome(optimize_robust(problem, State.of(initial), self.options), problem, groups)
 
@@ -115,7 +115,7 @@ class GraphSolver:
     ) -> tuple[Problem, list[Indices]]:
         """What is minimized where ranges are distances, and the groups whose covariances are wanted."""
         groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, np.empty(0, dtype=np.intp))
-        return distance_problem(graph, loss, parts=self._parts, groups=groups), groups
+        return distance_problem(graph, loss, cache=self._cache, groups=groups), groups
 
     def _replayed(
         self,
@@ -160,10 +160,10 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 
 def _unknowns(unknowns: Unknowns, end: Outcome) -> UnknownsEstimate:
     """What the solve says of the unknowns that have names, in their units."""
-    n, optimum, fixed = len(unknowns.name), end.optimum, end.problem.fixed
+    n, optimum, factors = len(unknowns.name), end.optimum, end.problem.factors
     sigma = unknowns.sigma[:n]
     assert optimum.last is not None  # or it would not be usable
-    shared = np.arange(fixed.n_variables, end.problem.structure.row.size)
+    shared = np.arange(factors.n_variables, end.problem.structure.row.size)
     (inverse,) = optimum.last.factor.inverse([shared])
     covariance = sigma[:, None] * inverse[:n, :n] * sigma
     return UnknownsEstimate(unknowns.name, unknowns.unit, sigma, sigma * optimum.state.shared[:n], covariance)

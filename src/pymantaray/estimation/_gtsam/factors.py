@@ -1,8 +1,7 @@
 """
 From a solver-free graph to GTSAM factors and values, for replays.
 
-A kind of factor of `graph.KINDS` has its constructor in `_MAKERS`, which gives the factors of a table one by
-one; and, where its noise is not that of its covariance as it stands, its noise model in `_NOISE`.
+`_maker` chooses a generator of GTSAM factors by `Residual`, ends and columns; a new kind with one of these residuals needs nothing here.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,7 +12,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, GraphValues
+from pymantaray.estimation.graph import FactorGraph, FactorKind, Factors, GraphValues, Residual
 from pymantaray.estimation.losses import Loss
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
@@ -25,15 +24,30 @@ def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
     out = gtsam.NonlinearFactorGraph()
     for factor in _in_plane(graph) if graph.planar else ():
         out.add(factor)
-    for name in KINDS:
-        factors = graph[name]
-        noise = _models(_NOISE.get(name, _gaussian), factors.covariance)
-        if loss is not None and name == "range":
+    for factors in graph.of_residual(*(r for r in Residual if r is not Residual.DISTANCE)):
+        make = _maker(factors.kind)
+        noise = _models(_vertical if make is _depths else _gaussian, factors.covariance)
+        for factor in make(factors, noise):
+            out.add(factor)
+    for factors in graph.of_residual(Residual.DISTANCE):
+        noise = _models(_gaussian, factors.covariance)
+        if loss is not None:
             robust = _m_estimator(loss)
             noise = [gtsam.noiseModel.Robust.Create(robust, model) for model in noise]
-        for factor in _MAKERS[name](factors, noise, graph.n_poses):
+        for factor in _ranges(factors, noise, graph.n_poses):
             out.add(factor)
     return out
+
+
+def _maker(kind: FactorKind) -> Callable[[Factors, list[Any]], Iterator[Any]]:
+    """Generator of the factors of a kind that measures no distances."""
+    if kind.residual is Residual.SIGHTING:
+        return _sightings
+    if kind.residual is Residual.POSITION:
+        return _depths if "depth" in kind.columns_at else _positions
+    if len(kind.ends) == 2:
+        return _edges
+    return _priors if "position" in kind.columns_at else _attitudes
 
 
 def values_of(initial: GraphValues) -> Any:
@@ -58,23 +72,19 @@ def _models(make: Callable[[Array], Any], covariance: Array) -> list[Any]:
     return out
 
 
-def _priors(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+def _priors(factors: Factors, noise: list[Any]) -> Iterator[Any]:
     poses = poses_of(factors.column("quaternion"), factors.column("position"))
     for key, pose, model in zip(factors.subject.tolist(), poses, noise, strict=True):
         yield gtsam.PriorFactorPose3(key, pose, model)
 
 
-def _places(make: Any) -> Callable[[Factors, list[Any], int], Iterator[Any]]:
-    """Constructor of the factors of a kind that measures the position of one variable."""
-
-    def places(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
-        for row in zip(factors.subject.tolist(), factors.column("position"), noise, strict=True):
-            yield make(*row)
-
-    return places
+def _positions(factors: Factors, noise: list[Any]) -> Iterator[Any]:
+    make = gtsam.GPSFactor if factors.kind.ends == ("pose",) else gtsam.PriorFactorPoint3
+    for row in zip(factors.subject.tolist(), factors.column("position"), noise, strict=True):
+        yield make(*row)
 
 
-def _depths(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+def _depths(factors: Factors, noise: list[Any]) -> Iterator[Any]:
     """
     Fixes with zero precision across.
 
@@ -86,19 +96,19 @@ def _depths(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
         yield gtsam.GPSFactor(key, place, model)
 
 
-def _attitudes(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+def _attitudes(factors: Factors, noise: list[Any]) -> Iterator[Any]:
     rotations = matrix_from_quaternion(factors.column("quaternion"))
     for key, rotation, model in zip(factors.subject.tolist(), rotations, noise, strict=True):
         yield gtsam.PoseRotationPrior3D(key, gtsam.Rot3(rotation), model)
 
 
-def _edges(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+def _edges(factors: Factors, noise: list[Any]) -> Iterator[Any]:
     steps = poses_of(factors.column("quaternion"), factors.column("position"))
     for (first, second), step, model in zip(factors.variables.tolist(), steps, noise, strict=True):
         yield gtsam.BetweenFactorPose3(first, second, step, model)
 
 
-def _sightings(factors: Factors, noise: list[Any], _n_poses: int) -> Iterator[Any]:
+def _sightings(factors: Factors, noise: list[Any]) -> Iterator[Any]:
     """Factors in Python, for GTSAM's own is not wrapped (4.3)."""
     for (pose, landmark), place, model in zip(
         factors.variables.tolist(), factors.column("position"), noise, strict=True
@@ -144,19 +154,6 @@ def _gaussian(covariance: Array) -> Any:
 
 def _vertical(covariance: Array) -> Any:
     return gtsam.noiseModel.Diagonal.Precisions(np.array([0.0, 0.0, 1.0 / covariance[0, 0]]))
-
-
-_MAKERS: dict[str, Callable[[Factors, list[Any], int], Iterator[Any]]] = {
-    "prior": _priors,
-    "fix": _places(gtsam.GPSFactor),
-    "depth": _depths,
-    "survey": _places(gtsam.PriorFactorPoint3),
-    "edge": _edges,
-    "attitude": _attitudes,
-    "sighting": _sightings,
-    "range": _ranges,
-}
-_NOISE: dict[str, Callable[[Array], Any]] = {"depth": _vertical}
 
 
 def _m_estimator(loss: Loss) -> Any:

@@ -22,14 +22,12 @@ RESIDUAL, WHITE, STRIDE, TURN, SHIFT, BEND = range(6)
 BLOCKS, MATRICES, VECTORS = 4, 7, 6
 
 
-Seen = namedtuple("Seen", "first second turn step root")
-Seen.__doc__ = (
-    "Poses (n,) seen from others: rotation and translation as measured, and the root of their information."
-)
-Sighted = namedtuple("Sighted", "pose landmark measured root")
-Sighted.__doc__ = "Landmarks (n,) in the body frames of poses: places as measured, and the root of their information (n, 6, 6)."
-Placed = namedtuple("Placed", "variable measured information")
-Placed.__doc__ = "Measured positions (n, 3), and their information (n, 3, 3)."
+RelativePoses = namedtuple("RelativePoses", "first second turn step root")
+RelativePoses.__doc__ = "Poses (n,) in the frames of others: measured rotation and translation, and the root of their information."
+Sightings = namedtuple("Sightings", "pose landmark measured root")
+Sightings.__doc__ = "Landmarks (n,) in the body frames of poses: places as measured, and the root of their information (n, 6, 6)."
+Positions = namedtuple("Positions", "variable measured information")
+Positions.__doc__ = "Measured positions (n, 3), and their information (n, 3, 3)."
 Poses = namedtuple("Poses", "rotation place")
 Matrix = namedtuple("Matrix", "row diagonal above gradient")
 Matrix.__doc__ = (
@@ -38,15 +36,15 @@ Matrix.__doc__ = (
 
 
 @entry
-def add_relative(seen, blocks, poses, matrix, order, cost, work):  # type: ignore[no-untyped-def]
+def add_relative(relative, blocks, poses, matrix, order, cost, work):  # type: ignore[no-untyped-def]
     """
-    Costs (n,) of poses seen from others; of order 1 their blocks and gradient as well, of order 2 also their curvature.
+    Costs (n,) of relative poses; of order 1 their blocks and gradient as well, of order 2 also their curvature.
 
     Residuals ``root Log(Z^-1 T1^-1 T2)``; where ``first`` is negative T1 is the world. ``work`` is scratch: blocks, matrices,
     vectors of six.
     """
     root, row, diagonal, above, gradient = (
-        seen.root,
+        relative.root,
         matrix.row,
         matrix.diagonal,
         matrix.above,
@@ -54,8 +52,8 @@ def add_relative(seen, blocks, poses, matrix, order, cost, work):  # type: ignor
     )
     j, m, v = work
     for i in range(cost.size):
-        a, b = seen.first[i], seen.second[i]
-        _residual(seen, poses, i, m, v)
+        a, b = relative.first[i], relative.second[i]
+        _residual(relative, poses, i, m, v)
         total = 0.0
         for r in range(6):
             white = 0.0
@@ -69,9 +67,9 @@ def add_relative(seen, blocks, poses, matrix, order, cost, work):  # type: ignor
         k = row[b]
         _by_second(m, v, j)
         if a >= 0:
-            _by_first(a, b, seen.turn, i, poses.rotation, m, v, j)
+            _by_first(a, b, relative.turn, i, poses.rotation, m, v, j)
             if order == 2:
-                _add_curvature(seen, blocks, poses, matrix, i, m, v)
+                _add_curvature(relative, blocks, poses, matrix, i, m, v)
             set_product(j, 2, root, i, j, 0)
             add_transposed_product(diagonal, row[a], j, 2, j, 2)
             _add_gradient(gradient, row[a], j, 2, v)
@@ -85,9 +83,9 @@ def add_relative(seen, blocks, poses, matrix, order, cost, work):  # type: ignor
 
 
 @inlined
-def _residual(seen, poses, i, m, v):  # type: ignore[no-untyped-def]
+def _residual(relative, poses, i, m, v):  # type: ignore[no-untyped-def]
     """Logarithm of ``Z^-1 T1^-1 T2``, and what leads to it."""
-    first, second, turn, step = seen.first[i], seen.second[i], seen.turn, seen.step
+    first, second, turn, step = relative.first[i], relative.second[i], relative.turn, relative.step
     rotation, place = poses.rotation, poses.place
     for r in range(3):
         v[STRIDE, r] = place[second, r]
@@ -222,14 +220,14 @@ def _by_first(first, second, turn, i, rotation, m, v, j):  # type: ignore[no-unt
 
 
 @inlined
-def _add_curvature(seen, blocks, poses, matrix, i, m, v):  # type: ignore[no-untyped-def]
+def _add_curvature(relative, blocks, poses, matrix, i, m, v):  # type: ignore[no-untyped-def]
     """
     Add how the pull on the translation turns with the first pose, the largest part of the curvature.
 
     The residual's translation is linear in ``R1^T (p2 - p1)``: with its pull q there, ``[q] R1^T`` between turning the first
     pose and moving one against the other.
     """
-    first, block, turn, root = seen.first[i], blocks.block[i], seen.turn, seen.root
+    first, block, turn, root = relative.first[i], blocks.block[i], relative.turn, relative.root
     row, diagonal, above, rotation = matrix.row[first], matrix.diagonal, matrix.above, poses.rotation
     for r in range(3):  # on the residual, on the error, on the stride
         v[RESIDUAL, r] = 0.0
