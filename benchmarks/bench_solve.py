@@ -216,7 +216,7 @@ def regions(workers: int) -> None:
             seconds = run.manifest["seconds"]
             e = run.estimates
             cpu = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
-            usable = np.isin(e.solve_status, [SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE]).sum()
+            usable = np.isin(e.solve_status, [status for status in SolveStatus if status.usable]).sum()
             solver = RealizationSolver(run)
             first, *later = (timed(solver.solve, n)[1][1] for n in range(6))
         solving, total = solving + seconds["realizations"], total + wall

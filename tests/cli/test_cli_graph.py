@@ -174,3 +174,25 @@ def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(man
     assert refused.err.endswith("new.names.csv: exists already; give another name or --force\n")
     graph("solve", file, "--out", tmp_path / "out")
     assert (tmp_path / "out/estimate-north-wind.tum").is_file()
+
+
+@pytest.mark.parametrize(("scale", "status", "said"), [
+    (1e-3, "OVER_CHI_SQUARE", "larger standard deviations"),
+    (1e6, "UNDER_CHI_SQUARE", "smaller standard deviations"),
+])  # fmt: skip
+def test_costs_on_either_side_of_their_bounds_come_with_their_own_advice(
+    graph, told, file, scale, status, said
+):
+    """Many edges, all 1 m too long or short by turns, at variances that are far too small or too large."""
+    edge = (
+        "EDGE_SE3:QUAT 1 A0 A1 {} 0 0 0 0 0 1 "
+        + " ".join(f"{float(v) * scale:g}" for v in NOISE.split())
+        + "\n"
+    )
+    file.write_text(file.read_text() + "".join(edge.format(10 + (-1) ** k * 0.1) for k in range(40)))
+    lines = graph("solve", file).out.splitlines()
+    assert f": {status}, " in lines[0]
+    assert lines[1].startswith(f"{status}: converged, but the cost is ")
+    assert said in lines[1]
+    result = told("graph", "solve", file)
+    assert (result["status"], f"{status}: {result['advice']}") == (status, lines[1])

@@ -205,7 +205,8 @@ GOOD = Progress(
     ({"singular": True}, SolveStatus.FAILED),
     ({"final_cost": np.nan}, SolveStatus.FAILED),
     ({"final_cost": 151.0}, SolveStatus.OVER_CHI_SQUARE),  # expected 100, standard deviation 10
-    ({"final_cost": 49.0}, SolveStatus.OVER_CHI_SQUARE),
+    ({"final_cost": 49.0}, SolveStatus.UNDER_CHI_SQUARE),
+    ({"final_cost": 51.0}, SolveStatus.OK),
     ({"final_cost": 149.0}, SolveStatus.OK),
 ])  # fmt: skip
 def test_gate_has_a_verdict_for_each_way_to_end(change, status):
@@ -220,6 +221,11 @@ def test_cost_out_of_bounds_is_a_finding_of_refracted_ranges_and_a_status_of_the
     sure = replace(fleet.noisy, range_sigma=np.full(fleet.noisy.range_sigma.size, 0.1))
     solution = solve_conditions(sure, ["straight"])["straight"]
     assert solution.status == SolveStatus.OVER_CHI_SQUARE
+    assert np.isfinite(solution.position).all()
+    unsure = replace(fleet.noisy, range_sigma=np.full(fleet.noisy.range_sigma.size, 1e3))
+    unsure = replace(unsure, odometry_sigma=10.0 * fleet.noisy.odometry_sigma)
+    solution = solve_conditions(unsure, ["straight"])["straight"]
+    assert solution.status == SolveStatus.UNDER_CHI_SQUARE
     assert np.isfinite(solution.position).all()
 
 

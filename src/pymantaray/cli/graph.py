@@ -275,8 +275,11 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
         initial_cost=s.initial_cost,
         final_cost=s.final_cost,
         expected_cost=s.expected_cost,
+        advice=result.advice,
         left_out=result.left_out,
     )
+    if result.advice is not None:
+        out.line(f"{s.status.name}: {result.advice}")
     for what, count in result.left_out.items():
         out.line(f"left out: {count} {what}")
     names = [result.graph.variable_name(int(pose)) for pose in result.anchored]

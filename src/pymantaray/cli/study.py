@@ -370,6 +370,8 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
 
 def _warnings(run: "Run") -> list[str]:
     """Which solves failed their health gate, which vehicles stopped, what was changed in reading trajectories; a line each."""
+    from pymantaray.records.status import SOLVE_STATUS_WORDS, SolveStatus
+
     outcome = run.manifest["outcome"]
     lines = [
         f"vehicle {name} stopped after {stop['time_s'] / 3600.0:.1f} h: {stop['status']}"
@@ -382,5 +384,7 @@ def _warnings(run: "Run") -> list[str]:
     for (condition, status), which in by_kind.items():
         count = f"{len(which)} of {run.config.study.realizations} solves"
         listed = ", ".join(map(str, which))
-        lines.append(f"condition {condition}: {count} {status}, realizations {listed}")
+        words = SOLVE_STATUS_WORDS.get(SolveStatus[status])
+        meaning = "" if words is None else f" ({words.meaning}; {words.advice})"
+        lines.append(f"condition {condition}: {count} {status}, realizations {listed}{meaning}")
     return lines

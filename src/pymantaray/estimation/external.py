@@ -26,6 +26,7 @@ from pymantaray.estimation.solution import Solution, SolveOptions
 from pymantaray.estimation.solve import METHODS, GraphSolver
 from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.records import whole_file, write_netcdf
+from pymantaray.records.status import SOLVE_STATUS_WORDS
 
 Start = Literal["file", "dead-reckoning", "chordal"]
 EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
@@ -61,6 +62,12 @@ class GraphResult:
         return self.solution.values
 
     @property
+    def advice(self) -> str | None:
+        """What to do about a usable solution whose status is not OK."""
+        words = SOLVE_STATUS_WORDS.get(self.solution.status)
+        return None if words is None else f"{words.meaning}; {words.advice}"
+
+    @property
     def trajectories(self) -> dict[str, GraphValues]:
         """Values by name: ``start``, ``estimate`` if the solution is usable, ``truth`` if there is one."""
         tables = {
@@ -79,6 +86,7 @@ class GraphResult:
             "status": s.status.name,
             "usable": s.usable,
             "diagnosis": self.diagnosis,
+            "advice": self.advice,
             **{name: getattr(s, name) for name in _COSTS},
             "poses": g.n_poses,
             "landmarks": int(g.landmark_name.size),

@@ -171,8 +171,10 @@ def gate(progress: Progress, options: SolveOptions, *, expected_cost: float = ma
     if not (stopped and flat):  # NaN does not pass
         return SolveStatus.NOT_CONVERGED
     half_width = options.chi_square_sigmas * math.sqrt(max(expected_cost, 0.0)) + options.decrement_tolerance
-    if abs(progress.final_cost - expected_cost) > half_width:  # nor does NaN here
+    if progress.final_cost - expected_cost > half_width:  # nor does NaN here
         return SolveStatus.OVER_CHI_SQUARE
+    if expected_cost - progress.final_cost > half_width:
+        return SolveStatus.UNDER_CHI_SQUARE
     return SolveStatus.OK
 
 

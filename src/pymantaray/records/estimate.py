@@ -15,7 +15,8 @@ class Estimates(DatedRecord):
     """
     Estimated poses for every realization and condition, with the health of each solve.
 
-    A solve whose ``solve_status`` is not OK, OVER_CHI_SQUARE or SECOND_MINIMUM has NaN poses. Dead reckoning
+    A solve whose ``solve_status`` is not OK, OVER_CHI_SQUARE, UNDER_CHI_SQUARE or SECOND_MINIMUM has NaN
+    poses. Dead reckoning
     (condition ``odometry``) has status OK, no iterations and NaN costs. Estimators of a study are conditions
     too.
     """

@@ -1,6 +1,7 @@
 """Outcomes that are data, not errors: of a link, of a vehicle and of a solve."""
 
 from enum import IntEnum
+from typing import NamedTuple
 
 
 class RayStatus(IntEnum):
@@ -59,11 +60,37 @@ class SolveStatus(IntEnum):
     NO_ITERATION = 1  # the optimizer gave up at once and returned its starting point
     NOT_CONVERGED = 2  # the iteration limit was met or the gradient is not small
     COST_ROSE = 3  # the final cost is above the initial one
-    OVER_CHI_SQUARE = 4  # converged, but the cost is outside its chi-square bounds where the model is right
+    OVER_CHI_SQUARE = 4  # converged, but the cost is above its chi-square bounds where the model is right
     FAILED = 5  # the linear system could not be solved
     SECOND_MINIMUM = 6  # converged, but another start ends in another minimum; this is the lower of both
+    UNDER_CHI_SQUARE = 7  # converged, but the cost is below its chi-square bounds where the model is right
 
     @property
     def usable(self) -> bool:
         """Whether a solve of this status ended at an optimum."""
-        return self in {SolveStatus.OK, SolveStatus.OVER_CHI_SQUARE, SolveStatus.SECOND_MINIMUM}
+        return self is SolveStatus.OK or self in SOLVE_STATUS_WORDS
+
+
+class StatusWords(NamedTuple):
+    """Meaning of a status, and what a user can do about it."""
+
+    meaning: str
+    advice: str
+
+
+SOLVE_STATUS_WORDS = {
+    SolveStatus.OVER_CHI_SQUARE: StatusWords(
+        "converged, but the cost is above its chi-square bounds: measurements disagree more than their noise allows",
+        "compare the cost with that of another start, try a robust estimator, or give larger standard deviations",
+    ),
+    SolveStatus.UNDER_CHI_SQUARE: StatusWords(
+        "converged, but the cost is below its chi-square bounds: measurements agree better than their noise allows",
+        "give smaller standard deviations; if all are too large by one factor, the estimate stays the same and only its"
+        " covariances are too large",
+    ),
+    SolveStatus.SECOND_MINIMUM: StatusWords(
+        "converged, but two starts end in different minima; this is the lower",
+        "compare both estimates; more ranges or a prior may decide",
+    ),
+}
+"""Usable solves that are not OK, as pages and commands describe them."""

@@ -16,6 +16,8 @@ from plotly.offline import get_plotlyjs
 
 from pymantaray.config.sections import StudyConfig
 from pymantaray.evaluation import ALL_LINKS
+from pymantaray.records import SolveStatus
+from pymantaray.records.status import SOLVE_STATUS_WORDS
 from pymantaray.report.explore import explorer
 from pymantaray.report.figures import Results
 from pymantaray.report.glossary import GLOSSARY, explained, meaning
@@ -27,10 +29,6 @@ SYNTHETIC_NOTE = (
     "The ocean of this study is synthetic: it is made from published water masses, not from measurements or a"
     " forecast of the day. Its numbers say what such an ocean does, not what the real one did."
 )
-_MEANING = {
-    "OVER_CHI_SQUARE": " (converged, but the cost is not what the noise lets one expect)",
-    "SECOND_MINIMUM": " (two starts end in different minima; this is the lower)",
-}
 _UNITS = {"_m": " [m]", "_s": " [s]", "_h": " [h]", "_deg": " [deg]", "_percent": " [%]"}
 _WORDS = {
     "n": "N",
@@ -226,7 +224,8 @@ def troubles(results: Results) -> list[str]:
     solves, lines = results.tables.get("solves", pd.DataFrame(columns=["condition", "status"])), []
     for (condition, status), part in solves[solves["status"] != "OK"].groupby(["condition", "status"]):
         every = int((solves["condition"] == condition).sum())
-        meaning = _MEANING.get(str(status), "")
+        words = SOLVE_STATUS_WORDS.get(SolveStatus[str(status)])
+        meaning = "" if words is None else f" ({words.meaning}; {words.advice})"
         lines.append(f"Condition {condition}: {len(part)} of {every} solves have status {status}{meaning}.")
     for name, (stop, time) in results.run.truth.stops.items():
         lines.append(f"Vehicle {name} stopped after {clock(time / 3600.0)}: {stop.name}.")
