@@ -178,6 +178,7 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     assert (run.measurements.range_status == RayStatus.OK).all()
     assert " lost: " not in done.out
     summary = told("study", "run", small, *words[:-2], "json", "--no-figures", "--workers", 1)
+    assert list(summary["seconds"])[-1] == "tables"  # all that the user waits for
     assert (summary["realizations"], summary["synthetic_ocean"], summary["folder"]) == (
         2,
         True,

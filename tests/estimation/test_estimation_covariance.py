@@ -165,6 +165,17 @@ def test_epochs_without_ranges_have_no_innovation(make_fleet):
     assert np.isfinite(found.range_nis).tolist() == [True, False]
 
 
+def test_innovations_are_computed_only_if_asked_for(make_fleet, monkeypatch):
+    fleet = make_fleet(seed=16)
+    graph, values = solved(fleet, fleet.noisy)
+    every = covariances_at(graph, values, poses_at(fleet.noisy, [10, 12]))
+    monkeypatch.setattr("pymantaray.estimation.marginals._innovation", lambda *_: pytest.fail("for nothing"))
+    found = covariances_at(graph, values, poses_at(fleet.noisy, [10, 12]), innovations=False)
+    np.testing.assert_array_equal(found.position, every.position)
+    np.testing.assert_array_equal(found.pose, every.pose)
+    assert np.isnan(found.range_nis).all()
+
+
 def anywhere(prior):
     """A prior of ten thousand kilometres: the system can be inverted, and its covariance means nothing."""
     wide = np.array(prior.covariance)

@@ -3,6 +3,7 @@
 from collections.abc import Hashable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -175,6 +176,7 @@ def run_and_report(
                 progress=progress,
                 mission_ready=None if report is None else report.begin,
             )
+            complete = perf_counter()
             if report is not None:
                 try:
                     report.write(results.path, progress)
@@ -185,7 +187,8 @@ def run_and_report(
                     )
                     raise
     _print_summary(printed, results)
-    _print_cost(printed, results)
+    what = "report" if figures else "tables"
+    _print_cost(printed, results, {what: round(perf_counter() - complete, 3)})
     if figures:
         printed.line(f"page: {results.path / PAGE}", page=results.path / PAGE)
     printed.paths(folder=results.path)
@@ -244,9 +247,9 @@ def _open(page: Path) -> None:
         LOG.warning("no browser is there to open %s", page)
 
 
-def _print_cost(out: Printer, run: "Run") -> None:
-    """Time of each stage and peak memory, in a line."""
-    seconds, memory = run.manifest["seconds"], run.manifest["peak_memory_mib"]
+def _print_cost(out: Printer, run: "Run", after: Mapping[str, float]) -> None:
+    """Time of each stage, of those after the data were complete, too, and peak memory, in a line."""
+    seconds, memory = {**run.manifest["seconds"], **after}, run.manifest["peak_memory_mib"]
     stages = ", ".join(f"{stage} {duration(value)}" for stage, value in seconds.items())
     workers = run.manifest["machine"]["workers"]
     each = f", {memory['largest_worker']:.0f} MiB in each of {workers} workers" if workers > 1 else ""

@@ -25,7 +25,9 @@ def check_poses(graph: FactorGraph, poses: Indices) -> Indices:
     return poses.astype(np.intp)
 
 
-def covariances_at(graph: FactorGraph, values: GraphValues, poses: Indices) -> EpochCovariances:
+def covariances_at(
+    graph: FactorGraph, values: GraphValues, poses: Indices, *, innovations: bool = True
+) -> EpochCovariances:
     """
     Covariances of poses in a graph whose ranges are distances, linearized at any values.
 
@@ -33,6 +35,8 @@ def covariances_at(graph: FactorGraph, values: GraphValues, poses: Indices) -> E
     ----------
     poses : ndarray of int, shape (n_epochs, n_agents)
         Each with a prior or odometry.
+    innovations : bool
+        Compute the innovations of the ranges, too; else they are NaN. With many ranges per epoch they take longer than all the rest.
 
     Returns
     -------
@@ -50,7 +54,7 @@ def covariances_at(graph: FactorGraph, values: GraphValues, poses: Indices) -> E
     last = prove(problem, State.of(values)).last
     if last is None:
         raise EstimationError("covariances: some direction of the graph is not determined at these values")
-    return group_marginals(problem, last, poses, groups)
+    return group_marginals(problem, last, poses, groups, innovations=innovations)
 
 
 def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indices) -> list[Indices]:
@@ -64,7 +68,7 @@ def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indi
 
 
 def group_marginals(
-    problem: Problem, last: LastStep, poses: Indices, groups: list[Indices]
+    problem: Problem, last: LastStep, poses: Indices, groups: list[Indices], *, innovations: bool = True
 ) -> EpochCovariances:
     r"""
     Covariances of poses, shape (n_epochs, n_agents), joint within each epoch, from the factor of the last step.
@@ -84,7 +88,7 @@ def group_marginals(
     turn = np.tile(np.eye(SIZE), (n_epochs, members, 1, 1))
     turn[..., 3:, 3:] = last.state.rotation[poses]  # from the world's axes to the body's
     fits = [(np.nan, 0)] * n_epochs
-    if problem.loss is None:
+    if innovations and problem.loss is None:
         among = problem.ranges.linear_among(last.state, np.unique(np.concatenate(groups)))
         terms = _by_group(among, poses, problem.factors.n_poses)
         step = last.step[problem.structure.row]

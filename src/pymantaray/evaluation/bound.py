@@ -80,7 +80,7 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
         landmark_position=o.landmark_position,
     )
     poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, samples].T
-    return covariances_at(graph, values, poses).position
+    return covariances_at(graph, values, poses, innovations=False).position
 
 
 def rms_bound(bound: Array, submerged: NDArray[np.bool_]) -> float:
