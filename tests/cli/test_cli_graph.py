@@ -141,7 +141,10 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     np.testing.assert_array_equal(values.position, read_pyfg(file)[1].position)
     anchored = graph("solve", tmp_path / "g.g2o")
     assert "anchored for want of a prior: A0" in anchored.out
-    assert "anchor             none; solve gives a prior to A0" in graph("show", tmp_path / "g.g2o").out
+    shown = graph("show", tmp_path / "g.g2o").out
+    assert "anchor             none; solve gives a prior to A0" in shown
+    assert "degrees of freedom 6 with the anchor" in shown  # of 5 edges, 5 poses and a prior
+    assert "determined         yes" in shown
     done = mantaray("graph", "convert", file, tmp_path / "t.tum")
     assert done.out.splitlines() == [str(tmp_path / "t-A.tum"), str(tmp_path / "t-B.tum")]
     again = mantaray("graph", "convert", file, tmp_path / "t.tum")

@@ -19,7 +19,9 @@ from pymantaray.estimation import (
     solve_graph,
     write_pyfg,
 )
+from pymantaray.estimation.diagnose import diagnose
 from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
+from pymantaray.estimation.graph import KINDS
 from pymantaray.estimation.pyfg import GraphFile
 from pymantaray.evaluation import graph_errors
 from pymantaray.records import SolveStatus
@@ -134,3 +136,68 @@ def test_fewer_measurements_than_unknowns_is_said_before_the_solver_is_asked(for
     assert bare.degrees_of_freedom < 0
     with pytest.raises(EstimationError, match=r"^A1: .*do not determine its rotation: nothing measures it"):
         solve_graph(GraphFile(bare, values, {}))
+
+
+def bare_graph(place, landmarks=(), **factors):
+    """Graph of one level vehicle at some places, and its values."""
+    n = len(place)
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+    graph = FactorGraph(
+        agent_name=np.array(["A"]),
+        landmark_name=np.array([f"L{k}" for k in range(len(landmarks))], dtype=str),
+        pose_agent=np.zeros(n, dtype=int),
+        pose_number=np.arange(n),
+        pose_time=np.arange(n, dtype=float),
+        factors={name: KINDS[name].table(*table) for name, table in factors.items()},
+    )
+    return graph, GraphValues(place, level, np.reshape(landmarks, (-1, 3)))
+
+
+def test_a_long_chain_is_determined_though_its_weakest_direction_is_weak():
+    """The least eigenvalue of a chain falls with the fourth power of its length: here below rounding of the largest."""
+    n = 100_000
+    place, level, unit = (
+        np.zeros((n, 3)),
+        np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+        np.tile(np.diag([0.01] * 3 + [1.0] * 3), (n, 1, 1)),
+    )
+    place[:, 0] = np.arange(n)
+    ends = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    graph, values = bare_graph(
+        place,
+        prior=([0], [place[:1], level[:1]], unit[:1]),
+        edge=(ends, [np.diff(place, axis=0), level[1:]], unit[1:]),
+    )
+    assert diagnose(graph, values) is None
+    bent = replace(values, position=place + np.random.default_rng(1).normal(0, 10.0, place.shape))
+
+    def hasty(graph, _):
+        return GraphSolver(SolveOptions(max_iterations=1)).solve(graph, bent)
+
+    result = solve_graph(GraphFile(graph, values, {}), estimator=hasty)
+    assert not result.solution.usable
+    assert "needs a prior" not in result.diagnosis
+    assert "try another start" in result.diagnosis
+
+
+@pytest.mark.parametrize("height", [0.0, 5.0])
+def test_a_start_at_which_ranges_are_aligned_is_told_from_a_graph_that_determines_nothing(height):
+    """Of a landmark in one plane with all poses nothing says on which side it is; above the plane it is determined."""
+    place, mark = (
+        np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [20.0, 30.0, 0.0]]),
+        np.array([10.0, 10.0, 10.0]),
+    )
+    level, tight = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)), np.tile(1e-4 * np.eye(6), (3, 1, 1))
+    graph, values = bare_graph(
+        place,
+        [[12.0, 11.0, height]],
+        prior=(np.arange(3), [place, level], tight),
+        range=([[k, 3] for k in range(3)], [np.linalg.norm(mark - place, axis=1)], np.ones((3, 1, 1))),
+    )
+    assert diagnose(graph, values) is None
+    result = solve_graph(GraphFile(graph, values, {}))
+    if height:
+        np.testing.assert_allclose(result.values.landmark_position, [mark], atol=1e-6)
+    else:
+        assert result.solution.status == SolveStatus.FAILED
+        assert result.diagnosis.startswith("L0: its position is not determined at the start, but near it")

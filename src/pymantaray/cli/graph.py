@@ -58,6 +58,9 @@ def show(
             out.line(f"{name:<18} {text}")
         graph, poses = anchor_graph(content)
         names = [graph.variable_name(int(pose)) for pose in poses]
+        held = " with the anchor" if names else ""
+        dof = graph.degrees_of_freedom
+        out.line(f"{'degrees of freedom':<18} {dof}{held}", degrees_of_freedom=dof)
         if names:
             out.line(f"{'anchor':<18} none; solve gives a prior to {', '.join(names)}")
         weak = diagnose(graph, content.values)
@@ -233,7 +236,6 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
         ("sightings", f"{len(g['sighting'])} of landmarks from poses"),
         ("ranges", "{} between poses, {} to landmarks, {} between landmarks".format(*counts)),
         ("priors", ", ".join(priors) or "none"),
-        ("degrees of freedom", f"{g.degrees_of_freedom}"),
     ]
     out.add(
         dimensions=2 if g.planar else 3,
@@ -247,7 +249,6 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
         sightings=len(g["sighting"]),
         ranges=len(g["range"]),
         priors=unary,
-        degrees_of_freedom=g.degrees_of_freedom,
         values_in_file=not file.valueless,
         left_out=file.left_out,
     )

@@ -11,13 +11,16 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE
 from pymantaray.estimation.problems import State, distance_problem
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
 Array = NDArray[np.float64]
 
 _FREE = 1e6  # m or rad; what may stray so far counts as undetermined, here as in the solver
-_SINGULAR = 1e-15  # eigenvalue of the scaled information; rounding leaves some 1e-17 of zero
 _DAMPING = 1e-15  # of the scaled information matrix, whose diagonal is 1: a singular one stays solvable
 _STEPS = 6  # of inverse iteration; each takes away what is not the weakest by the ratio of the eigenvalues
+_JITTER = (
+    0.1  # rad, and of the extent of all positions: away from values at which factors happen to be aligned
+)
 _SPREAD = 1e-12  # variances this far below the median leave no digits for the others
 
 
@@ -33,13 +36,17 @@ def check_conditioned(graph: FactorGraph) -> None:
 
 
 def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
-    """Say in one line which variable makes a graph singular, if one does, by the weakest direction of its scaled information."""
-    weakest = _weakest_direction(graph, values)
-    if weakest.eigenvalue >= _SINGULAR and weakest.sigma < _FREE:
+    """
+    Say in one line which variable makes a graph singular whatever its values are, if one does.
+
+    The graph is determined if the solver can factorize its normal equations at the values, or near them.
+    """
+    if _is_determined(graph, values) or _is_determined(graph, _jittered(values, planar=graph.planar)):
         return None
+    weakest = _weakest_direction(graph, values)
     if np.isinf(weakest.sigma):
         why = "nothing measures it"
-    elif weakest.eigenvalue < _SINGULAR:
+    elif weakest.sigma < _FREE:
         why = "it may move, with what it is tied to, and nothing would change"
     else:
         why = f"it may stray by {weakest.sigma:.0e} {'rad' if weakest.turns else 'm'}"
@@ -47,6 +54,36 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
         f"{graph.variable_name(weakest.variable)}: priors, odometry and ranges do not determine its"
         f" {'rotation' if weakest.turns else 'position'}: {why}; singular, needs a prior or more ranges"
     )
+
+
+def diagnose_start(graph: FactorGraph, values: GraphValues) -> str | None:
+    """Say in one line which variable of a graph is not determined at some values, though it is near them, if one is so."""
+    if _is_determined(graph, values):
+        return None
+    weakest = _weakest_direction(graph, values)
+    return (
+        f"{graph.variable_name(weakest.variable)}: its {'rotation' if weakest.turns else 'position'} is not determined at"
+        " the start, but near it: measurements happen to be aligned there; try another start, or add a prior"
+    )
+
+
+def _is_determined(graph: FactorGraph, values: GraphValues) -> bool:
+    """True if the solver can factorize the normal equations at some values."""
+    return distance_problem(graph).linearize(State.of(values)).factorize() is not None
+
+
+def _jittered(values: GraphValues, *, planar: bool) -> GraphValues:
+    """Values with every variable moved and turned at random, by the same draws each time."""
+    rng = np.random.default_rng(0)
+    place = np.concatenate([values.position, values.landmark_position])
+    extent = float(np.linalg.norm(place - place.mean(axis=0), axis=1).max(initial=0.0)) or 1.0
+    shift = _JITTER * extent * rng.standard_normal(place.shape)
+    turn = _JITTER * rng.standard_normal(values.position.shape)
+    if planar:
+        shift[:, 2], turn[:, :2] = 0.0, 0.0
+    n = len(values.position)
+    rotation = matrix_from_quaternion(values.quaternion) @ so3_exp(turn)
+    return GraphValues((place + shift)[:n], quaternion_from_matrix(rotation), (place + shift)[n:])
 
 
 def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.diagnose import check_conditioned, diagnose, worst_misfit
+from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
 from pymantaray.estimation.g2o import load_g2o
 from pymantaray.estimation.graph import (
     FactorGraph,
@@ -25,7 +25,7 @@ from pymantaray.estimation.pyfg import GraphFile, load_pyfg
 from pymantaray.estimation.solution import Solution, SolveOptions
 from pymantaray.estimation.solve import METHODS, GraphSolver
 from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
-from pymantaray.records import whole_file, write_netcdf
+from pymantaray.records import SolveStatus, whole_file, write_netcdf
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 
 Start = Literal["file", "dead-reckoning", "chordal"]
@@ -250,7 +250,9 @@ def _solved(
 
 
 def _misfit(graph: FactorGraph, initial: GraphValues, estimator: str, solution: Solution) -> str:
-    """What there is to say of a solve that failed without a reason in the graph's structure."""
+    """Reason for a solve that failed although the graph determines every variable."""
+    if solution.status is SolveStatus.FAILED and (start := diagnose_start(graph, initial)) is not None:
+        return start
     state = solution.status.name.lower().replace("_", " ")
     expected = f", expected {solution.expected_cost:.3g}" if np.isfinite(solution.expected_cost) else ""
     return (
