@@ -127,7 +127,10 @@ def main() -> None:
     )
     for name, graph in graphs.items():
         values = somewhere(graph)
-        starts = {"edges composed": dead_reckon_graph(graph, values)[0], "chordal": chordal(graph, values)}
+        starts = {
+            "edges composed": dead_reckon_graph(graph, values).values,
+            "chordal": chordal(graph, values).values,
+        }
         for where, start in starts.items():
             ours(graph, start)  # compiled
             rows = []

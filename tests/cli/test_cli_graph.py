@@ -199,3 +199,22 @@ def test_costs_on_either_side_of_their_bounds_come_with_their_own_advice(
     assert said in lines[1]
     result = told("graph", "solve", file)
     assert (result["status"], f"{status}: {result['advice']}") == (status, lines[1])
+
+
+@pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
+def test_variables_that_start_as_in_the_file_are_counted(graph, told, file, start):
+    """L2 has one range and B0 nothing before it: of 5 poses the edge A1 B1 places both of B."""
+    text = file.read_text()
+    prior = next(line for line in text.splitlines() if "XYZ:PRIOR" in line)
+    file.write_text(
+        text.replace(prior, "")
+        + "".join(
+            f"EDGE_RANGE 1 {a} L2 {d} 0.01\n"
+            for a, d in (("A0", 10.49), ("A1", 10.49), ("B0", 9.11), ("B1", 9.11))
+        )
+    )
+    lines = graph("solve", file, "--start", start).out.splitlines()
+    said = "started at the file's values, because nothing but ranges places them: 0 poses, 1 of 1 landmarks"
+    assert said in lines
+    assert told("graph", "solve", file, "--start", start)["as_in_file"] == {"poses": 0, "landmarks": 1}
+    assert told("graph", "solve", file)["as_in_file"] == {"poses": 0, "landmarks": 0}

@@ -201,3 +201,15 @@ def test_a_start_at_which_ranges_are_aligned_is_told_from_a_graph_that_determine
     else:
         assert result.solution.status == SolveStatus.FAILED
         assert result.diagnosis.startswith("L0: its position is not determined at the start, but near it")
+
+
+@pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
+def test_landmarks_that_only_ranges_see_start_at_the_file_and_are_counted(foreign, start):
+    """The file's values are the truth here: such a start knows where the landmarks are, and says so."""
+    graph, truth = open_graph(foreign[0])[:2]
+    graph = graph.with_factors(survey=graph["survey"][:1])  # L1 has ranges alone
+    result = solve_graph(GraphFile(graph, truth, {}), start=start)
+    assert [graph.variable_name(v) for v in result.as_in_file] == ["L1"]
+    assert result.summary()["started_as_in_the_file"] == {"poses": 0, "landmarks": 1}
+    np.testing.assert_array_equal(result.initial.landmark_position[1], truth.landmark_position[1])
+    assert np.abs(result.initial.landmark_position[0] - truth.landmark_position[0]).max() > 1e-3

@@ -274,7 +274,7 @@ def test_dead_reckoning_over_a_graph_is_dead_reckoning_of_its_measurements(whole
     np.testing.assert_allclose(reckoned.position, expected.position, rtol=0, atol=1e-9)
     np.testing.assert_allclose(reckoned.quaternion, expected.quaternion, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(reckoned.landmark_position, fleet.noisy.landmark_position)
-    assert from_file == 0
+    assert from_file.size == 0
 
 
 def test_dead_reckoning_goes_backwards_and_starts_where_the_file_says_for_want_of_a_prior(make_fleet):
@@ -285,7 +285,7 @@ def test_dead_reckoning_goes_backwards_and_starts_where_the_file_says_for_want_o
     )
     shifted = replace(fleet.truth, position=fleet.truth.position + np.array([7.0, 0.0, 0.0]))
     reckoned, from_file = dead_reckon_graph(graph.with_factors(prior=at_end), shifted)
-    assert from_file == 1
+    assert from_file.tolist() == [6]
     np.testing.assert_allclose(reckoned.position[:6], fleet.truth.position[:6], atol=1e-8)
     np.testing.assert_allclose(reckoned.position[6:], shifted.position[6:], atol=1e-8)
 

@@ -185,11 +185,11 @@ def test_along_arcs_what_turns_as_a_whole_keeps_its_shape():
 @pytest.mark.parametrize(("angle", "start"), [(0.1, "composed"), (0.3, "chordal")])
 def test_wound_pose_graphs_are_solved_in_few_steps_to_gtsams_cost(angle, start):
     graph, values = wound(18, angle, 0.2)
-    begin = dead_reckon_graph(graph, values)[0] if start == "composed" else chordal(graph, values)
+    begin = dead_reckon_graph(graph, values)[0] if start == "composed" else chordal(graph, values).values
     ours = GraphSolver().solve(graph, begin, model_is_right=False)
     assert ours.status.name == "OK"
     assert ours.iterations <= 60
-    factors, where = to_gtsam(graph, chordal(graph, values))
+    factors, where = to_gtsam(graph, chordal(graph, values).values)
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(1e-12)
     best = gtsam.LevenbergMarquardtOptimizer(factors, where, parameters).optimize()
@@ -207,13 +207,13 @@ def test_steps_are_reported_with_the_cost_behind_them():
 
 def test_chordal_initialization_is_off_by_its_noise_and_as_good_as_gtsams():
     graph, values = wound(8, 1e-6, 1e-6)
-    almost = chordal(graph, values)
+    almost = chordal(graph, values).values
     np.testing.assert_allclose(almost.position, values.position, rtol=0, atol=1e-3)
     graph, values = wound(8, 0.1, 0.2)
     factors, _ = to_gtsam(graph, values)
     theirs = gtsam.InitializePose3.initialize(factors)  # with a step of Gauss-Newton
     problem = distance_problem(graph)
-    start = State.of(chordal(graph, values))
+    start = State.of(chordal(graph, values).values)
     equations = problem.linearize(start)
     stepped = start.moved(problem.structure, equations.factorize().solve(-equations.gradient))
     assert problem.cost(stepped) < 1.2 * factors.error(theirs)

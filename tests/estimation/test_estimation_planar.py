@@ -208,7 +208,7 @@ def test_dead_reckoning_composes_edges_and_places_what_is_sighted(plaza):
     seen = pose.transformFrom(np.array([3.5, 2.3]))  # by the first of two
     np.testing.assert_allclose(reckoned.landmark_position[2], [*seen, 0.0], atol=1e-14)
     np.testing.assert_array_equal(reckoned.landmark_position[1], values.landmark_position[1])
-    assert as_in_file == 1
+    assert as_in_file.size == 1
 
 
 SIGHTED = """\

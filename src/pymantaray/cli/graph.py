@@ -286,9 +286,13 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
     names = [result.graph.variable_name(int(pose)) for pose in result.anchored]
     if names:
         out.line(f"anchored for want of a prior: {', '.join(names)}")
-    if result.as_in_file:
-        out.line(f"started at the file's value for want of a prior: {result.as_in_file} variables")
-    out.add(anchored=names, as_in_file=result.as_in_file)
+    same = result.counts_as_in_file
+    if any(same.values()):
+        out.line(
+            f"started at the file's values, because nothing but ranges places them: {same['poses']} poses,"
+            f" {same['landmarks']} of {result.graph.landmark_name.size} landmarks"
+        )
+    out.add(anchored=names, as_in_file=same)
     if result.truth is None or not s.usable:
         return
     errors = graph_errors(result.graph, result.values, result.truth)

@@ -29,6 +29,7 @@ from pymantaray.records import SolveStatus, whole_file, write_netcdf
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 
 Start = Literal["file", "dead-reckoning", "chordal"]
+_STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
 
 G2O = ".g2o"
@@ -40,16 +41,16 @@ class GraphResult:
     """
     What an estimator made of a graph.
 
-    ``graph`` has the priors that were added; ``as_in_file`` counts the variables whose start is the file's
-    though dead reckoning was asked for; ``start`` is chordal where the file has no values; ``truth`` is None where it
-    has none; ``diagnosis`` says in one line why the solution is not usable, and is None if it is.
+    ``graph`` has the priors that were added; ``as_in_file`` are the variables that start at the file's values though another
+    start was asked for, because nothing but ranges places them: if the file's values are the truth, so is that part of the
+    start. ``start`` is chordal where the file has no values; ``truth`` is None where it has none; ``diagnosis`` says in one line why the solution is not usable, and is None if it is.
     """
 
     graph: FactorGraph
     estimator: str
     start: Start
     initial: GraphValues
-    as_in_file: int
+    as_in_file: NDArray[np.intp]
     anchored: NDArray[np.int32]
     truth: GraphValues | None
     solution: Solution
@@ -60,6 +61,12 @@ class GraphResult:
     def values(self) -> GraphValues:
         """Estimated values; NaN unless the solution is usable."""
         return self.solution.values
+
+    @property
+    def counts_as_in_file(self) -> dict[str, int]:
+        """Numbers of poses and of landmarks among ``as_in_file``."""
+        poses = int(np.count_nonzero(self.as_in_file < self.graph.n_poses))
+        return {"poses": poses, "landmarks": int(self.as_in_file.size) - poses}
 
     @property
     def advice(self) -> str | None:
@@ -95,7 +102,7 @@ class GraphResult:
             "ranges": len(g["range"]),
             "left_out": self.left_out,
             "anchored": [g.variable_name(int(pose)) for pose in self.anchored],
-            "started_as_in_the_file": self.as_in_file,
+            "started_as_in_the_file": self.counts_as_in_file,
         }
 
     def save(self, folder: Path, *, more: Mapping[str, Any] | None = None) -> None:
@@ -187,11 +194,9 @@ def solve_graph(
         raise EstimationError(f"start {start!r}; allowed: {', '.join(get_args(Start))}")
     graph, poses = anchor_graph(file, all_parts=anchor)
     values, valueless = file.values, file.valueless
-    initial, as_in_file = values, 0
-    if start == "dead-reckoning":
-        initial, as_in_file = dead_reckon_graph(graph, values)
-    elif start == "chordal":
-        initial = chordal(graph, values)
+    initial, as_in_file = values, np.empty(0, dtype=np.intp)
+    if start != "file":
+        initial, as_in_file = _STARTS[start](graph, values)
     elif valueless:
         start = "chordal"
     name, solution = _solved(graph, initial, estimator, SolveOptions(report=report))

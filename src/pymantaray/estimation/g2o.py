@@ -162,7 +162,7 @@ def load_g2o(
         check_graph(graph)
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
-    return GraphFile(graph, chordal(graph, values) if valueless else values, lines.left_out, valueless)
+    return GraphFile(graph, chordal(graph, values).values if valueless else values, lines.left_out, valueless)
 
 
 def _lines(

@@ -1,6 +1,6 @@
 """Where to start: dead reckoning over a fleet's odometry or a graph's edges, chordal initialization, and anchors for what floats."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,9 +56,16 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
     return position, quaternion_from_matrix(np.swapaxes(rotation, 0, 1))
 
 
-def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> tuple[GraphValues, int]:
+class StartingValues(NamedTuple):
+    """Values to start at, and the variables that have the values they had before, because nothing but ranges places them."""
+
+    values: GraphValues
+    unchanged: Indices
+
+
+def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> StartingValues:
     """
-    Values that the edges of a graph give when composed from its pose priors, and the count of those taken as they are.
+    Values that the edges of a graph give when composed from its pose priors.
 
     A pose is reached from the nearest prior over the fewest edges that are not odometry (one pose to the next
     of a vehicle, either way), and over the fewest edges among these. A landmark is where its prior has it, else its first
@@ -93,11 +100,11 @@ def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> tuple[GraphVal
     reckoned = GraphValues(
         position=position, quaternion=quaternion_from_matrix(rotation), landmark_position=landmark
     )
-    known = np.unique(np.concatenate([survey.subject, seen]))
-    return reckoned, int(first.size + landmark.shape[0] - known.size)
+    unseen = np.setdiff1d(np.arange(n, graph.n_variables), np.concatenate([survey.subject, seen]))
+    return StartingValues(reckoned, np.concatenate([first, unseen]))
 
 
-def chordal(graph: FactorGraph, values: GraphValues) -> GraphValues:
+def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     """
     Values by chordal initialization: rotations first, then positions, each by linear least squares, whatever was known before.
 
@@ -147,7 +154,9 @@ def chordal(graph: FactorGraph, values: GraphValues) -> GraphValues:
     quaternion = quaternion_from_matrix(rotation)
     if graph.planar:
         positions[:, 2], quaternion[:, 1:3] = 0.0, 0.0
-    return GraphValues(positions[:n], quaternion / np.linalg.norm(quaternion, axis=1)[:, None], positions[n:])
+    unit = quaternion / np.linalg.norm(quaternion, axis=1)[:, None]
+    unchanged = np.union1d(first, loose)
+    return StartingValues(GraphValues(positions[:n], unit, positions[n:]), unchanged)
 
 
 def _linear(
