@@ -83,6 +83,7 @@ def test_solve_writes_trajectories_and_a_summary(mantaray, told, graph, file, tm
     result = told("graph", "solve", file, "--start", start)
     assert result["trajectory_error"][0]["max_m"] == pytest.approx(error.max(), rel=1e-12)
     assert (result["status"], result["start"], "folder" in result) == ("OK", start, False)
+    assert result["cost"] == result["final_cost"] == summary["cost"]
     refused = mantaray("graph", "solve", file, "--out", out)
     assert refused.code == 2
     assert refused.err == f"error: {out}: folder is not empty; give an empty or a new one\n"

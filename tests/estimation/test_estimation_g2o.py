@@ -137,6 +137,20 @@ def test_fault_is_one_line_that_names_the_place(tmp_path, old, new, message):
     refused(EstimationError, message, load_g2o, tmp_path / "g.g2o")
 
 
+def test_a_fault_deep_in_a_long_file_is_named_by_its_line_and_value(tmp_path):
+    """Columns are converted as a whole; the line has to come out of them."""
+    lines = [f"VERTEX_SE3:QUAT {k} {k} 0 0 0 0 0 1\n" for k in range(3000)]
+    path = tmp_path / "g.g2o"
+    for field, said in (("1e10", "with 1e+10; allowed: positions of at most 1e+09 m"), ("1_0", "with an underscore"),
+                        ("1,5", "could not convert string to float: '1,5'; allowed: numbers")):  # fmt: skip
+        lines[2345] = f"VERTEX_SE3:QUAT 2345 0 {field} 0 0 0 0 1\n"
+        path.write_text("".join(lines))
+        with pytest.raises(EstimationError) as caught:
+            load_g2o(path)
+        assert f"{path}, line 2346: VERTEX_SE3:QUAT" in str(caught.value)
+        assert said in str(caught.value)
+
+
 def test_lines_of_other_kinds_are_left_out_by_choice(tmp_path):
     (tmp_path / "g.g2o").write_text(HAND + "FIX 3\nVERTEX_TRACKXYZ 9 1 2 3\n")
     left_out = load_g2o(tmp_path / "g.g2o", leave_out=["FIX", "VERTEX_TRACKXYZ"]).left_out

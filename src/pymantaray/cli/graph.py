@@ -273,6 +273,7 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
         start=result.start,
         status=s.status.name,
         iterations=s.iterations,
+        cost=s.final_cost,
         initial_cost=s.initial_cost,
         final_cost=s.final_cost,
         expected_cost=s.expected_cost,

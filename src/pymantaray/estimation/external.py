@@ -94,6 +94,7 @@ class GraphResult:
             "usable": s.usable,
             "diagnosis": self.diagnosis,
             "advice": self.advice,
+            "cost": s.final_cost,
             **{name: getattr(s, name) for name in _COSTS},
             "poses": g.n_poses,
             "landmarks": int(g.landmark_name.size),

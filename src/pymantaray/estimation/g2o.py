@@ -5,9 +5,9 @@ Lines in two dimensions are lifted and flattened as those of PyFactorGraph text 
 """
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,13 @@ from pymantaray.estimation.graph import (
     check_graph,
     check_values,
 )
+from pymantaray.estimation.graph_text import Table, TextLines, Word, read_tables
 from pymantaray.estimation.pyfg import (
     POSE,
     TO_FILE,
     TO_WXYZ,
     TO_XYZW,
     GraphFile,
-    TextLines,
     flat_matrix,
     flattened,
     from_triangle,
@@ -46,30 +46,16 @@ Array = NDArray[np.float64]
 LANDMARK, SIGHTING, OFFSET = "VERTEX_TRACKXYZ", "EDGE_SE3_TRACKXYZ", "PARAMS_SE3OFFSET"
 
 
-class _Word(NamedTuple):
-    """Fields behind a word: ids, the id of a parameter or none, what is measured, and the upper triangle of a matrix."""
-
-    ids: int
-    parameter: bool
-    measured: int
-    matrix: int = 0
-    flat: bool = False
-
-    @property
-    def numbers(self) -> int:
-        return self.measured + self.matrix * (self.matrix + 1) // 2
-
-
-_GRAMMAR = {
-    POSE: _Word(1, False, 7),
-    LANDMARK: _Word(1, False, 3),
-    EDGE: _Word(2, False, 7, 6),
-    SIGHTING: _Word(2, True, 3, 3),
-    OFFSET: _Word(1, False, 7),
-    "VERTEX_SE2": _Word(1, False, 3, flat=True),
-    "VERTEX_XY": _Word(1, False, 2, flat=True),
-    "EDGE_SE2": _Word(2, False, 3, 3, flat=True),
-    "EDGE_SE2_XY": _Word(2, False, 2, 2, flat=True),
+_GRAMMAR = {  # names are ids, the last of a sighting that of a parameter
+    POSE: Word(False, 1, 7),
+    LANDMARK: Word(False, 1, 3),
+    EDGE: Word(False, 2, 7, 6),
+    SIGHTING: Word(False, 3, 3, 3),
+    OFFSET: Word(False, 1, 7, planar=None),
+    "VERTEX_SE2": Word(False, 1, 3, planar=True),
+    "VERTEX_XY": Word(False, 1, 2, planar=True),
+    "EDGE_SE2": Word(False, 2, 3, 3, planar=True),
+    "EDGE_SE2_XY": Word(False, 2, 2, 2, planar=True),
 }
 _FLAT = {POSE: "VERTEX_SE2", LANDMARK: "VERTEX_XY", EDGE: "EDGE_SE2", SIGHTING: "EDGE_SE2_XY"}
 
@@ -146,18 +132,8 @@ def load_g2o(
     """
     path = Path(path)
     lines = TextLines(path, _GRAMMAR, leave_out, skip_unknown=skip_unknown)
-    rows: dict[str, list[_Row]] = {word: [] for word in _GRAMMAR}
-    planar: bool | None = None  # not known yet
-    for line in lines:
-        word, *fields = line.split()
-        flat = _GRAMMAR[word].flat
-        planar = flat if planar is None and word != OFFSET else planar
-        if flat != bool(planar):
-            lines.refuse(
-                f"{word} in a graph in {'two' if planar else 'three'} dimensions", "one kind of graph"
-            )
-        rows[word].append(_take(lines, word, fields))
-    graph, values, valueless = _Reader(lines, rows, planar=bool(planar), half_angles=half_angles).graph()
+    tables, planar = read_tables(lines, _GRAMMAR, one_space=False)
+    graph, values, valueless = _Reader(lines, tables, planar=planar, half_angles=half_angles).graph()
     try:
         check_graph(graph)
     except EstimationError as error:
@@ -210,23 +186,22 @@ def _rows(
         yield f"{word} {head} {' '.join(f'{v:.17g}' for v in row)}\n"
 
 
-class _Row(NamedTuple):
-    """Number of a line, its ids, and its numbers."""
-
-    line: int
-    ids: list[int]
-    values: list[float]
-
-
 class _Reader:
-    """Makes a graph of the lines of a file."""
+    """Makes a graph of the tables of a file."""
 
     def __init__(
-        self, lines: TextLines, rows: dict[str, list[_Row]], *, planar: bool, half_angles: bool
+        self, lines: TextLines, tables: dict[str, Table], *, planar: bool, half_angles: bool
     ) -> None:
         self._lines, self._planar, self._half_angles = lines, planar, half_angles
-        self._words = {word: _FLAT.get(word, word) if planar else word for word in (*_FLAT, OFFSET)}
-        self._of = {word: rows[own] for word, own in self._words.items()}
+        self._of = {
+            word: tables[_FLAT.get(word, word) if self._planar else word] for word in (*_FLAT, OFFSET)
+        }
+        self._known: dict[str, int] = {}  # ids by their spellings
+        self._id = {word: self._checked_ids(word, table) for word, table in self._of.items()}
+        self._values = {
+            word: table.numbers(lines, quaternion=table.grammar.measured == 7)
+            for word, table in self._of.items()
+        }
 
     def graph(self) -> tuple[FactorGraph, GraphValues, bool]:
         """Graph, values of its variables, and whether these are no more than places to begin at."""
@@ -257,9 +232,9 @@ class _Reader:
         poses, landmarks = (self._ids(word) for word in (POSE, LANDMARK))
         valueless = not (poses or landmarks)
         if valueless:
-            edges, sightings = self._of[EDGE], self._of[SIGHTING]
-            poses = sorted({k for row in edges for k in row.ids} | {row.ids[0] for row in sightings})
-            landmarks = sorted({row.ids[1] for row in sightings})
+            edges, sightings = self._id[EDGE], self._id[SIGHTING]
+            poses = sorted({*edges[0], *edges[1], *sightings[0]})
+            landmarks = sorted(set(sightings[1]))
         if not poses:
             words = f"{POSE}, {EDGE}, {_FLAT[POSE]} or {_FLAT[EDGE]}"
             self._lines.refuse(f"no {words} in the file", "one pose at least", 0)
@@ -267,85 +242,89 @@ class _Reader:
 
     def _ids(self, word: str) -> list[int]:
         """Ids of vertices; a landmark may have that of a pose, as in files where they are counted apart."""
-        ids: dict[int, None] = {}
-        for row in self._of[word]:
-            if row.ids[0] in ids:
-                self._lines.refuse(f"second {self._words[word]} {row.ids[0]}", "one for each id", row.line)
-            ids[row.ids[0]] = None
-        return list(ids)
+        table, (ids,) = self._of[word], self._id[word]
+        if len(set(ids)) != len(ids):
+            before: set[int] = set()
+            row = next(i for i, k in enumerate(ids) if k in before or before.add(k))  # type: ignore[func-returns-value]
+            self._lines.refuse(f"second {table.word} {ids[row]}", "one for each id", table.line[row])
+        return ids
 
     def _edges(self) -> Factors:
-        rows, measured = self._of[EDGE], self._measured(EDGE)
+        measured = self._measured(EDGE)
         covariance = self._covariance(EDGE)
         return KINDS["edge"].table(
-            self._ends(rows, self._pose),
+            self._ends(EDGE, self._pose),
             [measured[:, :3], measured[:, 3:][:, TO_WXYZ]],
             covariance[:, TO_FILE][:, :, TO_FILE],
         )
 
     def _sightings(self) -> Factors:
         """Sightings in the body frames, whatever the offsets of the sensors."""
-        rows, place = self._of[SIGHTING], self._measured(SIGHTING)
-        covariance = self._covariance(SIGHTING)
+        table, place, covariance = self._of[SIGHTING], self._measured(SIGHTING), self._covariance(SIGHTING)
         if not self._planar:
-            offsets = {row.ids[0]: np.array(row.values) for row in self._of[OFFSET]}
-            for i, row in enumerate(rows):
-                if row.ids[2] not in offsets:
-                    self._lines.refuse(f"parameter {row.ids[2]}", f"ids of the file's {OFFSET}", row.line)
-                offset = offsets[row.ids[2]]
+            offsets = dict(zip(self._id[OFFSET][0], self._values[OFFSET], strict=True))
+            for i, parameter in enumerate(self._id[SIGHTING][2]):
+                if parameter not in offsets:
+                    self._lines.refuse(f"parameter {parameter}", f"ids of the file's {OFFSET}", table.line[i])
+                offset = offsets[parameter]
                 if np.any(offset != _NO_OFFSET):
                     turn = matrix_from_quaternion(offset[3:][TO_WXYZ])
                     place[i], covariance[i] = offset[:3] + turn @ place[i], turn @ covariance[i] @ turn.T
                     covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
-        return KINDS["sighting"].table(self._ends(rows, self._landmark), [place], covariance)
+        return KINDS["sighting"].table(self._ends(SIGHTING, self._landmark), [place], covariance)
 
-    def _ends(self, rows: list[_Row], of_second: dict[int, int]) -> list[list[int]]:
+    def _ends(self, word: str, of_second: dict[int, int]) -> NDArray[np.int32]:
         """Variables of both ends, the first a pose."""
-        out = []
-        for row in rows:
-            ends = list(zip(row.ids[:2], (self._pose, of_second), strict=True))
-            for end, known in ends:
-                if end not in known:
-                    what = "poses" if known is self._pose else "landmarks"
-                    self._lines.refuse(f"id {end}", f"ids of the file's {what}", row.line)
-            out.append([known[end] for end, known in ends])
-        return out
+        table, columns = self._of[word], []
+        for ids, known in zip(self._id[word][:2], (self._pose, of_second), strict=True):
+            try:
+                columns.append([known[k] for k in ids])
+            except KeyError:
+                row = next(i for i, k in enumerate(ids) if k not in known)
+                what = "poses" if known is self._pose else "landmarks"
+                self._lines.refuse(f"id {ids[row]}", f"ids of the file's {what}", table.line[row])
+        return np.array(columns, dtype=np.int32).T
 
     def _measured(self, word: str) -> Array:
         """What is measured in the lines of a word, lifted."""
-        grammar = _GRAMMAR[self._words[word]]
-        values = [row.values[: grammar.measured] for row in self._of[word]]
-        table = np.array(values, dtype=float).reshape(-1, grammar.measured)
-        return lifted(table) if self._planar else table
+        values = self._values[word][:, : self._of[word].grammar.measured].copy()
+        return lifted(values) if self._planar else values
 
     def _covariance(self, word: str) -> Array:
         """Covariances of the lines of a word, lifted."""
-        own, rows = self._words[word], self._of[word]
-        grammar = _GRAMMAR[own]
-        values = np.array([row.values[grammar.measured :] for row in rows], dtype=float)
-        width = grammar.numbers - grammar.measured
-        information = from_triangle(values.reshape(-1, width), grammar.matrix)
+        table = self._of[word]
+        grammar = table.grammar
+        information = from_triangle(self._values[word][:, grammar.measured :], grammar.matrix)
         if self._half_angles and grammar.matrix == 6:
             information *= _angle_scale(0.5)
-        covariance = _inverse(self._lines, own, information, [row.line for row in rows])
+        covariance = _inverse(self._lines, table.word, information, table.line)
         return lifted_matrix(covariance) if self._planar else covariance
 
+    def _checked_ids(self, word: str, table: Table) -> list[list[int]]:
+        """Ids of the lines of a word, by their ends."""
+        ends = []
+        for end in range(table.grammar.names):
+            fields = table.names(end)
+            for field in dict.fromkeys(fields):
+                if field not in self._known:
+                    fine = _INTEGER.fullmatch(field) and (int(field) <= _LARGEST_ID or _is_symbol(int(field)))
+                    if not fine:
+                        allowed = f"integers up to {_LARGEST_ID}, or GTSAM symbols"
+                        self._lines.refuse(f"id {field[:40]!r}", allowed, table.line[fields.index(field)])
+                    self._known[field] = int(field)
+            ends.append([self._known[field] for field in fields])
+        if word == EDGE:
+            same = np.array([a == b for a, b in zip(*ends, strict=True)], dtype=bool)
+            table.refuse_first(
+                self._lines,
+                same,
+                lambda row: f"{table.word} from {ends[0][row]} to itself",
+                "two different poses",
+            )
+        return ends
 
-def _take(lines: TextLines, word: str, fields: list[str]) -> _Row:
-    grammar = _GRAMMAR[word]
-    n_ids = grammar.ids + grammar.parameter
-    if len(fields) != n_ids + grammar.numbers:
-        lines.refuse(f"{word} with {1 + len(fields)} fields", f"{1 + n_ids + grammar.numbers}")
-    for field in fields[:n_ids]:
-        if not _INTEGER.fullmatch(field) or (int(field) > _LARGEST_ID and not _is_symbol(int(field))):
-            lines.refuse(f"id {field[:40]!r}", f"integers up to {_LARGEST_ID}, or GTSAM symbols")
-    ids = [int(field) for field in fields[:n_ids]]
-    if word in {EDGE, _FLAT[EDGE]} and ids[0] == ids[1]:
-        lines.refuse(f"{word} from {ids[0]} to itself", "two different poses")
-    return _Row(lines.number, ids, lines.numbers(word, fields[n_ids:], quaternion=grammar.measured == 7))
 
-
-def _inverse(lines: TextLines, word: str, matrices: Array, numbers: list[int]) -> Array:
+def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int]) -> Array:
     """Inverses of positive definite matrices (n, k, k) of some lines of a word, by way of their unit-diagonal forms."""
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
     fine = (diagonal > 0.0).all(axis=1)

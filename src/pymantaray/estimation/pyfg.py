@@ -8,12 +8,11 @@ written.
 
 import csv
 import itertools
-import math
 import re
-from collections import Counter
+import string
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,12 +22,9 @@ from pymantaray.estimation.graph import (
     EDGE,
     KINDS,
     LANDMARK_PRIOR,
-    LARGEST,
     POSE_PRIOR,
-    QUATERNION_TOLERANCE,
     RANGE,
     SIGHTING,
-    VARIANCES,
     FactorGraph,
     FactorKind,
     Factors,
@@ -36,6 +32,7 @@ from pymantaray.estimation.graph import (
     check_graph,
     check_values,
 )
+from pymantaray.estimation.graph_text import Table, TextLines, Word, read_tables
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
 
@@ -55,7 +52,6 @@ _LETTERS = "ABCDEFGHIJKMNOPQRSTUVWXYZ"  # of vehicles; L is for landmarks
 _NAME = re.compile(rf"([{_LETTERS}]+|L)([0-9]+)")
 _OUTER_NAME = re.compile("[A-Za-z0-9_-]+")
 _LARGEST_NUMBER = 2**31 - 1  # of a pose; records keep it in 32 bits
-_MOST_NAMED = 5  # unknown words in a message
 _FREE = 1e12  # an axis with this variance or more is not constrained
 _AXES = np.array(["rx", "ry", "rz", "x", "y", "z"])  # of a tangent, rotation before translation
 TO_FILE = [3, 4, 5, 0, 1, 2]  # rotation before translation, and back: the exchange is its own inverse
@@ -63,37 +59,18 @@ TO_XYZW = [1, 2, 3, 0]
 TO_WXYZ = [3, 0, 1, 2]
 
 
-class _Word(NamedTuple):
-    """Fields behind a word: a time or none, names, what is measured, and the upper triangle of a matrix."""
-
-    timed: bool
-    names: int
-    measured: int
-    matrix: int
-
-    @property
-    def numbers(self) -> int:
-        return self.measured + self.matrix * (self.matrix + 1) // 2
-
-    @property
-    def flat(self) -> "_Word":
-        """The same in two dimensions."""
-        measured, matrix = {7: 3, 3: 2, 1: 1}[self.measured], {6: 3, 3: 2}.get(self.matrix, self.matrix)
-        return self._replace(measured=measured, matrix=matrix)
-
-
 _GRAMMAR = {
-    POSE: _Word(timed=True, names=1, measured=7, matrix=0),
-    LANDMARK: _Word(timed=False, names=1, measured=3, matrix=0),
-    POSE_PRIOR: _Word(timed=True, names=1, measured=7, matrix=6),
-    LANDMARK_PRIOR: _Word(timed=True, names=1, measured=3, matrix=3),
-    EDGE: _Word(timed=True, names=2, measured=7, matrix=6),
-    RANGE: _Word(timed=True, names=2, measured=1, matrix=1),
-    SIGHTING: _Word(timed=True, names=2, measured=3, matrix=3),
+    POSE: Word(timed=True, names=1, measured=7, matrix=0),
+    LANDMARK: Word(timed=False, names=1, measured=3, matrix=0),
+    POSE_PRIOR: Word(timed=True, names=1, measured=7, matrix=6),
+    LANDMARK_PRIOR: Word(timed=True, names=1, measured=3, matrix=3),
+    EDGE: Word(timed=True, names=2, measured=7, matrix=6),
+    RANGE: Word(timed=True, names=2, measured=1, matrix=1, planar=None),
+    SIGHTING: Word(timed=True, names=2, measured=3, matrix=3),
 }
 
 
-_WORDS = {**{word: (word, False) for word in _GRAMMAR}, **{flat: (word, True) for word, flat in FLAT.items()}}
+_WORDS = {**_GRAMMAR, **{flat: _GRAMMAR[word].flat for word, flat in FLAT.items()}}
 
 
 class GraphFile(NamedTuple):
@@ -208,9 +185,8 @@ def load_pyfg(path: Path | str, *, leave_out: Collection[str] = (), skip_unknown
     """Read as `read_pyfg` does, without the lines of words that are named, or with ``skip_unknown`` of words that are not known."""
     path = Path(path)
     lines = TextLines(path, _WORDS, leave_out, skip_unknown=skip_unknown)
-    reader = _Reader(lines)
-    for line in lines:
-        reader.take(line)
+    tables, planar = read_tables(lines, _WORDS, one_space=True)
+    reader = _Reader(lines, tables, planar=planar)
     graph, values = reader.graph(_read_names(names_file(path)))
     try:
         check_graph(graph)
@@ -219,169 +195,49 @@ def load_pyfg(path: Path | str, *, leave_out: Collection[str] = (), skip_unknown
     return GraphFile(graph, values, lines.left_out)
 
 
-class TextLines:
-    """
-    Lines of a text file, without their ends, and refusals that name the line.
-
-    Blank lines, comments and a byte-order mark are passed over; lines that begin with a word that is left out, or skipped
-    because it is not known, are counted.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        words: Collection[str] = (),
-        leave_out: Collection[str] = (),
-        *,
-        skip_unknown: bool = False,
-    ) -> None:
-        self._path, self.number = path, 0
-        self._words, self._leave_out, self._skip_unknown = tuple(words), frozenset(leave_out), skip_unknown
-        self._left_out: Counter[str] = Counter()
-        self._unknown: dict[str, int] = {}  # the first line of each word
-
-    def __iter__(self) -> Iterator[str]:
-        """Each line that begins with a known word; ``number`` is its number, from 1."""
-        try:
-            with self._path.open(encoding="utf-8-sig") as file:
-                for self.number, raw in enumerate(file, start=1):
-                    line = raw.rstrip("\r\n")
-                    word = next(iter(line.split(None, 1)), "#")
-                    if word.startswith("#"):
-                        continue
-                    if word in self._leave_out or word not in self._words:
-                        self._left_out[word] += 1
-                        if word not in self._leave_out:
-                            self._unknown.setdefault(word, self.number)
-                        continue
-                    if not line.isascii():
-                        self.refuse(f"{word} with a character that is not ASCII", "ASCII")
-                    yield line
-        except (OSError, UnicodeDecodeError) as error:
-            cause = getattr(error, "strerror", None) or error
-            raise EstimationError(f"{self._path}: not a readable text file: {cause}") from None
-        never = [w for w in self._leave_out if w not in self._words and w not in self._left_out]
-        if never:
-            self.refuse(f"no line begins with {never[0]!r}", "words of the file to leave out", 0)
-        if self._unknown and not self._skip_unknown:
-            self._refuse_unknown()
-
-    @property
-    def left_out(self) -> dict[str, int]:
-        """How many lines of each word were passed over."""
-        return dict(self._left_out)
-
-    def _refuse_unknown(self) -> NoReturn:
-        """Name what is not known, at most so many of them, the first line of each and how often it comes."""
-        named = [
-            f"{self._left_out[word]} of {word[:40]!r} (line {line})"
-            for word, line in list(self._unknown.items())[:_MOST_NAMED]
-        ]
-        more = len(self._unknown) - len(named)
-        listing = ", ".join(named) + (f" and {more} more words" if more else "")
-        raise EstimationError(
-            f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip them, counted"
-            " (--skip-unknown)"
-        )
-
-    def refuse(self, what: str, allowed: str, number: int | None = None) -> NoReturn:
-        """Raise an error about the current line, or that of a number; 0 for none."""
-        line = self.number if number is None else number
-        place = f"{self._path}, line {line}" if line else f"{self._path}"
-        raise EstimationError(f"{place}: {what}; allowed: {allowed}")
-
-    def numbers(
-        self, word: str, fields: list[str], *, position: bool = True, quaternion: bool = False
-    ) -> list[float]:
-        """Numbers of a line, finite and not too large; the first three may be a position, the next four a quaternion."""
-        try:
-            values = [float(field) for field in fields]
-        except ValueError as error:
-            self.refuse(f"{word}: {str(error)[:80]}", "numbers")
-        if not all(map(math.isfinite, values)):
-            self.refuse(f"{word} with a value that is not finite", "finite numbers")
-        if any("_" in field or field != field.strip() for field in fields):
-            self.refuse(f"{word} with an underscore or a tab among its numbers", "digits and spaces")
-        far = max(map(abs, values[:3])) if position else 0.0
-        if far > LARGEST:
-            self.refuse(f"{word} with {far:g}", f"positions of at most {LARGEST:g} m")
-        if max(map(abs, values)) > VARIANCES[1]:
-            self.refuse(f"{word} with {max(map(abs, values)):g}", f"at most {VARIANCES[1]:g}")
-        if quaternion and abs(math.hypot(*values[3:7]) - 1.0) > QUATERNION_TOLERANCE:
-            self.refuse(f"{word}: quaternion {values[3:7]}", "x y z w of length 1")
-        return values
-
-
-class _Row(NamedTuple):
-    """Number of a line, its time, the names in it, and its numbers."""
-
-    line: int
-    time: float
-    names: list[str]
-    values: list[float]
-
-
 class _Reader:
-    """Collects the lines of one file and makes a graph of them."""
+    """Makes a graph of the tables of one file."""
 
-    def __init__(self, lines: TextLines) -> None:
-        self._lines = lines
-        self._planar: bool | None = None  # not known yet
-        self._rows: dict[str, list[_Row]] = {word: [] for word in _GRAMMAR}
+    def __init__(self, lines: TextLines, tables: dict[str, Table], *, planar: bool) -> None:
+        self._lines, self._planar = lines, planar
+        self._tables = {word: tables[FLAT.get(word, word) if self._planar else word] for word in _GRAMMAR}
+        self._known: dict[str, str] = {}  # names by their spellings
+        self._names = {word: self._checked_names(word, table) for word, table in self._tables.items()}
+        self._values = {
+            word: table.numbers(
+                lines, position=word != RANGE, quaternion=_GRAMMAR[word].measured == 7 and not self._planar
+            )
+            for word, table in self._tables.items()
+        }
         self._variable: dict[str, int] = {}
-
-    def take(self, line: str) -> None:
-        """Take one line."""
-        refuse = self._lines.refuse
-        fields = line.strip(" ").split(" ")
-        word = fields[0]
-        if word not in _WORDS:  # but for a tab, say
-            refuse(f"begins with {word[:40]!r}", "a word, with one space between fields")
-        lifted, flat = _WORDS[word]
-        if word != RANGE:
-            self._planar = flat if self._planar is None else self._planar
-            if flat != self._planar:
-                refuse(
-                    f"{word} in a graph in {'two' if self._planar else 'three'} dimensions",
-                    "one kind of graph",
-                )
-        grammar = _GRAMMAR[lifted].flat if flat else _GRAMMAR[lifted]
-        n_heads = 1 + grammar.timed + grammar.names
-        n_fields = n_heads + grammar.numbers
-        if len(fields) != n_fields:
-            refuse(f"{word} with {len(fields)} fields", f"{n_fields}, with one space between fields")
-        time = self._lines.numbers(word, fields[1:2], position=False)[0] if grammar.timed else 0.0
-        values = self._lines.numbers(
-            word, fields[n_heads:], position=word != RANGE, quaternion=grammar.measured == 7
+        distance = self._values[RANGE][:, 1]
+        self._tables[RANGE].refuse_first(
+            lines, distance < 0.0, lambda row: f"{RANGE} with distance {distance[row]:g}", "0 or more"
         )
-        if word == RANGE and values[0] < 0.0:
-            refuse(f"{word} with distance {values[0]:g}", "0 or more")
-        names = [self._name(word, field) for field in fields[1 + grammar.timed : n_heads]]
-        self._check_names(word, lifted, names)
-        values = _lifted(lifted, values) if flat else values
-        self._rows[lifted].append(_Row(self._lines.number, time, names, values))
 
     def graph(self, names: dict[str, str]) -> tuple[FactorGraph, GraphValues]:
         """Graph of all lines, and values of its vertices; with names by the symbols of vehicles and landmarks."""
-        poses, landmarks = self._rows[POSE], self._rows[LANDMARK]
+        (poses,), (landmarks,) = self._names[POSE], self._names[LANDMARK]
         if not poses:
             self._lines.refuse(f"no {POSE} or {FLAT[POSE]} in the file", "one pose at least", 0)
-        for row in [*poses, *landmarks]:
-            name = row.names[0]
-            if name in self._variable:
-                self._lines.refuse(f"second vertex named {name}", "one vertex for each name", row.line)
-            self._variable[name] = len(self._variable)
-        symbols = [_NAME.fullmatch(row.names[0]) for row in poses]
-        of_pose = [match[1] if match else "" for match in symbols]
+        for word, vertices in ((POSE, poses), (LANDMARK, landmarks)):
+            for row, name in enumerate(vertices):
+                if name in self._variable:
+                    line = self._tables[word].line[row]
+                    self._lines.refuse(f"second vertex named {name}", "one vertex for each name", line)
+                self._variable[name] = len(self._variable)
+        of_pose = [name.rstrip(string.digits) for name in poses]
         agents = list(dict.fromkeys(of_pose))
         place = {agent: i for i, agent in enumerate(agents)}
         graph = FactorGraph(
             agent_name=np.array([names.get(agent, agent) for agent in agents]),
-            landmark_name=np.array([names.get(row.names[0], row.names[0]) for row in landmarks], dtype=str),
+            landmark_name=np.array([names.get(name, name) for name in landmarks], dtype=str),
             pose_agent=np.array([place[agent] for agent in of_pose]),
-            pose_number=np.array([int(match[2]) if match else 0 for match in symbols]),
-            pose_time=np.array([row.time for row in poses]),
-            planar=bool(self._planar),
+            pose_number=np.array(
+                [int(name[len(agent) :]) for agent, name in zip(of_pose, poses, strict=True)]
+            ),
+            pose_time=self._values[POSE][:, 0],
+            planar=self._planar,
         )
         tables = {name: self._table(kind) for name, kind in KINDS.items() if kind.word != POSE_PRIOR}
         vertex, landmark = self._numbers(POSE)[0], self._numbers(LANDMARK)[0]
@@ -390,13 +246,19 @@ class _Reader:
 
     def _numbers(self, word: str) -> tuple[Array, Array]:
         """What is measured in the lines of a word, and its covariances, in the order that a graph has them."""
-        grammar = _GRAMMAR[word]
-        table = np.array([row.values for row in self._rows[word]], dtype=float).reshape(-1, grammar.numbers)
-        measured = table[:, : grammar.measured]
-        if grammar.measured == 7:
+        flat = self._planar and word in FLAT
+        grammar = _GRAMMAR[word].flat if flat else _GRAMMAR[word]
+        values = self._values[word][:, grammar.timed :]
+        measured = values[:, : grammar.measured]
+        covariance = from_triangle(values[:, grammar.measured :], grammar.matrix)
+        if flat:
+            measured = lifted(measured)
+            covariance = lifted_matrix(covariance) if grammar.matrix else covariance
+            if word == POSE_PRIOR:
+                _free_out_of_plane(covariance)
+        if measured.shape[1] == 7:
             measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_WXYZ]], axis=1)
-        covariance = from_triangle(table[:, grammar.measured :], grammar.matrix)
-        return measured, covariance[:, TO_FILE][:, :, TO_FILE] if grammar.matrix == 6 else covariance
+        return measured, covariance[:, TO_FILE][:, :, TO_FILE] if covariance.shape[1] == 6 else covariance
 
     def _table(self, kind: FactorKind) -> Factors:
         """Factors of a kind that has a word of its own."""
@@ -435,59 +297,85 @@ class _Reader:
             self._lines.refuse(
                 f"pose prior with free axes {_axes(free[row])}",
                 f"{', or '.join(allowed)} (free: variance {_FREE:g} or more)",
-                self._rows[POSE_PRIOR][row].line,
+                self._tables[POSE_PRIOR].line[row],
             )
         return tables
 
     def _variables(self, word: str) -> NDArray[np.int32]:
-        rows, n = self._rows[word], _GRAMMAR[word].names
-        out = np.empty((len(rows), n), dtype=np.int32)
-        for i, row in enumerate(rows):
-            for end, name in enumerate(row.names):
-                if name not in self._variable:
-                    self._lines.refuse(f"name {name}", "names of the file's vertices", row.line)
-                out[i, end] = self._variable[name]
-        return out
+        known = self._variable
+        ends = self._names[word]
+        try:
+            columns = [[known[name] for name in names] for names in ends]
+        except KeyError:
+            row, name = next(
+                (r, n) for r, row in enumerate(zip(*ends, strict=True)) for n in row if n not in known
+            )
+            self._lines.refuse(f"name {name}", "names of the file's vertices", self._tables[word].line[row])
+        return np.array(columns, dtype=np.int32).T
 
-    def _name(self, word: str, field: str) -> str:
-        """Name without leading zeros, so that A01 and A1 are the same."""
+    def _checked_names(self, lifted: str, table: Table) -> list[list[str]]:
+        """Names in the lines of a word without leading zeros, so that A01 and A1 are the same, by their ends."""
+        ends = []
+        for end in range(_GRAMMAR[lifted].names):
+            fields = table.names(end)
+            for field in dict.fromkeys(fields):
+                if field not in self._known:
+                    self._known[field] = self._name(table, field, fields)
+            ends.append([self._known[field] for field in fields])
+        self._check_names(table, lifted, ends)
+        return ends
+
+    def _name(self, table: Table, field: str, fields: list[str]) -> str:
         match = _NAME.fullmatch(field)
         if match is None:
             self._lines.refuse(
-                f"name {field[:40]!r}", "a capital letter and a number, as A0, or L0 for a landmark"
+                f"name {field[:40]!r}",
+                "a capital letter and a number, as A0, or L0 for a landmark",
+                table.line[fields.index(field)],
             )
         digits = match[2].lstrip("0") or "0"
         if len(digits) > 10 or int(digits) > _LARGEST_NUMBER:
-            self._lines.refuse(f"{word}: number of {field[:40]}", f"numbers up to {_LARGEST_NUMBER}")
+            self._lines.refuse(
+                f"{table.word}: number of {field[:40]}",
+                f"numbers up to {_LARGEST_NUMBER}",
+                table.line[fields.index(field)],
+            )
         return match[1] + digits
 
-    def _check_names(self, word: str, lifted: str, names: list[str]) -> None:
-        refuse = self._lines.refuse
-        landmark = [name.startswith("L") for name in names]
-        if lifted in {POSE, POSE_PRIOR, EDGE} and any(landmark):
-            refuse(f"{word} with landmark {names[landmark.index(True)]}", "poses")
-        if lifted in {LANDMARK, LANDMARK_PRIOR} and not all(landmark):
-            refuse(f"{word} with pose {names[0]}", "a landmark, as L0")
-        if len(names) == 2 and names[0] == names[1]:
-            refuse(f"{word} from {names[0]} to itself", "two different names")
-        if lifted == SIGHTING and landmark != [False, True]:
-            refuse(f"{word} from {names[0]} to {names[1]}", "a pose, then a landmark")
-        if landmark == [True, False]:
-            refuse(f"{word} from {names[0]} to {names[1]}", "the pose first")
+    def _check_names(self, table: Table, lifted: str, ends: list[list[str]]) -> None:
+        word, lines = table.word, self._lines
+        landmark = np.array([[name[0] == "L" for name in names] for names in ends], dtype=bool)
+        if lifted in {POSE, POSE_PRIOR, EDGE}:
+            table.refuse_first(
+                lines,
+                landmark.any(axis=0),
+                lambda row: f"{word} with landmark {ends[int(np.argmax(landmark[:, row]))][row]}",
+                "poses",
+            )
+        if lifted in {LANDMARK, LANDMARK_PRIOR}:
+            table.refuse_first(
+                lines, ~landmark[0], lambda row: f"{word} with pose {ends[0][row]}", "a landmark, as L0"
+            )
+        if len(ends) < 2:
+            return
+
+        def both(row: int) -> str:
+            return f"{word} from {ends[0][row]} to {ends[1][row]}"
+
+        same = np.array([a == b for a, b in zip(*ends, strict=True)], dtype=bool)
+        table.refuse_first(
+            lines, same, lambda row: f"{word} from {ends[0][row]} to itself", "two different names"
+        )
+        if lifted == SIGHTING:
+            table.refuse_first(lines, landmark[0] | ~landmark[1], both, "a pose, then a landmark")
+        table.refuse_first(lines, landmark[0] & ~landmark[1], both, "the pose first")
 
 
-def _lifted(word: str, values: list[float]) -> list[float]:
-    """Numbers of a line in two dimensions as those of its word in three; what is free there is free out of the plane."""
-    flat = _GRAMMAR[word].flat
-    measured: list[float] = lifted(np.array([values[: flat.measured]]))[0].tolist()
-    if not flat.matrix:
-        return measured
-    matrix = lifted_matrix(from_triangle(np.array([values[flat.measured :]]), flat.matrix))[0]
-    if word == POSE_PRIOR:
-        free = np.diagonal(matrix) >= _FREE
-        matrix[2, 2] = _FREE if free[:2].all() else 1.0
-        matrix[3, 3] = matrix[4, 4] = _FREE if free[5] else 1.0
-    return [*measured, *triangle(matrix[None])[0].tolist()]
+def _free_out_of_plane(covariance: Array) -> None:
+    """Free the axes out of the plane, of priors (n, 6, 6) in the order of the file, where those in the plane are free."""
+    free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE
+    covariance[free[:, :2].all(axis=1), 2, 2] = _FREE
+    covariance[free[:, 5], 3, 3] = covariance[free[:, 5], 4, 4] = _FREE
 
 
 def _read_names(path: Path) -> dict[str, str]:

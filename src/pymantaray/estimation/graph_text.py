@@ -1,0 +1,229 @@
+"""
+Lines of text that begin with a word, as columns: what PyFactorGraph and g2o files have in common.
+
+A word's fields are collected line by line, and converted and checked column by column; refusals name the first line concerned.
+"""
+
+from array import array
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.graph import LARGEST, QUATERNION_TOLERANCE, VARIANCES
+
+Array = NDArray[np.float64]
+
+_MOST_NAMED = 5  # unknown words in a message
+
+
+class Word(NamedTuple):
+    """Fields behind a word: a time or none, names or ids, measured numbers, and the upper triangle of a matrix."""
+
+    timed: bool
+    names: int
+    measured: int
+    matrix: int = 0
+    planar: bool | None = False  # whether it is of graphs in two dimensions; None of either
+
+    @property
+    def numbers(self) -> int:
+        """Count of measured numbers and of those of the triangle."""
+        return self.measured + self.matrix * (self.matrix + 1) // 2
+
+    @property
+    def width(self) -> int:
+        """Count of fields, the word included."""
+        return 1 + self.timed + self.names + self.numbers
+
+    @property
+    def flat(self) -> "Word":
+        """The same in two dimensions."""
+        measured, matrix = {7: 3, 3: 2, 1: 1}[self.measured], {6: 3, 3: 2}.get(self.matrix, self.matrix)
+        return self._replace(measured=measured, matrix=matrix, planar=True)
+
+
+class TextLines:
+    """
+    Lines of a text file, without their ends, and refusals that name the line.
+
+    Blank lines, comments and a byte-order mark are passed over; lines that begin with a word that is left out, or skipped
+    because it is not known, are counted.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        words: Collection[str] = (),
+        leave_out: Collection[str] = (),
+        *,
+        skip_unknown: bool = False,
+    ) -> None:
+        self._path, self.number = path, 0
+        self._words, self._leave_out, self._skip_unknown = tuple(words), frozenset(leave_out), skip_unknown
+        self._left_out: Counter[str] = Counter()
+        self._unknown: dict[str, int] = {}  # the first line of each word
+
+    def __iter__(self) -> Iterator[str]:
+        """Each line that begins with a known word; ``number`` is its number, from 1."""
+        try:
+            with self._path.open(encoding="utf-8-sig") as file:
+                for self.number, raw in enumerate(file, start=1):
+                    line = raw.rstrip("\r\n")
+                    word = next(iter(line.split(None, 1)), "#")
+                    if word.startswith("#"):
+                        continue
+                    if word in self._leave_out or word not in self._words:
+                        self._left_out[word] += 1
+                        if word not in self._leave_out:
+                            self._unknown.setdefault(word, self.number)
+                        continue
+                    if not line.isascii():
+                        self.refuse(f"{word} with a character that is not ASCII", "ASCII")
+                    yield line
+        except (OSError, UnicodeDecodeError) as error:
+            cause = getattr(error, "strerror", None) or error
+            raise EstimationError(f"{self._path}: not a readable text file: {cause}") from None
+        never = [w for w in self._leave_out if w not in self._words and w not in self._left_out]
+        if never:
+            self.refuse(f"no line begins with {never[0]!r}", "words of the file to leave out", 0)
+        if self._unknown and not self._skip_unknown:
+            self._refuse_unknown()
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """How many lines of each word were passed over."""
+        return dict(self._left_out)
+
+    def _refuse_unknown(self) -> NoReturn:
+        """Name what is not known, at most so many of them, the first line of each and how often it comes."""
+        named = [
+            f"{self._left_out[word]} of {word[:40]!r} (line {line})"
+            for word, line in list(self._unknown.items())[:_MOST_NAMED]
+        ]
+        more = len(self._unknown) - len(named)
+        listing = ", ".join(named) + (f" and {more} more words" if more else "")
+        raise EstimationError(
+            f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip them, counted"
+            " (--skip-unknown)"
+        )
+
+    def refuse(self, what: str, allowed: str, number: int | None = None) -> NoReturn:
+        """Raise an error about the current line, or that of a number; 0 for none."""
+        line = self.number if number is None else number
+        place = f"{self._path}, line {line}" if line else f"{self._path}"
+        raise EstimationError(f"{place}: {what}; allowed: {allowed}")
+
+
+class Table:
+    """All lines of one word: their numbers in the file, and their fields, one line after the other."""
+
+    def __init__(self, word: str, grammar: Word) -> None:
+        self.word, self.grammar = word, grammar
+        self.line = array("q")
+        self.fields: list[str] = []
+
+    def names(self, end: int) -> list[str]:
+        """Name or id of each line at one of its ends."""
+        return self.fields[1 + self.grammar.timed + end :: self.grammar.width]
+
+    def numbers(self, lines: TextLines, *, position: bool = True, quaternion: bool = False) -> Array:
+        """
+        Time, if the word has one, measured numbers and triangle of each line, (n, k), finite and not too large.
+
+        The first three that are measured may be a position, the next four a quaternion.
+        """
+        g, n = self.grammar, len(self.line)
+        first = 1 + g.timed + g.names
+        out = np.empty((n, g.timed + g.numbers))
+        for column, at in enumerate([*([1] if g.timed else []), *range(first, g.width)]):
+            out[:, column] = self._column(lines, self.fields[at :: g.width])
+        values = out[:, g.timed :]
+        self.refuse_first(
+            lines,
+            ~np.isfinite(out).all(axis=1),
+            lambda _: f"{self.word} with a value that is not finite",
+            "finite numbers",
+        )
+        if position:
+            far = np.abs(values[:, :3]).max(axis=1, initial=0.0)
+            allowed = f"positions of at most {LARGEST:g} m"
+            self.refuse_first(lines, far > LARGEST, lambda row: f"{self.word} with {far[row]:g}", allowed)
+        most = np.abs(out).max(axis=1, initial=0.0)
+        self.refuse_first(
+            lines,
+            most > VARIANCES[1],
+            lambda row: f"{self.word} with {most[row]:g}",
+            f"at most {VARIANCES[1]:g}",
+        )
+        if quaternion:
+            off = np.abs(np.linalg.norm(values[:, 3:7], axis=1) - 1.0) > QUATERNION_TOLERANCE
+            self.refuse_first(
+                lines,
+                off,
+                lambda row: f"{self.word}: quaternion {values[row, 3:7].tolist()}",
+                "x y z w of length 1",
+            )
+        return out
+
+    def refuse_first(
+        self, lines: TextLines, wrong: ArrayLike, what: Callable[[int], str], allowed: str
+    ) -> None:
+        """Refuse the first line that is wrong, if one is."""
+        if np.any(wrong):
+            row = int(np.argmax(wrong))
+            lines.refuse(what(row), allowed, self.line[row])
+
+    def _column(self, lines: TextLines, fields: list[str]) -> Array:
+        """Numbers of one field of each line."""
+        try:
+            values = np.fromiter(map(float, fields), dtype=float, count=len(fields))
+        except ValueError:
+            for row, field in enumerate(fields):
+                try:
+                    float(field)
+                except ValueError as error:
+                    lines.refuse(f"{self.word}: {str(error)[:80]}", "numbers", self.line[row])
+            raise
+        text = "".join(fields)
+        if "_" in text or text.split(None, 1) != [text]:  # Python takes both, within and about a number
+            odd = ["_" in field or field != field.strip() for field in fields]
+            what = f"{self.word} with an underscore or a tab among its numbers"
+            self.refuse_first(lines, np.array(odd, dtype=bool), lambda _: what, "digits and spaces")
+        return values
+
+
+def read_tables(
+    lines: TextLines, grammar: Mapping[str, Word], *, one_space: bool
+) -> tuple[dict[str, Table], bool]:
+    """
+    Tables of all words of a grammar, empty if a file has none, and whether the graph is in two dimensions.
+
+    ``one_space`` refuses any other white space between fields.
+    """
+    tables = {word: Table(word, g) for word, g in grammar.items()}
+    takers = {
+        w: (t.grammar.planar, t.grammar.width, t.line.append, t.fields.extend) for w, t in tables.items()
+    }
+    planar: bool | None = None  # not known yet
+    also = ", with one space between fields" if one_space else ""
+    for line in lines:
+        fields = line.strip(" ").split(" ") if one_space else line.split()
+        word = fields[0]
+        if word not in takers:  # a tab follows it
+            lines.refuse(f"begins with {word[:40]!r}", "a word, with one space between fields")
+        flat, width, add_line, add_fields = takers[word]
+        if flat is not planar and flat is not None:
+            if planar is not None:
+                what = f"{word} in a graph in {'two' if planar else 'three'} dimensions"
+                lines.refuse(what, "one kind of graph")
+            planar = flat
+        if len(fields) != width:
+            lines.refuse(f"{word} with {len(fields)} fields", f"{width}{also}")
+        add_line(lines.number)
+        add_fields(fields)
+    return tables, bool(planar)
