@@ -1,6 +1,7 @@
 """Pose graphs as g2o text: there and back, as GTSAM reads it, and what the format cannot hold."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import gtsam
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from refusals import refused
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import build_graph
+from pymantaray.estimation import build_graph, open_graph
 from pymantaray.estimation.g2o import LEFT_OUT, load_g2o, write_g2o
 from pymantaray.geometry.se3 import matrix_from_quaternion
 
@@ -149,6 +150,59 @@ def test_a_fault_deep_in_a_long_file_is_named_by_its_line_and_value(tmp_path):
             load_g2o(path)
         assert f"{path}, line 2346: VERTEX_SE3:QUAT" in str(caught.value)
         assert said in str(caught.value)
+
+
+def test_toro_in_two_dimensions_is_read_as_gtsam_reads_it():
+    path = Path(gtsam.__file__).parent / "Data" / "w100.graph"
+    graph, values, left_out, _ = open_graph(path, skip_unknown=True)
+    factors, read = gtsam.load2D(str(path))
+    assert (graph.planar, len(graph["edge"]), left_out) == (True, factors.size(), {"EQUIV": 40})
+    for i in range(factors.size()):
+        factor, measured = factors.at(i), graph["edge"].column("position")[i]
+        assert list(factor.keys()) == graph["edge"].variables[i].tolist()
+        np.testing.assert_allclose([factor.measured().x(), factor.measured().y(), 0.0], measured, atol=1e-12)
+        root = factor.noiseModel().R()
+        covariance = graph["edge"].covariance[i][[3, 4, 2]][:, [3, 4, 2]]
+        np.testing.assert_allclose(np.linalg.inv(root.T @ root), covariance, rtol=1e-9, atol=1e-12)
+    where = np.array([[read.atPose2(i).x(), read.atPose2(i).y(), 0.0] for i in range(graph.n_poses)])
+    np.testing.assert_allclose(values.position, where, atol=1e-12)
+
+
+def test_toro_in_two_dimensions_has_an_order_of_its_own(tmp_path):
+    """A triangle 11 12 22 33 13 23; the public file above is diagonal."""
+    (tmp_path / "t.graph").write_text(
+        "VERTEX2 0 0 0 0\nVERTEX2 1 1 0 0\nEDGE2 0 1 1 0 0 4 0.5 5 9 0.25 0.125\n"
+    )
+    information = np.linalg.inv(
+        open_graph(tmp_path / "t.graph").graph["edge"].covariance[0][[3, 4, 2]][:, [3, 4, 2]]
+    )
+    np.testing.assert_allclose(information, [[4, 0.5, 0.25], [0.5, 5, 0.125], [0.25, 0.125, 9]], rtol=1e-12)
+
+
+def test_toro_in_three_dimensions_is_read_as_gtsam_reads_it():
+    """The sphere has edges alone, and its first three of the information are the translation's."""
+    path = Path(gtsam.__file__).parent / "Data" / "sphere2500.txt"
+    file = open_graph(path)
+    factors, _ = gtsam.load3D(str(path))
+    edge = file.graph["edge"]
+    assert (file.valueless, len(edge)) == (True, factors.size())
+    turn = matrix_from_quaternion(edge.column("quaternion"))
+    for i in range(factors.size()):
+        measured = factors.at(i).measured()
+        np.testing.assert_allclose(measured.rotation().matrix(), turn[i], atol=1e-12)
+        np.testing.assert_allclose(measured.translation(), edge.column("position")[i], atol=1e-12)
+    np.testing.assert_allclose(1.0 / edge.variance[0], [100, 100, 25, 10, 10, 10], rtol=1e-12)
+
+
+def test_words_of_g2o_and_toro_are_not_mixed(tmp_path):
+    path = tmp_path / "m.g2o"
+    path.write_text("VERTEX_SE2 0 0 0 0\nVERTEX2 1 1 0 0\n")
+    refused(
+        EstimationError,
+        "line 2: VERTEX_SE2 and VERTEX2 in one file; allowed: words of g2o, or",
+        load_g2o,
+        path,
+    )
 
 
 def test_lines_of_other_kinds_are_left_out_by_choice(tmp_path):

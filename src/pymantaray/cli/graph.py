@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 app = Commands(help="Other people's factor graphs: show, solve, convert.")
 
 
-In = Annotated[Path, typer.Argument(metavar="FILE", help="PyFactorGraph text, or g2o if it ends in .g2o.")]
+In = Annotated[
+    Path, typer.Argument(metavar="FILE", help="PyFactorGraph text, g2o if it ends in .g2o, or TORO.")
+]
 LeaveOut = Annotated[
     list[str] | None,
     typer.Option(
@@ -103,7 +105,8 @@ def solve(
     truth: Annotated[
         bool | None,
         typer.Option(
-            "--truth/--no-truth", help="Whether the vertices are the ground truth. Default: not in g2o files."
+            "--truth/--no-truth",
+            help="Whether the vertices are the ground truth. Default: not in g2o and TORO files.",
         ),
     ] = None,
     leave_out: LeaveOut = None,
@@ -116,7 +119,7 @@ def solve(
     from pymantaray.cli.output import step_line
     from pymantaray.errors import EstimationError
     from pymantaray.estimation import open_graph, solve_graph
-    from pymantaray.estimation.external import G2O
+    from pymantaray.estimation.external import is_pose_graph
     from pymantaray.evaluation import graph_errors
     from pymantaray.exchange import write_graph_tum
     from pymantaray.study.folder import staged_folder
@@ -131,7 +134,7 @@ def solve(
                 estimator=estimator,
                 start=start,
                 anchor=anchor,
-                truth=file.suffix != G2O if truth is None else truth,
+                truth=not is_pose_graph(file) if truth is None else truth,
                 report=report,
             )
         if folder is not None:

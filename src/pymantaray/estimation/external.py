@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
-from pymantaray.estimation.g2o import load_g2o
+from pymantaray.estimation.g2o import TORO, load_g2o
 from pymantaray.estimation.graph import (
     FactorGraph,
     GraphValues,
@@ -33,6 +33,7 @@ _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
 
 G2O = ".g2o"
+_TORO_WORDS = {word for words in TORO.values() for word in words}
 _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm")
 
 
@@ -132,7 +133,7 @@ def open_graph(
     half_angles: bool = False,
 ) -> GraphFile:
     """
-    Read a graph file, in three dimensions or two: g2o if its name ends in ``.g2o``, else PyFactorGraph text.
+    Read a graph file, in three dimensions or two: g2o if its name ends in ``.g2o``, TORO by its first word, else PyFactorGraph text.
 
     Parameters
     ----------
@@ -149,9 +150,21 @@ def open_graph(
     EstimationError
         If the file cannot be read or a line is not in the grammar; the message names the line.
     """
-    if Path(path).suffix == G2O:
+    if is_pose_graph(Path(path)):
         return load_g2o(path, leave_out=leave_out, skip_unknown=skip_unknown, half_angles=half_angles)
     return load_pyfg(path, leave_out=leave_out, skip_unknown=skip_unknown)
+
+
+def is_pose_graph(path: Path) -> bool:
+    """True for g2o and TORO files, whose vertices are starting points; PyFactorGraph text has the ground truth."""
+    if path.suffix == G2O:
+        return True
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            words = (next(iter(line.split(None, 1)), "#") for line in file)
+            return next((word for word in words if not word.startswith("#")), "") in _TORO_WORDS
+    except OSError:
+        return False  # the reader says why
 
 
 def solve_graph(

@@ -1,5 +1,5 @@
 """
-Pose graphs as g2o text, in three dimensions or two: poses, landmarks, edges between poses and sightings of landmarks.
+Pose graphs as g2o or TORO text, in three dimensions or two: poses, landmarks, edges between poses and sightings of landmarks.
 
 Lines in two dimensions are lifted and flattened as those of PyFactorGraph text are.
 """
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import (
@@ -56,7 +57,14 @@ _GRAMMAR = {  # names are ids, the last of a sighting that of a parameter
     "VERTEX_XY": Word(False, 1, 2, planar=True),
     "EDGE_SE2": Word(False, 2, 3, 3, planar=True),
     "EDGE_SE2_XY": Word(False, 2, 2, 2, planar=True),
+    "VERTEX2": Word(False, 1, 3, planar=True),
+    "EDGE2": Word(False, 2, 3, 3, planar=True),
+    "VERTEX3": Word(False, 1, 6),
+    "EDGE3": Word(False, 2, 6, 6),
 }
+TORO = {POSE: ("VERTEX3", "VERTEX2"), EDGE: ("EDGE3", "EDGE2")}
+"""Words of TORO, which g2o succeeded, in three dimensions and in two."""
+_TORO_TRIANGLE = [0, 1, 4, 2, 5, 3]  # of a matrix over x y angle, by rows, in TORO's order 11 12 22 33 13 23
 _FLAT = {POSE: "VERTEX_SE2", LANDMARK: "VERTEX_XY", EDGE: "EDGE_SE2", SIGHTING: "EDGE_SE2_XY"}
 
 _KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name not in {"edge", "sighting"}}
@@ -123,7 +131,7 @@ def load_g2o(
     half_angles: bool = False,
 ) -> GraphFile:
     """
-    Read a pose graph from g2o text in three dimensions or two.
+    Read a pose graph from g2o or TORO text in three dimensions or two.
 
     Lines of the words in ``leave_out`` are skipped and counted, with ``skip_unknown`` those of unknown words, too; others
     are refused. Ids that are GTSAM symbols become vehicle and number; others belong to a vehicle A. A pose's
@@ -193,13 +201,14 @@ class _Reader:
         self, lines: TextLines, tables: dict[str, Table], *, planar: bool, half_angles: bool
     ) -> None:
         self._lines, self._planar, self._half_angles = lines, planar, half_angles
-        self._of = {
-            word: tables[_FLAT.get(word, word) if self._planar else word] for word in (*_FLAT, OFFSET)
+        self._of = {word: self._table_of(word, tables) for word in (*_FLAT, OFFSET)}
+        self._grammar = {
+            word: _GRAMMAR[_FLAT.get(word, word) if planar else word] for word in (*_FLAT, OFFSET)
         }
         self._known: dict[str, int] = {}  # ids by their spellings
         self._id = {word: self._checked_ids(word, table) for word, table in self._of.items()}
         self._values = {
-            word: table.numbers(lines, quaternion=table.grammar.measured == 7)
+            word: _in_g2o(table, table.numbers(lines, quaternion=table.grammar.measured == 7))
             for word, table in self._of.items()
         }
 
@@ -273,6 +282,16 @@ class _Reader:
                     covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
         return KINDS["sighting"].table(self._ends(SIGHTING, self._landmark), [place], covariance)
 
+    def _table_of(self, word: str, tables: dict[str, Table]) -> Table:
+        """Lines of a word in this graph's dimensions, by g2o's name or TORO's."""
+        own = tables[_FLAT.get(word, word) if self._planar else word]
+        if word not in TORO or not (toro := tables[TORO[word][self._planar]]).line:
+            return own
+        if own.line:
+            what = f"{own.word} and {toro.word} in one file"
+            self._lines.refuse(what, "words of g2o, or of TORO", max(own.line[0], toro.line[0]))
+        return toro
+
     def _ends(self, word: str, of_second: dict[int, int]) -> NDArray[np.int32]:
         """Variables of both ends, the first a pose."""
         table, columns = self._of[word], []
@@ -287,13 +306,12 @@ class _Reader:
 
     def _measured(self, word: str) -> Array:
         """What is measured in the lines of a word, lifted."""
-        values = self._values[word][:, : self._of[word].grammar.measured].copy()
+        values = self._values[word][:, : self._grammar[word].measured].copy()
         return lifted(values) if self._planar else values
 
     def _covariance(self, word: str) -> Array:
         """Covariances of the lines of a word, lifted."""
-        table = self._of[word]
-        grammar = table.grammar
+        table, grammar = self._of[word], self._grammar[word]
         information = from_triangle(self._values[word][:, grammar.measured :], grammar.matrix)
         if self._half_angles and grammar.matrix == 6:
             information *= _angle_scale(0.5)
@@ -322,6 +340,18 @@ class _Reader:
                 "two different poses",
             )
         return ends
+
+
+def _in_g2o(table: Table, values: Array) -> Array:
+    """Numbers of lines as g2o has them: TORO has angles roll, pitch, yaw, and in two dimensions another order of the triangle."""
+    if table.word == "EDGE2":
+        return np.concatenate([values[:, :3], values[:, 3:][:, _TORO_TRIANGLE]], axis=1)
+    if table.word not in {"VERTEX3", "EDGE3"}:
+        return values
+    turn = Rotation.from_euler(
+        "ZYX", values[:, 5:2:-1]
+    ).as_quat()  # of yaw, then pitch, then roll, about the turned axes
+    return np.concatenate([values[:, :3], turn, values[:, 6:]], axis=1)
 
 
 def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int]) -> Array:
