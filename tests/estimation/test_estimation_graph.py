@@ -380,5 +380,5 @@ def test_a_kind_that_no_residual_fits_is_refused(whole, monkeypatch, kind, messa
 
 def test_a_table_of_no_kind_is_refused(whole):
     _, graph, truth = whole
-    odd = graph.with_factors(rnage=graph["range"])
-    refused(EstimationError, "^factors of a kind 'rnage'; allowed: prior,", GraphSolver().solve, odd, truth)
+    odd = graph.with_factors(altitude=graph["range"])
+    refused(EstimationError, "^factors of a kind 'altitude'; allowed: prior,", GraphSolver().solve, odd, truth)
