@@ -165,3 +165,36 @@ def test_memory_is_that_of_the_largest_worker_and_not_of_who_started_it():
         assert 0.0 < before < 300.0
         assert 140.0 < workers.peak_memory_mib - before < 200.0
     assert here.nbytes == 400 * 2**20
+
+
+def imported_from(_number):
+    return [__import__(name).__file__ for name in ("struct", "pickle")] + [sys.path]
+
+
+def test_processes_import_nothing_from_the_working_folder(tmp_path, monkeypatch):
+    """Python puts the working folder first in the path of ``-c``: a pickle.py there would run before anything else."""
+    for name in ("pickle", "struct", "pymantaray", "numpy"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'sprung')!r}, 'w'); raise SystemExit(3)\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
+    (struct, pickled, path), *_ = in_two_processes(imported_from, 2)
+    assert not (tmp_path / "sprung").exists()
+    assert str(tmp_path) not in (str(Path(struct).parent), str(Path(pickled).parent))
+    assert path == sys.path
+
+
+def test_processes_import_from_pythonpath(tmp_path):
+    """A task in a module of a folder that PYTHONPATH names is found in processes, whose own path has it too."""
+    (tmp_path / "task_of_mine.py").write_text("def start():\n    return double\ndef double(n):\n    return 2 * n\n")
+    script = (
+        "from task_of_mine import start; from pymantaray.study.workers import Workers\n"
+        "with Workers(start, 1) as workers:\n    print(workers.submit(21).result())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", script],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout == "42\n", done.stderr

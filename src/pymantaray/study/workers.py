@@ -117,7 +117,7 @@ class Workers:
 
 def _start_process() -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
-        [sys.executable, "-c", _SERVE],
+        [sys.executable, "-P", "-c", _SERVE],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env=os.environ | dict.fromkeys(_ONE_THREAD, "1"),
