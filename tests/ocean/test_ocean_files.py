@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -101,7 +102,22 @@ class Trap:
         return os.mkdir, (str(self.path),)
 
 
-def test_a_zarr_folder_that_would_unpickle_is_refused_untouched(tmp_path, ocean, message_of):
+SPELLINGS = {
+    "plain": lambda text: text.encode(),
+    "escaped": lambda text: text.replace("pickle", "\\u0070ickle").encode(),
+    "escaped key": lambda text: (
+        text.replace('"id"', '"\\u0069d"').replace("filters", "f\\u0069lters").encode()
+    ),
+    "another encoding": lambda text: text.encode("utf-16"),
+    "a key twice": lambda text: text.replace('"filters"', '"filters": null, "filters"').encode(),
+}
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+@pytest.mark.parametrize("behind", ["", "link"])
+def test_a_zarr_folder_that_would_unpickle_is_refused_untouched(
+    tmp_path, ocean, message_of, spelling, behind
+):
     pytest.importorskip("zarr")
     numcodecs = pytest.importorskip("numcodecs")
     ocean.drop_attrs().to_zarr(tmp_path / "o.zarr", zarr_format=2, consolidated=False)
@@ -109,11 +125,73 @@ def test_a_zarr_folder_that_would_unpickle_is_refused_untouched(tmp_path, ocean,
     (folder / "0").write_bytes(pickled.encode(np.array([Trap(tmp_path / "sprung")] * 5, dtype=object)))
     metadata = json.loads((folder / ".zarray").read_text())
     metadata |= {"filters": [pickled.get_config()], "compressor": None}
-    (folder / ".zarray").write_text(json.dumps(metadata))
-    assert "lat is coded by pickle" in message_of(tmp_path / "o.zarr")
+    (folder / ".zarray").write_bytes(SPELLINGS[spelling](json.dumps(metadata)))
+    if behind:
+        folder.rename(tmp_path / "elsewhere")
+        folder.symlink_to(tmp_path / "elsewhere")
+    assert "o.zarr: lat: its codec 'pickle' is not allowed" in message_of(tmp_path / "o.zarr")
     assert not (tmp_path / "sprung").exists()
     pickle.loads((folder / "0").read_bytes())
     assert (tmp_path / "sprung").exists(), "the trap is none"
+
+
+INNER = {
+    "name": "sharding_indexed",
+    "configuration": {"chunk_shape": [1], "codecs": [{"name": "numcodecs.pickle"}]},
+}
+HOSTILE = {
+    "codec": (".zarray", lambda m: m | {"compressor": {"id": "pickle", "protocol": 5}}),
+    "a plugin's codec": (".zarray", lambda m: m | {"filters": [{"id": "mine"}]}),
+    "two names": (".zarray", lambda m: m | {"filters": [{"id": "delta", "name": "pickle"}]}),
+    "a name that is a list": (".zarray", lambda m: m | {"filters": [{"id": ["pickle"]}]}),
+    "consolidated": (".zmetadata", lambda _: {"metadata": {"lat/.zarray": {"filters": [{"id": "pickle"}]}}}),
+    "format 3": ("zarr.json", lambda m: m | {"codecs": [{"name": "numcodecs.pickle"}]}),
+    "format 3 by name alone": ("zarr.json", lambda m: m | {"codecs": ["bytes", "numcodecs.pickle"]}),
+    "a shard's codec": ("zarr.json", lambda m: m | {"codecs": [INNER]}),
+    "a shard's index": ("zarr.json", lambda m: m | {"codecs": [INNER | {"configuration": {"index_codecs": [{"name": "x"}]}}]}),
+    "consolidated in format 3": ("../zarr.json", lambda m: m | {"consolidated_metadata": {"metadata": {"lat": {"codecs": [{"name": "pickle"}]}}}}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_codecs_that_are_not_on_the_list_are_refused_wherever_they_are(tmp_path, ocean, message_of, case):
+    pytest.importorskip("zarr")
+    name, change = HOSTILE[case]
+    ocean.drop_attrs().to_zarr(
+        tmp_path / "o.zarr", zarr_format=3 if "json" in name else 2, consolidated=False
+    )
+    file = tmp_path / "o.zarr" / "lat" / name
+    file.write_text(json.dumps(change(json.loads(file.read_text()) if file.exists() else {})))
+    assert re.search(
+        "its codec .* is not allowed, it could run what it decodes", message_of(tmp_path / "o.zarr")
+    )
+
+
+@pytest.mark.parametrize("kind", [2, 3])
+def test_usual_codecs_are_read_and_attributes_may_say_anything(tmp_path, ocean, kind):
+    zarr = pytest.importorskip("zarr")
+    numcodecs = pytest.importorskip("numcodecs")
+    codecs = {
+        2: {"compressors": numcodecs.Zlib(4), "filters": [numcodecs.Shuffle(8)]},
+        3: {"compressors": zarr.codecs.ZstdCodec(), "chunks": (3, 2, 3), "shards": (3, 6, 6)},
+    }
+    ocean["salinity"].attrs["codecs"] = "pickle"
+    encoding = dict.fromkeys(("water_temp", "salinity"), codecs[kind])
+    ocean.to_zarr(tmp_path / "o.zarr", zarr_format=kind, consolidated=kind == 2, encoding=encoding)
+    np.testing.assert_array_equal(open_ocean(tmp_path / "o.zarr")["salinity"], ocean["salinity"])
+
+
+@pytest.mark.parametrize("kind", [2, 3])
+def test_a_chunk_that_would_fill_the_memory_is_refused_by_its_declared_size(
+    tmp_path, ocean, message_of, kind
+):
+    pytest.importorskip("zarr")
+    ocean.drop_attrs().to_zarr(tmp_path / "o.zarr", zarr_format=kind, consolidated=False)
+    file = tmp_path / "o.zarr" / "lat" / (".zarray" if kind == 2 else "zarr.json")
+    metadata = json.loads(file.read_text())
+    large = {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [10**9]}}}
+    file.write_text(json.dumps(metadata | ({"chunks": [10**9]} if kind == 2 else large)))
+    assert "lat: one of its chunks takes 8.0 GB unpacked; at most 2 GB" in message_of(tmp_path / "o.zarr")
 
 
 def test_zarr_metadata_that_are_damaged_are_refused(tmp_path, ocean, message_of):
@@ -122,9 +200,13 @@ def test_zarr_metadata_that_are_damaged_are_refused(tmp_path, ocean, message_of)
     path = tmp_path / "o.zarr" / "lon" / "zarr.json"
     whole = json.loads(path.read_text())
     many, unknown = whole | {"shape": "many"}, whole | {"codecs": [{"name": "exec"}]}
-    for text in (json.dumps(many), json.dumps(unknown), "{" * 5000):
+    for text, line in (
+        (json.dumps(many), "cannot be read"),
+        (json.dumps(unknown), "'exec' is not allowed"),
+        ("{" * 5000, "cannot be read"),
+    ):
         path.write_text(text)
-        assert "cannot be read" in message_of(tmp_path / "o.zarr")
+        assert line in message_of(tmp_path / "o.zarr")
     (tmp_path / "empty").mkdir()
     assert "no zarr group" in message_of(tmp_path / "empty")
 

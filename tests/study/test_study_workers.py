@@ -174,7 +174,9 @@ def imported_from(_number):
 def test_processes_import_nothing_from_the_working_folder(tmp_path, monkeypatch):
     """Python puts the working folder first in the path of ``-c``: a pickle.py there would run before anything else."""
     for name in ("pickle", "struct", "pymantaray", "numpy"):
-        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'sprung')!r}, 'w'); raise SystemExit(3)\n")
+        (tmp_path / f"{name}.py").write_text(
+            f"open({str(tmp_path / 'sprung')!r}, 'w'); raise SystemExit(3)\n"
+        )
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
     (struct, pickled, path), *_ = in_two_processes(imported_from, 2)
@@ -185,7 +187,9 @@ def test_processes_import_nothing_from_the_working_folder(tmp_path, monkeypatch)
 
 def test_processes_import_from_pythonpath(tmp_path):
     """A task in a module of a folder that PYTHONPATH names is found in processes, whose own path has it too."""
-    (tmp_path / "task_of_mine.py").write_text("def start():\n    return double\ndef double(n):\n    return 2 * n\n")
+    (tmp_path / "task_of_mine.py").write_text(
+        "def start():\n    return double\ndef double(n):\n    return 2 * n\n"
+    )
     script = (
         "from task_of_mine import start; from pymantaray.study.workers import Workers\n"
         "with Workers(start, 1) as workers:\n    print(workers.submit(21).result())\n"

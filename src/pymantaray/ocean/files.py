@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean.zarr_metadata import check_zarr
 from pymantaray.records.writing import NETCDF_LOCK
 
 Array = NDArray[np.float64]
@@ -187,12 +188,7 @@ def _engine(path: Path) -> str:
 
 
 def _zarr_engine(path: Path) -> str:
-    metadata = [file for name in ("zarr.json", ".zgroup", ".zarray") for file in path.rglob(name)]
-    if not metadata:
-        raise OceanError(f"{path}: a folder, but no zarr group; name NetCDF files or a zarr folder")
-    for file in metadata:
-        if '"pickle"' in file.read_text(encoding="utf-8", errors="replace"):
-            raise OceanError(f"{path.name}: {file.parent.name} is coded by pickle, which runs what it holds")
+    check_zarr(path)
     try:
         import zarr  # noqa: F401
     except ImportError:
