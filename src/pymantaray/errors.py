@@ -5,9 +5,14 @@ What a function cannot take it refuses by its folder's error, in one line with t
 list refusals only where they do not follow from what is said of the arguments.
 """
 
+from pymantaray.messages import without_secrets
+
 
 class MantaRayError(Exception):
-    """Bad input or an impossible request; the message is one line for the user."""
+    """Bad input or an impossible request; the message is one line for the user, without passwords and tokens."""
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*(without_secrets(one) if isinstance(one, str) else one for one in arguments))
 
 
 class GeometryError(MantaRayError):

@@ -12,6 +12,7 @@ from pymantaray.cli import atlas, doctor, export, graph, ocean, ranges, rays, re
 from pymantaray.cli.options import Commands, OceanCommand
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
+from pymantaray.messages import without_secrets
 
 _UsageError: Any = typer.BadParameter.__base__  # which typer does not export
 
@@ -59,7 +60,7 @@ def main(arguments: list[str] | None = None) -> None:
         except _UsageError as error:
             _refuse(error)
         except (MantaRayError, FileNotFoundError, PermissionError) as error:
-            for line in str(error).splitlines():
+            for line in without_secrets(error).splitlines():
                 typer.echo(f"error: {line}", err=True)
             raise SystemExit(EXIT_KNOWN_ERROR) from None
         except KeyboardInterrupt:
@@ -73,7 +74,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _refuse(error: Any) -> NoReturn:
     """End with the line of a word that the command does not take, and what lists those that it does."""
-    fault = " ".join(error.format_message().split()).removesuffix(".")
+    fault = without_secrets(" ".join(error.format_message().split()).removesuffix("."))
     if fault:  # where no word was given its message is the help, which is printed
         command = error.ctx.command_path if error.ctx else "mantaray"
         typer.echo(f"error: {command}: {fault}; {command} --help lists what it takes", err=True)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from pymantaray.installation import peak_memory_mib
+from pymantaray.messages import without_secrets
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +38,7 @@ class Printer:
     def line(self, text: str = "", **values: Any) -> None:
         """Print a line for people, and tell scripts the values in it."""
         if not self._quiet:
-            typer.echo(text)
+            typer.echo(without_secrets(text))
         self.add(**values)
 
     def add(self, **values: Any) -> None:
@@ -59,11 +60,13 @@ class Printer:
 
     def paths(self, *paths: Path | str, **named: Path | str) -> None:
         """Print what was written, a line each: all that a quiet command prints."""
+        lines = [without_secrets(path) for path in paths]
+        by_name = {name: without_secrets(path) for name, path in named.items()}
         if self.values is None:
-            for path in (*paths, *named.values()):
-                typer.echo(str(path))
+            for line in (*lines, *by_name.values()):
+                typer.echo(line)
         else:
-            self.values |= named | ({"files": list(paths)} if paths else {})
+            self.values |= by_name | ({"files": lines} if lines else {})
 
 
 @contextmanager
@@ -155,5 +158,7 @@ def log_to_stderr(*, quiet: bool, verbose: int) -> Iterator[None]:
 class _Formatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         if record.name == "py.warnings":  # a file, its line, a class and the warning's words
-            return f"warning: {record.getMessage().partition('Warning: ')[2].splitlines()[0]}"
-        return _PREFIX.get(record.levelname, "") + super().format(record)
+            return (
+                f"warning: {without_secrets(record.getMessage().partition('Warning: ')[2].splitlines()[0])}"
+            )
+        return _PREFIX.get(record.levelname, "") + without_secrets(super().format(record))

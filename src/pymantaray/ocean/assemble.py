@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
+from pymantaray.messages import one_line
 from pymantaray.ocean import cf
 from pymantaray.ocean.convert import (
     HYCOM_NAMES,
@@ -20,7 +21,7 @@ from pymantaray.ocean.convert import (
     to_our_unit,
     up_to_surface,
 )
-from pymantaray.ocean.files import file_name, one_line, text
+from pymantaray.ocean.files import file_name, text
 from pymantaray.ocean.schema import DIMS, VARIABLES, assemble_ocean
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.files import file_name, numbers, one_line, text
+from pymantaray.messages import one_line
+from pymantaray.ocean.files import file_name, numbers, text
 
 Array = NDArray[np.float64]
 Instants = NDArray[np.datetime64]

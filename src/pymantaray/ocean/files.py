@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
+from pymantaray.messages import one_line
 from pymantaray.ocean.zarr_metadata import check_zarr
 from pymantaray.records.writing import NETCDF_LOCK
 
@@ -40,7 +41,7 @@ def open_file(path: str | Path | xr.Dataset) -> xr.Dataset:
     address = re.search(r"[a-z][a-z0-9+]+:/.*", str(path))  # also where a folder was put before it
     if address:
         line = "an address, not a file; get it with mantaray ocean fetch, or download it"
-        raise OceanError(f"{without_password(address[0])}: {line}")
+        raise OceanError(f"{address[0]}: {line}")
     path = Path(path)
     engine = _engine(path)
     options: dict[str, Any] = {"consolidated": False} if engine == "zarr" else {}
@@ -146,17 +147,6 @@ def text(variable: xr.Variable | xr.DataArray, attribute: str) -> str:
     """Attribute as text; empty where it is missing or a number."""
     value = variable.attrs.get(attribute, "")
     return value.strip() if isinstance(value, str) else ""
-
-
-def without_password(address: object) -> str:
-    """Address without what stands before its host: no file, message or manifest is to hold it."""
-    return re.sub(r"(?<=:/).*@", "/", str(address))
-
-
-def one_line(text: object, longest: int = 160) -> str:
-    """Text of unknown origin as one short printable line."""
-    words = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
-    return words if len(words) <= longest else words[: longest - 3] + "..."
 
 
 def unreadable(path: str | Path, error: Exception) -> OceanError:

@@ -13,8 +13,9 @@ from scipy.interpolate import RegularGridInterpolator
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.longitude import eastward, whole_turns
+from pymantaray.messages import one_line
 from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
-from pymantaray.ocean.files import file_name, numbers, one_line, open_file, text
+from pymantaray.ocean.files import file_name, numbers, open_file, text
 from pymantaray.ocean.schema import layer_edges
 from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
 

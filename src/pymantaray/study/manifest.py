@@ -16,6 +16,7 @@ from typing import Any
 import pymantaray
 from pymantaray.config.sections import StudyConfig
 from pymantaray.installation import peak_memory_mib, versions
+from pymantaray.messages import without_secrets
 from pymantaray.study.references import Citations
 from pymantaray.study.tracks import read_fleet
 
@@ -58,7 +59,7 @@ def describe_run(
         "study": config.study.name,
         "made": {"began": f"{watch.began:%Y-%m-%dT%H:%M:%SZ}", "command": _command()},
         "ocean": {
-            "source": list(config.ocean.source),
+            "source": [without_secrets(source) for source in config.ocean.source],
             "synthetic": synthetic,
             "time_varying": config.ocean.time_varying,
             "sha256": inputs,
@@ -88,7 +89,11 @@ def describe_run(
 
 def _command() -> str | None:
     """Command line of `mantaray` that this process is; None of a script or a notebook."""
-    return shlex.join(["mantaray", *sys.argv[1:]]) if Path(sys.argv[0]).stem == "mantaray" else None
+    return (
+        shlex.join(["mantaray", *map(without_secrets, sys.argv[1:])])
+        if Path(sys.argv[0]).stem == "mantaray"
+        else None
+    )
 
 
 def _own_fleet(config: StudyConfig) -> dict[str, Any]:

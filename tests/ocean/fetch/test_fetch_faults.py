@@ -1,6 +1,8 @@
 """A server that misbehaves: every fault ends in the right water after a retry, or in one line that says what happened."""
 
 import base64
+import contextlib
+import http.server
 import socket
 import sys
 import threading
@@ -8,6 +10,8 @@ import time
 
 import pytest
 from opendap_stand_in import Endless
+
+from pymantaray.errors import OceanError
 
 pytestmark = pytest.mark.network
 
@@ -158,6 +162,54 @@ def test_a_password_goes_to_the_server_and_nowhere_else(fetch, is_true, refusal,
         assert "is not an address" in message
         assert "ann" not in message
         assert "ss@" not in message
+
+
+class Recording(http.server.BaseHTTPRequestHandler):
+    """Answers with a redirect if its server has one, and keeps the headers of what it was asked."""
+
+    def do_GET(self):
+        self.server.headers.append(self.headers)
+        self.send_response(302 if self.server.target else 200)
+        if self.server.target:
+            self.send_header("Location", self.server.target)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def recording():
+    """Servers of that kind, each with the address that it redirects to or none."""
+    with contextlib.ExitStack() as stack:
+
+        def one(target):
+            server = stack.enter_context(http.server.ThreadingHTTPServer(("127.0.0.1", 0), Recording))
+            server.target, server.headers = target, []
+            threading.Thread(target=server.serve_forever, daemon=True).start()
+            stack.callback(server.shutdown)
+            return server
+
+        yield one
+
+
+@pytest.mark.parametrize("account", ["", "ann:mine@"])
+def test_a_redirect_sends_no_password_to_the_other_host(recording, monkeypatch, tmp_path, account):
+    """Not that of the address, and not one that ~/.netrc has for the host that the redirect names."""
+    from pymantaray.ocean.fetch.limits import Limits
+    from pymantaray.ocean.fetch.transport import Connection
+
+    (tmp_path / "netrc").write_text("machine localhost login ann password stolen\n")
+    (tmp_path / "netrc").chmod(0o600)
+    monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
+    there = recording(None)
+    here = recording(f"http://localhost:{there.server_port}/x.dds")
+    root = f"http://{account}127.0.0.1:{here.server_port}"
+    with Connection(root, Limits(attempts=1)) as connection, pytest.raises(OceanError):
+        connection._get(f"http://127.0.0.1:{here.server_port}/x.dds")
+    assert [bool(headers["Authorization"]) for headers in here.headers] == [bool(account)]
+    assert [headers["Authorization"] for headers in there.headers] == [None]
 
 
 @pytest.mark.parametrize("name", ["requests", "pydap.client"])

@@ -14,7 +14,6 @@ import pydantic
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean.convert import HYCOM_NAMES, minute
-from pymantaray.ocean.files import without_password
 
 
 class _Table(pydantic.BaseModel):
@@ -121,9 +120,7 @@ def split_address(address: str) -> tuple[str, tuple[str, str] | None]:
     except ValueError:
         host = None
     if not host or parts.scheme not in ("http", "https"):
-        raise OceanError(
-            f"fetch: {without_password(address)!r} is not an address; needs http:// or https:// and a host"
-        )
+        raise OceanError(f"fetch: {address!r} is not an address; needs http:// or https:// and a host")
     account = (unquote(parts.username), unquote(parts.password or "")) if parts.username else None
     root = urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path.rstrip("/"), "", ""))
     return root, account
@@ -134,7 +131,7 @@ def load_catalogue(servers: str | Path | None = None) -> Catalogue:
     shipped = files("pymantaray.ocean.fetch").joinpath("servers.toml")
     table = tomllib.loads(shipped.read_text(encoding="utf-8"))
     named = os.environ.get("MANTARAY_OCEAN_SERVERS") if servers is None else servers
-    where = without_password(named or "servers.toml")
+    where = named or "servers.toml"
     if named and re.match(r"https?:", str(named)):
         table["addresses"] = {"opendap": str(named)}
     elif named:

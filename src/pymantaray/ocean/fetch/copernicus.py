@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from pymantaray.errors import OceanError
+from pymantaray.messages import one_line
 from pymantaray.ocean.convert import minute, parse_instant
 from pymantaray.ocean.fetch.catalogue import Dataset, covering, load_catalogue
 from pymantaray.ocean.fetch.hycom import Fetched, check_out
 from pymantaray.ocean.fetch.region import LARGEST_VALUES, Region
-from pymantaray.ocean.files import one_line
 from pymantaray.ocean.open import open_ocean
 from pymantaray.ocean.schema import with_history
 from pymantaray.records.writing import write_netcdf

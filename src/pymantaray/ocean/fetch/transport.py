@@ -18,9 +18,9 @@ import urllib3
 from requests.adapters import HTTPAdapter
 
 from pymantaray.errors import OceanError
+from pymantaray.messages import one_line
 from pymantaray.ocean.fetch.catalogue import split_address
 from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError
-from pymantaray.ocean.files import one_line
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # it imports webob, and that cgi
@@ -46,7 +46,7 @@ class Connection:
         self.requests = 0
         self._end = time.monotonic() + limits.total_s
         self._adapter = _Adapter()
-        self._session = requests.Session()
+        self._session = _Session()
         self._session.headers["User-Agent"] = f"pymantaray/{version('pymantaray')}"
         self._session.auth = account
         self._session.adapters.clear()
@@ -143,6 +143,14 @@ class Connection:
         if isinstance(error, OceanError):
             raise PassingError(str(error))
         raise PassingError(f"answer cannot be read ({one_line(error) or type(error).__name__})")
+
+
+class _Session(requests.Session):
+    """A session whose redirects take no password along and look up none in ``~/.netrc``, which the library does by default."""
+
+    def rebuild_auth(self, prepared_request: requests.PreparedRequest, response: requests.Response) -> None:
+        if self.should_strip_auth(response.request.url or "", prepared_request.url or ""):
+            prepared_request.headers.pop("Authorization", None)
 
 
 class _Adapter(HTTPAdapter):

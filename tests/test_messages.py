@@ -1,0 +1,99 @@
+"""No message, log or manifest repeats a password or a token, whichever command they are given to."""
+
+import logging
+import shlex
+import sys
+
+import pytest
+
+from pymantaray.cli.main import main
+from pymantaray.cli.printing import log_to_stderr
+from pymantaray.errors import OceanError, SweepError
+from pymantaray.messages import one_line, without_secrets
+from pymantaray.study import manifest
+
+SECRET = "XSECRETX"
+HIDDEN = {
+    f"https://ann:{SECRET}@host/sea.nc": "https://host/sea.nc",
+    f"https://{SECRET}@host/sea.nc": "https://host/sea.nc",
+    f"https://ann:a/b@{SECRET} c@host:8/sea.nc": "https://host:8/sea.nc",
+    f"s3:/ann:{SECRET}@bucket/x: is a file": "s3://bucket/x: is a file",
+    f"ann:{SECRET}@host:8786: no answer": "host:8786: no answer",
+    f"https://host/sea.nc?token={SECRET}: an address": "https://host/sea.nc?token=...: an address",
+    f"https://host/a?x=1&X-Amz-Signature={SECRET}&b=2 and on": "https://host/a?x=...&X-Amz-Signature=...&b=... and on",
+    f"sea.nc?sig={SECRET}": "sea.nc?sig=...",
+    f"'https://host/#access_token={SECRET}'": "'https://host/#access_token=...'",
+    f"http://a/b, http://ann:{SECRET}@c/d": "http://a/b, http://c/d",
+}  # fmt: skip
+PLAIN = [
+    "runs/quick: 3 done, 0 failed, 1 open of 4 points",
+    "ocean.toml, line 3: noise.range_sigma: unknown key; did you mean range_sigma? allowed: a, b",
+    "https://example.org/dods/sea.dods: server error 500 (10:30 at host)",
+    "10:30, 12:15 UTC @ 5 m; mail a@b.org",
+]
+
+
+@pytest.mark.parametrize(("text", "shown"), HIDDEN.items(), ids=range(len(HIDDEN)))
+def test_secrets_of_addresses_are_left_out(text, shown):
+    assert without_secrets(text) == shown
+    assert str(OceanError(text)) == shown
+
+
+@pytest.mark.parametrize("text", PLAIN)
+def test_other_text_is_left_as_it_is(text):
+    assert without_secrets(text) == text
+
+
+def test_text_of_unknown_origin_becomes_one_short_line():
+    assert one_line("a\nb\t\x1b[31mc " + "d" * 500, 20) == "a b [31mc ddddddd..."
+
+
+ADDRESSES = [f"https://ann:{SECRET}@nowhere.invalid/x.nc", f"https://nowhere.invalid/x.nc?token={SECRET}"]
+COMMANDS = [
+    "ocean check {}", "ocean info {}", "ocean convert {} out.nc", "ocean fetch out.nc --servers {}", "rays times {} links.csv out.csv",
+    "ranges {} trajectories.csv out", "ranges synthetic:fram {}", "replay {} --ocean synthetic:fram", "graph show {}", "graph solve {}",
+    "study run {}", "study show {}", "study check {}", "sweep run {} --out out", "sweep status {}", "sweep collect {}", "serve {}",
+    "atlas {}", "export {} --to tum", "{}", "study {}", "sweep run sweep.toml --out {}", "sweep run sweep.toml --out out --scheduler {}",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("address", ADDRESSES, ids=["password", "token"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_command_repeats_a_secret(command, address, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sweep.toml").write_text('[sweep]\nname = "s"\nbase = "quick"\n')
+    with pytest.raises(SystemExit) as caught:
+        main([word.format(address) for word in command.split()])
+    said = capsys.readouterr()
+    assert caught.value.code == 2
+    assert SECRET not in said.out + said.err
+    if command != "ocean check {}":  # which reports it as a finding
+        assert said.err.startswith("error: ")
+        assert said.err.count("\n") == 1
+
+
+@pytest.mark.network
+def test_no_scheduler_s_password_is_repeated(capsys, tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    from pymantaray.sweep import workers
+
+    monkeypatch.setattr(workers, "_ANSWER", 1.0)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sweep.toml").write_text(
+        '[sweep]\nname = "s"\nbase = "quick"\n[[grid]]\nfield = "study.seed"\nvalues = [1]\n'
+    )
+    with pytest.raises(SystemExit):
+        main(["sweep", "run", "sweep.toml", "--out", "out", "--scheduler", f"tcp://ann:{SECRET}@127.0.0.1:9"])
+    said = capsys.readouterr()
+    assert SECRET not in said.out + said.err
+
+
+def test_logs_and_manifests_leave_secrets_out(capsys, monkeypatch):
+    with log_to_stderr(quiet=False, verbose=0):
+        logging.getLogger("pymantaray.sweep").warning("scheduler tls://ann:%s@host is gone", SECRET)
+    assert capsys.readouterr().err == "warning: scheduler tls://host is gone\n"
+    monkeypatch.setattr(
+        sys, "argv", ["/bin/mantaray", "sweep", "run", "--out", f"s3://ann:{SECRET}@bucket/x"]
+    )
+    assert shlex.split(manifest._command())[-1] == "s3://bucket/x"
+    assert str(SweepError(f"s3://ann:{SECRET}@b: cannot be opened")) == "s3://b: cannot be opened"
