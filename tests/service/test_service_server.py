@@ -1,6 +1,8 @@
 """The server on loopback: answers to the last digit, one clear line for what is wrong, no harm by any request."""
 
+import contextlib
 import http.client
+import itertools
 import json
 import random
 import re
@@ -8,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -15,12 +18,14 @@ import pytest
 from refusals import refused
 
 import pymantaray
+from pymantaray.acoustics import Medium
 from pymantaray.cli.main import main
 from pymantaray.errors import ServiceError
 from pymantaray.records import RayStatus
-from pymantaray.service import RangingService, make_server
+from pymantaray.service import RangingService, make_server, server
 from pymantaray.service.messages import PingAnswer
 from pymantaray.service.server import MOST_BYTES
+from pymantaray.study.workers import WorkerEndedError
 
 pytestmark = pytest.mark.network
 NAMES = ("north", "east", "depth")
@@ -133,6 +138,31 @@ def test_the_root_tells_version_and_ocean_and_the_schema_both_sides(port, loud_p
     assert status == 200
     assert schema["PingRequest"]["required"] == ["time", "source", "receivers"]
     assert set(schema["PingAnswer"]["properties"]) == {"time", "receivers"}
+
+
+def test_a_source_outside_the_ocean_is_refused_once(serve, in_varying):
+    port = serve(in_varying)
+    status, answer = ask(port, json.dumps(GOOD | {"source": HERE | {"north": 1e6}}))
+    assert status == 400
+    assert re.search(
+        "^source: north 1e[+]06 m is outside the ocean, which reaches from -?[0-9.]+ to", answer["error"]
+    )
+    status, answer = ask(
+        port, json.dumps(GOOD | {"receivers": [HERE | {"north": 1e6}, HERE | {"depth": -1.0}]})
+    )
+    assert (status, [r["status"] for r in answer["receivers"]]) == (200, ["outside", "outside"])
+    status, answer = ask(port, json.dumps(GOOD | {"source": HERE | {"depth": -1.0}}))
+    assert (status, answer["receivers"][0]["status"]) == (200, "outside")
+
+
+def test_the_root_tells_sound_speeds_of_the_water_and_not_of_what_lies_below_the_bed(serve):
+    """Sound speed grows by 0.02 /s of depth, over a slope from 100 to 400 m; levels go down to 2000 m."""
+    axis, depth = np.linspace(-1e3, 1e3, 5), np.linspace(0.0, 2000.0, 21)
+    speed = np.broadcast_to(1450.0 + 0.02 * depth, (5, 5, 21))
+    bed = np.broadcast_to(250.0 + 0.15 * axis[:, None], (5, 5))
+    service = RangingService(Medium.from_grid(axis, axis, depth, speed, bathymetry=bed))
+    low, high = ask(serve(service), None, "GET", "/")[1]["sound_speed"]
+    assert (low, high) == (1450.0, pytest.approx(1450.0 + 0.02 * 400.0, abs=1e-6))
 
 
 def test_eight_clients_at_a_time_are_answered_as_one(loud_port, loud, links):
@@ -258,6 +288,147 @@ def test_where_nobody_can_listen_is_refused_in_one_line(service, port):
 def test_without_waitress_one_line_says_what_to_install(service, monkeypatch):
     monkeypatch.setitem(sys.modules, "waitress.channel", None)
     refused(ServiceError, r"pip install 'pymantaray\[serve\]'", make_server, service)
+
+
+@pytest.fixture
+def kept_open():
+    """Connections that stay open without a request, until the test ends."""
+    with contextlib.ExitStack() as stack:
+        yield lambda port, count: [
+            stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=600))
+            for _ in range(count)
+        ]
+
+
+def test_clients_that_keep_connections_open_do_not_shut_others_out(serve, service, kept_open):
+    port = serve(service)
+    kept_open(port, 3 * server._MOST_CONNECTIONS)
+    for _ in range(20):
+        assert ask(port, json.dumps(GOOD))[0] == 200
+
+
+def test_the_connection_that_is_closed_for_another_is_the_one_idle_for_longest(
+    serve, service, kept_open, monkeypatch
+):
+    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 8)
+    port = serve(service)
+    idle = []
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=600)) as client:
+        client.connect()
+        first = client.sock
+        for _ in range(4):
+            idle += kept_open(port, 6)
+            client.request("GET", "/")
+            assert client.getresponse().read()
+        assert client.sock is first
+    assert idle[0].recv(1) == b""
+
+
+SLOW = {
+    "headers": itertools.chain([b"GET / HTTP/1.1\r\n"], (b"X-%d: y\r\n" % k for k in itertools.count())),
+    "a body": itertools.chain(
+        [b"POST /ping HTTP/1.1\r\nContent-Length: 90000\r\n\r\n"], itertools.repeat(b" ")
+    ),
+    "empty lines": itertools.repeat(b"\r\n\r\n"),
+}
+
+
+def is_closed(line, piece):
+    """True if the server has closed a connection, after one more piece of a request."""
+    try:
+        line.sendall(piece)
+        return line.recv(1) == b""
+    except TimeoutError:
+        return False
+    except ConnectionError:
+        return True
+
+
+@pytest.mark.parametrize("kind", SLOW)
+def test_a_request_that_never_ends_does_not_hold_its_connection(serve, service, kept_open, monkeypatch, kind):
+    port = serve(service)
+    with monkeypatch.context() as patch:
+        patch.setattr(server, "_TIMEOUT", 1)
+        (line,) = kept_open(port, 1)
+        line.settimeout(0.1)
+        end = time.monotonic() + 300.0
+        while not is_closed(line, next(SLOW[kind])):
+            assert time.monotonic() < end
+    assert ask(port, json.dumps(GOOD))[0] == 200
+
+
+@pytest.mark.parametrize(
+    ("head", "status"),
+    [
+        ("Host: 127.0.0.1:{port}", 200),
+        ("Host: localhost", 200),
+        ("Host: LOCALHOST:{port}", 200),
+        ("Host: [::1]:{port}", 200),
+        ("X: without a host", 200),
+        ("Host: 127.0.0.1:{port}\r\nOrigin: http://127.0.0.1:{port}", 200),
+        ("Host: evil.example:{port}", 403),
+        ("Host: 127.0.0.1.evil.example", 403),
+        ("Host: evil.example@127.0.0.1.evil.example", 403),
+        ("Host: 192.0.2.1", 403),
+        ("Host: [", 403),
+        ("Host: 127.0.0.1, evil.example", 403),
+        ("Host: 127.0.0.1:{port}\r\nOrigin: http://evil.example", 403),
+        ("Host: 127.0.0.1:{port}\r\nOrigin: http://127.0.0.1:1", 403),
+        ("Host: 127.0.0.1:{port}\r\nOrigin: null", 403),
+    ],
+)
+@pytest.mark.parametrize("what", ["GET /", "POST /ping"])
+def test_pages_of_other_sites_cannot_ask_by_a_browser(port, head, status, what):
+    """A page whose name is made to point at 127.0.0.1 sends its own name as Host, any other page its Origin."""
+    body = json.dumps(GOOD) if what == "POST /ping" else ""
+    text = f"{what} HTTP/1.1\r\n{head.format(port=port)}\r\nConnection: close\r\nContent-Length: {len(body)}\r\n\r\n{body}"
+    answer = raw(port, text.encode())
+    assert answer.startswith(f"HTTP/1.1 {status} ")
+    assert (list(json.loads(answer.partition("\r\n\r\n")[2])) == ["error"]) == (status == 403)
+
+
+LONG = "k" * 3_000_000
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"a\nb\r\x1b[31m": 1},
+        {LONG: 1},
+        {"source": HERE | {LONG: 1}},
+        {"source": HERE | {"name": LONG}},
+        {"time": LONG},
+        {"receivers": [HERE | {f"{k}{LONG[:500]}": 1} for k in range(99)]},
+    ],
+    ids=["newlines", "a long key", "a long key inside", "a long name", "a long value", "many keys"],
+)
+def test_what_a_request_says_is_repeated_in_a_short_printable_line(port, body):
+    status, answer = ask(port, json.dumps(GOOD | body))
+    assert status == 400
+    assert answer["error"].isprintable()
+    assert len(answer["error"]) <= 480
+
+
+def test_a_worker_that_is_killed_costs_nobody_an_answer(serve, medium):
+    with RangingService(medium, workers=1) as service:
+        port = serve(service)
+        service._workers._processes[0].kill()
+        assert ask(port, json.dumps(GOOD))[0] == 200
+
+
+def test_a_service_whose_workers_all_end_is_unavailable_and_not_the_request_wrong(serve, medium, monkeypatch):
+    with RangingService(medium, workers=1) as service:
+        port = serve(service)
+
+        def end(ends):
+            raise WorkerEndedError("a worker process ended early, by SIGKILL; try fewer workers")
+
+        with monkeypatch.context() as patch:
+            patch.setattr(service, "ping", lambda *_, **__: end(None))
+            status, answer = ask(port, json.dumps(GOOD))
+        assert status == 503
+        assert answer["error"].endswith("try fewer workers; ask again")
+        assert ask(port, json.dumps(GOOD))[0] == 200
 
 
 @pytest.fixture

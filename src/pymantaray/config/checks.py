@@ -14,6 +14,7 @@ from pymantaray.config.renamed import with_new_names
 from pymantaray.errors import StudyError
 
 Model = TypeVar("Model", bound=BaseModel)
+_LONGEST_KEY = 100  # that a message shows whole
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 100
 _ALLOWED = {
@@ -81,7 +82,10 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
     kind, location, context = finding["type"], finding["loc"], finding.get("ctx", {})
     model, where, options = _walk(location[:-1] if kind == "extra_forbidden" else location, root)
     if kind == "extra_forbidden":
-        return _unknown(str(location[-1]), model, where, root)
+        key = str(location[-1])
+        if len(key) > _LONGEST_KEY or not key.isprintable():
+            key = _SHORT.repr(key)
+        return _unknown(key, model, where, root)
     if kind == "missing":
         return f"{where}: missing; add it{_meaning(location, root)}"
     if kind == "value_error":
@@ -92,7 +96,7 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
         kinds = [tag for option in options for tag in get_args(option.model_fields["kind"].annotation)]
         return f"{where}.kind: missing; add it, one of {', '.join(map(repr, kinds))}"
     if kind == "union_tag_invalid":
-        return f"{where}.kind: found {context['tag']!r}; allowed: {allowed}"
+        return f"{where}.kind: found {_SHORT.repr(context['tag'])}; allowed: {allowed}"
     if kind == "string_pattern_mismatch":
         allowed = _PATTERNS.get(context["pattern"], f"text that matches {context['pattern']}")
     if kind == "tuple_type" and isinstance(value, dict) and issubclass(root, Section) and root.in_toml:

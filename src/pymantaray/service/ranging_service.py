@@ -16,7 +16,7 @@ from pymantaray.geometry.checks import check_number
 from pymantaray.sensing import Reception, Timing, TwoWay
 from pymantaray.service.ping import Ends, Ping, Pinger
 from pymantaray.service.water import Ocean, Water
-from pymantaray.study.workers import Workers
+from pymantaray.study.workers import WorkerEndedError, Workers
 
 Array = NDArray[np.float64]
 
@@ -139,7 +139,8 @@ class RangingService:
         Raises
         ------
         ServiceError
-            If there is no water at that time, or a velocity is given although the timing is one-way.
+            If there is no water at that time, the source is beyond the ocean's horizontal extent, or a velocity is given
+            although the timing is one-way.
         AcousticsError
             If positions or velocities are not finite or have another shape.
         """
@@ -156,6 +157,7 @@ class RangingService:
         )
         if len(places) != 1:
             raise ServiceError(f"source: {len(places)} positions; a ping has one source")
+        self.water.require_place("source", places[0])
         ends = Ends(
             float(time),
             places[0],
@@ -166,7 +168,16 @@ class RangingService:
         )
         if self._workers is None:
             return self._pinger(ends)
-        answer: Ping = self._workers.submit(ends).result()
+        return self._by_a_worker(ends, self._workers)
+
+    @staticmethod
+    def _by_a_worker(ends: Ends, workers: Workers) -> Ping:
+        """What becomes of a ping, asked once more if a worker ends meanwhile: another has taken its place."""
+        answer: Ping
+        try:
+            answer = workers.submit(ends).result()
+        except WorkerEndedError:
+            answer = workers.submit(ends).result()
         return answer
 
     def _local(

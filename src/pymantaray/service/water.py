@@ -128,6 +128,21 @@ class Water:
                 f"time: {time:g} s; there is water from {self.span[0]:g} to {self.span[1]:g} s after {self.start} UTC"
             )
 
+    def require_place(self, name: str, place: Array) -> None:
+        """Refuse a place beyond the horizontal extent, which is a fault of who asks and no outcome of a ping. [m]"""
+        for k, along in enumerate(("north", "east")):
+            axis = getattr(self._first, along)
+            if axis.size > 1 and not axis[0] <= place[k] <= axis[-1]:
+                raise ServiceError(
+                    f"{name}: {along} {place[k]:.6g} m is outside the ocean, which reaches from {axis[0]:.6g} to"
+                    f" {axis[-1]:.6g} m; move it or take a larger ocean"
+                )
+
+    @cached_property
+    def _first(self) -> Medium:
+        """Medium at the start, on the grid of all times."""
+        return self.at(max(self.span[0], 0.0))[0]
+
     def at(self, time: float) -> tuple[Medium, Currents | None]:
         """Medium and currents at a time. [s]"""
         medium = self.medium(time) if callable(self.medium) else self.medium
@@ -140,14 +155,14 @@ class Water:
 
     def facts(self) -> dict[str, Any]:
         """What to know before the first ping, as JSON takes it."""
-        medium, _ = self.at(max(self.span[0], 0.0))
+        medium = self._first
         detector, timing = self.reception.detector, self.timing
         out: dict[str, Any] = {
             name: _ends(axis) if axis.size > 1 else None
             for name, axis in (("north", medium.north), ("east", medium.east))
         }
         out["sea_floor_depth"] = _ends(medium.bathymetry)
-        out["sound_speed"] = _ends(medium.sound_speed)
+        out["sound_speed"] = _ends(_in_water(medium))
         out["start"] = self.start
         out["time"] = [float(t) for t in self.span] if self.varies else None
         for name in ("title", "source", "centre_latitude_deg", "centre_longitude_deg"):
@@ -161,6 +176,20 @@ class Water:
         out["source_level_db"] = None if detector is None else detector.sonar.source_level_db
         out["noise_level_db"] = None if detector is None else detector.sonar.noise_level_db
         return out
+
+
+def _in_water(medium: Medium) -> Array:
+    """Sound speeds at the grid points that are in the water, and at its bed and surface below and above them. [m/s]"""
+    north, east = (x.ravel() for x in np.meshgrid(medium.north, medium.east, indexing="ij"))
+    columns = np.stack([north, east], axis=-1)
+    top, bed = (depth[:, None] for depth in (medium.surface_depth(columns), medium.bottom_depth(columns)))
+    speed = medium.sound_speed.reshape(len(columns), -1)
+    ends = [
+        medium.sound_speed_at(np.column_stack([columns, depth]))
+        for depth in (top, np.minimum(bed, medium.depth[-1]))
+    ]
+    inside = speed[(medium.depth >= top) & (medium.depth <= bed)]
+    return np.concatenate([inside, *(values[np.isfinite(values)] for values in ends)])
 
 
 def _ends(values: Array) -> list[float]:
