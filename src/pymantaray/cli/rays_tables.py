@@ -14,6 +14,7 @@ from pymantaray.acoustics import choose_arrivals
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Arrivals, RayPaths, RayStatus, whole_file, write_netcdf
+from pymantaray.records.csv_text import csv_text
 from pymantaray.records.text_table import TextTable, read_text_table
 
 Array = NDArray[np.float64]
@@ -75,7 +76,7 @@ def sidecar(out: Path) -> Path:
 def write_table(table: pd.DataFrame, out: Path) -> None:
     """Write a table as CSV."""
     with whole_file(out) as temporary:
-        table.to_csv(temporary, index=False, float_format=_DIGITS)
+        temporary.write_text(csv_text(table, float_format=_DIGITS), encoding="utf-8")
 
 
 def write_result(result: pd.DataFrame | xr.Dataset, out: Path, record: dict[str, Any]) -> None:

@@ -347,7 +347,9 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
     """Tables of a comparison, whose last columns are the runs; where these are many, by their numbers."""
     import pandas as pd
 
-    names = pd.read_csv(folder / "tables" / "configuration.csv").columns[1:]
+    from pymantaray.records.csv_text import read_csv
+
+    names = read_csv(folder / "tables" / "configuration.csv").columns[1:]
     out.add(runs=names)
     if runs > _FEW:
         for number, name in enumerate(names, 1):
@@ -362,7 +364,7 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
         file = folder / "tables" / f"{name}.csv"
         if not file.is_file():  # of runs with ranges alone
             continue
-        table = pd.read_csv(file)
+        table = read_csv(file)
         if runs > _FEW:
             table.columns = pd.Index([*table.columns[:-runs], *map(str, range(1, runs + 1))])
         numbers = table.select_dtypes("number").columns

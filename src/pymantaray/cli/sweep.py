@@ -156,6 +156,7 @@ def collect(
 ) -> None:
     """Write one table of all points: CSV, NetCDF over the swept fields, and a page to look at it."""
     from pymantaray.records import whole_file, write_netcdf
+    from pymantaray.records.csv_text import csv_text
     from pymantaray.sweep import open_sweep
 
     results, page = open_sweep(folder), out is None and "://" not in folder
@@ -170,7 +171,7 @@ def collect(
             write_netcdf(results.dataset(), path)
         else:
             with whole_file(path) as temporary:
-                results.table().to_csv(temporary, index=False, lineterminator="\n")
+                temporary.write_text(csv_text(results.table()), encoding="utf-8")
         typer.echo(str(path))
     if page:
         from pymantaray.report import write_sweep_page

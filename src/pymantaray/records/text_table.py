@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pymantaray.errors import RecordError
+from pymantaray.records.csv_text import unguarded
 
 if TYPE_CHECKING:
     import numpy as np
@@ -121,7 +122,7 @@ def read_text_table(path: str | Path) -> TextTable:
         raise RecordError(f"{path}: not a readable table: {' '.join(str(error).split())[:80]}") from None
     if len(cells) != len(rows):
         raise RecordError(f"{path}: {len(rows)} lines make {len(cells)} rows; a quote is not closed")
-    cells = cells.fillna("").map(str.strip).set_axis(list(rows))
+    cells = cells.fillna("").map(str.strip).map(unguarded).set_axis(list(rows))
     return TextTable(path, cells.iloc[1:].set_axis(cells.iloc[0].tolist(), axis=1), list(comments.values()))
 
 

@@ -7,6 +7,7 @@ from types import MappingProxyType
 import pandas as pd
 
 from pymantaray.errors import ReportError
+from pymantaray.records.csv_text import csv_text
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import Plate, Results, find_figures, run_plates
 from pymantaray.report.latex import latex
@@ -124,10 +125,7 @@ def all_files(
     shown: Mapping[str, ShownTable] = MappingProxyType({}),
 ) -> dict[str, bytes]:
     """Files of a report by their names: tables with all their digits, those that are ``shown`` as LaTeX too, figures, page."""
-    content = {
-        f"{TABLES}/{name}.csv": table.to_csv(index=False, lineterminator="\n").encode()
-        for name, table in tables.items()
-    }
+    content = {f"{TABLES}/{name}.csv": csv_text(table).encode() for name, table in tables.items()}
     content |= {f"{TABLES}/{name}.tex": latex(table, name).encode() for name, table in shown.items()}
     for picture in pictures:
         content |= {f"{FIGURES}/{picture.name}.{kind}": file for kind, file in picture.files.items()}

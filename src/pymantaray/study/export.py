@@ -19,6 +19,7 @@ from pymantaray.exchange.rerun import write_rrd
 from pymantaray.exchange.rosbag import write_bag
 from pymantaray.exchange.tum import write_tum
 from pymantaray.records import whole_file
+from pymantaray.records.csv_text import csv_text
 from pymantaray.study.folder import staged_folder
 from pymantaray.study.graphs import noisy_graphs, write_graphs
 from pymantaray.study.store import Run, open_run
@@ -129,7 +130,7 @@ def _cf(run: Run, realization: int, folder: Path) -> None:
 
 def _csv(run: Run, realization: int, folder: Path) -> None:
     for name, frame in _tables(run, realization).items():
-        frame.to_csv(folder / f"{name}.csv", index=False)
+        (folder / f"{name}.csv").write_text(csv_text(frame), encoding="utf-8")
 
 
 def _parquet(run: Run, realization: int, folder: Path) -> None:

@@ -1,0 +1,53 @@
+"""Tables as CSV that a spreadsheet shows and does not run: an apostrophe stands before text that it would take for a formula."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_FORMULA = tuple("=+-@\t\n")
+
+
+def csv_text(table: "pd.DataFrame", *, float_format: str | None = None) -> str:
+    """Table with its header as CSV; text that begins as a formula has an apostrophe before it, numbers are as they are."""
+    shown = table.copy(deep=False)
+    for k, dtype in enumerate(table.dtypes):
+        cells = table.iloc[:, k]
+        if dtype.kind not in "biufcmM" and any(guarded(cell) is not cell for cell in cells.unique()):
+            shown.isetitem(k, cells.map(guarded))
+    shown.columns = [guarded(title) for title in table.columns]
+    return shown.to_csv(index=False, lineterminator="\n", float_format=float_format)
+
+
+def read_csv(path: Path) -> "pd.DataFrame":
+    """Read a table that `csv_text` wrote."""
+    import pandas as pd
+
+    table = pd.read_csv(path)
+    for k, dtype in enumerate(table.dtypes):
+        if dtype.kind not in "biufcmM":
+            table.isetitem(k, table.iloc[:, k].map(unguarded, na_action="ignore"))
+    return table.rename(columns=unguarded)
+
+
+def guarded(cell: Any) -> Any:
+    """Cell or title with an apostrophe before it if a spreadsheet would take it for a formula; text that is a number is none."""
+    if not isinstance(cell, str) or len(cell) < 2 or _is_number(cell):
+        return cell
+    if "\r" in cell:  # the writer does not quote it, and a reader would begin a row there
+        cell = cell.replace("\r\n", "\n").replace("\r", "\n")
+    return f"'{cell}" if cell.lstrip(" '").startswith(_FORMULA) else cell
+
+
+def unguarded(cell: Any) -> Any:
+    """Cell or title as it was before `guarded`."""
+    return cell[1:] if isinstance(cell, str) and cell[:1] == "'" and guarded(cell[1:]) == cell else cell
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
