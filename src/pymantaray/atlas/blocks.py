@@ -3,7 +3,7 @@
 import io
 from functools import lru_cache
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import xarray as xr
@@ -16,6 +16,7 @@ from pymantaray.geometry.longitude import whole_turns
 from pymantaray.ocean import open_sea_floor
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
+from pymantaray.records.unpacking import MOST_UNPACKED_BYTES
 from pymantaray.sweep.store import Store
 from pymantaray.sweep.workers import attempt
 
@@ -42,6 +43,10 @@ def _do(store: Store, block: Block) -> None:
 def read_block(content: bytes) -> dict[str, NDArray[Any]]:
     """Variables of a block from its file; one that is damaged is a ValueError."""
     try:
+        with ZipFile(io.BytesIO(content)) as members:
+            size = sum(member.file_size for member in members.infolist())
+        if size > MOST_UNPACKED_BYTES:
+            raise ValueError(f"takes {size / 1e9:.3g} GB unpacked, more than a block has")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except (BadZipFile, EOFError, KeyError, OSError) as error:

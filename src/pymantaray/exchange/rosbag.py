@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pymantaray.errors import ExchangeError
+from pymantaray.exchange.bag_limits import check_count, limited_unpacking
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.recording import TRUTH, Array, Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses
@@ -55,11 +56,15 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     store = get_typestore(Stores.ROS2_HUMBLE)
     rows: dict[str, list[tuple[Any, ...]]] = {}
     try:
-        with AnyReader(files, default_typestore=store) as bag:
+        with limited_unpacking(), AnyReader(files, default_typestore=store) as bag:
             topics = [c for c in bag.connections if c.msgtype in _POSES]
-            for connection, _, raw in bag.messages(connections=topics) if topics else []:
+            messages = bag.messages(connections=topics) if topics else []
+            for count, (connection, _, raw) in enumerate(messages, 1):
+                check_count(count)
                 rows.setdefault(connection.topic, []).append(_row(bag.deserialize(raw, connection.msgtype)))
             others = sorted({c.msgtype for c in bag.connections})
+    except ExchangeError as error:
+        raise ExchangeError(f"{path}: {error}") from None
     except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
         raise ExchangeError(f"{path}: not a readable bag: {' '.join(str(error).split())[:120]}") from None
     if not rows:

@@ -12,6 +12,7 @@ from pymantaray.errors import ExchangeError, RecordError, SensingError
 from pymantaray.exchange.recording import TRUTH
 from pymantaray.exchange.tracks import Poses, about_down, level
 from pymantaray.records.text_table import TextTable, read_text_table
+from pymantaray.records.unpacking import MOST_UNPACKED_BYTES
 from pymantaray.sensing.schedule import PingList
 
 Array = NDArray[np.float64]
@@ -138,11 +139,13 @@ def _text(path: Path) -> TextTable:
 def _parquet(path: Path) -> TextTable:
     """Table whose cells have types of their own; the line of a row is its number, from 1."""
     try:
-        frame = pd.read_parquet(path)
+        frame = _parquet_frame(path)
     except ImportError:
         raise ExchangeError(
             f'{path}: reading Parquet needs the extra; pip install "pymantaray[parquet]"'
         ) from None
+    except ExchangeError:
+        raise
     except Exception as error:  # noqa: BLE001  pyarrow raises whatever it stumbles over
         raise ExchangeError(
             f"{path}: not a readable Parquet file: {' '.join(str(error).split())[:100]}"
@@ -151,6 +154,45 @@ def _parquet(path: Path) -> TextTable:
         raise ExchangeError(f"{path}: has no rows; a trajectory needs two or more")
     frame = frame.reset_index() if frame.index.name else frame
     return TextTable(path, frame.set_axis(range(1, len(frame) + 1)).rename(columns=str), [])
+
+
+def _parquet_frame(path: Path) -> pd.DataFrame:
+    """Content of a Parquet file without its nested columns; one that would fill the memory is refused by the sizes that it declares."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        about, schema = file.metadata, file.schema_arrow
+        packed = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
+        size = max(8 * about.num_rows * about.num_columns, packed)
+    _check_size(path, size, f"{about.num_rows:,} rows of {about.num_columns} columns take")
+    flat = [field for field in schema if not pa.types.is_nested(field.type)]
+    text = [
+        field.name for field in flat if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
+    ]
+    text += [field.name for field in flat if pa.types.is_binary(field.type)]
+    with pq.ParquetFile(path, read_dictionary=text) as file:  # text that is repeated is in memory once
+        table = file.read(columns=[field.name for field in flat])
+    for name in text:
+        pieces = table[name].chunks
+        lengths = (pc.take(pc.binary_length(piece.dictionary), piece.indices) for piece in pieces)
+        _check_size(
+            path, sum(pc.sum(pc.cast(one, "int64")).as_py() or 0 for one in lengths), f"text of {name} takes"
+        )
+        table = table.set_column(
+            table.schema.get_field_index(name), name, table[name].cast(schema.field(name).type)
+        )
+    frame: pd.DataFrame = table.to_pandas()
+    return frame
+
+
+def _check_size(path: Path, size: int, what: str) -> None:
+    if size > MOST_UNPACKED_BYTES:
+        raise ExchangeError(
+            f"{path}: {what} {size / 1e9:.3g} GB unpacked; at most {MOST_UNPACKED_BYTES / 1e9:g} GB are read: leave out columns,"
+            " or write fewer rows a second"
+        )
 
 
 def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.zarr_metadata import check_zarr
+from pymantaray.records.unpacking import MOST_UNPACKED_BYTES
 from pymantaray.records.writing import NETCDF_LOCK
 
 Array = NDArray[np.float64]
@@ -52,6 +53,7 @@ def open_file(path: str | Path | xr.Dataset) -> xr.Dataset:
             try:
                 if engine == "netcdf4":
                     _check_length(raw, path)
+                    _check_chunks(raw, path)
                 data = decoded(raw)
             except BaseException:
                 raw.close()
@@ -208,6 +210,17 @@ def _check_length(raw: xr.Dataset, path: Path) -> None:
             f"{path.name}: cannot be read, it declares {least} bytes and has {path.stat().st_size}; it is cut"
             " short, fetch it again"
         )
+
+
+def _check_chunks(raw: xr.Dataset, path: Path) -> None:
+    """Refuse a chunk that does not fit into memory: it is unpacked whole, however little of it is asked for."""
+    for name, variable in raw.variables.items():
+        size = math.prod(variable.encoding.get("chunksizes") or ()) * variable.dtype.itemsize
+        if size > MOST_UNPACKED_BYTES:
+            raise OceanError(
+                f"{path.name}: {name}: one of its chunks takes {size / 1e9:,.1f} GB unpacked; at most"
+                f" {MOST_UNPACKED_BYTES / 1e9:g} GB are allowed: write it with smaller chunks"
+            )
 
 
 def _decimal(number: float) -> float:

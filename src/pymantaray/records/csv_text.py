@@ -15,7 +15,7 @@ def csv_text(table: "pd.DataFrame", *, float_format: str | None = None) -> str:
     for k, dtype in enumerate(table.dtypes):
         cells = table.iloc[:, k]
         if dtype.kind not in "biufcmM" and any(guarded(cell) is not cell for cell in cells.unique()):
-            shown.isetitem(k, cells.map(guarded))
+            shown.isetitem(k, cells.map(guarded).tolist())
     shown.columns = [guarded(title) for title in table.columns]
     return shown.to_csv(index=False, lineterminator="\n", float_format=float_format)
 
@@ -27,7 +27,7 @@ def read_csv(path: Path) -> "pd.DataFrame":
     table = pd.read_csv(path)
     for k, dtype in enumerate(table.dtypes):
         if dtype.kind not in "biufcmM":
-            table.isetitem(k, table.iloc[:, k].map(unguarded, na_action="ignore"))
+            table.isetitem(k, table.iloc[:, k].map(unguarded).tolist())
     return table.rename(columns=unguarded)
 
 
