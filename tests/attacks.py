@@ -86,10 +86,16 @@ def run_one(attempt: Attempt, material: Material) -> str:
         folder = Path(own)
         attempt.prepare(folder)
         before = set(map(str, folder.rglob("*")))
+        reading, writing = os.pipe()
         pid = os.fork()
         if pid == 0:
-            _child(attempt, folder)
+            _child(attempt, folder, writing)
+        os.close(writing)
         code, memory = _wait(pid)
+        with os.fdopen(reading, "rb") as pipe:
+            piped = pipe.read() if attempt.limits else b""
+        if piped:
+            (folder / ".err").write_bytes(piped)
         said = (folder / ".err").read_text(errors="replace") if (folder / ".err").exists() else ""
         faults = []
         if code is None:
@@ -103,6 +109,8 @@ def run_one(attempt: Attempt, material: Material) -> str:
         errors = [line for line in said.splitlines() if line.startswith("error: ")]
         if code == 2 and not errors and attempt.call is None and not (folder / ".out").stat().st_size:
             faults.append(f"no line that says why: {said[:200]!r}")
+        if any(words in said for words in ("lists what it takes", "No such option")) and attempt.call is None:
+            faults.append(f"a wrong command: {said[:200]!r}")  # of this script
         if len(errors) > 5:
             faults.append(f"{len(errors)} error lines")
         if any(not line.isprintable() for line in errors):
@@ -121,14 +129,15 @@ def run_one(attempt: Attempt, material: Material) -> str:
         return "; ".join(faults)
 
 
-def _child(attempt: Attempt, folder: Path) -> None:
+def _child(attempt: Attempt, folder: Path, pipe: int) -> None:
     """Run an attempt in this process, which ends with it."""
     code = 70
     try:
         os.setpgid(0, 0)
         os.chdir(folder)
         for number, name in ((1, ".out"), (2, ".err")):
-            os.dup2(os.open(name, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600), number)
+            file = os.open(name, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600)
+            os.dup2(pipe if attempt.limits else file, number)  # limits of files hold for these too
         sys.stdout, sys.stderr = (os.fdopen(os.dup(n), "w", errors="replace") for n in (1, 2))
         for what, most in attempt.limits.items():
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -226,7 +235,9 @@ def damaged_oceans(material):
                 spoilt[rng.randrange(len(spoilt) if k % 3 else min(len(spoilt), 8192))] = rng.randrange(256)
         yield Attempt(
             f"ocean {k}",
-            ["ocean", "info" if k % 2 else "convert", "sea.nc", *([] if k % 2 else ["out.nc"])],
+            ["ocean", "show", "sea.nc"]
+            if k % 2
+            else ["ocean", "perturb", "sea.nc", "out.nc", "--method", "mean"],
             lambda folder, spoilt=bytes(spoilt): (folder / "sea.nc").write_bytes(spoilt),
             outputs=("out.nc",),
         )
@@ -285,7 +296,7 @@ def hostile_zarr(material):
 
             yield Attempt(
                 f"format {kind} codec {name!r} {k}",
-                ["ocean", "convert", "o.zarr", "out.nc"],
+                ["ocean", "perturb", "o.zarr", "out.nc", "--method", "mean"],
                 prepare,
                 (2,),
                 ("out.nc",),
@@ -302,7 +313,7 @@ def hostile_zarr(material):
             )
             file.write_text(json.dumps(json.loads(file.read_bytes()) | own))
 
-        yield Attempt(f"format {kind} chunk of {size}", ["ocean", "info", "o.zarr"], large, (2,))
+        yield Attempt(f"format {kind} chunk of {size}", ["ocean", "show", "o.zarr"], large, (2,))
     for kind, text in itertools.product(
         (2, 3), ["", "{", "[]", "null", "3", "{" * 5000, "[" * 90000, '{"shape": [1e999]}', "\0" * 50]
     ):
@@ -311,7 +322,7 @@ def hostile_zarr(material):
             shutil.copytree(material.folder / f"ocean{kind}.zarr", folder / "o.zarr")
             (folder / "o.zarr" / "lat" / (".zarray" if kind == 2 else "zarr.json")).write_text(text)
 
-        yield Attempt(f"format {kind} metadata {text[:10]!r}", ["ocean", "info", "o.zarr"], damaged, (2,))
+        yield Attempt(f"format {kind} metadata {text[:10]!r}", ["ocean", "show", "o.zarr"], damaged, (2,))
 
 
 @attack
@@ -320,7 +331,7 @@ def bombs(material):
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    words = ["ranges", "m.parquet", "synthetic:fram", "--interval", "5 min", "--out", "out"]
+    words = ["ranges", "m.parquet", "--ocean", "synthetic:fram", "--interval", "5 min", "--out", "out"]
     for n, columns, text in itertools.product((2 * 10**5, 10**6), (60, 150), (0, 10**6)):
 
         def parquet(folder, n=n, columns=columns, text=text):
@@ -338,15 +349,13 @@ def bombs(material):
                     file.write_table(table, row_group_size=n)
 
         yield Attempt(f"parquet {n} x {columns}, text of {text}", words, parquet, (2,), ("out",))
-    for mode, size in itertools.product(
-        ("message", "storage", "file", "bz2", "lz4"), (3 * 2**27, 2**20)
-    ):
+    for mode, size in itertools.product(("message", "storage", "file", "bz2", "lz4"), (3 * 2**27, 2**20)):
 
         def bag(folder, mode=mode, size=size):
             _bag(folder / ("m.bag" if mode in ("bz2", "lz4") else "m"), size, mode)
 
         name = "m.bag" if mode in ("bz2", "lz4") else "m"
-        limited = ["ranges", name, "synthetic:fram", "--interval", "5 min", "--out", "out"]
+        limited = ["ranges", name, "--ocean", "synthetic:fram", "--interval", "5 min", "--out", "out"]
         yield Attempt(f"bag by {mode}, {size} bytes", limited, bag, (2,), ("out",))
     for size in (3 * 10**8, 4 * 10**8):
 
@@ -357,7 +366,7 @@ def bombs(material):
                 data.createDimension("x", None)
                 data.createVariable("water_temp", "f8", ("x",), zlib=True, chunksizes=(size,))
 
-        yield Attempt(f"NetCDF chunk of {size}", ["ocean", "info", "sea.nc"], netcdf, (2,))
+        yield Attempt(f"NetCDF chunk of {size}", ["ocean", "show", "sea.nc"], netcdf, (2,))
     for text in (
         "a,b\n" * 10**6,
         "time," * 10**5,
@@ -369,7 +378,7 @@ def bombs(material):
     ):
         yield Attempt(
             f"table {text[:12]!r}",
-            ["ranges", "m.csv", "synthetic:fram", "--interval", "60", "--out", "out"],
+            ["ranges", "m.csv", "--ocean", "synthetic:fram", "--interval", "60", "--out", "out"],
             lambda f, t=text: (f / "m.csv").write_text(t),
             (2,),
             ("out",),
@@ -415,7 +424,7 @@ def _bag(path, size, mode):
 def full_disks(material):
     """Files that may not grow beyond some size, as on a full disk, and devices that are full."""
     commands = {
-        "convert": ["ocean", "convert", "sea.nc", "out.nc"],
+        "perturb": ["ocean", "perturb", "sea.nc", "out.nc", "--method", "mean"],
         "times": ["rays", "times", "links.csv", "out.csv", "--ocean", "sea.nc"],
         "export": ["export", "run", "--to", "csv", "--out", "out"],
         "export cf": ["export", "run", "--to", "cf", "--out", "out"],
@@ -431,12 +440,17 @@ def full_disks(material):
             f"{name} in {size} bytes",
             words,
             prepare,
-            (0, 2, 70),
+            (0, 2),
             ("out", "out.nc", "out.csv"),
             {resource.RLIMIT_FSIZE: size},
         )
     for place in ("/dev/full", "/proc/out.nc", "/dev/null/x.nc", "/no/such/out.nc"):
-        yield Attempt(f"convert to {place}", ["ocean", "convert", "sea.nc", place, "--force"], prepare, (2,))
+        yield Attempt(
+            f"perturb to {place}",
+            ["ocean", "perturb", "sea.nc", place, "--force", "--method", "mean"],
+            prepare,
+            (2,),
+        )
 
 
 @attack
@@ -495,8 +509,8 @@ def start():
 @attack
 def signals(material):
     """Ctrl-C and requests to stop at any moment, imports and writing included; kill -9 leaves no output that looks whole."""
-    main = "from pymantaray.cli.main import main; main()"
-    words = ["ranges", "m.csv", "synthetic:fram", "--interval", "60", "--out", "out", "--quiet"]
+    main = "from pymantaray.cli.main import main; import sys; print('ready', file=sys.stderr, flush=True); main()"
+    words = ["ranges", "m.csv", "--ocean", "synthetic:fram", "--interval", "60", "--out", "out", "--quiet"]
     for k, number in enumerate([signal.SIGINT, signal.SIGTERM, signal.SIGKILL] * 8):
 
         def call(folder, k=k, number=number):
@@ -504,7 +518,8 @@ def signals(material):
             process = subprocess.Popen(
                 [sys.executable, "-P", "-c", main, *words], stderr=subprocess.PIPE, text=True
             )
-            time.sleep(0.9 + 0.35 * k)  # within the interpreter's start a signal is Python's own affair
+            process.stderr.readline()  # until then Python starts, whose own affair a signal is
+            time.sleep(0.3 * k)
             process.send_signal(number)
             _, said = process.communicate(timeout=TIME_LIMIT)
             whole = (folder / "out" / "manifest.json").exists()
@@ -519,7 +534,7 @@ def signals(material):
                 faults.append("a temporary file is left")
             return "; ".join(faults)
 
-        yield Attempt(f"{number.name} after {0.9 + 0.35 * k:.2f} s", [], call=call, codes=(0,))
+        yield Attempt(f"{number.name} after {0.3 * k:.1f} s", [], call=call, codes=(0,))
 
 
 @attack
@@ -662,10 +677,10 @@ def secrets(material):
     ]
     commands = [
         "ocean check {}",
-        "ocean info {}",
-        "ocean convert {} out.nc",
-        "rays times {} out.csv",
-        "ranges {} synthetic:fram",
+        "ocean show {}",
+        "ocean perturb {} out.nc --method mean",
+        "rays times links.csv out.csv --ocean {}",
+        "ranges m.csv --out out --interval 60 --ocean {}",
         "replay {}",
         "graph show {}",
         "study run {}",

@@ -50,8 +50,8 @@ def test_text_of_unknown_origin_becomes_one_short_line():
 
 ADDRESSES = [f"https://ann:{SECRET}@nowhere.invalid/x.nc", f"https://nowhere.invalid/x.nc?token={SECRET}"]
 COMMANDS = [
-    "ocean check {}", "ocean info {}", "ocean convert {} out.nc", "ocean fetch out.nc --servers {}", "rays times {} links.csv out.csv",
-    "ranges {} trajectories.csv out", "ranges synthetic:fram {}", "replay {} --ocean synthetic:fram", "graph show {}", "graph solve {}",
+    "ocean check {}", "ocean show {}", "ocean perturb {} out.nc --method mean", "ocean fetch out.nc --servers {}", "rays times links.csv out.csv --ocean {}",
+    "ranges m.csv --out out --interval 60 --ocean {}", "ranges {} --ocean synthetic:fram --interval 60 --out out", "replay {} --ocean synthetic:fram", "graph show {}", "graph solve {}",
     "study run {}", "study show {}", "study check {}", "sweep run {} --out out", "sweep status {}", "sweep collect {}", "serve {}",
     "atlas {}", "export {} --to tum", "{}", "study {}", "sweep run sweep.toml --out {}", "sweep run sweep.toml --out out --scheduler {}",
 ]  # fmt: skip

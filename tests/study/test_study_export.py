@@ -2,6 +2,8 @@
 
 import filecmp
 import re
+import resource
+import signal
 import sys
 from dataclasses import replace
 from itertools import product
@@ -398,3 +400,17 @@ def test_a_run_without_estimates_is_refused(run, tmp_path, tiny_run_folder):
         tmp_path / "a",
     )
     assert names_in(tmp_path) == ["run"]
+
+
+@pytest.mark.parametrize("form", ["csv", "tum", "kitti"])
+def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(run, tmp_path, form):
+    """A limit on the size of files, which the system reports as it does a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        refused(WriteError, "cannot be written: File too large", export_run, run, form, tmp_path / "out")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert list(tmp_path.iterdir()) == []

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from pymantaray.errors import ExchangeError, StudyError
+from pymantaray.errors import ExchangeError, StudyError, WriteError
 from pymantaray.estimation import CONDITIONS, GraphValues
 from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
 from pymantaray.exchange.cf import write_cf
@@ -70,7 +70,10 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
         raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
     if form.folder:
         with staged_folder(out) as (stage, folder):
-            form.write(run, realization, stage)
+            try:
+                form.write(run, realization, stage)
+            except OSError as error:
+                raise WriteError(f"{folder}: cannot be written: {error.strerror or error}") from None
         return folder
     with whole_file(out, replace=False) as temporary:
         form.write(run, realization, temporary)
