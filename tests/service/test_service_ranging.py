@@ -241,7 +241,7 @@ A = (0.0, 0.0, 50.0)
         (AcousticsError, "receivers: 1 coordinates are not finite", (0.0, A, [(0.0, np.inf, 5.0)]), {}),
         (ServiceError, "source: 2 positions; a ping has one source", (0.0, [A, A], [A]), {}),
         (ServiceError, "velocity: one-way timing", (0.0, A, [A]), {"source_velocity": A}),
-        (ServiceError, "a bare medium has no place on the globe", (0.0, A, [A]), {"geographic": True}),
+        (ServiceError, "this water has no place on the globe", (0.0, A, [A]), {"geographic": True}),
     ],
 )
 def test_a_ping_that_cannot_be_is_refused_in_one_line(service, error, line, arguments, options):

@@ -7,22 +7,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import Set, changes_of, parse_duration
+from pymantaray.cli.options import ArrivalOptions, Set, WaterOptions, changes_of, parse_duration, with_options
 from pymantaray.cli.printing import LOG
 
 if TYPE_CHECKING:
-    from pymantaray.service.water import Ocean
+    from pymantaray.service import RangingService
 
 
+@with_options
 def serve(
     ocean: Annotated[
         list[str],
         typer.Argument(
             metavar="OCEAN|CONFIG",
-            help="Ocean files or synthetic:beaufort or synthetic:fram, or a preset, or a TOML file with a study's"
+            help="Ocean files, a profile or cast, synthetic:beaufort or synthetic:fram, a preset, or a TOML file with a study's"
             " sections ocean, acoustics, ranging and detection.",
         ),
     ],
+    water: WaterOptions,
+    arrivals: ArrivalOptions,
     port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes one that is free.")] = 8642,
     host: Annotated[
         str, typer.Option(help="Address to listen at; by default only this machine reaches it.")
@@ -44,35 +47,26 @@ def serve(
     from pymantaray.service import RangingService, make_server
 
     kept_s = parse_duration("--water-interval", water_interval, positive=False)
-    with RangingService(
-        _ocean(ocean, changes_of(changes)), water_interval=kept_s, workers=workers
-    ) as service:
+    options = water.keys | arrivals.keys | changes_of(changes)
+    with RangingService(ocean, water_interval=kept_s, workers=workers, **options) as service:
         server = make_server(service, host, port)
         if not ip_address(server.effective_host).is_loopback:
             LOG.warning(
                 "listening at %s: whoever reaches it can use it, there is no password", server.effective_host
             )
-        facts = service.water.facts()
-        typer.echo(
-            f"{facts['title']}, about {facts['centre_latitude_deg']:g} N {facts['centre_longitude_deg']:g} E"
-        )
+        typer.echo(_title(service))
         typer.echo(f"listening on http://{server.effective_host}:{server.effective_port}")
         number = _run(server)
     raise SystemExit(128 + number)
 
 
-def _ocean(words: list[str], changes: dict[str, Any]) -> "Ocean":
-    """Configuration that one word names, or else sources of an ocean."""
-    from pymantaray.config.checks import parse
-    from pymantaray.config.load import preset_names
-    from pymantaray.study import SoundConfig, load_sound
-
-    if len(words) == 1 and (words[0].endswith(".toml") or words[0] in preset_names()):
-        return load_sound(words[0], **changes)
-    if changes:
-        sections = {"ocean": {"source": words}}
-        return parse(SoundConfig, sections, "ocean", None).with_(**changes)
-    return words
+def _title(service: "RangingService") -> str:
+    """Name of the water, and where it is."""
+    local, frame = service.water.local, service.water.frame
+    title = "medium" if local is None else str(local.attrs.get("title", "local ocean"))
+    if frame is None:
+        return title
+    return f"{title}, about {frame.latitude_deg:g} N {frame.longitude_deg:g} E"
 
 
 def _run(server: Any) -> int:

@@ -10,7 +10,7 @@ from tempfile import NamedTemporaryFile
 import xarray as xr
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.files import one_line
+from pymantaray.messages import one_line
 from pymantaray.records.writing import NETCDF_LOCK
 
 

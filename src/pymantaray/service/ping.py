@@ -13,7 +13,7 @@ from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing import Sound, TwoWay, sound_between
 from pymantaray.sensing.timing import Leg, half_round_trip
-from pymantaray.service.water import Water
+from pymantaray.water import Water
 
 Array = NDArray[np.float64]
 _INSTANTS = 4  # whose water stays in memory; that of a basin takes 15 MB

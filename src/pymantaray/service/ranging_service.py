@@ -7,18 +7,35 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics import Currents
+from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.eigenrays import as_positions
+from pymantaray.config import StudyConfig
 from pymantaray.errors import ServiceError
 from pymantaray.geometry.checks import check_number
 from pymantaray.sensing import Reception, Timing, TwoWay
+from pymantaray.service.facts import require_place
 from pymantaray.service.ping import Ends, Ping, Pinger
-from pymantaray.service.water import Ocean, Water
+from pymantaray.study.tracks import with_tracks
 from pymantaray.study.workers import WorkerEndedError, Workers
+from pymantaray.water import Source, Water, open_water
+from pymantaray.water.water import configuration_of
 
 Array = NDArray[np.float64]
+
+
+def _water(ocean: Source | Water, options: dict[str, Any]) -> Water:
+    """Water of any source; the frame of a study's configuration may be about its vehicles."""
+    if isinstance(ocean, Water):
+        if options:
+            raise ServiceError(f"water takes no options; found {', '.join(options)}")
+        return ocean
+    if isinstance(ocean, Medium | xr.Dataset):
+        return open_water(ocean, **options)
+    config = configuration_of(ocean, options)
+    return open_water(with_tracks(config) if isinstance(config, StudyConfig) else config)
 
 
 class RangingService:
@@ -30,13 +47,13 @@ class RangingService:
 
     Parameters
     ----------
-    ocean : SoundConfig, str, Path, sequence of them, xarray.Dataset or Medium
-        A configuration (`pymantaray.study.load_sound`, `load_study`), which also says what is listened for; files or the name
-        of a synthetic ocean, as ``source`` of a study's ``[ocean]``; an open ocean; or a medium.
+    ocean : SoundConfig, Water, or any source of `pymantaray.open_water`
+        A configuration (`load_sound`, `load_study`) also says what receivers listen for.
     reception : Reception, optional
         What receivers listen for, in place of the configuration's; else direct arrivals, all of them heard.
-    currents : Currents, optional
-        Their effect on travel times, in place of the configuration's; else the water is at rest.
+    currents : Currents or str, optional
+        Their effect on travel times, in place of the configuration's; or as an option of `open_water`. By default the water
+        is at rest.
     timing : OneWay or TwoWay, optional
         In place of the configuration's; else one-way, with everybody at rest while sound is on its way.
     water_interval : float
@@ -45,6 +62,8 @@ class RangingService:
     workers : int
         Processes that pings are handed to; with 0 the thread that asks does the work. Processes pay where several threads
         ask at a time.
+    **options
+        Of `pymantaray.open_water`, such as ``ice=1.5`` and ``max_surface_bounces=2``.
 
     Raises
     ------
@@ -65,21 +84,25 @@ class RangingService:
 
     def __init__(
         self,
-        ocean: Ocean,
+        ocean: Source | Water,
         *,
         reception: Reception | None = None,
-        currents: Currents | None = None,
+        currents: Currents | str | None = None,
         timing: Timing | None = None,
         water_interval: float = 0.0,
         workers: int = 0,
+        **options: Any,
     ) -> None:
         check_number(ServiceError, "water_interval", water_interval, "s")
         if workers < 0:
             raise ServiceError(f"workers: {workers}; a number of processes, 0 or more, is needed")
-        options: dict[str, Any] = {"reception": reception, "currents": currents, "timing": timing}
-        self.water = replace(
-            Water.of(ocean), **{name: value for name, value in options.items() if value is not None}
-        )
+        given: dict[str, Any] = {"reception": reception, "timing": timing}
+        if isinstance(currents, str):
+            options["currents"] = currents
+        else:
+            given["currents"] = currents
+        parts = {name: value for name, value in given.items() if value is not None}
+        self.water = replace(_water(ocean, options), **parts)
         self._pinger = Pinger(self.water, water_interval)
         self._workers: Workers | None = None
         with ExitStack() as running:
@@ -157,7 +180,7 @@ class RangingService:
         )
         if len(places) != 1:
             raise ServiceError(f"source: {len(places)} positions; a ping has one source")
-        self.water.require_place("source", places[0])
+        require_place(self.water.at_start[0], "source", places[0])
         ends = Ends(
             float(time),
             places[0],

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import pymantaray
 from pymantaray.errors import MantaRayError, ServiceError
 from pymantaray.messages import one_line
+from pymantaray.service.facts import facts as facts_of
 from pymantaray.service.messages import ErrorAnswer, answer, read_request, schema
 from pymantaray.service.ranging_service import RangingService
 from pymantaray.study.workers import WorkerEndedError
@@ -44,7 +45,7 @@ def application(
     ping. Whatever goes wrong is JSON, ``{"error": "one line"}``, with a status of 400 and above. Requests that a page of
     another site makes a browser send are refused; on loopback also those by a name that is not this machine's.
     """
-    facts = json.dumps({"mantaray": pymantaray.__version__, **service.water.facts()}).encode()
+    facts = json.dumps({"mantaray": pymantaray.__version__, **facts_of(service.water)}).encode()
     schemas = json.dumps(schema()).encode()
 
     def respond(environ: Environment) -> tuple[HTTPStatus, bytes]:

@@ -1,0 +1,68 @@
+"""What a service says of its water, and which places are in it."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import ServiceError
+from pymantaray.sensing import TwoWay
+from pymantaray.water import Water
+
+Array = NDArray[np.float64]
+
+
+def require_place(medium: Medium, name: str, place: Array) -> None:
+    """Refuse a place beyond the horizontal extent, which is a fault of who asks and no outcome of a ping. [m]"""
+    for k, along in enumerate(("north", "east")):
+        axis = getattr(medium, along)
+        if axis.size > 1 and not axis[0] <= place[k] <= axis[-1]:
+            raise ServiceError(
+                f"{name}: {along} {place[k]:.6g} m is outside the ocean, which reaches from {axis[0]:.6g} to"
+                f" {axis[-1]:.6g} m; move it or take a larger ocean"
+            )
+
+
+def facts(water: Water) -> dict[str, Any]:
+    """What to know before the first ping, as JSON takes it."""
+    medium = water.at_start[0]
+    detector, timing = water.reception.detector, water.timing
+    out: dict[str, Any] = {
+        name: _ends(axis) if axis.size > 1 else None
+        for name, axis in (("north", medium.north), ("east", medium.east))
+    }
+    out["sea_floor_depth"] = _ends(medium.bathymetry)
+    out["sound_speed"] = _ends(_in_water(medium))
+    out["start"] = water.start
+    out["time"] = [float(t) for t in water.span] if water.varies else None
+    for name in ("title", "source", "centre_latitude_deg", "centre_longitude_deg"):
+        out[name] = None if water.local is None else water.local.attrs.get(name)
+    out["arrival"] = water.reception.arrival
+    out["max_surface_bounces"] = water.reception.max_surface_bounces
+    out["max_bottom_bounces"] = water.reception.max_bottom_bounces
+    out["currents"] = water.currents is not None
+    out["timing"] = "two-way" if isinstance(timing, TwoWay) else "one-way"
+    out["turn_around"] = timing.turn_around if isinstance(timing, TwoWay) else None
+    out["source_level_db"] = None if detector is None else detector.sonar.source_level_db
+    out["noise_level_db"] = None if detector is None else detector.sonar.noise_level_db
+    return out
+
+
+def _in_water(medium: Medium) -> Array:
+    """Sound speeds at the grid points that are in the water, and at its bed and surface below and above them. [m/s]"""
+    north, east = (x.ravel() for x in np.meshgrid(medium.north, medium.east, indexing="ij"))
+    columns = np.stack([north, east], axis=-1)
+    top, bed = (depth[:, None] for depth in (medium.surface_depth(columns), medium.bottom_depth(columns)))
+    speed = medium.sound_speed.reshape(len(columns), -1)
+    ends = [
+        medium.sound_speed_at(np.column_stack([columns, depth]))
+        for depth in (top, np.minimum(bed, medium.depth[-1]))
+    ]
+    inside = speed[(medium.depth >= top) & (medium.depth <= bed)]
+    return np.concatenate([inside, *(values[np.isfinite(values)] for values in ends)])
+
+
+def _ends(values: Array) -> list[float]:
+    """Least and greatest value."""
+    return [float(values.min()), float(values.max())]
