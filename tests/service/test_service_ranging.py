@@ -12,7 +12,7 @@ from refusals import refused
 from pymantaray.acoustics import Currents, Medium, Sonar, find_eigenrays
 from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.acoustics._kernels.paths import trace_arrivals
-from pymantaray.errors import AcousticsError, ServiceError
+from pymantaray.errors import AcousticsError, MantaRayError, ServiceError, WaterError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.records import RayStatus
@@ -210,10 +210,10 @@ def test_water_of_an_interval_is_that_at_its_beginning(varying, in_varying):
     assert not np.array_equal(later, begin, equal_nan=True)
     line = r"time: 22000 s; there is water from 0 to 21600 s after 2014-07-15T12:00:00 UTC"
     for service in (in_varying, coarse):
-        refused(ServiceError, line, service.ping, 22e3, place[0], place[1:])
+        refused(WaterError, line, service.ping, 22e3, place[0], place[1:])
     line = "geographic positions: latitudes 95 to 95; they must lie in -90 to 90"
     refused(
-        ServiceError, line, in_varying.ping, 0.0, (95.0, 0.0, 5.0), [(74.5, -140.0, 5.0)], geographic=True
+        WaterError, line, in_varying.ping, 0.0, (95.0, 0.0, 5.0), [(74.5, -140.0, 5.0)], geographic=True
     )
 
 
@@ -241,7 +241,7 @@ A = (0.0, 0.0, 50.0)
         (AcousticsError, "receivers: 1 coordinates are not finite", (0.0, A, [(0.0, np.inf, 5.0)]), {}),
         (ServiceError, "source: 2 positions; a ping has one source", (0.0, [A, A], [A]), {}),
         (ServiceError, "velocity: one-way timing", (0.0, A, [A]), {"source_velocity": A}),
-        (ServiceError, "this water has no place on the globe", (0.0, A, [A]), {"geographic": True}),
+        (WaterError, "this water has no place on the globe", (0.0, A, [A]), {"geographic": True}),
     ],
 )
 def test_a_ping_that_cannot_be_is_refused_in_one_line(service, error, line, arguments, options):
@@ -257,7 +257,7 @@ def test_options_that_cannot_be_are_refused_in_one_line(medium):
     refused(ServiceError, "workers: -1; a number of processes", RangingService, medium, workers=-1)
     refused(ServiceError, "water_interval is -1 s", RangingService, medium, water_interval=-1.0)
     line = r"sea.toml: is a configuration and no ocean; give load_sound\('sea.toml'\)"
-    refused(ServiceError, line, RangingService, "sea.toml")
+    refused(MantaRayError, "sea.toml: cannot be read", RangingService, "sea.toml")
 
 
 def test_the_frame_of_a_study_is_about_its_trajectories(tmp_path):

@@ -198,7 +198,7 @@ BAD = {
     json.dumps(GOOD | {"source": HERE | {"velocity": [1.0, 0.0, 0.0]}}): "velocity: one-way timing",
     json.dumps(GOOD | {"receiver": []}): "`receiver`: unknown key. Did you mean `receivers`?",
     json.dumps(GOOD | {"arrivals": "yes"}): "arrivals: found 'yes'; allowed: true or false",
-    json.dumps({"time": 0.0, "source": {"lat": 1.0, "lon": 1.0, "depth": 5.0}, "receivers": []}): "bare medium has no",
+    json.dumps({"time": 0.0, "source": {"lat": 1.0, "lon": 1.0, "depth": 5.0}, "receivers": []}): "this water has no",
 }  # fmt: skip
 
 
