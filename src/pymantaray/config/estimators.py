@@ -70,9 +70,9 @@ class CastBelief(Section):
     kind: Literal["cast"]
     """One cast of the true ocean."""
     north: Metres[float] | None = None
-    """Where it is taken; with ``east``. [m]"""
+    """Where it is taken; with ``east``; or ``lat``, in degrees. [m]"""
     east: Metres[float] | None = None
-    """Where it is taken; with ``north``. [m]"""
+    """Where it is taken; with ``north``; or ``lon``, in degrees. [m]"""
     bias_sigma: MetresPerSecond[NonNegativeFloat] = 0.0
     """Standard deviation of the instrument's bias of sound speed. [m/s]"""
     noise_sigma: MetresPerSecond[NonNegativeFloat] = 0.0

@@ -1,4 +1,4 @@
-"""Vehicles and landmarks placed by latitude and longitude: before anything is checked they become north and east."""
+"""Vehicles, landmarks and casts placed by latitude and longitude: before anything is checked they become north and east."""
 
 from typing import Any
 
@@ -10,32 +10,48 @@ _CENTRE = ("centre_lat", "centre_lon")
 
 def with_local_places(tree: Any) -> Any:
     """
-    Nested dictionaries of a study whose vehicles, waypoints and landmarks are all in the frame of its ocean.
+    Nested dictionaries of a study whose vehicles, waypoints, landmarks and casts are all in the frame of its ocean.
 
     One with ``lat`` and ``lon`` gets ``north`` and ``east`` in their place, and a vehicle's ``points`` are then latitude,
     longitude and depth. What is no study is left to who checks it.
     """
     try:
-        fleet, landmarks = tree.get("fleet", {}), tree.get("landmarks", ())
+        fleet, keys = tree.get("fleet", {}), ("landmarks", "estimators")
+        lists = {key: tree[key] for key in keys if isinstance(tree.get(key), list | tuple)}
         vehicles = fleet.get("vehicles", ())
-        if not any("lat" in entry or "lon" in entry for entry in (*vehicles, *landmarks)):
+        entries = [*vehicles, *(entry for entries in lists.values() for entry in entries)]
+        if not any(
+            "lat" in place or "lon" in place for entry in entries for place in (entry, _belief(entry))
+        ):
             return tree
     except (AttributeError, TypeError):
         return tree
     centre = [_degrees(tree.get("ocean", {}).get(name)) for name in _CENTRE]
     if not all(isinstance(value, int | float) for value in centre):
         raise ValueError(
-            f"vehicles or landmarks have lat and lon, which need the frame's centre: give ocean.{_CENTRE[0]} and"
-            f" {_CENTRE[1]}"
+            "vehicles, landmarks or casts have lat and lon, which need the frame's centre: give"
+            f" ocean.{_CENTRE[0]} and {_CENTRE[1]}"
         )
     frame = LocalFrame(*map(float, centre))
     placed = (
         {"fleet": {**fleet, "vehicles": [_local(vehicle, frame) for vehicle in vehicles]}} if vehicles else {}
     )
-    return {**tree, **placed, "landmarks": [_local(mark, frame) for mark in landmarks]}
+    return {**tree, **placed} | {
+        key: [_local(entry, frame) for entry in entries] for key, entries in lists.items()
+    }
+
+
+def _belief(entry: Any) -> dict[str, Any]:
+    """Belief of an estimator, which may be a cast with a place; nothing where there is none."""
+    belief = entry.get("belief") if isinstance(entry, dict) else None
+    return belief if isinstance(belief, dict) else {}
 
 
 def _local(entry: dict[str, Any], frame: LocalFrame) -> dict[str, Any]:
+    if belief := _belief(entry):
+        name = f"the belief of {entry.get('name', 'an estimator')}"
+        inner = _local({"name": name, **belief}, frame)
+        return {**entry, "belief": {key: value for key, value in inner.items() if key != "name"}}
     if "lat" not in entry and "lon" not in entry:
         return entry
     who, out = f"{entry.get('name', 'a vehicle')}", dict(entry)
