@@ -107,7 +107,8 @@ def test_resolved_configuration_reads_back_equal(tiny, sections, tmp_path):
 EXACT = {"kind": "exact"}
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 EIGENRAY = {"range_model": "eigenray", "belief": EXACT}
-UNSURE = {"uncertainty_rms": 1.0, "uncertainty_horizontal_scale": 1e4}
+UNSURE = {"kind": "per-link", "rms": 1.0, "horizontal_scale": 1e4}
+LAG = {"kind": "fixed-lag", "lag_h": 8.0}
 
 BOUNCE = {"max_surface_bounces": 1}
 ICE = {"detection": DETECTION, "acoustics": {"ice_loss_db": 3.0}}
@@ -193,23 +194,28 @@ REFUSED_ESTIMATORS = [
     ({"links": "all"}, "a dropout has none"),
     ({"ranges": "straight", "range_model": "constant", "sound_speed": 1.5e3}, "nothing of the water"),
     ({"variance": "per-link"}, "computed along eigenrays"),
-    (EIGENRAY | {"variance": "per-link"}, "needs uncertainty_rms and"),
-    ({"uncertainty_rms": 1.0}, 'variance is "fixed"'),
+    (EIGENRAY | {"variance": "per-link"}, "needs rms and horizontal_scale"),
+    ({"variance": {"kind": "fixed", "rms": 1.0}}, "`estimators[0].variance.rms`: unknown key"),
+    (EIGENRAY | {"variance": {"kind": "per-link", "rms": 1.0}}, "must be given together"),
+    ({"variance": "certain"}, "estimators[0].variance.kind: found 'certain'; allowed: 'fixed', "),
     ({"range_model": "mean-slowness", "belief": CAST}, "must be given together"),
     (EIGENRAY | {"belief": {"kind": "perturbed", "horizontal_scale": 1e4}}, "belief.rms: missing"),
     (EIGENRAY | {"belief": {"kind": "exact", "rms": 1.0}}, "`estimators[0].belief.rms`: unknown key"),
     ({"loss": "gnc", "solver": "incremental"}, "gnc"),
     (EIGENRAY | {"solver": "incremental"}, "incremental"),
-    (EIGENRAY | {"loss": "huber", "variance": "correlated"} | UNSURE, "loss huber is of each range alone"),
+    (
+        EIGENRAY | {"loss": "huber", "variance": UNSURE | {"kind": "correlated"}},
+        "loss huber is of each range alone",
+    ),
     (EIGENRAY | {"modes": {"count": 0}}, "estimators[0].modes.count: found 0; allowed: 1 or more"),
     (EIGENRAY | {"modes": {"count": 2, "down_to": 300.0}}, "down_to is given without rms"),
     (EIGENRAY | {"modes": {"count": 2}, "range_model": "mean-slowness"}, "range_model is mean-slowness"),
-    (EIGENRAY | {"modes": {"count": 2}, "variance": "per-link"} | UNSURE, "would count twice"),
+    (EIGENRAY | {"modes": {"count": 2}, "variance": UNSURE}, "would count twice"),
     ({"clocks": {}, "solver": "incremental"}, "does not estimate"),
-    ({"scale_sigma": 0.1, "solver": "fixed-lag", "lag_h": 8.0}, "does not estimate"),
-    ({"solver": "fixed-lag"}, "lag_h belongs to"),
-    ({"lag_h": 8.0}, "lag_h belongs to"),
-    ({"solver": "fixed-lag", "lag_h": 8.0, "loss": "huber"}, "no robust loss"),
+    ({"scale_sigma": 0.1, "solver": LAG}, "does not estimate"),
+    ({"solver": "fixed-lag"}, "estimators[0].solver.lag_h: missing; add it (how long a pose is kept [h])"),
+    ({"solver": {"kind": "batch", "lag_h": 8.0}}, "`estimators[0].solver.lag_h`: unknown key"),
+    ({"solver": LAG, "loss": "huber"}, "no robust loss"),
     ({"directions": "mean", "ranges": "straight"}, 'directions "mean" is for refracted'),
     (EIGENRAY | {"directions": "mean"}, 'directions "mean" is for refracted'),
     ({"range_sigma": "fitted", "bias_sigma": 10.0}, 'range_sigma "fitted" is for'),

@@ -114,10 +114,9 @@ def test_water_can_be_what_a_preset_believes_in_every_realization(preset):
 @pytest.mark.parametrize("variance", ["fixed", "correlated"])
 def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reckoning(day, variance):
     o, truth = day.noisy_measurements(0), day.truth
-    extra = {} if variance == "fixed" else {"uncertainty_rms": 1.0, "uncertainty_horizontal_scale": 20e3}
-    e = EstimatorFactory(day).estimator(
-        section(range_model="eigenray", belief=EXACT, variance=variance, **extra), 0
-    )
+    if variance != "fixed":
+        variance = {"kind": variance, "rms": 1.0, "horizontal_scale": 20e3}
+    e = EstimatorFactory(day).estimator(section(range_model="eigenray", belief=EXACT, variance=variance), 0)
     believed = BelievedRanges(e.model, timed_ranges(o, "refracted", "refracted"), e.uncertainty, e.correlated)
     graph, solver, found = build_graph(o, "refracted"), GraphSolver(), []
     for position, quaternion in ((truth.position, truth.quaternion), dead_reckon(o)):
@@ -286,9 +285,9 @@ def test_uncertainty_has_the_rms_asked_for_over_the_water(day, beliefs, down_to)
 
 def test_larger_variance_never_costs_more(day):
     naive = {"range_model": "eigenray", "belief": EXACT}
-    unsure = {"uncertainty_rms": 1.0, "uncertainty_horizontal_scale": 20e3}
+    unsure = {"rms": 1.0, "horizontal_scale": 20e3}
     run = with_estimators(
-        day, naive, naive | unsure | {"variance": "per-link"}, naive | unsure | {"variance": "correlated"}
+        day, naive, *(naive | {"variance": {"kind": kind} | unsure} for kind in ("per-link", "correlated"))
     )
     solved = RealizationSolver(run).solve(0).solutions
     fixed, apart, together = (solved[f"e{i}"].final_cost for i in range(3))

@@ -42,7 +42,7 @@ PARTS = [
     (estimator(loss="huber"), ""),
     (estimator(loss="gnc"), "yang2020"),
     (estimator(solver="incremental"), "dellaert2012 kaess2012"),
-    (estimator(solver="fixed-lag", lag_h=8.0), "dellaert2012"),
+    (estimator(solver={"kind": "fixed-lag", "lag_h": 8.0}), "dellaert2012"),
     (estimator(range_model="eigenray", belief={"kind": "mean"}, modes={"count": 2}), "munk1995"),
     (estimator(range_model="eigenray", belief={"kind": "numerics", "equation": "unesco"}), "chen1977 wong1995"),
 ]  # fmt: skip

@@ -55,6 +55,15 @@ east = 0.0
 name = "e"
 range_model = "eigenray"
 belief = { kind = "file", path = "sea.nc" }
+variance = "per-link"
+uncertainty_rms = 1.0
+uncertainty_horizontal_scale = 2e4
+uncertainty_down_to = 300.0
+
+[[estimators]]
+name = "lag"
+solver = "fixed-lag"
+lag_h = 8.0
 """
 
 
@@ -73,6 +82,8 @@ def test_a_file_with_old_names_is_the_same_study_and_says_the_new_ones(old, tmp_
     assert (config.acoustics.ice_loss_db, config.acoustics.sediment) == (3.0, "sand")
     assert config.estimator.start == "dead-reckoning"
     assert config.estimators[0].belief.source == (str(tmp_path / "sea.nc"),)
+    assert config.estimators[0].uncertainty == (1.0, 2e4, 300.0)
+    assert config.estimators[1].solver.lag_h == 8.0
     (message,) = caught
     for before, after in RENAMED.items():
         assert f"`{before}` is now `{after}`" in str(message.message)

@@ -92,7 +92,7 @@ def every_estimator():
         "transmitter-incremental": {"range_model": "transmitter", "solver": "incremental"},
         "mean-modes": {"range_model": "eigenray", "belief": beliefs["mean"], "modes": {"count": 4}},
         "clocks": exact | {"clocks": {}},
-        "fixed-lag": {"ranges": "straight", "solver": "fixed-lag", "lag_h": 1.0},
+        "fixed-lag": {"ranges": "straight", "solver": {"kind": "fixed-lag", "lag_h": 1.0}},
     }
     for kind, belief in beliefs.items():
         sections[f"belief-{kind}"] = {"range_model": "eigenray", "belief": belief}
@@ -110,10 +110,16 @@ def every_estimator():
 @pytest.mark.slow
 def test_every_estimator_solves_the_survey(tmp_path):
     estimators = every_estimator()
-    for field in ("range_model", "variance", "loss", "solver", "start", "ranges"):
+    for field in ("range_model", "loss", "start", "ranges"):
         kinds = get_args(RangeEstimatorSection.model_fields[field].annotation)
         default = RangeEstimatorSection.model_fields[field].default
         assert {e.get(field, default) for e in estimators} == set(kinds)
+    for field, kinds in (
+        ("variance", {"fixed", "per-link", "correlated"}),
+        ("solver", {"batch", "incremental", "fixed-lag"}),
+    ):
+        config = short_survey(estimators=estimators)
+        assert {getattr(e, field).kind for e in config.estimators} == kinds
     config = short_survey(conditions=["no-ranges", "straight", "refracted"], estimators=estimators)
     run = run_study(config, tmp_path / "run", workers=1)
     e = run.estimates

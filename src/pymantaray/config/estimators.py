@@ -4,7 +4,7 @@ import datetime as dt
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from pymantaray.config.common import (
     NAME,
@@ -233,6 +233,72 @@ RANGE_MODELS: dict[RangeModelName, tuple[str, ...]] = {
 """What each range model has to be told, one of these; how it is made is in the module of its name in `range_models`."""
 
 
+class FixedVariance(Section):
+    """Variance of a range as the study has it."""
+
+    kind: Literal["fixed"]
+    """The study's."""
+
+
+class RayVariance(Section):
+    """Variance of a range with the travel time's own by the uncertain ocean added; sizes as a perturbed belief says unless given."""
+
+    kind: Literal["per-link", "correlated"]
+    """Alone, or with covariances between the links of a ping."""
+    rms: MetresPerSecond[PositiveFloat] | None = None
+    """How wrong the ocean is; with ``horizontal_scale``. [m/s]"""
+    horizontal_scale: Metres[PositiveFloat] | None = None
+    """Correlation length of these errors; with ``rms``. [m]"""
+    down_to: Metres[PositiveFloat] | None = None
+    """Depth over which ``rms`` is meant; all of the water column unless given. [m]"""
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> Self:
+        if (self.rms is None) != (self.horizontal_scale is None) or (
+            self.down_to is not None and self.rms is None
+        ):
+            raise ValueError("rms and horizontal_scale must be given together, and down_to with them")
+        return self
+
+
+class BatchSolver(Section):
+    """All at once."""
+
+    kind: Literal["batch"]
+    """All at once."""
+
+
+class IncrementalSolver(Section):
+    """Epoch by epoch."""
+
+    kind: Literal["incremental"]
+    """Epoch by epoch."""
+
+
+class FixedLagSolver(Section):
+    """With a lag after which poses are let go."""
+
+    kind: Literal["fixed-lag"]
+    """With a lag after which poses are let go."""
+    lag_h: Hours[PositiveFloat]
+    """How long a pose is kept. [h]"""
+
+
+def _kind_alone(value: object) -> object:
+    return {"kind": value} if isinstance(value, str) else value
+
+
+AnyVariance = Annotated[
+    FixedVariance | RayVariance, Field(discriminator="kind"), BeforeValidator(_kind_alone)
+]
+AnySolver = Annotated[
+    BatchSolver | IncrementalSolver | FixedLagSolver,
+    Field(discriminator="kind"),
+    BeforeValidator(_kind_alone),
+]
+"""A table with its ``kind``, or the kind alone."""
+
+
 class RangeEstimatorSection(Section):
     """
     One estimator: one more condition of the study, on the same noise.
@@ -253,20 +319,12 @@ class RangeEstimatorSection(Section):
     """The one speed of the range model ``constant``. [m/s]"""
     belief: AnyBelief | None = None
     """The ocean that is believed in; for range models that need one."""
-    variance: Literal["fixed", "per-link", "correlated"] = "fixed"
-    """Variance of a range: the study's, or with the travel time's own by the uncertain ocean added, alone or with covariances between the links of a ping."""
-    uncertainty_rms: MetresPerSecond[PositiveFloat] | None = None
-    """How wrong the ocean is, for ``variance``; as a perturbed belief says unless given. [m/s]"""
-    uncertainty_horizontal_scale: Metres[PositiveFloat] | None = None
-    """Correlation length of these errors; as a perturbed belief says unless given. [m]"""
-    uncertainty_down_to: Metres[PositiveFloat] | None = None
-    """Depth over which ``uncertainty_rms`` is meant. [m]"""
+    variance: AnyVariance = FixedVariance(kind="fixed")
+    """Variance of a range, by its ``kind``; text is the kind alone."""
     loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
     """Robust loss of ranges; least squares without."""
-    solver: Literal["batch", "incremental", "fixed-lag"] = "batch"
-    """All at once, epoch by epoch, or with a lag after which poses are let go."""
-    lag_h: Hours[PositiveFloat] | None = None
-    """How long the solver ``fixed-lag`` keeps a pose. [h]"""
+    solver: AnySolver = BatchSolver(kind="batch")
+    """How the estimate is found, by its ``kind``; text is the kind alone."""
     start: Literal["truth", "dead-reckoning"] = "truth"
     """Where the optimizer starts from."""
     modes: ModesSection | None = None
@@ -312,7 +370,9 @@ class RangeEstimatorSection(Section):
                 ' = "transmitter"'
             )
         if self.range_sigma == "fitted" and (
-            self.estimates_more or self.loss != "none" or (self.variance, self.solver) != ("fixed", "batch")
+            self.estimates_more
+            or self.loss != "none"
+            or (self.variance.kind, self.solver.kind) != ("fixed", "batch")
         ):
             raise ValueError(
                 'range_sigma "fitted" is for least squares of poses alone: no loss, no modes, clocks, scale_sigma or'
@@ -330,13 +390,13 @@ class RangeEstimatorSection(Section):
     def _unknowns_fit(self) -> Self:
         if self.modes is not None and self.range_model != "eigenray":
             raise ValueError(f"modes are estimated along eigenrays; range_model is {self.range_model}")
-        if self.modes is not None and self.variance != "fixed":
+        if self.modes is not None and self.variance.kind != "fixed":
             raise ValueError(
-                f'modes are given and variance is "{self.variance}": the water\'s error would count twice; set "fixed"'
+                f'modes are given and variance is "{self.variance.kind}": the water\'s error would count twice; set "fixed"'
             )
-        if self.solver != "batch" and self.estimates_more:
+        if self.solver.kind != "batch" and self.estimates_more:
             raise ValueError(
-                f'solver "{self.solver}" does not estimate modes, clocks, scale or biases; set solver = "batch"'
+                f'solver "{self.solver.kind}" does not estimate modes, clocks, scale or biases; set solver = "batch"'
             )
         return self
 
@@ -359,7 +419,7 @@ class RangeEstimatorSection(Section):
     @model_validator(mode="after")
     def _varying_rays_fit(self) -> Self:
         if self.belief_varies and (
-            self.range_model != "eigenray" or self.variance != "fixed" or self.modes is not None
+            self.range_model != "eigenray" or self.variance.kind != "fixed" or self.modes is not None
         ):
             raise ValueError(
                 'a belief that varies in time is for range_model "eigenray" with variance "fixed" and without modes'
@@ -368,50 +428,41 @@ class RangeEstimatorSection(Section):
 
     @model_validator(mode="after")
     def _solver_fits(self) -> Self:
-        if self.loss != "none" and self.variance == "correlated":
+        if self.loss != "none" and self.variance.kind == "correlated":
             raise ValueError(f'loss {self.loss} is of each range alone; set variance = "fixed" or "per-link"')
-        if self.solver != "batch" and self.range_model not in {"constant", "transmitter"}:
+        if self.solver.kind != "batch" and self.range_model not in {"constant", "transmitter"}:
             raise ValueError(
-                f'solver "{self.solver}" takes ranges as distances; range_model is {self.range_model}'
+                f'solver "{self.solver.kind}" takes ranges as distances; range_model is {self.range_model}'
             )
-        if self.solver == "incremental" and self.loss == "gnc":
+        if self.solver.kind == "incremental" and self.loss == "gnc":
             raise ValueError('solver "incremental" cannot use loss gnc, which takes all ranges at once')
-        if (self.solver == "fixed-lag") != (self.lag_h is not None):
-            raise ValueError('lag_h belongs to solver "fixed-lag", which needs it; give both or neither')
-        if self.solver == "fixed-lag" and self.loss != "none":
+        if self.solver.kind == "fixed-lag" and self.loss != "none":
             raise ValueError('solver "fixed-lag" has no robust loss; set loss = "none"')
         return self
 
     @model_validator(mode="after")
     def _variance_has_what_it_needs(self) -> Self:
-        scales = (self.uncertainty_rms, self.uncertainty_horizontal_scale)
-        if self.variance == "fixed":
-            if any(v is not None for v in (*scales, self.uncertainty_down_to)):
-                raise ValueError(
-                    'uncertainty_* is given, but variance is "fixed"; leave it out or set another'
-                )
-            return self
-        if self.range_model != "eigenray":
+        if isinstance(self.variance, RayVariance) and self.range_model != "eigenray":
             raise ValueError(
-                f'variance "{self.variance}" is computed along eigenrays; range_model is {self.range_model}'
+                f'variance "{self.variance.kind}" is computed along eigenrays; range_model is {self.range_model}'
             )
-        if None in scales and not (
-            scales == (None, None)
-            and self.uncertainty_down_to is None
-            and isinstance(self.belief, PerturbedBelief)
-        ):
+        if isinstance(self.variance, RayVariance) and self.uncertainty is None:
             raise ValueError(
-                f'variance "{self.variance}" needs uncertainty_rms and uncertainty_horizontal_scale; both may be left'
-                " out where the belief is a perturbed one"
+                f'variance "{self.variance.kind}" needs rms and horizontal_scale; both may be left out where the belief is a'
+                " perturbed one"
             )
         return self
 
     @property
     def uncertainty(self) -> tuple[float, float, float | None] | None:
         """Of sound speed: rms, horizontal scale and depth it is pooled down to; None if fixed. [m/s, m, m]"""
-        if self.variance == "fixed":
+        if not isinstance(self.variance, RayVariance):
             return None
-        if self.uncertainty_rms is not None and self.uncertainty_horizontal_scale is not None:
-            return self.uncertainty_rms, self.uncertainty_horizontal_scale, self.uncertainty_down_to
-        assert isinstance(self.belief, PerturbedBelief)  # checked above; for the type checker
-        return self.belief.rms, self.belief.horizontal_scale, self.belief.down_to
+        size = (
+            self.belief
+            if isinstance(self.belief, PerturbedBelief) and self.variance.rms is None
+            else self.variance
+        )
+        if size.rms is None or size.horizontal_scale is None:
+            return None
+        return size.rms, size.horizontal_scale, size.down_to

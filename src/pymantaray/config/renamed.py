@@ -16,6 +16,10 @@ RENAMED = {
     "detection.ice_loss_db": "acoustics.ice_loss_db",
     "detection.sediment": "acoustics.sediment",
     "estimator.initialise": "estimator.start",
+    "estimators.*.lag_h": "estimators.*.solver.lag_h",
+    "estimators.*.uncertainty_rms": "estimators.*.variance.rms",
+    "estimators.*.uncertainty_horizontal_scale": "estimators.*.variance.horizontal_scale",
+    "estimators.*.uncertainty_down_to": "estimators.*.variance.down_to",
     "estimators.*.belief.path": "estimators.*.belief.source",
 }
 """New key by the old one; a star is any entry of a list."""
@@ -115,4 +119,8 @@ def _take(node: Any, path: Sequence[str]) -> tuple[Any, Any]:
 def _with(node: Any, path: Sequence[str], value: Any) -> Any:
     """Node with a value at a path."""
     first, rest = path[0], path[1:]
-    return {**node, first: _with(node.get(first, {}), rest, value) if rest else value}
+    inner = node.get(first, {})
+    inner = (
+        {"kind": inner} if rest and isinstance(inner, str) else inner
+    )  # a kind alone is a table with no other key
+    return {**node, first: _with(inner, rest, value) if rest else value}

@@ -106,6 +106,12 @@ def _entry(path: tuple[str, ...], entry: BaseModel, *, explain: bool) -> str:
     """Table in a list; tables in it are inline."""
     tree = entry.model_dump(exclude_none=True, exclude_unset=True)
     inner = [f"{key} = {_value(value)}" for key, value in tree.items() if isinstance(value, dict)]
+    if explain:
+        inner += [
+            f"#{key} = {_value(value.model_dump())}  # {_meaning(field)}"
+            for key, field in type(entry).model_fields.items()
+            if key not in tree and isinstance(value := getattr(entry, key), BaseModel)
+        ]
     return "\n".join([f"[[{'.'.join(path)}]]", *_keys(entry, explain=explain), *inner])
 
 

@@ -1,6 +1,6 @@
 """From the sections of a configuration to estimators with their range models and uncertainties."""
 
-from pymantaray.config.estimators import ExactBelief, RangeEstimatorSection
+from pymantaray.config.estimators import ExactBelief, FixedLagSolver, RangeEstimatorSection
 from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.range_models import build_range_model
@@ -30,14 +30,14 @@ class EstimatorFactory:
             links=section.links,
             model=model,
             uncertainty=uncertainty,
-            correlated=section.variance == "correlated",
+            correlated=section.variance.kind == "correlated",
             method=Method(
                 LOSSES.get(section.loss),
-                incremental=section.solver == "incremental",
-                lag=None if section.lag_h is None else 3600.0 * section.lag_h,
+                incremental=section.solver.kind == "incremental",
+                lag=3600.0 * section.solver.lag_h if isinstance(section.solver, FixedLagSolver) else None,
             ),
             initial=(truth.position, truth.quaternion) if section.start == "truth" else None,
-            model_is_right=section.variance == "fixed"
+            model_is_right=section.variance.kind == "fixed"
             and section.range_sigma is None
             and (section.ranges == "straight" or exact),
             clocks=self._clocks(section),

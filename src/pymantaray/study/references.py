@@ -201,12 +201,12 @@ def _estimator(e: RangeEstimatorSection) -> Iterator[tuple[str, str]]:
     if isinstance(e.belief, NumericsBelief) and e.belief.equation is not None:
         for key in _EQUATIONS[e.belief.equation]:
             yield key, "sound speed that is believed"
-    if e.modes is not None or e.variance != "fixed":
+    if e.modes is not None or e.variance.kind != "fixed":
         yield "munk1995", "travel times that depend on uncertain water"
     if e.loss == "gnc":
         yield "yang2020", "graduated non-convexity"
-    for key in _SOLVERS.get(e.solver, ()):
-        yield key, f"solver {e.solver}"
+    for key in _SOLVERS.get(e.solver.kind, ()):
+        yield key, f"solver {e.solver.kind}"
 
 
 @cache
