@@ -1,4 +1,4 @@
-"""What a study is: strict, frozen sections whose defaults are the paper's tables."""
+"""What a study is: strict, frozen sections whose defaults are the paper's tables, in one module because checks compare several."""
 
 import datetime as dt
 import math
