@@ -381,4 +381,6 @@ def test_a_kind_that_no_residual_fits_is_refused(whole, monkeypatch, kind, messa
 def test_a_table_of_no_kind_is_refused(whole):
     _, graph, truth = whole
     odd = graph.with_factors(altitude=graph["range"])
-    refused(EstimationError, "^factors of a kind 'altitude'; allowed: prior,", GraphSolver().solve, odd, truth)
+    refused(
+        EstimationError, "^factors of a kind 'altitude'; allowed: prior,", GraphSolver().solve, odd, truth
+    )

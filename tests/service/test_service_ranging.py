@@ -212,9 +212,7 @@ def test_water_of_an_interval_is_that_at_its_beginning(varying, in_varying):
     for service in (in_varying, coarse):
         refused(WaterError, line, service.ping, 22e3, place[0], place[1:])
     line = "geographic positions: latitudes 95 to 95; they must lie in -90 to 90"
-    refused(
-        WaterError, line, in_varying.ping, 0.0, (95.0, 0.0, 5.0), [(74.5, -140.0, 5.0)], geographic=True
-    )
+    refused(WaterError, line, in_varying.ping, 0.0, (95.0, 0.0, 5.0), [(74.5, -140.0, 5.0)], geographic=True)
 
 
 def test_nobody_hears_a_ping_to_nobody(service):
@@ -256,7 +254,6 @@ def test_velocities_are_one_for_each(loud):
 def test_options_that_cannot_be_are_refused_in_one_line(medium):
     refused(ServiceError, "workers: -1; a number of processes", RangingService, medium, workers=-1)
     refused(ServiceError, "water_interval is -1 s", RangingService, medium, water_interval=-1.0)
-    line = r"sea.toml: is a configuration and no ocean; give load_sound\('sea.toml'\)"
     refused(MantaRayError, "sea.toml: cannot be read", RangingService, "sea.toml")
 
 
