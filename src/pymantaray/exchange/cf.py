@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pymantaray.errors import ExchangeError, OceanError
+from pymantaray.exchange.centre import centre_attributes, centre_of_names
 from pymantaray.exchange.recording import Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses, geodetic, level
 from pymantaray.ocean.convert import decoded_times, to_our_unit
@@ -60,6 +61,7 @@ class _Reader:
 
     def __init__(self, data: xr.Dataset, path: Path) -> None:
         self._data, self._path, self._notes = data, path, list[str]()
+        self._centre = centre_of_names(data.attrs, path)
         self._names = {quantity: self._candidates(quantity) for quantity in _QUANTITIES}
         for needed in ("time", "latitude", "longitude"):
             if not self._names[needed]:
@@ -266,7 +268,7 @@ class _Reader:
         )
         lines = [column[within] for column in whole]
         attitude = level(*lines[3:]) if lines[3:] else None
-        return Poses(name, dates, np.column_stack(lines[:3]), attitude, True, str(self._path))
+        return Poses(name, dates, np.column_stack(lines[:3]), attitude, True, str(self._path), self._centre)
 
 
 _VARIABLES = {
@@ -309,7 +311,11 @@ def write_cf(recording: Recording, folder: Path) -> None:
             columns[:, k, : p.samples.size] = _columns(geodetic(local, truth.frame))
         data = xr.Dataset(
             {"trajectory": ("trajectory", [p.agent for p in fleet], {"cf_role": "trajectory_id"})},
-            attrs={"title": f"{recording.name}: {condition}", "featureType": "trajectory"},
+            attrs={
+                "title": f"{recording.name}: {condition}",
+                "featureType": "trajectory",
+                **centre_attributes(truth.centre),
+            },
         )
         data["trajectory"].encoding["dtype"] = "S1"
         for (name, standard), values in zip(_VARIABLES.items(), columns, strict=True):

@@ -1,5 +1,6 @@
 """Ranges between vehicles that moved elsewhere: a study that estimates nothing."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import Progress, simulate_mission
 from pymantaray.study.store import Run, run_in_memory
-from pymantaray.study.tracks import with_tracks
+from pymantaray.study.tracks import centre_note, with_tracks
 
 Source = str | Path | Sequence[str | Path]
 
@@ -33,8 +34,9 @@ def measure(
     trajectories : str, pathlib.Path, sequence of them, Tracks or Trajectories
         Files as `read_trajectories` takes them, what it returned, or poses in the local frame at common times.
     ocean : str, pathlib.Path, sequence of them, or dict
-        Files, or the name of a synthetic ocean; or the section ``[ocean]`` of a study. The frame's centre is the middle of
-        the trajectories where they have latitudes and longitudes, else that of the ocean, unless the section gives it.
+        Files, or the name of a synthetic ocean; or the section ``[ocean]`` of a study. The frame's centre is that of the
+        section, else the one that the files of the trajectories name, else the middle of their latitudes and longitudes, else
+        the middle of the ocean; a warning says so in the last case.
     schedule : float or Schedule
         Interval at which all vehicles ping [s], a `PingSchedule`, `SlotSchedule` or `PingList`. Time counts from the first
         pose of all.
@@ -78,6 +80,10 @@ def measure(
     out = simulate_mission(
         config, Stopwatch(), progress or (lambda *_: None), tracks=trajectories, schedule=schedule
     )
+    attrs = out.ocean.local.attrs
+    note = centre_note(config, (attrs["centre_latitude_deg"], attrs["centre_longitude_deg"]), trajectories)
+    if note:
+        logging.getLogger(__name__).warning(note)
     return run_in_memory(config, out)
 
 

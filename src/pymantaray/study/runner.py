@@ -114,7 +114,7 @@ def run_study(
             inputs,
             watch,
             references=references,
-            synthetic=known.synthetic,
+            ocean=known.ocean.attrs,
             workers=workers,
             worker_memory_mib=0.0 if processes is None else processes.peak_memory_mib,
         )
