@@ -1,11 +1,11 @@
 """Sections of a configuration about estimators, and what all sections have in common."""
 
 import datetime as dt
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -72,6 +72,34 @@ class Section(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """
+        Copy the section; unlike pydantic's own method this checks changed keys and values as those of a file.
+
+        Parameters
+        ----------
+        update : mapping, optional
+            New values by key.
+        deep : bool
+            Whether values are copied too.
+
+        Returns
+        -------
+        Section
+
+        Raises
+        ------
+        StudyError
+            If a key is unknown or a value is not allowed; one line per finding.
+        """
+        copy = super().model_copy(deep=deep)
+        if not update:
+            return copy
+        from pymantaray.study.load import parse  # which imports all sections
+
+        own = {key: getattr(copy, key) for key in copy.model_fields_set}
+        return parse(type(self), {**own, **update}, type(self).__name__, None)
 
 
 def require_unique(what: str, values: Sequence[str]) -> None:

@@ -34,10 +34,10 @@ def centre_of_names(named: Mapping[Any, Any], path: Path) -> Centre | None:
         lat, lon = (float(str(named[key])) for key in _KEYS)
     except (KeyError, ValueError):
         lat = lon = float("nan")
-    if not (-90.0 <= lat <= 90.0 and -360.0 <= lon <= 360.0):
+    if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 360.0):
         found = ", ".join(f"{key} {named[key]!r}" for key in _KEYS if key in named)
         raise ExchangeError(
-            f"{path}: found {found}; {_KEYS[0]} (-90 to 90) and {_KEYS[1]} (-360 to 360) must both be given in degrees"
+            f"{path}: found {found}; {_KEYS[0]} (-90 to 90) and {_KEYS[1]} (-180 to 360) must both be given in degrees"
         )
     return lat, lon
 
