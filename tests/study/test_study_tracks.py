@@ -438,6 +438,8 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
 def test_a_run_of_local_positions_says_in_its_manifest_where_they_were_placed(table, tmp_path):
     tree = {"study": {"name": "r", "conditions": []}, "ocean": {"source": "synthetic:beaufort"}}
     tree |= {"fleet": {"trajectories": str(table)}, "mission": {"ping_interval_h": 1.0}}
-    run = run_study(parse_study(tree), tmp_path / "run", workers=1)
+    config = parse_study(tree)
+    assert "own vehicles, as long as their trajectories, 25" in repr(config)
+    run = run_study(config, tmp_path / "run", workers=1)
     (note,) = [n for n in run.manifest["fleet"]["notes"] if "the middle of the ocean was taken" in n]
     assert f"{run.ocean.attrs['centre_latitude_deg']:g} N" in note

@@ -56,8 +56,9 @@ def show(study: NameOrFile, as_json: Json = False) -> None:
     """Print a preset with its comments, or a file with the keys that it leaves at their defaults; as JSON every key of either."""
     from pymantaray.config.load import preset_names
     from pymantaray.study import load_study, preset_text, study_toml
+    from pymantaray.study.tracks import with_tracks
 
-    config = load_study(study)
+    config = with_tracks(load_study(study))
     text = preset_text(study) if study in preset_names() else study_toml(config)
     with printer(as_json=as_json) as out:
         out.line(text.removesuffix("\n"), **config.model_dump(mode="json"))

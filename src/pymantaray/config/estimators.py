@@ -96,7 +96,7 @@ class Section(BaseModel):
         copy = super().model_copy(deep=deep)
         if not update:
             return copy
-        from pymantaray.study.load import parse  # which imports all sections
+        from pymantaray.config.load import parse  # which imports all sections
 
         own = {key: getattr(copy, key) for key in copy.model_fields_set}
         return parse(type(self), {**own, **update}, type(self).__name__, None)
