@@ -23,7 +23,8 @@ from pymantaray import (
 )
 from pymantaray.errors import ExchangeError, MantaRayError, StudyError
 from pymantaray.exchange.centre import centre_beside
-from pymantaray.records import RayStatus, VehicleStatus
+from pymantaray.ocean import open_ocean
+from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
 from pymantaray.study import parse_study
 from pymantaray.study.export import export_run
 from pymantaray.study.tracks import with_tracks
@@ -443,3 +444,19 @@ def test_a_run_of_local_positions_says_in_its_manifest_where_they_were_placed(ta
     run = run_study(config, tmp_path / "run", workers=1)
     (note,) = [n for n in run.manifest["fleet"]["notes"] if "the middle of the ocean was taken" in n]
     assert f"{run.ocean.attrs['centre_latitude_deg']:g} N" in note
+
+
+def test_ranges_need_no_currents_unless_they_carry_sound(table, tmp_path):
+    ocean = open_ocean("synthetic:beaufort", window=(74.2, 74.8, -141.0, -139.0))
+    write_netcdf(ocean[["water_temp", "salinity"]], tmp_path / "still.nc")
+    section = {
+        **OCEAN,
+        "source": str(tmp_path / "still.nc"),
+        "half_extent_north": 8e3,
+        "half_extent_east": 8e3,
+    }
+    assert measure(table, section, 1800.0).measurements.range_status.size
+    for more, sections in (({}, {"acoustics": {"currents": True}}), ({"currents": "required"}, {})):
+        refused(
+            MantaRayError, "no water_u and no water_v", measure, table, section | more, 1800.0, **sections
+        )

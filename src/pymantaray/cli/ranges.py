@@ -86,7 +86,7 @@ def ranges(
     from pymantaray.study.ranges import ranges_config
 
     files = files_of(trajectories)
-    section: dict[str, Any] = {"source": ocean, "currents": "rest"}  # which nobody drifts with
+    section: dict[str, Any] = {"source": ocean}
     if time is not None:
         section["time"] = parse_instant(time).astype("datetime64[us]").item()
     if centre is not None:

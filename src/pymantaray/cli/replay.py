@@ -128,15 +128,15 @@ def _waters(
     from pymantaray.acoustics.profiles import read_profiles
     from pymantaray.cli.rays_medium import from_profile, load_medium, source_kind
     from pymantaray.config.load import load_detection
-    from pymantaray.errors import ReplayError
     from pymantaray.geometry import LocalFrame
     from pymantaray.ocean import open_ocean
     from pymantaray.replay import Water
     from pymantaray.sensing import Reception
+    from pymantaray.study import open_run
     from pymantaray.water.listening import cast_absorption, detector_of, leakage_of, ocean_absorption
+    from pymantaray.water.ocean import open_start
 
-    if source_kind(medium) == "run":
-        raise ReplayError("--run: events are replayed in --profile or --ocean; give one of them")
+    kind = source_kind(medium)
     section = None if detection is None else load_detection(detection)
     reception = Reception(
         spreading_cutoff_db=search.spreading_cutoff_db,
@@ -146,8 +146,12 @@ def _waters(
     if not medium.profile:
         loaded = load_medium(medium)
         if section is not None:
-            ocean = open_ocean(medium.ocean or [], time=medium.time)
-            detector = detector_of(section, ocean_absorption(section, ocean, medium.centre))
+            if kind == "run":
+                ocean = open_start(open_run(medium.run or "").config.ocean)
+            else:
+                ocean = open_ocean(medium.ocean or [], time=medium.time)
+            centre = tuple(loaded.record["centre_deg"]) if kind == "run" else medium.centre
+            detector = detector_of(section, ocean_absorption(section, ocean, centre))
             reception = reception._replace(detector=detector, leakage=leakage_of(section))
         frame = LocalFrame(*loaded.record["centre_deg"])
         return [Water(loaded.medium, reception, frame=frame)], [loaded.record], loaded.notes

@@ -53,6 +53,7 @@ def read_cast(
     lon: float | None = None,
     time: Instant | None = None,
     name: str | None = None,
+    elsewhere: tuple[float, float] | None = None,
 ) -> Cast:
     """
     Read the cast that a file holds.
@@ -70,6 +71,8 @@ def read_cast(
         Instant (UTC); by default of a column or a comment, NaT where neither has one.
     name : str, optional
         If the file holds several: the one to take (its station, or Argo's float and cycle).
+    elsewhere : tuple of float, optional
+        Latitude and longitude of a cast whose file names none. [degrees]
 
     Returns
     -------
@@ -83,7 +86,7 @@ def read_cast(
         If the file is unreadable, a cell is no number, a column or the place is missing, fewer than two
         levels are left, or it holds several casts and none is named.
     """
-    casts = read_casts(path, lat=lat, lon=lon, time=time)
+    casts = read_casts(path, lat=lat, lon=lon, time=time, elsewhere=elsewhere)
     named = casts if name is None else [cast for cast in casts if cast.name == name]
     if len(named) == 1:
         return named[0]
@@ -99,6 +102,7 @@ def read_casts(
     lat: float | None = None,
     lon: float | None = None,
     time: Instant | None = None,
+    elsewhere: tuple[float, float] | None = None,
 ) -> list[Cast]:
     """
     Read all casts of one or more files, at least one, in the files' order.
@@ -108,7 +112,7 @@ def read_casts(
     paths : str, pathlib.Path or sequence of them
         As `read_cast` takes. A table with a station column holds a cast for each station, one of the NetCDF
         Subset Service one for each time and place. One bad cast of a table refuses the table.
-    lat, lon, time
+    lat, lon, time, elsewhere
         As in `read_cast`, for all casts.
     """
     files = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
@@ -122,9 +126,9 @@ def read_casts(
             casts += read_argo(path)
         else:
             place = None if lat is None or lon is None else (float(lat), float(lon))
-            casts += [
-                _cast(table, name, place, time) for name, table in read_cast_table(path).casts().items()
-            ]
+            for station, table in read_cast_table(path).casts().items():
+                own = place or cast_place(table) or elsewhere
+                casts.append(_cast(table, station, own, time))
     return casts
 
 
@@ -151,7 +155,11 @@ def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
 
 
 def _cast(table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None) -> Cast:
-    lat, lon = place = place or _place(table)
+    if place is None:
+        raise OceanError(
+            f"{table.path}: no place; give lat and lon, columns of these names, or a comment '# lat 74.0, lon -140.0'"
+        )
+    lat, lon = place
     instant, notes = cast_time(table) if time is None else (parse_instant(time), [])
     kinds = _kind(table, _TEMPERATURES), _kind(table, _SALINITIES)
     values = [table.values(kind) for kind in kinds]
@@ -214,15 +222,6 @@ def cast_place(table: CastTable) -> tuple[float, float] | None:
         if len(known):
             return float(known[0, 0]), float(known[0, 1])
     return place_in_comments(table.comments)
-
-
-def _place(table: CastTable) -> tuple[float, float]:
-    place = cast_place(table)
-    if place is None:
-        raise OceanError(
-            f"{table.path}: no place; give lat and lon, columns of these names, or a comment '# lat 74.0, lon -140.0'"
-        )
-    return place
 
 
 def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:

@@ -182,7 +182,10 @@ def pick(times: Instants, time: str | np.datetime64 | None, names: str) -> np.da
     """Instant that is asked for, to a minute, or the only one of rising times."""
     if time is None:
         if len(times) > 1:
-            raise OceanError(f"{names}: {len(times)} times ({listing(times)}); choose one")
+            raise OceanError(
+                f"{names}: {len(times)} times ({listing(times)}); choose one: --time {minute(times[0])} (in Python and TOML"
+                f' time = "{minute(times[0])}")'
+            )
         return np.datetime64(times[0])
     instant = parse_instant(time)
     nearest = times[np.argmin(np.abs(times - instant))]

@@ -36,7 +36,8 @@ def measure(
     ocean : str, pathlib.Path, sequence of them, or dict
         Files, or the name of a synthetic ocean; or the section ``[ocean]`` of a study. The frame's centre is that of the
         section, else the one that the files of the trajectories name, else the middle of their latitudes and longitudes, else
-        the middle of the ocean; a warning says so in the last case.
+        the middle of the ocean; a warning says so in the last case. Currents are needed only with
+        ``acoustics={"currents": True}``, because nothing drifts.
     schedule : float or Schedule
         Interval at which all vehicles ping [s], a `PingSchedule`, `SlotSchedule` or `PingList`. Time counts from the first
         pose of all.
@@ -97,6 +98,8 @@ def ranges_config(
     """Study of the ranges alone of trajectories in files, see `measure`; ``mantaray ranges`` runs it."""
     if not isinstance(ocean, Mapping):
         ocean = {"source": [str(one) for one in ([ocean] if isinstance(ocean, str | Path) else ocean)]}
+    if not sections.get("acoustics", {}).get("currents"):  # nobody drifts, and no current carries sound
+        ocean = {"currents": "rest", **ocean}
     study = {"name": "ranges", "conditions": [], **sections.pop("study", {})}
     fleet = {"trajectories": [str(path) for path in trajectories], "enu": enu}
     return parse_study({"study": study, "ocean": dict(ocean), "fleet": fleet, **sections}, "ranges")
