@@ -31,10 +31,20 @@ def _duration(value: object, unit: str) -> object:
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
 # durations: a number is in the unit that the key ends in, text has units of its own; it is kept as that number
-Hours = Annotated[NonNegativeFloat, BeforeValidator(partial(_duration, unit="h"))]
-PositiveHours = Annotated[PositiveFloat, BeforeValidator(partial(_duration, unit="h"))]
-Seconds = Annotated[NonNegativeFloat, BeforeValidator(partial(_duration, unit="s"))]
-PositiveSeconds = Annotated[PositiveFloat, BeforeValidator(partial(_duration, unit="s"))]
+Hours = Annotated[
+    NonNegativeFloat,
+    BeforeValidator(partial(_duration, unit="h"), json_schema_input_type=NonNegativeFloat | str),
+]
+PositiveHours = Annotated[
+    PositiveFloat, BeforeValidator(partial(_duration, unit="h"), json_schema_input_type=PositiveFloat | str)
+]
+Seconds = Annotated[
+    NonNegativeFloat,
+    BeforeValidator(partial(_duration, unit="s"), json_schema_input_type=NonNegativeFloat | str),
+]
+PositiveSeconds = Annotated[
+    PositiveFloat, BeforeValidator(partial(_duration, unit="s"), json_schema_input_type=PositiveFloat | str)
+]
 
 
 def input_file(name: str, folder: Path) -> str:
@@ -56,7 +66,11 @@ def _one_is_enough(value: object) -> object:
     return (value,) if isinstance(value, str) else value
 
 
-InputFiles = Annotated[tuple[InputFile, ...], BeforeValidator(_one_is_enough), Field(strict=False)]
+InputFiles = Annotated[
+    tuple[InputFile, ...],
+    BeforeValidator(_one_is_enough, json_schema_input_type=str | tuple[str, ...]),
+    Field(strict=False),
+]
 OceanSource = Annotated[InputFiles, Field(min_length=1)]
 """What `open_ocean` takes: a file, several that belong together, or the name of a synthetic ocean."""
 
