@@ -17,6 +17,7 @@ from pymantaray.geometry.checks import told_apart
 from pymantaray.ocean import convert
 from pymantaray.ocean.argo import read_argo
 from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cast_table
+from pymantaray.ocean.cf_profiles import holds_profiles, read_cf_profiles
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.files import is_netcdf, open_file
 from pymantaray.ocean.schema import assemble_ocean, with_history
@@ -63,7 +64,8 @@ def read_cast(
     path : str or pathlib.Path
         CSV with named columns: depth or pressure; temperature, in situ, potential or
         conservative; practical or absolute salinity. HYCOM's point tables from the NetCDF Subset Service,
-        also with the packed integers that it delivers. Argo's NetCDF profiles.
+        also with the packed integers that it delivers. Argo's NetCDF profiles, and CF data sets of profiles. Files of
+        instruments: Sea-Bird ``.cnv``, Sippican ``.edf``, RBR, CastAway, Valeport and AML.
     lat, lon : float, optional
         Place; by default of the columns ``lat`` and ``lon`` or a comment as ``# ... lat 74.0, lon -140.0``.
         [degrees]
@@ -120,15 +122,15 @@ def read_casts(
         raise OceanError("casts: no file given; name at least one")
     casts: list[Cast] = []
     for path in files:
-        if is_netcdf(path):
+        if holds_argo(path):
             if (lat, lon, time) != (None, None, None):
                 raise OceanError(f"{path}: Argo's profiles have their own places and times; leave these out")
             casts += read_argo(path)
         else:
             place = None if lat is None or lon is None else (float(lat), float(lon))
-            for station, table in read_cast_table(path).casts().items():
+            for station, table in cast_tables(path).items():
                 own = place or cast_place(table) or elsewhere
-                casts.append(_cast(table, station, own, time))
+                casts.append(cast_of_table(table, station, own, time))
     return casts
 
 
@@ -139,7 +141,20 @@ def holds_casts(path: str | Path) -> bool:
     if not is_netcdf(Path(path)):
         return True
     with open_file(path) as data:
-        return "PRES" in data.variables
+        return "PRES" in data.variables or holds_profiles(data)
+
+
+def cast_tables(path: Path) -> dict[str, CastTable]:
+    """Casts of a file of text or of a CF data set of profiles, as tables by their names."""
+    return read_cf_profiles(path) if is_netcdf(path) else read_cast_table(path).casts()
+
+
+def holds_argo(path: str | Path) -> bool:
+    """Whether a file is NetCDF other than a CF data set of profiles: Argo's, or what is refused as such."""
+    if not is_netcdf(Path(path)):
+        return False
+    with open_file(path) as data:
+        return "PRES" in data.variables or not holds_profiles(data)
 
 
 def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
@@ -154,13 +169,17 @@ def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
     return None
 
 
-def _cast(table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None) -> Cast:
+def cast_of_table(
+    table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None
+) -> Cast:
+    """Cast of a table of one; without a place or a quantity that it needs it is refused."""
     if place is None:
         raise OceanError(
             f"{table.path}: no place; give lat and lon, columns of these names, or a comment '# lat 74.0, lon -140.0'"
         )
     lat, lon = place
     instant, notes = cast_time(table) if time is None else (parse_instant(time), [])
+    notes = [*table.notes, *notes]
     kinds = _kind(table, _TEMPERATURES), _kind(table, _SALINITIES)
     values = [table.values(kind) for kind in kinds]
     if table.bracketed and _packed(np.concatenate(values)):
@@ -216,6 +235,8 @@ def _packed(values: Array) -> bool:
 
 def cast_place(table: CastTable) -> tuple[float, float] | None:
     """Latitude and longitude of a cast by its columns, else by its comments; None if neither tells. [degrees]"""
+    if table.place is not None:
+        return table.place
     if table.has("lat", "lon"):
         places = np.column_stack([table.values("lat"), table.values("lon")])
         known = places[np.all(np.isfinite(places), axis=1)]
@@ -226,12 +247,13 @@ def cast_place(table: CastTable) -> tuple[float, float] | None:
 
 def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
     """Time of a cast by its column, else by its comments, NaT if neither tells; and what is to be said of it."""
-    first = next((cell for cell in table.text("time") or [] if cell), None)
+    first = table.time or next((cell for cell in table.text("time") or [] if cell), None)
     if first is not None:
         try:
             return parse_instant(first), []
         except OceanError as error:
-            raise OceanError(f"{table.path}, line {table.lines[0]}: {error}") from None
+            where = "" if table.time else f", line {table.lines[0]}"
+            raise OceanError(f"{table.path}{where}: {error}") from None
     for line in table.comments:
         if match := _DATE.search(line):
             clock = f"T{int(match[2]):02d}:{match[3]}:{match[4] or '00'}" if match[2] else ""
