@@ -19,7 +19,7 @@ DEPTH = -gsw.z_from_p(PRESSURE, LAT)
 TEMPERATURE = -1.2 + 0.004 * PRESSURE
 SALINITY = 29.0 + 0.025 * PRESSURE
 _SA = gsw.SA_from_SP(SALINITY, PRESSURE, LON, LAT)
-SPEED = gsw.sound_speed_t_exact(_SA, TEMPERATURE, PRESSURE)
+SPEED = gsw.sound_speed(_SA, gsw.CT_from_t(_SA, TEMPERATURE, PRESSURE), PRESSURE)
 LEVELS = list(zip(PRESSURE, DEPTH, TEMPERATURE, SALINITY, SPEED, strict=True))
 
 
@@ -32,7 +32,7 @@ def sea_bird(*, rows=LEVELS, flags=None, extra=(), touching=False):
     return "\n".join([
         "* Sea-Bird SBE 9 Data File:", "* FileName = C:\\cast.hex", "* System UpLoad Time = Jul 25 2014 00:00:01",
         "* NMEA Latitude = 74 30.00 N", "* NMEA Longitude = 140 15.00 W", "* NMEA UTC (Time) = Jul 24 2014  19:20:00",
-        "# nquan = 6", *(f"# name {k} = {name}" for k, name in enumerate(names)),
+        "# nquan = 6", f"# nvalues = {len(rows)}", *(f"# name {k} = {name}" for k, name in enumerate(names)),
         "# start_time = Jul 24 2014 19:21:07 [Instrument's time stamp]", "# bad_flag = -9.990e-29", "# file_type = ascii",
         *extra, "*END*", *lines, "",
     ])  # fmt: skip
@@ -54,6 +54,26 @@ def sippican(kind="XBT"):
         *(f"Field{k}  :  {name}" for k, name in enumerate(columns, 1)), *assumed, "// Data", *(
             "\t".join(f"{v:.4f}" for v in row) for row in rows), "",
     ])  # fmt: skip
+
+
+def sippican_mk12():
+    """As the manual of the Simrad ME70 has it."""
+    return "\n".join([
+        "// This is a MK12 EXPORT DATA FILE (EDF)", "//", "Date of Launch : 07/24/2014", "Time of Launch : 19:20:00", "Sequence # : 1",
+        "Latitude : 74 30.000N", "Longitude : 140 15.000W", "Serial # : 0", "//", "Probe Type : T-7", "Terminal Depth : 760 m",
+        "Depth Coeff. 1 : 6.691", "//", "Display Units : Metric", "//", "// Sound velocity derived with assumed",
+        "// salinity: 30.00 ppt", "//", "Depth (m) - Temperature (°C) - Sound Velocity (m/s)",
+        *(f"{z:.4f} {t:.4f} {c:.4f}" for _, z, t, _, c in LEVELS), "",
+    ])  # fmt: skip
+
+
+def sippican_xctd():
+    """As the same manual has it, without sound speed."""
+    head, _ = sippican_mk12().split("Depth (m) - ")
+    rows = (f"{z:.4f} {t:.4f} {s:.4f}" for _, z, t, s, _ in LEVELS)
+    return "\n".join(
+        [head + "Depth (m)  Temp (°C)  Salinity (0/00)", "   (m)        (C)          (PPT)", *rows, ""]
+    )
 
 
 def kongsberg():
@@ -133,6 +153,8 @@ FILES = {
     "sea_bird.cnv": (sea_bird(), True, True),
     "xbt.edf": (sippican(), False, True),
     "xctd.edf": (sippican("XCTD"), True, True),
+    "mk12.edf": (sippican_mk12(), False, True),
+    "mk12x.edf": (sippican_xctd(), True, True),
     "profile.asvp": (kongsberg(), False, True),
     "castaway.csv": (castaway(), True, True),
     "swift.vpd": (valeport(), True, True),
@@ -208,12 +230,42 @@ def test_temperature_of_its_68_becomes_that_of_its_90(tmp_path):
     assert any("ITS-68" in note for note in cast.notes)
 
 
+def test_salinity_comes_from_conductivity_where_there_is_none(tmp_path):
+    conductivity = gsw.C_from_SP(SALINITY, TEMPERATURE, PRESSURE)  # mS/cm
+    cnv = sea_bird(
+        rows=[(p, z, t, c / 10.0, v) for (p, z, t, _, v), c in zip(LEVELS, conductivity, strict=True)]
+    )
+    rows = zip(LEVELS, conductivity, strict=True)
+    text = "Time,Conductivity,Temperature,Pressure,Sea pressure,Depth\n" + "".join(
+        f"2014-07-24 19:20:00.000,{c},{t},{p + 10.1325},{p},{z}\n" for (p, z, t, _, _), c in rows
+    )
+    (tmp_path / "a.cnv").write_text(
+        cnv.replace("sal00: Salinity, Practical [PSU]", "c0S/m: Conductivity [S/m]")
+    )
+    (tmp_path / "b.csv").write_text(text)
+    for name in ("a.cnv", "b.csv"):
+        cast = read_cast(tmp_path / name, lat=LAT, lon=LON)
+        np.testing.assert_allclose(cast.salinity, SALINITY, atol=2e-3)  # of the digits of the file
+        assert "salinity from conductivity by PSS-78" in cast.notes
+
+
 def test_absolute_pressure_loses_that_of_the_air(tmp_path):
     (tmp_path / "a.txt").write_text(rbr(sea=False))
     assert (
         "10.1325 dbar of air taken from the absolute pressure"
         in read_cast(tmp_path / "a.txt", lat=LAT, lon=LON).notes
     )
+
+
+def test_a_database_of_rbr_is_refused_with_what_to_do(tmp_path):
+    (tmp_path / "a.rsk").write_bytes(b"SQLite format 3\0" + bytes(100))
+    for read in (read_cast, read_profile):
+        refused(
+            MantaRayError,
+            r"a\.rsk: a database, not text; .* export the text in Ruskin",
+            read,
+            tmp_path / "a.rsk",
+        )
 
 
 def test_asvp_is_written_and_read_back(tmp_path):
@@ -245,6 +297,15 @@ def test_asvp_is_written_and_read_back(tmp_path):
     for wrong, words in ((profile._replace(place=None), "position of a is unknown"),
                          (profile._replace(time=np.datetime64("NaT", "ns")), "time of a is unknown")):  # fmt: skip
         refused(MantaRayError, words, write_asvp, tmp_path / "c.asvp", wrong)
+    fine = np.arange(0.0, 200.0, 0.1)
+    many = profile._replace(depth=fine, sound_speed=1440.0 + 0.1 * fine)
+    refused(
+        MantaRayError,
+        "2001 levels, echo sounders take 1000 at most; .*thin",
+        write_asvp,
+        tmp_path / "c.asvp",
+        many,
+    )
     assert not (tmp_path / "c.asvp").exists()
 
 

@@ -10,6 +10,7 @@ from pymantaray.errors import AcousticsError
 from pymantaray.records import whole_file, write_netcdf
 
 _DEEPEST = 12_000.0  # m; to where Kongsberg's systems want a profile extended
+_MOST_LEVELS = 1000  # of EM 122 and later, by the description of the format in SIS
 
 
 def write_asvp(path: str | Path, profile: Profile) -> None:
@@ -28,7 +29,7 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
     Raises
     ------
     AcousticsError
-        If the position or the time is unknown, or levels are less than 1 cm apart.
+        If the position or the time is unknown, levels are less than 1 cm apart, or there are more than 1000.
     """
     lat, lon = _place(path, profile)
     if np.isnat(profile.time):
@@ -40,6 +41,10 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
         depth, speed = np.append(0.0, depth), np.append(speed[0], speed)
     if depth[-1] < _DEEPEST:
         depth, speed = np.append(depth, _DEEPEST), np.append(speed, speed[-1])
+    if depth.size > _MOST_LEVELS:
+        raise AcousticsError(
+            f"{path}: {depth.size} levels, echo sounders take {_MOST_LEVELS} at most; thin it first: thin_profile, or --thin"
+        )
     stamp = profile.time.astype("datetime64[s]").item()
     head = (
         f"( SoundVelocity  1.0 0 {stamp:%Y%m%d%H%M} {lat:.8f} {lon:.8f} -1 0 0 MantaRay P {depth.size:04d} )"

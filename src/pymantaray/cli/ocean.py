@@ -16,6 +16,8 @@ from pymantaray.errors import OceanError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pymantaray.acoustics.profiles import Profile
+
 EXIT_WRONG = 2
 _M_PER_KM = 1e3
 _S_PER_DAY = 86_400.0
@@ -33,8 +35,12 @@ Files = Annotated[
 Ocean = Annotated[
     str, typer.Argument(metavar="OCEAN", help="NetCDF file, or synthetic:beaufort, synthetic:fram.")
 ]
-Cast = Annotated[Path, typer.Argument(metavar="CAST", help="CSV table or Argo NetCDF file.")]
-Casts = Annotated[list[Path], typer.Argument(metavar="CASTS...", help="CSV tables or Argo NetCDF files.")]
+Cast = Annotated[
+    Path, typer.Argument(metavar="CAST", help="A table, an instrument's file, Argo or CF profiles.")
+]
+Casts = Annotated[
+    list[Path], typer.Argument(metavar="CASTS...", help="Tables, instruments' files, Argo or CF profiles.")
+]
 Out = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
 Time = Annotated[
     str | None, typer.Option("--time", help="Instant in UTC, as 2014-07-15T12:00, if there are several.")
@@ -250,9 +256,7 @@ def from_cast(
 
 @app.command("convert-cast")
 def convert_cast(
-    cast: Annotated[
-        Path, typer.Argument(metavar="CAST", help="A table, an instrument's file, Argo or CF profiles.")
-    ],
+    cast: Cast,
     out: Annotated[
         Path, typer.Argument(metavar="OUT", help="A Kongsberg .asvp, or a CF data set of profiles (.nc).")
     ],
@@ -265,6 +269,12 @@ def convert_cast(
     time: CastTime = None,
     name: Annotated[
         str | None, typer.Option("--name", help="The cast to take, if the file holds several.")
+    ] = None,
+    thin: Annotated[
+        float | None,
+        typer.Option(
+            "--thin", metavar="M/S", help="Leave out levels of which straight lines keep within this."
+        ),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -284,6 +294,8 @@ def convert_cast(
         raise OceanError(f"{cast}: {wanted}; there is {names}: choose one by --name")
     if time is not None:
         profiles = [p._replace(time=parse_instant(time)) for p in profiles]
+    if thin is not None:
+        profiles = [_thinned(p, thin) for p in profiles]
     if out.suffix == ".asvp":
         write_asvp(out, profiles[0])
     else:
@@ -291,6 +303,14 @@ def convert_cast(
     for note in dict.fromkeys(note for p in profiles for note in p.notes):
         typer.echo(f"{cast}: {note}", err=True)
     typer.echo(str(out))
+
+
+def _thinned(profile: "Profile", tolerance: float) -> "Profile":
+    """Levels that straight lines need to stay within a tolerance of all. [m/s]"""
+    from pymantaray.acoustics import thin_profile
+
+    few = thin_profile(profile.depth, profile.sound_speed, tolerance=tolerance, interpolation="linear")
+    return profile._replace(depth=few.depth, sound_speed=few.sound_speed, water=None)
 
 
 @app.command()

@@ -195,9 +195,9 @@ class MediumOptions:
     profile: Annotated[
         list[Path] | None,
         typer.Option(
-            metavar="CSV",
-            help="A profile or cast: depth (m) or pressure (dbar), and sound_speed (m/s) or temperature"
-            " (degC) and salinity; needs --bottom.",
+            metavar="FILE",
+            help="A profile or cast: a table with depth (m) or pressure (dbar), and sound_speed (m/s) or temperature"
+            " (degC) and salinity, an instrument's file, Argo or CF profiles; needs --bottom.",
         ),
     ] = None
     bottom: Annotated[

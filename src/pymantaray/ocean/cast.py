@@ -46,6 +46,7 @@ _COLUMNS = {
         "salinity practical_salinity sea_water_practical_salinity sal psal ctdsal salnty sal00 s",
     ),
     "absolute_salinity": ("mass salinity", "absolute_salinity sea_water_absolute_salinity"),
+    "measured_conductivity": ("conductivity", "measured_conductivity"),
     "sound_speed": ("velocity", "sound_speed soundspeed sound_velocity svel svcm"),
     "lat": ("latitude", "latitude lat"),
     "lon": ("longitude", "longitude lon long"),

@@ -178,6 +178,7 @@ def cast_of_table(
             f"{table.path}: no place; give lat and lon, columns of these names, or a comment '# lat 74.0, lon -140.0'"
         )
     lat, lon = place
+    table = _with_salinity(table, lat)
     instant, notes = cast_time(table) if time is None else (parse_instant(time), [])
     notes = [*table.notes, *notes]
     kinds = _kind(table, _TEMPERATURES), _kind(table, _SALINITIES)
@@ -216,6 +217,28 @@ def cast_of_table(
         bottom_depth=float(bottom[1]) if bottom else float("nan"),
         notes=notes,
         where=str(table.path) + (f", {station}" if station else ""),
+    )
+
+
+def _with_salinity(table: CastTable, lat: float) -> CastTable:
+    """Table of an instrument with practical salinity from conductivity where it has none of its own."""
+    if not table.has("measured_conductivity", "temperature") or any(table.has(kind) for kind in _SALINITIES):
+        return table
+    if table.has("pressure"):
+        pressure = table.values("pressure")
+    elif table.has("depth"):
+        pressure = np.asarray(gsw.p_from_z(-np.maximum(table.values("depth"), 0.0), lat), dtype=float)
+    else:
+        return table
+    with np.errstate(all="ignore"):  # rows that are nonsense are dropped later
+        salinity = gsw.SP_from_C(table.values("measured_conductivity"), table.values("temperature"), pressure)
+    place = len(table.header)
+    return replace(
+        table,
+        header=(*table.header, "salinity"),
+        rows=table.rows.assign(salinity=np.asarray(salinity, dtype=float)).set_axis(range(place + 1), axis=1),
+        columns={**table.columns, "salinity": (place, "1")},
+        notes=(*table.notes, "salinity from conductivity by PSS-78"),
     )
 
 

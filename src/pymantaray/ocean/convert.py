@@ -55,6 +55,10 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
             1000.0 / 3600.0: "km/h kmh-1 kmhour-1 km/hour",
         },
     ),
+    "conductivity": (
+        "mS cm-1",
+        {1.0: "ms/cm mscm-1", 10.0: "s/m sm-1", 1e-3: "us/cm µs/cm uscm-1 microsiemenspercentimeter"},
+    ),
     "length": (
         "m",
         {

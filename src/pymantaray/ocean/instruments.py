@@ -3,7 +3,7 @@ Casts as instruments and their programs write them: text with a header, as colum
 
 Read by their content, whatever the ending: Sea-Bird ``.cnv`` (Seasoft manual, converted data format), Sippican ``.edf`` (XBT, XCTD,
 XSV), Kongsberg ``.asvp``, SonTek CastAway, Valeport (VPD, VP2, MIDAS, MiniSVP), AML (``.aml`` and SeaCast's CSV), RBR Ruskin's text.
-The headers' grammar was compared with the readers of HydrOffice's Sound Speed Manager.
+The grammar of headers is that of the Simrad ME70's manual (EDF) and of files that HydrOffice's Sound Speed Manager takes.
 """
 
 import re
@@ -37,7 +37,8 @@ class Sheet(NamedTuple):
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _QUANTITIES = (  # the first that is found in a column's title
     (r"potential temp|^potemp", "potential_temperature"),
-    (r"conductivity|conductance|density|anomaly|spec", ""),
+    (r"specific|conductance|density|anomaly", ""),
+    (r"^cond", "measured_conductivity"),
     (r"^(cal\w*\.? ?)?(sv|svel|sos)$|sound (vel|speed)|speed of sound|^calcsv", "sound_speed"),
     (r"^sal|salinity", "salinity"),
     (r"^t(emp)?(ct|sv)?$|^temp|temperature", "temperature"),
@@ -48,7 +49,7 @@ _UNITS = {
     "decibar": "dbar", "decibars": "dbar", "db": "dbar", "dbar": "dbar", "bar": "bar", "m": "m", "meter": "m", "meters": "m",
     "metre": "m", "metres": "m", "ft": "ft", "feet": "ft", "c": "degC", "degc": "degC", "deg c": "degC", "celsius": "degC",
     "°c": "degC", "ºc": "degC", "f": "degF", "m/s": "m/s", "m/sec": "m/s", "meters per second": "m/s", "ft/s": "ft/s",
-    "psu": "1", "pss-78": "1", "practical salinity scale": "1", "ppt": "1",
+    "microsiemens per centimeter": "us/cm", "psu": "1", "0/00": "1", "‰": "1", "pss-78": "1", "practical salinity scale": "1", "ppt": "1",
 }  # fmt: skip
 _SEA_BIRD = (  # short names of Seasoft's variables
     (r"pr(\d?[DMS])?[DM]?|prdM|prSM", "pressure [dbar]"),
@@ -57,6 +58,9 @@ _SEA_BIRD = (  # short names of Seasoft's variables
     (r"(t|tv|tn)\d?\d68C", "temperature [degC] 68"),
     (r"potemp\d?90C", "potential_temperature [degC]"),
     (r"sal\d\d", "salinity [1]"),
+    (r"c\d?[0_]?S/m", "measured_conductivity [S/m]"),
+    (r"c\d?[0_]?mS/cm", "measured_conductivity [mS/cm]"),
+    (r"c\d?[0_]?uS/cm", "measured_conductivity [uS/cm]"),
     (r"sv[CDW]M\d?", "sound_speed [m/s]"),
     (r"latitude", "lat [degrees]"),
     (r"longitude", "lon [degrees]"),
@@ -125,7 +129,8 @@ def _sippican(lines: Lines) -> Sheet:
     fields = {
         int(m[1]): m[2] for line in head if (m := re.match(r"Field\s*(\d+)\s*:\s*(.*)", line, re.IGNORECASE))
     }
-    titles = [fields[k] for k in sorted(fields)] or re.split(r"\s+-\s+|\t+", head[-1])
+    named = re.findall(r"[A-Za-z][A-Za-z ]*?\s*\([^)]*\)", head[-1]) if head else []
+    titles = [fields[k] for k in sorted(fields)] or named
     date = re.match(r"(\d{1,2})/(\d{1,2})/(\d{4})", _after(head, r"Date of Launch\s*:"))
     clock = re.match(r"\d{1,2}:\d{2}(:\d{2})?", _after(head, r"Time of Launch\s*:"))
     time = f"{date[3]}-{int(date[1]):02d}-{int(date[2]):02d}" if date else ""

@@ -143,6 +143,8 @@ def read_text(path: Path) -> str:
         raise RecordError(f"{path}: cannot be read: {cause}; name an existing file") from None
     if len(raw) > _MAX_BYTES:
         raise RecordError(f"{path}: more than {_MAX_BYTES:,} bytes; no table of people's has so many")
+    if raw.startswith(b"SQLite format 3"):
+        raise RecordError(f"{path}: a database, not text; of an RBR .rsk export the text in Ruskin")
     if b"\0" in raw[:4096]:
         raise RecordError(f"{path}: not a table of text")
     try:
