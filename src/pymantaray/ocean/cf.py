@@ -78,14 +78,14 @@ def layout_of(data: xr.Dataset) -> Layout:
     fields = tuple(f for role in _ROLES if (f := _field(data, role, named)) is not None)
     relative = tuple(n for s in _GRID_RELATIVE for n in named.get(s, []))
     if not fields:
+        _refuse_model_grid(data)
         if relative:
             _refuse(data, grid_relative_refusal(relative))
-        _refuse_model_grid(data)
         _refuse(
             data,
             f"none of {', '.join(HYCOM_NAMES)} is in it, and no variable with the standard_name of sea-water"
-            f" temperature, salinity or velocity on levels; found {found_variables(data)}: give those that are meant"
-            " their standard_name",
+            f" temperature, salinity or velocity on levels; found {found_variables(data)}: give those that are meant their"
+            ' standard_name, in the file or as names={"temp": "sea_water_temperature"} in Python',
         )
     axes = _axes(data, fields[0].variable)
     for field in fields[1:]:
