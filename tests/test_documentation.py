@@ -7,11 +7,11 @@ import runpy
 import sys
 import tomllib
 from pathlib import Path
-from typing import get_args
+from typing import Annotated, get_args
 
 import pytest
 from pages import DOCS, blocks_of
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from pymantaray.ocean.fetch.catalogue import Catalogue
 from pymantaray.study import StudyConfig
@@ -79,12 +79,40 @@ def test_every_key_says_what_it_means_and_a_quantity_its_unit(model, tables):
 
 
 def test_the_page_shows_types_defaults_and_allowed_values(tables):
-    assert tables["[ocean]"]["source"][2:] == ["", "must be given", "list of text"]
+    assert tables["[ocean]"]["source"][2:] == ["", "must be given", "text or list of text"]
     assert tables["[mission]"]["duration_h"][2:] == ["h", "`168.0`", "number > 0 or text with a unit"]
     assert tables["[acoustics]"]["arrival"][4] == '`"direct"`, `"first"`, `"strongest"`'
     assert tables["[detection]"]["shipping"][2:] == ["-", "-", "number ≥ 0 ≤ 1"]
     assert tables['[[fleet.vehicles]] kind = "waypoints"']["points"][4] == "list of list of 3 numbers"
     assert set(tables["[noise]"]) >= {"range_sigma", "attitude_tilt_sigma"}
+
+
+TEXTS = ("1 h", "file.nc", "A-1", "2014-07-15T12:00:00")
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
+def test_a_key_takes_text_if_and_only_if_the_page_says_so(model, tables):
+    for rows in tables.values():
+        if set(rows) != set(model.model_fields):
+            continue
+        for name, field in model.model_fields.items():
+            if models_within(field.annotation) or "kind" in name:
+                continue
+            key = TypeAdapter(
+                Annotated[field.annotation, *field.metadata, "as the field"], config=ConfigDict(strict=True)
+            )
+            kinds = [kind for kind in rows[name][4].split(" or ") if not kind.startswith("list of")]
+            words = re.findall(r'`"(.*?)"`', " ".join(kinds))
+            takes = any(accepts(key, text) for text in [*TEXTS, *words])
+            assert takes == bool(words or "text" in kinds), (name, rows[name][4])
+
+
+def accepts(key, value):
+    try:
+        key.validate_python(value)
+    except ValidationError:
+        return False
+    return True
 
 
 def test_every_key_that_is_a_duration_takes_text(quick_tree):

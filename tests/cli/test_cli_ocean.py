@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -242,3 +243,60 @@ def test_help_tells_the_units(mantaray):
     for command, units in (("from-cast", ["in m", "in km"]), ("perturb", ["in m/s", "in km"])):
         shown = " ".join(mantaray("ocean", command, "--help").out.replace("│", " ").split())
         assert all(unit in shown for unit in units), shown
+
+
+ASVP = "( SoundVelocity  1.0 0 201407241920 74.50000000 -140.25000000 -1 0 0 OMS P 0003 )\n0 1436.1\n100.5 1440.2\n300 1450\n"
+
+
+def test_casts_are_converted_for_other_programs_and_refused_in_one_line(mantaray, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("sound.asvp").write_text(ASVP)
+    table = "depth,temperature,salinity,lat,lon\n" + "".join(
+        f"{z},1,{30 + 0.01 * z},74,-140\n" for z in range(1500)
+    )
+    Path("cast.csv").write_text(table)
+    done = mantaray("ocean", "convert-cast", "sound.asvp", "again.nc")
+    assert (done.code, done.out) == (0, "again.nc\n")
+    assert mantaray("ocean", "convert-cast", "again.nc", "again.asvp").code == 0
+    assert Path("again.asvp").read_text().splitlines()[1:4] == [
+        "0.00 1436.10",
+        "100.50 1440.20",
+        "300.00 1450.00",
+    ]
+    time = ("--time", "2014-07-24T19:20")
+    thin = mantaray("ocean", "convert-cast", "cast.csv", "thin.asvp", "--thin", 0.1, *time)
+    assert (thin.code, len(Path("thin.asvp").read_text().splitlines()) < 50) == (0, True)
+    for words, says in (
+        (("cast.csv", "new.asvp"), "the time of cast is unknown"),
+        (("cast.csv", "new.asvp", *time), "1501 levels, echo sounders take 1000 at most"),
+        (("cast.csv", "new.asvp", "--name", "b"), "no cast 'b'; there is cast"),
+        (("cast.csv", "new.txt"), "the output's name must end in .asvp or .nc"),
+        (("cast.csv", "new.nc", "--lat", 3), "--lat and --lon: the one needs the other"),
+    ):
+        refused = mantaray("ocean", "convert-cast", *words)
+        assert refused.code == 2
+        assert says in refused.err
+        assert len(refused.err.splitlines()) == 1
+    assert not [*Path().glob("new.*")]
+
+
+def test_rays_run_in_an_instruments_profile(told, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("sound.asvp").write_text(ASVP)
+    Path("links.csv").write_text(
+        "source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth\n0,0,50,500,0,80\n"
+    )
+    told(
+        "rays",
+        "times",
+        "links.csv",
+        "out.csv",
+        "--profile",
+        "sound.asvp",
+        "--bottom",
+        300,
+        "--interpolation",
+        "linear",
+    )
+    (row,) = pd.read_csv("out.csv").to_dict("records")
+    assert row["travel_time_s"] == pytest.approx(np.hypot(500.0, 30.0) / 1438.7, rel=1e-4)  # at 65 m

@@ -82,6 +82,23 @@ def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
     assert len(pd.read_csv(files / "out" / "tables" / "events.csv")) == 8
 
 
+@pytest.mark.parametrize("detection", [(), ("--detection", "sonar.toml")])
+def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detection):
+    (files / "sonar.toml").write_text(DETECTION)
+    table = pd.read_csv(files / "events.csv")
+    local = table.rename(columns=lambda name: name.replace("_lat", "_north").replace("_lon", "_east"))
+    local[[name for name in local if name.endswith(("_north", "_east"))]] *= 0.0
+    local["receiver_north"] = 700.0
+    local.to_csv(files / "local.csv", index=False)
+    extent = ("--ocean", "synthetic:beaufort", "--centre", 74.5, -140.0, "--half-extent", 15000, 15000)
+    one, other = (
+        told("replay", "local.csv", *water, *detection, "--quiet", "--out", f"out{k}")
+        for k, water in enumerate([("--run", tiny_run_folder), extent])
+    )
+    assert one["statuses"]["ok"] == len(table)
+    assert one["residuals"] == other["residuals"]
+
+
 REFUSED = {
     "rule 'loudest'; allowed are first": (*WATER, "--rule", "loudest"),
     "rule threshold: a sonar says what is heard": (*WATER, "--rule", "threshold"),

@@ -14,9 +14,10 @@ from pymantaray.cli.output import Watch
 from pymantaray.cli.printing import Printer
 from pymantaray.config import load
 from pymantaray.config.common import Section
+from pymantaray.errors import StudyError
 from pymantaray.evaluation import error_table
 from pymantaray.records import RayStatus
-from pymantaray.study import load_study, open_run, preset_text
+from pymantaray.study import load_study, open_run, preset_text, run_study
 
 PRESETS = "beaufort, estimators-beaufort, estimators-fram, fram, quick, survey"
 
@@ -57,6 +58,35 @@ def test_show_of_a_file_has_every_key_and_loads_the_same(mantaray, told, small, 
     assert load_study(shown) == load_study(small)
     assert "max_surface_bounces" in shown.read_text()
     assert told("study", "show", str(small)) == load_study(small).model_dump(mode="json")
+
+
+def test_show_of_trajectories_has_their_duration_and_centre(mantaray, told, tmp_path):
+    rows = "".join(f"{3600 * hour},{74.0 + 0.01 * hour},-141.0,50\n" for hour in range(4))
+    (tmp_path / "track.csv").write_text("time,lat,lon,depth\n" + rows)
+    own = tmp_path / "own.toml"
+    own.write_text(
+        'study.name = "own"\nocean.source = "synthetic:beaufort"\nfleet.trajectories = "track.csv"\n'
+    )
+    assert "duration_h = 3.0\n" in mantaray("study", "show", own).out
+    shown = told("study", "show", own)
+    assert shown["mission"]["duration_h"] == 3.0
+    assert shown["ocean"]["centre_latitude_deg"] == pytest.approx(74.015)
+
+
+def test_a_mission_without_a_duration_says_how_long_it_lasts(tmp_path, caplog):
+    config = load_study("quick")
+    unset = config.model_copy(update={"mission": {"physics_step_s": 1e-9}})
+    with pytest.raises(StudyError, match="physics steps"):
+        run_study(unset, tmp_path / "run")
+    assert [record.getMessage() for record in caplog.records] == [
+        "mission.duration_h is not given: the mission lasts 168 h"
+    ]
+    caplog.clear()
+    with pytest.raises(StudyError, match="physics steps"):
+        run_study(
+            config.model_copy(update={"mission": {"physics_step_s": 1e-9, "duration_h": 8}}), tmp_path / "run"
+        )
+    assert not caplog.records
 
 
 @pytest.mark.parametrize("name", PRESETS.split(", "))

@@ -1,6 +1,7 @@
 """Bags that rosbags writes, of ROS 1 and 2: names of vehicles, axes, clocks, and what is refused."""
 
 import numpy as np
+import pyproj
 import pytest
 from refusals import refused
 from rosbags.rosbag1 import Writer as Writer1
@@ -29,7 +30,7 @@ def pose_of(store, p, q):
     )
 
 
-def write(path, topics, *, ros=2, start=UNIX, frame="map", child="base_link"):
+def write(path, topics, *, ros=2, start=UNIX, frame="map", child="base_link", more=None):
     """A bag with three poses on each topic, an odometry or a pose by its name: x = t, y = 2 t, z = -3 - t."""
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     attitude = Rotation.from_euler("ZYX", [0.3, 0.0, 0.0]).as_quat(scalar_first=True)
@@ -52,6 +53,8 @@ def write(path, topics, *, ros=2, start=UNIX, frame="map", child="base_link"):
                     )
                 raw = (store.serialize_ros1 if ros == 1 else store.serialize_cdr)(message, kind)
                 bag.write(connection, int((start + t) * 1e9) + 5_000_000, raw)  # received 5 ms later
+        if more is not None:
+            more(store, bag)
     return path
 
 
@@ -125,4 +128,52 @@ def test_bags_without_poses_and_files_that_are_none_are_refused_in_one_line(tmp_
         ExchangeError,
         "empty: a folder, but no bag; name files",
         lambda: read_trajectories(tmp_path / "empty"),
+    )
+
+
+CENTRE = 74.5, -140.0
+MIDWAY = np.array([0.25, 0.75, 1.25])
+"""Times of satellite fixes; poses are at others."""
+
+
+def with_fixes(path, topics, fix, *, frame="gps", drift=0.0, origin=None, solved=True):
+    """The bag of `write` about `CENTRE` with satellite fixes, ``drift`` metres too far north per second."""
+    earth = pyproj.Proj(f"+proj=sterea +lat_0={CENTRE[0]} +lon_0={CENTRE[1]} +ellps=WGS84")
+    kind = "sensor_msgs/msg/NavSatFix"
+
+    def fixes(store, bag):
+        connection = bag.add_connection(fix, kind, typestore=store)
+        for t in MIDWAY:
+            lon, lat = earth(t, 2 * t + drift * t, inverse=True) if origin is None else origin[::-1]
+            status = store.types["sensor_msgs/msg/NavSatStatus"](status=0 if solved else -1, service=1)
+            header = stamped(store, 2, UNIX + t, frame)
+            message = store.types[kind](header, status, lat, lon, 3.0 + t, np.zeros(9), 0)
+            bag.write(connection, int((UNIX + t) * 1e9), store.serialize_cdr(message, kind))
+
+    return write(path, topics, more=fixes)
+
+
+def test_fixes_of_a_vehicle_give_the_centre_of_its_frame(tmp_path):
+    tracks = read_trajectories(with_fixes(tmp_path / "b", ["/auv1/odom", "/auv2/odom"], "/auv2/gps/fix"))
+    assert tracks.centre == pytest.approx(CENTRE, abs=1e-8)
+    assert {p.centre for p in tracks.poses} == {tracks.centre}  # one frame, one centre
+    assert any("centre of frame 'map': 74.500000, -140.000000" in note for note in tracks.notes)
+
+
+def test_fixes_of_the_frames_origin_are_its_centre_to_the_last_digit(tmp_path):
+    bag = with_fixes(tmp_path / "b", ["/auv1/odom"], "/map/fix", frame="map", origin=(34.65, -74.7))
+    assert read_trajectories(bag).centre == (34.65, -74.7)
+
+
+def test_fixes_that_do_not_agree_give_their_median_and_say_so(tmp_path):
+    bag = with_fixes(tmp_path / "b", ["/auv1/odom"], "/gps/fix", frame="map", drift=1000.0)
+    tracks = read_trajectories(bag)
+    north, east = LocalFrame(*CENTRE).to_local(*tracks.centre)
+    assert (float(north), float(east)) == pytest.approx((750.0, 0.0), abs=0.1)  # of 250, 750, 1250 m
+    assert any("3 satellite fixes that agree within 500 m" in note for note in tracks.notes)
+
+
+def test_receivers_without_a_fix_give_no_centre(tmp_path):
+    assert (
+        read_trajectories(with_fixes(tmp_path / "b", ["/auv1/odom"], "/gps/fix", solved=False)).centre is None
     )

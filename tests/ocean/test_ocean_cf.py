@@ -188,6 +188,23 @@ def curvilinear(data):
     )
 
 
+def terrain(data):
+    return attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1", "positive": "up"})(data)
+
+
+def nameless(data):
+    for name in ("thetao", "so", "uo", "vo"):
+        data[name].attrs.pop("standard_name")
+    return data
+
+
+BOTH = (
+    "its grid is curvilinear (nav_lat has two dimensions) and its levels follow the sea bed (deptht): neither is supported;"
+    " first regrid it to latitude and longitude (xesmf), with currents turned to east and north, and interpolate it to fixed"
+    " depths (xgcm, xroms)"
+)
+
+
 def staggered(data):
     east = xr.Variable("lon_u", LON + 0.2, {"units": "degrees_east"})
     return data.assign(uo=data["uo"].rename(longitude="lon_u").assign_coords(lon_u=east))
@@ -197,10 +214,18 @@ GRID_RELATIVE = attrs(
     uo={"standard_name": "sea_water_x_velocity"}, vo={"standard_name": "sea_water_y_velocity"}
 )
 REFUSED = {
-    "terrain": (attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}), "follows the sea bed"),
-    "sigma": (attrs(deptht={"formula_terms": "sigma: s eta: zeta"}), "follows the sea bed"),
+    "terrain": (attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}), "its levels follow the sea bed (deptht): this is not supported"),
+    "sigma": (attrs(deptht={"formula_terms": "sigma: s eta: zeta"}), "levels follow the sea bed"),
     "layers of density": (attrs(deptht={"standard_name": "sea_water_potential_density", "units": "kg m-3"}), "is no depth"),
-    "curvilinear": (curvilinear, "the grid is curvilinear; regrid"),
+    "curvilinear": (curvilinear, "its grid is curvilinear (nav_lat has two dimensions): this is not supported; first regrid"),
+    "curvilinear in s-levels": (lambda d: terrain(curvilinear(d)), BOTH),
+    "curvilinear in s-levels, without names": (lambda d: nameless(terrain(curvilinear(d))), BOTH),
+    "without names": (nameless, "found thetao (time_counter, deptht, latitude, longitude), so ("),
+    "salinity without a name": (
+        attrs(so={"standard_name": "salt"}),
+        ("no salinity; an ocean needs water_temp, salinity, water_u and water_v, or their CF standard names (HYCOM's ts3z and"
+        " uv3z files together); found thetao ("),
+    ),
     "rotated pole": (
         lambda d: d.assign(pole=((), 0, {"grid_mapping_name": "rotated_latitude_longitude"})),
         "rotated pole; regrid",

@@ -100,7 +100,9 @@ def test_longitudes_of_any_convention_are_put_in_a_row(tmp_path, small, conventi
 def test_a_time_is_chosen_among_several(tmp_path, small):
     path = as_file(tmp_path / "two.nc", small, times=("2020-01-01T00:00", "2020-01-01T03:00"))
     assert open_ocean(path, time="2020-01-01T03:00")["time"].values == np.datetime64("2020-01-01T03:00")
-    with pytest.raises(OceanError, match=r"2 times .*choose one"):
+    with pytest.raises(
+        OceanError, match=r'2 times .*choose one: --time 2020-01-01T00:00 .* time = "2020-01-01T00:00"'
+    ):
         open_ocean(path)
     with pytest.raises(OceanError, match=r"2020-02-01 is not in it; there is 2020-01-01T00:00"):
         open_ocean(path, time="2020-02-01")

@@ -5,9 +5,10 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import binom
 
 from pymantaray.replay.clocks import clock_table, reciprocity_table
-from pymantaray.replay.summary import summary_table
+from pymantaray.replay.summary import percentiles, summary_table
 from pymantaray.replay.switching import fit_clocks, switching_table, taken_candidates
 
 OFFSET = {"A": 2e-3, "B": -3e-3, "C": 0.5e-3, "D": 0.5e-3}
@@ -195,6 +196,22 @@ def test_intervals_draw_pairs_not_events():
         assert row["median_low_m"] < np.median(level) < row["median_high_m"]
     assert widths[1] == pytest.approx(widths[0], rel=0.3)
     assert widths[1] > 0.3
+
+
+def test_intervals_hold_95_percent_of_what_drawing_again_gives():
+    """
+    The median of n values drawn again from n is at most the k-th with a binomial probability, that of n // 2 + 1 draws or more
+    among the first k: so the ends of its 95 % interval are the first values at which it reaches 2.5 % and 97.5 %.
+    """
+    assert percentiles(np.arange(1001.0)[::-1]) == (25.0, 975.0)
+    n = 17  # of which the 5 % and the 95 % points are other values
+    values = np.sort(np.random.default_rng(1).gamma(2.0, 3.0, n))
+    at_most = binom.sf(n // 2, n, np.arange(1, n + 1) / n)
+    ends = [values[np.argmax(at_most >= p)] for p in (0.025, 0.975)]
+    assert ends != [values[np.argmax(at_most >= p)] for p in (0.05, 0.95)]
+    row = summary_table(summary_events(values, np.array([f"p{i}" for i in range(n)])), seed=5).iloc[0]
+    for name in ("median", "median_size"):
+        assert [row[f"{name}_low_m"], row[f"{name}_high_m"]] == pytest.approx(ends)
 
 
 def test_groups_are_few_whole_and_say_why_nothing_was_predicted():

@@ -92,6 +92,22 @@ def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look):
         assert f"{beyond:.0f} % beyond the axis" in look.texts(figure)
 
 
+def test_the_band_of_error_over_time_is_between_the_quartiles(look, records):
+    """Of ranks 0 to 100 the quartiles are 25 and 75."""
+    time = records.truth.time
+    ranks = np.random.default_rng(6).permutation(101)[:, None, None] + 1.0
+    values = ranks * np.array([1.0, 2.0, 5.0, 10.0])[:, None] * np.linspace(1.0, 3.0, time.size)
+    figure = look.draw(
+        error_over_time(time, list("ABCD"), {"straight": values}, np.zeros((4, time.size), bool), HEADER)
+    )
+    for axes, scale in zip(figure.axes, (1.0, 2.0, 5.0, 10.0), strict=False):
+        (band,) = axes.collections
+        corners = band.get_paths()[0].vertices
+        for hour, factor in ((0.0, 1.0), (time[-1] / 3600.0, 3.0)):
+            edge = corners[np.isclose(corners[:, 0], hour), 1]
+            assert [edge.min(), edge.max()] == pytest.approx([26.0 * scale * factor, 76.0 * scale * factor])
+
+
 def test_error_over_time_is_the_median_of_healthy_realizations(look, records):
     rng = np.random.default_rng(6)
     values = rng.gamma(3.0, 3.0, (5, 4, records.truth.time.size))

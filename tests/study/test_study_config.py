@@ -437,3 +437,28 @@ def test_overrides_replace_realizations_and_ocean(tmp_path, monkeypatch):
     assert config.ocean.files == (str(tmp_path / "x.nc"),)
     with pytest.raises(StudyError, match=r"quick: study\.realizations: found 0; allowed: 1 or more"):
         load_study("quick", realizations=0)
+
+
+def test_a_copy_is_checked_as_a_file_is():
+    quick = load_study("quick")
+    study = quick.model_copy(update={"noise": quick.noise.model_copy(update={"range_sigma": 50.0})})
+    assert study.noise.range_sigma == 50.0
+    assert study.model_fields_set == quick.model_fields_set | {"noise"}
+    assert quick.model_copy(update={"mission": {"duration_h": "8 h"}}).mission.duration_h == 8.0
+    assert quick.model_copy() == quick
+    for model, update, line in (
+        (
+            quick.noise,
+            {"rnge_sigma": 50.0},
+            r"NoiseSection: rnge_sigma: unknown key; did you mean range_sigma\?",
+        ),
+        (
+            quick.noise,
+            {"range_sigma": -1.0},
+            r"NoiseSection: range_sigma: found -1\.0; allowed: greater than 0",
+        ),
+        (quick, {"nose": 1}, r"StudyConfig: nose: unknown key; did you mean noise\?"),
+        (quick.mission, {"duration_h": "long"}, "MissionSection: duration_h: .*'long'"),
+        (quick.ocean, {"centre_latitude_deg": 1.0, "centre_longitude_deg": None}, "must be given together"),
+    ):
+        refused(StudyError, line, model.model_copy, update=update)

@@ -397,6 +397,17 @@ def test_a_cast_is_the_same_water_everywhere_over_the_studys_sea_floor(day, beli
     np.testing.assert_allclose(there, here, rtol=0.01)
 
 
+def test_a_cast_whose_file_names_no_place_is_believed_too(day, beliefs, tmp_path):
+    placed = f"# lat {day.config.ocean.centre[0]}, lon {day.config.ocean.centre[1]}\n"
+    table = CAST.split("\n", 1)[1].replace("depth [m]", "pressure")
+    for name, text in (("without", table), ("with", placed + table)):
+        (tmp_path / f"{name}.csv").write_text(text)
+    without, named = (
+        beliefs.believed(file_belief(tmp_path / f"{name}.csv"), 0) for name in ("without", "with")
+    )
+    np.testing.assert_array_equal(without.medium.sound_speed, named.medium.sound_speed)
+
+
 def test_what_from_cast_writes_is_believed_within_its_window(day, beliefs, tmp_path):
     (tmp_path / "cast.csv").write_text(CAST)
     lat, lon = day.config.ocean.centre

@@ -84,7 +84,7 @@ def test_evo_reads_kitti(run, exported, poses):
     interface = pytest.importorskip("evo.tools.file_interface")
     out = exported("kitti")
     assert names_in(out) == sorted(
-        [*(f"{c}-{a}.txt" for c, a in poses), *(f"times-{a}.txt" for a in run.truth.name)]
+        ["frame.json", *(f"{c}-{a}.txt" for c, a in poses), *(f"times-{a}.txt" for a in run.truth.name)]
     )
     for (condition, agent), (position, quaternion) in poses.items():
         read = interface.read_kitti_poses_file(out / f"{condition}-{agent}.txt")
@@ -99,7 +99,7 @@ def test_pandas_reads_tables_whose_columns_say_their_units(run, exported, to):
     if to == "parquet":
         pytest.importorskip("pyarrow")
     out = exported(to)
-    assert names_in(out) == [f"errors.{to}", f"ranges.{to}", f"trajectories.{to}"]
+    assert names_in(out) == [f"errors.{to}", "frame.json", f"ranges.{to}", f"trajectories.{to}"]
     read = {
         name: pd.read_csv(out / f"{name}.csv", dtype=str)
         if to == "csv"
@@ -129,7 +129,7 @@ def test_gtsam_reads_the_poses_and_odometry_of_g2o(run, exported, poses):
     import gtsam
 
     out = exported("g2o")
-    assert names_in(out) == ["refracted.g2o", "straight-all.g2o", "straight.g2o"]
+    assert names_in(out) == ["frame.json", "refracted.g2o", "straight-all.g2o", "straight.g2o"]
     graph, values = gtsam.readG2o(str(out / "refracted.g2o"), True)
     n_agents, n = run.truth.status.shape
     assert (values.size(), graph.size()) == (n_agents * n, n_agents * (n - 1))
@@ -256,6 +256,8 @@ def test_messages_of_ros_are_the_runs_in_the_axes_of_ros(run, exported, poses, t
     np.testing.assert_array_equal(
         [[f.latitude, f.longitude, -f.altitude] for f in fixes], here[["latitude", "longitude", "down"]]
     )
+    ((_, origin),) = topics["/map/fix"]
+    assert (origin.header.frame_id, origin.latitude, origin.longitude) == ("map", 74.5, -140.0)
     ranges = run.ranges(REALIZATION).query("status == 'OK'")
     for (transmitter, receiver), rows in ranges.groupby(["transmitter", "receiver"]):
         heard = topics.pop(f"/ranges/{transmitter}/{receiver}")

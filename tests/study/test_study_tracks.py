@@ -21,9 +21,12 @@ from pymantaray import (
     range_error_table,
     run_study,
 )
-from pymantaray.errors import MantaRayError, StudyError
-from pymantaray.records import RayStatus, VehicleStatus
+from pymantaray.errors import ExchangeError, MantaRayError, StudyError
+from pymantaray.exchange.centre import centre_beside
+from pymantaray.ocean import open_ocean
+from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
 from pymantaray.study import parse_study
+from pymantaray.study.export import export_run
 from pymantaray.study.tracks import with_tracks
 
 OCEAN = {
@@ -364,3 +367,96 @@ def test_a_name_that_nobody_has_is_refused_before_anything_is_done(where, table,
     )
     assert not stages
     assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory):
+    """A run whose frame's centre is 60 km from the middle of its ocean."""
+    tree = {**TINY, "study": {"name": "elsewhere", "conditions": ["straight"], "realizations": 1}}
+    tree["ocean"] = {**OCEAN, "centre_latitude_deg": 74.1, "centre_longitude_deg": -141.5}
+    return run_study(parse_study(tree), tmp_path_factory.mktemp("elsewhere") / "run", workers=1)
+
+
+@pytest.mark.parametrize(
+    ("to", "files"),
+    [("tum", "truth-*.tum"), ("cf", "truth.nc"), ("csv", "trajectories.csv"), ("parquet", "trajectories.parquet"),
+     ("bag", ""), ("mcap", "")],
+)  # fmt: skip
+def test_an_exported_run_comes_back_into_the_same_water(elsewhere, tmp_path, to, files):
+    if to in ("bag", "mcap"):
+        pytest.importorskip("rosbags")
+    made = export_run(elsewhere, to, tmp_path / ("run.mcap" if to == "mcap" else "run"))
+    source = f"{made}/{files}" if files else made
+    marks = [mark.model_dump() for mark in elsewhere.config.landmarks]
+    extent = {key: OCEAN[key] for key in ("source", "half_extent_north", "half_extent_east")}
+    back = measure(source, extent, 3600.0, landmarks=marks)
+    assert back.config.ocean.centre == (74.1, -141.5)
+    names = [name.removeprefix("truth-") for name in back.truth.name.tolist()]
+    assert names == elsewhere.truth.name.tolist()
+    one, other = (
+        run.ranges().replace("^truth-", "", regex=True).sort_values(["time", "transmitter", "receiver"])
+        for run in (elsewhere, back)
+    )
+    assert one["status"].tolist() == other["status"].tolist()
+    np.testing.assert_allclose(other["refracted_range"], one["refracted_range"], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(other["sound_speed"], one["sound_speed"], rtol=1e-12)
+
+
+@pytest.mark.parametrize("to", ["kitti", "g2o", "pyfg"])
+def test_formats_without_room_for_a_centre_have_it_beside_them(elsewhere, tmp_path, to):
+    folder = export_run(elsewhere, to, tmp_path / "run")
+    assert centre_beside(next(folder.glob("*.*"))) == (74.1, -141.5)
+
+
+def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
+    """Local positions of a table without a centre: the middle of the ocean is taken, and a line says so."""
+    run = measure(table, "synthetic:beaufort", 1800.0)
+    centre = (run.ocean.attrs["centre_latitude_deg"], run.ocean.attrs["centre_longitude_deg"])
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert line.startswith(f"{table}: positions are local and no file names the centre of their frame")
+    for part in centre:
+        assert f"{abs(round(part, 3)):g} {'N' if part > 0 else 'W'}" in line
+    assert "--centre" in line
+    assert "ocean.centre_latitude_deg" in line
+    caplog.clear()
+    measure(table, OCEAN, 1800.0)
+    named = tmp_path / "named.csv"
+    head = "# centre_latitude_deg = 74.2\n# centre_longitude_deg: -140.5\n"
+    named.write_text(head + table.read_text())
+    assert measure(named, "synthetic:beaufort", 1800.0).config.ocean.centre == (74.2, -140.5)
+    assert not caplog.records
+    named.write_text(head.replace("74.2", "north") + table.read_text())
+    refused(
+        ExchangeError,
+        "named.csv: found centre_latitude_deg 'north', .* must both be given in degrees",
+        measure,
+        named,
+        "synthetic:beaufort",
+        1800.0,
+    )
+
+
+def test_a_run_of_local_positions_says_in_its_manifest_where_they_were_placed(table, tmp_path):
+    tree = {"study": {"name": "r", "conditions": []}, "ocean": {"source": "synthetic:beaufort"}}
+    tree |= {"fleet": {"trajectories": str(table)}, "mission": {"ping_interval_h": 1.0}}
+    config = parse_study(tree)
+    assert "own vehicles, as long as their trajectories, 25" in repr(config)
+    run = run_study(config, tmp_path / "run", workers=1)
+    (note,) = [n for n in run.manifest["fleet"]["notes"] if "the middle of the ocean was taken" in n]
+    assert f"{run.ocean.attrs['centre_latitude_deg']:g} N" in note
+
+
+def test_ranges_need_no_currents_unless_they_carry_sound(table, tmp_path):
+    ocean = open_ocean("synthetic:beaufort", window=(74.2, 74.8, -141.0, -139.0))
+    write_netcdf(ocean[["water_temp", "salinity"]], tmp_path / "still.nc")
+    section = {
+        **OCEAN,
+        "source": str(tmp_path / "still.nc"),
+        "half_extent_north": 8e3,
+        "half_extent_east": 8e3,
+    }
+    assert measure(table, section, 1800.0).measurements.range_status.size
+    for more, sections in (({}, {"acoustics": {"currents": True}}), ({"currents": "required"}, {})):
+        refused(
+            MantaRayError, "no water_u and no water_v", measure, table, section | more, 1800.0, **sections
+        )

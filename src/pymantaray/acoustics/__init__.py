@@ -14,6 +14,7 @@ from pymantaray.acoustics.paths import (
     trace_paths,
     travel_time_sensitivity,
 )
+from pymantaray.acoustics.profile_files import write_asvp, write_profiles
 from pymantaray.acoustics.profiles import read_profile, read_profiles, smooth_profile, thin_profile
 from pymantaray.acoustics.selection import Rule, choose_arrivals, select
 from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
@@ -48,4 +49,6 @@ __all__ = [
     "trace_paths",
     "transmission_loss",
     "travel_time_sensitivity",
+    "write_asvp",
+    "write_profiles",
 ]

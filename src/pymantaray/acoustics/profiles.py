@@ -14,10 +14,11 @@ from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry.checks import check_number, checked_array, told_apart
 
 if TYPE_CHECKING:
-    from pymantaray.ocean.cast import CastTable
+    from pymantaray.ocean.cast import Cast, CastTable
 
 Array = NDArray[np.float64]
 _RAW_SPACING = 2.0  # m
+_POSSIBLE_SPEEDS = (1300.0, 1800.0)  # m/s, in any sea
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
 _REACH = 4.0  # standard deviations at which the weights are cut off
 
@@ -36,6 +37,8 @@ class Profile(NamedTuple):
     """In-situ temperature [degC] and practical salinity of all levels, None where the table lacks one."""
     notes: tuple[str, ...]
     """What is doubtful about it."""
+    place: tuple[float, float] | None = None
+    """Latitude and longitude that the file or the caller names. [degrees]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +69,7 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
     """
     Sound speed of a profile or a cast in a table, by TEOS-10 if the file does not have it.
 
-    A CSV with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical ``salinity``; the names
+    A file of casts as `pymantaray.ocean.read_cast` takes it, or one of sound speed alone, such as a Kongsberg ``.asvp``. A CSV with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical ``salinity``; the names
     may end in their units as in ``depth_m``. The position, latitude and longitude [degrees], is by default that of a comment
     line with ``lat ...`` and ``lon ...``. What is missing, or a depth that does not increase, is refused by its line.
     """
@@ -79,10 +82,12 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
 
 def read_profiles(path: str | Path, position: tuple[float, float] | None = None) -> list[Profile]:
     """Read all profiles of a table, one a station, each as `read_profile` does; each has its name and, if the table says it, its time."""
-    from pymantaray.ocean.cast import read_cast_table
+    from pymantaray.ocean.casts import cast_tables, holds_argo, read_casts
 
     try:
-        tables = read_cast_table(path).casts()
+        if holds_argo(path):
+            return [_of_cast(cast) for cast in read_casts(path)]
+        tables = cast_tables(Path(path))
         return [_profile(table, name or Path(path).stem, position) for name, table in tables.items()]
     except OceanError as error:
         raise AcousticsError(str(error)) from None
@@ -94,6 +99,8 @@ def _profile(table: "CastTable", name: str, position: tuple[float, float] | None
     from pymantaray.ocean.casts import cast_place, cast_time
     from pymantaray.ocean.seawater import freezing_notes, sound_speed
 
+    if table.instrument:
+        return _raw_profile(table, name, position)
     has_speed, has_water = table.has("sound_speed"), table.has("temperature", "salinity")
     vertical = "depth" if table.has("depth") else "pressure"
     there = {"depth": table.has(vertical), "sound_speed": has_speed or has_water}
@@ -128,7 +135,39 @@ def _profile(table: "CastTable", name: str, position: tuple[float, float] | None
         time, _ = cast_time(table)
     except OceanError:  # matters only where casts are chosen by it
         time = np.datetime64("NaT", "ns")
-    return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes)
+    place = (lat, lon) if np.isfinite(lat) else None
+    return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes, place)
+
+
+def _of_cast(cast: "Cast") -> Profile:
+    """Profile of a cast whose sound speed is computed."""
+    place, water = (cast.lat, cast.lon), (cast.temperature, cast.salinity)
+    return Profile(cast.depth, cast.sound_speed(), place, cast.name, cast.time, water, cast.notes, place)
+
+
+def _raw_profile(table: "CastTable", name: str, position: tuple[float, float] | None) -> Profile:
+    """Profile of an instrument's file or a data set: rows downward that are whole and possible, by its own sound speed if it has one."""
+    import gsw
+
+    from pymantaray.ocean.cast import usable_rows
+    from pymantaray.ocean.casts import cast_of_table, cast_place, cast_time
+
+    if not table.has("sound_speed"):
+        return _of_cast(cast_of_table(table, name, _place(table, position), None))
+    has_depth = table.has("depth")
+    place = (position or cast_place(table)) if has_depth else _place(table, position)
+    depth = table.values("depth" if has_depth else "pressure")
+    if not has_depth and place is not None:
+        depth = np.asarray(-gsw.z_from_p(depth, place[0]), dtype=float)
+    speed = table.values("sound_speed")
+    rows, notes, _ = usable_rows(depth, [(speed, _POSSIBLE_SPEEDS)], notes=table.notes, where=str(table.path))
+    water = None
+    if table.has("temperature", "salinity"):
+        t, s = (table.values(quantity)[rows] for quantity in ("temperature", "salinity"))
+        water = (t, s) if np.isfinite(t).all() and np.isfinite(s).all() else None
+    time, _ = cast_time(table)
+    computed = None if has_depth else place
+    return Profile(depth[rows], speed[rows], computed, name, time, water, tuple(notes), place)
 
 
 def is_raw_cast(depth: ArrayLike) -> bool:

@@ -27,6 +27,7 @@ from pymantaray.errors import OceanError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pymantaray.acoustics.profiles import Profile
     from pymantaray.config import SoundConfig
     from pymantaray.ocean.check import Findings
 
@@ -46,8 +47,12 @@ Files = Annotated[
     ),
 ]
 Ocean = Annotated[str, typer.Argument(metavar="OCEAN", help="As for show.")]
-Cast = Annotated[Path, typer.Argument(metavar="CAST", help="CSV table or Argo NetCDF file.")]
-Casts = Annotated[list[Path], typer.Argument(metavar="CASTS...", help="CSV tables or Argo NetCDF files.")]
+Cast = Annotated[
+    Path, typer.Argument(metavar="CAST", help="A table, an instrument's file, Argo or CF profiles.")
+]
+Casts = Annotated[
+    list[Path], typer.Argument(metavar="CASTS...", help="Tables, instruments' files, Argo or CF profiles.")
+]
 Out = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
 CastTime = Annotated[str | None, typer.Option("--time", help="Instant (UTC), as 2014-07-24T19:20.")]
 Equation = Annotated[
@@ -268,6 +273,65 @@ def from_cast(
         equation=equation,
     )
     _write(ocean, out)
+
+
+@app.command("convert-cast")
+def convert_cast(
+    cast: Cast,
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", help="A Kongsberg .asvp, or a CF data set of profiles (.nc).")
+    ],
+    lat: Annotated[
+        float | None, typer.Option("--lat", help="The cast's latitude, if its file has none, in degrees.")
+    ] = None,
+    lon: Annotated[
+        float | None, typer.Option("--lon", help="The cast's longitude, if its file has none, in degrees.")
+    ] = None,
+    time: CastTime = None,
+    name: Annotated[
+        str | None, typer.Option("--name", help="The cast to take, if the file holds several.")
+    ] = None,
+    thin: Annotated[
+        float | None,
+        typer.Option(
+            "--thin", metavar="M/S", help="Leave out levels of which straight lines keep within this."
+        ),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Write casts as profiles of sound speed for other programs."""
+    check_output(out, [".asvp", ".nc"], inputs=[cast], force=force)
+    from pymantaray.acoustics import read_profiles, write_asvp, write_profiles
+    from pymantaray.ocean.convert import parse_instant
+
+    if (lat is None) != (lon is None):
+        raise OceanError("--lat and --lon: the one needs the other")
+    profiles = read_profiles(cast, None if lat is None or lon is None else (lat, lon))
+    names = ", ".join(p.name for p in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
+    if name is not None:
+        profiles = [p for p in profiles if p.name == name]
+    if not profiles or (out.suffix == ".asvp" and len(profiles) > 1):
+        wanted = f"no cast {name!r}" if not profiles else f"{len(profiles)} casts, of which .asvp takes one"
+        raise OceanError(f"{cast}: {wanted}; there is {names}: choose one by --name")
+    if time is not None:
+        profiles = [p._replace(time=parse_instant(time)) for p in profiles]
+    if thin is not None:
+        profiles = [_thinned(p, thin) for p in profiles]
+    if out.suffix == ".asvp":
+        write_asvp(out, profiles[0])
+    else:
+        write_profiles(out, profiles)
+    for note in dict.fromkeys(note for p in profiles for note in p.notes):
+        typer.echo(f"{cast}: {note}", err=True)
+    typer.echo(str(out))
+
+
+def _thinned(profile: "Profile", tolerance: float) -> "Profile":
+    """Levels that straight lines need to stay within a tolerance of all. [m/s]"""
+    from pymantaray.acoustics import thin_profile
+
+    few = thin_profile(profile.depth, profile.sound_speed, tolerance=tolerance, interpolation="linear")
+    return profile._replace(depth=few.depth, sound_speed=few.sound_speed, water=None)
 
 
 @app.command()

@@ -239,8 +239,8 @@ class OceanOptions:
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="A profile or cast: depth (m) or pressure (dbar), and sound_speed (m/s) or temperature (degC) and"
-            " salinity; needs --sea-floor.",
+            help="A profile or cast: a table with depth (m) or pressure (dbar), and sound_speed (m/s) or temperature"
+            " (degC) and salinity, an instrument's file, Argo or CF profiles; needs --sea-floor.",
         ),
     ] = None
 

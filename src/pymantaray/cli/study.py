@@ -70,8 +70,9 @@ def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
     """Print all keys of a preset or a file, its base included, and what they mean; keys at their defaults are commented out."""
     from pymantaray.config.text import commented_toml
     from pymantaray.study import load_study
+    from pymantaray.study.tracks import with_tracks
 
-    config = load_study(study, **changes_of(changes))
+    config = with_tracks(load_study(study, **changes_of(changes)))
     with printer(as_json=as_json) as out:
         out.line(commented_toml(config).removesuffix("\n"), **config.model_dump(mode="json"))
 

@@ -99,7 +99,11 @@ def _one_is_enough(value: object) -> object:
     return (value,) if isinstance(value, str) else value
 
 
-InputFiles = Annotated[tuple[InputFile, ...], BeforeValidator(_one_is_enough), Field(strict=False)]
+InputFiles = Annotated[
+    tuple[InputFile, ...],
+    BeforeValidator(_one_is_enough, json_schema_input_type=str | tuple[str, ...]),
+    Field(strict=False),
+]
 OceanSource = Annotated[InputFiles, Field(min_length=1)]
 """What `open_ocean` takes: a file, several that belong together, or the name of a synthetic ocean."""
 
@@ -125,6 +129,34 @@ class Section(BaseModel):
             return tree
         empty = {key for key, field in cls.model_fields.items() if field.default in (None, ())}
         return {key: value for key, value in tree.items() if not (key in empty and _is_none(value))}
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """
+        Copy the section; unlike pydantic's own method this checks changed keys and values as those of a file.
+
+        Parameters
+        ----------
+        update : mapping, optional
+            New values by key.
+        deep : bool
+            Whether values are copied too.
+
+        Returns
+        -------
+        Section
+
+        Raises
+        ------
+        StudyError
+            If a key is unknown or a value is not allowed; one line per finding.
+        """
+        copy = super().model_copy(deep=deep)
+        if not update:
+            return copy
+        from pymantaray.config.checks import parse  # which imports this module
+
+        own = {key: getattr(copy, key) for key in copy.model_fields_set}
+        return parse(type(self), {**own, **update}, type(self).__name__, None)
 
 
 def _is_none(value: object) -> bool:

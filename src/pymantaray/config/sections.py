@@ -471,7 +471,7 @@ class MissionSection(Section):
     """
 
     duration_h: Hours[PositiveFloat] = 168.0
-    """Time from the first sample to the last. [h]"""
+    """Time from the first sample to the last; with trajectories, their own unless given. [h]"""
     physics_step_s: Seconds[PositiveFloat] = 0.125
     """Step of the vehicles' motion. [s]"""
     sampling_period_s: Seconds[PositiveFloat] = 200.0
@@ -721,8 +721,10 @@ class StudyConfig(SoundConfig):
 
     def __repr__(self) -> str:
         """Give a line; `study_toml` gives all."""
+        own = self.fleet.trajectories and "duration_h" not in self.mission.model_fields_set
+        lasts = "as long as their trajectories" if own else f"{self.mission.duration_h:g} h"
         return (
-            f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles) or 'own'} vehicles, {self.mission.duration_h:g} h,"
+            f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles) or 'own'} vehicles, {lasts},"
             f" {self.study.realizations} realizations, ocean {', '.join(self.ocean.source)}>"
         )
 

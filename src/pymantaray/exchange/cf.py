@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pymantaray.errors import ExchangeError, OceanError
+from pymantaray.exchange.centre import centre_attributes, centre_of_names
 from pymantaray.exchange.recording import Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses, geodetic, level
+from pymantaray.ocean.cf_profiles import instance_of_rows, labels_of
 from pymantaray.ocean.convert import decoded_times, to_our_unit
 from pymantaray.ocean.files import numbers, open_file, text, unreadable
 from pymantaray.records import NETCDF_LOCK, write_netcdf
@@ -60,6 +62,7 @@ class _Reader:
 
     def __init__(self, data: xr.Dataset, path: Path) -> None:
         self._data, self._path, self._notes = data, path, list[str]()
+        self._centre = centre_of_names(data.attrs, path)
         self._names = {quantity: self._candidates(quantity) for quantity in _QUANTITIES}
         for needed in ("time", "latitude", "longitude"):
             if not self._names[needed]:
@@ -176,7 +179,7 @@ class _Reader:
         ids = self._identifiers()
         if len(shape) == 2:
             return [(self._name(ids, k), (k, slice(None))) for k in range(shape[0])]
-        of_row = self._index(dims[0])
+        of_row = instance_of_rows(self._data, dims[0], self._path)
         if of_row is None:
             if ids is not None and ids.shape == shape and shape[0] > 1:  # every row says whose it is
                 return [(str(one), np.flatnonzero(ids == one)) for one in dict.fromkeys(ids.tolist())]
@@ -184,23 +187,6 @@ class _Reader:
         return [
             (self._name(ids, int(k)), np.flatnonzero(of_row == k)) for k in np.unique(of_row[of_row >= 0])
         ]
-
-    def _index(self, dim: str) -> NDArray[np.int64] | None:
-        """Number of the trajectory of each row of a ragged array; None for one trajectory."""
-        size = self._data.sizes[dim]
-        for name, variable in self._data.variables.items():
-            if variable.attrs.get("sample_dimension") == dim:
-                counts = np.nan_to_num(numbers(self._data, str(name))).astype(np.int64)
-                if counts.min(initial=0) < 0 or counts.sum() > size:
-                    raise ExchangeError(
-                        f"{self._path}: {name} counts {counts.sum()} rows, there are {size} along {dim}"
-                    )
-                return np.pad(
-                    np.repeat(np.arange(counts.size), counts), (0, size - counts.sum()), constant_values=-1
-                )
-            if "instance_dimension" in variable.attrs and variable.dims == (dim,):
-                return np.nan_to_num(numbers(self._data, str(name)), nan=-1).astype(np.int64)
-        return None
 
     def _identifiers(self) -> NDArray[Any] | None:
         """Names that the file gives its trajectories."""
@@ -214,16 +200,7 @@ class _Reader:
             )
         if name is None:
             return None
-        variable = self._data.variables[name]
-        raw = np.asarray(variable.values)
-        if raw.dtype.kind == "f" and np.array_equal(raw, np.round(raw)):
-            raw = raw.astype(np.int64)
-        cells = [
-            c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c) for c in raw.ravel().tolist()
-        ]
-        if raw.dtype.kind in "SUO" and "str" in str(variable.dims[-1:]).lower():  # letters along it
-            cells = ["".join(row) for row in np.array(cells).reshape(-1, raw.shape[-1])]
-        return np.array([c.strip("\0 ") for c in cells], dtype=object)
+        return labels_of(self._data.variables[name])
 
     def _name(self, ids: NDArray[Any] | None, k: int) -> str:
         if ids is None or k >= ids.size or not ids[k]:
@@ -266,7 +243,7 @@ class _Reader:
         )
         lines = [column[within] for column in whole]
         attitude = level(*lines[3:]) if lines[3:] else None
-        return Poses(name, dates, np.column_stack(lines[:3]), attitude, True, str(self._path))
+        return Poses(name, dates, np.column_stack(lines[:3]), attitude, True, str(self._path), self._centre)
 
 
 _VARIABLES = {
@@ -309,7 +286,11 @@ def write_cf(recording: Recording, folder: Path) -> None:
             columns[:, k, : p.samples.size] = _columns(geodetic(local, truth.frame))
         data = xr.Dataset(
             {"trajectory": ("trajectory", [p.agent for p in fleet], {"cf_role": "trajectory_id"})},
-            attrs={"title": f"{recording.name}: {condition}", "featureType": "trajectory"},
+            attrs={
+                "title": f"{recording.name}: {condition}",
+                "featureType": "trajectory",
+                **centre_attributes(truth.centre),
+            },
         )
         data["trajectory"].encoding["dtype"] = "S1"
         for (name, standard), values in zip(_VARIABLES.items(), columns, strict=True):

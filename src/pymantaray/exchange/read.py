@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pymantaray.errors import ExchangeError, OceanError, RecordError
+from pymantaray.exchange.centre import centre_beside
 from pymantaray.exchange.cf import read_cf
 from pymantaray.exchange.rosbag import read_bag
 from pymantaray.exchange.table import read_table
@@ -44,7 +45,7 @@ def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
     notes: list[str] = []
     for path in paths:
         own, told = _reader(path)(path) if path.suffix.lower() != ".tum" else (read_tum(path, enu=enu), [])
-        poses += own
+        poses += [p if p.centre is not None else p._replace(centre=centre_beside(path)) for p in own]
         notes += told
     return Tracks.of(poses, notes)
 

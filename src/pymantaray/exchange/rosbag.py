@@ -6,7 +6,7 @@ World and body have the axes of REP 103, `swap_enu` turning them both ways, fram
 
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ import numpy as np
 
 from pymantaray.errors import ExchangeError
 from pymantaray.exchange.bag_limits import check_count, limited_unpacking
+from pymantaray.exchange.fixes import Fixes, centre_from_fixes, origin_of_frame
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.recording import TRUTH, Array, Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses
@@ -22,6 +23,8 @@ from pymantaray.exchange.tracks import Poses
 MAP = "map"
 _POSE = "geometry_msgs/msg/PoseStamped"
 _POSES = {"nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped", _POSE}
+_FIX = "sensor_msgs/msg/NavSatFix"
+_ORIGIN = f"/{MAP}/fix"
 _TRUE = re.compile(f"/{TRUTH}/[^/]+/pose")
 _UNIX = 1e8  # s; later stamps are dates, earlier ones a simulation's clock
 
@@ -35,6 +38,9 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     east, north, up about the local frame's centre, bodies forward, left, up (REP-103); a frame whose name ends in ``ned`` is
     north, east, down, a child frame's in ``frd`` forward, right, down. Times are those of the headers. Of a run that
     `write_bag` wrote the true poses are read.
+
+    Satellite fixes (``NavSatFix``) give the centre of the frame: those in the frame of the poses are its origin, those of a
+    vehicle are compared with its poses. A fix belongs to the vehicle whose name is a part of its topic.
     """
     files = [path]
     if path.is_dir() and path.suffix == ".bag":  # which the library takes for a file of ROS 1
@@ -55,13 +61,18 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
         raise ExchangeError(f'{path}: reading bags needs the extra; pip install "pymantaray[ros]"') from None
     store = get_typestore(Stores.ROS2_HUMBLE)
     rows: dict[str, list[tuple[Any, ...]]] = {}
+    located: dict[str, list[tuple[Any, ...]]] = {}
     try:
         with limited_unpacking(), AnyReader(files, default_typestore=store) as bag:
-            topics = [c for c in bag.connections if c.msgtype in _POSES]
+            topics = [c for c in bag.connections if c.msgtype in _POSES or c.msgtype == _FIX]
             messages = bag.messages(connections=topics) if topics else []
             for count, (connection, _, raw) in enumerate(messages, 1):
                 check_count(count)
-                rows.setdefault(connection.topic, []).append(_row(bag.deserialize(raw, connection.msgtype)))
+                message = bag.deserialize(raw, connection.msgtype)
+                if connection.msgtype == _FIX:
+                    located.setdefault(connection.topic, []).append(_fix_row(message))
+                else:
+                    rows.setdefault(connection.topic, []).append(_row(message))
             others = sorted({c.msgtype for c in bag.connections})
     except ExchangeError as error:
         raise ExchangeError(f"{path}: {error}") from None
@@ -75,9 +86,62 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     if true:  # an exported run, whose estimates are none
         left = len(rows) - len(true)
         notes = [f"{path}: topics of poses beside /{TRUTH} left out: {left}"] if left else []
-        return [_poses(topic.split("/")[2], values, path) for topic, values in true.items()], notes
-    names = _names(list(rows))
-    return [_poses(name, values, path) for name, values in zip(names, rows.values(), strict=True)], []
+        names, rows = [topic.split("/")[2] for topic in true], true
+    else:
+        names, notes = _names(list(rows)), []
+    tracks = [_poses(name, values, path) for name, values in zip(names, rows.values(), strict=True)]
+    return _with_centres(tracks, list(rows.values()), located, notes)
+
+
+def _with_centres(
+    tracks: list[Poses],
+    rows: list[list[tuple[Any, ...]]],
+    located: dict[str, list[tuple[Any, ...]]],
+    notes: list[str],
+) -> tuple[list[Poses], list[str]]:
+    """Tracks whose frames have the centres that satellite fixes give, and notes."""
+    fixes = {topic: _fixes(values) for topic, values in located.items()}
+    frames = [values[0][3] for values in rows]
+    out = list(tracks)
+    for frame in dict.fromkeys(frames):
+        own = [k for k, name in enumerate(frames) if name == frame]
+        centred = origin_of_frame([f for f in fixes.values() if f.frame == frame and f.time.size])
+        if centred is None:
+            centred = centre_from_fixes([
+                (np.array([row[0] for row in rows[k]]), tracks[k].place, f)
+                for k in own
+                for topic, f in fixes.items()
+                if len(tracks) == 1 or tracks[k].name in topic.split("/")
+            ])  # fmt: skip
+            if centred is None:
+                continue
+            lat, lon = centred.centre
+            note = (
+                f"{tracks[own[0]].file}: centre of frame {frame!r}: {lat:.6f}, {lon:.6f} (lat, lon), from {centred.fixes}"
+                f" satellite fixes that agree within {centred.spread:.3g} m"
+            )
+            notes = [*notes, note]
+        for k in own:
+            out[k] = tracks[k]._replace(centre=centred.centre)
+    return out, notes
+
+
+def _fix_row(message: Any) -> tuple[Any, ...]:
+    stamp, m = message.header.stamp, message
+    solved = m.status.status >= 0  # -1: no fix
+    return (
+        stamp.sec * 1_000_000_000 + stamp.nanosec,
+        m.latitude if solved else np.nan,
+        m.longitude,
+        m.header.frame_id,
+    )
+
+
+def _fixes(rows: list[tuple[Any, ...]]) -> Fixes:
+    nanoseconds, latitude, longitude, frames = zip(*rows, strict=True)
+    lat, lon = np.array(latitude, dtype=float), np.array(longitude, dtype=float)
+    known = (np.abs(lat) <= 90.0) & np.isfinite(lon)
+    return Fixes(np.array(nanoseconds, dtype=np.int64)[known], lat[known], lon[known], frames[0])
 
 
 def _names(topics: list[str]) -> list[str]:
@@ -145,7 +209,7 @@ def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None
     Write a recording as files of a ROS 2 bag, SQLite's or MCAP's, into an empty folder.
 
     ``/<condition>/<vehicle>/pose`` and ``path`` hold the truth's and the estimates' poses in the frame ``map`` (east, north, up;
-    body forward, left, up), ``/truth/<vehicle>/fix`` latitudes and longitudes, ``/tf`` true poses of ``<vehicle>/base_link``,
+    body forward, left, up), ``/truth/<vehicle>/fix`` latitudes and longitudes, ``/map/fix`` those of the frame's centre, ``/tf`` true poses of ``<vehicle>/base_link``,
     ``/tf_static`` landmarks, ``/ranges/<transmitter>/<receiver>`` refracted ranges as measured. Times are dates, or
     seconds since the start where the mission has no date.
 
@@ -168,7 +232,8 @@ def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None
         with Writer(bag, version=8, storage_plugin=plugin) as writer:
             for topic, kind, nanoseconds, content in _Messages(recording, store.types):
                 if topic not in connections:
-                    qos = [_latched()] if topic == "/tf_static" or topic.endswith("/path") else []
+                    once = topic in ("/tf_static", _ORIGIN) or topic.endswith("/path")
+                    qos = [_latched()] if once else []
                     connections[topic] = writer.add_connection(
                         topic, kind, typestore=store, offered_qos_profiles=qos
                     )
@@ -218,7 +283,7 @@ class _Messages:
                 pose = self._pose(*track.poses[k])
                 yield self._message(f"{track.topic}/pose", _POSE, k, MAP, pose=pose)
                 if k in track.fixes:
-                    yield self._fix(track, k)
+                    yield self._fix(f"{track.topic}/fix", track.frame, k, track.fixes[k].tolist())
             for row in heard[first[k] : first[k + 1]]:
                 yield self._range(int(row), k)
 
@@ -246,6 +311,8 @@ class _Messages:
             (self._names[name], place, level)
             for name, place in zip(marks, swap_enu(self._recording.landmarks), strict=True)
         ])  # fmt: skip
+        if (frame := self._recording.truth.frame) is not None:
+            yield self._fix(_ORIGIN, MAP, 0, (frame.latitude_deg, frame.longitude_deg, 0.0))
         for track in tracks:
             stamped = [
                 self._make(_POSE, header=self._header(k, MAP), pose=self._pose(*pose))
@@ -253,13 +320,14 @@ class _Messages:
             ]
             yield self._message(f"{track.topic}/path", "nav_msgs/msg/Path", 0, MAP, poses=stamped)
 
-    def _fix(self, track: _Track, k: int) -> _Message:
-        latitude, longitude, altitude = track.fixes[k].tolist()
+    def _fix(self, topic: str, frame: str, k: int, place: Sequence[float]) -> _Message:
+        """Latitude, longitude [degrees] and altitude [m] of a frame's origin."""
+        latitude, longitude, altitude = place
         return self._message(
-            f"{track.topic}/fix",
-            "sensor_msgs/msg/NavSatFix",
+            topic,
+            _FIX,
             k,
-            track.frame,
+            frame,
             status=self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
             latitude=latitude,
             longitude=longitude,

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.errors import ExchangeError, RecordError, SensingError
+from pymantaray.exchange.centre import centre_in_comments
 from pymantaray.exchange.recording import TRUTH
 from pymantaray.exchange.tracks import Poses, about_down, level
 from pymantaray.records.text_table import TextTable, read_text_table
@@ -82,11 +83,11 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
     if place[0] == "lat" and "convergence" in there:  # attitudes are to a frame's north
         quaternion = about_down(quaternion, -_numbers(table, factors, ["convergence"])[:, 0])
     names = _vehicles(table) if "vehicle" in there else np.full(time.size, path.stem)
-    poses = []
+    poses, centre = [], centre_in_comments(table.comments, path)
     for name in dict.fromkeys(names.tolist()):
         rows = names == name
         attitude = None if quaternion is None else quaternion[rows]
-        poses.append(Poses(name, time[rows], place_of[rows], attitude, place[0] == "lat", str(path)))
+        poses.append(Poses(name, time[rows], place_of[rows], attitude, place[0] == "lat", str(path), centre))
     return poses, [f"{path}: columns that were not read: {', '.join(unread)}"] if unread else []
 
 

@@ -33,7 +33,7 @@ class Poses(NamedTuple):
     geodetic: bool
     file: str
     centre: tuple[float, float] | None = None
-    """Latitude and longitude of the local frame's, where the file tells them. [degrees]"""
+    """Latitude and longitude of the local frame's centre, None if the file does not name it. [degrees]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +101,10 @@ class Tracks:
 
     @property
     def centre(self) -> tuple[float, float] | None:
-        """Middle of the latitudes and longitudes, or centre of the local frame; None where no file tells it. [degrees]"""
-        if not self.geodetic:
-            return next((p.centre for p in self.poses if p.centre is not None), None)
+        """Centre of the local frame that a file names, else the middle of latitudes and longitudes, else None. [degrees]"""
+        named = next((p.centre for p in self.poses if p.centre is not None), None)
+        if named is not None or not self.geodetic:
+            return named
         lat, lon = (np.concatenate([p.place[:, k] for p in self.poses]) for k in (0, 1))
         lon = lon[0] + (lon - lon[0] + 180.0) % 360.0 - 180.0
         middle = [0.5 * float(values.min() + values.max()) for values in (lat, lon)]

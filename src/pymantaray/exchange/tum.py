@@ -8,17 +8,25 @@ from numpy.typing import ArrayLike
 
 from pymantaray.errors import ExchangeError, MantaRayError
 from pymantaray.estimation import FactorGraph, GraphValues
+from pymantaray.exchange.centre import Centre, centre_comments, centre_in_comments
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
 from pymantaray.records import whole_file
 
 
-def write_tum(path: Path | str, time: ArrayLike, position: ArrayLike, quaternion: ArrayLike) -> None:
+def write_tum(
+    path: Path | str,
+    time: ArrayLike,
+    position: ArrayLike,
+    quaternion: ArrayLike,
+    *,
+    centre: Centre | None = None,
+) -> None:
     """
     Write one vehicle's trajectory as TUM text, whole or not at all.
 
-    Each line is ``time x y z qx qy qz qw`` with 17 significant digits. The format has no header to
-    name a frame: x, y, z are our north, east and down, and the rotation is body to that frame.
+    Each line is ``time x y z qx qy qz qw`` with 17 significant digits: x, y, z are our north, east and
+    down, and the rotation is body to that frame. Comment lines before them name the frame's centre.
 
     Parameters
     ----------
@@ -30,6 +38,8 @@ def write_tum(path: Path | str, time: ArrayLike, position: ArrayLike, quaternion
         North, east, down in the local frame. [m]
     quaternion : array_like, shape (n_times, 4)
         Rotation body to world, (w, x, y, z).
+    centre : tuple of float, optional
+        Latitude and longitude of the local frame's centre. [degrees]
     """
     path = Path(path)
     t, p, q = (np.asarray(a, dtype=float) for a in (time, position, quaternion))
@@ -42,7 +52,7 @@ def write_tum(path: Path | str, time: ArrayLike, position: ArrayLike, quaternion
         row = int(np.argmin(np.isfinite(table).all(axis=1)))
         raise MantaRayError(f"{path}: pose {row} is not finite; a failed solve has no trajectory to export")
     with whole_file(path) as temporary:
-        np.savetxt(temporary, table, fmt="%.17g")
+        np.savetxt(temporary, table, fmt="%.17g", header="\n".join(centre_comments(centre)))
 
 
 def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -> list[Path]:
@@ -99,7 +109,9 @@ def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of an empty file
-            table = np.loadtxt(path, ndmin=2)
+            with path.open(encoding="utf-8") as file:
+                lines = file.readlines()
+            table = np.loadtxt(lines, ndmin=2)
     except (OSError, ValueError) as error:
         cause = getattr(error, "strerror", None) or str(error).partition(";")[0]
         raise ExchangeError(f"{path}: not a readable TUM file: {cause}") from None
@@ -113,4 +125,5 @@ def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
     place, quaternion = table[:, 1:4], table[:, [7, 4, 5, 6]]
     if enu:
         place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
-    return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path))]
+    centre = centre_in_comments((line for line in lines if line.lstrip().startswith("#")), path)
+    return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre)]

@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import OceanError, RecordError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
+from pymantaray.ocean.instruments import Sheet, instrument_sheet
 from pymantaray.ocean.schema import VARIABLES, layer_edges
 from pymantaray.ocean.seawater import Equation, freezing_notes, sound_speed
-from pymantaray.records.text_table import read_text_table
+from pymantaray.records.text_table import read_text, read_text_table
 
 Array = NDArray[np.float64]
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
@@ -44,6 +46,7 @@ _COLUMNS = {
         "salinity practical_salinity sea_water_practical_salinity sal psal ctdsal salnty sal00 s",
     ),
     "absolute_salinity": ("mass salinity", "absolute_salinity sea_water_absolute_salinity"),
+    "measured_conductivity": ("conductivity", "measured_conductivity"),
     "sound_speed": ("velocity", "sound_speed soundspeed sound_velocity svel svcm"),
     "lat": ("latitude", "latitude lat"),
     "lon": ("longitude", "longitude lon long"),
@@ -167,34 +170,11 @@ def clean_cast(
     ``dropped`` and ``notes`` tell what was done before, ``where`` file and station for messages.
     """
     depth, temperature, salinity = (np.asarray(column, dtype=float) for column in profile)
-    notes = list(notes)
-    counts: dict[str, int] = {}
-    whole = np.isfinite(depth) & np.isfinite(temperature) & np.isfinite(salinity)
-    counts["with a missing value"] = int(np.count_nonzero(~whole))
-    if np.count_nonzero(depth[whole] < 0.0) > 0.5 * np.count_nonzero(whole):
-        raise OceanError(f"{where}: depth is negative in most rows; it must be positive down")
-    possible = whole & (depth <= DEEPEST)
-    for values, variable in ((temperature, "water_temp"), (salinity, "salinity")):
-        low, high = _SPAN[variable]
-        possible &= (values >= low) & (values <= high)
-    counts["with an impossible value"] = int(np.count_nonzero(whole & ~possible))
-    wet = possible & (depth >= 0.0)
-    counts["above the surface"] = int(np.count_nonzero(possible & ~wet))
-    rows = np.flatnonzero(wet)
-    steps = np.diff(depth[rows])
-    if np.count_nonzero(steps < 0.0) > np.count_nonzero(steps >= 0.0):
-        rows = rows[::-1]
-        notes.append("written from the bottom up: turned round")
-    deepest = np.maximum.accumulate(np.concatenate([[-1.0], depth[rows]]))[:-1]
-    deeper = rows[depth[rows] > deepest]
-    counts["no deeper than one before"] = int(rows.size - deeper.size)
-    notes += [f"{count} of {depth.size} rows {why} dropped" for why, count in counts.items() if count]
-    if deeper.size < 2:
-        reasons = f" ({'; '.join(notes)})" if notes else ""
-        raise OceanError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
+    quantities = [(temperature, _SPAN["water_temp"]), (salinity, _SPAN["salinity"])]
+    deeper, told, lost = usable_rows(depth, quantities, notes=notes, where=where)
     used = temperature[deeper], salinity[deeper], depth[deeper]
     if np.all(np.abs(place) <= (90.0, 360.0)):  # others are refused below
-        notes += freezing_notes(*used, *place)
+        told += freezing_notes(*used, *place)
     return Cast(
         name,
         float(place[0]),
@@ -204,9 +184,52 @@ def clean_cast(
         temperature[deeper],
         salinity[deeper],
         bottom_depth,
-        dropped + sum(counts.values()),
-        tuple(notes),
+        dropped + lost,
+        tuple(told),
     )
+
+
+def usable_rows(
+    depth: Array,
+    quantities: Sequence[tuple[Array, tuple[float, float]]],
+    *,
+    notes: Sequence[str] = (),
+    where: str,
+) -> tuple[NDArray[np.intp], list[str], int]:
+    """
+    Rows of a raw cast that go deeper than all before, downward, with values that are there and possible.
+
+    ``quantities`` are columns and the spans that they lie in. Besides the rows: the notes and what was done, a line each, and the
+    number of rows left out.
+    """
+    notes = list(notes)
+    counts: dict[str, int] = {}
+    whole = np.isfinite(depth)
+    for values, _ in quantities:
+        whole &= np.isfinite(values)
+    counts["with a missing value"] = int(np.count_nonzero(~whole))
+    if np.count_nonzero(depth[whole] < 0.0) > 0.5 * np.count_nonzero(whole):
+        raise OceanError(f"{where}: depth is negative in most rows; it must be positive down")
+    possible = whole & (depth <= DEEPEST)
+    for values, (low, high) in quantities:
+        possible &= (values >= low) & (values <= high)
+    counts["with an impossible value"] = int(np.count_nonzero(whole & ~possible))
+    wet = possible & (depth >= 0.0)
+    counts["above the surface"] = int(np.count_nonzero(possible & ~wet))
+    rows = np.flatnonzero(wet)
+    steps = np.diff(depth[rows])
+    early = rows.size > 0 and 3 * int(np.argmax(depth[rows])) < rows.size  # not so of a way down and up again
+    if early and np.count_nonzero(steps < 0.0) > np.count_nonzero(steps >= 0.0):
+        rows = rows[::-1]
+        notes.append("written from the bottom up: turned round")
+    deepest = np.maximum.accumulate(np.concatenate([[-1.0], depth[rows]]))[:-1]
+    deeper = rows[depth[rows] > deepest]
+    counts["no deeper than one before"] = int(rows.size - deeper.size)
+    notes += [f"{count} of {depth.size} rows {why} dropped" for why, count in counts.items() if count]
+    if deeper.size < 2:
+        reasons = f" ({'; '.join(notes)})" if notes else ""
+        raise OceanError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
+    return deeper, notes, sum(counts.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +249,14 @@ class CastTable:
     """Positions of ``time`` and ``station``, if they are there."""
     bracketed: bool
     """Whether units stand in brackets, as in the NetCDF Subset Service's tables."""
+    instrument: str = ""
+    """What wrote the file, whose rows are raw then; empty for a table that people or programs made."""
+    place: tuple[float, float] | None = None
+    """Latitude and longitude that an instrument's file names. [degrees]"""
+    time: str = ""
+    """UTC that an instrument's file names."""
+    notes: tuple[str, ...] = ()
+    """What was changed in reading."""
 
     @property
     def lines(self) -> list[int]:
@@ -243,14 +274,7 @@ class CastTable:
     def values(self, quantity: str, *, complete: bool = False) -> Array:
         """A column in m, dbar, degC, practical salinity, g/kg, m/s or degrees; NaN where missing, unless complete is asked."""
         position, unit = self.columns[quantity]
-        cells = self.rows[position]
-        cells = cells.mask(cells.str.lower().isin(_MISSING), "nan")
-        try:
-            values = cells.to_numpy(dtype=object).astype(float)
-        except ValueError:
-            raise self._no_number(
-                quantity, int(np.argmax(pd.to_numeric(cells.replace("nan", "0"), errors="coerce").isna()))
-            ) from None
+        values = self._numbers(quantity, self.rows[position])
         missing = ~np.isfinite(values) | (np.abs(values) > 1e30)
         if quantity not in ("lat", "lon"):  # -99 is a longitude
             missing |= np.isin(values, _FILLS)
@@ -259,6 +283,18 @@ class CastTable:
             raise self._no_number(quantity, int(np.argmax(missing)))
         kind = _COLUMNS[quantity][0]
         return to_our_unit(values, kind, unit or our_unit(kind), where=f"{self.path}: {self.name(quantity)}")
+
+    def _numbers(self, quantity: str, cells: "pd.Series[Any]") -> Array:
+        """Numbers of cells of text, NaN where one is empty; those of a data set as they are."""
+        if cells.dtype.kind == "f":
+            return np.array(cells, dtype=float)
+        cells = cells.mask(cells.str.lower().isin(_MISSING), "nan")
+        try:
+            return cells.to_numpy(dtype=object).astype(float)
+        except ValueError:
+            raise self._no_number(
+                quantity, int(np.argmax(pd.to_numeric(cells.replace("nan", "0"), errors="coerce").isna()))
+            ) from None
 
     def text(self, kind: str) -> list[str] | None:
         """Cells of the time or station column, None if there is none."""
@@ -285,13 +321,17 @@ class CastTable:
 
 def read_cast_table(path: str | Path) -> CastTable:
     """
-    Read a CSV file of one or several casts.
+    Read a CSV file of one or several casts, or an instrument's file of one.
 
     Cells are separated by commas, semicolons, tabs or blanks, whichever the header has. Columns are known by name
     whatever their case, alone or with their unit, as in ``depth_m``, ``depth [m]`` or ``latitude[unit="degrees_north"]``.
     """
     try:
-        table = read_text_table(path)
+        text = read_text(Path(path))
+        sheet = instrument_sheet(Path(path), text.splitlines())
+        if sheet is not None:
+            return _of_sheet(Path(path), sheet)
+        table = read_text_table(path, text)
     except RecordError as error:
         raise OceanError(str(error)) from None
     header = tuple(table.frame.columns)
@@ -299,6 +339,29 @@ def read_cast_table(path: str | Path) -> CastTable:
     rows = table.frame.set_axis(range(len(header)), axis=1)
     bracketed = any("[unit=" in title for title in header)
     return CastTable(table.path, header, rows, table.comments, columns, texts, bracketed)
+
+
+def _of_sheet(path: Path, sheet: Sheet) -> CastTable:
+    """Table of an instrument's columns; rows that are too short end in empty cells."""
+    width = len(sheet.titles)
+    cells = {i: (row + [""] * width)[:width] for i, row in sheet.rows.items()}
+    known = [k for k, title in enumerate(sheet.titles) if title]
+    header = tuple(sheet.titles[k] for k in known)
+    rows = pd.DataFrame.from_dict(cells, orient="index", dtype=str)[known].set_axis(range(len(known)), axis=1)
+    columns, texts = _columns(path, header)
+    return CastTable(
+        path,
+        header,
+        rows,
+        [],
+        columns,
+        texts,
+        bracketed=False,
+        instrument=sheet.instrument,
+        place=sheet.place,
+        time=sheet.time,
+        notes=sheet.notes,
+    )
 
 
 def _columns(path: Path, header: tuple[str, ...]) -> tuple[dict[str, tuple[int, str]], dict[str, int]]:

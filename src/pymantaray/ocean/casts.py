@@ -17,6 +17,7 @@ from pymantaray.geometry.checks import told_apart
 from pymantaray.ocean import convert
 from pymantaray.ocean.argo import read_argo
 from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cast_table
+from pymantaray.ocean.cf_profiles import holds_profiles, read_cf_profiles
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.files import is_netcdf, open_file
 from pymantaray.ocean.schema import assemble_ocean, with_history
@@ -53,6 +54,7 @@ def read_cast(
     lon: float | None = None,
     time: Instant | None = None,
     name: str | None = None,
+    elsewhere: tuple[float, float] | None = None,
 ) -> Cast:
     """
     Read the cast that a file holds.
@@ -62,7 +64,8 @@ def read_cast(
     path : str or pathlib.Path
         CSV with named columns: depth or pressure; temperature, in situ, potential or
         conservative; practical or absolute salinity. HYCOM's point tables from the NetCDF Subset Service,
-        also with the packed integers that it delivers. Argo's NetCDF profiles.
+        also with the packed integers that it delivers. Argo's NetCDF profiles, and CF data sets of profiles. Files of
+        instruments: Sea-Bird ``.cnv``, Sippican ``.edf``, RBR, CastAway, Valeport and AML.
     lat, lon : float, optional
         Place; by default of the columns ``lat`` and ``lon`` or a comment as ``# ... lat 74.0, lon -140.0``.
         [degrees]
@@ -70,6 +73,8 @@ def read_cast(
         Instant (UTC); by default of a column or a comment, NaT where neither has one.
     name : str, optional
         If the file holds several: the one to take (its station, or Argo's float and cycle).
+    elsewhere : tuple of float, optional
+        Latitude and longitude of a cast whose file names none. [degrees]
 
     Returns
     -------
@@ -83,7 +88,7 @@ def read_cast(
         If the file is unreadable, a cell is no number, a column or the place is missing, fewer than two
         levels are left, or it holds several casts and none is named.
     """
-    casts = read_casts(path, lat=lat, lon=lon, time=time)
+    casts = read_casts(path, lat=lat, lon=lon, time=time, elsewhere=elsewhere)
     named = casts if name is None else [cast for cast in casts if cast.name == name]
     if len(named) == 1:
         return named[0]
@@ -99,6 +104,7 @@ def read_casts(
     lat: float | None = None,
     lon: float | None = None,
     time: Instant | None = None,
+    elsewhere: tuple[float, float] | None = None,
 ) -> list[Cast]:
     """
     Read all casts of one or more files, at least one, in the files' order.
@@ -108,7 +114,7 @@ def read_casts(
     paths : str, pathlib.Path or sequence of them
         As `read_cast` takes. A table with a station column holds a cast for each station, one of the NetCDF
         Subset Service one for each time and place. One bad cast of a table refuses the table.
-    lat, lon, time
+    lat, lon, time, elsewhere
         As in `read_cast`, for all casts.
     """
     files = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
@@ -116,15 +122,15 @@ def read_casts(
         raise OceanError("casts: no file given; name at least one")
     casts: list[Cast] = []
     for path in files:
-        if is_netcdf(path):
+        if holds_argo(path):
             if (lat, lon, time) != (None, None, None):
                 raise OceanError(f"{path}: Argo's profiles have their own places and times; leave these out")
             casts += read_argo(path)
         else:
             place = None if lat is None or lon is None else (float(lat), float(lon))
-            casts += [
-                _cast(table, name, place, time) for name, table in read_cast_table(path).casts().items()
-            ]
+            for station, table in cast_tables(path).items():
+                own = place or cast_place(table) or elsewhere
+                casts.append(cast_of_table(table, station, own, time))
     return casts
 
 
@@ -135,7 +141,20 @@ def holds_casts(path: str | Path) -> bool:
     if not is_netcdf(Path(path)):
         return True
     with open_file(path) as data:
-        return "PRES" in data.variables
+        return "PRES" in data.variables or holds_profiles(data)
+
+
+def cast_tables(path: Path) -> dict[str, CastTable]:
+    """Casts of a file of text or of a CF data set of profiles, as tables by their names."""
+    return read_cf_profiles(path) if is_netcdf(path) else read_cast_table(path).casts()
+
+
+def holds_argo(path: str | Path) -> bool:
+    """Whether a file is NetCDF other than a CF data set of profiles: Argo's, or what is refused as such."""
+    if not is_netcdf(Path(path)):
+        return False
+    with open_file(path) as data:
+        return "PRES" in data.variables or not holds_profiles(data)
 
 
 def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
@@ -150,9 +169,18 @@ def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
     return None
 
 
-def _cast(table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None) -> Cast:
-    lat, lon = place = place or _place(table)
+def cast_of_table(
+    table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None
+) -> Cast:
+    """Cast of a table of one; without a place or a quantity that it needs it is refused."""
+    if place is None:
+        raise OceanError(
+            f"{table.path}: no place; give lat and lon, columns of these names, or a comment '# lat 74.0, lon -140.0'"
+        )
+    lat, lon = place
+    table = _with_salinity(table, lat)
     instant, notes = cast_time(table) if time is None else (parse_instant(time), [])
+    notes = [*table.notes, *notes]
     kinds = _kind(table, _TEMPERATURES), _kind(table, _SALINITIES)
     values = [table.values(kind) for kind in kinds]
     if table.bracketed and _packed(np.concatenate(values)):
@@ -192,6 +220,28 @@ def _cast(table: CastTable, station: str, place: tuple[float, float] | None, tim
     )
 
 
+def _with_salinity(table: CastTable, lat: float) -> CastTable:
+    """Table of an instrument with practical salinity from conductivity where it has none of its own."""
+    if not table.has("measured_conductivity", "temperature") or any(table.has(kind) for kind in _SALINITIES):
+        return table
+    if table.has("pressure"):
+        pressure = table.values("pressure")
+    elif table.has("depth"):
+        pressure = np.asarray(gsw.p_from_z(-np.maximum(table.values("depth"), 0.0), lat), dtype=float)
+    else:
+        return table
+    with np.errstate(all="ignore"):  # rows that are nonsense are dropped later
+        salinity = gsw.SP_from_C(table.values("measured_conductivity"), table.values("temperature"), pressure)
+    place = len(table.header)
+    return replace(
+        table,
+        header=(*table.header, "salinity"),
+        rows=table.rows.assign(salinity=np.asarray(salinity, dtype=float)).set_axis(range(place + 1), axis=1),
+        columns={**table.columns, "salinity": (place, "1")},
+        notes=(*table.notes, "salinity from conductivity by PSS-78"),
+    )
+
+
 def _kind(table: CastTable, kinds: dict[str, str]) -> str:
     kind = next((kind for kind in kinds if table.has(kind)), None)
     if kind is None:
@@ -208,6 +258,8 @@ def _packed(values: Array) -> bool:
 
 def cast_place(table: CastTable) -> tuple[float, float] | None:
     """Latitude and longitude of a cast by its columns, else by its comments; None if neither tells. [degrees]"""
+    if table.place is not None:
+        return table.place
     if table.has("lat", "lon"):
         places = np.column_stack([table.values("lat"), table.values("lon")])
         known = places[np.all(np.isfinite(places), axis=1)]
@@ -216,23 +268,15 @@ def cast_place(table: CastTable) -> tuple[float, float] | None:
     return place_in_comments(table.comments)
 
 
-def _place(table: CastTable) -> tuple[float, float]:
-    place = cast_place(table)
-    if place is None:
-        raise OceanError(
-            f"{table.path}: no place; give lat and lon, columns of these names, or a comment '# lat 74.0, lon -140.0'"
-        )
-    return place
-
-
 def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
     """Time of a cast by its column, else by its comments, NaT if neither tells; and what is to be said of it."""
-    first = next((cell for cell in table.text("time") or [] if cell), None)
+    first = table.time or next((cell for cell in table.text("time") or [] if cell), None)
     if first is not None:
         try:
             return parse_instant(first), []
         except OceanError as error:
-            raise OceanError(f"{table.path}, line {table.lines[0]}: {error}") from None
+            where = "" if table.time else f", line {table.lines[0]}"
+            raise OceanError(f"{table.path}{where}: {error}") from None
     for line in table.comments:
         if match := _DATE.search(line):
             clock = f"T{int(match[2]):02d}:{match[3]}:{match[4] or '00'}" if match[2] else ""

@@ -38,6 +38,8 @@ _ROLES: dict[str, dict[str, str]] = {
 }
 _GRID_RELATIVE = ("sea_water_x_velocity", "sea_water_y_velocity")
 _TERRAIN = ("ocean_s_coordinate", "ocean_sigma", "ocean_double_sigma")
+_NORTH = ("degrees_north", "degree_north", "degrees_n", "degree_n")
+_MOST_NAMES = 12
 _PLAIN_NAMES = {"latitude": ("lat", "latitude"), "longitude": ("lon", "longitude"), "depth": ("depth",)}
 _REGRID = "regrid it to latitude and longitude first (xesmf), and turn the currents to east and north"
 
@@ -76,12 +78,14 @@ def layout_of(data: xr.Dataset) -> Layout:
     fields = tuple(f for role in _ROLES if (f := _field(data, role, named)) is not None)
     relative = tuple(n for s in _GRID_RELATIVE for n in named.get(s, []))
     if not fields:
+        _refuse_model_grid(data)
         if relative:
             _refuse(data, grid_relative_refusal(relative))
         _refuse(
             data,
             f"none of {', '.join(HYCOM_NAMES)} is in it, and no variable with the standard_name of sea-water"
-            " temperature, salinity or velocity on levels; is it a file of an ocean model?",
+            f" temperature, salinity or velocity on levels; found {found_variables(data)}: give those that are meant their"
+            ' standard_name, in the file or as names={"temp": "sea_water_temperature"} in Python',
         )
     axes = _axes(data, fields[0].variable)
     for field in fields[1:]:
@@ -101,6 +105,40 @@ def grid_relative_refusal(names: Sequence[str]) -> str:
         f"{' and '.join(names)} are velocities along the model's grid, not east and north; turn them by the"
         " grid's angle and set standard_name to eastward_ and northward_sea_water_velocity"
     )
+
+
+def found_variables(data: xr.Dataset) -> str:
+    """Names and dimensions of a file's variables, those with most dimensions first, for messages."""
+    ranked = sorted(data.variables.items(), key=lambda item: -item[1].ndim)
+    words = [f"{name} ({', '.join(map(str, v.dims))})" for name, v in ranked[:_MOST_NAMES]]
+    more = len(ranked) - len(words)
+    return ", ".join(words) + (f" and {more} more" if more > 0 else "") if words else "no variable"
+
+
+def _refuse_model_grid(data: xr.Dataset) -> None:
+    """Refuse a grid that is curvilinear or has levels along the sea bed, as ROMS has, by all that is in the way."""
+    curved = [str(n) for n, v in data.variables.items() if v.ndim == 2 and _is_latitude(v)]
+    terrain = [str(n) for n, v in data.variables.items() if _follows_bed(v)]
+    straight = any(v.ndim == 1 and _is_latitude(v) for v in data.variables.values())
+    reasons, remedies = [], []
+    if curved and not straight:
+        reasons.append(f"its grid is curvilinear ({curved[0]} has two dimensions)")
+        remedies.append("regrid it to latitude and longitude (xesmf), with currents turned to east and north")
+    if terrain:
+        reasons.append(f"its levels follow the sea bed ({terrain[0]})")
+        remedies.append("interpolate it to fixed depths (xgcm, xroms)")
+    if reasons:
+        neither = "neither is" if len(reasons) == 2 else "this is not"
+        _refuse(data, f"{' and '.join(reasons)}: {neither} supported; first {', and '.join(remedies)}")
+
+
+def _is_latitude(variable: xr.Variable) -> bool:
+    unit = text(variable, "units").lower()
+    return text(variable, "standard_name") == "latitude" or unit in _NORTH
+
+
+def _follows_bed(variable: xr.Variable) -> bool:
+    return text(variable, "standard_name").startswith(_TERRAIN) or "formula_terms" in variable.attrs
 
 
 def _refuse(data: xr.Dataset, line: str) -> NoReturn:
@@ -177,6 +215,7 @@ def _one(data: xr.Dataset, name: str, axis: str, candidates: Sequence[object]) -
         " standard_name and units, as CF has it"
     )
     if any(data.variables[n].ndim >= 2 for n in names):
+        _refuse_model_grid(data)
         line = f"{axis} has two dimensions, the grid is curvilinear; {_REGRID}"
         if axis == "depth":
             line = f"{names[0]} changes from place to place; interpolate to fixed depths first (xgcm)"
@@ -185,12 +224,8 @@ def _one(data: xr.Dataset, name: str, axis: str, candidates: Sequence[object]) -
 
 def _refuse_other_verticals(data: xr.Dataset, name: str) -> None:
     standard_name = text(data.variables[name], "standard_name")
-    if standard_name.startswith(_TERRAIN) or "formula_terms" in data.variables[name].attrs:
-        _refuse(
-            data,
-            f"{name} follows the sea bed ({standard_name or 'formula_terms'}); interpolate to fixed depths first"
-            " (xgcm, xroms)",
-        )
+    if _follows_bed(data.variables[name]):
+        _refuse_model_grid(data)
     if "density" in standard_name or "sigma_t" in standard_name or standard_name == "model_level_number":
         _refuse(data, f"{name} ({standard_name}) is no depth; interpolate to fixed depths first (xgcm)")
 

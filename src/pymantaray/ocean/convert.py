@@ -56,6 +56,10 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
             1000.0 / 3600.0: "km/h kmh-1 kmhour-1 km/hour",
         },
     ),
+    "conductivity": (
+        "mS cm-1",
+        {1.0: "ms/cm mscm-1", 10.0: "s/m sm-1", 1e-3: "us/cm µs/cm uscm-1 microsiemenspercentimeter"},
+    ),
     "length": (
         "m",
         {
@@ -183,7 +187,10 @@ def pick(times: Instants, time: str | np.datetime64 | None, names: str) -> np.da
     """Instant that is asked for, to a minute, or the only one of rising times."""
     if time is None:
         if len(times) > 1:
-            raise OceanError(f"{names}: {len(times)} times ({listing(times)}); choose one")
+            raise OceanError(
+                f"{names}: {len(times)} times ({listing(times)}); choose one: --time {minute(times[0])} (in Python and TOML"
+                f' time = "{minute(times[0])}")'
+            )
         return np.datetime64(times[0])
     instant = parse_instant(time)
     nearest = times[np.argmin(np.abs(times - instant))]

@@ -34,6 +34,7 @@ Names = Mapping[str, str]
 """CF standard names by variable, for files that lack them; a unit may follow in brackets."""
 Currents = Literal["required", "rest"]
 _ROLES = tuple(v.name for v in VARIABLES)
+_MOST_LISTED = 2  # files whose variables a message lists
 _SYNTHETIC = "synthetic:"
 _SYNTHETIC_STEP = np.timedelta64(3, "h")  # HYCOM's
 
@@ -360,7 +361,8 @@ class Collection:
             return OceanError(f"{self.names}: {cf.grid_relative_refusal(relative)}, {rest}")
         line = (
             f"{self.names}: no {' and no '.join(roles)}; an ocean needs water_temp, salinity, water_u and"
-            " water_v, or their CF standard names (HYCOM's ts3z and uv3z files together)"
+            " water_v, or their CF standard names (HYCOM's ts3z and uv3z files together); found"
+            f" {'; '.join(cf.found_variables(part.data) for part in self.parts[:_MOST_LISTED])}"
         )
         return OceanError(line + (f", {rest}" if list(roles) == list(_ROLES[2:]) else ""))
 

@@ -92,12 +92,17 @@ def numbers_of(cells: "pd.Series[Any]") -> "NDArray[np.float64]":
     return values
 
 
-def read_text_table(path: str | Path) -> TextTable:
-    """Read a table with a header, its cells separated by commas, semicolons, tabs or blanks, whichever the header has."""
+def read_text_table(path: str | Path, text: str | None = None) -> TextTable:
+    """
+    Read a table with a header, its cells separated by commas, semicolons, tabs or blanks, whichever the header has.
+
+    ``text`` is the content of the file where it is read already.
+    """
     import pandas as pd
 
     path = Path(path)
-    lines = {i: line for i, line in enumerate(_text(path).splitlines(), 1) if line.strip(" \t,;")}
+    content = read_text(path) if text is None else text
+    lines = {i: line for i, line in enumerate(content.splitlines(), 1) if line.strip(" \t,;")}
     comments = {i: line for i, line in lines.items() if line.lstrip().startswith("#")}
     rows = {i: line.rstrip(" \t,;") for i, line in lines.items() if i not in comments}
     if len(rows) < 2:
@@ -126,7 +131,8 @@ def read_text_table(path: str | Path) -> TextTable:
     return TextTable(path, cells.iloc[1:].set_axis(cells.iloc[0].tolist(), axis=1), list(comments.values()))
 
 
-def _text(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """Content of a file of text; what cannot be one is refused."""
     try:
         if path.exists() and not (path.is_file() or path.is_fifo()):
             what = "a folder" if path.is_dir() else "not an ordinary file"
@@ -138,6 +144,8 @@ def _text(path: Path) -> str:
         raise RecordError(f"{path}: cannot be read: {cause}; name an existing file") from None
     if len(raw) > _MAX_BYTES:
         raise RecordError(f"{path}: more than {_MAX_BYTES:,} bytes; no table of people's has so many")
+    if raw.startswith(b"SQLite format 3"):
+        raise RecordError(f"{path}: a database, not text; of an RBR .rsk export the text in Ruskin")
     if b"\0" in raw[:4096]:
         raise RecordError(f"{path}: not a table of text")
     try:

@@ -132,7 +132,7 @@ class Beliefs:
     ) -> tuple[Array, Array, Array]:
         """Levels, shapes and standard deviations of the modes of the ocean, or of casts in files."""
         ocean = self._true
-        columns = read_casts(casts) if casts else ocean
+        columns = read_casts(casts, elsewhere=self._centre) if casts else ocean
         modes = vertical_modes(columns, equation=self.config.ocean.equation)
         depth = np.asarray(ocean["depth"].values, dtype=float)
         shapes = modes.at(depth)
@@ -196,7 +196,7 @@ class Beliefs:
             raise OceanError("several files, the first of casts; name one cast, or files of an ocean")
         ocean, (north, east, bottom) = self.config.ocean, _reach(self._run.ocean).tolist()
         frame = self._frame
-        cast = read_cast(section.source[0], name=section.cast)
+        cast = read_cast(section.source[0], name=section.cast, elsewhere=self._centre)
         geographic = cast_ocean(
             replace(cast, lat=frame.latitude_deg, lon=frame.longitude_deg),
             bottom_depth=bottom,
@@ -222,7 +222,7 @@ class Beliefs:
 
     def _local(self, geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.Dataset:
         """Part of the study's domain that an ocean holds, about the study's centre."""
-        centre = self._frame.latitude_deg, self._frame.longitude_deg
+        centre = self._centre
         window, (north, east, _) = Window.of(geographic, centre), _reach(self._run.ocean).tolist()
         half_extent = (north, east) if window.holds(north, east) else window.largest_rectangle()
         domain = dict(zip(_DOMAIN, (*centre, *half_extent), strict=True))
@@ -279,6 +279,11 @@ class Beliefs:
             north, east = (0.0, 0.0) if first is None else (first.north, first.east)
         lat, lon = self._frame.to_geodetic(north, east)
         return float(lat), float(lon)
+
+    @property
+    def _centre(self) -> tuple[float, float]:
+        """Latitude and longitude of the frame's centre. [degrees]"""
+        return self._frame.latitude_deg, self._frame.longitude_deg
 
     @cached_property
     def _frame(self) -> LocalFrame:

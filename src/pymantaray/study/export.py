@@ -12,6 +12,7 @@ import pandas as pd
 from pymantaray.errors import ExchangeError, StudyError, WriteError
 from pymantaray.estimation import CONDITIONS, GraphValues
 from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
+from pymantaray.exchange.centre import write_sidecar
 from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
 from pymantaray.exchange.recording import FleetPoses, Recording
@@ -32,6 +33,8 @@ class Format(NamedTuple):
 
     write: Callable[[Run, int, Path], None]
     folder: bool = True
+    sidecar: bool = False
+    """Whether ``frame.json`` beside the files names the frame's centre, because they cannot."""
 
 
 def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: int = 0) -> Path:
@@ -72,6 +75,8 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
         with staged_folder(out) as (stage, folder):
             try:
                 form.write(run, realization, stage)
+                if form.sidecar:
+                    write_sidecar(stage, run.truth.centre)
             except OSError as error:
                 raise WriteError(f"{folder}: cannot be written: {error.strerror or error}") from None
         return folder
@@ -100,9 +105,8 @@ def record(run: Run, realization: int) -> Recording:
 
 def _tum(run: Run, realization: int, folder: Path) -> None:
     for p in record(run, realization).poses:
-        write_tum(
-            folder / f"{p.condition}-{p.agent}.tum", run.truth.time[p.samples], p.position, p.quaternion
-        )
+        file, time = folder / f"{p.condition}-{p.agent}.tum", run.truth.time[p.samples]
+        write_tum(file, time, p.position, p.quaternion, centre=run.truth.centre)
 
 
 def _kitti(run: Run, realization: int, folder: Path) -> None:
@@ -194,12 +198,12 @@ def _mcap(run: Run, realization: int, file: Path) -> None:
 
 FORMATS = {
     "tum": Format(_tum),
-    "kitti": Format(_kitti),
+    "kitti": Format(_kitti, sidecar=True),
     "cf": Format(_cf),
-    "csv": Format(_csv),
-    "parquet": Format(_parquet),
-    "g2o": Format(_g2o),
-    "pyfg": Format(_pyfg),
+    "csv": Format(_csv, sidecar=True),
+    "parquet": Format(_parquet, sidecar=True),
+    "g2o": Format(_g2o, sidecar=True),
+    "pyfg": Format(_pyfg, sidecar=True),
     "rrd": Format(_rrd, folder=False),
     "mcap": Format(_mcap, folder=False),
     "bag": Format(_bag),

@@ -7,7 +7,7 @@ import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
@@ -18,7 +18,7 @@ from pymantaray.config.sections import StudyConfig
 from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.messages import without_secrets
 from pymantaray.study.references import Citations
-from pymantaray.study.tracks import read_fleet
+from pymantaray.study.tracks import centre_note, read_fleet
 
 
 class Stopwatch:
@@ -49,22 +49,22 @@ def describe_run(
     watch: Stopwatch,
     *,
     references: Citations,
-    synthetic: bool,
+    ocean: Mapping[Hashable, Any],
     workers: int,
     worker_memory_mib: float,
 ) -> dict[str, Any]:
-    """Collect what results depend on, with checksums of inputs, and their cost: the manifest but for the outcome."""
+    """Collect what results depend on, with checksums of inputs, and their cost; ``ocean`` has the local ocean's attributes."""
     return {
         "format": 3,
         "study": config.study.name,
         "made": {"began": f"{watch.began:%Y-%m-%dT%H:%M:%SZ}", "command": _command()},
         "ocean": {
             "source": [without_secrets(source) for source in config.ocean.source],
-            "synthetic": synthetic,
+            "synthetic": bool(ocean["synthetic"]),
             "time_varying": config.ocean.time_varying,
             "sha256": inputs,
         },
-        **({"fleet": _own_fleet(config)} if config.fleet.trajectories else {}),
+        **({"fleet": _own_fleet(config, ocean)} if config.fleet.trajectories else {}),
         "random": {
             "seed": config.study.seed,
             "realizations": config.study.realizations,
@@ -96,13 +96,14 @@ def _command() -> str | None:
     )
 
 
-def _own_fleet(config: StudyConfig) -> dict[str, Any]:
-    """Where the trajectories of a fleet are from, when they begin, and what was changed in reading them."""
+def _own_fleet(config: StudyConfig, ocean: Mapping[Hashable, Any]) -> dict[str, Any]:
+    """Where the trajectories of a fleet are from, when they begin, and what was changed or assumed in reading them."""
     tracks = read_fleet(config.fleet)
+    note = centre_note(config, ocean, tracks)
     return {
         "trajectories": list(config.fleet.trajectories),
         "start": None if tracks.start is None else str(tracks.start),
-        "notes": list(tracks.notes),
+        "notes": [*tracks.notes, *([note] if note else [])],
     }
 
 

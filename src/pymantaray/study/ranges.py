@@ -1,5 +1,6 @@
 """Ranges between vehicles that moved elsewhere: a study that estimates nothing."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import Progress, simulate_mission
 from pymantaray.study.store import Run, run_in_memory
-from pymantaray.study.tracks import with_tracks
+from pymantaray.study.tracks import centre_note, with_tracks
 from pymantaray.water import Source as WaterSource
 
 Source = str | Path | Sequence[str | Path]
@@ -41,8 +42,9 @@ def measure(
     trajectories : str, pathlib.Path, sequence of them, Tracks or Trajectories
         Files as `read_trajectories` takes them, what it returned, or poses in the local frame at common times.
     ocean : str, pathlib.Path, sequence of them, xarray.Dataset, SoundConfig or dict
-        Any source that `pymantaray.open_water` takes, or the section ``[ocean]`` of a study. The frame's centre is the middle
-        of the trajectories if they have latitudes and longitudes, else that of the ocean, unless it is given.
+        Any source that `pymantaray.open_water` takes, or the section ``[ocean]`` of a study. The frame's centre is the one that
+        is given, else the one that the files of the trajectories name, else the middle of their latitudes and longitudes,
+        else the middle of the ocean; a warning says so in the last case.
     schedule : float or Schedule
         Interval at which all vehicles ping [s], a `PingSchedule`, `SlotSchedule` or `PingList`. Time counts from the first
         pose of all.
@@ -92,6 +94,10 @@ def measure(
         schedule=schedule,
         data=ocean if isinstance(ocean, xr.Dataset) else None,
     )
+    attrs = out.ocean.local.attrs
+    note = centre_note(config, attrs, trajectories)
+    if note:
+        logging.getLogger(__name__).warning(note)
     return run_in_memory(config, out)
 
 
@@ -107,6 +113,8 @@ def ranges_config(
     tree = _water_tree(ocean)
     for name, section in sections.items():
         tree[name] = {**tree.get(name, {}), **section} if isinstance(section, Mapping) else section
+    if not tree.get("acoustics", {}).get("currents"):  # nobody drifts, and no current carries sound
+        tree["ocean"] = {"currents": "rest", **tree["ocean"]}
     tree["study"] = {"name": "ranges", "conditions": [], **sections.get("study", {})}
     tree["fleet"] = {"trajectories": [str(path) for path in trajectories], "enu": enu}
     for key, value in dotted_keys(options).items():
@@ -115,7 +123,7 @@ def ranges_config(
 
 
 def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
-    """Sections of a study that say through what sound runs; water at rest is enough, nobody drifts with it."""
+    """Sections of a study that say through what sound runs."""
     if isinstance(ocean, Mapping) and not isinstance(ocean, xr.Dataset):
         return {"ocean": dict(ocean)}
     if isinstance(ocean, xr.Dataset):
@@ -128,7 +136,7 @@ def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
         words = [str(one) for one in ([ocean] if isinstance(ocean, str | Path) else ocean)]
         if names_configuration(words):
             return _dump(load_sound(words[0]))
-    return {"ocean": {"source": words, "currents": "rest"}}
+    return {"ocean": {"source": words}}
 
 
 def _dump(config: SoundConfig) -> dict[str, Any]:

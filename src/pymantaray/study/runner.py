@@ -1,5 +1,6 @@
 """A whole study: mission, realizations, and everything on disk."""
 
+import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
@@ -24,6 +25,7 @@ from pymantaray.study.tracks import mission_size, with_tracks
 from pymantaray.study.unfinished import Unfinished
 from pymantaray.study.workers import Workers
 
+LOG = logging.getLogger(__name__)
 _REALIZATIONS_PER_WORKER = 3
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
 _POSE_BYTES, _GRAPH_BYTES, _LINK_BYTES = 160, 4000, 500
@@ -77,6 +79,8 @@ def run_study(
     >>> from pymantaray.study import load_study
     >>> run = run_study(load_study("quick"))  # doctest: +SKIP
     """
+    if not config.fleet.trajectories and "duration_h" not in config.mission.model_fields_set:
+        LOG.warning("mission.duration_h is not given: the mission lasts %g h", config.mission.duration_h)
     config = with_tracks(config)
     count = config.study.realizations if config.solves else 0
     if workers is None:  # a fresh process takes as long to start as a few short realizations to solve
@@ -114,7 +118,7 @@ def run_study(
             inputs,
             watch,
             references=references,
-            synthetic=known.synthetic,
+            ocean=known.ocean.attrs,
             workers=workers,
             worker_memory_mib=0.0 if processes is None else processes.peak_memory_mib,
         )

@@ -1,5 +1,6 @@
 """Trajectories of other programs as the fleet of a study, and the ranges alone that an ocean gives them."""
 
+from collections.abc import Hashable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories
 from pymantaray.exchange.tracks import union_of_times
 from pymantaray.geometry import LocalFrame
+from pymantaray.ocean.schema import latitude, longitude
 from pymantaray.records import Trajectories
 
 Array = NDArray[np.float64]
@@ -63,8 +65,8 @@ def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfi
     """
     Configuration with what it leaves to the trajectories of its fleet; that of simulated vehicles as it is.
 
-    The mission lasts as long as they do, the frame's centre is the middle of their latitudes and longitudes, and water that
-    varies is that of their dates.
+    The mission lasts as long as they do, the frame's centre is the one that a file names or the middle of their latitudes and
+    longitudes, and water that varies is that of their dates.
     """
     if not config.fleet.trajectories:
         return config
@@ -87,6 +89,20 @@ def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfi
         twice = next(name for name in names if names.count(name) > 1)
         raise StudyError(f"names of vehicles and landmarks must differ; found {twice} more than once")
     return config.model_copy(update={"ocean": ocean.model_copy(update=place)})
+
+
+def centre_note(config: StudyConfig, ocean: Mapping[Hashable, Any], tracks: Tracks) -> str | None:
+    """Line that says which centre local positions were placed about, None where a file or the configuration names it."""
+    if tracks.geodetic or config.ocean.centre is not None or tracks.centre is not None:
+        return None
+    if "centre_latitude_deg" not in ocean:
+        return None  # water that is the same everywhere
+    lat, lon = float(ocean["centre_latitude_deg"]), float(ocean["centre_longitude_deg"])
+    return (
+        f"{tracks.poses[0].file}: positions are local and no file names the centre of their frame: the middle of the ocean was"
+        f" taken, {latitude(lat)}, {longitude(lon)}; if it is another, give --centre"
+        " (in Python and TOML ocean.centre_lat and centre_lon)"
+    )
 
 
 def follow(tracks: Tracks, duration: float, period: float, pings: Array, local: xr.Dataset) -> Trajectories:

@@ -1,0 +1,76 @@
+"""
+Centre of the local frame of exported positions, so that a reader puts them back into the same water.
+
+Text files that allow comments name it in comment lines, as ``# centre_latitude_deg = 74.5``. A file ``frame.json`` in the same
+folder names it for all other formats.
+"""
+
+import json
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pymantaray.errors import ExchangeError
+from pymantaray.records import whole_file
+
+Centre = tuple[float, float]
+"""Latitude and longitude. [degrees]"""
+SIDECAR = "frame.json"
+_KEYS = ("centre_latitude_deg", "centre_longitude_deg")
+_COMMENT = re.compile(rf"^\s*#\s*({'|'.join(_KEYS)})\s*[=:]\s*(\S+)\s*$")
+
+
+def centre_attributes(centre: Centre | None) -> dict[str, float]:
+    """Latitude and longitude of a centre by their keys; nothing for None."""
+    return {} if centre is None else dict(zip(_KEYS, map(float, centre), strict=True))
+
+
+def centre_of_names(named: Mapping[Any, Any], path: Path) -> Centre | None:
+    """Centre that keys of a file name, None if there are none of them; both must be numbers on Earth."""
+    if not named.keys() & set(_KEYS):
+        return None
+    try:
+        lat, lon = (float(str(named[key])) for key in _KEYS)
+    except (KeyError, ValueError):
+        lat = lon = float("nan")
+    if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 360.0):
+        found = ", ".join(f"{key} {named[key]!r}" for key in _KEYS if key in named)
+        raise ExchangeError(
+            f"{path}: found {found}; {_KEYS[0]} (-90 to 90) and {_KEYS[1]} (-180 to 360) must both be given in degrees"
+        )
+    return lat, lon
+
+
+def centre_comments(centre: Centre | None) -> list[str]:
+    """Comment lines, without their ``#``, that name a centre; none for None."""
+    return [f"{key} = {value!r}" for key, value in centre_attributes(centre).items()]
+
+
+def centre_in_comments(lines: Iterable[str], path: Path) -> Centre | None:
+    """Centre that comment lines name, None if they do not."""
+    matches = (_COMMENT.match(line) for line in lines)
+    return centre_of_names({match[1]: match[2] for match in matches if match}, path)
+
+
+def write_sidecar(folder: Path, centre: Centre | None) -> None:
+    """Write ``frame.json`` into a folder of exported files; nothing without a centre."""
+    if centre is None:
+        return
+    tree = {"axes": "north, east, down [m]", **centre_attributes(centre)}
+    with whole_file(folder / SIDECAR) as file:
+        file.write_text(json.dumps(tree, indent=2) + "\n", encoding="utf-8")
+
+
+def centre_beside(path: Path) -> Centre | None:
+    """Centre that ``frame.json`` in the folder of a file names, None without such a file."""
+    sidecar = path.parent / SIDECAR
+    try:
+        tree = json.loads(sidecar.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise ExchangeError(
+            f"{sidecar}: cannot be read ({' '.join(str(error).split())[:80]}); correct it or remove it"
+        ) from None
+    return centre_of_names(tree, sidecar) if isinstance(tree, dict) else None  # else another program's

@@ -1,0 +1,98 @@
+"""Centre of a local frame from satellite fixes (latitude and longitude) of vehicles whose local positions are known."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.exchange.centre import Centre
+from pymantaray.geometry import LocalFrame
+
+Array = NDArray[np.float64]
+_AT_ONE_PLACE = 10.0  # m; fixes of a frame's origin spread less
+_MOST_PAIRS = 500
+_ITERATIONS = 10
+
+
+class Fixes(NamedTuple):
+    """Satellite fixes of one topic or file, those without a solution left out."""
+
+    time: NDArray[np.int64]
+    """[ns]"""
+    latitude: Array
+    """[degrees]"""
+    longitude: Array
+    """[degrees]"""
+    frame: str
+    """Name of the frame whose origin the fixes locate."""
+
+
+class Centred(NamedTuple):
+    """Centre of a local frame, and how far single fixes put it from there."""
+
+    centre: Centre
+    fixes: int
+    spread: float
+    """Greatest distance of a single fix's centre. [m]"""
+
+
+def origin_of_frame(fixes: Sequence[Fixes]) -> Centred | None:
+    """Centre that fixes of the frame's own origin name; None without any, or if they move."""
+    if not fixes:
+        return None
+    latitude = np.concatenate([f.latitude for f in fixes])
+    longitude = np.concatenate([f.longitude for f in fixes])
+    found = _middle(latitude, longitude)
+    return found if found.spread < _AT_ONE_PLACE else None
+
+
+def centre_from_fixes(pairs: Sequence[tuple[NDArray[np.int64], Array, Fixes]]) -> Centred | None:
+    """
+    Centre of the frame in which vehicles have local positions, from their fixes.
+
+    Each entry has the times [ns] and positions (n, 3), north, east, down [m], of one vehicle, and its fixes. Only fixes between
+    its first and last position count; positions are interpolated to their times.
+    """
+    rows = [_at_fixes(*pair) for pair in pairs]
+    north, east, latitude, longitude = (
+        np.concatenate([row[k] for row in rows]) if rows else np.empty(0) for k in range(4)
+    )
+    if not latitude.size:
+        return None
+    few = np.unique(np.linspace(0, latitude.size - 1, min(latitude.size, _MOST_PAIRS)).astype(int))
+    centres = [_centre_of(*map(float, row)) for row in zip(north[few], east[few], latitude[few], longitude[few], strict=True)]  # fmt: skip
+    return _middle(*np.transpose(centres))
+
+
+def _at_fixes(time: NDArray[np.int64], place: Array, fixes: Fixes) -> tuple[Array, Array, Array, Array]:
+    """North, east [m], latitude and longitude [degrees] at the fixes between the first position and the last."""
+    inside = (fixes.time >= time.min()) & (fixes.time <= time.max())
+    order = np.argsort(time, kind="stable")
+    at, own = (fixes.time[inside] - time.min()) * 1e-9, (time[order] - time.min()) * 1e-9
+    north, east = (np.interp(at, own, place[order, k]) for k in (0, 1))
+    return north, east, fixes.latitude[inside], fixes.longitude[inside]
+
+
+def _centre_of(north: float, east: float, latitude: float, longitude: float) -> Centre:
+    """Centre of the frame in which a place on Earth has these local coordinates."""
+    frame = LocalFrame(latitude, longitude)
+    step = -north, -east
+    for _ in range(_ITERATIONS):
+        lat, lon = frame.to_geodetic(*step)
+        frame = LocalFrame(float(lat), float(lon))
+        there = frame.to_local(latitude, longitude)
+        step = float(there[0]) - north, float(there[1]) - east
+    return frame.latitude_deg, frame.longitude_deg
+
+
+def _middle(latitude: Array, longitude: Array) -> Centred:
+    """Median of places near each other, and the greatest distance from it."""
+    about = LocalFrame(float(latitude[0]), float(longitude[0]))
+    places = np.stack(about.to_local(latitude, longitude), axis=-1)
+    middle = np.median(places, axis=0)
+    spread = float(np.linalg.norm(places - middle, axis=-1).max())
+    if spread == 0.0:
+        return Centred((float(latitude[0]), float(longitude[0])), latitude.size, 0.0)
+    lat, lon = about.to_geodetic(*middle)
+    return Centred((float(lat), float(lon)), latitude.size, spread)

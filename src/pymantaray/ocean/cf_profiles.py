@@ -1,0 +1,180 @@
+"""
+Profiles in CF data sets (discrete sampling geometry, conventions 1.11, chapter 9 and appendix H.3), read as casts and written.
+
+Layouts that are read: one profile, orthogonal and incomplete multidimensional arrays, contiguous and indexed ragged arrays.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.errors import OceanError
+from pymantaray.ocean.cast import CastTable
+from pymantaray.ocean.convert import decoded_times
+from pymantaray.ocean.files import numbers, open_file, text, unreadable
+from pymantaray.records.writing import NETCDF_LOCK
+
+Array = NDArray[np.float64]
+_QUANTITIES = {
+    "depth": ("depth",),
+    "pressure": ("sea_water_pressure", "sea_water_pressure_due_to_sea_water"),
+    "temperature": ("sea_water_temperature",),
+    "potential_temperature": ("sea_water_potential_temperature",),
+    "conservative_temperature": ("sea_water_conservative_temperature",),
+    "salinity": ("sea_water_practical_salinity", "sea_water_salinity"),
+    "absolute_salinity": ("sea_water_absolute_salinity",),
+    "sound_speed": ("speed_of_sound_in_sea_water",),
+}
+_BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing
+
+
+def holds_profiles(data: xr.Dataset) -> bool:
+    """Whether a data set says that it has profiles."""
+    feature = str(data.attrs.get("featureType", "")).lower()
+    return feature == "profile" or any(
+        v.attrs.get("cf_role") == "profile_id" for v in data.variables.values()
+    )
+
+
+def read_cf_profiles(path: Path) -> dict[str, CastTable]:
+    """Each profile of a CF data set as a table, by its name."""
+    with open_file(path) as data, NETCDF_LOCK:
+        try:
+            return _tables(data, path)
+        except OceanError:
+            raise
+        except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
+            raise unreadable(path, error) from None
+
+
+def instance_of_rows(data: xr.Dataset, dim: str, path: Path) -> NDArray[np.int64] | None:
+    """Number of the feature of each row of a ragged array; None where there is one feature."""
+    size = data.sizes[dim]
+    for name, variable in data.variables.items():
+        if variable.attrs.get("sample_dimension") == dim:
+            counts = np.nan_to_num(numbers(data, str(name))).astype(np.int64)
+            if counts.min(initial=0) < 0 or counts.sum() > size:
+                raise OceanError(f"{path}: {name} counts {counts.sum()} rows, there are {size} along {dim}")
+            return np.pad(
+                np.repeat(np.arange(counts.size), counts), (0, size - counts.sum()), constant_values=-1
+            )
+        if "instance_dimension" in variable.attrs and variable.dims == (dim,):
+            return np.nan_to_num(numbers(data, str(name)), nan=-1).astype(np.int64)
+    return None
+
+
+def labels_of(variable: xr.Variable) -> NDArray[Any]:
+    """Text of each element of a variable of names, letters or whole numbers."""
+    raw = np.asarray(variable.values)
+    if raw.dtype.kind == "f" and np.array_equal(raw, np.round(raw)):
+        raw = raw.astype(np.int64)
+    cells = [c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c) for c in raw.ravel().tolist()]
+    if raw.dtype.kind in "SUO" and "str" in str(variable.dims[-1:]).lower():  # letters along it
+        cells = ["".join(row) for row in np.array(cells).reshape(-1, raw.shape[-1])]
+    return np.array([c.strip("\0 ") for c in cells], dtype=object)
+
+
+def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
+    named = {q: name for q, standard in _QUANTITIES.items() if (name := _variable(data, standard))}
+    main = next((named[q] for q in ("temperature", "potential_temperature", "conservative_temperature", "sound_speed")
+                 if q in named), None)  # fmt: skip
+    if main is None or not {"depth", "pressure"} & named.keys():
+        raise OceanError(
+            f"{path}: no profile: needs depth or sea_water_pressure, and sea_water_temperature or"
+            f" speed_of_sound_in_sea_water, by standard_name; found {', '.join(map(str, data.variables))}"
+        )
+    dims = tuple(map(str, data.variables[main].dims))
+    of_row = instance_of_rows(data, dims[-1], path) if len(dims) == 1 else None
+    count = data.sizes[dims[0]] if len(dims) == 2 else 1 if of_row is None else int(of_row.max(initial=0)) + 1
+    if len(dims) > 2:
+        raise OceanError(
+            f"{path}: {main} has dimensions {', '.join(dims)}; a profile has one, or two with its number"
+        )
+    values, notes = {}, []
+    for quantity, name in named.items():
+        values[quantity], told = _values(data, name, data.variables[main].sizes)
+        notes += [f"{told} values of {name} left out for their flags"] if told else []
+    places = [_of_profile(data, standard, count) for standard in ("latitude", "longitude")]
+    times = _times(data, count, path)
+    role = next((v for v in data.variables.values() if v.attrs.get("cf_role") == "profile_id"), None)
+    names = labels_of(role) if role is not None else np.array([str(k) for k in range(count)], dtype=object)
+    tables = {}
+    for k in range(count):
+        rows = (k, slice(None)) if len(dims) == 2 else slice(None) if of_row is None else of_row == k
+        frame = pd.DataFrame({i: column[rows] for i, column in enumerate(values.values())})
+        lat, lon = (float(axis[k]) for axis in places)
+        label = str(names[k]) if k < names.size and names[k] else str(k)
+        tables[label if count > 1 or role is not None else ""] = CastTable(
+            path,
+            tuple(named.values()),
+            frame,
+            [],
+            {q: (i, text(data.variables[n], "units")) for i, (q, n) in enumerate(named.items())},
+            {},
+            bracketed=False,
+            instrument="CF",
+            place=(lat, lon) if np.isfinite(lat) and np.isfinite(lon) else None,
+            time=times[k],
+            notes=tuple(notes),
+        )
+    return tables
+
+
+def _variable(data: xr.Dataset, standard: Sequence[str]) -> str:
+    """Variable of one of several standard names, the first of them that is there; empty where none is."""
+    for name in standard:
+        for key, variable in data.variables.items():
+            if text(variable, "standard_name") == name and variable.dtype.kind in "biuf" and variable.ndim:
+                return str(key)
+    return ""
+
+
+def _values(data: xr.Dataset, name: str, sizes: Any) -> tuple[Array, int]:
+    """Values over the dimensions of the main variable, those flagged as bad NaN, and how many these are."""
+    variable = data.variables[name]
+    values, bad = numbers(data, name), np.zeros(variable.shape, dtype=bool)
+    for flags in (*text(variable, "ancillary_variables").split(), f"{name}_QC", f"{name}_qc"):
+        flag = data.variables.get(flags)
+        if flag is not None and flag.dims == variable.dims and flag.dtype.kind in "iuf" and (
+            "flag" in text(flag, "standard_name") or flags.lower().endswith("_qc")
+        ):  # fmt: skip
+            bad |= np.isin(np.nan_to_num(numbers(data, flags)), _BAD_FLAGS)
+    values[bad] = np.nan
+    if text(variable, "positive").lower() == "up":
+        values = -values
+    shape = tuple(sizes.values())
+    return np.broadcast_to(values, shape), int(bad.sum())
+
+
+def _of_profile(data: xr.Dataset, standard: str, count: int) -> Array:
+    """Number of each profile, NaN where the file does not say."""
+    name = next(
+        (
+            str(n)
+            for n, v in data.variables.items()
+            if text(v, "standard_name") == standard and v.dtype.kind in "biuf"
+        ),
+        "",
+    )
+    if not name:
+        return np.full(count, np.nan)
+    values = np.atleast_1d(numbers(data, name)).ravel()
+    return values if values.size == count else np.resize(values[:1], count)
+
+
+def _times(data: xr.Dataset, count: int, path: Path) -> list[str]:
+    """Time of each profile in ISO 8601, empty where the file does not say."""
+    name = next((str(n) for n, v in data.variables.items() if text(v, "standard_name") == "time"), "")
+    unit = text(data.variables[name], "units") if name else ""
+    seconds = _of_profile(data, "time", count)
+    out = [""] * count
+    for k in np.flatnonzero(np.isfinite(seconds)) if " since " in unit else ():
+        calendar = text(data.variables[name], "calendar")
+        (instant,) = decoded_times(seconds[k : k + 1], unit, calendar, where=f"{path}: {name}")
+        out[k] = str(np.datetime_as_string(instant, unit="ms"))
+    return out

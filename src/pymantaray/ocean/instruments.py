@@ -1,0 +1,365 @@
+"""
+Casts as instruments and their programs write them: text with a header, as columns with names and units of this package.
+
+Read by their content, whatever the ending: Sea-Bird ``.cnv`` (Seasoft manual, converted data format), Sippican ``.edf`` (XBT, XCTD,
+XSV), Kongsberg ``.asvp``, SonTek CastAway, Valeport (VPD, VP2, MIDAS, MiniSVP), AML (``.aml`` and SeaCast's CSV), RBR Ruskin's text.
+The grammar of headers is that of the Simrad ME70's manual (EDF) and of files that HydrOffice's Sound Speed Manager takes.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pymantaray.errors import OceanError
+
+Lines = Sequence[str]
+Rows = dict[int, list[str]]
+"""Cells by line of the file, from 1."""
+
+
+class Sheet(NamedTuple):
+    """Columns of one instrument's file."""
+
+    instrument: str
+    titles: list[str]
+    """Names of quantities with units, as tables of casts have them; empty for columns that are not read."""
+    rows: Rows
+    place: tuple[float, float] | None
+    """Latitude and longitude. [degrees]"""
+    time: str
+    """UTC in ISO 8601; empty if the file does not say."""
+    notes: tuple[str, ...] = ()
+
+
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_QUANTITIES = (  # the first that is found in a column's title
+    (r"potential temp|^potemp", "potential_temperature"),
+    (r"specific|conductance|density|anomaly", ""),
+    (r"^cond", "measured_conductivity"),
+    (r"^(cal\w*\.? ?)?(sv|svel|sos)$|sound (vel|speed)|speed of sound|^calcsv", "sound_speed"),
+    (r"^sal|salinity", "salinity"),
+    (r"^t(emp)?(ct|sv)?$|^temp|temperature", "temperature"),
+    (r"^(sea ?)?pres", "pressure"),
+    (r"^depth|^dep\b", "depth"),
+)
+_UNITS = {
+    "decibar": "dbar", "decibars": "dbar", "db": "dbar", "dbar": "dbar", "bar": "bar", "m": "m", "meter": "m", "meters": "m",
+    "metre": "m", "metres": "m", "ft": "ft", "feet": "ft", "c": "degC", "degc": "degC", "deg c": "degC", "celsius": "degC",
+    "°c": "degC", "ºc": "degC", "f": "degF", "m/s": "m/s", "m/sec": "m/s", "meters per second": "m/s", "ft/s": "ft/s",
+    "microsiemens per centimeter": "us/cm", "psu": "1", "0/00": "1", "‰": "1", "pss-78": "1", "practical salinity scale": "1", "ppt": "1",
+}  # fmt: skip
+_SEA_BIRD = (  # short names of Seasoft's variables
+    (r"pr(\d?[DMS])?[DM]?|prdM|prSM", "pressure [dbar]"),
+    (r"dep[SF]M", "depth [m]"),
+    (r"(t|tv|tn)\d?\d90C", "temperature [degC]"),
+    (r"(t|tv|tn)\d?\d68C", "temperature [degC] 68"),
+    (r"potemp\d?90C", "potential_temperature [degC]"),
+    (r"sal\d\d", "salinity [1]"),
+    (r"c\d?[0_]?S/m", "measured_conductivity [S/m]"),
+    (r"c\d?[0_]?mS/cm", "measured_conductivity [mS/cm]"),
+    (r"c\d?[0_]?uS/cm", "measured_conductivity [uS/cm]"),
+    (r"sv[CDW]M\d?", "sound_speed [m/s]"),
+    (r"latitude", "lat [degrees]"),
+    (r"longitude", "lon [degrees]"),
+)
+_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
+_SURFACE = 10.1325  # dbar of air in absolute pressure
+
+
+def instrument_sheet(path: Path, lines: Lines) -> Sheet | None:
+    """Columns of an instrument's file; None if the text is no format of an instrument's."""
+    head = [line.strip() for line in lines[:400]]
+    reader = next((read for known, read in _FORMATS if known(head)), None)
+    if reader is None:
+        return None
+    try:
+        sheet = reader(lines)
+    except (IndexError, KeyError, StopIteration, ValueError):
+        raise OceanError(f"{path}: looks like an instrument's file, but its header is damaged") from None
+    if not any(sheet.titles) or not sheet.rows:
+        what = "columns" if not any(sheet.titles) else "rows"
+        raise OceanError(f"{path}: a file of {sheet.instrument} without {what} that are known")
+    return sheet
+
+
+def _sea_bird(lines: Lines) -> Sheet:
+    end = next(i for i, line in enumerate(lines) if line.startswith("*END*"))
+    head = [line.lstrip("*# ").strip() for line in lines[:end]]
+    names = [m[1] for line in head if (m := re.match(r"name\s+\d+\s*=\s*([^:]+):", line))]
+    bad = next((float(m[1]) for line in head if (m := re.match(r"bad_flag\s*=\s*(\S+)", line))), -9.99e-29)
+    rows: Rows = {}
+    for i, line in enumerate(lines[end + 1 :], end + 2):
+        cells = line.split()
+        if len(cells) != len(names):  # numbers of eleven letters may touch
+            cells = [line[k : k + 11].strip() for k in range(0, len(line.rstrip()), 11)]
+        if len(cells) == len(names):
+            rows[i] = ["" if _value(cell) == bad else cell for cell in cells]
+    titles = _first_of_each(
+        next((title for pattern, title in _SEA_BIRD if re.fullmatch(pattern, name.strip())), "")
+        for name in names
+    )
+    notes = []
+    if flags := [k for k, name in enumerate(names) if name.strip() == "flag"]:
+        flagged = [i for i, cells in rows.items() if not cells[flags[0]]]
+        for i in flagged:
+            del rows[i]
+        if flagged:
+            notes.append(f"{len(flagged)} rows with a bad flag left out")
+    for k, title in enumerate(titles):
+        if title.endswith("68"):
+            titles[k] = title.removesuffix(" 68")
+            notes.append("temperature of ITS-68 divided by 1.00024")
+            for cells in rows.values():
+                cells[k] = repr(_value(cells[k]) / 1.00024) if cells[k] else ""
+    lat, lon = (_angle(_after(head, rf"(?:NMEA )?{axis}\s*[=:]")) for axis in ("Latitude", "Longitude"))
+    for key in (r"NMEA UTC \(Time\)\s*=", r"start_time\s*=", r"System UTC\s*=", r"System UpLoad Time\s*="):
+        if time := _month_first(_after(head, key)):
+            break
+    return Sheet("Sea-Bird", titles, rows, _place(lat, lon), time, tuple(notes))
+
+
+def _sippican(lines: Lines) -> Sheet:
+    start = next(
+        (i for i, line in enumerate(lines) if re.match(r"\s*(Depth \(m\)|// Data\s*$)", line)), len(lines)
+    )
+    head = [line.lstrip("/ ").strip() for line in lines[: start + 1]]
+    fields = {
+        int(m[1]): m[2] for line in head if (m := re.match(r"Field\s*(\d+)\s*:\s*(.*)", line, re.IGNORECASE))
+    }
+    named = re.findall(r"[A-Za-z][A-Za-z ]*?\s*\([^)]*\)", head[-1]) if head else []
+    titles = [fields[k] for k in sorted(fields)] or named
+    date = re.match(r"(\d{1,2})/(\d{1,2})/(\d{4})", _after(head, r"Date of Launch\s*:"))
+    clock = re.match(r"\d{1,2}:\d{2}(:\d{2})?", _after(head, r"Time of Launch\s*:"))
+    time = f"{date[3]}-{int(date[1]):02d}-{int(date[2]):02d}" if date else ""
+    lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
+    salinity = _NUMBER.search(_after(head, r"Sound velocity derived with assumed salinity\s*:?|Salinity\s*:"))
+    notes = [f"sound speed computed with an assumed salinity of {salinity[0]}"] if salinity else []
+    return Sheet(
+        "Sippican",
+        _titles(titles),
+        _numeric_rows(lines, start + 1, None),
+        _place(lat, lon),
+        time + (f"T{clock[0]:0>8}" if time and clock else ""),
+        tuple(notes),
+    )
+
+
+def _kongsberg(lines: Lines) -> Sheet:
+    first = next(i for i, line in enumerate(lines) if line.strip())
+    words = lines[first].strip("() \t").split()
+    time, lat, lon = [*words[3:6], "", "", ""][:3]
+    digits = re.fullmatch(r"(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)?", time)
+    stamp = "{}-{}-{}T{}:{}:{}".format(*digits.groups(default="00")) if digits else ""
+    place = _place(_value(lat), _value(lon))
+    return Sheet(
+        "Kongsberg", ["depth [m]", "sound_speed [m/s]"], _numeric_rows(lines, first + 1, None), place, stamp
+    )
+
+
+def _castaway(lines: Lines) -> Sheet:
+    head = [line.lstrip("% ").strip() for line in lines if line.startswith("%")]
+    start = next(
+        (i for i, line in enumerate(lines) if line.strip() and not line.startswith("%")), len(lines) - 1
+    )
+    lat, lon = (_value(_after(head, rf"Start {axis}\s*,")) for axis in ("latitude", "longitude"))
+    time = _after(head, r"Cast time \(UTC\)\s*,").replace(" ", "T")
+    titles = _titles(lines[start].split(","))
+    return Sheet("CastAway", titles, _numeric_rows(lines, start + 1, ","), _place(lat, lon), time)
+
+
+def _sections(lines: Lines) -> Sheet:
+    """Valeport's and AML's files with ``[sections]`` of ``key=value``, the last of them the data."""
+    start = next(i for i, line in enumerate(lines) if line.strip().lower() in ("[data]", "[measurementdata]"))
+    pairs = (line.split("=", 1) for line in lines[:start] if "=" in line)
+    keys = {key.strip().lower(): value.strip() for key, value in pairs}
+    aml = "[measurementdata]" in lines[start].lower() or "sn" in keys or "date" in keys
+    following = [i for i in range(start + 1, len(lines)) if lines[i].strip()]
+    separator = "\t" if following and "\t" in lines[following[0]] else ","
+    titles, units = keys.get("columns", "").split(","), keys.get("units", "").split(",")
+    if "columns" not in keys and following:
+        titles, units = lines[following[0]].split(separator), []
+        if len(following) > 1 and not any(
+            _NUMBER.fullmatch(c.strip()) for c in lines[following[1]].split(separator)
+        ):
+            units = lines[following[1]].split(separator)
+    if len(units) == len(titles):
+        titles = [f"{t} ({u.strip('()[] ')})" if u.strip() else t for t, u in zip(titles, units, strict=True)]
+    lat = _angle(keys.get("gpslatitude") or keys.get("latitude", ""))
+    lon = _angle(keys.get("gpslongitude") or keys.get("longitude", ""))
+    lat, lon = (np.nan, np.nan) if (lat, lon) == (0.0, 0.0) else (lat, lon)  # no fix
+    stamps = (keys.get(k) for k in ("datastarttime", "datestarttime", "time_stamp", "timestamp"))
+    time = next((s for s in stamps if s), "")
+    if not time and "date" in keys:
+        time = f"{_year_first(keys['date'])} {keys.get('time', '')}".strip()
+    time = re.sub(r"^(\d{4})[./](\d\d?)[./](\d\d?)", r"\1-\2-\3", time).replace(" ", "T")
+    rows = _numeric_rows(lines, start + 1, separator)
+    return Sheet("AML" if aml else "Valeport", _titles(titles), rows, _place(lat, lon), time)
+
+
+def _valeport_midas(lines: Lines) -> Sheet:
+    start = next(
+        (i for i, line in enumerate(lines) if line.upper().startswith("DATE / TIME")), len(lines) - 1
+    )
+    head = [line.strip() for line in lines[:start]]
+    titles = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
+    lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
+    time = _day_first(_after(head, r"Time Stamp\s*:"))
+    return Sheet("Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _place(lat, lon), time)
+
+
+def _valeport_mini(lines: Lines) -> Sheet:
+    start = next((i for i, line in enumerate(lines) if line.startswith("Pressure units:")), len(lines) - 1)
+    head = [line.strip() for line in lines[: start + 1]]
+    metres = _after(head, "Pressure units:").lower().startswith("m")
+    down = "depth [m]" if metres else "pressure [dbar]"
+    model = next((line.split(":")[0] for line in head if re.match(r"(MiniSVP|MiniCTD|RapidSVT?):", line)), "")
+    columns = {
+        "RapidSV": [down, "sound_speed [m/s]"],
+        "MiniCTD": [down, "temperature [degC]", ""],
+    }.get(model, [down, "temperature [degC]", "sound_speed [m/s]"])
+    lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
+    time = _day_first(_after(head, r"Now\s*:"))
+    return Sheet("Valeport", columns, _numeric_rows(lines, start + 1, None), _place(lat, lon), time)
+
+
+def _rbr(lines: Lines) -> Sheet:
+    start = next(
+        i
+        for i, line in enumerate(lines)
+        if re.match(r"\s*(time|timestamp|date & time)\b", line, re.IGNORECASE)
+    )
+    separator = "," if "," in lines[start] else None
+    words = (
+        [cell.strip() for cell in lines[start].split(",")]
+        if separator
+        else ["date", "time", *lines[start].split()[3:]]
+    )
+    sea = any(re.match(r"sea ?pres", word, re.IGNORECASE) for word in words)
+    titles = _titles("" if sea and re.match("pres", w, re.IGNORECASE) else w for w in words)
+    rows, notes = _numeric_rows(lines, start + 1, separator), []
+    if (
+        not sea
+        and (k := next((k for k, title in enumerate(titles) if title.startswith("pressure")), None))
+        is not None
+    ):
+        notes.append(f"{_SURFACE} dbar of air taken from the absolute pressure")
+        for cells in rows.values():
+            cells[k] = repr(_value(cells[k]) - _SURFACE) if cells[k] else ""
+    head = [line.strip() for line in lines[:start]]
+    lat, lon = (_angle(_after(head, rf"{axis}\s*[=:]")) for axis in ("Latitude", "Longitude"))
+    first = next((line for line in lines[start + 1 :] if line.strip()), "")
+    time = re.match(r"\s*(\d{4})[-/](\d\d)[-/](\d\d)[ T](\d\d:\d\d:\d\d)", first)
+    stamp = f"{time[1]}-{time[2]}-{time[3]}T{time[4]}" if time else ""
+    return Sheet("RBR", titles, rows, _place(lat, lon), stamp, tuple(notes))
+
+
+def _any(pattern: str) -> Callable[[Lines], bool]:
+    """Whether a line of a file's head begins so."""
+    return lambda head: any(re.match(pattern, line, re.IGNORECASE) for line in head)
+
+
+_FORMATS: tuple[tuple[Callable[[Lines], bool], Callable[[Lines], Sheet]], ...] = (
+    (_any(r"\*END\*"), _sea_bird),
+    (_any(r"\(\s*SoundVelocity\b"), _kongsberg),
+    (_any(r"(//\s*)?(Date of Launch|Probe Type)\s*:"), _sippican),
+    (_any(r"%\s*(Device|Cast time|File name)"), _castaway),
+    (_any(r"\[(data|measurementdata)\]$"), _sections),
+    (_any(r"Previous File Location\s*:"), _valeport_midas),
+    (_any(r"Pressure units:"), _valeport_mini),
+    (lambda head: bool(head) and _any(r"(Model=|RBR )")(head[:3]) and _any("(time|timestamp|date & time)")(head), _rbr),
+    (lambda head: bool(head) and re.match(r"time,.*\b(sea pressure|speed of sound)\b", head[0], re.IGNORECASE) is not None, _rbr),
+)  # fmt: skip
+
+
+def _titles(cells: Iterable[str]) -> list[str]:
+    """Titles of ours for those of a file, as ``Pressure (Decibar)``; empty where one is not read."""
+    return _first_of_each(_title(cell) for cell in cells)
+
+
+def _title(cell: str) -> str:
+    match = re.fullmatch(r"\s*(.*?)\s*(?:[(\[]([^)\]]*)[)\]])?\s*", cell)
+    name, unit = (match[1], match[2] or "") if match else (cell, "")
+    quantity = next((q for pattern, q in _QUANTITIES if re.search(pattern, name.strip().lower())), "")
+    if not quantity:
+        return ""
+    known = _UNITS.get(unit.strip().lower(), unit.strip())
+    return f"{quantity} [{known}]" if known else quantity
+
+
+def _first_of_each(titles: Iterable[str]) -> list[str]:
+    """Titles without second columns of a quantity."""
+    out: list[str] = []
+    for title in titles:
+        quantity = title.split(" [")[0]
+        out.append("" if any(other.split(" [")[0] == quantity for other in out) else title)
+    return out
+
+
+def _numeric_rows(lines: Lines, start: int, separator: str | None) -> Rows:
+    """Rows from a line on of which a cell at least is a number; cells that are none are empty."""
+    rows = {}
+    for i, line in enumerate(lines[start:], start + 1):
+        cells = [cell.strip() for cell in line.split(separator)]
+        numbers = [cell if _NUMBER.fullmatch(cell) else "" for cell in cells]
+        if any(numbers):
+            rows[i] = numbers
+    return rows
+
+
+def _after(head: Iterable[str], pattern: str) -> str:
+    """What stands in a header behind a key, in the first line that has it."""
+    for line in head:
+        if match := re.match(rf"(?:{pattern})(.*)", line, re.IGNORECASE):
+            return match[1].strip()
+    return ""
+
+
+def _value(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")
+
+
+def _angle(words: str) -> float:
+    """Degrees of text as ``74.5``, ``74 30.5N`` or ``74 30 12 S``; NaN where there is none. [degrees]"""
+    numbers = [float(n) for n in _NUMBER.findall(words)][:3]
+    if not numbers:
+        return float("nan")
+    size = sum(abs(n) / 60.0**k for k, n in enumerate(numbers))
+    negative = words.strip().startswith("-") or bool(re.search(r"[SW]\s*$", words.strip(), re.IGNORECASE))
+    return -size if negative else size
+
+
+def _place(lat: float, lon: float) -> tuple[float, float] | None:
+    return (lat, lon) if np.isfinite(lat) and np.isfinite(lon) else None
+
+
+def _month_first(words: str) -> str:
+    """``Jul 24 2014 19:20:00`` in ISO 8601."""
+    match = re.match(r"([A-Za-z]{3})[a-z]*\s+(\d{1,2}),?\s+(\d{4})(?:\s+(\d{1,2}:\d\d:\d\d))?", words)
+    if match is None or match[1].lower() not in _MONTHS:
+        return ""
+    date = f"{match[3]}-{_MONTHS.index(match[1].lower()) + 1:02d}-{int(match[2]):02d}"
+    return date + (f"T{match[4]:0>8}" if match[4] else "")
+
+
+def _day_first(words: str) -> str:
+    """``24/07/2014 19:20:00`` in ISO 8601."""
+    match = re.match(r"(\d{1,2})/(\d{1,2})/(\d{4})(?:\s+(\d{1,2}:\d\d:\d\d))?", words)
+    if match is None:
+        return ""
+    date = f"{match[3]}-{int(match[2]):02d}-{int(match[1]):02d}"
+    return date + (f"T{match[4]:0>8}" if match[4] else "")
+
+
+def _year_first(words: str) -> str:
+    """``07/24/14`` (month, day, year) in ISO 8601; other dates as they are."""
+    match = re.fullmatch(r"(\d{1,2})/(\d{1,2})/(\d{2,4})", words)
+    if match is None:
+        return words
+    year = int(match[3]) + (2000 if int(match[3]) < 100 else 0)
+    return f"{year}-{int(match[1]):02d}-{int(match[2]):02d}"
