@@ -2,17 +2,25 @@
 
 import copy
 import datetime as dt
+import os
+import shutil
+import subprocess
+import sys
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from factories import TINY
 
+import pymantaray
+from pymantaray.installation import code_version
+from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.study import parse_study
 from pymantaray.study.mission import range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys, narrowed, reads
-from pymantaray.sweep.stages import _PACK, _UNPACK, _content, _datasets
+from pymantaray.sweep.stages import _PACK, _UNPACK
 from pymantaray.water.ocean import build_medium, mission_ocean
 
 MODEM = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
@@ -157,8 +165,28 @@ def test_a_file_counts_by_its_content_and_not_by_its_name(tmp_path):
 
 def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
     before = keys(config, {})
-    monkeypatch.setattr("pymantaray.__version__", "99")
+    monkeypatch.setattr("pymantaray.sweep.keys.code_version", lambda: "99")
     assert all(x != y for x, y in zip(before.values(), keys(config, {}).values(), strict=True))
+
+
+def test_the_version_of_the_code_changes_with_any_source_that_a_result_can_depend_on(tmp_path):
+    package = tmp_path / "pymantaray"
+    shutil.copytree(Path(pymantaray.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def version():
+        code = "from pymantaray.installation import code_version; print(code_version())"
+        command = [sys.executable, "-B", "-c", code]
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        return subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    before = version()
+    assert before == code_version()  # a copy is the same code
+    for name, same in (("report/page.py", True), ("cli/main.py", True), ("fleet/kernel.py", False)):
+        with (package / name).open("a") as file:
+            file.write("\n# changed\n")
+        assert (version() == before) is same
 
 
 @pytest.mark.parametrize(
@@ -177,7 +205,7 @@ def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(confi
     modem = MODEM | ({"ice_loss_db": 2.0, "leakage": True} if "ice" in tree["ocean"] else {})
     ocean, fleet, rays = stages_of(parse_study(tree | {"detection": modem}))
     again = {
-        stage: _UNPACK[stage](_datasets(_content(_PACK[stage](result))))
+        stage: _UNPACK[stage](netcdf_groups(netcdf_content(_PACK[stage](result))))
         for stage, result in ((OCEAN, ocean), (FLEET, fleet), (RAYS, rays))
     }
     assert (ocean.series is not None) == tree["ocean"]["time_varying"]

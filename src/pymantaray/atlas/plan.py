@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import pymantaray
 from pymantaray.atlas.column import SPLINE
 from pymantaray.atlas.links import AtlasLinks
 from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import wrapped
+from pymantaray.installation import code_version
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.open import FileSource, OceanIndex, ocean_index
 from pymantaray.ocean.seawater import Equation
@@ -48,7 +48,7 @@ class Block:
     place: tuple[int, slice, slice]
     """Where it belongs in the atlas: time, latitudes, longitudes."""
     kind: str = "block"
-    version: str = pymantaray.__version__
+    version: str = field(default_factory=code_version)
 
 
 class Atlas:
@@ -248,7 +248,7 @@ def described(atlas: Atlas) -> bytes:
     """What an atlas is of, for people who find its unfinished blocks."""
     content = {
         "atlas": atlas.key,
-        "version": pymantaray.__version__,
+        "version": code_version(),
         "files": atlas.checksums,
         "columns": atlas.shape,
         "links": asdict(atlas.links),

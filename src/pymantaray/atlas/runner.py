@@ -10,9 +10,10 @@ from pymantaray.atlas.blocks import block_name, perform, read_block
 from pymantaray.atlas.dataset import Placed, open_atlas, write_atlas
 from pymantaray.atlas.plan import Atlas, Block, described
 from pymantaray.errors import AtlasError, SweepError, WriteError
+from pymantaray.installation import code_version
 from pymantaray.ocean.open import read_ocean
 from pymantaray.sweep.store import Store, failure_content, open_store
-from pymantaray.sweep.workers import crew_of, do_all
+from pymantaray.sweep.workers import check_scheduler, crew_of, do_all
 
 if TYPE_CHECKING:
     from pymantaray.sweep.workers import Client
@@ -68,11 +69,14 @@ def run_atlas(
     WriteError
         If something cannot be written.
     """
+    check_scheduler(client)
     path = Path(out)
     if path.exists() and _is_of(path, atlas):
         return path
     if path.exists() and not force:
-        raise WriteError(f"{path}: exists already, and is not of this atlas; give another name or --force")
+        raise WriteError(
+            f"{path}: exists already, and is not of this atlas by pymantaray {code_version()}; give another name or --force"
+        )
     store = open_store(blocks_place(path))
     store.claim("atlas", _MARKER, {"blocks"})
     store.write(_MARKER, described(atlas))

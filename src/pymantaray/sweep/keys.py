@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-import pymantaray
+from pymantaray.installation import code_version
 from pymantaray.study import StudyConfig
 
 OCEAN, FLEET, RAYS, POINT = "ocean", "fleet", "rays", "point"
@@ -75,7 +75,7 @@ def _pick(tree: dict[str, Any], field: str) -> Any:
 
 def digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
     """Name of a task, from what its result depends on and the checksums of the files that are named there."""
-    content = {"kind": kind, "version": pymantaray.__version__, "config": tree}
+    content = {"kind": kind, "version": code_version(), "config": tree}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     for file, checksum in checksums.items():  # what is in a file counts, and not where it is
         text = text.replace(json.dumps(file), json.dumps(checksum))

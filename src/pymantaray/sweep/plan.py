@@ -6,8 +6,10 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 from pymantaray.errors import StudyError, SweepError
+from pymantaray.installation import code_version
 from pymantaray.study import StudyConfig
 from pymantaray.study.manifest import sha256
 from pymantaray.sweep.definition import Sweep
@@ -16,6 +18,7 @@ from pymantaray.sweep.tasks import Task
 
 Told = Callable[[int, int, int], None]
 """Told how many points are done, how many have failed, and how many there are."""
+EARLIER = "an earlier version"
 _LINES = 20  # of bad points that are told
 
 
@@ -76,18 +79,36 @@ def _add_checksums(checksums: dict[str, str], config: StudyConfig) -> None:
 
 def plan_content(plan: Plan, toml: str) -> bytes:
     """The plan's names, for who only counts."""
-    content = {"sweep": hashlib.sha256(toml.encode()).hexdigest(), "keys": [key[POINT] for key in plan.keys]}
+    content = {
+        "sweep": hashlib.sha256(toml.encode()).hexdigest(),
+        "version": code_version(),
+        "keys": [key[POINT] for key in plan.keys],
+    }
     return json.dumps(content).encode()
 
 
-def planned_keys(content: bytes | None, toml: str) -> list[str] | None:
-    """Keys of the points of a sweep's text, from its `plan_content`; None where that is of another sweep."""
+class Planned(NamedTuple):
+    """Content of the file that `plan_content` makes."""
+
+    sweep: str
+    """Hash of the sweep's text."""
+    version: str
+    """Of the code that the points were planned with."""
+    keys: list[str]
+
+    def is_of(self, toml: str) -> bool:
+        """True if the keys are those of a sweep's text."""
+        return self.sweep == hashlib.sha256(toml.encode()).hexdigest()
+
+
+def read_plan(content: bytes | None) -> Planned | None:
+    """Return the content of a plan's file; None if there is none or it is damaged."""
     try:
-        tree = json.loads(content or b"{}")
-    except ValueError:
+        tree = json.loads(content or b"")
+        keys = [key for key in tree["keys"] if isinstance(key, str)]
+        return Planned(str(tree["sweep"]), str(tree.get("version", EARLIER)), keys)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
-    keys: list[str] | None = tree.get("keys")
-    return keys if tree.get("sweep") == hashlib.sha256(toml.encode()).hexdigest() else None
 
 
 class Queue:

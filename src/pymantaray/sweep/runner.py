@@ -1,13 +1,15 @@
 """Running a sweep: tasks that can be begun go to workers, who write what becomes of them."""
 
+import logging
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pymantaray.errors import SweepError
+from pymantaray.installation import code_version
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES
-from pymantaray.sweep.plan import Plan, Queue, Told, plan_content
+from pymantaray.sweep.plan import EARLIER, Plan, Queue, Told, plan_content, read_plan
 from pymantaray.sweep.results import SweepResults, open_sweep
 from pymantaray.sweep.store import (
     OURS,
@@ -21,10 +23,13 @@ from pymantaray.sweep.store import (
     stage_name,
 )
 from pymantaray.sweep.tasks import perform
-from pymantaray.sweep.workers import crew_of, do_all
+from pymantaray.sweep.workers import check_scheduler, crew_of, do_all
 
 if TYPE_CHECKING:
     from distributed import Client
+
+
+_LOG = logging.getLogger("pymantaray.sweep")
 
 
 def run_sweep(
@@ -72,11 +77,12 @@ def run_sweep(
     WriteError
         If the store cannot be written.
     """
+    check_scheduler(client)
     plan, store = Plan(sweep), open_store(out)
     if studies and store.folder is None:
         raise SweepError(f"{out}: studies need a folder")
     _prepare(store, plan)
-    done, failed = finished(store, plan.points)
+    done, failed = finished(store, plan.points, discard=True)
     for key in failed if retry_failed else ():
         store.remove(point_name(key, failed=True))
     failed = set() if retry_failed else failed
@@ -87,7 +93,8 @@ def run_sweep(
     if queue.left:
         with crew_of(partial(perform, store.url), client, workers) as crew:
             do_all(queue, crew)
-        if missing := len(plan.points) - sum(map(len, finished(store, plan.points))):
+        there = {name.partition(".")[0] for name in store.names("points")}
+        if missing := len(plan.points.keys() - there):
             raise SweepError(
                 f"{store.url}: {missing} points were done elsewhere; all workers must see this place"
             )
@@ -121,8 +128,25 @@ def _prepare(store: Store, plan: Plan) -> None:
     """Have the store say what sweep it is of."""
     store.claim("sweep", SWEEP, OURS)
     toml = plan.sweep.to_toml()
+    _warn_of_other_code(store, plan)
     store.write(SWEEP, toml.encode())
     store.write(PLAN, plan_content(plan, toml))
+
+
+def _warn_of_other_code(store: Store, plan: Plan) -> None:
+    """Say which points of the latest run are not taken because other code computed them."""
+    latest = read_plan(store.read(PLAN))
+    if latest is None or latest.version == code_version():
+        return
+    there = {name.partition(".")[0] for name in store.names("points")}
+    if others := len(there.intersection(latest.keys) - plan.points.keys()):
+        _LOG.warning(
+            "%s: %d points were computed by %s, this is pymantaray %s: they are computed again; the old files stay",
+            store.url,
+            others,
+            latest.version if latest.version == EARLIER else f"pymantaray {latest.version}",
+            code_version(),
+        )
 
 
 class _Points(Queue):

@@ -1,19 +1,31 @@
 """Where results are: a folder, or an object store by fsspec, of small files that are there whole or not at all."""
 
 import json
+import logging
 import os
+import re
 import time
 import traceback
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path, PurePosixPath
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
 
 from pymantaray.errors import MantaRayError, SweepError, WriteError
 from pymantaray.records import whole_file
 
+_LOG = logging.getLogger("pymantaray.sweep")
 SWEEP, PLAN = "sweep.toml", "plan.json"
-OURS, _PART = {SWEEP, PLAN, "points", "stages", "studies"}, ".part"
+DONE, FAILED = "done", "failed"
+OURS = {SWEEP, PLAN, "points", "stages", "studies"}
+_TEMPORARY = re.compile(r"\.([0-9a-f]{50}|sweep\.toml|plan\.json|atlas\.json)\.[0-9a-f]{16}\.part")
+"""Names of files that `whole_file` has not finished: of tasks, whose keys are hashes, and of the files above."""
 _ATOMIC = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")  # an object is there when all of it is
+_TOGETHER = 1000  # objects that are read at once
+Value = bool | int | float | str | None
 _STALE = 3600.0  # age at which a file with a temporary name is of a process that was killed [s]
 
 
@@ -41,7 +53,7 @@ class Store:
 
     def __init__(self, place: str) -> None:
         self.url = place
-        self.folder: Path | None = None if "://" in place else Path(place).resolve()
+        self.folder: Path | None = None if "://" in place else Path(os.path.realpath(place))
 
     @property
     def _path(self) -> Path:
@@ -51,6 +63,13 @@ class Store:
     def has(self, name: str) -> bool:
         """Whether there is a file."""
         return (self._path / name).exists()
+
+    def contents(self, names: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+        """Names and contents of the files that are there of these names."""
+        for name in names:
+            content = self.read(name)
+            if content is not None:
+                yield name, content
 
     def read(self, name: str) -> bytes | None:
         """Content of a file; None if there is none."""
@@ -68,6 +87,10 @@ class Store:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise WriteError(f"{path.parent}: cannot be written: {error.strerror}") from None
+        if os.path.realpath(path.parent) != str(path.parent):
+            raise WriteError(
+                f"{path.parent}: leads out of {self.url} by a symbolic link; remove the link or give another folder"
+            )
         with whole_file(path) as temporary:
             temporary.write_bytes(content)
 
@@ -80,17 +103,22 @@ class Store:
         with suppress(OSError):
             (self._path / name).unlink()
 
-    def claim(self, kind: str, marker: str, ours: Collection[str]) -> None:
+    def claim(self, kind: str, marker: str, ours: set[str]) -> None:
         """Refuse a place that holds something else, and remove what killed processes have left half written."""
+        if self._path.is_symlink():  # the place is resolved, so that it leads nowhere
+            raise SweepError(f"{self.url}: is a circle of symbolic links; give another folder")
         if self._path.exists() and not self._path.is_dir():
             raise SweepError(f"{self.url}: is a file; give a folder")
         others = {path.name for path in self._path.iterdir()} if self._path.exists() else set()
-        if not self.has(marker) and not all(name in ours or name.endswith(_PART) for name in others):
+        if not self.has(marker) and not all(name in ours or _TEMPORARY.fullmatch(name) for name in others):
             raise SweepError(
                 f"{self.url}: holds something, and no {kind}; give a new folder, or one of the same {kind}"
             )
-        for folder, _, files in os.walk(self._path):
-            for path in (Path(folder, file) for file in files if file.endswith(_PART)):
+        for name in sorted(ours & others):
+            if (self._path / name).is_symlink():
+                raise SweepError(f"{self._path / name}: is a symbolic link; remove it or give another folder")
+        for path in (*self._path.glob("*"), *(p for name in ours for p in (self._path / name).rglob("*"))):
+            if _TEMPORARY.fullmatch(path.name):
                 with suppress(OSError):
                     if time.time() - path.stat().st_mtime > _STALE:
                         path.unlink()
@@ -128,6 +156,16 @@ class _Objects(Store):
         except OSError as error:
             raise SweepError(f"{self.url}/{name}: cannot be read: {error}") from None
 
+    def contents(self, names: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+        rest = iter(names)
+        while some := list(islice(rest, _TOGETHER)):
+            paths = {self._files._strip_protocol(str(self._root / name)): name for name in some}
+            try:
+                found = self._files.cat(list(paths), on_error="omit")
+            except OSError as error:
+                raise SweepError(f"{self.url}: cannot be read: {error}") from None
+            yield from ((paths[path], content) for path, content in found.items())
+
     def write(self, name: str, content: bytes) -> None:
         try:
             self._files.pipe_file(str(self._root / name), content)
@@ -142,18 +180,72 @@ class _Objects(Store):
         with suppress(OSError):
             self._files.rm_file(str(self._root / name))
 
-    def claim(self, kind: str, marker: str, ours: Collection[str]) -> None:
+    def claim(self, kind: str, marker: str, ours: set[str]) -> None:
         pass
 
 
 def open_store(place: str | Path) -> Store:
     """Store of a folder's name or of a URL."""
     text = str(place)
-    return _Objects(text.rstrip("/")) if "://" in text else Store(str(Path(text).resolve()))
+    if "://" in text:
+        return _Objects(text.rstrip("/"))
+    return Store(os.path.realpath(text))  # which takes a circle of symbolic links as it is
 
 
-def finished(store: Store, known: Iterable[str]) -> tuple[set[str], set[str]]:
-    """Keys of points that are done and of points that have failed, among those that are known."""
-    names = {name.removesuffix(".json") for name in store.names("points") if name.endswith(".json")}
-    done = {key for key in known if key in names}
-    return done, {key for key in known if f"{key}.failed" in names} - done
+class Point(BaseModel):
+    """Content of a point's file."""
+
+    key: str
+    version: str
+    conditions: dict[str, dict[str, Value]]
+    links: dict[str, Value]
+    seconds: dict[str, float]
+
+
+class Failure(BaseModel):
+    """Content of the file of a point that failed."""
+
+    error: str
+    traceback: str | None = None
+
+
+_CONTENT: dict[str, type[BaseModel]] = {DONE: Point, FAILED: Failure}
+
+
+def read_points(
+    store: Store, known: Iterable[str], *, discard: bool = False
+) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """
+    Key, status (`DONE` or `FAILED`) and content of each of some points that has a result.
+
+    A file that is damaged, or of another point, is no result: a warning names it, and it is removed if it is to be discarded.
+    """
+    there, known = store.names("points"), list(known)
+    done = {point_name(key): key for key in known if f"{key}.json" in there}
+    failed = {point_name(key, failed=True): key for key in known if f"{key}.failed.json" in there}
+    ended = set[str]()
+    for names, status in ((done, DONE), (failed, FAILED)):
+        for name, content in store.contents(names):
+            key = names[name]
+            try:
+                tree = _CONTENT[status].model_validate_json(content).model_dump(exclude_unset=True)
+            except ValidationError:
+                tree = {"key": None}
+            if tree.get("key", key) != key:
+                remedy = (
+                    "it is removed and computed again" if discard else "run the sweep again to replace it"
+                )
+                _LOG.warning("%s/%s: damaged or of another point; %s", store.url, name, remedy)
+                if discard:
+                    store.remove(name)
+            elif key not in ended:
+                ended.add(key)
+                yield key, status, tree
+
+
+def finished(store: Store, known: Iterable[str], *, discard: bool = False) -> tuple[set[str], set[str]]:
+    """Keys of points that are done and of points that have failed, among those that are known; as `read_points`."""
+    keys: dict[str, set[str]] = {DONE: set(), FAILED: set()}
+    for key, status, _ in read_points(store, known, discard=discard):
+        keys[status].add(key)
+    return keys[DONE], keys[FAILED]

@@ -3,10 +3,9 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-import pymantaray
 from pymantaray.evaluation import (
     ALL_LINKS,
     consistency_summary,
@@ -16,6 +15,7 @@ from pymantaray.evaluation import (
     ping_error_table,
     range_error_table,
 )
+from pymantaray.installation import code_version
 from pymantaray.study import Run, StudyConfig, open_run
 from pymantaray.study.folder import MANIFEST
 from pymantaray.study.manifest import Stopwatch
@@ -42,7 +42,7 @@ class Task:
     """Stages that are left in the store."""
     studies: bool = False
     """Whether points leave their runs in folders of their own."""
-    version: str = pymantaray.__version__
+    version: str = field(default_factory=code_version)
 
     @property
     def key(self) -> str:

@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import re
 import threading
 import time
 from collections import Counter
@@ -13,8 +14,9 @@ from functools import partial
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
-import pymantaray
 from pymantaray.errors import SweepError, WriteError
+from pymantaray.installation import code_version
+from pymantaray.ocean.files import without_password
 from pymantaray.study.workers import WorkerEndedError, Workers
 from pymantaray.sweep.store import Store, failure_content, open_store
 
@@ -27,6 +29,7 @@ _DASK_WINDOW = 4096  # tasks that the scheduler is given ahead
 _ANSWER = 10.0  # within which a scheduler answers first [s]
 _PATIENCE = 60.0  # for a scheduler that is gone to come back [s]
 _ALONE = threading.Lock()  # threads of one worker take turns: the numerical libraries are not made for more
+_ADDRESS = re.compile(r"((tcp|tls|ucx|ucxx|ws|wss)://)?(\[[0-9a-fA-F:.]+\]|[^\s/:]+):\d{1,5}|inproc://\S+")
 _LOOK = 5.0  # between looks at whether the scheduler is there [s]
 
 
@@ -54,9 +57,9 @@ Work = Callable[[Any], str | None]
 def attempt(url: str, task: TaskT, do: Callable[[Store, TaskT], None], failed_name: str | None) -> str | None:
     """Do a task whose result goes into a store; the line by which it failed, which is also left there under a name."""
     with _ALONE:
-        if task.version != pymantaray.__version__:
+        if task.version != code_version():
             raise SweepError(
-                f"this worker has pymantaray {pymantaray.__version__}, the task {task.version}: install the same"
+                f"this worker has pymantaray {code_version()}, the task {task.version}: install the same"
             )
         store = open_store(url)
         try:
@@ -133,6 +136,14 @@ class Crew:
 
     def reconnect(self) -> None:
         """Wait for the scheduler; raises `SweepError` where it does not come back."""
+
+
+def check_scheduler(client: "Client | str | None") -> None:
+    """Refuse what is no address of a scheduler, before any work."""
+    if isinstance(client, str) and not _ADDRESS.fullmatch(client):
+        raise SweepError(
+            f"scheduler {without_password(client)}: not an address; give tcp://HOST:PORT, as the scheduler prints it"
+        )
 
 
 def crew_of(work: Work, client: "Client | str | None", workers: int | None) -> Crew:
