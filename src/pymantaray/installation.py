@@ -16,8 +16,6 @@ from typing import Any
 
 from packaging.requirements import Requirement
 
-from pymantaray import __version__
-
 PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
 _KERNELS = (
     "acoustics._kernels.field",
@@ -46,7 +44,7 @@ def code_version() -> str:
         name = file.relative_to(root).as_posix()
         if not name.startswith(("cli/", "report/")):
             content.update(f"{name} {hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
-    return f"{__version__}+{content.hexdigest()[:12]}"
+    return f"{_version('pymantaray')}+{content.hexdigest()[:12]}"
 
 
 def peak_memory_mib() -> float:

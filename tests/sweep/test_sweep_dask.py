@@ -7,6 +7,7 @@ import threading
 import pytest
 from dask_cluster import Cluster, client_here
 from factories import wait_for
+from refusals import refused
 
 from pymantaray.errors import SweepError
 from pymantaray.sweep import run_sweep, workers
@@ -33,6 +34,21 @@ def test_a_scheduler_that_is_not_there_is_told_in_one_line(noises, tmp_path, mon
     address = "tcp://127.0.0.1:9"  # which no process is given by chance
     with pytest.raises(SweepError, match=f"^scheduler {address}: cannot be reached: .*$"):
         run_sweep(noises(1), tmp_path / "out", client=address)
+
+
+@pytest.mark.parametrize(
+    "address", ["nonsense", "127.0.0.1", "tcp://host", "foo://host:1", "tcp://host:port", ""]
+)
+def test_what_is_no_address_is_refused_before_anything_is_written(noises, tmp_path, address):
+    refused(
+        SweepError,
+        "^scheduler .*: not an address; give tcp://HOST:PORT",
+        run_sweep,
+        noises(1),
+        tmp_path / "out",
+        client=address,
+    )
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """What an atlas is of: columns of an ocean at some instants, cut into blocks that can be computed each on its own."""
 
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -96,7 +97,7 @@ class Atlas:
         sea_floor: str | Path | None = None,
     ) -> None:
         self.links, self.every, self.equation = links or AtlasLinks(), every, equation
-        self.sea_floor = None if sea_floor is None else str(Path(sea_floor).resolve())
+        self.sea_floor = None if sea_floor is None else os.path.realpath(sea_floor)
         self._index: OceanIndex = ocean_index(_resolved(source))
         self.times = _instants(self._index, times)
         lat, lon = self._index.lat, self._index.lon
@@ -141,7 +142,10 @@ class Atlas:
         """SHA-256 of every file that is read."""
         files = dict.fromkeys(file for time in self.times for file in self._files(time))
         names = [*files, *([] if self.sea_floor is None else [self.sea_floor])]
-        return {name: sha256(Path(name)) for name in names if not name.startswith(_SYNTHETIC)}
+        try:
+            return {name: sha256(Path(name)) for name in names if not name.startswith(_SYNTHETIC)}
+        except OSError as error:
+            raise AtlasError(f"{error.filename}: cannot be read: {error.strerror}") from None
 
     @property
     def key(self) -> str:
@@ -203,7 +207,7 @@ class Atlas:
 def _resolved(source: FileSource) -> list[str]:
     """Names of files by which every worker knows them."""
     sources = [source] if isinstance(source, str | Path) else list(source)
-    return [str(s) if str(s).startswith(_SYNTHETIC) else str(Path(s).resolve()) for s in sources]
+    return [str(s) if str(s).startswith(_SYNTHETIC) else os.path.realpath(s) for s in sources]
 
 
 def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:

@@ -285,9 +285,11 @@ def check_output(
         raise WriteError(f"{out}: the output's name must end in {' or '.join(endings)}")
     if not out.parent.is_dir():
         raise WriteError(f"{out}: there is no folder {out.parent}; make it first")
-    sources = {path.resolve() for path in inputs}
+    sources = {os.path.realpath(path) for path in inputs}
     for path in (out, *beside):
-        if path.resolve() in sources:
+        if os.path.realpath(path) in sources:
             raise WriteError(f"{path}: is the input; give another name")
+        if Path(os.path.realpath(path)).is_symlink():
+            raise WriteError(f"{path}: is a circle of symbolic links; give another name")
         if path.is_dir() or (path.exists() and not force):
             raise WriteError(f"{path}: exists already; give another name or --force")

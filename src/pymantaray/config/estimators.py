@@ -1,6 +1,7 @@
 """Sections of a configuration about estimators, and what all sections have in common."""
 
 import datetime as dt
+import os
 from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
@@ -41,7 +42,7 @@ def input_file(name: str, folder: Path) -> str:
     """Absolute name of a file named relative to a folder; that of a synthetic ocean is what it is."""
     if "\0" in name:
         raise ValueError(f"found {name!r}, which no file can be named")
-    return name if name.startswith("synthetic:") else str((folder / name).resolve())
+    return name if name.startswith("synthetic:") else os.path.realpath(folder / name)
 
 
 def _anchor(name: str, info: ValidationInfo) -> str:

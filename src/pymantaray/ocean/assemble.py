@@ -72,7 +72,7 @@ def ocean_of(
         values,
         title=one_line(text(data, "title"), _TEXT) or f"{'HYCOM ' if hycom else ''}{collection.names}",
         source=next(filter(None, (one_line(text(data, k), _TEXT) for k in ("source", "institution"))), model),
-        synthetic=any(np.array_equal(p.data.attrs.get("synthetic"), 1) for p in collection.parts),
+        synthetic=any(np.array_equal(p.data.attrs.get("synthetic", 0), 1) for p in collection.parts),
         validate=False,
     )
     if own:

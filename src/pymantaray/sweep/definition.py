@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -154,7 +155,7 @@ class Sweep:
         self._base: Tree = config.model_dump(exclude_none=True)
         if config.fleet.trajectories and "duration_h" not in config.mission.model_fields_set:
             del self._base["mission"]["duration_h"]  # which is theirs
-        self._folder = Path(folder).resolve()
+        self._folder = Path(os.path.realpath(folder))
         axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
         axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]
         if len(seeds):
