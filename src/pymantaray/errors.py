@@ -46,6 +46,10 @@ class EvaluationError(MantaRayError):
     """An error statistic is asked of data that do not support it."""
 
 
+class JobError(MantaRayError):
+    """Tasks cannot be done: their folder, store, workers or scheduler is unusable."""
+
+
 class StudyError(MantaRayError):
     """A study's configuration, run folder or inputs are unusable."""
 

@@ -18,9 +18,9 @@ from refusals import refused
 from pymantaray.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_atlas, runner, safety_table
 from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.atlas.plan import instants_between
-from pymantaray.errors import AtlasError, OceanError, SweepError, WriteError
+from pymantaray.errors import AtlasError, JobError, OceanError, WriteError
+from pymantaray.jobs.pool import crew_of
 from pymantaray.records import RayStatus
-from pymantaray.sweep.workers import crew_of
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
     refused(WriteError, "exists already, and is not of this atlas", run_atlas, other, out)
     (tmp_path / "b.nc.blocks").mkdir()
     (tmp_path / "b.nc.blocks" / "thesis.tex").write_text("x")
-    refused(SweepError, "holds something, and no atlas", run_atlas, atlas, tmp_path / "b.nc")
+    refused(JobError, "holds something, and no atlas", run_atlas, atlas, tmp_path / "b.nc")
 
 
 def test_an_ocean_whose_content_has_changed_is_another_atlas(here, ocean, links, tmp_path):
@@ -213,7 +213,7 @@ def test_workers_that_write_elsewhere_are_noticed(file, links, monkeypatch, tmp_
         lambda _, *rest: crew_of(partial(away, str(tmp_path / "away")), *rest),
     )
     atlas = Atlas(file, links, every=20)
-    refused(SweepError, "all workers must see this place", run_atlas, atlas, tmp_path / "a.nc", workers=1)
+    refused(JobError, "all workers must see this place", run_atlas, atlas, tmp_path / "a.nc", workers=1)
 
 
 def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, links, content, tmp_path):

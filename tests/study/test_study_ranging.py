@@ -9,12 +9,12 @@ from pymantaray.acoustics import Leakage, WenzNoise
 from pymantaray.config.sections import DetectionSection, RangingSection
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
+from pymantaray.jobs.processes import Workers
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ClockModel, Picker, TwoWay, perturb
 from pymantaray.study import open_run
 from pymantaray.study.assemble import build_clocks, build_picker
 from pymantaray.study.realization import solve_realizations, start_solver
-from pymantaray.study.workers import Workers
 from pymantaray.water.listening import build_detector, build_timing, leakage_of
 from pymantaray.water.ocean import build_currents, build_ocean
 

@@ -9,8 +9,9 @@ from dask_cluster import Cluster, client_here
 from factories import wait_for
 from refusals import refused
 
-from pymantaray.errors import SweepError
-from pymantaray.sweep import run_sweep, workers
+from pymantaray.errors import JobError
+from pymantaray.jobs import pool
+from pymantaray.sweep import run_sweep
 
 pytest.importorskip("distributed")
 
@@ -30,9 +31,9 @@ def test_a_client_gives_the_same_digits_as_processes_of_this_machine(noises, sum
 
 
 def test_a_scheduler_that_is_not_there_is_told_in_one_line(noises, tmp_path, monkeypatch):
-    monkeypatch.setattr(workers, "_ANSWER", 1.0)
+    monkeypatch.setattr(pool, "_ANSWER", 1.0)
     address = "tcp://127.0.0.1:9"  # which no process is given by chance
-    with pytest.raises(SweepError, match=f"^scheduler {address}: cannot be reached: .*$"):
+    with pytest.raises(JobError, match=f"^scheduler {address}: cannot be reached: .*$"):
         run_sweep(noises(1), tmp_path / "out", client=address)
 
 
@@ -41,7 +42,7 @@ def test_a_scheduler_that_is_not_there_is_told_in_one_line(noises, tmp_path, mon
 )
 def test_what_is_no_address_is_refused_before_anything_is_written(noises, tmp_path, address):
     refused(
-        SweepError,
+        JobError,
         "^scheduler .*: not an address; give tcp://HOST:PORT",
         run_sweep,
         noises(1),
@@ -82,7 +83,7 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(noises, summaries
 def test_a_scheduler_that_stays_away_ends_the_sweep_in_one_line_and_it_goes_on_elsewhere(
     noises, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(workers, "_PATIENCE", 4.0)
+    monkeypatch.setattr(pool, "_PATIENCE", 4.0)
     sweep, out = noises(30), tmp_path / "out"
     with Cluster(tmp_path) as cluster:
         cluster.start()
@@ -93,7 +94,7 @@ def test_a_scheduler_that_stays_away_ends_the_sweep_in_one_line_and_it_goes_on_e
 
         thread = threading.Thread(target=end)
         thread.start()
-        with pytest.raises(SweepError, match=r"is gone; start it and run the same sweep again to go on$"):
+        with pytest.raises(JobError, match=r"is gone; start it and run the same sweep again to go on$"):
             run_sweep(sweep, out, client=cluster.address)
         thread.join()
     done = {path: path.stat().st_mtime_ns for path in points_in(out)}

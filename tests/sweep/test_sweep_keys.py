@@ -165,7 +165,7 @@ def test_a_file_counts_by_its_content_and_not_by_its_name(tmp_path):
 
 def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
     before = keys(config, {})
-    monkeypatch.setattr("pymantaray.sweep.keys.code_version", lambda: "99")
+    monkeypatch.setattr("pymantaray.jobs.keys.code_version", lambda: "99")
     assert all(x != y for x, y in zip(before.values(), keys(config, {}).values(), strict=True))
 
 

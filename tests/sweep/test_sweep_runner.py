@@ -15,15 +15,16 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from pymantaray.errors import SweepError
+from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
+from pymantaray.jobs.pool import crew_of
+from pymantaray.jobs.store import open_store
 from pymantaray.study import open_run, parse_study, run_study
 from pymantaray.sweep import Sweep, open_sweep, run_sweep, stages, tasks
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys
 from pymantaray.sweep.plan import Plan, Queue
-from pymantaray.sweep.store import open_store, stage_name
+from pymantaray.sweep.points import stage_name
 from pymantaray.sweep.tasks import Task, perform
-from pymantaray.sweep.workers import crew_of
 
 
 @pytest.fixture
@@ -187,7 +188,7 @@ def test_each_task_follows_the_stage_that_it_needs(depths):
 
 def test_a_worker_of_another_version_is_refused_in_one_line(small, tmp_path):
     task = Task(POINT, keys(small, {}), small, frozenset(), version="99")
-    with pytest.raises(SweepError, match=r"^this worker has pymantaray .*, the task 99: install the same$"):
+    with pytest.raises(JobError, match=r"^this worker has pymantaray .*, the task 99: install the same$"):
         perform(str(tmp_path), task)
 
 
@@ -196,7 +197,7 @@ def test_workers_that_write_elsewhere_are_noticed(here, noises, tmp_path, monkey
         "pymantaray.sweep.runner.crew_of",
         lambda _, *rest: crew_of(partial(perform, str(tmp_path / "away")), *rest),
     )
-    with pytest.raises(SweepError, match=r"2 points were done elsewhere; all workers must see this place$"):
+    with pytest.raises(JobError, match=r"2 points were done elsewhere; all workers must see this place$"):
         run_sweep(noises(2), tmp_path / "out", workers=1)
 
 
@@ -229,7 +230,7 @@ def start(work):
 def test_a_worker_that_dies_each_time_fails_its_point_alone(noises, tmp_path, monkeypatch):
     (tmp_path / "killing.py").write_text(KILLING)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("pymantaray.sweep.workers._start", importlib.import_module("killing").start)
+    monkeypatch.setattr("pymantaray.jobs.pool._start", importlib.import_module("killing").start)
     results = run_sweep(noises(3), tmp_path / "out", workers=1)
     assert [c["status"] for c in results.contents] == ["done", "failed", "done"]
     assert "by SIGKILL, perhaps out of memory; try fewer workers (3 attempts)" in results.contents[1]["error"]

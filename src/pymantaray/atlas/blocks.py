@@ -13,11 +13,11 @@ from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.atlas.dataset import VARIABLES, shape_of
 from pymantaray.atlas.plan import Block
 from pymantaray.geometry.longitude import whole_turns
+from pymantaray.jobs.pool import attempt
+from pymantaray.jobs.store import Store
 from pymantaray.ocean import open_sea_floor
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
-from pymantaray.sweep.store import Store
-from pymantaray.sweep.workers import attempt
 
 _STATUS = "column_status"
 

@@ -17,12 +17,11 @@ from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import wrapped
 from pymantaray.installation import code_version
+from pymantaray.jobs.keys import digest, sha256
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.open import FileSource, OceanIndex, ocean_index
 from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import GeographicWindow, rectangle, select
-from pymantaray.study.manifest import sha256
-from pymantaray.sweep.keys import digest
 
 Array = NDArray[np.float64]
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]

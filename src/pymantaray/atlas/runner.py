@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 from pymantaray.atlas.blocks import block_name, perform, read_block
 from pymantaray.atlas.dataset import Placed, open_atlas, write_atlas
 from pymantaray.atlas.plan import Atlas, Block, described
-from pymantaray.errors import AtlasError, SweepError, WriteError
+from pymantaray.errors import AtlasError, JobError, WriteError
 from pymantaray.installation import code_version
+from pymantaray.jobs.pool import check_scheduler, crew_of, do_all
+from pymantaray.jobs.store import Store, failure_content, open_store
 from pymantaray.ocean.open import read_ocean
-from pymantaray.sweep.store import Store, failure_content, open_store
-from pymantaray.sweep.workers import check_scheduler, crew_of, do_all
 
 if TYPE_CHECKING:
-    from pymantaray.sweep.workers import Client
+    from pymantaray.jobs.pool import Client
 
 _MARKER = "atlas.json"
 Told = Callable[[int, int, int], None]
@@ -64,7 +64,7 @@ def run_atlas(
     ------
     AtlasError
         If a block cannot be computed, by its line (all others are done first), or the file is of something else.
-    SweepError
+    JobError
         If the scheduler is gone, or workers see another folder.
     WriteError
         If something cannot be written.
@@ -78,7 +78,7 @@ def run_atlas(
             f"{path}: exists already, and is not of this atlas by pymantaray {code_version()}; give another name or --force"
         )
     store = open_store(blocks_place(path))
-    store.claim("atlas", _MARKER, {"blocks"})
+    store.claim("atlas", _MARKER, {_MARKER, "blocks"})
     store.write(_MARKER, described(atlas))
     for name in store.names("blocks"):
         if name.endswith(".failed.json"):  # in another run; tried again
@@ -99,7 +99,7 @@ def run_atlas(
         write_atlas(
             atlas, _contents(store, atlas), path, title=attrs["title"], synthetic=bool(attrs["synthetic"])
         )
-    except SweepError:
+    except JobError:
         if not _is_of(path, atlas):  # which another runner has written, and its blocks are gone
             raise
     _clear(store)
@@ -119,7 +119,7 @@ def _contents(store: Store, atlas: Atlas) -> Iterator[Placed]:
     for block in atlas.blocks:
         content = store.read(block_name(block.key))
         if content is None:
-            raise SweepError(f"{store.url}: a block was done elsewhere; all workers must see this place")
+            raise JobError(f"{store.url}: a block was done elsewhere; all workers must see this place")
         try:
             values = read_block(content)
         except ValueError:

@@ -147,7 +147,7 @@ class Watch:
 
     def rest(self) -> str:
         """The largest memory of this process and of any of its workers so far, and the stages to come."""
-        from pymantaray.study.workers import Workers
+        from pymantaray.jobs.processes import Workers
 
         words = f"memory {peak_memory_mib():.0f} MiB"
         if Workers.largest_mib:

@@ -8,7 +8,7 @@ from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from pymantaray.study.workers import Workers
+from pymantaray.jobs.processes import Workers
 
 if TYPE_CHECKING:
     from pymantaray.report.write import ReportMaker
@@ -40,7 +40,7 @@ class ReportProcess(ExitStack):
 
     def write(self, folder: Path, progress: Callable[[str, int, int], None] | None = None) -> None:
         """Write the report of the run that the folder has become, as `write_report` does."""
-        from pymantaray.study.folder import staged_parts
+        from pymantaray.jobs.folder import staged_parts
 
         if progress is not None:
             progress("report", 0, 1)

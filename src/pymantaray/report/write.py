@@ -6,12 +6,12 @@ from types import MappingProxyType
 
 import pandas as pd
 
+from pymantaray.jobs.folder import staged_parts
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import Plate, Results, find_figures, run_plates
 from pymantaray.report.page import Picture, run_page
 from pymantaray.report.parts import PAGE, PARTS, write_files
 from pymantaray.report.style import legend_entries, rendered
-from pymantaray.study.folder import staged_parts
 from pymantaray.study.store import FIGURES, TABLES, Run, open_run
 
 Progress = Callable[[str, int, int], None]

@@ -13,10 +13,10 @@ from pymantaray.acoustics import Currents
 from pymantaray.acoustics.eigenrays import as_positions
 from pymantaray.errors import ServiceError
 from pymantaray.geometry.checks import check_number
+from pymantaray.jobs.processes import Workers
 from pymantaray.sensing import Reception, Timing, TwoWay
 from pymantaray.service.ping import Ends, Ping, Pinger
 from pymantaray.service.water import Ocean, Water
-from pymantaray.study.workers import Workers
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from pymantaray.exchange.recording import FleetPoses, Recording
 from pymantaray.exchange.rerun import write_rrd
 from pymantaray.exchange.rosbag import write_bag
 from pymantaray.exchange.tum import write_tum
+from pymantaray.jobs.folder import staged_folder
 from pymantaray.records import whole_file
-from pymantaray.study.folder import staged_folder
 from pymantaray.study.graphs import noisy_graphs, write_graphs
 from pymantaray.study.store import Run, open_run
 

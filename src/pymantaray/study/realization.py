@@ -22,12 +22,12 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.covariance import EpochCovariances
+from pymantaray.jobs.processes import Workers
 from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns, SolveStatus
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.store import Run
 from pymantaray.study.true_unknowns import collect_unknowns
-from pymantaray.study.workers import Workers
 
 
 class Solved(NamedTuple):

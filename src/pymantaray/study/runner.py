@@ -11,9 +11,10 @@ from typing import Any
 from pymantaray.config.load import study_toml
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
+from pymantaray.jobs.folder import MANIFEST, staged_folder
+from pymantaray.jobs.processes import Workers
 from pymantaray.records import Estimates, whole_file, write_netcdf
 from pymantaray.study import store
-from pymantaray.study.folder import MANIFEST, staged_folder
 from pymantaray.study.graphs import write_graphs
 from pymantaray.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.study.mission import Mission, Progress, simulate_mission
@@ -22,7 +23,6 @@ from pymantaray.study.references import citation
 from pymantaray.study.store import Run, open_run, run_in_memory, summarize, write_json
 from pymantaray.study.tracks import mission_size, with_tracks
 from pymantaray.study.unfinished import Unfinished
-from pymantaray.study.workers import Workers
 
 _REALIZATIONS_PER_WORKER = 3
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt

@@ -15,8 +15,9 @@ from pymantaray.config.load import study_toml
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import RecordError, WriteError
 from pymantaray.installation import code_version
+from pymantaray.jobs.keys import sha256
 from pymantaray.records import whole_file
-from pymantaray.study.manifest import checksums, sha256
+from pymantaray.study.manifest import checksums
 from pymantaray.study.realization import Solved
 
 _LOG = logging.getLogger("pymantaray.study")

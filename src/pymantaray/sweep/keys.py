@@ -1,11 +1,9 @@
 """What a task is called: the hash of all that its result depends on."""
 
-import hashlib
-import json
 from collections.abc import Mapping
 from typing import Any
 
-from pymantaray.installation import code_version
+from pymantaray.jobs.keys import digest
 from pymantaray.study import StudyConfig
 
 OCEAN, FLEET, RAYS, POINT = "ocean", "fleet", "rays", "point"
@@ -71,12 +69,3 @@ def keys(config: StudyConfig, checksums: Mapping[str, str]) -> dict[str, str]:
 def _pick(tree: dict[str, Any], field: str) -> Any:
     section, _, key = field.partition(".")
     return tree[section][key] if key else tree[section]
-
-
-def digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
-    """Name of a task, from what its result depends on and the checksums of the files that are named there."""
-    content = {"kind": kind, "version": code_version(), "config": tree}
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    for file, checksum in checksums.items():  # what is in a file counts, and not where it is
-        text = text.replace(json.dumps(file), json.dumps(checksum))
-    return hashlib.sha256(text.encode()).hexdigest()

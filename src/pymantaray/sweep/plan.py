@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.installation import code_version
+from pymantaray.jobs.keys import sha256
 from pymantaray.study import StudyConfig
-from pymantaray.study.manifest import sha256
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES, keys
 from pymantaray.sweep.tasks import Task

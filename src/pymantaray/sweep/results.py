@@ -10,11 +10,12 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.errors import SweepError
+from pymantaray.jobs.store import Store, open_store
 from pymantaray.records.shown import shown_html
 from pymantaray.sweep.definition import Sweep, parse_sweep
 from pymantaray.sweep.keys import POINT
 from pymantaray.sweep.plan import Plan, read_plan
-from pymantaray.sweep.store import DONE, FAILED, PLAN, SWEEP, Store, open_store, read_points
+from pymantaray.sweep.points import DONE, FAILED, PLAN, SWEEP, read_points
 
 OPEN = "open"
 

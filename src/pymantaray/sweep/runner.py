@@ -5,28 +5,19 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pymantaray.errors import SweepError
+from pymantaray.errors import JobError, SweepError
 from pymantaray.installation import code_version
+from pymantaray.jobs.pool import check_scheduler, crew_of, do_all
+from pymantaray.jobs.store import Store, failure_content, open_store
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES
 from pymantaray.sweep.plan import EARLIER, Plan, Queue, Told, plan_content, read_plan
+from pymantaray.sweep.points import OURS, PLAN, SWEEP, finished, point_name, stage_name
 from pymantaray.sweep.results import SweepResults, open_sweep
-from pymantaray.sweep.store import (
-    OURS,
-    PLAN,
-    SWEEP,
-    Store,
-    failure_content,
-    finished,
-    open_store,
-    point_name,
-    stage_name,
-)
 from pymantaray.sweep.tasks import perform
-from pymantaray.sweep.workers import check_scheduler, crew_of, do_all
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from pymantaray.jobs.pool import Client
 
 
 _LOG = logging.getLogger("pymantaray.sweep")
@@ -73,7 +64,9 @@ def run_sweep(
     Raises
     ------
     SweepError
-        If a point is not a study, the folder holds something else, the scheduler is gone, or workers see another folder.
+        If a point is not a study.
+    JobError
+        If the folder holds something else, the scheduler is gone, or workers see another folder.
     WriteError
         If the store cannot be written.
     """
@@ -95,7 +88,7 @@ def run_sweep(
             do_all(queue, crew)
         there = {name.partition(".")[0] for name in store.names("points")}
         if missing := len(plan.points.keys() - there):
-            raise SweepError(
+            raise JobError(
                 f"{store.url}: {missing} points were done elsewhere; all workers must see this place"
             )
     _clear_stages(store, plan, keep=keep_stages)

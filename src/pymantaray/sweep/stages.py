@@ -13,6 +13,7 @@ import xarray as xr
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import RecordError, SweepError, WriteError
+from pymantaray.jobs.store import Store, failure_content
 from pymantaray.records import Arrivals, RangingTruth, Trajectories
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.sensing import Links, Ranging
@@ -21,7 +22,7 @@ from pymantaray.sensing.schedule import Attempts
 from pymantaray.study import StudyConfig
 from pymantaray.study.mission import range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, narrowed
-from pymantaray.sweep.store import Store, failure_content, stage_name
+from pymantaray.sweep.points import stage_name
 from pymantaray.water.ocean import OceanFields, build_medium, mission_ocean
 
 _LOG = logging.getLogger("pymantaray.sweep")

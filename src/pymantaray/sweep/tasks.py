@@ -16,17 +16,18 @@ from pymantaray.evaluation import (
     range_error_table,
 )
 from pymantaray.installation import code_version
+from pymantaray.jobs.folder import MANIFEST
+from pymantaray.jobs.pool import attempt
+from pymantaray.jobs.store import Store
 from pymantaray.study import Run, StudyConfig, open_run
-from pymantaray.study.folder import MANIFEST
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import assemble_mission, mission_picture
 from pymantaray.study.realization import RealizationSolver, collect_results
 from pymantaray.study.runner import refuse_too_large, run_study
 from pymantaray.study.store import run_in_memory
 from pymantaray.sweep.keys import POINT, STAGES
+from pymantaray.sweep.points import point_name
 from pymantaray.sweep.stages import Stages
-from pymantaray.sweep.store import Store, point_name
-from pymantaray.sweep.workers import attempt
 
 _CONSISTENCY = {"median_ratio": "ratio", "inside": "inside", "tests": "tests"}
 

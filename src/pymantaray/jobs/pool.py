@@ -14,16 +14,15 @@ from functools import partial
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
-from pymantaray.errors import SweepError, WriteError
+from pymantaray.errors import JobError, WriteError
 from pymantaray.installation import code_version
-from pymantaray.ocean.files import without_password
-from pymantaray.study.workers import WorkerEndedError, Workers
-from pymantaray.sweep.store import Store, failure_content, open_store
+from pymantaray.jobs.processes import WorkerEndedError, Workers
+from pymantaray.jobs.store import Store, failure_content, open_store
 
 if TYPE_CHECKING:
     from distributed import Client as Client  # noqa: PLC0414  a type for those who pass one on
 
-_LOG = logging.getLogger("pymantaray.sweep")
+_LOG = logging.getLogger("pymantaray.jobs")
 _ATTEMPTS = 3  # at a task whose worker ends
 _DASK_WINDOW = 4096  # tasks that the scheduler is given ahead
 _ANSWER = 10.0  # within which a scheduler answers first [s]
@@ -58,7 +57,7 @@ def attempt(url: str, task: TaskT, do: Callable[[Store, TaskT], None], failed_na
     """Do a task whose result goes into a store; the line by which it failed, which is also left there under a name."""
     with _ALONE:
         if task.version != code_version():
-            raise SweepError(
+            raise JobError(
                 f"this worker has pymantaray {code_version()}, the task {task.version}: install the same"
             )
         store = open_store(url)
@@ -97,7 +96,7 @@ class Queue(Protocol):
         """Write down why a task failed whose worker could not."""
 
 
-class SchedulerLostError(SweepError):
+class SchedulerLostError(JobError):
     """The scheduler does not answer; what it had been given is not done."""
 
 
@@ -135,14 +134,14 @@ class Crew:
         """Raise `SchedulerLostError` if nothing more will come of what was given out."""
 
     def reconnect(self) -> None:
-        """Wait for the scheduler; raises `SweepError` where it does not come back."""
+        """Wait for the scheduler; raises `JobError` where it does not come back."""
 
 
 def check_scheduler(client: "Client | str | None") -> None:
     """Refuse what is no address of a scheduler, before any work."""
     if isinstance(client, str) and not _ADDRESS.fullmatch(client):
-        raise SweepError(
-            f"scheduler {without_password(client)}: not an address; give tcp://HOST:PORT, as the scheduler prints it"
+        raise JobError(
+            f"scheduler {client}: not an address; give tcp://HOST:PORT, as the scheduler prints it"
         )
 
 
@@ -216,7 +215,7 @@ class _Dask(Crew):
         try:
             import distributed
         except ImportError:
-            raise SweepError("a scheduler needs Dask: pip install 'pymantaray[dask]'") from None
+            raise JobError("a scheduler needs Dask: pip install 'pymantaray[dask]'") from None
         self._dask: Any = distributed
         self._work, self._scheduler, self.window = work, client, _DASK_WINDOW
         self._client: Any = None
@@ -261,14 +260,12 @@ class _Dask(Crew):
         while time.monotonic() < until:
             if self._client is not self._scheduler:
                 self._close()
-            with suppress(SweepError):
+            with suppress(JobError):
                 self._client = self._connect(5.0)
                 _LOG.warning("scheduler %s is back; going on", self._address)
                 return
             time.sleep(1.0)
-        raise SweepError(
-            f"scheduler {self._address}: is gone; start it and run the same sweep again to go on"
-        )
+        raise JobError(f"scheduler {self._address}: is gone; start it and run the same sweep again to go on")
 
     def _connect(self, timeout: float) -> Any:
         address = self._scheduler if isinstance(self._scheduler, str) else self._address
@@ -276,7 +273,7 @@ class _Dask(Crew):
             return self._dask.Client(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             cause = str(error).partition("\n")[0] or "no answer"
-            raise SweepError(f"scheduler {address}: cannot be reached: {cause}") from None
+            raise JobError(f"scheduler {address}: cannot be reached: {cause}") from None
 
     def _close(self) -> None:
         with suppress(Exception):

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pymantaray.errors import StudyError
-from pymantaray.study.workers import Workers
+from pymantaray.errors import JobError
+from pymantaray.jobs.processes import Workers
 
 
 def square(number):
@@ -85,7 +85,7 @@ def test_a_task_that_fails_stops_the_others(tmp_path):
 
 
 def test_a_process_that_is_killed_is_told_in_one_line():
-    with pytest.raises(StudyError, match="ended early, by SIGKILL, perhaps out of memory; try fewer workers"):
+    with pytest.raises(JobError, match="ended early, by SIGKILL, perhaps out of memory; try fewer workers"):
         in_two_processes(die, 3)
 
 
@@ -101,7 +101,7 @@ def test_what_every_process_would_warn_of_is_left_to_who_started_them(capfd):
 
 @pytest.mark.parametrize(("function", "error", "match"), [
     (return_unsendable, (AttributeError, pickle.PicklingError), "local object"),  # the latter from Python 3.14 on
-    (raise_unsendable, StudyError, "ended early, with code 1"),
+    (raise_unsendable, JobError, "ended early, with code 1"),
 ])  # fmt: skip
 def test_what_cannot_be_sent_back_ends_the_work_and_not_the_patience(function, error, match):
     with pytest.raises(error, match=match):
@@ -112,7 +112,7 @@ SCRIPT = """
 import sys; sys.path.insert(0, {here!r})
 from functools import partial
 from pathlib import Path
-from test_study_workers import fail_first_then_take_long, in_two_processes, square
+from test_jobs_processes import fail_first_then_take_long, in_two_processes, square
 if {square}:
     print([n for n, _ in in_two_processes(square, 4)])
 else:

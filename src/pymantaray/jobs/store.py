@@ -10,33 +10,18 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any
 
-from pydantic import BaseModel, ValidationError
-
-from pymantaray.errors import MantaRayError, SweepError, WriteError
+from pymantaray.errors import JobError, MantaRayError, WriteError
 from pymantaray.records import whole_file
 
-_LOG = logging.getLogger("pymantaray.sweep")
-SWEEP, PLAN = "sweep.toml", "plan.json"
-DONE, FAILED = "done", "failed"
-OURS = {SWEEP, PLAN, "points", "stages", "studies"}
-_TEMPORARY = re.compile(r"\.([0-9a-f]{50}|sweep\.toml|plan\.json|atlas\.json)\.[0-9a-f]{16}\.part")
-"""Names of files that `whole_file` has not finished: of tasks, whose keys are hashes, and of the files above."""
+_LOG = logging.getLogger("pymantaray.jobs")
+_TEMPORARY = re.compile(
+    r"\.(?P<name>[^/]+)\.[0-9a-f]{16}\.part"
+)  # of a file that `whole_file` has not finished
+_KEY = re.compile(r"[0-9a-f]{50}")  # what it leaves of a hash
 _ATOMIC = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")  # an object is there when all of it is
 _TOGETHER = 1000  # objects that are read at once
-Value = bool | int | float | str | None
 _STALE = 3600.0  # age at which a file with a temporary name is of a process that was killed [s]
-
-
-def point_name(key: str, *, failed: bool = False) -> str:
-    """Name of a point's file."""
-    return f"points/{key[:2]}/{key}{'.failed' if failed else ''}.json"
-
-
-def stage_name(key: str, *, failed: bool = False) -> str:
-    """Name of a shared stage's file."""
-    return f"stages/{key}{'.failed.json' if failed else '.nc'}"
 
 
 def failure_content(error: BaseException) -> bytes:
@@ -78,7 +63,7 @@ class Store:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise SweepError(f"{self._path / name}: cannot be read: {error.strerror}") from None
+            raise JobError(f"{self._path / name}: cannot be read: {error.strerror}") from None
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file, whole or not at all, in place of one of that name; raises `WriteError`."""
@@ -106,22 +91,28 @@ class Store:
     def claim(self, kind: str, marker: str, ours: set[str]) -> None:
         """Refuse a place that holds something else, and remove what killed processes have left half written."""
         if self._path.is_symlink():  # the place is resolved, so that it leads nowhere
-            raise SweepError(f"{self.url}: is a circle of symbolic links; give another folder")
+            raise JobError(f"{self.url}: is a circle of symbolic links; give another folder")
         if self._path.exists() and not self._path.is_dir():
-            raise SweepError(f"{self.url}: is a file; give a folder")
+            raise JobError(f"{self.url}: is a file; give a folder")
         others = {path.name for path in self._path.iterdir()} if self._path.exists() else set()
-        if not self.has(marker) and not all(name in ours or _TEMPORARY.fullmatch(name) for name in others):
-            raise SweepError(
+        if not self.has(marker) and not all(name in ours or _is_unfinished(name, ours) for name in others):
+            raise JobError(
                 f"{self.url}: holds something, and no {kind}; give a new folder, or one of the same {kind}"
             )
         for name in sorted(ours & others):
             if (self._path / name).is_symlink():
-                raise SweepError(f"{self._path / name}: is a symbolic link; remove it or give another folder")
+                raise JobError(f"{self._path / name}: is a symbolic link; remove it or give another folder")
         for path in (*self._path.glob("*"), *(p for name in ours for p in (self._path / name).rglob("*"))):
-            if _TEMPORARY.fullmatch(path.name):
+            if _is_unfinished(path.name, ours):
                 with suppress(OSError):
                     if time.time() - path.stat().st_mtime > _STALE:
                         path.unlink()
+
+
+def _is_unfinished(name: str, ours: set[str]) -> bool:
+    """True if a file has the temporary name of a task's file, or of one of a store's own."""
+    match = _TEMPORARY.fullmatch(name)
+    return match is not None and (match["name"] in ours or _KEY.fullmatch(match["name"]) is not None)
 
 
 class _Objects(Store):
@@ -132,16 +123,16 @@ class _Objects(Store):
         try:
             import fsspec
         except ImportError:
-            raise SweepError(f"{place}: needs fsspec: pip install 'pymantaray[dask]'") from None
+            raise JobError(f"{place}: needs fsspec: pip install 'pymantaray[dask]'") from None
         protocol = place.partition("://")[0]
         if protocol not in _ATOMIC:
-            raise SweepError(
+            raise JobError(
                 f"{place}: {protocol} may show half a file; give a folder or one of {', '.join(_ATOMIC)}"
             )
         try:
             self._files, root = fsspec.url_to_fs(place)
         except (ImportError, ValueError) as error:
-            raise SweepError(f"{place}: cannot be opened: {str(error).partition(chr(10))[0]}") from None
+            raise JobError(f"{place}: cannot be opened: {str(error).partition(chr(10))[0]}") from None
         self._root = PurePosixPath(root)
 
     def has(self, name: str) -> bool:
@@ -154,7 +145,7 @@ class _Objects(Store):
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise SweepError(f"{self.url}/{name}: cannot be read: {error}") from None
+            raise JobError(f"{self.url}/{name}: cannot be read: {error}") from None
 
     def contents(self, names: Iterable[str]) -> Iterator[tuple[str, bytes]]:
         rest = iter(names)
@@ -163,7 +154,7 @@ class _Objects(Store):
             try:
                 found = self._files.cat(list(paths), on_error="omit")
             except OSError as error:
-                raise SweepError(f"{self.url}: cannot be read: {error}") from None
+                raise JobError(f"{self.url}: cannot be read: {error}") from None
             yield from ((paths[path], content) for path, content in found.items())
 
     def write(self, name: str, content: bytes) -> None:
@@ -190,62 +181,3 @@ def open_store(place: str | Path) -> Store:
     if "://" in text:
         return _Objects(text.rstrip("/"))
     return Store(os.path.realpath(text))  # which takes a circle of symbolic links as it is
-
-
-class Point(BaseModel):
-    """Content of a point's file."""
-
-    key: str
-    version: str
-    conditions: dict[str, dict[str, Value]]
-    links: dict[str, Value]
-    seconds: dict[str, float]
-
-
-class Failure(BaseModel):
-    """Content of the file of a point that failed."""
-
-    error: str
-    traceback: str | None = None
-
-
-_CONTENT: dict[str, type[BaseModel]] = {DONE: Point, FAILED: Failure}
-
-
-def read_points(
-    store: Store, known: Iterable[str], *, discard: bool = False
-) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """
-    Key, status (`DONE` or `FAILED`) and content of each of some points that has a result.
-
-    A file that is damaged, or of another point, is no result: a warning names it, and it is removed if it is to be discarded.
-    """
-    there, known = store.names("points"), list(known)
-    done = {point_name(key): key for key in known if f"{key}.json" in there}
-    failed = {point_name(key, failed=True): key for key in known if f"{key}.failed.json" in there}
-    ended = set[str]()
-    for names, status in ((done, DONE), (failed, FAILED)):
-        for name, content in store.contents(names):
-            key = names[name]
-            try:
-                tree = _CONTENT[status].model_validate_json(content).model_dump(exclude_unset=True)
-            except ValidationError:
-                tree = {"key": None}
-            if tree.get("key", key) != key:
-                remedy = (
-                    "it is removed and computed again" if discard else "run the sweep again to replace it"
-                )
-                _LOG.warning("%s/%s: damaged or of another point; %s", store.url, name, remedy)
-                if discard:
-                    store.remove(name)
-            elif key not in ended:
-                ended.add(key)
-                yield key, status, tree
-
-
-def finished(store: Store, known: Iterable[str], *, discard: bool = False) -> tuple[set[str], set[str]]:
-    """Keys of points that are done and of points that have failed, among those that are known; as `read_points`."""
-    keys: dict[str, set[str]] = {DONE: set(), FAILED: set()}
-    for key, status, _ in read_points(store, known, discard=discard):
-        keys[status].add(key)
-    return keys[DONE], keys[FAILED]

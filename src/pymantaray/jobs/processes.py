@@ -21,7 +21,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 
-from pymantaray.errors import StudyError
+from pymantaray.errors import JobError
 from pymantaray.installation import peak_memory_mib
 
 # read by the numerical libraries when a process starts; more threads than cores only slow it down
@@ -34,11 +34,11 @@ _ONE_THREAD = (
 )
 _SERVE = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer);"
-    " from pymantaray.study.workers import serve; serve()"
+    " from pymantaray.jobs.processes import serve; serve()"
 )
 
 
-class WorkerEndedError(StudyError):
+class WorkerEndedError(JobError):
     """A worker process ended before its task did."""
 
 
