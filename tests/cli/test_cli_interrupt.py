@@ -15,8 +15,8 @@ import pytest
 from pymantaray.cli.main import main
 
 COMMAND = """
-from pymantaray.study import unfinished
-unfinished._EVERY = 3600.0  # what a short run keeps, however long it takes on a busy machine
+from pymantaray.jobs import checkpoint
+checkpoint._EVERY = 3600.0  # what a short run keeps, however long it takes on a busy machine
 from pymantaray.cli.main import main
 main()
 """

@@ -183,7 +183,7 @@ def test_not_a_run_is_refused(tmp_path):
 def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path, monkeypatch):
     steps = []
 
-    class Told(runner.Workers):
+    class Recorded(runner.ProcessPool):
         def __exit__(self, *error):
             super().__exit__(*error)
             steps.append("ended")
@@ -192,7 +192,7 @@ def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path,
         steps.append("described")
         return describe_run(*arguments, **options)
 
-    monkeypatch.setattr(runner, "Workers", Told)
+    monkeypatch.setattr(runner, "ProcessPool", Recorded)
     monkeypatch.setattr(runner, "describe_run", describe)
     run_study(tiny(study={"conditions": ["odometry"]}), tmp_path / "run", workers=2)
     assert steps == ["ended", "described"]

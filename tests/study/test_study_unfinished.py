@@ -13,8 +13,9 @@ import pytest
 
 from pymantaray.errors import WriteError
 from pymantaray.estimation import UnknownsEstimate
+from pymantaray.jobs import checkpoint
 from pymantaray.records import SolveStatus
-from pymantaray.study import open_run, run_study, runner, unfinished
+from pymantaray.study import open_run, run_study, runner
 from pymantaray.study.realization import RealizationSolver, Solved
 
 DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "ranging_truth", "links")
@@ -23,7 +24,7 @@ DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "rangin
 @pytest.fixture
 def at_once(monkeypatch):
     """Keep everything as soon as it is done."""
-    monkeypatch.setattr(unfinished, "_EVERY", 0.0)
+    monkeypatch.setattr(checkpoint, "_EVERY", 0.0)
 
 
 @pytest.fixture
@@ -80,10 +81,10 @@ def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(tiny, at_once, monk
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(unfinished, "_link", full)
+    monkeypatch.setattr(checkpoint, "_link", full)
     with pytest.raises(WriteError, match="No space left"):
         run_study(tiny(), tmp_path / "run", workers=1)
-    assert "what is done could not be kept whole" in caplog.text
+    assert "not all results could be kept" in caplog.text
     assert "are kept in" not in caplog.text
 
 
@@ -197,7 +198,7 @@ def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
 
 
 def test_a_short_study_leaves_nothing(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr(unfinished, "_EVERY", 3600.0)  # short beside this, however busy the machine is
+    monkeypatch.setattr(checkpoint, "_EVERY", 3600.0)  # short beside this, however busy the machine is
     interrupted(tiny(study={"realizations": 2}), tmp_path / "run", 1)
     assert not list(tmp_path.iterdir())
 
@@ -210,8 +211,9 @@ def test_a_study_whose_folder_nobody_named_leaves_nothing(tiny, at_once, tmp_pat
 
 RUN = """
 import sys
-from pymantaray.study import load_study, run_study, unfinished
-unfinished._EVERY = 0.0
+from pymantaray.jobs import checkpoint
+from pymantaray.study import load_study, run_study
+checkpoint._EVERY = 0.0
 run_study(load_study(sys.argv[1], realizations=30), sys.argv[2], workers=2)
 """
 

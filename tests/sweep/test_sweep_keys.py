@@ -19,7 +19,7 @@ from pymantaray.installation import code_version
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.study import parse_study
 from pymantaray.study.mission import range_fleet, simulate_fleet
-from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys, narrowed, reads
+from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, stage_config, stage_fields, task_keys
 from pymantaray.sweep.stages import _PACK, _UNPACK
 from pymantaray.water.ocean import build_medium, mission_ocean
 
@@ -94,12 +94,12 @@ def config(small):
 
 def test_a_key_changes_with_each_field_that_its_stage_reads_and_with_no_other(config):
     tree = config.model_dump(mode="json")
-    before, fields_seen = keys(config, {}), list(leaves(tree))
+    before, fields_seen = task_keys(config, {}), list(leaves(tree))
     assert len(fields_seen) > 50
     for field in fields_seen:
-        after = keys(Dumped(config, changed(tree, field)), {})
+        after = task_keys(Dumped(config, changed(tree, field)), {})
         for stage in STAGES:
-            read = any(field == f or field.startswith(f + ".") for f in reads(stage, config))
+            read = any(field == f or field.startswith(f + ".") for f in stage_fields(stage, config))
             assert (after[stage] != before[stage]) == read, (stage, field)
         assert (after[POINT] != before[POINT]) == (field not in {"study.name", "study.description"}), field
 
@@ -107,10 +107,10 @@ def test_a_key_changes_with_each_field_that_its_stage_reads_and_with_no_other(co
 def test_a_stage_cannot_read_what_is_not_in_its_key(config):
     tree = config.model_dump(mode="json")
     for stage in STAGES:
-        narrow = narrowed(config, stage)
+        narrow = stage_config(config, stage)
         for field in leaves(tree):
             section, _, name = field.rpartition(".")
-            read = any(field == f or field.startswith(f + ".") for f in reads(stage, config))
+            read = any(field == f or field.startswith(f + ".") for f in stage_fields(stage, config))
             try:
                 getattr(getattr(narrow, section) if section else narrow, name)
             except AttributeError:
@@ -122,9 +122,9 @@ def test_a_stage_cannot_read_what_is_not_in_its_key(config):
 
 def stages_of(config):
     """All stages, each by what it may read alone."""
-    ocean = mission_ocean(narrowed(config, OCEAN))
-    fleet = simulate_fleet(narrowed(config, FLEET), ocean)
-    rays = narrowed(config, RAYS)
+    ocean = mission_ocean(stage_config(config, OCEAN))
+    fleet = simulate_fleet(stage_config(config, FLEET), ocean)
+    rays = stage_config(config, RAYS)
     return ocean, fleet, range_fleet(rays, ocean, build_medium(rays, ocean), fleet)
 
 
@@ -137,7 +137,9 @@ def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
     tree["ranging"] |= {"clock_offset_sigma": 0.1, "clock_skew_sigma": 1e-6}
     tree["ranging"] |= {"mistaken": "first-detected", "below_strongest_db": 6.0}
     other = parse_study(tree)
-    assert [keys(other, {})[stage] for stage in STAGES] == [keys(config, {})[stage] for stage in STAGES]
+    assert [task_keys(other, {})[stage] for stage in STAGES] == [
+        task_keys(config, {})[stage] for stage in STAGES
+    ]
     (ocean, fleet, rays), (ocean_2, fleet_2, rays_2) = stages_of(config), stages_of(other)
     assert ocean.local.identical(ocean_2.local)
     for name in ("geographic", "profile"):
@@ -149,24 +151,24 @@ def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
 
 def test_the_duration_counts_for_an_ocean_that_varies_and_for_no_other(config):
     varying = config.model_copy(update={"ocean": config.ocean.model_copy(update={"time_varying": True})})
-    assert "mission.duration_h" in reads(OCEAN, varying)
-    assert "mission.duration_h" not in reads(OCEAN, config)
+    assert "mission.duration_h" in stage_fields(OCEAN, varying)
+    assert "mission.duration_h" not in stage_fields(OCEAN, config)
 
 
 def test_a_file_counts_by_its_content_and_not_by_its_name(tmp_path):
     def key(name, checksum):
         file = str(tmp_path / name)
         config = parse_study({**TINY, "ocean": {"source": file}})
-        return keys(config, {file: checksum})
+        return task_keys(config, {file: checksum})
 
     assert key("a.nc", "1") == key("b.nc", "1")
     assert all(x != y for x, y in zip(key("a.nc", "1").values(), key("a.nc", "2").values(), strict=True))
 
 
 def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
-    before = keys(config, {})
+    before = task_keys(config, {})
     monkeypatch.setattr("pymantaray.jobs.keys.code_version", lambda: "99")
-    assert all(x != y for x, y in zip(before.values(), keys(config, {}).values(), strict=True))
+    assert all(x != y for x, y in zip(before.values(), task_keys(config, {}).values(), strict=True))
 
 
 def test_the_version_of_the_code_changes_with_any_source_that_a_result_can_depend_on(tmp_path):

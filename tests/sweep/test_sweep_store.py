@@ -169,7 +169,7 @@ def test_points_of_other_code_are_computed_again_and_said_to_be(here, noises, tm
     run_sweep(sweep, out)
     assert open_sweep(out).status() == (2, 2, 0, {})
     monkeypatch.undo()
-    monkeypatch.setattr("pymantaray.sweep.runner.crew_of", factories.CrewHere)
+    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", factories.pool_here)
     assert open_sweep(out).status() == (2, 2, 0, {})  # what older code found can be read
     caplog.clear()
     results = run_sweep(sweep, out)
@@ -204,31 +204,3 @@ def test_a_circle_of_links_in_the_place_of_a_folder_is_told_in_one_line(noises, 
         run_sweep(noises(1), tmp_path / "out")
     assert "\n" not in str(caught.value)
     refused(JobError, "not a sweep|cannot be read", open_sweep, tmp_path / "out")
-
-
-def test_a_folder_that_cannot_be_written_ends_the_sweep_in_one_line(noises, tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "points").write_text("a file where a folder has to be")
-    (out / "sweep.toml").write_text("")
-    with pytest.raises(WriteError, match=r"points/..: cannot be written: .*$") as caught:
-        run_sweep(noises(2), out, workers=1)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.slow
-def test_a_full_disk_or_one_that_is_read_only_ends_the_sweep_in_one_line_and_loses_nothing(noises, tmp_path):
-    disk = tmp_path / "disk"
-    with factories.small_disk(disk, "20m") as remount:
-        filler = disk / "filler"
-        filler.write_bytes(bytes(1 << 20))
-        with pytest.raises(WriteError, match=r"No space left on device$"):
-            run_sweep(noises(3), disk / "out", workers=1)
-        filler.unlink()
-        remount("size=64m")
-        assert run_sweep(noises(3), disk / "out", workers=1).status() == (3, 3, 0, {})
-        remount("ro")
-        with pytest.raises(WriteError, match=r"sweep.toml: cannot be written: Read-only file system$"):
-            run_sweep(noises(4), disk / "out", workers=1)
-        assert open_sweep(disk / "out").status() == (3, 3, 0, {})
-        assert not list(disk.rglob("*.part"))

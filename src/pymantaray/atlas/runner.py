@@ -1,26 +1,24 @@
 """Making an atlas: blocks go to workers, who leave them beside the file that is put together of them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pymantaray.atlas.blocks import block_name, perform, read_block
+from pymantaray.atlas.blocks import block_name, read_block, run_block
 from pymantaray.atlas.dataset import Placed, open_atlas, write_atlas
 from pymantaray.atlas.plan import Atlas, Block, described
 from pymantaray.errors import AtlasError, JobError, WriteError
-from pymantaray.installation import code_version
-from pymantaray.jobs.pool import check_scheduler, crew_of, do_all
-from pymantaray.jobs.store import Store, failure_content, open_store
+from pymantaray.jobs.pool import Queue, check_scheduler, open_pool, run_tasks
+from pymantaray.jobs.progress import TaskCount, TaskProgress
+from pymantaray.jobs.store import Store, failure_content, open_store, read_valid
 from pymantaray.ocean.open import read_ocean
 
 if TYPE_CHECKING:
     from pymantaray.jobs.pool import Client
 
 _MARKER = "atlas.json"
-Told = Callable[[int, int, int], None]
-"""Told how many blocks are done, how many have failed, and how many there are."""
 
 
 def blocks_place(out: Path) -> Path:
@@ -35,7 +33,7 @@ def run_atlas(
     client: "Client | str | None" = None,
     workers: int | None = None,
     force: bool = False,
-    progress: Told | None = None,
+    progress: TaskProgress | None = None,
 ) -> Path:
     """
     Compute what is not there of an atlas, and write its file.
@@ -53,7 +51,7 @@ def run_atlas(
     force : bool
         Whether a file of that name that is of something else is replaced.
     progress : callable, optional
-        Told how many blocks are done, how many have failed, and how many there are.
+        Called with the number of blocks that are done, the number that failed and the total.
 
     Returns
     -------
@@ -75,7 +73,7 @@ def run_atlas(
         return path
     if path.exists() and not force:
         raise WriteError(
-            f"{path}: exists already, and is not of this atlas by pymantaray {code_version()}; give another name or --force"
+            f"{path}: exists already, and is not of this atlas and this version of the code; give another name or --force"
         )
     store = open_store(blocks_place(path))
     store.claim("atlas", _MARKER, {_MARKER, "blocks"})
@@ -86,8 +84,8 @@ def run_atlas(
     there = {name.removesuffix(".npz") for name in store.names("blocks")}
     blocks = _Blocks(store, [b for b in atlas.blocks if b.key not in there], len(atlas.blocks), progress)
     if blocks.left:
-        with crew_of(partial(perform, store.url), client, workers) as crew:
-            do_all(blocks, crew)
+        with open_pool(partial(run_block, store.url), client, workers) as pool:
+            run_tasks(blocks, pool)
     if blocks.lines:
         raise AtlasError(
             f"{len(blocks.lines)} of {len(atlas.blocks)} blocks failed, the first by: {blocks.lines[0]}"
@@ -117,16 +115,11 @@ def _is_of(path: Path, atlas: Atlas) -> bool:
 def _contents(store: Store, atlas: Atlas) -> Iterator[Placed]:
     """What is in the blocks, one after the other."""
     for block in atlas.blocks:
-        content = store.read(block_name(block.key))
-        if content is None:
+        if not store.has(block_name(block.key)):
             raise JobError(f"{store.url}: a block was done elsewhere; all workers must see this place")
-        try:
-            values = read_block(content)
-        except ValueError:
-            store.remove(block_name(block.key))
-            raise AtlasError(
-                f"{store.url}: a block was damaged and is removed; run the atlas again"
-            ) from None
+        values = read_valid(store, block_name(block.key), read_block)
+        if values is None:
+            raise AtlasError(f"{store.url}: a block was damaged and is removed; run the atlas again")
         yield block.place, values
 
 
@@ -141,39 +134,27 @@ def _clear(store: Store) -> None:
             folder.rmdir()
 
 
-class _Blocks:
-    """Blocks that are to be done, and what becomes of them."""
+class _Blocks(Queue):
+    """Blocks that are still to be done."""
 
-    def __init__(self, store: Store, blocks: list[Block], total: int, progress: Told | None) -> None:
-        self._store, self._blocks, self._progress = store, {b.key: b for b in blocks}, progress
-        self._ready = list(reversed(self._blocks))
-        self.left, self._total = len(self._blocks), total
+    def __init__(self, store: Store, blocks: list[Block], total: int, progress: TaskProgress | None) -> None:
+        super().__init__(block.key for block in blocks)
+        self._store, self._blocks = store, {block.key: block for block in blocks}
+        self._count = TaskCount(total, progress, done=total - self.left)
         self.lines: list[str] = []
-        self._tell()
-
-    def next(self) -> str | None:
-        """Key of a block that can be begun."""
-        return self._ready.pop() if self._ready else None
-
-    def again(self, key: str) -> None:
-        """Take back a block that was given out and not done."""
-        self._ready.append(key)
 
     def task(self, key: str) -> Block:
-        """A block by its key."""
+        """Return a block by its key."""
         return self._blocks[key]
 
-    def ended(self, _key: str, line: str | None) -> None:
-        """Note that a block is done, or why not."""
+    def ended(self, key: str, result: str | None) -> None:  # noqa: ARG002
+        """Count a block, and note the line by which it failed."""
         self.left -= 1
-        if line is not None:
-            self.lines.append(line)
-        self._tell()
+        if result is not None:
+            self.lines.append(result)
+        self._count.add(failed=result is not None)
 
     def lost(self, key: str, line: str) -> None:
         """Write down why a block failed whose worker could not."""
         self._store.write(block_name(key, failed=True), failure_content(AtlasError(line)))
-
-    def _tell(self) -> None:
-        if self._progress is not None:
-            self._progress(self._total - self.left - len(self.lines), len(self.lines), self._total)
+        self.ended(key, line)

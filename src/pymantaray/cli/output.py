@@ -16,6 +16,7 @@ from typing import Protocol, TextIO
 from pymantaray.cli.printing import LOG
 from pymantaray.errors import WriteError
 from pymantaray.installation import peak_memory_mib
+from pymantaray.jobs.progress import TaskProgress
 
 EXIT_KNOWN_ERROR = 2
 
@@ -251,7 +252,7 @@ def step_line(*, quiet: bool) -> Iterator[Callable[[int, float], None] | None]:
 
 
 @contextmanager
-def counted_progress(noun: str, *, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
+def counted_progress(noun: str, *, quiet: bool) -> Iterator[TaskProgress | None]:
     """What shows points or blocks that are done, failed and left, as `progress_bars` does stages."""
     with progress_bars(quiet=quiet) as report:
         if report is None:

@@ -1,4 +1,4 @@
-"""Who does the tasks: processes of this machine, or the workers of a Dask scheduler; and how tasks are given out to them."""
+"""Pools that do tasks: processes of this machine, the workers of a Dask scheduler, or this process; and the queue that feeds them."""
 
 import json
 import logging
@@ -7,8 +7,8 @@ import re
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
-from concurrent.futures import CancelledError
+from collections.abc import Callable, Iterable
+from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from functools import partial
 from queue import Empty, SimpleQueue
@@ -32,8 +32,8 @@ _ADDRESS = re.compile(r"((tcp|tls|ucx|ucxx|ws|wss)://)?(\[[0-9a-fA-F:.]+\]|[^\s/
 _LOOK = 5.0  # between looks at whether the scheduler is there [s]
 
 
-class Task(Protocol):
-    """Something to be done, which can be sent to a worker."""
+class StoreTask(Protocol):
+    """A task whose result goes into a store; it can be sent to a worker."""
 
     @property
     def kind(self) -> str:
@@ -41,20 +41,22 @@ class Task(Protocol):
 
     @property
     def key(self) -> str:
-        """Its name: the hash of all that its result depends on."""
+        """Hash of everything that its result depends on."""
 
     @property
     def version(self) -> str:
-        """Of the package that gave it out."""
+        """Version of the code that issued it."""
 
 
-TaskT = TypeVar("TaskT", bound=Task)
-Work = Callable[[Any], str | None]
-"""Does a task unless it is done, and writes what becomes of it; gives the line by which it failed, None if it did not."""
+TaskT = TypeVar("TaskT", bound=StoreTask)
+Work = Callable[[Any], Any]
+"""Do a task and return its result."""
 
 
-def attempt(url: str, task: TaskT, do: Callable[[Store, TaskT], None], failed_name: str | None) -> str | None:
-    """Do a task whose result goes into a store; the line by which it failed, which is also left there under a name."""
+def run_in_store(
+    url: str, task: TaskT, compute: Callable[[Store, TaskT], None], failed_name: str | None
+) -> str | None:
+    """Run a task that writes its result into a store; return the error line of one that failed, which is also written under a name."""
     with _ALONE:
         if task.version != code_version():
             raise JobError(
@@ -62,7 +64,7 @@ def attempt(url: str, task: TaskT, do: Callable[[Store, TaskT], None], failed_na
             )
         store = open_store(url)
         try:
-            do(store, task)
+            compute(store, task)
         except WriteError:
             raise
         except Exception as error:  # noqa: BLE001  a task that fails is a result
@@ -74,119 +76,164 @@ def attempt(url: str, task: TaskT, do: Callable[[Store, TaskT], None], failed_na
     return None
 
 
-class Queue(Protocol):
-    """Tasks that are still to be done."""
+class Queue:
+    """Tasks that are still to be done, by their keys; a subclass says what each task is and what becomes of its result."""
 
-    left: int
-    """How many."""
+    def __init__(self, keys: Iterable[str]) -> None:
+        self._ready = [*keys][::-1]
+        self.left = len(self._ready)
+        """Number of tasks that have not ended."""
 
     def next(self) -> str | None:
-        """Key of a task that can be begun; None if all that can be are."""
+        """Key of a task that can start; None if no other can start now."""
+        return self._ready.pop() if self._ready else None
 
     def again(self, key: str) -> None:
-        """Take back a task that was given out and not done."""
+        """Take back a task that was issued and not done."""
+        self._ready.append(key)
 
-    def task(self, key: str) -> Task:
-        """All that it takes to do a task."""
+    def task(self, key: str) -> Any:
+        """Return what is sent to a worker."""
+        raise NotImplementedError
 
-    def ended(self, key: str, line: str | None) -> None:
-        """Note that a task is done, or the line by which it failed."""
+    def ended(self, key: str, result: Any) -> None:
+        """Record the result of a task."""
+        raise NotImplementedError
 
     def lost(self, key: str, line: str) -> None:
-        """Write down why a task failed whose worker could not."""
+        """Record why a task failed whose worker could not do so."""
+        raise NotImplementedError
 
 
 class SchedulerLostError(JobError):
     """The scheduler does not answer; what it had been given is not done."""
 
 
-class Crew:
-    """Processes of this machine, one thread each, which end with this one."""
+class Pool:
+    """Workers in this process: each task is done when it is submitted."""
 
-    def __init__(self, work: Work, workers: int | None) -> None:
-        count = workers or os.cpu_count() or 1
-        self._workers = Workers(partial(_start, work), count)
-        self._attempts: Counter[str] = Counter()
-        self.window = 2 * count
-        """Tasks that are given out at a time."""
+    window = 1
+    """Number of tasks that are issued at a time."""
+    peak_memory_mib = 0.0
+    """Largest memory of any worker process."""
+
+    def __init__(self, start: Callable[[], Work]) -> None:
+        self._start = start
+        self._work: Work | None = None
 
     def __enter__(self) -> Self:
-        """Begin."""
+        """Start the workers."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Stop the workers, busy or not."""
+
+    def submit(self, task: Any) -> Any:
+        """Issue a task; return its future."""
+        self._work = self._work or self._start()
+        future: Future[Any] = Future()
+        try:
+            future.set_result(self._work(task))
+        except Exception as error:  # noqa: BLE001  raised again where the result is asked for
+            future.set_exception(error)
+        return future
+
+    def lost(self, key: str, error: BaseException) -> str | None:  # noqa: ARG002
+        """Return why a task failed whose worker was lost, an empty text if it is to be tried again; None for any other error."""
+        return None
+
+    def look(self) -> None:
+        """Raise `SchedulerLostError` if no result of what was issued will come."""
+
+    def reconnect(self) -> None:
+        """Wait for the scheduler; raise `JobError` if it does not come back."""
+
+
+class ProcessPool(Pool):
+    """Processes of this machine, one thread each, which end with this one."""
+
+    def __init__(self, start: Callable[[], Work], count: int) -> None:
+        super().__init__(start)
+        self._workers = Workers(start, count)
+        self._attempts: Counter[str] = Counter()
+        self.window = 2 * count
+
+    @property
+    def peak_memory_mib(self) -> float:  # type: ignore[override]
+        """Largest memory of any worker process."""
+        return self._workers.peak_memory_mib
+
+    def __enter__(self) -> Self:
         self._workers.__enter__()
         return self
 
     def __exit__(self, *error: object) -> None:
-        """End, whatever they are at."""
         self._workers.__exit__(*error)
 
-    def submit(self, task: Task) -> Any:
-        """Give a task out: its future."""
+    def submit(self, task: Any) -> Any:
+        """Issue a task; return its future."""
         return self._workers.submit(task)
 
     def lost(self, key: str, error: BaseException) -> str | None:
-        """Why a task failed whose worker was lost, empty if it is to be done again; None for any other error."""
+        """Return an empty text if a task is to be tried again whose worker ended, why it failed after the last attempt."""
         if not isinstance(error, WorkerEndedError):
             return None
         self._attempts[key] += 1
         return "" if self._attempts[key] < _ATTEMPTS else f"{error} ({_ATTEMPTS} attempts)"
 
-    def look(self) -> None:
-        """Raise `SchedulerLostError` if nothing more will come of what was given out."""
-
-    def reconnect(self) -> None:
-        """Wait for the scheduler; raises `JobError` where it does not come back."""
-
 
 def check_scheduler(client: "Client | str | None") -> None:
-    """Refuse what is no address of a scheduler, before any work."""
+    """Refuse text that is not the address of a scheduler."""
     if isinstance(client, str) and not _ADDRESS.fullmatch(client):
         raise JobError(
             f"scheduler {client}: not an address; give tcp://HOST:PORT, as the scheduler prints it"
         )
 
 
-def crew_of(work: Work, client: "Client | str | None", workers: int | None) -> Crew:
-    """Workers: of a Dask client or its scheduler's address, or processes of this machine."""
-    return Crew(work, workers) if client is None else _Dask(work, client)
+def open_pool(work: Work, client: "Client | str | None", workers: int | None) -> Pool:
+    """Pool of a Dask client or its scheduler's address, or of processes of this machine, one a core by default."""
+    if client is None:
+        return ProcessPool(partial(_start, work), workers or os.cpu_count() or 1)
+    return _DaskPool(work, client)
 
 
 def _start(work: Work) -> Work:
     return work
 
 
-def do_all(queue: Queue, crew: Crew) -> None:
-    """Give tasks out as they can be begun, until none is left; one whose worker ends is given out again."""
+def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None = None) -> None:
+    """
+    Issue tasks as they can start, until none is left; a task whose worker ends is issued again.
+
+    ``meanwhile`` is called once, after the first tasks were issued.
+    """
     outcomes: SimpleQueue[Any] = SimpleQueue()
     running: dict[Any, str] = {}
     while queue.left:
         try:
-            while len(running) < crew.window and (key := queue.next()) is not None:
-                running[_submit(queue, crew, key, outcomes)] = key
+            while len(running) < pool.window and (key := queue.next()) is not None:
+                running[_submit(queue, pool, key, outcomes)] = key
+            if meanwhile is not None:
+                meanwhile()
+                meanwhile = None
             try:
                 future = outcomes.get(timeout=_LOOK)
             except Empty:
-                crew.look()
+                pool.look()
                 continue
-            if future not in running:  # of a scheduler that was lost
-                continue
-            key = running[future]
-            line = _outcome(queue, crew, key, future)
-            del running[future]
+            if future in running:  # others are of a scheduler that was lost
+                _take(queue, pool, running[future], future)
+                del running[future]
         except SchedulerLostError:
             for key in running.values():
                 queue.again(key)
             running.clear()
-            crew.reconnect()
-            continue
-        if line == "":
-            queue.again(key)
-        else:
-            queue.ended(key, line)
+            pool.reconnect()
 
 
-def _submit(queue: Queue, crew: Crew, key: str, outcomes: "SimpleQueue[Any]") -> Any:
+def _submit(queue: Queue, pool: Pool, key: str, outcomes: "SimpleQueue[Any]") -> Any:
     try:
-        future = crew.submit(queue.task(key))
+        future = pool.submit(queue.task(key))
     except SchedulerLostError:
         queue.again(key)
         raise
@@ -194,30 +241,35 @@ def _submit(queue: Queue, crew: Crew, key: str, outcomes: "SimpleQueue[Any]") ->
     return future
 
 
-def _outcome(queue: Queue, crew: Crew, key: str, future: Any) -> str | None:
-    """Line by which a task failed, empty if it is to be done again, None if it is done."""
+def _take(queue: Queue, pool: Pool, key: str, future: Any) -> None:
+    """Give the result of a task to its queue, or the task again where its worker was lost."""
     try:
-        line: str | None = future.result()
+        result = future.result()
     except Exception as error:
-        why = crew.lost(key, error)
+        why = pool.lost(key, error)
         if why is None:
             raise
         if why:
             queue.lost(key, why)
-        return why
-    return line
+        else:
+            queue.again(key)
+        return
+    queue.ended(key, result)
 
 
-class _Dask(Crew):
+class _DaskPool(Pool):
     """Workers of a Dask scheduler."""
 
+    window = _DASK_WINDOW
+
     def __init__(self, work: Work, client: "Client | str") -> None:
+        super().__init__(partial(_start, work))
         try:
             import distributed
         except ImportError:
             raise JobError("a scheduler needs Dask: pip install 'pymantaray[dask]'") from None
         self._dask: Any = distributed
-        self._work, self._scheduler, self.window = work, client, _DASK_WINDOW
+        self._work, self._scheduler = work, client
         self._client: Any = None
         self._has_workers = True
 
@@ -232,7 +284,7 @@ class _Dask(Crew):
         if self._client is not self._scheduler:
             self._close()
 
-    def submit(self, task: Task) -> Any:
+    def submit(self, task: StoreTask) -> Any:
         try:
             return self._client.submit(self._work, task, key=f"{task.kind}-{task.key}")
         except (OSError, RuntimeError, ValueError) as error:  # a client that is closed
@@ -265,7 +317,7 @@ class _Dask(Crew):
                 _LOG.warning("scheduler %s is back; going on", self._address)
                 return
             time.sleep(1.0)
-        raise JobError(f"scheduler {self._address}: is gone; start it and run the same sweep again to go on")
+        raise JobError(f"scheduler {self._address}: is gone; start it and run the same job again to resume")
 
     def _connect(self, timeout: float) -> Any:
         address = self._scheduler if isinstance(self._scheduler, str) else self._address

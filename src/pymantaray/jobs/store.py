@@ -6,14 +6,16 @@ import os
 import re
 import time
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
-from pymantaray.errors import JobError, MantaRayError, WriteError
+from pymantaray.errors import JobError, MantaRayError, RecordError, WriteError
 from pymantaray.records import whole_file
 
+T = TypeVar("T")
 _LOG = logging.getLogger("pymantaray.jobs")
 _TEMPORARY = re.compile(
     r"\.(?P<name>[^/]+)\.[0-9a-f]{16}\.part"
@@ -173,6 +175,19 @@ class _Objects(Store):
 
     def claim(self, kind: str, marker: str, ours: set[str]) -> None:
         pass
+
+
+def read_valid(store: Store, name: str, parse: Callable[[bytes], T]) -> T | None:
+    """Parsed content of a file; None if there is none, or a damaged one, which is removed with a warning."""
+    content = store.read(name)
+    if content is None:
+        return None
+    try:
+        return parse(content)
+    except (RecordError, ValueError) as error:
+        _LOG.warning("%s/%s: %s; it is removed and computed again", store.url, name, error)
+        store.remove(name)
+        return None
 
 
 def open_store(place: str | Path) -> Store:

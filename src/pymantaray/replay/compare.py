@@ -1,6 +1,6 @@
 """Each measured travel time beside the one predicted, and what the differences say together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.errors import ReplayError
+from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
 from pymantaray.records.shown import shown_html
 from pymantaray.replay.clocks import reciprocity_table
@@ -22,7 +23,6 @@ from pymantaray.replay.water import Water, choose_water, ends_of
 from pymantaray.sensing import sound_between
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
 SEED = 20140715
 """That of studies."""
 
@@ -114,7 +114,7 @@ def replay_events(
     reference: str | None = None,
     seed: int = SEED,
     notes: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: CountProgress | None = None,
 ) -> Replay:
     """
     Predict the travel time of every event, and set it beside what was measured.
@@ -201,7 +201,7 @@ def _measured(events: Events) -> pd.DataFrame:
 
 
 def _predict(
-    events: Events, rows: NDArray[np.int64], water: Water, rule: DetectionRule, progress: Progress
+    events: Events, rows: NDArray[np.int64], water: Water, rule: DetectionRule, progress: CountProgress
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Prediction of some events in one water, and all candidates of each; indexed by event."""
     reception = water.reception

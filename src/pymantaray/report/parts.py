@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from pymantaray.jobs.processes import Workers
+from pymantaray.jobs.progress import Progress
 
 if TYPE_CHECKING:
     from pymantaray.report.write import ReportMaker
@@ -38,7 +39,7 @@ class ReportProcess(ExitStack):
         self._drawn = self._process.submit(methodcaller("draw_mission", stage))
         return self._drawn
 
-    def write(self, folder: Path, progress: Callable[[str, int, int], None] | None = None) -> None:
+    def write(self, folder: Path, progress: Progress | None = None) -> None:
         """Write the report of the run that the folder has become, as `write_report` does."""
         from pymantaray.jobs.folder import staged_parts
 

@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pymantaray.jobs.folder import staged_folder
+from pymantaray.jobs.progress import Progress
 from pymantaray.records import RayStatus
 from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.replay import Replay
@@ -16,7 +17,7 @@ from pymantaray.report.figures import Plate
 from pymantaray.report.page import render, show, show_table
 from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.table_explorer import table_explorer
-from pymantaray.report.write import Progress, all_files, draw
+from pymantaray.report.write import all_files, draw
 from pymantaray.study.store import write_json
 
 _MOST_PAIRS = 12  # panels of residuals over time

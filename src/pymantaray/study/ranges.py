@@ -7,10 +7,11 @@ from typing import Any
 from pymantaray.config.load import parse_study
 from pymantaray.config.sections import StudyConfig
 from pymantaray.exchange import Tracks, read_trajectories
+from pymantaray.jobs.progress import Progress
 from pymantaray.records import Trajectories
 from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
 from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import Progress, simulate_mission
+from pymantaray.study.mission import simulate_mission
 from pymantaray.study.store import Run, run_in_memory
 from pymantaray.study.tracks import with_tracks
 

@@ -1,8 +1,7 @@
 """Noise realizations, each solved under every condition and by every estimator."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -11,7 +10,7 @@ import numpy as np
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from pymantaray.errors import RecordError
+from pymantaray.errors import JobError, RecordError
 from pymantaray.estimation import (
     GraphSolver,
     Solution,
@@ -22,7 +21,7 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.covariance import EpochCovariances
-from pymantaray.jobs.processes import Workers
+from pymantaray.jobs.pool import Queue
 from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns, SolveStatus
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.study.estimators import EstimatorFactory
@@ -126,15 +125,25 @@ class RealizationSolver:
         return Solved(solutions, {s.name: factory.true_unknowns(s, realization) for s in joint})
 
 
-def solve_realizations(
-    run: Run, workers: Workers | None, numbers: Sequence[int]
-) -> Iterator[tuple[int, Solved]]:
-    """Solve some realizations of a run, each with its number: by workers, who begin at once, or one by one as they are asked for."""
-    if workers is None:
-        solver = RealizationSolver(run)
-        return ((number, solver.solve(number)) for number in numbers)
-    futures = {workers.submit(number): number for number in numbers}
-    return ((futures[future], future.result()) for future in as_completed(futures))
+class RealizationQueue(Queue):
+    """Realizations of a study that are still to be solved; their keys are their numbers."""
+
+    def __init__(self, numbers: Iterable[int], ended: Callable[[int, Solved], None]) -> None:
+        super().__init__(map(str, numbers))
+        self._ended = ended
+
+    def task(self, key: str) -> int:
+        """Return the number of a realization."""
+        return int(key)
+
+    def ended(self, key: str, result: Solved) -> None:
+        """Record a solved realization."""
+        self.left -= 1
+        self._ended(int(key), result)
+
+    def lost(self, key: str, line: str) -> None:
+        """Raise the reason why a realization could not be solved."""
+        raise JobError(f"realization {key}: {line}")
 
 
 def start_solver(folder: Path) -> Callable[[int], Solved]:

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 
 from pymantaray.errors import JobError, SweepError
 from pymantaray.installation import code_version
-from pymantaray.jobs.pool import check_scheduler, crew_of, do_all
+from pymantaray.jobs.pool import check_scheduler, open_pool, run_tasks
+from pymantaray.jobs.progress import TaskCount, TaskProgress
 from pymantaray.jobs.store import Store, failure_content, open_store
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES
-from pymantaray.sweep.plan import EARLIER, Plan, Queue, Told, plan_content, read_plan
+from pymantaray.sweep.plan import EARLIER, Plan, SweepQueue, plan_content, read_plan
 from pymantaray.sweep.points import OURS, PLAN, SWEEP, finished, point_name, stage_name
 from pymantaray.sweep.results import SweepResults, open_sweep
-from pymantaray.sweep.tasks import perform
+from pymantaray.sweep.tasks import run_task
 
 if TYPE_CHECKING:
     from pymantaray.jobs.pool import Client
@@ -32,7 +33,7 @@ def run_sweep(
     keep_stages: bool = False,
     studies: bool = False,
     retry_failed: bool = False,
-    progress: Told | None = None,
+    progress: TaskProgress | None = None,
 ) -> SweepResults:
     """
     Do the points of a sweep that are not done yet.
@@ -54,7 +55,7 @@ def run_sweep(
     retry_failed : bool
         Whether points that failed are done again.
     progress : callable, optional
-        Told how many points are done, how many have failed, and how many there are.
+        Called with the number of points that are done, the number that failed and the total.
 
     Returns
     -------
@@ -79,13 +80,13 @@ def run_sweep(
     for key in failed if retry_failed else ():
         store.remove(point_name(key, failed=True))
     failed = set() if retry_failed else failed
-    told = _Told(plan, done, failed, progress)
+    count = TaskCount(len(plan.points), progress, done=len(done), failed=len(failed))
     queue = _Points(plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies)
-    queue.store, queue.told = store, told
+    queue.store, queue.count_of_points = store, count
     _clear_stages(store, plan, keep=True)  # what failed in another run is tried again
     if queue.left:
-        with crew_of(partial(perform, store.url), client, workers) as crew:
-            do_all(queue, crew)
+        with open_pool(partial(run_task, store.url), client, workers) as pool:
+            run_tasks(queue, pool)
         there = {name.partition(".")[0] for name in store.names("points")}
         if missing := len(plan.points.keys() - there):
             raise JobError(
@@ -101,20 +102,6 @@ def _clear_stages(store: Store, plan: Plan, *, keep: bool) -> None:
     for name in store.names("stages"):
         if name.partition(".")[0] in own and not (keep and name.endswith(".nc")):
             store.remove(f"stages/{name}")
-
-
-class _Told:
-    """Counts points."""
-
-    def __init__(self, plan: Plan, done: set[str], failed: set[str], progress: Told | None) -> None:
-        self._done, self._failed = len(done), len(failed)
-        self._total, self._progress = len(plan.points), progress
-        self.add(0, 0)
-
-    def add(self, done: int, failed: int) -> None:
-        self._done, self._failed = self._done + done, self._failed + failed
-        if self._progress is not None:
-            self._progress(self._done, self._failed, self._total)
 
 
 def _prepare(store: Store, plan: Plan) -> None:
@@ -142,16 +129,16 @@ def _warn_of_other_code(store: Store, plan: Plan) -> None:
         )
 
 
-class _Points(Queue):
+class _Points(SweepQueue):
     """What is to be done of a sweep, and what becomes of it."""
 
     store: Store
-    told: _Told
+    count_of_points: TaskCount
 
     def ended(self, key: str, line: str | None) -> None:
         """Count a point; remove stages that nobody needs any more."""
         if self.kind(key) == POINT:
-            self.told.add(line is None, line is not None)
+            self.count_of_points.add(failed=line is not None)
         for stage in self.done(key):
             if not self.keeps_stages:
                 self.store.remove(stage_name(stage))
@@ -160,3 +147,4 @@ class _Points(Queue):
         """Write down why a task failed whose worker could not."""
         name = point_name if self.kind(key) == POINT else stage_name
         self.store.write(name(key, failed=True), failure_content(SweepError(line)))
+        self.ended(key, line)

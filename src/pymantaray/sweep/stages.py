@@ -2,7 +2,6 @@
 
 import io
 import json
-import logging
 import math
 from collections.abc import Callable, Mapping
 from time import perf_counter
@@ -12,8 +11,8 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import Medium
-from pymantaray.errors import RecordError, SweepError, WriteError
-from pymantaray.jobs.store import Store, failure_content
+from pymantaray.errors import SweepError, WriteError
+from pymantaray.jobs.store import Store, failure_content, read_valid
 from pymantaray.records import Arrivals, RangingTruth, Trajectories
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.sensing import Links, Ranging
@@ -21,11 +20,10 @@ from pymantaray.sensing.ranging import Leaked
 from pymantaray.sensing.schedule import Attempts
 from pymantaray.study import StudyConfig
 from pymantaray.study.mission import range_fleet, simulate_fleet
-from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, narrowed
+from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, stage_config
 from pymantaray.sweep.points import stage_name
 from pymantaray.water.ocean import OceanFields, build_medium, mission_ocean
 
-_LOG = logging.getLogger("pymantaray.sweep")
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """The latest of each stage that this process has had, after its key, and what it took when it was computed. [s]"""
 _OPTIONAL = ("probability", "loss_db", "delay")
@@ -42,20 +40,20 @@ class Stages:
     @property
     def ocean(self) -> OceanFields:
         """Ocean of the mission."""
-        out: OceanFields = self._get(OCEAN, lambda: mission_ocean(narrowed(self._config, OCEAN)))
+        out: OceanFields = self._get(OCEAN, lambda: mission_ocean(stage_config(self._config, OCEAN)))
         return out
 
     @property
     def fleet(self) -> Trajectories:
         """True poses of the vehicles."""
-        config, ocean = narrowed(self._config, FLEET), self.ocean
+        config, ocean = stage_config(self._config, FLEET), self.ocean
         out: Trajectories = self._get(FLEET, lambda: simulate_fleet(config, ocean))
         return out
 
     @property
     def rays(self) -> Ranging:
         """Ranges without noise."""
-        config, ocean, fleet = narrowed(self._config, RAYS), self.ocean, self.fleet
+        config, ocean, fleet = stage_config(self._config, RAYS), self.ocean, self.fleet
         out: Ranging = self._get(RAYS, lambda: range_fleet(config, ocean, self.medium, fleet))
         return out
 
@@ -84,18 +82,13 @@ class Stages:
 
     def _read(self, stage: str) -> tuple[Any, float] | None:
         """A stage from the store and what it took [s]; None if there is none, or a damaged one, which is removed."""
-        name = stage_name(self._keys[stage])
-        content = self._store.read(name)
-        if content is None:
-            return None
-        try:
+
+        def parse(content: bytes) -> tuple[Any, float]:
             groups = netcdf_groups(content)
-        except RecordError as error:
-            _LOG.warning("%s/%s: %s; it is removed and computed again", self._store.url, name, error)
-            self._store.remove(name)
-            return None
-        seconds = float(groups.pop("cost").attrs["seconds"])
-        return _UNPACK[stage](groups), seconds
+            seconds = float(groups.pop("cost").attrs["seconds"])
+            return _UNPACK[stage](groups), seconds
+
+        return read_valid(self._store, stage_name(self._keys[stage]), parse)
 
     def _get(self, stage: str, compute: Callable[[], Any]) -> Any:
         key = self._keys[stage]

@@ -17,7 +17,7 @@ from pymantaray.evaluation import (
 )
 from pymantaray.installation import code_version
 from pymantaray.jobs.folder import MANIFEST
-from pymantaray.jobs.pool import attempt
+from pymantaray.jobs.pool import run_in_store
 from pymantaray.jobs.store import Store
 from pymantaray.study import Run, StudyConfig, open_run
 from pymantaray.study.manifest import Stopwatch
@@ -33,7 +33,7 @@ _CONSISTENCY = {"median_ratio": "ratio", "inside": "inside", "tests": "tests"}
 
 
 @dataclass(frozen=True)
-class Task:
+class SweepTask:
     """A stage or a point, and all that it takes to do it."""
 
     kind: str
@@ -51,13 +51,13 @@ class Task:
         return self.keys[self.kind]
 
 
-def perform(url: str, task: Task) -> str | None:
+def run_task(url: str, task: SweepTask) -> str | None:
     """Do a task unless it is done; the line by which it failed, None if it did not. What the store refuses is raised."""
     failed = point_name(task.key, failed=True) if task.kind == POINT else None  # a stage tells it itself
-    return attempt(url, task, _do, failed)
+    return run_in_store(url, task, _compute, failed)
 
 
-def _do(store: Store, task: Task) -> None:
+def _compute(store: Store, task: SweepTask) -> None:
     stages = Stages(task.config, task.keys, store, task.shared)
     if task.kind != POINT:
         stages.ensure(task.kind)
@@ -67,7 +67,7 @@ def _do(store: Store, task: Task) -> None:
         store.remove(point_name(task.key, failed=True))
 
 
-def _solve(task: Task, stages: Stages, store: Store) -> dict[str, Any]:
+def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
     """Summary of a point, and what it took."""
     config, watch = task.config, Stopwatch()
     refuse_too_large(config, 1)
