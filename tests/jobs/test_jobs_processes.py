@@ -1,5 +1,6 @@
 """Tasks in processes: in order, stopped where one of them fails, and never longer than who asked for them."""
 
+import importlib
 import logging
 import os
 import pickle
@@ -106,6 +107,19 @@ def test_what_every_process_would_warn_of_is_left_to_who_started_them(capfd):
 def test_what_cannot_be_sent_back_ends_the_work_and_not_the_patience(function, error, match):
     with pytest.raises(error, match=match):
         in_two_processes(function, 3)
+
+
+class Unimportable:
+    """Something that a worker cannot import."""
+
+    def __reduce__(self):
+        return importlib.import_module, ("no_such_module",)
+
+
+def test_what_a_worker_cannot_import_is_raised_where_it_was_asked_and_printed_nowhere(capfd):
+    with pytest.raises(ModuleNotFoundError, match="no_such_module"), Workers(Unimportable(), 1) as workers:
+        workers.submit(1).result()
+    assert capfd.readouterr().err == ""
 
 
 SCRIPT = """
