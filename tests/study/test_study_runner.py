@@ -13,7 +13,7 @@ from factories import assert_same, names_in
 from refusals import refused
 
 from pymantaray.config.sections import Condition
-from pymantaray.errors import FleetError, StudyError
+from pymantaray.errors import FleetError, JobError, StudyError
 from pymantaray.estimation import CONDITIONS, GraphSolver, SolveOptions, build_graph, dead_reckon, read_pyfg
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.study import open_run, run_study, runner
@@ -150,7 +150,7 @@ def test_ray_picture_is_of_a_link_that_was_heard(tiny_run):
 def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypatch):
     (tmp_path / "mine").write_text("x")
     monkeypatch.setattr(runner, "simulate_mission", lambda *_: pytest.fail("work was begun"))
-    refused(StudyError, "folder is not empty", run_study, tiny_config, tmp_path)
+    refused(JobError, "folder is not empty", run_study, tiny_config, tmp_path)
     assert names_in(tmp_path) == ["mine"]
 
 

@@ -72,7 +72,7 @@ def write_replay(
 
     Raises
     ------
-    StudyError
+    JobError
         If the folder is not empty or cannot be written.
     """
     record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (made_by or {})

@@ -57,7 +57,9 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
     ExchangeError
         If there is no such format, the run holds nothing for it, or its library is not installed.
     StudyError
-        If the folder is no run or has no such realization, or the folder for the results is not free.
+        If the folder is no run or has no such realization.
+    JobError
+        If the folder for the results is not free.
     WriteError
         If the file cannot be written or is there already.
     """
