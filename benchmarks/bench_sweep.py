@@ -16,8 +16,9 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+from pymantaray.jobs import pool
 from pymantaray.study import load_study, parse_study
-from pymantaray.sweep import Sweep, open_sweep, run_sweep, tasks, workers
+from pymantaray.sweep import Sweep, open_sweep, run_sweep, tasks
 
 POINTS = 10_000
 
@@ -57,7 +58,7 @@ def noises(config, count):
     return Sweep(config, cross={"noise.range_sigma": [1.0 + 1e-4 * k for k in range(count)]})
 
 
-def start_for_nothing(work: workers.Work) -> workers.Work:
+def start_for_nothing(work: pool.Work) -> pool.Work:
     """A worker whose points take no time: the first one's summary stands for all."""
     solve, first = tasks._solve, {}
 
@@ -72,7 +73,7 @@ def start_for_nothing(work: workers.Work) -> workers.Work:
 
 def overhead() -> None:
     """Of points whose study takes no time: everything but the study."""
-    workers._start = start_for_nothing
+    pool._start = start_for_nothing
     config, memory = small(), {}
     with folder() as out:
         before = cpu()

@@ -18,6 +18,7 @@ from hypothesis import Phase, settings
 from pymantaray.acoustics import Medium
 from pymantaray.estimation import GraphValues, dead_reckon
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
+from pymantaray.jobs.pool import Pool
 from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import Landmark, OneWay, PingSchedule, Reception, measure_ranges
 
@@ -461,32 +462,9 @@ def over_time(times, oceans):
     return oceans[0].assign(fields).assign_coords(time=np.asarray(times, dtype=float))
 
 
-class _Done:
-    """A task that is done when it is given out."""
-
-    def __init__(self, value):
-        self.result = lambda: value
-
-    def add_done_callback(self, call):
-        call(self)
-
-
-class CrewHere:
-    """In place of a crew of workers: does tasks in this process, one after the other."""
-
-    window = 1
-
-    def __init__(self, work, *_):
-        self.work = work
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def submit(self, task):
-        return _Done(self.work(task))
+def pool_here(work, *_):
+    """In place of `open_pool`: a pool that does tasks in this process, one after the other."""
+    return Pool(lambda: work)
 
 
 @contextmanager

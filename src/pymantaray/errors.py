@@ -55,6 +55,10 @@ class WaterError(MantaRayError):
     """The water for rays is not what it has to be."""
 
 
+class JobError(MantaRayError):
+    """Tasks cannot be done: their folder, store, workers or scheduler is unusable."""
+
+
 class StudyError(MantaRayError):
     """A study's configuration, run folder or inputs are unusable."""
 

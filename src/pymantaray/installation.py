@@ -1,11 +1,13 @@
 """What is installed here and whether it works: packages, extras, folders that are written to, kernels, processors, GPU."""
 
+import hashlib
 import os
 import platform
 import resource
 import shlex
 import sys
 import tempfile
+from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
@@ -28,6 +30,21 @@ _KERNELS = (
 def versions() -> dict[str, str | None]:
     """Versions of Python and of the packages that results depend on; None for one that is not installed."""
     return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
+
+
+@cache
+def code_version() -> str:
+    """
+    Version of the package with a hash of its source files, such as ``0.1.0+3f2a9c1b52d0``.
+
+    A checkout and a wheel built from it agree. `cli` and `report` do not count, since no result depends on them.
+    """
+    root, content = Path(__file__).parent, hashlib.sha256()
+    for file in sorted(root.rglob("*.py")):
+        name = file.relative_to(root).as_posix()
+        if not name.startswith(("cli/", "report/")):
+            content.update(f"{name} {hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
+    return f"{_version('pymantaray')}+{content.hexdigest()[:12]}"
 
 
 def peak_memory_mib() -> float:

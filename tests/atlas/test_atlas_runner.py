@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 from contextlib import suppress
 from functools import partial
 
@@ -18,9 +17,9 @@ from refusals import refused
 from pymantaray.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_atlas, runner, safety_table
 from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.atlas.plan import instants_between
-from pymantaray.errors import AtlasError, OceanError, SweepError, WriteError
+from pymantaray.errors import AtlasError, JobError, OceanError, WriteError
+from pymantaray.jobs.pool import open_pool
 from pymantaray.records import RayStatus
-from pymantaray.sweep.workers import crew_of
 
 
 @pytest.fixture
@@ -28,12 +27,14 @@ def here(monkeypatch):
     """Do blocks in this process, and count them."""
     done = []
 
-    class Crew(factories.CrewHere):
-        def submit(self, block):
+    def open_counting(work, *_):
+        def run(block):
             done.append(block.key)
-            return super().submit(block)
+            return work(block)
 
-    monkeypatch.setattr(runner, "crew_of", Crew)
+        return factories.pool_here(run)
+
+    monkeypatch.setattr(runner, "open_pool", open_counting)
     return done
 
 
@@ -94,7 +95,7 @@ def test_two_halves_joined_are_the_whole(here, ocean, file, links, content, tile
 def test_workers_and_tiles_change_no_digit(ocean, file, links, content, tiles, monkeypatch, tmp_path):
     atlas = Atlas(file, links, window=_window(ocean, 10, 11, 10, 15))
     workers = run_atlas(atlas, tmp_path / "workers.nc", workers=2)
-    monkeypatch.setattr(runner, "crew_of", factories.CrewHere)
+    monkeypatch.setattr(runner, "open_pool", factories.pool_here)
     alone = run_atlas(atlas, tmp_path / "alone.nc")
     assert workers.read_bytes() == alone.read_bytes()
     monkeypatch.setattr(plan, "_COLUMNS", 50)
@@ -137,7 +138,7 @@ def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
     atlas = Atlas(file, links, every=20)
     refused(
         WriteError,
-        "exists already, and is not of this atlas; give another name or --force",
+        "exists already, and is not of this atlas and this version of the code; give another name or --force",
         run_atlas,
         atlas,
         out,
@@ -148,7 +149,7 @@ def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
     refused(WriteError, "exists already, and is not of this atlas", run_atlas, other, out)
     (tmp_path / "b.nc.blocks").mkdir()
     (tmp_path / "b.nc.blocks" / "thesis.tex").write_text("x")
-    refused(SweepError, "holds something, and no atlas", run_atlas, atlas, tmp_path / "b.nc")
+    refused(JobError, "holds something, and no atlas", run_atlas, atlas, tmp_path / "b.nc")
 
 
 def test_an_ocean_whose_content_has_changed_is_another_atlas(here, ocean, links, tmp_path):
@@ -206,14 +207,14 @@ def test_a_damaged_block_is_removed_and_told(here, ocean, file, links, tiles, mo
 
 
 def test_workers_that_write_elsewhere_are_noticed(file, links, monkeypatch, tmp_path):
-    away = blocks.perform
+    away = blocks.run_block
     monkeypatch.setattr(
         runner,
-        "crew_of",
-        lambda _, *rest: crew_of(partial(away, str(tmp_path / "away")), *rest),
+        "open_pool",
+        lambda _, *rest: open_pool(partial(away, str(tmp_path / "away")), *rest),
     )
     atlas = Atlas(file, links, every=20)
-    refused(SweepError, "all workers must see this place", run_atlas, atlas, tmp_path / "a.nc", workers=1)
+    refused(JobError, "all workers must see this place", run_atlas, atlas, tmp_path / "a.nc", workers=1)
 
 
 def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, links, content, tmp_path):
@@ -407,37 +408,6 @@ def test_a_basin_takes_no_more_memory_than_a_bay(ocean, tmp_path):
 
 def begin(file, out):
     return subprocess.Popen([sys.executable, "-c", RUN, file, out], stderr=subprocess.PIPE)
-
-
-@pytest.mark.slow
-def test_kill_minus_nine_at_any_moment_loses_no_finished_block(file, links, tmp_path):
-    out, rng, there = tmp_path / "atlas.nc", np.random.default_rng(3), {}
-    for _ in range(6):
-        process = begin(file, out)
-        while process.poll() is None and len(list(tmp_path.glob("*.blocks/blocks/*.npz"))) <= len(there):
-            time.sleep(0.02)
-        time.sleep(rng.uniform(0.0, 1.0))
-        process.kill()
-        process.communicate()
-        assert not out.exists()
-        now = {path: path.read_bytes() for path in tmp_path.glob("*.blocks/blocks/*.npz")}
-        assert {path: now[path] for path in there} == there  # none lost, none done again
-        assert len(now) > len(there)
-        there = now
-    assert begin(file, out).communicate()[1] == b""
-    begin(file, tmp_path / "undisturbed.nc").communicate()
-    assert out.read_bytes() == (tmp_path / "undisturbed.nc").read_bytes()
-    assert not list(tmp_path.rglob("*.part"))
-
-
-@pytest.mark.slow
-def test_two_runners_of_one_atlas_lose_and_change_nothing(file, tmp_path):
-    out = tmp_path / "atlas.nc"
-    processes = [begin(file, out) for _ in range(2)]
-    assert [process.communicate()[1] for process in processes] == [b"", b""]
-    begin(file, tmp_path / "alone.nc").communicate()
-    assert out.read_bytes() == (tmp_path / "alone.nc").read_bytes()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["alone.nc", "atlas.nc"]
 
 
 def interrupt(*_, **__):

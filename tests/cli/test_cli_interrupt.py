@@ -3,18 +3,20 @@
 import os
 import pty
 import re
+import resource
 import select
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
 from pymantaray.cli.main import main
 
 COMMAND = """
-from pymantaray.study import unfinished
-unfinished._EVERY = 3600.0  # what a short run keeps, however long it takes on a busy machine
+from pymantaray.jobs import checkpoint
+checkpoint._EVERY = 3600.0  # what a short run keeps, however long it takes on a busy machine
 from pymantaray.cli.main import main
 main()
 """
@@ -120,3 +122,85 @@ def test_a_stop_that_meets_the_import_of_a_compiled_module_is_a_stop(monkeypatch
     with pytest.raises(ImportError if stop is None else SystemExit) as end:
         main(["study", "list"])
     assert stop is None or end.value.code == code
+
+
+MANTARAY = [sys.executable, "-m", "pymantaray"]
+
+
+BEGUN = """
+import sys
+from pymantaray.__main__ import main
+print("begun", flush=True)
+sys.argv[0] = "mantaray"
+main()
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_at_any_moment_of_the_first_seconds_ends_quietly_with_130():
+    codes = []
+    for k in range(40):
+        command = [sys.executable, "-c", BEGUN, "study", "show", "quick"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        assert process.stdout.readline() == b"begun\n"
+        time.sleep(0.02 + 0.05 * k)
+        process.send_signal(signal.SIGINT)
+        errors = process.communicate()[1].decode()
+        assert "Traceback" not in errors, errors
+        codes.append(process.returncode)
+    assert set(codes) <= {0, 130, -signal.SIGINT}  # the last while the interpreter ends
+    assert codes.count(130) >= 10
+
+
+IMPORTING = """
+import os, signal, sys
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == {name!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+            for _ in range(1000):
+                pass
+sys.meta_path.insert(0, Interrupt())
+sys.argv = ["mantaray", "study", "show", "quick"]
+from pymantaray.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize("name", ["typer", "pymantaray.cli.study", "pymantaray.config", "numpy", "pydantic"])
+def test_ctrl_c_at_the_import_of_a_module_ends_quietly_with_130(name):
+    command = [sys.executable, "-c", IMPORTING.format(name=name)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+@pytest.mark.parametrize("value", ["abc", "", "1e9", "12.5"])
+def test_a_date_of_the_environment_that_libraries_cannot_read_is_refused_in_one_line(
+    value, mantaray, monkeypatch
+):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", value)
+    done = mantaray("study", "list")
+    assert done.code == 2
+    assert done.err == (
+        f"error: environment: SOURCE_DATE_EPOCH is {value!r}; needs whole seconds since 1970, or unset it\n"
+    )
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    assert mantaray("study", "list").code == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of address space are Linux's")
+@pytest.mark.parametrize("mebibytes", [200, 300, 400, 500])
+def test_too_little_memory_is_told_in_one_line(mebibytes, tmp_path):
+    words = ["study", "run", "quick", "--realizations", "1", "--workers", "1", "--out", tmp_path / "run"]
+    limit = (mebibytes << 20,) * 2
+    done = subprocess.run(
+        [*MANTARAY, *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, limit),
+    )
+    assert done.returncode in {1, 2}
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert "emory" in done.stderr
+    assert not any(tmp_path.iterdir())

@@ -17,7 +17,7 @@ from pymantaray.cli.main import main
 from pymantaray.cli.output import Watch, check_output, counted_progress, progress_bars, standard_streams
 from pymantaray.cli.printing import printer
 from pymantaray.errors import WriteError
-from pymantaray.study.workers import Workers
+from pymantaray.jobs.processes import Workers
 
 MAIN = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
 

@@ -244,6 +244,37 @@ def test_strange_data_sets_are_refused_in_one_line(tmp_path, ocean, case, messag
     assert message_of(tmp_path / "strange.nc").startswith("strange.nc: ")
 
 
+@pytest.mark.parametrize(("attribute", "value", "words"), [
+    ("scale_factor", 0.0, "salinity has scale_factor 0, which makes all its values equal; correct the attribute"),
+    ("scale_factor", np.nan, "salinity has scale_factor 'nan'; needs one finite number: correct the attribute"),
+    ("scale_factor", [1.0, 2.0], "salinity has scale_factor '[1. 2.]'; needs one finite number"),
+    ("scale_factor", "a tenth", "salinity has scale_factor 'a tenth'; needs one finite number"),
+    ("add_offset", np.inf, "salinity has add_offset 'inf'; needs one finite number"),
+])  # fmt: skip
+def test_packing_that_makes_no_values_is_refused_by_its_name(
+    tmp_path, ocean, message_of, attribute, value, words
+):
+    with_attribute("salinity", **{attribute: value})(ocean).to_netcdf(
+        tmp_path / "packed.nc", engine="netcdf4"
+    )
+    assert message_of(tmp_path / "packed.nc").startswith(f"packed.nc: {words}")
+    (finding,) = check_ocean(tmp_path / "packed.nc")
+    assert words in str(finding)
+
+
+@pytest.mark.parametrize("name", ["title", "source", "history", "institution"])
+def test_an_attribute_that_is_a_list_is_no_text_and_harms_nothing(tmp_path, ocean, name):
+    ocean.assign_attrs({name: [1, 2, 3]}).to_netcdf(tmp_path / "listed.nc", engine="netcdf4")
+    back = open_ocean(tmp_path / "listed.nc")
+    xr.testing.assert_equal(back, ocean)
+    assert back.attrs["source"]
+
+
+def test_a_list_in_the_place_of_a_flag_is_not_taken_for_one(tmp_path, ocean, message_of):
+    ocean.assign_attrs(synthetic=[1, 2, 3]).to_netcdf(tmp_path / "listed.nc", engine="netcdf4")
+    assert "attribute (synthetic): array([1, 2, 3]); allowed 0 or 1" in message_of(tmp_path / "listed.nc")
+
+
 def test_a_field_that_compresses_well_is_read_whatever_its_size(tmp_path, closed_form_ocean):
     """More than 64 MiB of numbers for each variable in a file of some hundred kilobytes."""
     ocean = closed_form_ocean(30.0, 10.0, temperature=lambda *_: 4.0, n=(600, 600), depth=np.arange(24.0))

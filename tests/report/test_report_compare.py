@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pymantaray.errors import ReportError, StudyError
+from pymantaray.errors import JobError, ReportError
 from pymantaray.report import compare, write_comparison
 from pymantaray.report import write as write_module
 from pymantaray.report.compare import by_name, comparison_plates, comparison_tables
@@ -128,7 +128,7 @@ def test_runs_of_one_region_are_told_apart_by_their_folders(run, made_run, tmp_p
 
 def test_a_folder_that_is_not_empty_is_refused_and_kept(run_folder, other_folder, tmp_path):
     (tmp_path / "mine.txt").write_text("keep")
-    with pytest.raises(StudyError, match="not empty"):
+    with pytest.raises(JobError, match="not empty"):
         write_comparison([run_folder, other_folder], tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
 

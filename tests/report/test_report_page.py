@@ -16,13 +16,13 @@ from refusals import refused
 
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
+from pymantaray.jobs.folder import staged_parts
 from pymantaray.report import write, write_report
 from pymantaray.report.figures import Results
 from pymantaray.report.page import heading, headlines, run_page, show, show_alike, show_table
 from pymantaray.report.parts import ReportProcess
 from pymantaray.report.tables import TABLES as TABLES_OF_PAGE
 from pymantaray.study import open_run
-from pymantaray.study.folder import staged_parts
 
 FIGURES = {
     "ape_pooled", "consistency", "dropouts", "error_over_time", "factor_graph", "fleet_layout", "range_error",

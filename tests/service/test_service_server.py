@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from pymantaray.study.workers import WorkerEndedError
 from refusals import refused
 
 import pymantaray
@@ -25,7 +26,6 @@ from pymantaray.records import RayStatus
 from pymantaray.service import RangingService, make_server, server
 from pymantaray.service.messages import PingAnswer
 from pymantaray.service.server import MOST_BYTES
-from pymantaray.study.workers import WorkerEndedError
 
 pytestmark = pytest.mark.network
 NAMES = ("north", "east", "depth")

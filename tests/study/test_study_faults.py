@@ -9,7 +9,7 @@ import pytest
 from factories import python
 
 from pymantaray.config.estimators import ModesSection
-from pymantaray.errors import StudyError
+from pymantaray.errors import JobError
 from pymantaray.ocean import open_ocean
 from pymantaray.records import write_netcdf
 from pymantaray.study import assemble, open_run, run_study
@@ -44,7 +44,7 @@ def test_folder_removed_under_a_run_is_one_line(tiny_config, tmp_path):
         if stage == "realizations":
             shutil.rmtree(tmp_path / "runs")
 
-    with pytest.raises(StudyError, match=r"\.tiny\.mantaray-part: was removed while") as caught:
+    with pytest.raises(JobError, match=r"\.tiny\.mantaray-part: was removed while") as caught:
         run_study(tiny_config, tmp_path / "runs" / "tiny", workers=1, progress=remove)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []

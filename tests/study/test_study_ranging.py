@@ -9,12 +9,12 @@ from pymantaray.acoustics import Leakage, WenzNoise
 from pymantaray.config.sections import DetectionSection, RangingSection
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
+from pymantaray.jobs.pool import ProcessPool, run_tasks
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ClockModel, Picker, TwoWay, perturb
 from pymantaray.study import open_run
 from pymantaray.study.assemble import build_picker
-from pymantaray.study.realization import solve_realizations, start_solver
-from pymantaray.study.workers import Workers
+from pymantaray.study.realization import RealizationQueue, start_solver
 from pymantaray.water.listening import build_detector, build_timing, leakage_of
 from pymantaray.water.ocean import build_currents, build_ocean
 
@@ -153,8 +153,9 @@ def test_mistakes_are_counted_and_become_ranges_whatever_the_number_of_workers(e
     assert np.unique([m.sum() for m in drawn]).size > 1
     np.testing.assert_array_equal(erring.ranging_truth.travel_time, tiny_run.ranging_truth.travel_time)
     stored = erring.estimates.position[0]
-    with Workers(partial(start_solver, erring.path), 2) as workers:
-        by_two = dict(solve_realizations(erring, workers, range(4)))
+    by_two = {}
+    with ProcessPool(partial(start_solver, erring.path), 2) as pool:
+        run_tasks(RealizationQueue(range(4), by_two.__setitem__), pool)
     for r, solved in by_two.items():
         np.testing.assert_array_equal(solved.solutions["refracted"].position.astype(stored.dtype), stored[r])
         noisy = erring.noisy_measurements(r)

@@ -13,7 +13,7 @@ from factories import assert_same, names_in
 from refusals import refused
 
 from pymantaray.config.sections import Condition
-from pymantaray.errors import FleetError, StudyError
+from pymantaray.errors import FleetError, JobError, StudyError
 from pymantaray.estimation import CONDITIONS, GraphSolver, SolveOptions, build_graph, dead_reckon, read_pyfg
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.study import open_run, run_study, runner
@@ -150,7 +150,7 @@ def test_ray_picture_is_of_a_link_that_was_heard(tiny_run):
 def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypatch):
     (tmp_path / "mine").write_text("x")
     monkeypatch.setattr(runner, "simulate_mission", lambda *_: pytest.fail("work was begun"))
-    refused(StudyError, "folder is not empty", run_study, tiny_config, tmp_path)
+    refused(JobError, "folder is not empty", run_study, tiny_config, tmp_path)
     assert names_in(tmp_path) == ["mine"]
 
 
@@ -183,7 +183,7 @@ def test_not_a_run_is_refused(tmp_path):
 def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path, monkeypatch):
     steps = []
 
-    class Told(runner.Workers):
+    class Recorded(runner.ProcessPool):
         def __exit__(self, *error):
             super().__exit__(*error)
             steps.append("ended")
@@ -192,7 +192,7 @@ def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path,
         steps.append("described")
         return describe_run(*arguments, **options)
 
-    monkeypatch.setattr(runner, "Workers", Told)
+    monkeypatch.setattr(runner, "ProcessPool", Recorded)
     monkeypatch.setattr(runner, "describe_run", describe)
     run_study(tiny(study={"conditions": ["odometry"]}), tmp_path / "run", workers=2)
     assert steps == ["ended", "described"]

@@ -2,16 +2,21 @@
 
 import errno
 import os
+import pickle
 import subprocess
 import sys
 import time
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
 
 from pymantaray.errors import WriteError
-from pymantaray.study import open_run, run_study, runner, unfinished
-from pymantaray.study.realization import RealizationSolver
+from pymantaray.estimation import UnknownsEstimate
+from pymantaray.jobs import checkpoint
+from pymantaray.records import SolveStatus
+from pymantaray.study import open_run, run_study, runner
+from pymantaray.study.realization import RealizationSolver, Solved
 
 DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "ranging_truth", "links")
 
@@ -19,7 +24,7 @@ DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "rangin
 @pytest.fixture
 def at_once(monkeypatch):
     """Keep everything as soon as it is done."""
-    monkeypatch.setattr(unfinished, "_EVERY", 0.0)
+    monkeypatch.setattr(checkpoint, "_EVERY", 0.0)
 
 
 @pytest.fixture
@@ -76,10 +81,10 @@ def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(tiny, at_once, monk
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(unfinished, "_link", full)
+    monkeypatch.setattr(checkpoint, "_link", full)
     with pytest.raises(WriteError, match="No space left"):
         run_study(tiny(), tmp_path / "run", workers=1)
-    assert "what is done could not be kept whole" in caplog.text
+    assert "not all results could be kept" in caplog.text
     assert "are kept in" not in caplog.text
 
 
@@ -101,8 +106,99 @@ def test_what_another_configuration_left_is_not_taken(tiny, at_once, solved, tmp
     assert not (tmp_path / "run.unfinished").exists()
 
 
+class Harmful:
+    """Leaves a file where it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return (open, (str(self.path), "w"))
+
+
+@pytest.mark.parametrize("content", ["empty", "cut", "text", "pickle"])
+def test_a_damaged_realization_is_discarded_and_solved_again(
+    tiny, at_once, solved, tmp_path, caplog, content
+):
+    config, out = tiny(study={"realizations": 3}), tmp_path / "run"
+    interrupted(config, out, 2)
+    (path,) = (tmp_path / "run.unfinished").glob("*/0.nc")
+    whole = path.read_bytes()
+    path.write_bytes({
+        "empty": b"",
+        "cut": whole[: len(whole) // 2],
+        "text": b"error page",
+        "pickle": pickle.dumps(Harmful(tmp_path / "harmed")),
+    }[content])  # fmt: skip
+    path.with_name("9.nc").write_bytes(whole)  # of no realization
+    path.with_name("notes.nc").write_bytes(b"mine")
+    run = run_study(config, out, workers=1)
+    assert solved == [0, 1, 0, 2]
+    assert "0.nc: damaged: its content does not have its checksum; it is removed" in caplog.text
+    assert not (tmp_path / "harmed").exists()
+    same(run, run_study(config, tmp_path / "undisturbed", workers=1))
+
+
+@pytest.mark.parametrize("damage", ["cut", "gone", "sums"])
+def test_a_damaged_mission_is_discarded_and_simulated_again(tiny, at_once, solved, tmp_path, caplog, damage):
+    config, out = tiny(study={"realizations": 2}), tmp_path / "run"
+    interrupted(config, out, 1)
+    (own,) = (tmp_path / "run.unfinished").iterdir()
+    truth = own / "mission" / "truth.nc"
+    if damage == "gone":
+        truth.unlink()
+    else:
+        path = truth if damage == "cut" else own / "mission.json"
+        path.write_bytes(path.read_bytes()[:-9])
+    run = run_study(config, out, workers=1)
+    assert solved == [0, 0, 1]
+    assert "damaged: files do not have their checksums; it is removed and computed again" in caplog.text
+    same(run, run_study(config, tmp_path / "undisturbed", workers=1))
+
+
+def test_what_the_user_has_in_the_unfinished_folder_stays(tiny, at_once, tmp_path):
+    config, out = tiny(study={"realizations": 2}), tmp_path / "run"
+    own = tmp_path / "run.unfinished" / "notes.txt"
+    own.parent.mkdir()
+    own.write_text("mine")
+    interrupted(config, out, 1)
+    run_study(config, out, workers=1)
+    assert own.read_text() == "mine"
+    assert [path.name for path in own.parent.iterdir()] == ["notes.txt"]
+
+
+def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
+    """With covariances, with unknowns, and a solve that failed."""
+    run = run_study(tiny(study={"realizations": 1}, landmarks=[]), tmp_path / "run", workers=1)
+    one = RealizationSolver(run).solve(0)
+    failed = replace(
+        one.solutions["straight"],
+        status=SolveStatus.FAILED,
+        covariances=None,
+        final_cost=float("nan"),
+        unknowns=UnknownsEstimate(
+            ("a b", "c"), ("s", "1"), np.ones(2), np.array([0.1, -0.0]), np.eye(2) / 3.0
+        ),
+    )
+    one = Solved({**one.solutions, "of / two": failed}, {"of / two": {"a b": 0.1, "c": 1.0 / 3.0}})
+    two = Solved.from_bytes(one.to_bytes())
+    assert two.true_unknowns == one.true_unknowns
+    assert list(two.solutions) == list(one.solutions)
+
+    def leaves(value):
+        if is_dataclass(value):
+            value = [getattr(value, f.name) for f in fields(value)]
+        return [leaf for v in value for leaf in leaves(v)] if isinstance(value, (list, tuple)) else [value]
+
+    for name, solution in one.solutions.items():
+        for a, b in zip(leaves(solution), leaves(two.solutions[name]), strict=True):
+            assert type(a) is type(b)
+            np.testing.assert_array_equal(a, b)
+            assert getattr(a, "dtype", None) == getattr(b, "dtype", None)
+
+
 def test_a_short_study_leaves_nothing(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr(unfinished, "_EVERY", 3600.0)  # short beside this, however busy the machine is
+    monkeypatch.setattr(checkpoint, "_EVERY", 3600.0)  # short beside this, however busy the machine is
     interrupted(tiny(study={"realizations": 2}), tmp_path / "run", 1)
     assert not list(tmp_path.iterdir())
 
@@ -115,8 +211,9 @@ def test_a_study_whose_folder_nobody_named_leaves_nothing(tiny, at_once, tmp_pat
 
 RUN = """
 import sys
-from pymantaray.study import load_study, run_study, unfinished
-unfinished._EVERY = 0.0
+from pymantaray.jobs import checkpoint
+from pymantaray.study import load_study, run_study
+checkpoint._EVERY = 0.0
 run_study(load_study(sys.argv[1], realizations=30), sys.argv[2], workers=2)
 """
 
@@ -126,7 +223,7 @@ def begin(file, out):
 
 
 def kept(folder):
-    return {path.name for path in folder.glob("run.unfinished/*/*.pickle")}
+    return {path.name for path in folder.glob("run.unfinished/*/*.nc")}
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from pymantaray.acoustics import find_eigenrays
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import solve_conditions
 from pymantaray.fleet import simulate
+from pymantaray.jobs.keys import sha256
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.records import write_netcdf
@@ -22,7 +23,6 @@ from pymantaray.report.figures import Results
 from pymantaray.study import open_run, run_study
 from pymantaray.study.assemble import build_fleet
 from pymantaray.study.estimators import EstimatorFactory
-from pymantaray.study.manifest import sha256
 from pymantaray.water.ocean import build_currents, build_medium, mission_start
 from pymantaray.water.varying import VARYING, series_of, snapshot_at
 

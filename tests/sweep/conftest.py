@@ -5,7 +5,7 @@ from functools import cache
 from types import SimpleNamespace
 
 import pytest
-from factories import TINY, CrewHere
+from factories import TINY, pool_here
 
 from pymantaray.study import parse_study
 from pymantaray.sweep import Sweep, stages
@@ -28,7 +28,7 @@ def nothing_in_memory(monkeypatch, ocean_of):
 @pytest.fixture
 def here(monkeypatch):
     """Do a sweep's tasks in this process, one after the other."""
-    monkeypatch.setattr("pymantaray.sweep.runner.crew_of", CrewHere)
+    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", pool_here)
 
 
 @pytest.fixture(scope="session")

@@ -238,3 +238,13 @@ trajectories = "short.csv"
     files = [[str(tmp_path / f"{name}.csv")] for name in ("short", "long")]
     sweep = Sweep(tmp_path / "base.toml", cross={"fleet.trajectories": files})
     assert [sweep.point(n).mission.duration_h for n in (0, 1)] == [0.5, 2.0]
+
+
+@pytest.mark.parametrize(
+    "name", ["rmse_m", "rays_seconds", "condition", "a/b", "", "3rd", " a", "a ", "a\nb", 7]
+)
+def test_a_name_that_no_table_can_have_is_refused_before_anything_runs(name):
+    zipped = [{"name": name, "noise.range_sigma": [1.0, 2.0]}]
+    with pytest.raises(SweepError, match=r"^sweep: .*name") as caught:
+        Sweep("quick", zipped=zipped)
+    assert "\n" not in str(caught.value)

@@ -2,17 +2,25 @@
 
 import copy
 import datetime as dt
+import os
+import shutil
+import subprocess
+import sys
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from factories import TINY
 
+import pymantaray
+from pymantaray.installation import code_version
+from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.study import parse_study
 from pymantaray.study.mission import range_fleet, simulate_fleet
-from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys, narrowed, reads
-from pymantaray.sweep.stages import _PACK, _UNPACK, _content, _datasets
+from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, stage_config, stage_fields, task_keys
+from pymantaray.sweep.stages import _PACK, _UNPACK
 from pymantaray.water.ocean import build_medium, mission_ocean
 
 MODEM = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
@@ -88,12 +96,12 @@ def config(small):
 
 def test_a_key_changes_with_each_field_that_its_stage_reads_and_with_no_other(config):
     tree = config.model_dump(mode="json")
-    before, fields_seen = keys(config, {}), list(leaves(tree))
+    before, fields_seen = task_keys(config, {}), list(leaves(tree))
     assert len(fields_seen) > 50
     for field in fields_seen:
-        after = keys(Dumped(config, changed(tree, field)), {})
+        after = task_keys(Dumped(config, changed(tree, field)), {})
         for stage in STAGES:
-            read = any(field == f or field.startswith(f + ".") for f in reads(stage, config))
+            read = any(field == f or field.startswith(f + ".") for f in stage_fields(stage, config))
             assert (after[stage] != before[stage]) == read, (stage, field)
         assert (after[POINT] != before[POINT]) == (field not in {"study.name", "study.description"}), field
 
@@ -101,10 +109,10 @@ def test_a_key_changes_with_each_field_that_its_stage_reads_and_with_no_other(co
 def test_a_stage_cannot_read_what_is_not_in_its_key(config):
     tree = config.model_dump(mode="json")
     for stage in STAGES:
-        narrow = narrowed(config, stage)
+        narrow = stage_config(config, stage)
         for field in leaves(tree):
             section, _, name = field.rpartition(".")
-            read = any(field == f or field.startswith(f + ".") for f in reads(stage, config))
+            read = any(field == f or field.startswith(f + ".") for f in stage_fields(stage, config))
             try:
                 getattr(getattr(narrow, section) if section else narrow, name)
             except AttributeError:
@@ -116,9 +124,9 @@ def test_a_stage_cannot_read_what_is_not_in_its_key(config):
 
 def stages_of(config):
     """All stages, each by what it may read alone."""
-    ocean = mission_ocean(narrowed(config, OCEAN))
-    fleet = simulate_fleet(narrowed(config, FLEET), ocean)
-    rays = narrowed(config, RAYS)
+    ocean = mission_ocean(stage_config(config, OCEAN))
+    fleet = simulate_fleet(stage_config(config, FLEET), ocean)
+    rays = stage_config(config, RAYS)
     return ocean, fleet, range_fleet(rays, ocean, build_medium(rays, ocean), fleet)
 
 
@@ -131,7 +139,9 @@ def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
     tree["noise"] |= {"clock_offset_sigma": 0.1, "clock_skew_sigma": 1e-6}
     tree["ranging"] |= {"mistaken": "first-detected", "below_strongest_db": 6.0}
     other = parse_study(tree)
-    assert [keys(other, {})[stage] for stage in STAGES] == [keys(config, {})[stage] for stage in STAGES]
+    assert [task_keys(other, {})[stage] for stage in STAGES] == [
+        task_keys(config, {})[stage] for stage in STAGES
+    ]
     (ocean, fleet, rays), (ocean_2, fleet_2, rays_2) = stages_of(config), stages_of(other)
     assert ocean.local.identical(ocean_2.local)
     for name in ("geographic", "profile"):
@@ -143,24 +153,44 @@ def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
 
 def test_the_duration_counts_for_an_ocean_that_varies_and_for_no_other(config):
     varying = config.model_copy(update={"ocean": config.ocean.model_copy(update={"time_varying": True})})
-    assert "mission.duration_h" in reads(OCEAN, varying)
-    assert "mission.duration_h" not in reads(OCEAN, config)
+    assert "mission.duration_h" in stage_fields(OCEAN, varying)
+    assert "mission.duration_h" not in stage_fields(OCEAN, config)
 
 
 def test_a_file_counts_by_its_content_and_not_by_its_name(tmp_path):
     def key(name, checksum):
         file = str(tmp_path / name)
         config = parse_study({**TINY, "ocean": {"source": file}})
-        return keys(config, {file: checksum})
+        return task_keys(config, {file: checksum})
 
     assert key("a.nc", "1") == key("b.nc", "1")
     assert all(x != y for x, y in zip(key("a.nc", "1").values(), key("a.nc", "2").values(), strict=True))
 
 
 def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
-    before = keys(config, {})
-    monkeypatch.setattr("pymantaray.__version__", "99")
-    assert all(x != y for x, y in zip(before.values(), keys(config, {}).values(), strict=True))
+    before = task_keys(config, {})
+    monkeypatch.setattr("pymantaray.jobs.keys.code_version", lambda: "99")
+    assert all(x != y for x, y in zip(before.values(), task_keys(config, {}).values(), strict=True))
+
+
+def test_the_version_of_the_code_changes_with_any_source_that_a_result_can_depend_on(tmp_path):
+    package = tmp_path / "pymantaray"
+    shutil.copytree(Path(pymantaray.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def version():
+        code = "from pymantaray.installation import code_version; print(code_version())"
+        command = [sys.executable, "-B", "-c", code]
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        return subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    before = version()
+    assert before == code_version()  # a copy is the same code
+    for name, same in (("report/page.py", True), ("cli/main.py", True), ("fleet/kernel.py", False)):
+        with (package / name).open("a") as file:
+            file.write("\n# changed\n")
+        assert (version() == before) is same
 
 
 @pytest.mark.parametrize(
@@ -181,7 +211,7 @@ def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(confi
         tree["acoustics"]["ice_loss_db"], modem = 2.0, MODEM | {"leakage": True}
     ocean, fleet, rays = stages_of(parse_study(tree | {"detection": modem}))
     again = {
-        stage: _UNPACK[stage](_datasets(_content(_PACK[stage](result))))
+        stage: _UNPACK[stage](netcdf_groups(netcdf_content(_PACK[stage](result))))
         for stage, result in ((OCEAN, ocean), (FLEET, fleet), (RAYS, rays))
     }
     assert (ocean.series is not None) == tree["ocean"]["time_varying"]

@@ -1,12 +1,6 @@
 """Running sweeps on this machine: one result each, the same whoever computes it, and nothing computed twice."""
 
-import importlib
-import json
-import os
-import signal
-import subprocess
-import sys
-import time
+from concurrent.futures import Future
 from functools import partial
 
 import factories
@@ -15,15 +9,17 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from pymantaray.errors import SweepError
+from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
+from pymantaray.jobs.pool import Pool, open_pool
+from pymantaray.jobs.processes import WorkerEndedError
+from pymantaray.jobs.store import open_store
 from pymantaray.study import open_run, parse_study, run_study
-from pymantaray.sweep import Sweep, open_sweep, run_sweep, stages, tasks
-from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, keys
-from pymantaray.sweep.plan import Plan, Queue
-from pymantaray.sweep.store import open_store, stage_name
-from pymantaray.sweep.tasks import Task, perform
-from pymantaray.sweep.workers import crew_of
+from pymantaray.sweep import Sweep, run_sweep, stages, tasks
+from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
+from pymantaray.sweep.plan import Plan, SweepQueue
+from pymantaray.sweep.points import stage_name
+from pymantaray.sweep.tasks import SweepTask, run_task
 
 
 @pytest.fixture
@@ -110,7 +106,7 @@ def test_added_points_alone_are_computed(here, counted, noises, tmp_path):
 
 def test_workers_change_no_digit(depths, tmp_path, monkeypatch):
     workers = run_sweep(depths, tmp_path / "workers", workers=2)
-    monkeypatch.setattr("pymantaray.sweep.runner.crew_of", factories.CrewHere)
+    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", factories.pool_here)
     alone = run_sweep(depths, tmp_path / "alone")
     assert workers.status() == alone.status() == (4, 4, 0, {})
     assert digits(workers) == digits(alone)
@@ -173,7 +169,7 @@ def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp
 
 def test_each_task_follows_the_stage_that_it_needs(depths):
     plan = Plan(depths)
-    queue = Queue(plan, set(plan.points), keep_stages=False, studies=False)
+    queue = SweepQueue(plan, set(plan.points), keep_stages=False, studies=False)
     order, removed = [], []
     while (key := queue.next()) is not None:
         order.append(queue.kind(key))
@@ -186,18 +182,12 @@ def test_each_task_follows_the_stage_that_it_needs(depths):
     assert names[OCEAN] in {name for _, name in removed}
 
 
-def test_a_worker_of_another_version_is_refused_in_one_line(small, tmp_path):
-    task = Task(POINT, keys(small, {}), small, frozenset(), version="99")
-    with pytest.raises(SweepError, match=r"^this worker has pymantaray .*, the task 99: install the same$"):
-        perform(str(tmp_path), task)
-
-
 def test_workers_that_write_elsewhere_are_noticed(here, noises, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "pymantaray.sweep.runner.crew_of",
-        lambda _, *rest: crew_of(partial(perform, str(tmp_path / "away")), *rest),
+        "pymantaray.sweep.runner.open_pool",
+        lambda _, *rest: open_pool(partial(run_task, str(tmp_path / "away")), *rest),
     )
-    with pytest.raises(SweepError, match=r"2 points were done elsewhere; all workers must see this place$"):
+    with pytest.raises(JobError, match=r"2 points were done elsewhere; all workers must see this place$"):
         run_sweep(noises(2), tmp_path / "out", workers=1)
 
 
@@ -205,82 +195,41 @@ def test_a_stage_that_another_runner_removed_is_computed_again(here, noises, tmp
     sweep, store = noises(2), open_store(tmp_path)
     plan = Plan(sweep)
     shared = frozenset(STAGES)
-    perform(store.url, Task(RAYS, plan.keys[0], sweep.point(0), shared))
+    run_task(store.url, SweepTask(RAYS, plan.keys[0], sweep.point(0), shared))
     stages._LATEST.clear()
     store.remove(stage_name(plan.keys[0][FLEET]))
     store.remove(stage_name(plan.keys[0][OCEAN]))
-    assert perform(store.url, Task(POINT, plan.keys[0], sweep.point(0), shared)) is None
+    assert run_task(store.url, SweepTask(POINT, plan.keys[0], sweep.point(0), shared)) is None
 
 
-KILLING = """
-import os, signal
-from pymantaray.sweep import tasks
+def losing_pool(number):
+    """In place of `open_pool`: a pool in this process whose task of a number loses its worker for good."""
 
-def start(work):
-    solve = tasks._solve
-    def killing(task, *rest):
-        if task.config.noise.range_sigma == 2.0:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return solve(task, *rest)
-    tasks._solve = killing
-    return work
-"""
+    class Losing(Pool):
+        tasks = 0
+
+        def submit(self, task):
+            Losing.tasks += 1
+            future = Future()
+            if Losing.tasks == number:
+                future.set_exception(WorkerEndedError("gone"))
+                return future
+            return super().submit(task)
+
+        def lost(self, _key, error):
+            return f"a worker ended early: {error}"
+
+    return lambda work, *_: Losing(lambda: work)
 
 
-def test_a_worker_that_dies_each_time_fails_its_point_alone(noises, tmp_path, monkeypatch):
-    (tmp_path / "killing.py").write_text(KILLING)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("pymantaray.sweep.workers._start", importlib.import_module("killing").start)
-    results = run_sweep(noises(3), tmp_path / "out", workers=1)
+def test_a_point_whose_worker_is_lost_is_a_result_and_the_others_go_on(noises, tmp_path, monkeypatch):
+    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", losing_pool(5))
+    results = run_sweep(noises(3), tmp_path / "out")
     assert [c["status"] for c in results.contents] == ["done", "failed", "done"]
-    assert "by SIGKILL, perhaps out of memory; try fewer workers (3 attempts)" in results.contents[1]["error"]
+    assert results.contents[1]["error"] == "a worker ended early: gone"
 
 
-RUN = """
-import sys
-from pathlib import Path
-from pymantaray.sweep import run_sweep
-from pymantaray.sweep.definition import parse_sweep
-run_sweep(parse_sweep(Path(sys.argv[1]).read_text(), "sweep", Path()), sys.argv[2], workers=1)
-"""
-
-
-@pytest.fixture
-def begin(tmp_path):
-    """Run a sweep in a process of its own."""
-
-    def start(sweep, out):
-        (tmp_path / "sweep.toml").write_text(sweep.to_toml())
-        return subprocess.Popen(
-            [sys.executable, "-c", RUN, tmp_path / "sweep.toml", out], stderr=subprocess.PIPE
-        )
-
-    return start
-
-
-@pytest.mark.slow
-def test_kill_minus_nine_at_twenty_moments_loses_nothing(begin, noises, tmp_path):
-    sweep, out = noises(60), tmp_path / "out"
-    rng, finished = np.random.default_rng(7), {}
-    for _ in range(20):
-        process = begin(sweep, out)
-        time.sleep(rng.uniform(0.5, 8.0))
-        os.kill(process.pid, signal.SIGKILL)
-        process.communicate()
-        points = {path: path.read_bytes() for path in out.glob("points/*/*.json")}
-        assert all(json.loads(content)["conditions"] for content in points.values())
-        assert {path: points[path] for path in finished} == finished  # none lost, none done again
-        finished = points
-    results = run_sweep(sweep, out, workers=1)
-    assert results.status() == (60, 60, 0, {})
-    assert digits(results) == digits(run_sweep(sweep, tmp_path / "undisturbed", workers=1))
-
-
-@pytest.mark.slow
-def test_two_runners_of_one_store_lose_and_change_nothing(begin, noises, tmp_path):
-    sweep, out = noises(40), tmp_path / "out"
-    processes = [begin(sweep, out) for _ in range(2)]
-    errors = [process.communicate()[1].decode() for process in processes]
-    assert [process.returncode for process in processes] == [0, 0], errors
-    assert digits(open_sweep(out)) == digits(run_sweep(sweep, tmp_path / "alone", workers=1))
-    assert not list(out.rglob("*.part"))
+def test_points_whose_stage_lost_its_worker_fail_by_its_line(noises, tmp_path, monkeypatch):
+    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", losing_pool(3))  # of the rays
+    results = run_sweep(noises(2), tmp_path / "out")
+    assert results.status().failures == {"a worker ended early: gone": 2}

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
 from pymantaray.installation import gpu
+from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def find_eigenrays(
     canonical: bool = True,
     threads: int | None = None,
     device: Device = "cpu",
-    progress: Callable[[int, int], None] | None = None,
+    progress: CountProgress | None = None,
 ) -> Arrivals:
     """
     All eigenrays between pairs of positions.

@@ -13,12 +13,12 @@ from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.atlas.dataset import VARIABLES, shape_of
 from pymantaray.atlas.plan import Block
 from pymantaray.geometry.longitude import whole_turns
+from pymantaray.jobs.pool import run_in_store
+from pymantaray.jobs.store import Store
 from pymantaray.ocean import open_sea_floor
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
 from pymantaray.records.unpacking import MOST_UNPACKED_BYTES
-from pymantaray.sweep.store import Store
-from pymantaray.sweep.workers import attempt
 
 _STATUS = "column_status"
 
@@ -28,12 +28,12 @@ def block_name(key: str, *, failed: bool = False) -> str:
     return f"blocks/{key}{'.failed.json' if failed else '.npz'}"
 
 
-def perform(url: str, block: Block) -> str | None:
+def run_block(url: str, block: Block) -> str | None:
     """Do a block unless it is done; the line by which it failed, None if it did not."""
-    return attempt(url, block, _do, block_name(block.key, failed=True))
+    return run_in_store(url, block, _compute, block_name(block.key, failed=True))
 
 
-def _do(store: Store, block: Block) -> None:
+def _compute(store: Store, block: Block) -> None:
     if not store.has(block_name(block.key)):
         content = io.BytesIO()
         np.savez(content, allow_pickle=False, **block_errors(block))

@@ -1,8 +1,9 @@
 """What an atlas is of: columns of an ocean at some instants, cut into blocks that can be computed each on its own."""
 
 import json
+import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -10,18 +11,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import pymantaray
 from pymantaray.atlas.column import SPLINE
 from pymantaray.atlas.links import AtlasLinks
 from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import wrapped
+from pymantaray.installation import code_version
+from pymantaray.jobs.keys import digest, sha256
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.open import FileSource, OceanIndex, ocean_index
 from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import GeographicWindow, rectangle, select
-from pymantaray.study.manifest import sha256
-from pymantaray.sweep.keys import digest
 
 Array = NDArray[np.float64]
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
@@ -48,7 +48,7 @@ class Block:
     place: tuple[int, slice, slice]
     """Where it belongs in the atlas: time, latitudes, longitudes."""
     kind: str = "block"
-    version: str = pymantaray.__version__
+    version: str = field(default_factory=code_version)
 
 
 class Atlas:
@@ -96,7 +96,7 @@ class Atlas:
         sea_floor: str | Path | None = None,
     ) -> None:
         self.links, self.every, self.equation = links or AtlasLinks(), every, equation
-        self.sea_floor = None if sea_floor is None else str(Path(sea_floor).resolve())
+        self.sea_floor = None if sea_floor is None else os.path.realpath(sea_floor)
         self._index: OceanIndex = ocean_index(_resolved(source))
         self.times = _instants(self._index, times)
         lat, lon = self._index.lat, self._index.lon
@@ -141,7 +141,10 @@ class Atlas:
         """SHA-256 of every file that is read."""
         files = dict.fromkeys(file for time in self.times for file in self._files(time))
         names = [*files, *([] if self.sea_floor is None else [self.sea_floor])]
-        return {name: sha256(Path(name)) for name in names if not name.startswith(_SYNTHETIC)}
+        try:
+            return {name: sha256(Path(name)) for name in names if not name.startswith(_SYNTHETIC)}
+        except OSError as error:
+            raise AtlasError(f"{error.filename}: cannot be read: {error.strerror}") from None
 
     @property
     def key(self) -> str:
@@ -203,7 +206,7 @@ class Atlas:
 def _resolved(source: FileSource) -> list[str]:
     """Names of files by which every worker knows them."""
     sources = [source] if isinstance(source, str | Path) else list(source)
-    return [str(s) if str(s).startswith(_SYNTHETIC) else str(Path(s).resolve()) for s in sources]
+    return [str(s) if str(s).startswith(_SYNTHETIC) else os.path.realpath(s) for s in sources]
 
 
 def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:
@@ -248,7 +251,7 @@ def described(atlas: Atlas) -> bytes:
     """What an atlas is of, for people who find its unfinished blocks."""
     content = {
         "atlas": atlas.key,
-        "version": pymantaray.__version__,
+        "version": code_version(),
         "files": atlas.checksums,
         "columns": atlas.shape,
         "links": asdict(atlas.links),

@@ -1,25 +1,24 @@
 """Making an atlas: blocks go to workers, who leave them beside the file that is put together of them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pymantaray.atlas.blocks import block_name, perform, read_block
+from pymantaray.atlas.blocks import block_name, read_block, run_block
 from pymantaray.atlas.dataset import Placed, open_atlas, write_atlas
 from pymantaray.atlas.plan import Atlas, Block, described
-from pymantaray.errors import AtlasError, SweepError, WriteError
+from pymantaray.errors import AtlasError, JobError, WriteError
+from pymantaray.jobs.pool import Queue, check_scheduler, open_pool, run_tasks
+from pymantaray.jobs.progress import TaskCount, TaskProgress
+from pymantaray.jobs.store import Store, failure_content, open_store, read_valid
 from pymantaray.ocean.open import read_ocean
-from pymantaray.sweep.store import Store, failure_content, open_store
-from pymantaray.sweep.workers import crew_of, do_all
 
 if TYPE_CHECKING:
-    from pymantaray.sweep.workers import Client
+    from pymantaray.jobs.pool import Client
 
 _MARKER = "atlas.json"
-Told = Callable[[int, int, int], None]
-"""Told how many blocks are done, how many have failed, and how many there are."""
 
 
 def blocks_place(out: Path) -> Path:
@@ -34,7 +33,7 @@ def run_atlas(
     client: "Client | str | None" = None,
     workers: int | None = None,
     force: bool = False,
-    progress: Told | None = None,
+    progress: TaskProgress | None = None,
 ) -> Path:
     """
     Compute what is not there of an atlas, and write its file.
@@ -52,7 +51,7 @@ def run_atlas(
     force : bool
         Whether a file of that name that is of something else is replaced.
     progress : callable, optional
-        Told how many blocks are done, how many have failed, and how many there are.
+        Called with the number of blocks that are done, the number that failed and the total.
 
     Returns
     -------
@@ -63,18 +62,21 @@ def run_atlas(
     ------
     AtlasError
         If a block cannot be computed, by its line (all others are done first), or the file is of something else.
-    SweepError
+    JobError
         If the scheduler is gone, or workers see another folder.
     WriteError
         If something cannot be written.
     """
+    check_scheduler(client)
     path = Path(out)
     if path.exists() and _is_of(path, atlas):
         return path
     if path.exists() and not force:
-        raise WriteError(f"{path}: exists already, and is not of this atlas; give another name or --force")
+        raise WriteError(
+            f"{path}: exists already, and is not of this atlas and this version of the code; give another name or --force"
+        )
     store = open_store(blocks_place(path))
-    store.claim("atlas", _MARKER, {"blocks"})
+    store.claim("atlas", _MARKER, {_MARKER, "blocks"})
     store.write(_MARKER, described(atlas))
     for name in store.names("blocks"):
         if name.endswith(".failed.json"):  # in another run; tried again
@@ -82,8 +84,8 @@ def run_atlas(
     there = {name.removesuffix(".npz") for name in store.names("blocks")}
     blocks = _Blocks(store, [b for b in atlas.blocks if b.key not in there], len(atlas.blocks), progress)
     if blocks.left:
-        with crew_of(partial(perform, store.url), client, workers) as crew:
-            do_all(blocks, crew)
+        with open_pool(partial(run_block, store.url), client, workers) as pool:
+            run_tasks(blocks, pool)
     if blocks.lines:
         raise AtlasError(
             f"{len(blocks.lines)} of {len(atlas.blocks)} blocks failed, the first by: {blocks.lines[0]}"
@@ -95,7 +97,7 @@ def run_atlas(
         write_atlas(
             atlas, _contents(store, atlas), path, title=attrs["title"], synthetic=bool(attrs["synthetic"])
         )
-    except SweepError:
+    except JobError:
         if not _is_of(path, atlas):  # which another runner has written, and its blocks are gone
             raise
     _clear(store)
@@ -113,16 +115,11 @@ def _is_of(path: Path, atlas: Atlas) -> bool:
 def _contents(store: Store, atlas: Atlas) -> Iterator[Placed]:
     """What is in the blocks, one after the other."""
     for block in atlas.blocks:
-        content = store.read(block_name(block.key))
-        if content is None:
-            raise SweepError(f"{store.url}: a block was done elsewhere; all workers must see this place")
-        try:
-            values = read_block(content)
-        except ValueError:
-            store.remove(block_name(block.key))
-            raise AtlasError(
-                f"{store.url}: a block was damaged and is removed; run the atlas again"
-            ) from None
+        if not store.has(block_name(block.key)):
+            raise JobError(f"{store.url}: a block was done elsewhere; all workers must see this place")
+        values = read_valid(store, block_name(block.key), read_block)
+        if values is None:
+            raise AtlasError(f"{store.url}: a block was damaged and is removed; run the atlas again")
         yield block.place, values
 
 
@@ -137,39 +134,27 @@ def _clear(store: Store) -> None:
             folder.rmdir()
 
 
-class _Blocks:
-    """Blocks that are to be done, and what becomes of them."""
+class _Blocks(Queue):
+    """Blocks that are still to be done."""
 
-    def __init__(self, store: Store, blocks: list[Block], total: int, progress: Told | None) -> None:
-        self._store, self._blocks, self._progress = store, {b.key: b for b in blocks}, progress
-        self._ready = list(reversed(self._blocks))
-        self.left, self._total = len(self._blocks), total
+    def __init__(self, store: Store, blocks: list[Block], total: int, progress: TaskProgress | None) -> None:
+        super().__init__(block.key for block in blocks)
+        self._store, self._blocks = store, {block.key: block for block in blocks}
+        self._count = TaskCount(total, progress, done=total - self.left)
         self.lines: list[str] = []
-        self._tell()
-
-    def next(self) -> str | None:
-        """Key of a block that can be begun."""
-        return self._ready.pop() if self._ready else None
-
-    def again(self, key: str) -> None:
-        """Take back a block that was given out and not done."""
-        self._ready.append(key)
 
     def task(self, key: str) -> Block:
-        """A block by its key."""
+        """Return a block by its key."""
         return self._blocks[key]
 
-    def ended(self, _key: str, line: str | None) -> None:
-        """Note that a block is done, or why not."""
+    def ended(self, key: str, result: str | None) -> None:  # noqa: ARG002
+        """Count a block, and note the line by which it failed."""
         self.left -= 1
-        if line is not None:
-            self.lines.append(line)
-        self._tell()
+        if result is not None:
+            self.lines.append(result)
+        self._count.add(failed=result is not None)
 
     def lost(self, key: str, line: str) -> None:
         """Write down why a block failed whose worker could not."""
         self._store.write(block_name(key, failed=True), failure_content(AtlasError(line)))
-
-    def _tell(self) -> None:
-        if self._progress is not None:
-            self._progress(self._total - self.left - len(self.lines), len(self.lines), self._total)
+        self.ended(key, line)

@@ -122,7 +122,7 @@ def solve(
     from pymantaray.estimation.external import is_pose_graph
     from pymantaray.evaluation import graph_errors
     from pymantaray.exchange import write_graph_tum
-    from pymantaray.study.folder import staged_folder
+    from pymantaray.jobs.folder import staged_folder
 
     content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
     with ExitStack() as stack:

@@ -1,5 +1,9 @@
 """Entry point of `mantaray`: one line for an error that is known, a traceback for one that is not."""
 
+import errno
+import os
+import re
+import resource
 import signal
 import sys
 import threading
@@ -55,6 +59,7 @@ def main(arguments: list[str] | None = None) -> None:
         signal.signal(signal.SIGTERM, _stop)
     with standard_streams():
         try:
+            _check_environment()
             words = sys.argv[1:] if arguments is None else arguments
             raise SystemExit(app(args=words, prog_name="mantaray", standalone_mode=False) or 0)
         except _UsageError as error:
@@ -65,11 +70,38 @@ def main(arguments: list[str] | None = None) -> None:
             raise SystemExit(EXIT_KNOWN_ERROR) from None
         except KeyboardInterrupt:
             raise SystemExit(130) from None
-        except ImportError as error:
+        except (ImportError, MemoryError, OSError) as error:
             stop = _stop_behind(error)
-            if stop is None:
+            if stop is not None:
+                raise SystemExit(stop) from None
+            if not _lacks_memory(error):
                 raise
-            raise SystemExit(stop) from None
+            typer.echo(f"error: {_memory_line()}", err=True)
+            raise SystemExit(EXIT_KNOWN_ERROR) from None
+
+
+def _check_environment() -> None:
+    """Refuse a variable of the environment on which libraries end in a traceback."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
+    if not re.fullmatch(r"\s*[+-]?\d+\s*", epoch):
+        raise MantaRayError(
+            f"environment: SOURCE_DATE_EPOCH is {epoch[:40]!r}; needs whole seconds since 1970, or unset it"
+        )
+
+
+def _lacks_memory(error: BaseException) -> bool:
+    """True if the system refused memory, whatever a library makes of that."""
+    refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
+    words = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory")
+    return isinstance(error, MemoryError) or refused or any(word in str(error) for word in words)
+
+
+def _memory_line() -> str:
+    """What happened where memory is short, with the limit of this process if it has one."""
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return "not enough memory; close other programs, or give fewer --workers or a smaller study"
+    return f"not enough memory: this process may have {limit / 2**20:.0f} MiB (ulimit -v); allow 4096 or more"
 
 
 def _refuse(error: Any) -> NoReturn:

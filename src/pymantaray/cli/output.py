@@ -16,6 +16,7 @@ from typing import Protocol, TextIO
 from pymantaray.cli.printing import LOG
 from pymantaray.errors import WriteError
 from pymantaray.installation import peak_memory_mib
+from pymantaray.jobs.progress import TaskProgress
 
 EXIT_KNOWN_ERROR = 2
 
@@ -147,7 +148,7 @@ class Watch:
 
     def rest(self) -> str:
         """The largest memory of this process and of any of its workers so far, and the stages to come."""
-        from pymantaray.study.workers import Workers
+        from pymantaray.jobs.processes import Workers
 
         words = f"memory {peak_memory_mib():.0f} MiB"
         if Workers.largest_mib:
@@ -251,7 +252,7 @@ def step_line(*, quiet: bool) -> Iterator[Callable[[int, float], None] | None]:
 
 
 @contextmanager
-def counted_progress(noun: str, *, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
+def counted_progress(noun: str, *, quiet: bool) -> Iterator[TaskProgress | None]:
     """What shows points or blocks that are done, failed and left, as `progress_bars` does stages."""
     with progress_bars(quiet=quiet) as report:
         if report is None:
@@ -285,9 +286,11 @@ def check_output(
         raise WriteError(f"{out}: the output's name must end in {' or '.join(endings)}")
     if not out.parent.is_dir():
         raise WriteError(f"{out}: there is no folder {out.parent}; make it first")
-    sources = {path.resolve() for path in inputs}
+    sources = {os.path.realpath(path) for path in inputs}
     for path in (out, *beside):
-        if path.resolve() in sources:
+        if os.path.realpath(path) in sources:
             raise WriteError(f"{path}: is the input; give another name")
+        if Path(os.path.realpath(path)).is_symlink():
+            raise WriteError(f"{path}: is a circle of symbolic links; give another name")
         if path.is_dir() or (path.exists() and not force):
             raise WriteError(f"{path}: exists already; give another name or --force")

@@ -37,10 +37,11 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Print the plan: points, what they share, time and room. Nothing is run."""
+    from pymantaray.jobs.store import open_store
     from pymantaray.sweep import load_sweep, open_sweep
     from pymantaray.sweep.estimate import cost_of, estimate, known_cost, measured_cost
     from pymantaray.sweep.plan import Plan
-    from pymantaray.sweep.store import finished, open_store
+    from pymantaray.sweep.points import finished
 
     sweep = load_sweep(file, **changes_of(changes))
     plan = Plan(sweep)

@@ -1,5 +1,6 @@
 """What all sections of a configuration have in common: strictness, the word "none", names of files, quantities with units."""
 
+import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -80,7 +81,7 @@ def input_file(name: str, folder: Path) -> str:
     """Absolute name of a file named relative to a folder; that of a synthetic ocean is what it is."""
     if "\0" in name:
         raise ValueError(f"found {name!r}, which no file can be named")
-    return name if name.startswith(_NO_FILE) else str((folder / name).resolve())
+    return name if name.startswith(_NO_FILE) else os.path.realpath(folder / name)
 
 
 def _anchor(name: Any, info: ValidationInfo) -> Any:

@@ -64,18 +64,16 @@ def ocean_of(
     depth, values = up_to_surface(depth, values, file_name(part.data))
     if first != 0.0:
         steps.append(f"level at 0 m added with the values at {first:.4g} m")
-    attrs = collection.parts[0].data.attrs
+    data = collection.parts[0].data
     hycom = all(_is_hycom(p) for p in collection.parts)
     model = "HYCOM" if hycom else collection.names
     ocean = assemble_ocean(
         {"depth": depth, "lat": lat, "lon": lon},
         instant,
         values,
-        title=one_line(attrs.get("title") or "", _TEXT) or f"{'HYCOM ' if hycom else ''}{collection.names}",
-        source=next(
-            filter(None, (one_line(attrs.get(k) or "", _TEXT) for k in ("source", "institution"))), model
-        ),
-        synthetic=any(p.data.attrs.get("synthetic") == 1 for p in collection.parts),
+        title=one_line(text(data, "title"), _TEXT) or f"{'HYCOM ' if hycom else ''}{collection.names}",
+        source=next(filter(None, (one_line(text(data, k), _TEXT) for k in ("source", "institution"))), model),
+        synthetic=any(np.array_equal(p.data.attrs.get("synthetic", 0), 1) for p in collection.parts),
         validate=False,
     )
     if own:
@@ -141,7 +139,8 @@ def _is_own(part: "Part") -> bool:
         and text(variables[v.name], "units") == v.units
         for v in VARIABLES
     )
-    stated = {"title", "source", "synthetic"} <= part.data.attrs.keys()
+    attrs = part.data.attrs
+    stated = "synthetic" in attrs and all(isinstance(attrs.get(name), str) for name in ("title", "source"))
     return same and stated and not variables[part.layout.time].dims
 
 

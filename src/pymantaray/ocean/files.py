@@ -107,10 +107,10 @@ def with_standard_names(files: Sequence[xr.Dataset], names: Mapping[str, str]) -
 
 def decoded(raw: xr.Dataset) -> xr.Dataset:
     """Data set whose fill values, scale and offset are applied as CF has it, in double precision; times are not."""
-    for variable in raw.variables.values():
+    for title, variable in raw.variables.items():
         for name in ("scale_factor", "add_offset"):
             if name in variable.attrs:
-                variable.attrs[name] = _decimal(float(variable.attrs[name]))
+                variable.attrs[name] = _packing(str(title), name, variable.attrs[name])
         kind = variable.dtype.str[1:]
         if "_FillValue" not in variable.attrs and kind in _NEVER_WRITTEN:
             variable.attrs["_FillValue"] = _NEVER_WRITTEN[kind]
@@ -145,7 +145,7 @@ def file_name(data: xr.Dataset) -> str:
     return Path(data.encoding["source"]).name
 
 
-def text(variable: xr.Variable | xr.DataArray, attribute: str) -> str:
+def text(variable: xr.Variable | xr.DataArray | xr.Dataset, attribute: str) -> str:
     """Attribute as text; empty where it is missing or a number."""
     value = variable.attrs.get(attribute, "")
     return value.strip() if isinstance(value, str) else ""
@@ -154,7 +154,8 @@ def text(variable: xr.Variable | xr.DataArray, attribute: str) -> str:
 def unreadable(path: str | Path, error: Exception) -> OceanError:
     """Damage that a library stumbled over, as one line."""
     if isinstance(error, OceanError):
-        return error
+        known = str(error).startswith((Path(path).name, str(path)))
+        return error if known else OceanError(f"{Path(path).name}: {error}")
     reason = one_line(error, 120) or type(error).__name__
     return OceanError(f"{Path(path).name}: cannot be read, perhaps cut short or damaged ({reason})")
 
@@ -221,6 +222,20 @@ def _check_chunks(raw: xr.Dataset, path: Path) -> None:
                 f"{path.name}: {name}: one of its chunks takes {size / 1e9:,.1f} GB unpacked; at most"
                 f" {MOST_UNPACKED_BYTES / 1e9:g} GB are allowed: write it with smaller chunks"
             )
+
+
+def _packing(title: str, name: str, value: Any) -> float:
+    """Scale factor or offset of a variable; one that makes no numbers of what is stored is refused."""
+    number = np.asarray(value)
+    if number.size != 1 or number.dtype.kind not in "iuf" or not np.isfinite(number).all():
+        raise OceanError(
+            f"{title} has {name} {one_line(value, 40)!r}; needs one finite number: correct the attribute"
+        )
+    if name == "scale_factor" and number.item() == 0.0:
+        raise OceanError(
+            f"{title} has scale_factor 0, which makes all its values equal; correct the attribute"
+        )
+    return _decimal(float(number.item()))
 
 
 def _decimal(number: float) -> float:

@@ -186,7 +186,7 @@ def violations(ocean: xr.Dataset) -> Iterator[Finding]:
         yield Finding(
             "wrong", "attributes missing", ", ".join(missing), "title, source, synthetic", "set them"
         )
-    elif ocean.attrs["synthetic"] not in (0, 1):
+    elif not any(np.array_equal(ocean.attrs["synthetic"], flag) for flag in (0, 1)):
         yield Finding("wrong", "attribute", repr(ocean.attrs["synthetic"]), "0 or 1", "set it", "synthetic")
 
 

@@ -1,10 +1,12 @@
 """One way to write a file whole or not at all, and one lock for all that is read and written as NetCDF."""
 
 import errno
+import hashlib
 import os
 import secrets
+import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -87,6 +89,34 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
         except RuntimeError as error:  # netCDF4's word for a full disk
             raise OSError(str(error)) from None
+
+
+def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
+    """Content of a NetCDF file with these groups, every number as it is, and behind it a checksum of that content."""
+    with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
+        path = Path(folder, "groups.nc")
+        for name, dataset in groups.items():
+            dataset.drop_encoding().to_netcdf(path, mode="a", group=name, engine="netcdf4")
+        content = path.read_bytes()
+    return content + hashlib.sha256(content).digest()
+
+
+def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
+    """Groups of what `netcdf_content` made, times not decoded; a `RecordError` where its checksum is another."""
+    import xarray as xr
+
+    size = hashlib.sha256().digest_size
+    if hashlib.sha256(content[:-size]).digest() != content[-size:]:
+        raise RecordError("damaged: its content does not have its checksum")
+    with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
+        path = Path(folder, "groups.nc")
+        path.write_bytes(content[:-size])
+        groups = xr.open_groups(path, engine="netcdf4", decode_times=False)
+        try:
+            return {name.strip("/"): group.load() for name, group in groups.items() if name != "/"}
+        finally:
+            for group in groups.values():
+                group.close()
 
 
 def check_room(temporary: Path, size: int) -> None:

@@ -1,6 +1,6 @@
 """Each measured travel time beside the one predicted, and what the differences say together."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, cast
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.errors import ReplayError
+from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.shown import shown_html
 from pymantaray.replay.clocks import reciprocity_table
@@ -23,7 +24,6 @@ from pymantaray.sensing import Sound, sound_between
 from pymantaray.water import Source, Water, open_waters
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
 SEED = 20140715
 """That of studies."""
 
@@ -116,7 +116,7 @@ def replay_events(
     reference: str | None = None,
     seed: int = SEED,
     notes: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: CountProgress | None = None,
 ) -> Replay:
     """
     Predict the travel time of every event, and set it beside what was measured.
@@ -240,7 +240,7 @@ def _predict(
     water: Water,
     time: float,
     rule: DetectionRule,
-    progress: Progress,
+    progress: CountProgress,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Prediction of some events in one water at a time, and all candidates of each; indexed by event."""
     reception, (medium, currents) = water.reception, water.at(time)

@@ -15,6 +15,7 @@ from matplotlib.ticker import LogLocator
 
 from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import wrapped
+from pymantaray.jobs.progress import Progress
 from pymantaray.report import style
 from pymantaray.report.ocean_plots import (
     CELLS,
@@ -53,7 +54,7 @@ def write_atlas_plots(
     distance: float | None = None,
     pair: tuple[float, float] | None = None,
     place: tuple[float, float] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Path]:
     """
     Draw an atlas: where ranges are safe by distance and by convention, the largest error, and the share without a direct path.

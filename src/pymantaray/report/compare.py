@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 
 from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
+from pymantaray.jobs.folder import staged_folder
+from pymantaray.jobs.progress import Progress
 from pymantaray.report.figures import Plate, Results, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
@@ -30,8 +32,7 @@ from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.style import Array, condition_label, shortened
 from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.tables import TABLES
-from pymantaray.report.write import Progress, all_files, checked_formats, draw
-from pymantaray.study.folder import staged_folder
+from pymantaray.report.write import all_files, checked_formats, draw
 from pymantaray.study.store import open_run
 
 _NO_KEY = "–"  # of a configuration that has not the key

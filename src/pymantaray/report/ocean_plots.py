@@ -15,6 +15,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import whole_turns, wrapped
+from pymantaray.jobs.progress import Progress
 from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
@@ -38,7 +39,7 @@ def write_ocean_plots(
     depth: float | None = None,
     place: tuple[float, float] | None = None,
     sea_floor: xr.DataArray | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Path]:
     """
     Draw an ocean: spread of its profiles, two sections, a map with currents, and the sea floor.

@@ -8,7 +8,8 @@ from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from pymantaray.study.workers import Workers
+from pymantaray.jobs.processes import Workers
+from pymantaray.jobs.progress import Progress
 
 if TYPE_CHECKING:
     from pymantaray.report.write import ReportMaker
@@ -41,9 +42,9 @@ class ReportProcess(ExitStack):
         self._drawn = self._process.submit(methodcaller("draw_mission", stage))
         return self._drawn
 
-    def write(self, folder: Path, progress: Callable[[str, int, int], None] | None = None) -> None:
+    def write(self, folder: Path, progress: Progress | None = None) -> None:
         """Write the report of the run that the folder has become, as `write_report` does."""
-        from pymantaray.study.folder import staged_parts
+        from pymantaray.jobs.folder import staged_parts
 
         if progress is not None:
             progress("report", 0, 1)

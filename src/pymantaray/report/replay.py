@@ -8,6 +8,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pymantaray.jobs.folder import staged_folder
+from pymantaray.jobs.progress import Progress
 from pymantaray.records import RayStatus
 from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.replay import Replay
@@ -16,8 +18,7 @@ from pymantaray.report.figures import Plate
 from pymantaray.report.page import metres, render, show, show_table, signed_metres
 from pymantaray.report.parts import PAGE, write_files
 from pymantaray.report.table_explorer import table_explorer
-from pymantaray.report.write import Progress, all_files, checked_formats, draw
-from pymantaray.study.folder import staged_folder
+from pymantaray.report.write import all_files, checked_formats, draw
 from pymantaray.study.store import write_json
 
 _MOST_PAIRS = 12  # panels of residuals over time
@@ -73,7 +74,7 @@ def write_replay(
 
     Raises
     ------
-    StudyError
+    JobError
         If the folder is not empty or cannot be written.
     """
     checked_formats(formats)

@@ -25,6 +25,7 @@ from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, LogLocator, M
 from numpy.typing import NDArray
 
 from pymantaray.errors import WriteError
+from pymantaray.jobs.progress import Progress
 from pymantaray.records import whole_file
 
 with warnings.catch_warnings():
@@ -299,7 +300,7 @@ def rendered(figure: Figure, kinds: Sequence[str], *, dpi: float | None = None) 
 def write_figures(
     draw: Mapping[str, Callable[[], Figure]],
     folder: str | Path,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Path]:
     """Draw figures, each by its name, and write them as PNG and PDF into a folder, which is made if it is not there."""
     target, written = Path(folder), list[Path]()

@@ -1,12 +1,14 @@
 """A run's report in its folder: tables, figures and page, all new or all as they were."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
 import pandas as pd
 
 from pymantaray.errors import ReportError
+from pymantaray.jobs.folder import staged_parts
+from pymantaray.jobs.progress import Progress
 from pymantaray.records.csv_text import csv_text
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import Plate, Results, find_figures, run_plates
@@ -14,11 +16,7 @@ from pymantaray.report.latex import latex
 from pymantaray.report.page import Picture, ShownTable, run_page, shown_tables
 from pymantaray.report.parts import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
 from pymantaray.report.style import legend_entries, rendered
-from pymantaray.study.folder import staged_parts
 from pymantaray.study.store import FIGURES, TABLES, Run, open_run
-
-Progress = Callable[[str, int, int], None]
-"""Told the name of a stage, how many of its parts are done, and how many there are."""
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
 _PRINTED = 300.0  # dots per inch of a paper

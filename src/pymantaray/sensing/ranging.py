@@ -20,6 +20,7 @@ from pymantaray.acoustics.selection import (
     within_cutoff,
 )
 from pymantaray.errors import SensingError
+from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.detection import Detector
@@ -28,8 +29,6 @@ from pymantaray.sensing.schedule import Attempts, Schedule
 from pymantaray.sensing.timing import ONE_WAY, Leg, Timing, TwoWay, half_round_trip, velocities
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
-"""Told how many parts of the work are done, and how many there are."""
 _BLOCK = 512  # links whose ray paths are held at a time
 
 
@@ -122,7 +121,7 @@ def measure_ranges(
     *,
     currents: Currents | Callable[[float], Currents] | None = None,
     timing: Timing = ONE_WAY,
-    progress: Progress | None = None,
+    progress: CountProgress | None = None,
 ) -> Ranging:
     """
     Range between those who ping and those who listen, at every ping.
@@ -248,13 +247,13 @@ def _run(
     links: slice,
     medium: Medium,
     currents: Currents | None,
-    progress: Progress | None,
+    progress: CountProgress | None,
 ) -> _Run:
     """Rays of a run of links, and what each receiver ranges on."""
     source, receiver, stopped = pairs.source[links], pairs.receiver[links], pairs.silent[links]
     loud, quiet = np.flatnonzero(~stopped), np.flatnonzero(stopped)
 
-    def tell(before: int, count: int) -> Progress | None:
+    def tell(before: int, count: int) -> CountProgress | None:
         if progress is None:
             return None
         return lambda done, total: progress(before + done * count // max(total, 1), pairs.sample.size)
@@ -341,7 +340,7 @@ def sound_between(
     reception: Reception = _DIRECT,
     *,
     currents: Currents | None = None,
-    progress: Progress | None = None,
+    progress: CountProgress | None = None,
 ) -> Sound:
     """
     Sound between pairs of ends: all arrivals, and those that each of both ends ranges on.
@@ -373,7 +372,7 @@ def sound_between(
     looks_again = reception.arrival == "direct" and bounced
     total = n * (1 + looks_again + follows)
 
-    def tell(before: int) -> Progress | None:
+    def tell(before: int) -> CountProgress | None:
         return None if progress is None else lambda done, _: progress(before + done, total)
 
     most = reception.max_surface_bounces, reception.max_bottom_bounces
@@ -414,7 +413,7 @@ def _rays(
     medium: Medium,
     ends: tuple[Array, Array],
     bounces: tuple[int, int],
-    progress: Progress | None,
+    progress: CountProgress | None,
 ) -> tuple[Arrivals, NDArray[np.bool_]]:
     """Arrivals of links, and on which of these 1 dB of the cut-off decides what is ranged on."""
     cutoff = reception.spreading_cutoff_db
@@ -511,7 +510,7 @@ def _along_rays(
     currents: Currents | None,
     ends: tuple[Array, Array],
     arrivals: Arrivals,
-    progress: Progress | None,
+    progress: CountProgress | None,
 ) -> tuple[Array | None, Array | None]:
     """Delay by the current and transmission loss of each arrival, None for what is not asked for."""
     delay, loss = np.zeros(arrivals.link.size), np.zeros(arrivals.link.size)

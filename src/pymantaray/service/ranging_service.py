@@ -15,11 +15,11 @@ from pymantaray.acoustics.eigenrays import as_positions
 from pymantaray.config import StudyConfig
 from pymantaray.errors import ServiceError
 from pymantaray.geometry.checks import check_number
+from pymantaray.jobs.processes import WorkerEndedError, Workers
 from pymantaray.sensing import Reception, Timing, TwoWay
 from pymantaray.service.facts import require_place
 from pymantaray.service.ping import Ends, Ping, Pinger
 from pymantaray.study.tracks import with_tracks
-from pymantaray.study.workers import WorkerEndedError, Workers
 from pymantaray.water import Source, Water, open_water
 from pymantaray.water.water import configuration_of
 

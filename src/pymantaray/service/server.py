@@ -14,11 +14,11 @@ from urllib.parse import urlsplit
 
 import pymantaray
 from pymantaray.errors import MantaRayError, ServiceError
+from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.messages import one_line
 from pymantaray.service.facts import facts as facts_of
 from pymantaray.service.messages import ErrorAnswer, answer, read_request, schema
 from pymantaray.service.ranging_service import RangingService
-from pymantaray.study.workers import WorkerEndedError
 
 MOST_BYTES = 4 * 2**20  # of a request's body
 _READ_BYTES = 4 * MOST_BYTES  # of a body that is read to its end before it is refused

@@ -19,9 +19,9 @@ from pymantaray.exchange.recording import FleetPoses, Recording
 from pymantaray.exchange.rerun import write_rrd
 from pymantaray.exchange.rosbag import write_bag
 from pymantaray.exchange.tum import write_tum
+from pymantaray.jobs.folder import staged_folder
 from pymantaray.records import whole_file
 from pymantaray.records.csv_text import csv_text
-from pymantaray.study.folder import staged_folder
 from pymantaray.study.graphs import noisy_graphs, write_graphs
 from pymantaray.study.store import Run, open_run
 
@@ -61,7 +61,9 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
     ExchangeError
         If there is no such format, the run holds nothing for it, or its library is not installed.
     StudyError
-        If the folder is no run or has no such realization, or the folder for the results is not free.
+        If the folder is no run or has no such realization.
+    JobError
+        If the folder for the results is not free.
     WriteError
         If the file cannot be written or is there already.
     """

@@ -1,7 +1,6 @@
 """What a run was made from and with: versions, seeds, checksums, timings, memory, platform."""
 
 import datetime as dt
-import hashlib
 import os
 import platform
 import shlex
@@ -16,6 +15,7 @@ from typing import Any
 import pymantaray
 from pymantaray.config.sections import StudyConfig
 from pymantaray.installation import peak_memory_mib, versions
+from pymantaray.jobs.keys import sha256
 from pymantaray.messages import without_secrets
 from pymantaray.study.references import Citations
 from pymantaray.study.tracks import centre_note, read_fleet
@@ -105,16 +105,6 @@ def _own_fleet(config: StudyConfig, ocean: Mapping[Hashable, Any]) -> dict[str, 
         "start": None if tracks.start is None else str(tracks.start),
         "notes": [*tracks.notes, *([note] if note else [])],
     }
-
-
-def sha256(path: Path) -> str:
-    """Checksum of a file; that of a folder (a zarr store) is of what ``sha256sum`` says of its files, by name."""
-    if path.is_dir():
-        names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
-        lines = "".join(f"{sha256(path / name)}  {name}\n" for name in names)
-        return hashlib.sha256(lines.encode()).hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def git_commit() -> str | None:

@@ -14,6 +14,7 @@ from pymantaray.errors import MantaRayError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times
 from pymantaray.fleet import simulate
+from pymantaray.jobs.progress import CountProgress, Progress
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
@@ -40,9 +41,6 @@ from pymantaray.water.ocean import (
 
 if TYPE_CHECKING:
     from pymantaray.study.store import Run
-
-Progress = Callable[[str, int, int], None]
-"""Told the name of a stage, how many of its parts are done, and how many there are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +143,7 @@ def range_fleet(
     ocean: OceanFields,
     medium: Medium | Callable[[float], Medium],
     truth: Trajectories,
-    progress: Callable[[int, int], None] | None = None,
+    progress: CountProgress | None = None,
     *,
     schedule: Schedule | None = None,
 ) -> Ranging:

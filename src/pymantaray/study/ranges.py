@@ -15,10 +15,11 @@ from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.config.sections import SoundConfig, StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories
+from pymantaray.jobs.progress import Progress
 from pymantaray.records import Trajectories
 from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
 from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import Progress, simulate_mission
+from pymantaray.study.mission import simulate_mission
 from pymantaray.study.store import Run, run_in_memory
 from pymantaray.study.tracks import centre_note, with_tracks
 from pymantaray.water import Source as WaterSource

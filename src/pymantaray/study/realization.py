@@ -1,25 +1,32 @@
 """Noise realizations, each solved under every condition and by every estimator."""
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
+import numpy as np
+import xarray as xr
 from threadpoolctl import threadpool_limits
 
+from pymantaray.errors import JobError, RecordError
 from pymantaray.estimation import (
     GraphSolver,
     Solution,
+    UnknownsEstimate,
     collect_covariances,
     collect_estimates,
     fixed_epochs,
     solve_conditions,
 )
-from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns
+from pymantaray.estimation.covariance import EpochCovariances
+from pymantaray.jobs.pool import Queue
+from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns, SolveStatus
+from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.store import Run
 from pymantaray.study.true_unknowns import collect_unknowns
-from pymantaray.study.workers import Workers
 
 
 class Solved(NamedTuple):
@@ -28,6 +35,57 @@ class Solved(NamedTuple):
     solutions: dict[str, Solution]
     true_unknowns: dict[str, dict[str, float]]
     """For each solution with unknowns besides the poses: their true values by name."""
+
+    def to_bytes(self) -> bytes:
+        """Content of a NetCDF file, a group for each solution; numbers are kept to the last digit."""
+        groups = {"about": xr.Dataset(attrs={"conditions": json.dumps(list(self.solutions))})}
+        for k, (name, solution) in enumerate(self.solutions.items()):
+            arrays: dict[str, Any] = {}
+            numbers: dict[str, Any] = {"true_unknowns": self.true_unknowns.get(name)}
+            _take_apart(solution, "", arrays, numbers)
+            variables = {n: ([f"{n}_{i}" for i in range(a.ndim)], a) for n, a in arrays.items()}
+            groups[f"solution_{k}"] = xr.Dataset(variables, attrs={"numbers": json.dumps(numbers)})
+        return netcdf_content(groups)
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> Self:
+        """Return what `to_bytes` was called on; a `RecordError` if the content is damaged."""
+        groups = netcdf_groups(content)
+        solutions, truths = {}, {}
+        try:
+            for k, name in enumerate(json.loads(groups["about"].attrs["conditions"])):
+                group = groups[f"solution_{k}"]
+                numbers = json.loads(group.attrs["numbers"])
+                values = {str(n): v.values for n, v in group.variables.items()} | numbers
+                covariances, unknowns = (_section(values, f"{n}_") for n in ("covariances", "unknowns"))
+                values["status"] = SolveStatus(values["status"])
+                values["covariances"] = EpochCovariances(**covariances) if covariances else None
+                values["unknowns"] = UnknownsEstimate(**unknowns) if unknowns else None
+                solutions[name] = Solution(**{field.name: values[field.name] for field in fields(Solution)})
+                if numbers["true_unknowns"] is not None:
+                    truths[name] = numbers["true_unknowns"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordError(f"not a solved realization: {type(error).__name__} {error}") from None
+        return cls(solutions, truths)
+
+
+def _take_apart(value: Any, name: str, arrays: dict[str, Any], numbers: dict[str, Any]) -> None:
+    """Sort the fields of a solution into arrays and what JSON can hold; those of a part of it after its name."""
+    if isinstance(value, np.ndarray):
+        arrays[name] = value
+    elif is_dataclass(value) or hasattr(value, "_fields"):
+        for field in value._fields if hasattr(value, "_fields") else [f.name for f in fields(value)]:
+            _take_apart(getattr(value, field), f"{name}_{field}".lstrip("_"), arrays, numbers)
+    else:
+        numbers[name] = value.item() if isinstance(value, np.generic) else value
+
+
+def _section(values: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+    return {
+        name.removeprefix(prefix): tuple(value) if isinstance(value, list) else value
+        for name, value in values.items()
+        if name.startswith(prefix)
+    }
 
 
 class Results(NamedTuple):
@@ -67,15 +125,25 @@ class RealizationSolver:
         return Solved(solutions, {s.name: factory.true_unknowns(s, realization) for s in joint})
 
 
-def solve_realizations(
-    run: Run, workers: Workers | None, numbers: Sequence[int]
-) -> Iterator[tuple[int, Solved]]:
-    """Solve some realizations of a run, each with its number: by workers, who begin at once, or one by one as they are asked for."""
-    if workers is None:
-        solver = RealizationSolver(run)
-        return ((number, solver.solve(number)) for number in numbers)
-    futures = {workers.submit(number): number for number in numbers}
-    return ((futures[future], future.result()) for future in as_completed(futures))
+class RealizationQueue(Queue):
+    """Realizations of a study that are still to be solved; their keys are their numbers."""
+
+    def __init__(self, numbers: Iterable[int], ended: Callable[[int, Solved], None]) -> None:
+        super().__init__(map(str, numbers))
+        self._ended = ended
+
+    def task(self, key: str) -> int:
+        """Return the number of a realization."""
+        return int(key)
+
+    def ended(self, key: str, result: Solved) -> None:
+        """Record a solved realization."""
+        self.left -= 1
+        self._ended(int(key), result)
+
+    def lost(self, key: str, line: str) -> None:
+        """Raise the reason why a realization could not be solved."""
+        raise JobError(f"realization {key}: {line}")
 
 
 def start_solver(folder: Path) -> Callable[[int], Solved]:

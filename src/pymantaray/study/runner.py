@@ -4,7 +4,6 @@ import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,18 +11,20 @@ from typing import Any
 from pymantaray.config.sections import StudyConfig
 from pymantaray.config.text import study_toml
 from pymantaray.errors import StudyError
+from pymantaray.jobs.checkpoint import Checkpoint
+from pymantaray.jobs.folder import MANIFEST, staged_folder
+from pymantaray.jobs.keys import digest
+from pymantaray.jobs.pool import Pool, ProcessPool, run_tasks
+from pymantaray.jobs.progress import Progress
 from pymantaray.records import Estimates, whole_file, write_netcdf
 from pymantaray.study import store
-from pymantaray.study.folder import MANIFEST, staged_folder
 from pymantaray.study.graphs import write_graphs
 from pymantaray.study.manifest import Stopwatch, checksums, describe_run
-from pymantaray.study.mission import Mission, Progress, simulate_mission
-from pymantaray.study.realization import Solved, collect_results, solve_realizations, start_solver
+from pymantaray.study.mission import Mission, simulate_mission
+from pymantaray.study.realization import RealizationQueue, Solved, collect_results, start_solver
 from pymantaray.study.references import citation
 from pymantaray.study.store import Run, open_run, run_in_memory, summarize, write_json
 from pymantaray.study.tracks import mission_size, with_tracks
-from pymantaray.study.unfinished import Unfinished
-from pymantaray.study.workers import Workers
 
 LOG = logging.getLogger(__name__)
 _REALIZATIONS_PER_WORKER = 3
@@ -91,23 +92,23 @@ def run_study(
     references = citation(config)  # what files say of themselves, whatever becomes of them
     report, watch = progress or _silent, Stopwatch()
     with staged_folder(out, config.study.name) as (stage, folder):
-        left = Unfinished(folder if out is not None and mission is None else None, config)
-        with Workers(partial(start_solver, stage), workers) if workers > 1 else nullcontext() as processes:
-            inputs = left.restore(stage)
+        kept = Checkpoint(folder if out is not None and mission is None else None, "realizations")
+        start = partial(start_solver, stage)
+        with ProcessPool(start, workers) if workers > 1 else Pool(start) as pool:
+            inputs = _restore(kept, config, stage)
             if inputs is None:
                 mission = mission or simulate_mission(config, watch, report)
                 with watch.stage("files"):
                     inputs = checksums(config)  # of what was read, whatever becomes of the files
                     _write_mission(config, mission, stage)
-            known, solved = (
-                Run(stage) if mission is None else run_in_memory(config, mission),
-                left.solved(inputs),
-            )
-            with left.keeping(stage, inputs, solved) as keep:
+                kept.use(_job_key(config, inputs))
+            known = Run(stage) if mission is None else run_in_memory(config, mission)
+            solved = kept.results(count, Solved.from_bytes)
+            with kept.keeping(stage, solved, Solved.to_bytes) as keep:
                 drawing = None if mission_ready is None else mission_ready(stage)
                 if config.solves:
                     with watch.stage("realizations"):
-                        _solve(Run(stage), processes, solved, keep, report)
+                        _solve(Run(stage), pool, solved, keep, report)
         report("files", 0, 1)
         estimates = None
         with watch.stage("files"):
@@ -120,7 +121,7 @@ def run_study(
             references=references,
             ocean=known.ocean.attrs,
             workers=workers,
-            worker_memory_mib=0.0 if processes is None else processes.peak_memory_mib,
+            worker_memory_mib=pool.peak_memory_mib,
         )
         content["solve_cpu_seconds"] = _cpu_seconds(solved)
         content["outcome"] = summarize(known, estimates)
@@ -128,24 +129,43 @@ def run_study(
         if drawing is not None:
             wait([drawing])
         report("files", 1, 1)
-    left.clear()
+    kept.clear()
     return open_run(folder)
 
 
+def _restore(kept: Checkpoint, config: StudyConfig, stage: Path) -> dict[str, str] | None:
+    """Checksums of the input of a mission that an earlier call left, whose files are put into a stage; None if there is none."""
+    if not kept.exists:
+        return None
+    inputs = checksums(config)
+    kept.use(_job_key(config, inputs))
+    return inputs if kept.restore(stage) else None
+
+
+def _job_key(config: StudyConfig, inputs: Mapping[str, str]) -> str:
+    return digest("study", {"study": study_toml(config), "inputs": dict(inputs)}, {})
+
+
 def _solve(
-    run: Run, workers: Workers | None, solved: dict[int, Solved], keep: Callable[[], None], report: Progress
+    run: Run, pool: Pool, solved: dict[int, Solved], keep: Callable[[], None], report: Progress
 ) -> None:
     """Add the realizations that are not solved yet, and write the graphs of the first."""
     count = run.config.study.realizations
-    report("realizations", len(solved), count)
-    solving = solve_realizations(run, workers, [n for n in range(count) if n not in solved])
     graphs = run.path / store.PYFG
     graphs.mkdir()
-    write_graphs(run, 0, graphs, "realization-0-")  # while workers solve
-    for number, one in solving:
+
+    def ended(number: int, one: Solved) -> None:
         solved[number] = one
         keep()
         report("realizations", len(solved), count)
+
+    report("realizations", len(solved), count)
+    queue = RealizationQueue((n for n in range(count) if n not in solved), ended)
+    write = partial(write_graphs, run, 0, graphs, "realization-0-")
+    if queue.left:
+        run_tasks(queue, pool, meanwhile=write)
+    else:
+        write()
 
 
 def _cpu_seconds(solved: Mapping[int, Solved]) -> dict[str, list[float]]:

@@ -16,6 +16,7 @@ from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
 from pymantaray.evaluation import dropout_table, error_bound, error_table, range_error_table
+from pymantaray.jobs.folder import MANIFEST
 from pymantaray.records import (
     Arrivals,
     Estimates,
@@ -33,7 +34,6 @@ from pymantaray.records.shown import shown_html
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
-from pymantaray.study.folder import MANIFEST
 from pymantaray.water.listening import build_timing
 
 if TYPE_CHECKING:

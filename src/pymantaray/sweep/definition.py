@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +19,66 @@ from pymantaray.study import StudyConfig, load_study, parse_study
 from pymantaray.study.tracks import with_tracks
 
 SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
-_COLUMNS = {"condition", "error", "key", "point", "status"}
+_COLUMNS = frozenset(
+    [
+        "condition",
+        "error",
+        "key",
+        "point",
+        "status",
+        "solves",
+        "failed_solves",
+        "n",
+        "mean_m",
+        "median_m",
+        "rmse_m",
+        "p5_m",
+        "p25_m",
+        "p75_m",
+        "p95_m",
+        "max_m",
+        "ping_rmse_m",
+        "ping_median_m",
+        "ping_from_straight_rmse_m",
+        "ping_from_straight_median_m",
+        "ping_bound_rmse_m",
+        "ping_efficiency",
+        "horizontal_nees_ratio",
+        "horizontal_nees_inside",
+        "horizontal_nees_tests",
+        "position_nees_ratio",
+        "position_nees_inside",
+        "position_nees_tests",
+        "ranges_nis_ratio",
+        "ranges_nis_inside",
+        "ranges_nis_tests",
+        "attempts",
+        "dropouts",
+        "dropout_percent",
+        "shadow",
+        "blocked",
+        "outside",
+        "weak",
+        "stopped",
+        "unheard",
+        "unresolved",
+        "range_error_mean_m",
+        "range_error_sd_m",
+        "range_error_p1_m",
+        "range_error_p5_m",
+        "range_error_p95_m",
+        "range_error_p99_m",
+        "range_error_min_m",
+        "range_error_max_m",
+        "ocean_seconds",
+        "fleet_seconds",
+        "rays_seconds",
+        "realizations_seconds",
+        "summary_seconds",
+    ]
+)
+"""Columns of a sweep's table besides the swept fields."""
+_NAME = re.compile(r"[^\W\d_][\w .-]*(?<! )")
 KEYS = {
     "base": "A preset, a study file relative to this one, or a whole study as tables ``[base.study]`` and so on.",
     "folder": "What files among the values are relative to; this file's folder unless given.",
@@ -93,12 +154,12 @@ class Sweep:
         config = base if isinstance(base, StudyConfig) else load_study(base)
         self.name = config.study.name
         self._base: Tree = config.model_dump(exclude_none=True, exclude_unset=True)
-        self._folder = Path(folder).resolve()
+        self._folder = Path(os.path.realpath(folder))
         axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
         axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]
         if len(seeds):
             axes.append(Axis(SEED, {SEED: _list("seeds", seeds)}))
-        names = [name for axis in axes for name in axis.coordinates()]
+        names = [name for axis in axes for name in dict.fromkeys((axis.name, *axis.coordinates()))]
         if taken := sorted(_COLUMNS & set(names)):
             raise SweepError(f"sweep: {taken[0]} is a column of its tables; give another name")
         if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -244,6 +305,11 @@ def _plain(value: Any) -> Any:
 def _zip(table: Mapping[str, Any], number: int) -> Axis:
     rest = dict(table)
     name, labels = rest.pop("name", None), rest.pop("labels", None)
+    if name is not None and not (isinstance(name, str) and _NAME.fullmatch(name)):
+        raise SweepError(
+            f"sweep: zip {number}: name is {name!r}; needs a word such as plan: letters, digits, blanks, . _ and -,"
+            " a letter first"
+        )
     values = {field: _list(field, v) for field, v in _flat(rest).items()}
     if not values or (labels is not None and name is None):
         raise SweepError(

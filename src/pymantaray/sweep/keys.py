@@ -1,11 +1,9 @@
 """What a task is called: the hash of all that its result depends on."""
 
-import hashlib
-import json
 from collections.abc import Mapping
 from typing import Any
 
-import pymantaray
+from pymantaray.jobs.keys import digest
 from pymantaray.study import StudyConfig
 
 OCEAN, FLEET, RAYS, POINT = "ocean", "fleet", "rays", "point"
@@ -32,7 +30,7 @@ _READS = {
 _TITLES = ("name", "description")  # of a study; nothing depends on them
 
 
-def reads(stage: str, config: StudyConfig) -> tuple[str, ...]:
+def stage_fields(stage: str, config: StudyConfig) -> tuple[str, ...]:
     """Fields that a stage and those before it read."""
     before = STAGES[: STAGES.index(stage) + 1]
     first = ("mission.duration_h",) if config.ocean.time_varying else ()
@@ -41,9 +39,9 @@ def reads(stage: str, config: StudyConfig) -> tuple[str, ...]:
     return (*first, *(field for name in before for field in _READS[name]))
 
 
-def narrowed(config: StudyConfig, stage: str) -> StudyConfig:
+def stage_config(config: StudyConfig, stage: str) -> StudyConfig:
     """Configuration with the fields alone that a stage reads: there is no other, so that no result can depend on one."""
-    fields, narrow = reads(stage, config), config.model_copy()
+    fields, narrow = stage_fields(stage, config), config.model_copy()
     for name in type(config).model_fields:
         inner = [field.partition(".")[2] for field in fields if field.partition(".")[0] == name]
         if not inner:
@@ -56,12 +54,12 @@ def narrowed(config: StudyConfig, stage: str) -> StudyConfig:
     return narrow
 
 
-def keys(config: StudyConfig, checksums: Mapping[str, str]) -> dict[str, str]:
+def task_keys(config: StudyConfig, checksums: Mapping[str, str]) -> dict[str, str]:
     """Names of a study's stages and of its point, from its configuration and the checksums of its input files."""
     tree = config.model_dump(mode="json")
     out = {}
     for stage in STAGES:
-        fields = {field: _pick(tree, field) for field in reads(stage, config)}
+        fields = {field: _pick(tree, field) for field in stage_fields(stage, config)}
         out[stage] = digest(stage, fields, checksums)
     tree["study"] = {key: value for key, value in tree["study"].items() if key not in _TITLES}
     out[POINT] = digest(POINT, tree, checksums)
@@ -71,12 +69,3 @@ def keys(config: StudyConfig, checksums: Mapping[str, str]) -> dict[str, str]:
 def _pick(tree: dict[str, Any], field: str) -> Any:
     section, _, key = field.partition(".")
     return tree[section][key] if key else tree[section]
-
-
-def digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
-    """Name of a task, from what its result depends on and the checksums of the files that are named there."""
-    content = {"kind": kind, "version": pymantaray.__version__, "config": tree}
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    for file, checksum in checksums.items():  # what is in a file counts, and not where it is
-        text = text.replace(json.dumps(file), json.dumps(checksum))
-    return hashlib.sha256(text.encode()).hexdigest()

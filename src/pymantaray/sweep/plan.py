@@ -3,19 +3,21 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 from pymantaray.errors import StudyError, SweepError
+from pymantaray.installation import code_version
+from pymantaray.jobs.keys import sha256
+from pymantaray.jobs.pool import Queue
 from pymantaray.study import StudyConfig
-from pymantaray.study.manifest import sha256
 from pymantaray.sweep.definition import Sweep
-from pymantaray.sweep.keys import POINT, STAGES, keys
-from pymantaray.sweep.tasks import Task
+from pymantaray.sweep.keys import POINT, STAGES, task_keys
+from pymantaray.sweep.tasks import SweepTask
 
-Told = Callable[[int, int, int], None]
-"""Told how many points are done, how many have failed, and how many there are."""
+EARLIER = "an earlier version"
 _LINES = 20  # of bad points that are told
 
 
@@ -39,7 +41,7 @@ class Plan:
             try:
                 config = sweep.point(number)
                 _add_checksums(checksums, config)
-                self.keys.append(keys(config, {file: checksums[file] for file in config.files}))
+                self.keys.append(task_keys(config, {file: checksums[file] for file in config.files}))
             except StudyError as error:
                 bad.append(str(error).partition("\n")[0])
         if bad:
@@ -76,25 +78,43 @@ def _add_checksums(checksums: dict[str, str], config: StudyConfig) -> None:
 
 def plan_content(plan: Plan, toml: str) -> bytes:
     """The plan's names, for who only counts."""
-    content = {"sweep": hashlib.sha256(toml.encode()).hexdigest(), "keys": [key[POINT] for key in plan.keys]}
+    content = {
+        "sweep": hashlib.sha256(toml.encode()).hexdigest(),
+        "version": code_version(),
+        "keys": [key[POINT] for key in plan.keys],
+    }
     return json.dumps(content).encode()
 
 
-def planned_keys(content: bytes | None, toml: str) -> list[str] | None:
-    """Keys of the points of a sweep's text, from its `plan_content`; None where that is of another sweep."""
+class Planned(NamedTuple):
+    """Content of the file that `plan_content` makes."""
+
+    sweep: str
+    """Hash of the sweep's text."""
+    version: str
+    """Of the code that the points were planned with."""
+    keys: list[str]
+
+    def is_of(self, toml: str) -> bool:
+        """True if the keys are those of a sweep's text."""
+        return self.sweep == hashlib.sha256(toml.encode()).hexdigest()
+
+
+def read_plan(content: bytes | None) -> Planned | None:
+    """Return the content of a plan's file; None if there is none or it is damaged."""
     try:
-        tree = json.loads(content or b"{}")
-    except ValueError:
+        tree = json.loads(content or b"")
+        keys = [key for key in tree["keys"] if isinstance(key, str)]
+        return Planned(str(tree["sweep"]), str(tree.get("version", EARLIER)), keys)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
-    keys: list[str] | None = tree.get("keys")
-    return keys if tree.get("sweep") == hashlib.sha256(toml.encode()).hexdigest() else None
 
 
-class Queue:
+class SweepQueue(Queue):
     """
-    Tasks of the points that are open, each given out when the stage that it needs is there.
+    Tasks of the points that are open, each issued when the stage that it needs is there.
 
-    A stage is followed by what it was made for before the next one is begun.
+    A stage is followed by the tasks that need it before the next stage starts.
     """
 
     def __init__(self, plan: Plan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
@@ -106,7 +126,7 @@ class Queue:
         """Tasks that need each stage."""
         self._points_left: Counter[str] = Counter()
         """Of each stage."""
-        self._ready: list[str] = []
+        super().__init__(())
         for key, number in plan.points.items():
             if key in open_points:
                 self._add(number)
@@ -129,19 +149,11 @@ class Queue:
         names = self._plan.keys[number]
         return self._lasting | {stage for stage in STAGES if names[stage] in self._plan.shared}
 
-    def next(self) -> str | None:
-        """Key of a task that can be begun; None if all that can be are."""
-        return self._ready.pop() if self._ready else None
-
-    def again(self, key: str) -> None:
-        """Take back a task that was given out and not done."""
-        self._ready.append(key)
-
-    def task(self, key: str) -> Task:
-        """All that it takes to do a task."""
+    def task(self, key: str) -> SweepTask:
+        """Return what is sent to a worker."""
         kind, number = self._what[key]
         config = self._plan.sweep.point(number)
-        return Task(kind, self._plan.keys[number], config, self._shared(number), self._studies)
+        return SweepTask(kind, self._plan.keys[number], config, self._shared(number), self._studies)
 
     def kind(self, key: str) -> str:
         """What a task is."""

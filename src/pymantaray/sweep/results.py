@@ -1,8 +1,6 @@
 """What a sweep has found: how far it is, and one table of all points."""
 
-import json
 from collections import Counter
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,13 +10,14 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.errors import SweepError
+from pymantaray.jobs.store import Store, open_store
 from pymantaray.records.shown import shown_html
 from pymantaray.sweep.definition import Sweep, parse_sweep
 from pymantaray.sweep.keys import POINT
-from pymantaray.sweep.plan import Plan, planned_keys
-from pymantaray.sweep.store import PLAN, SWEEP, Store, finished, open_store, point_name
+from pymantaray.sweep.plan import Plan, read_plan
+from pymantaray.sweep.points import DONE, FAILED, PLAN, SWEEP, read_points
 
-DONE, FAILED, OPEN = "done", "failed", "open"
+OPEN = "open"
 
 
 class Status(NamedTuple):
@@ -61,9 +60,11 @@ class SweepResults:
         Status
         """
         known = set(self._keys)
-        done, failed = finished(self._store, known)
-        lines = Counter(str(content["error"]) for key in failed if (content := self._read(key, failed=True)))
-        return Status(len(known), len(done), len(failed), dict(lines.most_common()))
+        done, lines = 0, Counter[str]()
+        for _, status, content in read_points(self._store, known):
+            done += status == DONE
+            lines.update([content["error"]] if status == FAILED else [])
+        return Status(len(known), done, lines.total(), dict(lines.most_common()))
 
     def _repr_html_(self) -> str:
         """What a notebook shows: how far the sweep is, and its table."""
@@ -137,27 +138,11 @@ class SweepResults:
     @cached_property
     def contents(self) -> list[dict[str, Any]]:
         """What the file of each point says."""
-        return list(self._read_all())
-
-    def _read_all(self) -> Iterator[dict[str, Any]]:
-        done, failed = finished(self._store, set(self._keys))
-        for key in self._keys:
-            content = (self._read(key, failed=key in failed) if key in done | failed else None) or {}
-            status = DONE if key in done else FAILED if key in failed else OPEN
-            yield {"status": status, **content, "key": key}
-
-    def _read(self, key: str, *, failed: bool = False) -> dict[str, Any] | None:
-        name = point_name(key, failed=failed)
-        content = self._store.read(name)
-        if content is None:
-            return None
-        try:
-            tree: dict[str, Any] = json.loads(content)
-        except ValueError:
-            raise SweepError(
-                f"{self._store.url}/{name}: is damaged; remove it and run the sweep again"
-            ) from None
-        return tree
+        there = {
+            key: {"status": status, **content, "key": key}
+            for key, status, content in read_points(self._store, set(self._keys))
+        }
+        return [there.get(key) or {"status": OPEN, "key": key} for key in self._keys]
 
 
 def open_sweep(place: str | Path) -> SweepResults:
@@ -189,7 +174,13 @@ def open_sweep(place: str | Path) -> SweepResults:
     content = store.read(SWEEP)
     if content is None:
         raise SweepError(f"{place}: not a sweep: it has no {SWEEP}")
-    toml = content.decode()
+    try:
+        toml = content.decode()
+    except UnicodeDecodeError:
+        raise SweepError(f"{place}/{SWEEP}: cannot be read: not UTF-8 text; run the sweep again") from None
     sweep = parse_sweep(toml, f"{place}/{SWEEP}", Path())
-    keys = planned_keys(store.read(PLAN), toml)
-    return SweepResults(store, sweep, keys if keys is not None else [key[POINT] for key in Plan(sweep).keys])
+    plan = read_plan(store.read(PLAN))
+    known = plan is not None and plan.is_of(toml) and len(plan.keys) == len(sweep)
+    return SweepResults(
+        store, sweep, plan.keys if plan and known else [key[POINT] for key in Plan(sweep).keys]
+    )

@@ -1,30 +1,27 @@
 """Running a sweep: tasks that can be begun go to workers, who write what becomes of them."""
 
+import logging
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pymantaray.errors import SweepError
+from pymantaray.errors import JobError, SweepError
+from pymantaray.installation import code_version
+from pymantaray.jobs.pool import check_scheduler, open_pool, run_tasks
+from pymantaray.jobs.progress import TaskCount, TaskProgress
+from pymantaray.jobs.store import Store, failure_content, open_store
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES
-from pymantaray.sweep.plan import Plan, Queue, Told, plan_content
+from pymantaray.sweep.plan import EARLIER, Plan, SweepQueue, plan_content, read_plan
+from pymantaray.sweep.points import OURS, PLAN, SWEEP, finished, point_name, stage_name
 from pymantaray.sweep.results import SweepResults, open_sweep
-from pymantaray.sweep.store import (
-    OURS,
-    PLAN,
-    SWEEP,
-    Store,
-    failure_content,
-    finished,
-    open_store,
-    point_name,
-    stage_name,
-)
-from pymantaray.sweep.tasks import perform
-from pymantaray.sweep.workers import crew_of, do_all
+from pymantaray.sweep.tasks import run_task
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from pymantaray.jobs.pool import Client
+
+
+_LOG = logging.getLogger("pymantaray.sweep")
 
 
 def run_sweep(
@@ -36,7 +33,7 @@ def run_sweep(
     keep_stages: bool = False,
     studies: bool = False,
     retry_failed: bool = False,
-    progress: Told | None = None,
+    progress: TaskProgress | None = None,
 ) -> SweepResults:
     """
     Do the points of a sweep that are not done yet.
@@ -58,7 +55,7 @@ def run_sweep(
     retry_failed : bool
         Whether points that failed are done again.
     progress : callable, optional
-        Told how many points are done, how many have failed, and how many there are.
+        Called with the number of points that are done, the number that failed and the total.
 
     Returns
     -------
@@ -68,27 +65,31 @@ def run_sweep(
     Raises
     ------
     SweepError
-        If a point is not a study, the folder holds something else, the scheduler is gone, or workers see another folder.
+        If a point is not a study.
+    JobError
+        If the folder holds something else, the scheduler is gone, or workers see another folder.
     WriteError
         If the store cannot be written.
     """
+    check_scheduler(client)
     plan, store = Plan(sweep), open_store(out)
     if studies and store.folder is None:
         raise SweepError(f"{out}: studies need a folder")
     _prepare(store, plan)
-    done, failed = finished(store, plan.points)
+    done, failed = finished(store, plan.points, discard=True)
     for key in failed if retry_failed else ():
         store.remove(point_name(key, failed=True))
     failed = set() if retry_failed else failed
-    told = _Told(plan, done, failed, progress)
+    count = TaskCount(len(plan.points), progress, done=len(done), failed=len(failed))
     queue = _Points(plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies)
-    queue.store, queue.told = store, told
+    queue.store, queue.count_of_points = store, count
     _clear_stages(store, plan, keep=True)  # what failed in another run is tried again
     if queue.left:
-        with crew_of(partial(perform, store.url), client, workers) as crew:
-            do_all(queue, crew)
-        if missing := len(plan.points) - sum(map(len, finished(store, plan.points))):
-            raise SweepError(
+        with open_pool(partial(run_task, store.url), client, workers) as pool:
+            run_tasks(queue, pool)
+        there = {name.partition(".")[0] for name in store.names("points")}
+        if missing := len(plan.points.keys() - there):
+            raise JobError(
                 f"{store.url}: {missing} points were done elsewhere; all workers must see this place"
             )
     _clear_stages(store, plan, keep=keep_stages)
@@ -103,38 +104,41 @@ def _clear_stages(store: Store, plan: Plan, *, keep: bool) -> None:
             store.remove(f"stages/{name}")
 
 
-class _Told:
-    """Counts points."""
-
-    def __init__(self, plan: Plan, done: set[str], failed: set[str], progress: Told | None) -> None:
-        self._done, self._failed = len(done), len(failed)
-        self._total, self._progress = len(plan.points), progress
-        self.add(0, 0)
-
-    def add(self, done: int, failed: int) -> None:
-        self._done, self._failed = self._done + done, self._failed + failed
-        if self._progress is not None:
-            self._progress(self._done, self._failed, self._total)
-
-
 def _prepare(store: Store, plan: Plan) -> None:
     """Have the store say what sweep it is of."""
     store.claim("sweep", SWEEP, OURS)
     toml = plan.sweep.to_toml()
+    _warn_of_other_code(store, plan)
     store.write(SWEEP, toml.encode())
     store.write(PLAN, plan_content(plan, toml))
 
 
-class _Points(Queue):
+def _warn_of_other_code(store: Store, plan: Plan) -> None:
+    """Say which points of the latest run are not taken because other code computed them."""
+    latest = read_plan(store.read(PLAN))
+    if latest is None or latest.version == code_version():
+        return
+    there = {name.partition(".")[0] for name in store.names("points")}
+    if others := len(there.intersection(latest.keys) - plan.points.keys()):
+        _LOG.warning(
+            "%s: %d points were computed by %s, this is pymantaray %s: they are computed again; the old files stay",
+            store.url,
+            others,
+            latest.version if latest.version == EARLIER else f"pymantaray {latest.version}",
+            code_version(),
+        )
+
+
+class _Points(SweepQueue):
     """What is to be done of a sweep, and what becomes of it."""
 
     store: Store
-    told: _Told
+    count_of_points: TaskCount
 
     def ended(self, key: str, line: str | None) -> None:
         """Count a point; remove stages that nobody needs any more."""
         if self.kind(key) == POINT:
-            self.told.add(line is None, line is not None)
+            self.count_of_points.add(failed=line is not None)
         for stage in self.done(key):
             if not self.keeps_stages:
                 self.store.remove(stage_name(stage))
@@ -143,3 +147,4 @@ class _Points(Queue):
         """Write down why a task failed whose worker could not."""
         name = point_name if self.kind(key) == POINT else stage_name
         self.store.write(name(key, failed=True), failure_content(SweepError(line)))
+        self.ended(key, line)

@@ -3,9 +3,7 @@
 import io
 import json
 import math
-import tempfile
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -14,14 +12,16 @@ import xarray as xr
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import SweepError, WriteError
-from pymantaray.records import NETCDF_LOCK, Arrivals, RangingTruth, Trajectories
+from pymantaray.jobs.store import Store, failure_content, read_valid
+from pymantaray.records import Arrivals, RangingTruth, Trajectories
+from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.sensing import Links, Ranging
 from pymantaray.sensing.ranging import Leaked
 from pymantaray.sensing.schedule import Attempts
 from pymantaray.study import StudyConfig
 from pymantaray.study.mission import range_fleet, simulate_fleet
-from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, narrowed
-from pymantaray.sweep.store import Store, failure_content, stage_name
+from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, stage_config
+from pymantaray.sweep.points import stage_name
 from pymantaray.water.ocean import OceanFields, build_medium, is_profile, mission_ocean
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
@@ -42,20 +42,20 @@ class Stages:
         """Ocean of the mission."""
         if is_profile(self._config.ocean):  # is read faster than kept
             return mission_ocean(self._config)
-        out: OceanFields = self._get(OCEAN, lambda: mission_ocean(narrowed(self._config, OCEAN)))
+        out: OceanFields = self._get(OCEAN, lambda: mission_ocean(stage_config(self._config, OCEAN)))
         return out
 
     @property
     def fleet(self) -> Trajectories:
         """True poses of the vehicles."""
-        config, ocean = narrowed(self._config, FLEET), self.ocean
+        config, ocean = stage_config(self._config, FLEET), self.ocean
         out: Trajectories = self._get(FLEET, lambda: simulate_fleet(config, ocean))
         return out
 
     @property
     def rays(self) -> Ranging:
         """Ranges without noise."""
-        config, ocean, fleet = narrowed(self._config, RAYS), self.ocean, self.fleet
+        config, ocean, fleet = stage_config(self._config, RAYS), self.ocean, self.fleet
         out: Ranging = self._get(RAYS, lambda: range_fleet(config, ocean, self.medium, fleet))
         return out
 
@@ -74,26 +74,37 @@ class Stages:
 
     def ensure(self, stage: str) -> None:
         """Have a stage in the store."""
-        name = stage_name(self._keys[stage])
-        if not self._store.has(name):
-            result = getattr(self, stage)
-            cost = xr.Dataset(attrs={"seconds": self.seconds(stage)})
-            self._store.write(name, _content({"cost": cost, **_PACK[stage](result)}))
+        if not self._store.has(stage_name(self._keys[stage])):
+            self._write(stage, getattr(self, stage))
+
+    def _write(self, stage: str, result: Any) -> None:
+        cost = xr.Dataset(attrs={"seconds": self.seconds(stage)})
+        content = netcdf_content({"cost": cost, **_PACK[stage](result)})
+        self._store.write(stage_name(self._keys[stage]), content)
+
+    def _read(self, stage: str) -> tuple[Any, float] | None:
+        """A stage from the store and what it took [s]; None if there is none, or a damaged one, which is removed."""
+
+        def parse(content: bytes) -> tuple[Any, float]:
+            groups = netcdf_groups(content)
+            seconds = float(groups.pop("cost").attrs["seconds"])
+            return _UNPACK[stage](groups), seconds
+
+        return read_valid(self._store, stage_name(self._keys[stage]), parse)
 
     def _get(self, stage: str, compute: Callable[[], Any]) -> Any:
         key = self._keys[stage]
         if _LATEST.get(stage, ("",))[0] != key:
             shared = stage in self._shared
-            content = self._store.read(stage_name(key)) if shared else None
-            if content is not None:
-                groups = _datasets(content)
-                seconds = float(groups.pop("cost").attrs["seconds"])
-                result = _UNPACK[stage](groups)
-            else:
+            there = shared and self._store.has(stage_name(key))
+            read = self._read(stage) if there else None
+            if read is None:
                 start = perf_counter()
                 result = self._compute(key, compute) if shared else compute()
-                seconds = perf_counter() - start
-            _LATEST[stage] = key, result, seconds
+                read = result, perf_counter() - start
+            _LATEST[stage] = key, *read
+            if there and not self._store.has(stage_name(key)):  # damaged: the next one is to find it
+                self._write(stage, read[0])
         return _LATEST[stage][1]
 
     def _compute(self, key: str, compute: Callable[[], Any]) -> Any:
@@ -163,24 +174,3 @@ _UNPACK: dict[str, Callable[[dict[str, xr.Dataset]], Any]] = {
     FLEET: lambda groups: Trajectories.from_dataset(groups["truth"]),
     RAYS: _unpack_rays,
 }
-
-
-def _content(groups: dict[str, xr.Dataset]) -> bytes:
-    """Content of a NetCDF file with these groups, every number as it is."""
-    with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
-        path = Path(folder, "stage.nc")
-        for name, dataset in groups.items():
-            dataset.drop_encoding().to_netcdf(path, mode="a", group=name, engine="netcdf4")
-        return path.read_bytes()
-
-
-def _datasets(content: bytes) -> dict[str, xr.Dataset]:
-    with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
-        path = Path(folder, "stage.nc")
-        path.write_bytes(content)
-        groups = xr.open_groups(path, engine="netcdf4", decode_times=False)
-        try:
-            return {name.strip("/"): group.load() for name, group in groups.items() if name != "/"}
-        finally:
-            for group in groups.values():
-                group.close()

@@ -3,10 +3,9 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-import pymantaray
 from pymantaray.evaluation import (
     ALL_LINKS,
     consistency_summary,
@@ -16,23 +15,25 @@ from pymantaray.evaluation import (
     ping_error_table,
     range_error_table,
 )
+from pymantaray.installation import code_version
+from pymantaray.jobs.folder import MANIFEST
+from pymantaray.jobs.pool import run_in_store
+from pymantaray.jobs.store import Store
 from pymantaray.study import Run, StudyConfig, open_run
-from pymantaray.study.folder import MANIFEST
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import assemble_mission, mission_picture
 from pymantaray.study.realization import RealizationSolver, collect_results
 from pymantaray.study.runner import refuse_too_large, run_study
 from pymantaray.study.store import run_in_memory
 from pymantaray.sweep.keys import POINT, STAGES
+from pymantaray.sweep.points import point_name
 from pymantaray.sweep.stages import Stages
-from pymantaray.sweep.store import Store, point_name
-from pymantaray.sweep.workers import attempt
 
 _CONSISTENCY = {"median_ratio": "ratio", "inside": "inside", "tests": "tests"}
 
 
 @dataclass(frozen=True)
-class Task:
+class SweepTask:
     """A stage or a point, and all that it takes to do it."""
 
     kind: str
@@ -42,7 +43,7 @@ class Task:
     """Stages that are left in the store."""
     studies: bool = False
     """Whether points leave their runs in folders of their own."""
-    version: str = pymantaray.__version__
+    version: str = field(default_factory=code_version)
 
     @property
     def key(self) -> str:
@@ -50,13 +51,13 @@ class Task:
         return self.keys[self.kind]
 
 
-def perform(url: str, task: Task) -> str | None:
+def run_task(url: str, task: SweepTask) -> str | None:
     """Do a task unless it is done; the line by which it failed, None if it did not. What the store refuses is raised."""
     failed = point_name(task.key, failed=True) if task.kind == POINT else None  # a stage tells it itself
-    return attempt(url, task, _do, failed)
+    return run_in_store(url, task, _compute, failed)
 
 
-def _do(store: Store, task: Task) -> None:
+def _compute(store: Store, task: SweepTask) -> None:
     stages = Stages(task.config, task.keys, store, task.shared)
     if task.kind != POINT:
         stages.ensure(task.kind)
@@ -66,7 +67,7 @@ def _do(store: Store, task: Task) -> None:
         store.remove(point_name(task.key, failed=True))
 
 
-def _solve(task: Task, stages: Stages, store: Store) -> dict[str, Any]:
+def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
     """Summary of a point, and what it took."""
     config, watch = task.config, Stopwatch()
     refuse_too_large(config, 1)

@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -20,6 +19,7 @@ from pymantaray.acoustics.bellhop.write import BellhopOptions, write_bellhop
 from pymantaray.acoustics.eigenrays import find_eigenrays
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
+from pymantaray.jobs.progress import Progress
 from pymantaray.records import RayStatus
 
 PROGRAMS = ("bellhopcxx3d", "bellhopcxx", "bellhop3d", "bellhop3d.exe")
@@ -115,7 +115,7 @@ def compare_with_bellhop(
     *,
     program: str | Path | None = None,
     timeout: float = 600.0,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> pd.DataFrame:
     """
     Earliest direct arrivals of the two-point solver and of Bellhop, link by link.

@@ -1,6 +1,5 @@
 """HYCOM by place and time: the experiment, the step, the window over OPeNDAP, and a valid ocean in a file."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, reduce
 from pathlib import Path
@@ -11,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
+from pymantaray.jobs.progress import Progress
 from pymantaray.ocean.convert import Instants, decoded_times, minute, parse_instant, without_scaled_fill
 from pymantaray.ocean.fetch.catalogue import Experiment, covering, load_catalogue
 from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from pymantaray.ocean.fetch.transport import Connection
 
 Array = NDArray[np.float64]
-Report = Callable[[str, int, int], None]
 AXES = ("time", *DIMS)
 BLOCK_VALUES = 200_000
 """Of one request: a variable on some levels."""
@@ -71,7 +70,7 @@ def fetch_hycom(
     nearest: bool = False,
     limits: Limits | None = None,
     overwrite: bool = False,
-    progress: Report | None = None,
+    progress: Progress | None = None,
 ) -> Fetched:
     """
     Fetch a window of HYCOM at one time and write it as a valid ocean.
@@ -227,7 +226,7 @@ def _read_window(
     datasets: dict[str, _Remote],
     instant: np.datetime64,
     region: Region,
-    report: Report,
+    report: Progress,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Coordinates and fields (depth, lat, lon) of one step; NaN below the sea bed."""
     first = next(iter(datasets.values()))

@@ -1,30 +1,29 @@
 """Where results are: a folder, or an object store by fsspec, of small files that are there whole or not at all."""
 
 import json
+import logging
 import os
+import re
 import time
 import traceback
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
-from pymantaray.errors import MantaRayError, SweepError, WriteError
+from pymantaray.errors import JobError, MantaRayError, RecordError, WriteError
 from pymantaray.records import whole_file
 
-SWEEP, PLAN = "sweep.toml", "plan.json"
-OURS, _PART = {SWEEP, PLAN, "points", "stages", "studies"}, ".part"
+T = TypeVar("T")
+_LOG = logging.getLogger("pymantaray.jobs")
+_TEMPORARY = re.compile(
+    r"\.(?P<name>[^/]+)\.[0-9a-f]{16}\.part"
+)  # of a file that `whole_file` has not finished
+_KEY = re.compile(r"[0-9a-f]{50}")  # what it leaves of a hash
 _ATOMIC = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")  # an object is there when all of it is
+_TOGETHER = 1000  # objects that are read at once
 _STALE = 3600.0  # age at which a file with a temporary name is of a process that was killed [s]
-
-
-def point_name(key: str, *, failed: bool = False) -> str:
-    """Name of a point's file."""
-    return f"points/{key[:2]}/{key}{'.failed' if failed else ''}.json"
-
-
-def stage_name(key: str, *, failed: bool = False) -> str:
-    """Name of a shared stage's file."""
-    return f"stages/{key}{'.failed.json' if failed else '.nc'}"
 
 
 def failure_content(error: BaseException) -> bytes:
@@ -41,7 +40,7 @@ class Store:
 
     def __init__(self, place: str) -> None:
         self.url = place
-        self.folder: Path | None = None if "://" in place else Path(place).resolve()
+        self.folder: Path | None = None if "://" in place else Path(os.path.realpath(place))
 
     @property
     def _path(self) -> Path:
@@ -52,6 +51,13 @@ class Store:
         """Whether there is a file."""
         return (self._path / name).exists()
 
+    def contents(self, names: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+        """Names and contents of the files that are there of these names."""
+        for name in names:
+            content = self.read(name)
+            if content is not None:
+                yield name, content
+
     def read(self, name: str) -> bytes | None:
         """Content of a file; None if there is none."""
         try:
@@ -59,7 +65,7 @@ class Store:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise SweepError(f"{self._path / name}: cannot be read: {error.strerror}") from None
+            raise JobError(f"{self._path / name}: cannot be read: {error.strerror}") from None
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file, whole or not at all, in place of one of that name; raises `WriteError`."""
@@ -68,6 +74,10 @@ class Store:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise WriteError(f"{path.parent}: cannot be written: {error.strerror}") from None
+        if os.path.realpath(path.parent) != str(path.parent):
+            raise WriteError(
+                f"{path.parent}: leads out of {self.url} by a symbolic link; remove the link or give another folder"
+            )
         with whole_file(path) as temporary:
             temporary.write_bytes(content)
 
@@ -80,20 +90,31 @@ class Store:
         with suppress(OSError):
             (self._path / name).unlink()
 
-    def claim(self, kind: str, marker: str, ours: Collection[str]) -> None:
+    def claim(self, kind: str, marker: str, ours: set[str]) -> None:
         """Refuse a place that holds something else, and remove what killed processes have left half written."""
+        if self._path.is_symlink():  # the place is resolved, so that it leads nowhere
+            raise JobError(f"{self.url}: is a circle of symbolic links; give another folder")
         if self._path.exists() and not self._path.is_dir():
-            raise SweepError(f"{self.url}: is a file; give a folder")
+            raise JobError(f"{self.url}: is a file; give a folder")
         others = {path.name for path in self._path.iterdir()} if self._path.exists() else set()
-        if not self.has(marker) and not all(name in ours or name.endswith(_PART) for name in others):
-            raise SweepError(
+        if not self.has(marker) and not all(name in ours or _is_unfinished(name, ours) for name in others):
+            raise JobError(
                 f"{self.url}: holds something, and no {kind}; give a new folder, or one of the same {kind}"
             )
-        for folder, _, files in os.walk(self._path):
-            for path in (Path(folder, file) for file in files if file.endswith(_PART)):
+        for name in sorted(ours & others):
+            if (self._path / name).is_symlink():
+                raise JobError(f"{self._path / name}: is a symbolic link; remove it or give another folder")
+        for path in (*self._path.glob("*"), *(p for name in ours for p in (self._path / name).rglob("*"))):
+            if _is_unfinished(path.name, ours):
                 with suppress(OSError):
                     if time.time() - path.stat().st_mtime > _STALE:
                         path.unlink()
+
+
+def _is_unfinished(name: str, ours: set[str]) -> bool:
+    """True if a file has the temporary name of a task's file, or of one of a store's own."""
+    match = _TEMPORARY.fullmatch(name)
+    return match is not None and (match["name"] in ours or _KEY.fullmatch(match["name"]) is not None)
 
 
 class _Objects(Store):
@@ -104,16 +125,16 @@ class _Objects(Store):
         try:
             import fsspec
         except ImportError:
-            raise SweepError(f"{place}: needs fsspec: pip install 'pymantaray[dask]'") from None
+            raise JobError(f"{place}: needs fsspec: pip install 'pymantaray[dask]'") from None
         protocol = place.partition("://")[0]
         if protocol not in _ATOMIC:
-            raise SweepError(
+            raise JobError(
                 f"{place}: {protocol} may show half a file; give a folder or one of {', '.join(_ATOMIC)}"
             )
         try:
             self._files, root = fsspec.url_to_fs(place)
         except (ImportError, ValueError) as error:
-            raise SweepError(f"{place}: cannot be opened: {str(error).partition(chr(10))[0]}") from None
+            raise JobError(f"{place}: cannot be opened: {str(error).partition(chr(10))[0]}") from None
         self._root = PurePosixPath(root)
 
     def has(self, name: str) -> bool:
@@ -126,7 +147,17 @@ class _Objects(Store):
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise SweepError(f"{self.url}/{name}: cannot be read: {error}") from None
+            raise JobError(f"{self.url}/{name}: cannot be read: {error}") from None
+
+    def contents(self, names: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+        rest = iter(names)
+        while some := list(islice(rest, _TOGETHER)):
+            paths = {self._files._strip_protocol(str(self._root / name)): name for name in some}
+            try:
+                found = self._files.cat(list(paths), on_error="omit")
+            except OSError as error:
+                raise JobError(f"{self.url}: cannot be read: {error}") from None
+            yield from ((paths[path], content) for path, content in found.items())
 
     def write(self, name: str, content: bytes) -> None:
         try:
@@ -142,18 +173,26 @@ class _Objects(Store):
         with suppress(OSError):
             self._files.rm_file(str(self._root / name))
 
-    def claim(self, kind: str, marker: str, ours: Collection[str]) -> None:
+    def claim(self, kind: str, marker: str, ours: set[str]) -> None:
         pass
+
+
+def read_valid(store: Store, name: str, parse: Callable[[bytes], T]) -> T | None:
+    """Parsed content of a file; None if there is none, or a damaged one, which is removed with a warning."""
+    content = store.read(name)
+    if content is None:
+        return None
+    try:
+        return parse(content)
+    except (RecordError, ValueError) as error:
+        _LOG.warning("%s/%s: %s; it is removed and computed again", store.url, name, error)
+        store.remove(name)
+        return None
 
 
 def open_store(place: str | Path) -> Store:
     """Store of a folder's name or of a URL."""
     text = str(place)
-    return _Objects(text.rstrip("/")) if "://" in text else Store(str(Path(text).resolve()))
-
-
-def finished(store: Store, known: Iterable[str]) -> tuple[set[str], set[str]]:
-    """Keys of points that are done and of points that have failed, among those that are known."""
-    names = {name.removesuffix(".json") for name in store.names("points") if name.endswith(".json")}
-    done = {key for key in known if key in names}
-    return done, {key for key in known if f"{key}.failed" in names} - done
+    if "://" in text:
+        return _Objects(text.rstrip("/"))
+    return Store(os.path.realpath(text))  # which takes a circle of symbolic links as it is

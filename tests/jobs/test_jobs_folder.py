@@ -10,12 +10,12 @@ import pytest
 from factories import names_in
 from refusals import refused
 
-from pymantaray.errors import StudyError
-from pymantaray.study.folder import staged_folder
+from pymantaray.errors import JobError
+from pymantaray.jobs.folder import staged_folder
 
 HOLD = """
 import sys, time
-from pymantaray.study.folder import staged_folder
+from pymantaray.jobs.folder import staged_folder
 with staged_folder(sys.argv[1] if len(sys.argv) > 1 else None, "quick") as (stage, folder):
     (stage / "manifest.json").write_text("{}")
     print(folder, flush=True)
@@ -42,7 +42,7 @@ def write(out, name="quick", **options):
 
 
 def assert_refused(out, match):
-    refused(StudyError, match, staged_folder(out).__enter__)
+    refused(JobError, match, staged_folder(out).__enter__)
 
 
 def test_folder_takes_its_name_only_at_the_end(tmp_path):
@@ -104,7 +104,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, name, match
 
 def test_place_taken_meanwhile_and_folder_removed_meanwhile_are_one_line(tmp_path):
     with (
-        pytest.raises(StudyError, match="run: cannot be written: Directory not empty; choose"),
+        pytest.raises(JobError, match="run: cannot be written: Directory not empty; choose"),
         staged_folder(tmp_path / "run"),
     ):
         (tmp_path / "run" / "mine").mkdir(parents=True)
@@ -115,7 +115,7 @@ def test_place_taken_meanwhile_and_folder_removed_meanwhile_are_one_line(tmp_pat
             stage.rmdir()
             (stage / "data").write_text("x")
 
-    refused(StudyError, r"\.other\.mantaray-part: was removed while", remove)
+    refused(JobError, r"\.other\.mantaray-part: was removed while", remove)
 
 
 def test_dated_names_differ_from_the_start_and_latest_follows_the_newest(tmp_path, monkeypatch):

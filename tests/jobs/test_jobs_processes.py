@@ -1,5 +1,6 @@
 """Tasks in processes: in order, stopped where one of them fails, and never longer than who asked for them."""
 
+import importlib
 import logging
 import os
 import pickle
@@ -13,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pymantaray.errors import StudyError
-from pymantaray.study.workers import Workers
+from pymantaray.errors import JobError
+from pymantaray.jobs.processes import Workers
 
 
 def square(number):
@@ -85,7 +86,7 @@ def test_a_task_that_fails_stops_the_others(tmp_path):
 
 
 def test_a_process_that_is_killed_is_told_in_one_line():
-    with pytest.raises(StudyError, match="ended early, by SIGKILL, perhaps out of memory; try fewer workers"):
+    with pytest.raises(JobError, match="ended early, by SIGKILL, perhaps out of memory; try fewer workers"):
         in_two_processes(die, 3)
 
 
@@ -101,18 +102,31 @@ def test_what_every_process_would_warn_of_is_left_to_who_started_them(capfd):
 
 @pytest.mark.parametrize(("function", "error", "match"), [
     (return_unsendable, (AttributeError, pickle.PicklingError), "local object"),  # the latter from Python 3.14 on
-    (raise_unsendable, StudyError, "ended early, with code 1"),
+    (raise_unsendable, JobError, "ended early, with code 1"),
 ])  # fmt: skip
 def test_what_cannot_be_sent_back_ends_the_work_and_not_the_patience(function, error, match):
     with pytest.raises(error, match=match):
         in_two_processes(function, 3)
 
 
+class Unimportable:
+    """Something that a worker cannot import."""
+
+    def __reduce__(self):
+        return importlib.import_module, ("no_such_module",)
+
+
+def test_what_a_worker_cannot_import_is_raised_where_it_was_asked_and_printed_nowhere(capfd):
+    with pytest.raises(ModuleNotFoundError, match="no_such_module"), Workers(Unimportable(), 1) as workers:
+        workers.submit(1).result()
+    assert capfd.readouterr().err == ""
+
+
 SCRIPT = """
 import sys; sys.path.insert(0, {here!r})
 from functools import partial
 from pathlib import Path
-from test_study_workers import fail_first_then_take_long, in_two_processes, square
+from test_jobs_processes import fail_first_then_take_long, in_two_processes, square
 if {square}:
     print([n for n, _ in in_two_processes(square, 4)])
 else:

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
-from pymantaray.errors import StudyError
+from pymantaray.errors import JobError
 
 MANIFEST = "manifest.json"
 RUNS = Path("runs")
@@ -48,7 +48,7 @@ def staged_folder(
 
     Raises
     ------
-    StudyError
+    JobError
         If ``out`` is a file, a folder with something in it or being written by another process, if nothing
         can be written there, or if the folder is removed meanwhile.
     """
@@ -58,7 +58,7 @@ def staged_folder(
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         _remove_empty(missing)
         cause = getattr(error, "strerror", None) or error
-        raise StudyError(f"{out or RUNS}: cannot be written: {cause}; choose another with --out") from None
+        raise JobError(f"{out or RUNS}: cannot be written: {cause}; choose another with --out") from None
     try:
         yield stage, folder
         _publish(stage, folder)
@@ -67,7 +67,7 @@ def staged_folder(
         shutil.rmtree(stage, ignore_errors=True)
         _remove_empty(missing)
         if removed and isinstance(error, Exception):
-            raise StudyError(f"{stage}: was removed while the results were written there") from None
+            raise JobError(f"{stage}: was removed while the results were written there") from None
         raise
     finally:
         if lock is not None:
@@ -86,7 +86,7 @@ def staged_parts(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
     Raises
     ------
-    StudyError
+    JobError
         If nothing can be written there.
     """
     stage = folder / f".{secrets.token_hex(8)}{_PART}"
@@ -95,12 +95,12 @@ def staged_parts(folder: Path, names: Sequence[str]) -> Iterator[Path]:
             stage.mkdir()
             lock = _lock(stage)
     except OSError as error:
-        raise StudyError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise JobError(f"{folder}: cannot be written: {error.strerror}") from None
     try:
         yield stage
         _exchange(stage, folder, names)
     except OSError as error:
-        raise StudyError(f"{folder}: cannot be written: {error.strerror or error}") from None
+        raise JobError(f"{folder}: cannot be written: {error.strerror or error}") from None
     finally:
         shutil.rmtree(stage, ignore_errors=True)
         if lock is not None:
@@ -130,7 +130,7 @@ def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Pa
     """Final folder, the stage made for it, and its lock; two processes never get the same."""
     for folder in _names(name) if out is None else [Path(os.path.realpath(out))]:
         if any("\ud800" <= c <= "\udfff" for c in str(folder)):
-            raise StudyError(f"{str(out)!r}: not a name in UTF-8; choose another with --out")
+            raise JobError(f"{str(out)!r}: not a name in UTF-8; choose another with --out")
         where = folder if folder.is_dir() else folder.parent
         missing[:] = [parent for parent in (where, *where.parents) if not parent.exists()]
         where.mkdir(parents=True, exist_ok=True)
@@ -138,15 +138,15 @@ def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Pa
             if folder.is_dir() and any(entry.name[-len(_PART) :] != _PART for entry in folder.iterdir()):
                 if out is None:
                     continue
-                raise StudyError(f"{folder}: folder is not empty; give an empty or a new one")
+                raise JobError(f"{folder}: folder is not empty; give an empty or a new one")
             if folder.exists() and not folder.is_dir():
-                raise StudyError(f"{folder}: is a file; give an empty or a new folder")
+                raise JobError(f"{folder}: is a file; give an empty or a new folder")
             stage = where / f".{folder.name}{_PART}"
             if not stage.exists():
                 stage.mkdir()
                 return folder, stage, _lock(stage)
             if out is not None:
-                raise StudyError(f"{folder}: is being written by another process; if by none, remove {stage}")
+                raise JobError(f"{folder}: is being written by another process; if by none, remove {stage}")
     raise AssertionError("names never end")
 
 
@@ -198,7 +198,7 @@ def _publish(stage: Path, folder: Path) -> None:
         for entry in moved:
             entry.rename(stage / entry.name)
         if isinstance(error, OSError) and stage.is_dir():
-            raise StudyError(
+            raise JobError(
                 f"{folder}: cannot be written: {error.strerror}; choose another with --out"
             ) from None
         raise

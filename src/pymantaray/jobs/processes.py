@@ -18,10 +18,11 @@ import threading
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from queue import SimpleQueue
 from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 
-from pymantaray.errors import StudyError
+from pymantaray.errors import JobError
 from pymantaray.installation import peak_memory_mib
 
 # read by the numerical libraries when a process starts; more threads than cores only slow it down
@@ -34,11 +35,11 @@ _ONE_THREAD = (
 )
 _SERVE = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer);"
-    " from pymantaray.study.workers import serve; serve()"
+    " from pymantaray.jobs.processes import serve; serve()"
 )
 
 
-class WorkerEndedError(StudyError):
+class WorkerEndedError(JobError):
     """A worker process ended before its task did."""
 
 
@@ -102,7 +103,7 @@ class Workers:
         process = _start_process()
         self._processes.append(process)
         _tell(process, sys.path)
-        _tell(process, self._start)
+        _tell(process, pickle.dumps(self._start))
         return process
 
     def _end(self) -> None:
@@ -153,7 +154,12 @@ def serve() -> NoReturn:
     os.dup2(2, 1)  # what is printed here must not get among the results
     logging.getLogger("pymantaray").setLevel(logging.ERROR)  # who asked has warned already
     requests, messages = sys.stdin.buffer, SimpleQueue[object]()
-    start: Callable[[], Callable[[object], object]] = pickle.load(requests)
+    content: bytes = pickle.load(requests)
+    start: Callable[[], Callable[[object], object]]
+    try:
+        start = pickle.loads(content)
+    except Exception as error:  # noqa: BLE001  what cannot be imported is told where the first task was issued
+        start = partial(_refuse, error)
 
     def listen() -> None:
         try:
@@ -168,6 +174,10 @@ def serve() -> NoReturn:
     finally:  # whatever ends it: the thread that listens would wait for who waits for this
         traceback.print_exc()
         os._exit(1)
+
+
+def _refuse(error: Exception) -> NoReturn:
+    raise error
 
 
 def _work(

@@ -1,0 +1,1 @@
+"""Tasks with keys: their store, their folders, the processes that do them, and how far they are."""

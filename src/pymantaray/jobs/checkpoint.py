@@ -1,0 +1,163 @@
+"""Results of an interrupted job, kept beside its folder so that the same call resumes."""
+
+import json
+import logging
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pymantaray.errors import WriteError
+from pymantaray.jobs.keys import sha256
+from pymantaray.jobs.store import Store, read_valid
+from pymantaray.records import whole_file
+
+_LOG = logging.getLogger("pymantaray.jobs")
+_EVERY = 30.0  # between two times at which results are kept; shorter jobs leave nothing [s]
+_FIRST, _SUMS = "mission", "mission.json"  # names that earlier versions gave them
+ResultT = TypeVar("ResultT")
+
+
+class Checkpoint:
+    """
+    Folder ``NAME.unfinished`` beside the folder of a job's results.
+
+    Below it is a folder named by the job's key, which holds the files that the first stage of the job wrote, and a file for
+    each numbered task that is done. Nothing is kept of a job without a named folder, since a second call would not have the
+    same.
+
+    Parameters
+    ----------
+    folder : pathlib.Path or None
+        Folder of the results.
+    noun : str
+        Plural noun for the tasks, for messages.
+    """
+
+    def __init__(self, folder: Path | None, noun: str) -> None:
+        self._place = None if folder is None else folder.with_name(f"{folder.name}.unfinished")
+        self._noun, self._key, self._latest = noun, "", time.monotonic()
+        self._kept: set[int] = set()
+
+    @property
+    def exists(self) -> bool:
+        """True if an earlier call left something."""
+        return self._place is not None and self._place.is_dir()
+
+    def use(self, key: str) -> None:
+        """Set the key of the job: a hash of everything that its results depend on."""
+        self._key = key
+
+    def restore(self, stage: Path) -> bool:
+        """Put the files of the first stage into a folder; False if there are none, or damaged ones, which are removed."""
+        if not self.exists or not (self._own / _FIRST).is_dir():
+            return False
+        if not self._first_is_whole():
+            line = "damaged: files do not have their checksums; it is removed and computed again"
+            _LOG.warning("%s: %s", self._own, line)
+            shutil.rmtree(self._own, ignore_errors=True)
+            return False
+        _link(self._own / _FIRST, stage)
+        return True
+
+    def results(self, count: int, parse: Callable[[bytes], ResultT]) -> dict[int, ResultT]:
+        """Results of the tasks 0 to count - 1 that an earlier call did."""
+        if self._place is None:
+            return {}
+        store, found = Store(str(self._own)), {}
+        for number in range(count):
+            result = read_valid(store, f"{number}.nc", parse)
+            if result is not None:
+                found[number] = result
+        self._kept = set(found)
+        if found:
+            _LOG.warning("resuming with %d %s of an interrupted run, %s", len(found), self._noun, self._place)
+        return found
+
+    @contextmanager
+    def keeping(
+        self, stage: Path, results: Mapping[int, Any], content: Callable[[Any], bytes]
+    ) -> Iterator[Callable[[], None]]:
+        """Keep the files in a stage and the results: now and then, when what is yielded is called, and if the block raises."""
+        names = sorted(path.name for path in stage.iterdir() if path.is_file())
+
+        def look() -> None:
+            if self._place is not None and time.monotonic() - self._latest >= _EVERY:
+                self._keep(stage, names, results, content)
+                self._latest = time.monotonic()
+
+        begun = self._latest
+        try:
+            look()
+            yield look
+        except BaseException:
+            if self._place is not None and time.monotonic() - begun >= _EVERY:
+                try:
+                    self._keep(stage, names, results, content)
+                except WriteError as error:
+                    _LOG.warning("not all results could be kept: %s", error)
+                if self._kept:
+                    _LOG.warning(
+                        "%d %s are kept in %s; the same call resumes",
+                        len(self._kept),
+                        self._noun,
+                        self._place,
+                    )
+            raise
+
+    def clear(self) -> None:
+        """Remove what was kept; other files in the folder stay."""
+        if self._place is None or not self._place.is_dir():
+            return
+        for folder in self._place.iterdir():
+            if re.fullmatch(r"[0-9a-f]{64}", folder.name):
+                shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):
+            self._place.rmdir()
+
+    @property
+    def _own(self) -> Path:
+        assert self._place is not None  # asked only then
+        return self._place / self._key
+
+    def _keep(
+        self, stage: Path, names: list[str], results: Mapping[int, Any], content: Callable[[Any], bytes]
+    ) -> None:
+        if not (self._own / _FIRST).is_dir():
+            self.clear()  # of another key
+            part = self._own / f"{_FIRST}.part"
+            try:
+                part.mkdir(parents=True)
+                _link(stage, part, names)
+                with whole_file(self._own / _SUMS) as temporary:
+                    temporary.write_text(json.dumps(_sums(part)), encoding="utf-8")
+                part.rename(self._own / _FIRST)
+            except OSError as error:
+                raise WriteError(f"{self._own}: cannot be written: {error.strerror}") from None
+        store = Store(str(self._own))
+        for number in sorted(results.keys() - self._kept):
+            store.write(f"{number}.nc", content(results[number]))
+            self._kept.add(number)
+
+    def _first_is_whole(self) -> bool:
+        try:
+            return bool(json.loads((self._own / _SUMS).read_bytes()) == _sums(self._own / _FIRST))
+        except (OSError, ValueError, RecursionError):
+            return False
+
+
+def _sums(folder: Path) -> dict[str, str]:
+    return {path.name: sha256(path) for path in sorted(folder.iterdir())}
+
+
+def _link(source: Path, target: Path, names: list[str] | None = None) -> None:
+    """Put files into another folder, as links to the same content where the disk supports them."""
+    for name in names or [path.name for path in source.iterdir()]:
+        try:
+            os.link(source / name, target / name)
+        except OSError:
+            shutil.copyfile(source / name, target / name)

@@ -1,0 +1,29 @@
+"""How far a job is: the callbacks that callers pass, and the count behind them."""
+
+from collections.abc import Callable
+
+Progress = Callable[[str, int, int], None]
+"""Called with the name of a stage, the number of its finished parts and the total."""
+CountProgress = Callable[[int, int], None]
+"""Called with the number of finished parts and the total."""
+TaskProgress = Callable[[int, int, int], None]
+"""Called with the number of tasks that are done, the number that failed and the total."""
+
+
+class TaskCount:
+    """Count of the tasks that are done and that failed, which is reported at the start and after each task."""
+
+    def __init__(self, total: int, progress: TaskProgress | None, *, done: int = 0, failed: int = 0) -> None:
+        self._total, self._progress = total, progress
+        self._done, self._failed = done, failed
+        self._report()
+
+    def add(self, *, failed: bool) -> None:
+        """Count a task that has ended."""
+        self._done += not failed
+        self._failed += failed
+        self._report()
+
+    def _report(self) -> None:
+        if self._progress is not None:
+            self._progress(self._done, self._failed, self._total)

@@ -1,0 +1,84 @@
+"""Files of a sweep: which point or stage each is of, and reading the points that have a result."""
+
+import logging
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from pymantaray.jobs.store import Store
+
+_LOG = logging.getLogger("pymantaray.sweep")
+SWEEP, PLAN = "sweep.toml", "plan.json"
+OURS = {SWEEP, PLAN, "points", "stages", "studies"}
+DONE, FAILED = "done", "failed"
+Value = bool | int | float | str | None
+
+
+def point_name(key: str, *, failed: bool = False) -> str:
+    """Name of a point's file."""
+    return f"points/{key[:2]}/{key}{'.failed' if failed else ''}.json"
+
+
+def stage_name(key: str, *, failed: bool = False) -> str:
+    """Name of a shared stage's file."""
+    return f"stages/{key}{'.failed.json' if failed else '.nc'}"
+
+
+class Point(BaseModel):
+    """Content of a point's file."""
+
+    key: str
+    version: str
+    conditions: dict[str, dict[str, Value]]
+    links: dict[str, Value]
+    seconds: dict[str, float]
+
+
+class Failure(BaseModel):
+    """Content of the file of a point that failed."""
+
+    error: str
+    traceback: str | None = None
+
+
+_CONTENT: dict[str, type[BaseModel]] = {DONE: Point, FAILED: Failure}
+
+
+def read_points(
+    store: Store, known: Iterable[str], *, discard: bool = False
+) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """
+    Key, status (`DONE` or `FAILED`) and content of each of some points that has a result.
+
+    A file that is damaged, or of another point, is no result: a warning names it, and it is removed if it is to be discarded.
+    """
+    there, known = store.names("points"), list(known)
+    done = {point_name(key): key for key in known if f"{key}.json" in there}
+    failed = {point_name(key, failed=True): key for key in known if f"{key}.failed.json" in there}
+    ended = set[str]()
+    for names, status in ((done, DONE), (failed, FAILED)):
+        for name, content in store.contents(names):
+            key = names[name]
+            try:
+                tree = _CONTENT[status].model_validate_json(content).model_dump(exclude_unset=True)
+            except ValidationError:
+                tree = {"key": None}
+            if tree.get("key", key) != key:
+                remedy = (
+                    "it is removed and computed again" if discard else "run the sweep again to replace it"
+                )
+                _LOG.warning("%s/%s: damaged or of another point; %s", store.url, name, remedy)
+                if discard:
+                    store.remove(name)
+            elif key not in ended:
+                ended.add(key)
+                yield key, status, tree
+
+
+def finished(store: Store, known: Iterable[str], *, discard: bool = False) -> tuple[set[str], set[str]]:
+    """Keys of points that are done and of points that have failed, among those that are known; as `read_points`."""
+    keys: dict[str, set[str]] = {DONE: set(), FAILED: set()}
+    for key, status, _ in read_points(store, known, discard=discard):
+        keys[status].add(key)
+    return keys[DONE], keys[FAILED]

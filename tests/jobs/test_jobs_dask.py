@@ -1,0 +1,114 @@
+"""Jobs on Dask: the same results as on this machine, whatever becomes of workers and scheduler."""
+
+import os
+import signal
+import threading
+from pathlib import Path
+
+import pytest
+import stub_tasks
+from dask_cluster import Cluster, client_here
+from factories import wait_for
+from refusals import refused
+from stub_tasks import Square, run_squares, squares_in
+
+from pymantaray.errors import JobError
+from pymantaray.jobs import pool
+from pymantaray.jobs.pool import check_scheduler
+
+pytest.importorskip("distributed")
+
+
+def tasks(count, seconds=0.05):
+    return [Square(n, seconds) for n in range(count)]
+
+
+@pytest.fixture
+def cluster(tmp_path, monkeypatch):
+    """Scheduler and two workers, which can import the stub tasks."""
+    monkeypatch.setenv(
+        "PYTHONPATH",
+        os.pathsep.join([str(Path(stub_tasks.__file__).parent), os.environ.get("PYTHONPATH", "")]),
+    )
+    with Cluster(tmp_path) as cluster:
+        cluster.start()
+        yield cluster
+
+
+def test_a_client_gives_the_same_results_as_processes_of_this_machine(tmp_path):
+    with client_here(2) as client:
+        assert run_squares(tasks(5), tmp_path / "dask", client=client) == dict.fromkeys(range(5))
+        assert client.status == "running"  # it is its owner's
+    run_squares(tasks(5), tmp_path / "here")
+    assert squares_in(tmp_path / "dask") == squares_in(tmp_path / "here")
+
+
+@pytest.mark.parametrize(
+    "address", ["nonsense", "127.0.0.1", "tcp://host", "foo://host:1", "tcp://host:port", ""]
+)
+def test_text_that_is_no_address_is_refused(address):
+    refused(JobError, "^scheduler .*: not an address; give tcp://HOST:PORT", check_scheduler, address)
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:8786", "10.0.0.1:8786", "tls://[::1]:8786", "inproc://10.0.0.1/8/1"]
+)
+def test_addresses_that_a_scheduler_prints_are_taken(address):
+    check_scheduler(address)
+
+
+def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(pool, "_ANSWER", 1.0)
+    address = "tcp://127.0.0.1:9"  # which no process is given by chance
+    line = f"^scheduler {address}: cannot be reached: .*$"
+    refused(JobError, line, run_squares, tasks(1), tmp_path / "out", client=address)
+
+
+@pytest.mark.slow
+def test_killed_workers_and_a_restarted_scheduler_lose_nothing(cluster, tmp_path, caplog):
+    out = tmp_path / "out"
+
+    def mishaps():
+        wait_for(lambda: len(squares_in(out)) >= 5)
+        worker = cluster.workers.pop(0)
+        worker.kill()
+        worker.wait()
+        cluster.add_worker()
+        wait_for(lambda: len(squares_in(out)) >= 20)
+        cluster.kill()
+        cluster.start()
+
+    thread = threading.Thread(target=mishaps)
+    thread.start()
+    lines = run_squares(tasks(100, 0.2), out, client=cluster.address)
+    thread.join()
+    assert set(lines.values()) == {None}
+    assert "is gone; waiting for it" in caplog.text
+    assert "is back; going on" in caplog.text
+    run_squares(tasks(100, 0.0), tmp_path / "here", workers=2)
+    assert squares_in(out) == squares_in(tmp_path / "here")
+    assert not list(out.rglob("*.part"))
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_stays_away_is_one_line_and_the_job_resumes_elsewhere(
+    cluster, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(pool, "_PATIENCE", 4.0)
+    out = tmp_path / "out"
+
+    def end():
+        wait_for(lambda: len(squares_in(out)) >= 3)
+        os.kill(cluster.scheduler.pid, signal.SIGKILL)
+
+    thread = threading.Thread(target=end)
+    thread.start()
+    with pytest.raises(JobError, match=r"is gone; start it and run the same job again to resume$"):
+        run_squares(tasks(60, 0.2), out, client=cluster.address)
+    thread.join()
+    before = squares_in(out)
+    assert 3 <= len(before) < 60
+    run_squares(tasks(60, 0.0), out)
+    after = squares_in(out)
+    assert len(after) == 60
+    assert {name: after[name] for name in before} == before
