@@ -103,12 +103,6 @@ class SectionFan:
         self.medium = medium
         self.coefficients = CubicSpline(medium.depth, medium.sound_speed, axis=2, bc_type="natural").c
         self.coefficients = np.moveaxis(self.coefficients[::-1], (0, 1), (3, 2))  # north, east, layer, power
-        self.splines = None
-        if medium.north.size > 1:
-            self.splines = self.coefficients
-            for axis, nodes in ((0, medium.north), (1, medium.east)):
-                spline = make_interp_spline(nodes, self.splines, k=min(3, nodes.size - 1), axis=axis)
-                self.splines = np.moveaxis(spline.c, 0, axis)
 
     def _weights(self, nodes, x):
         """Values, first and second derivatives of the interpolating splines of unit vectors at x; (3, n, nodes)."""
@@ -162,11 +156,10 @@ class SectionFan:
         _trace(section, self.medium.depth, bed, step, stops, source[2], c_source, angle, q, out)
         return out, c_source, section
 
-    def eigenrays(self, source, azimuth, receivers, step=15.0, n_rays=100_000, steepest=0.35):
-        """Rays in the plane from a source to receivers (range [m], a whole number of steps, and depth)."""
+    def eigenrays(self, source, azimuth, receivers, angle, step=15.0):
+        """Rays in the plane, of a fan at equally spaced launch angles, to receivers (range, a whole number of steps, and depth)."""
         ends = np.rint(receivers[:, 0] / step).astype(np.int64)
         stops, where = np.unique(ends, return_inverse=True)
-        angle = np.linspace(-steepest, steepest, n_rays)
         out, c_source, section = self.trace(source, azimuth, angle, 0.0 * angle, step, stops)
         rows, dips = [], []
         for link, (stop, (distance, depth)) in enumerate(zip(where, receivers, strict=True)):
