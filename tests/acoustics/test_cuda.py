@@ -152,14 +152,14 @@ def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt
         assert results[0][1].sum() > 3
 
 
-def test_a_thread_of_a_12_km_link_needs_two_thirds_of_a_megabyte():
+def test_a_thread_of_a_12_km_link_needs_less_than_three_quarters_of_a_megabyte():
     from pymantaray.acoustics._kernels.layout import least_shapes
 
     axis, depth = np.linspace(0.0, 2e4, 9), np.linspace(0.0, 4000.0, 40)
     c = np.full((9, 9, 40), 1500.0)
     domain = Medium.from_grid(axis, axis, depth, c, bathymetry=np.full((9, 9), 4e3)).domain()
     needed = 8 * sum(np.prod(shape) for shape in least_shapes(domain, 12e3))
-    assert needed < 0.68e6
+    assert needed < 0.72e6
 
 
 def test_device_that_is_not_there_is_one_line(monkeypatch):

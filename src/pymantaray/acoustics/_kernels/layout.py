@@ -12,9 +12,10 @@ W, P, XI, ETA, TAU, Y, Q, DY_DQ = range(8)
 N_FAN, N_FULL = 4, 8
 # Kept beside it for a fan: the distance along the axis at which an OPEN ray left the water or a FORWARD one was reflected
 # too often (0: nowhere), and the largest |xi| on its way; of the former the derivative of that place by the launch angle, and of
-# the logarithm of how steeply it rose there.
+# the logarithm of how steeply it rose there. Its least and greatest offset across the axis on its way, with their derivatives.
 GONE, GROWN, GONE_RATE, GONE_BEND = range(8, 12)
-N_STATE = 12
+HIGHEST, HIGHEST_RATE, LOWEST, LOWEST_RATE = range(12, 16)
+N_STATE = 16
 
 # Node of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset [m],
 # slowness along range, depth and cross-track [times the source's sound speed], boundary.
@@ -28,11 +29,12 @@ N_NODE = 8
 
 # Ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, code of its reflections; for the
 # search only: error of the cubic about it, tolerance, how far it diverged on its way (before it is traced, is expected to), and GONE
-# with what is known of it. The upper end of an interval has in place of DEFECT the number of the fan's interval that it is of.
+# with what is known of it, and its least and greatest depth less the source's with their derivatives. The upper end of an interval has in place of DEFECT the number of the fan's interval that it is of.
 ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT, TOL, GROWTH = range(10)
 LEFT, LEFT_RATE, LEFT_BEND = range(10, 13)
+TOP, TOP_RATE, LOW, LOW_RATE = range(13, 17)
 INTERVAL = DEFECT
-N_RAY = 13
+N_RAY = 17
 N_BRACKET = 7  # of these an end of a bracket has the first
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
@@ -131,7 +133,7 @@ Ray.__doc__ = """What one ray is integrated in; K (7, N_FULL) asks for the full 
 path (n, N_PATH) takes every accepted step of a full ray when it has rows.
 """
 
-N_LANES = 43  # rows of eight numbers, see `march`
+N_LANES = 47  # rows of eight numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_PATH = 32_768
 MAX_NODES = 4096

@@ -27,6 +27,7 @@ from pymantaray.compile import inlined, kernel
 
 # Rows of the workspace: state, its derivatives at the seven stages of a step, and what belongs to each ray
 _SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT, _RATE, _BEND, _TOL, _EXPECTED = 4, *range(32, 43)
+_TOP, _TOP_RATE, _LOW, _LOW_RATE = range(43, 47)
 FIRST_STEP = 60.0  # m
 _COME, _FAILED = 1.0, 2.0
 # Where rays diverge, measured by straight ones, the errors made on their way grow with them
@@ -173,7 +174,7 @@ def _launch(rows, lane, fan, n_rays, course):
     rows[_NEXT, 0] += 1.0
     node = fan[ray if ray < n_rays else 0]
     angle = node[at.ANGLE]
-    for row in (at.W, at.XI, _POS, _GONE, _GROWN):
+    for row in (at.W, at.XI, _POS, _GONE, _GROWN, _TOP, _TOP_RATE, _LOW, _LOW_RATE):
         rows[row, lane] = 0.0
     rows[at.P, lane], rows[at.ETA, lane] = math.sin(angle), math.cos(angle)
     rows[_LENGTH, lane], rows[_RAY, lane] = min(course.length, FIRST_STEP), ray
@@ -196,6 +197,8 @@ def _relay(rows, fan, n_rays, course):
             node[at.GOOD], node[at.CODE] = 1.0 if rows[_DONE, lane] == _COME else 0.0, 0.0
             node[at.LEFT] = rows[_GONE, lane]
             node[at.LEFT_RATE], node[at.LEFT_BEND] = rows[_RATE, lane], rows[_BEND, lane]
+            node[at.TOP], node[at.TOP_RATE] = rows[_TOP, lane], rows[_TOP_RATE, lane]
+            node[at.LOW], node[at.LOW_RATE] = rows[_LOW, lane], rows[_LOW_RATE, lane]
             node[at.GROWTH] = rows[_GROWN, lane] / course.length
             more = needs_more(node[at.MISS], node[at.TOL], node[at.GROWTH], rows[_EXPECTED, lane])
             if node[at.LEFT] == 0.0 and more:
@@ -227,6 +230,17 @@ def _exit(rows, above, state, top):
     store(rows, _RATE, choose(above, rate, load(rows, _RATE)))
     store(rows, _BEND, choose(above, choose((rise < 0.0) & (dw < 0.0), bend, math.nan), load(rows, _BEND)))
     return back
+
+
+@inlined
+def _note_extremes(rows, state):
+    """Keep the least and the greatest offset of eight rays on their way, with the derivatives there."""
+    w, _, xi, _ = state
+    top, low = load(rows, _TOP), load(rows, _LOW)
+    store(rows, _TOP_RATE, choose(w < top, xi, load(rows, _TOP_RATE)))
+    store(rows, _LOW_RATE, choose(w > low, xi, load(rows, _LOW_RATE)))
+    store(rows, _TOP, choose(w < top, w, top))
+    store(rows, _LOW, choose(w > low, w, low))
 
 
 @inlined
@@ -303,6 +317,7 @@ def march(s, walls, course, fan, n_rays, rows):
             ahead = _to_level(s, state[0] + z_source, load(rows, _SLOPES))
             h = choose(ahead < h, ahead, h)
         grown = choose(grown < absolute(state[2]), absolute(state[2]), grown)
+        _note_extremes(rows, state)
         above = (state[0] < lowest - z_source) & (gone < 1e-300) & good
         if any_lane(above):
             if not flat:

@@ -19,6 +19,8 @@ INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the trav
 _NEAR = 1e-5  # rad; derivatives are differences between rays so near to each other
 # Where Newton's method fails at once, slopes across the plane are brought in by shares of them
 _FIRST_SHARE, _LEAST_SHARE = 0.25, 1.0 / 128.0
+_MOST_MOVES = 24  # of the ends of a bracket
+_LEAST_PART = 1e-3  # of its width is the shortest of them
 _RETURN = 10.0  # times its miss: farther beyond the edges of the cells held a ray is not brought back
 _ON_THE_WAY = 1e-4  # of the course: how near to the receiver a ray with a share of the slope comes
 
@@ -126,29 +128,40 @@ def _widened(s, walls, course, bracket, tol, work):
     """
     y, ray = work.y, full_ray(work)
     a, b, q, fa, fb = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0
-    width = b - a
-    for attempt in range(16):
+    rise, step, moved, grows = bracket[1, at.MISS] - bracket[0, at.MISS], b - a, 0, True
+    least = _LEAST_PART * step
+    for attempt in range(_MOST_MOVES):
         ok, _, _, _ = trace(s, walls, course, a, q, tol, ray)
-        if not ok:
+        beyond = moved < 0 and (not ok or y[at.XI] * rise < 0.0)
+        if not ok and not beyond:
             return False, a, b, fa, fb, q
-        fa = y[at.W] - course.target
-        if y[at.DY_DQ] > 0.0:
-            q -= y[at.Y] / y[at.DY_DQ]
+        if ok:
+            fa = y[at.W] - course.target
+            if y[at.DY_DQ] > 0.0:
+                q -= y[at.Y] / y[at.DY_DQ]
         ok, _, _, _ = trace(s, walls, course, b, q, tol, ray)
-        if not ok:
+        beyond = beyond or (moved > 0 and (not ok or y[at.XI] * rise < 0.0))
+        if not ok and not beyond:
             return False, a, b, fa, fb, q
-        fb = y[at.W] - course.target
-        if y[at.DY_DQ] > 0.0:
-            q -= y[at.Y] / y[at.DY_DQ]
+        if ok:
+            fb = y[at.W] - course.target
+            if y[at.DY_DQ] > 0.0:
+                q -= y[at.Y] / y[at.DY_DQ]
         if attempt == 0:
             continue
-        if fa * fb <= 0.0 or width > 1e-3:
+        if (fa * fb <= 0.0 and not beyond) or step > 1e-3 or step < least:
             break
-        if abs(fa) < abs(fb):  # not by more than it is wide: beside a caustic's other ray there is none
-            a -= width
-        else:
-            b += width
-        width *= 2.0
+        if beyond:  # the root is before the extremum
+            grows = False
+            step *= 0.5
+            a, b = (a + step, b) if moved < 0 else (a, b - step)
+            continue
+        if grows and moved != 0:
+            step *= 2.0
+        moved = (
+            -1 if abs(fa) < abs(fb) else 1
+        )  # not by more than it is wide: beside a caustic's other ray there is none
+        a, b = (a - step, b) if moved < 0 else (a, b + step)
     return True, a, b, fa, fb, q
 
 

@@ -36,6 +36,9 @@ _APART = 0.25  # of the link: rays that left the water so far from each other di
 _LEAST_RISE = 0.3  # of their own rise is left to rays of which all between leave the water as they do,
 _SAME_PLACE = 0.3  # at places that their rates foretell within this share of the distance
 _WINDOW = 2e-5  # rad; and between them may be a window of rays that did not, if not narrower than this
+_JUMP = 5.0  # m by which turning depths differ from those that their derivatives predict, if a sound-speed maximum parts the rays
+_BENT = 0.25  # of the nearer miss: slope defects up to which no root is expected between rays that a maximum parts
+_LEAST_PASSAGE = 2e-4  # rad; rays that pass a maximum within a narrower interval are weak
 _DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # what becomes of an interval
 
 Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang")
@@ -78,6 +81,8 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
     node[at.GOOD], node[at.CODE] = 1.0 if ok else 0.0, code
     node[at.TOL], node[at.GROWTH], node[at.LEFT] = tol, grown, y[at.GONE]
     node[at.LEFT_RATE], node[at.LEFT_BEND] = y[at.GONE_RATE], y[at.GONE_BEND]
+    node[at.TOP], node[at.TOP_RATE] = y[at.HIGHEST], y[at.HIGHEST_RATE]
+    node[at.LOW], node[at.LOW_RATE] = y[at.LOWEST], y[at.LOWEST_RATE]
     if rule.fold != 0 and (code % 1024 // 32 if rule.fold <= ON_SURFACE else code % 32) % 2 == 1:
         for i in (at.MISS, at.SLOPE, at.SLOWNESS, at.TURN):
             node[i] = -node[i]
@@ -127,6 +132,21 @@ def _oscillates(a, b, h):
 def _window(a, b, length):
     """Whether two rays left so far apart that between them may be some that did not: that turn once more before."""
     return a[at.LEFT] * b[at.LEFT] > 0.0 and abs(a[at.LEFT] - b[at.LEFT]) > _APART * length
+
+
+@kernel
+def _maximum_between(a, b, h):
+    """True if a sound-speed maximum seems to turn one of two rays, while the other one crosses it.
+
+    The least and greatest depths of a ray are smooth functions of the launch angle, except at the angle of a ray that runs along the crest
+    of a maximum. In water that varies horizontally, rays near that angle may enter a duct beyond the crest: the miss then changes
+    by hundreds of metres within 1e-4 rad, which neither ray's derivative shows.
+    """
+    rise, fall = b[at.TOP] - a[at.TOP], b[at.LOW] - a[at.LOW]
+    return (
+        max(abs(h * a[at.TOP_RATE] - rise), abs(h * b[at.TOP_RATE] - rise)) > _JUMP
+        or max(abs(h * a[at.LOW_RATE] - fall), abs(h * b[at.LOW_RATE] - fall)) > _JUMP
+    )
 
 
 @kernel
@@ -394,12 +414,12 @@ def _judge(a, b, varies, course, search):
         return _DROP if h < search.min_width else _SPLIT, False
     if not reflecting and _leave_alike(a, b, course.length):
         return _GONE, same
-    return _judge_smooth(a, b, varies, course.length, search), same
+    return _judge_smooth(a, b, varies, not reflecting, course.length, search), same
 
 
 @inlined
-def _judge_smooth(a, b, varies, length, search):
-    """What is to become of an interval between rays with the same reflections."""
+def _judge_smooth(a, b, varies, direct, length, search):
+    """Judge an interval between rays with the same reflections, none if they are direct."""
     h, fa, fb, e = b[at.ANGLE] - a[at.ANGLE], a[at.MISS], b[at.MISS], a[at.DEFECT]
     rise = fb - fa
     ea = h * a[at.SLOPE] - rise
@@ -422,7 +442,9 @@ def _judge_smooth(a, b, varies, length, search):
     even = sure and monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
     clear = even or (nearest > reach + tol and not _oscillates(a, b, h))
     window = varies and h > _WINDOW and _window(a, b, length)
-    return _DROP if h < search.min_width or (clear and not window) else _SPLIT
+    bent = direct and varies and h > _LEAST_PASSAGE and max(abs(ea), abs(eb)) > _BENT * nearest
+    hidden = bent and _maximum_between(a, b, h)
+    return _DROP if h < search.min_width or (clear and not window and not hidden) else _SPLIT
 
 
 @kernel

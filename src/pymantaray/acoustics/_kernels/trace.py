@@ -229,6 +229,10 @@ def trace(s, walls, course, angle, q0, tol, ray):
         z = _depth(axis, pos, y)
         if n_eq == at.N_FAN:
             y[at.GROWN] = max(y[at.GROWN], abs(y[at.XI]))
+            if y[at.W] < y[at.HIGHEST]:
+                y[at.HIGHEST], y[at.HIGHEST_RATE] = y[at.W], y[at.XI]
+            elif y[at.W] > y[at.LOWEST]:
+                y[at.LOWEST], y[at.LOWEST_RATE] = y[at.W], y[at.XI]
             if z < lowest and y[at.GONE] == 0.0 and rule.kind == at.OPEN:
                 _note_exit(walls, axis, pos, z, y, K)
         if s.kind == at.SMOOTH:
