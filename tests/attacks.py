@@ -480,7 +480,7 @@ def other_folders(material):
     ]
     script = (
         "import sys; sys.argv[0] = 'mantaray'\n"
-        "from pymantaray.study.workers import Workers\n"
+        "from pymantaray.jobs.processes import Workers\n"
         "from attacks import start\n"
         "with Workers(start, 1) as workers: print(workers.submit(21).result())\n"
     )

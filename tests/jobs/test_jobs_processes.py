@@ -205,7 +205,7 @@ def test_processes_import_from_pythonpath(tmp_path):
         "def start():\n    return double\ndef double(n):\n    return 2 * n\n"
     )
     script = (
-        "from task_of_mine import start; from pymantaray.study.workers import Workers\n"
+        "from task_of_mine import start; from pymantaray.jobs.processes import Workers\n"
         "with Workers(start, 1) as workers:\n    print(workers.submit(21).result())\n"
     )
     done = subprocess.run(

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from pymantaray.study.workers import WorkerEndedError
+from pymantaray.jobs.processes import WorkerEndedError
 from refusals import refused
 
 import pymantaray
