@@ -35,8 +35,8 @@ def study_errors(path, place, links):
     tree = copy.deepcopy(factories.TINY)
     tree["ocean"] = {
         "source": [str(path)],
-        "centre_latitude_deg": place[0],
-        "centre_longitude_deg": place[1],
+        "centre_lat": place[0],
+        "centre_lon": place[1],
         "half_extent_north": links.half_extent,
         "half_extent_east": links.half_extent,
     }

@@ -249,7 +249,7 @@ def test_a_sea_floor_of_its_own_is_taken(here, ocean, file, links, content, tmp_
     floor = floor.assign_coords(lat=("lat", lat, ocean["lat"].attrs), lon=("lon", lon, ocean["lon"].attrs))
     floor["elevation"].attrs = {"units": "m", "standard_name": "height_above_mean_sea_level"}
     floor.to_netcdf(tmp_path / "floor.nc")
-    atlas = Atlas(file, links, window=_window(ocean, 12, 12, 12, 13), sea_floor=tmp_path / "floor.nc")
+    atlas = Atlas(file, links, window=_window(ocean, 12, 12, 12, 13), bathymetry=tmp_path / "floor.nc")
     own = content(run_atlas(atlas, tmp_path / "atlas.nc"))
     assert (own["link_status"].isel(pair=1) == RayStatus.OUTSIDE).all()  # at 300 m
     assert (own["link_status"].isel(pair=0, distance=0) == RayStatus.OK).all()

@@ -15,13 +15,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from pymantaray.jobs.processes import WorkerEndedError
 from refusals import refused
 
 import pymantaray
 from pymantaray.acoustics import Medium
 from pymantaray.cli.main import main
 from pymantaray.errors import ServiceError
+from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.records import RayStatus
 from pymantaray.service import RangingService, make_server, server
 from pymantaray.service.messages import PingAnswer

@@ -1,16 +1,17 @@
 """What a current does to travel times: the first-order change along each ray of the water at rest."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics.medium import require_local
-from pymantaray.acoustics.paths import Quadrature
+from pymantaray.acoustics.medium import Medium, require_local
+from pymantaray.acoustics.paths import Quadrature, quadrature, trace_paths
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.records import Arrivals
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -95,3 +96,12 @@ def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Ar
         nodes.weight > 0.0, -rate * nodes.weight, 0.0
     )  # between equal positions slowness is NaN
     return np.bincount(nodes.arrival, weights=change, minlength=n_arrivals).astype(float)
+
+
+def carried(
+    medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, currents: Currents, **options: Any
+) -> Arrivals:
+    """Arrivals of links with the delays of the current in their travel times; options of `trace_paths`."""
+    paths = trace_paths(medium, source, receiver, arrivals, **options)
+    delay = current_delays(quadrature(paths), currents, arrivals.link.size)
+    return replace(arrivals, travel_time=arrivals.travel_time + delay)

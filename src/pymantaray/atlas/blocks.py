@@ -1,6 +1,7 @@
 """What a worker does for an atlas: the columns of one block, written where the others are."""
 
 import io
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 from zipfile import BadZipFile, ZipFile
@@ -9,16 +10,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
+from pymantaray.acoustics import Currents, Medium
+from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, water_at
 from pymantaray.atlas.dataset import VARIABLES, shape_of
 from pymantaray.atlas.plan import Block
 from pymantaray.geometry.longitude import whole_turns
 from pymantaray.jobs.pool import run_in_store
 from pymantaray.jobs.store import Store
-from pymantaray.ocean import open_sea_floor
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
 from pymantaray.records.unpacking import MOST_UNPACKED_BYTES
+from pymantaray.water.ocean import build_medium, build_sea_floor, is_profile, profile_fields
+from pymantaray.water.uniform import one_profile
 
 _STATUS = "column_status"
 
@@ -55,20 +58,42 @@ def read_block(content: bytes) -> dict[str, NDArray[Any]]:
 
 def block_errors(block: Block) -> dict[str, NDArray[Any]]:
     """Variables of an atlas for the columns of a block, each (lat, lon, ...)."""
-    ocean = _water(block)
-    floor = None if block.sea_floor is None else open_sea_floor(block.sea_floor, window=block.window)
     out = {
         name: np.full((len(block.lat), len(block.lon), *shape_of(v, block.links)), v.nothing, v.dtype)
         for name, v in VARIABLES.items()
     }
+    section = block.water.ocean
+    if is_profile(section):
+        fields = profile_fields(section, one_profile(section), block.links.interpolation)
+        medium = build_medium(block.water, fields)
+        assert isinstance(medium, Medium)  # one profile does not vary
+        columns = [(0, 0, WATER, column_errors(medium, block.links)._asdict())]
+    else:
+        columns = list(_columns(block))
+    for i, j, status, errors in columns:
+        out[_STATUS][i, j] = status
+        for name, values in errors.items():
+            out[name][i, j] = values
+    return out
+
+
+def source_of(block: Block) -> tuple[str, bool]:
+    """Title of the water, and True if it is made up."""
+    if is_profile(block.water.ocean):
+        return one_profile(block.water.ocean).name, False
+    attrs = _water(block).attrs
+    return str(attrs["title"]), bool(attrs["synthetic"])
+
+
+def _columns(block: Block) -> Iterator[tuple[int, int, int, dict[str, NDArray[Any]]]]:
+    """Row, column, status and errors of each column of a gridded ocean."""
+    ocean = _water(block)
+    sea_floor = build_sea_floor(block.water.ocean, ocean)
     middle = 0.5 * float(ocean["lon"][0] + ocean["lon"][-1])
     for i, lat in enumerate(block.lat):
         for j, lon in enumerate(block.lon):
             place = (lat, lon - whole_turns(lon, about=middle))
-            out[_STATUS][i, j], errors = _column(ocean, place, block, floor)
-            for name, values in errors.items():
-                out[name][i, j] = values
-    return out
+            yield i, j, *_column(ocean, place, block, sea_floor)
 
 
 def _column(
@@ -77,16 +102,21 @@ def _column(
     there = ocean["water_temp"].isel(depth=0).sel(lat=place[0], lon=place[1], method="nearest")
     if not np.isfinite(there):
         return LAND, {}
-    medium = medium_at(ocean, place, block.links, equation=block.equation, sea_floor=sea_floor)
-    return (EDGE, {}) if medium is None else (WATER, column_errors(medium, block.links)._asdict())
+    local = water_at(ocean, place, block.links, block.water.ocean, sea_floor)
+    if local is None:
+        return EDGE, {}
+    medium = Medium.from_dataset(local, interpolation=block.links.interpolation)
+    currents = Currents.from_dataset(local) if block.water.acoustics.currents else None
+    return WATER, column_errors(medium, block.links, currents)._asdict()
 
 
 def _water(block: Block) -> xr.Dataset:
     """Grid points that the links of a block can need, which may all be land."""
-    time = str(block.time)
+    time, section = str(block.time), block.water.ocean
     if block.files[0].startswith("synthetic:"):
         return crop(_whole(block.files, time), block.window)
-    return read_ocean(block.files, time=time, window=block.window, currents="rest")
+    options: dict[str, Any] = {"currents": section.currents, "names": section.names}
+    return read_ocean(block.files, time=time, window=block.window, **options)
 
 
 @lru_cache(maxsize=1)

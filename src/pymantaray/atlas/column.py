@@ -7,12 +7,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium, find_eigenrays, select
+from pymantaray.acoustics import Currents, Medium, find_eigenrays, select
+from pymantaray.acoustics.currents import carried
 from pymantaray.atlas.links import CONVENTIONS, AtlasLinks
+from pymantaray.config.sections import OceanSection
 from pymantaray.estimation.range_models import ConstantSpeed, TransmitterSpeed
 from pymantaray.evaluation.ranging_error import range_errors
-from pymantaray.ocean import to_local
-from pymantaray.ocean.seawater import Equation
+from pymantaray.ocean import to_local, with_ice
 from pymantaray.ocean.window import Window, rectangle
 from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus
 
@@ -40,19 +41,18 @@ class ColumnErrors(NamedTuple):
     """Shape (convention, safe). [m]"""
 
 
-def medium_at(
+def water_at(
     ocean: xr.Dataset,
     place: tuple[float, float],
     links: AtlasLinks,
-    *,
-    equation: Equation = "teos-10",
+    section: OceanSection | None = None,
     sea_floor: xr.DataArray | None = None,
-) -> Medium | None:
+) -> xr.Dataset | None:
     """
-    Water around a place that lies in the ocean's window, in a local frame centred there; None where the links do not fit in.
+    Local ocean around a place that lies in the ocean's window; None if the links do not fit in.
 
     It is made of the grid points in the rectangle that holds all links and of `SPLINE` more on each side, so that it does not
-    depend on how much of the ocean is at hand.
+    depend on how much of the ocean is at hand. The section gives equation and ice.
     """
     half = links.half_extent
     window = Window.of(ocean, place)
@@ -60,10 +60,17 @@ def medium_at(
         return None
     sides = window.geographic(*rectangle(half, half))
     rows, columns = (_around(axis, x) for axis, x in zip((window.lat, window.lon), sides, strict=True))
-    local = to_local(
-        ocean.isel(lat=rows, lon=columns), place, (half, half), sea_floor=sea_floor, equation=equation
-    )
-    return Medium.from_dataset(local, interpolation=links.interpolation)
+    part = ocean.isel(lat=rows, lon=columns)
+    if section is None:
+        return to_local(part, place, (half, half), sea_floor=sea_floor)
+    local = to_local(part, place, (half, half), sea_floor=sea_floor, equation=section.equation)
+    return local if section.ice is None else with_ice(local, section.ice)
+
+
+def medium_at(ocean: xr.Dataset, place: tuple[float, float], links: AtlasLinks) -> Medium | None:
+    """Medium around a place in an ocean without a sea floor or ice of its own, as `water_at`."""
+    local = water_at(ocean, place, links)
+    return None if local is None else Medium.from_dataset(local, interpolation=links.interpolation)
 
 
 def _around(axis: Array, reach: Array) -> slice:
@@ -72,12 +79,14 @@ def _around(axis: Array, reach: Array) -> slice:
     return slice(max(first - SPLINE, 0), last + SPLINE + 1)
 
 
-def column_errors(medium: Medium, links: AtlasLinks) -> ColumnErrors:
-    """Errors of the links about the centre of a medium's frame."""
+def column_errors(medium: Medium, links: AtlasLinks, currents: Currents | None = None) -> ColumnErrors:
+    """Errors of the links about the centre of a medium's frame, whose sound the currents may carry."""
     transmitter, receiver = links.ends()
     cutoff = links.spreading_cutoff_db
     options: dict[str, Any] = {"spreading_cutoff_db": cutoff, "tolerance": links.tolerance, "threads": 1}
     arrivals = find_eigenrays(medium, transmitter, receiver, **options)
+    if currents is not None:
+        arrivals = carried(medium, transmitter, receiver, arrivals, currents)
     direct = select(arrivals, "direct")
     most = links.max_surface_bounces, links.max_bottom_bounces
     if any(most):

@@ -1,33 +1,43 @@
 """What an atlas is of: columns of an ocean at some instants, cut into blocks that can be computed each on its own."""
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.acoustics import Medium
 from pymantaray.atlas.column import SPLINE
 from pymantaray.atlas.links import AtlasLinks
+from pymantaray.config import SoundConfig
+from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import wrapped
 from pymantaray.installation import code_version
 from pymantaray.jobs.keys import digest, sha256
+from pymantaray.ocean import stored_ocean
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.open import FileSource, OceanIndex, ocean_index
-from pymantaray.ocean.seawater import Equation
+from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import GeographicWindow, rectangle, select
+from pymantaray.water import Source
+from pymantaray.water.ocean import is_profile
+from pymantaray.water.uniform import one_profile
+from pymantaray.water.water import configuration_of
 
 Array = NDArray[np.float64]
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
 _SYNTHETIC = "synthetic:"
 _COLUMNS = 16  # of a block, each way; rays of 256 columns take half a minute
 _POINTS = 160  # of the grid that a block is spread over, each way, at most
+_OF_A_PROFILE = 0.1  # degrees, of the cell that stands for it
 _SPARE = SPLINE + 2  # grid points read beyond the links of a block
 
 
@@ -43,8 +53,8 @@ class Block:
     lat: tuple[float, ...]
     lon: tuple[float, ...]
     links: AtlasLinks
-    equation: Equation
-    sea_floor: str | None
+    water: SoundConfig
+    """Sea floor, ice, equation, names and currents of the ocean."""
     place: tuple[int, slice, slice]
     """Where it belongs in the atlas: time, latitudes, longitudes."""
     kind: str = "block"
@@ -57,19 +67,20 @@ class Atlas:
 
     Parameters
     ----------
-    source : str, Path or sequence of them
-        As `pymantaray.ocean.open_ocean` takes it.
-    links : AtlasLinks
+    source : str, Path, sequence of them, xarray.Dataset or SoundConfig
+        Any source of `pymantaray.open_water` except a medium or a local ocean. A profile or cast has one column. A data set in
+        memory is written to the user's cache, because other processes read it.
+    links : AtlasLinks, optional
+        By default those with the bounces, cut-off and interpolation of the source, if it is a configuration.
     window : tuple of float, optional
         South, north, west, east of the columns; water beyond is still read for their links. [degrees]
     every : int
         Every n-th column each way, counted in the source's whole grid.
     times : sequence of str or numpy.datetime64, optional
         Instants (UTC) that the source has; by default its first.
-    equation : {"teos-10", "del-grosso", "unesco"}
-        Equation of sound speed.
-    sea_floor : str or pathlib.Path, optional
-        File for `pymantaray.ocean.open_sea_floor`. By default the sea floor is where the ocean's levels end.
+    **options
+        Of `pymantaray.open_water` that concern the ocean, such as ``bathymetry``, ``ice``, ``equation``, ``names`` and
+        ``currents="carry"``. By default the sea floor is where the ocean's levels end.
 
     Raises
     ------
@@ -86,18 +97,17 @@ class Atlas:
 
     def __init__(
         self,
-        source: FileSource,
+        source: Source,
         links: AtlasLinks | None = None,
         *,
         window: GeographicWindow | None = None,
         every: int = 1,
         times: Times | None = None,
-        equation: Equation = "teos-10",
-        sea_floor: str | Path | None = None,
+        **options: Any,
     ) -> None:
-        self.links, self.every, self.equation = links or AtlasLinks(), every, equation
-        self.sea_floor = None if sea_floor is None else os.path.realpath(sea_floor)
-        self._index: OceanIndex = ocean_index(_resolved(source))
+        self.water, self.every = _water_config(source, options), every
+        self.links = links or _links_of(self.water)
+        self._index = _index_of(self.water.ocean)
         self.times = _instants(self._index, times)
         lat, lon = self._index.lat, self._index.lon
         if every < 1:
@@ -108,7 +118,7 @@ class Atlas:
             rows = np.flatnonzero(np.isin(lat, part.lat))
             columns = part.columns
             lon = part.lon
-        chosen = [np.flatnonzero(n % every == every // 2) for n in (rows, columns)]
+        chosen = [np.flatnonzero(n % every == (every // 2 if n.size > 1 else 0)) for n in (rows, columns)]
         self._rows, self._columns = rows[chosen[0]], columns[chosen[1]]
         self.lat, self.lon = self._index.lat[self._rows], lon[chosen[1]]
         """Of the columns. [degrees]"""
@@ -127,7 +137,8 @@ class Atlas:
             (self._index.lat, self.lat, self._rows),
             (self._index.lon, self.lon, self._columns),
         ):
-            half = 0.5 * self.every * np.gradient(axis)[chosen]
+            step = np.gradient(axis) if axis.size > 1 else np.array([_OF_A_PROFILE])
+            half = 0.5 * self.every * step[chosen]
             bounds.append(np.stack([own - half, own + half], axis=-1))
         return np.clip(bounds[0], -90.0, 90.0), bounds[1]
 
@@ -136,11 +147,16 @@ class Atlas:
         there = np.flatnonzero(self._index.times == time)
         return self._index.files[int(there[0]) if there.size else 0]
 
+    @property
+    def _maps(self) -> list[str]:
+        """Files of sea floor and ice."""
+        return [file for file in (self.water.ocean.bathymetry, self.water.ocean.ice) if isinstance(file, str)]
+
     @cached_property
     def checksums(self) -> dict[str, str]:
         """SHA-256 of every file that is read."""
         files = dict.fromkeys(file for time in self.times for file in self._files(time))
-        names = [*files, *([] if self.sea_floor is None else [self.sea_floor])]
+        names = [*files, *self._maps]
         try:
             return {name: sha256(Path(name)) for name in names if not name.startswith(_SYNTHETIC)}
         except OSError as error:
@@ -164,14 +180,14 @@ class Atlas:
         files = self._files(time)
         content = {
             "files": files,
-            "sea_floor": self.sea_floor,
             "time": str(time),
             "lat": lat,
             "lon": lon,
             "links": asdict(self.links),
-            "equation": self.equation,
+            "ocean": self.water.ocean.model_dump(mode="json", exclude={"source", "time"}),
+            "currents": self.water.acoustics.currents,
         }
-        read = {file: self.checksums[file] for file in (*files, self.sea_floor) if file in self.checksums}
+        read = {file: self.checksums[file] for file in (*files, *self._maps) if file in self.checksums}
         return Block(
             key=digest("block", content, read),
             files=files,
@@ -180,13 +196,14 @@ class Atlas:
             lat=tuple(lat),
             lon=tuple(lon),
             links=self.links,
-            equation=self.equation,
-            sea_floor=self.sea_floor,
+            water=self.water,
             place=(t, rows, columns),
         )
 
     def _reach(self, lat: Array, lon: Array) -> GeographicWindow:
         """South, north, west and east of the grid points that the links of some columns can need."""
+        if self._index.lat.size == 1:  # of a profile, which has no grid
+            return float(lat[0]), float(lat[0]), float(lon[0]), float(lon[0])
         half = self.links.half_extent
         corners = [
             LocalFrame(y, x).to_geodetic(*rectangle(half, half))
@@ -203,10 +220,43 @@ class Atlas:
         return float(south), float(north), float(west), float(min(east, west + 360.0))
 
 
-def _resolved(source: FileSource) -> list[str]:
-    """Names of files by which every worker knows them."""
-    sources = [source] if isinstance(source, str | Path) else list(source)
-    return [str(s) if str(s).startswith(_SYNTHETIC) else os.path.realpath(s) for s in sources]
+def _water_config(source: Source, options: dict[str, Any]) -> SoundConfig:
+    """Configuration of the water of all columns; their places and domains are the atlas' own."""
+    if isinstance(source, Medium):
+        raise AtlasError(
+            "an atlas has columns on latitude and longitude, which a medium has not; give an ocean"
+        )
+    if isinstance(source, xr.Dataset):
+        if "lat" not in source.dims and "north" in source.dims:
+            raise AtlasError(
+                "an atlas needs an ocean on latitude and longitude; give the one before to_local"
+            )
+        source = str(stored_ocean(source))
+    config = configuration_of(source, options)
+    for key in ("time_varying", "internal_tide"):
+        if getattr(config.ocean, key):
+            raise AtlasError(f"ocean.{key}: an atlas has instants of their own, times; leave it out")
+    return config
+
+
+def _links_of(config: SoundConfig) -> AtlasLinks:
+    acoustics = config.acoustics
+    return AtlasLinks(
+        max_surface_bounces=acoustics.max_surface_bounces,
+        max_bottom_bounces=acoustics.max_bottom_bounces,
+        spreading_cutoff_db=acoustics.cutoff_db,
+        interpolation=acoustics.interpolation,
+    )
+
+
+def _index_of(section: OceanSection) -> OceanIndex:
+    """Columns and instants of an ocean; one of each of a profile."""
+    if not is_profile(section):
+        return ocean_index(section.source, section.names)
+    profile = one_profile(section)
+    lat, lon = section.centre or profile.position or (0.0, 0.0)
+    time = np.datetime64(EPOCH, "ns") if np.isnat(profile.time) else profile.time
+    return OceanIndex(np.array([lat]), np.array([lon]), np.array([time]), (section.source,))
 
 
 def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:

@@ -6,14 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pymantaray.atlas.blocks import block_name, read_block, run_block
+from pymantaray.atlas.blocks import block_name, read_block, run_block, source_of
 from pymantaray.atlas.dataset import Placed, open_atlas, write_atlas
 from pymantaray.atlas.plan import Atlas, Block, described
 from pymantaray.errors import AtlasError, JobError, WriteError
 from pymantaray.jobs.pool import Queue, check_scheduler, open_pool, run_tasks
 from pymantaray.jobs.progress import TaskCount, TaskProgress
 from pymantaray.jobs.store import Store, failure_content, open_store, read_valid
-from pymantaray.ocean.open import read_ocean
 
 if TYPE_CHECKING:
     from pymantaray.jobs.pool import Client
@@ -90,13 +89,9 @@ def run_atlas(
         raise AtlasError(
             f"{len(blocks.lines)} of {len(atlas.blocks)} blocks failed, the first by: {blocks.lines[0]}"
         )
-    first = atlas.blocks[0]
-    ocean = read_ocean(first.files, time=str(first.time), window=first.window, currents="rest")
-    attrs = ocean.attrs
+    title, synthetic = source_of(atlas.blocks[0])
     try:
-        write_atlas(
-            atlas, _contents(store, atlas), path, title=attrs["title"], synthetic=bool(attrs["synthetic"])
-        )
+        write_atlas(atlas, _contents(store, atlas), path, title=title, synthetic=synthetic)
     except JobError:
         if not _is_of(path, atlas):  # which another runner has written, and its blocks are gone
             raise

@@ -1,12 +1,13 @@
 """Commands of `mantaray atlas`; what they need is imported when they run, so that help is quick."""
 
+from dataclasses import replace
 from itertools import combinations_with_replacement
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.ocean import Equation, Files
+from pymantaray.cli.ocean import Files
 from pymantaray.cli.options import (
     Commands,
     Force,
@@ -15,6 +16,7 @@ from pymantaray.cli.options import (
     RunGroup,
     Scheduler,
     SearchOptions,
+    WaterOptions,
     Workers,
     parse_duration,
     parse_pair,
@@ -37,6 +39,7 @@ AtlasFile = Annotated[Path, typer.Argument(metavar="ATLAS.nc", help="File of an 
 @with_options
 def run(
     files: Files,
+    water: WaterOptions,
     search: SearchOptions,
     out: Annotated[
         Path,
@@ -80,9 +83,6 @@ def run(
     within_db: Annotated[
         float, typer.Option("--within-db", help="Count arrivals so much weaker than the strongest, or less.")
     ] = 10.0,
-    time: Annotated[
-        list[str] | None, typer.Option("--time", help="Instant in UTC; repeated. Default: the first.")
-    ] = None,
     start: Annotated[str | None, typer.Option("--start", help="First instant (UTC) of a series.")] = None,
     stop: Annotated[str | None, typer.Option("--stop", help="Last instant (UTC) of a series.")] = None,
     step_h: Annotated[
@@ -93,13 +93,6 @@ def run(
             help="Time between instants at least: hours, or such as '2 d'. Default: all; of a synthetic ocean 24 h.",
         ),
     ] = None,
-    sea_floor: Annotated[
-        Path | None, typer.Option("--sea-floor", help="Sea floor from a GEBCO, ETOPO, IBCAO or GLORYS file.")
-    ] = None,
-    equation: Equation = "teos-10",
-    interpolation: Annotated[
-        Literal["smooth", "linear"], typer.Option("--interpolation", help="What lies between grid points.")
-    ] = "smooth",
     workers: Workers = None,
     scheduler: Scheduler = None,
     force: Force = False,
@@ -115,7 +108,10 @@ def run(
     corners = None if window is None else _numbers("--window", window, 4)
     from pymantaray.atlas import Atlas, AtlasLinks, open_atlas, run_atlas, safety_table
     from pymantaray.atlas.plan import instants_between
+    from pymantaray.water.water import configuration_of
 
+    config = configuration_of(files, replace(water, time=None).keys | search.keys)
+    acoustics = config.acoustics
     links = AtlasLinks(
         pairs=tuple(pairs),
         distances=_numbers("--distances", distances),
@@ -123,25 +119,26 @@ def run(
         nominal_sound_speed=nominal,
         safe=_numbers("--safe", safe),
         within_db=within_db,
-        max_surface_bounces=search.max_surface_bounces or 0,
-        max_bottom_bounces=search.max_bottom_bounces or 0,
-        spreading_cutoff_db=None if search.cutoff_db == "off" else float(search.cutoff_db or 15.0),
+        max_surface_bounces=acoustics.max_surface_bounces,
+        max_bottom_bounces=acoustics.max_bottom_bounces,
+        spreading_cutoff_db=acoustics.cutoff_db,
         tolerance=search.tolerance,
-        interpolation=interpolation,
+        interpolation=acoustics.interpolation,
     )
-    if (start is None) != (stop is None) or (start is not None and time):
+    if (start is None) != (stop is None) or (start is not None and water.time):
         raise AtlasError("--start and --stop belong together, and exclude --time")
     if step_h is not None and start is None:
         raise AtlasError("--step-h: there are steps from --start to --stop alone; give both")
     step = None if step_h is None else parse_duration("--step-h", step_h, "h")
+    between = start is not None and stop is not None
     atlas = Atlas(
-        files,
+        config,
         links,
         window=None if corners is None else (corners[0], corners[1], corners[2], corners[3]),
         every=every,
-        times=instants_between(files, start, stop, step) if start and stop else time or None,
-        equation=equation,
-        sea_floor=sea_floor,
+        times=instants_between(config.ocean.source, str(start), str(stop), step)
+        if between
+        else water.time or None,
     )
     with printer(as_json=as_json, quiet=quiet) as printed:
         n, columns, rows = atlas.shape

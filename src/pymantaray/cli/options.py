@@ -329,9 +329,12 @@ class WaterOptions:
             help="Half sides of the domain in km. Default: the largest that fits; a profile has no sides.",
         ),
     ] = None
-    time: Annotated[str | None, typer.Option(help="Time of the ocean (UTC), if its files have several.")] = (
-        None
-    )
+    time: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Time of the ocean (UTC), if its files have several; of an atlas also repeated, by default the first."
+        ),
+    ] = None
     thin: Annotated[
         float | None,
         typer.Option(
@@ -363,7 +366,9 @@ class WaterOptions:
         """Options of `pymantaray.open_water`."""
         from pymantaray.ocean.convert import parse_instant
 
-        time = None if self.time is None else parse_instant(self.time).astype("datetime64[us]").item()
+        if self.time is not None and len(self.time) > 1:
+            raise WaterError(f"--time is given {len(self.time)} times; water has one instant here")
+        time = parse_instant(self.time[0]).astype("datetime64[us]").item() if self.time else None
         half = (
             None if self.half_extent is None else tuple(1e3 * _kilometres(side) for side in self.half_extent)
         )

@@ -188,11 +188,8 @@ class Job:
 
     def solve(self, cutoff_db: float | None = None) -> "Arrivals":
         """Arrivals of all links, by the cut-off of the search unless another is given [dB]; currents may carry them."""
-        from dataclasses import replace
-
-        from pymantaray.acoustics import find_eigenrays, trace_paths
-        from pymantaray.acoustics.currents import current_delays
-        from pymantaray.acoustics.paths import quadrature
+        from pymantaray.acoustics import find_eigenrays
+        from pymantaray.acoustics.currents import carried
         from pymantaray.cli.output import progress_bars
 
         heard = self.water.reception
@@ -210,11 +207,9 @@ class Job:
         currents = self.water.at_start[1]
         if currents is None:
             return arrivals
-        paths = trace_paths(
-            self.medium, self.source, self.receiver, arrivals, tolerance=self.search.tolerance
+        return carried(
+            self.medium, self.source, self.receiver, arrivals, currents, tolerance=self.search.tolerance
         )
-        delay = current_delays(quadrature(paths), currents, arrivals.link.size)
-        return replace(arrivals, travel_time=arrivals.travel_time + delay)
 
     def trace(self) -> "tuple[TracedRays, Status]":
         """Paths of all arrivals, and the outcome of each link."""
