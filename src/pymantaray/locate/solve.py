@@ -1,0 +1,362 @@
+"""Positions of nodes from a survey: outer steps with exact rays, and the choice of the model by its evidence."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import LocateError
+from pymantaray.locate.evidence import Posterior, posterior
+from pymantaray.locate.linear import Linearization, Mask, Products
+from pymantaray.locate.noise import Correlation
+from pymantaray.locate.sound_speed import KINDS, Kind, SpeedPrior, sound_speed_terms
+from pymantaray.locate.starts import start_positions
+from pymantaray.locate.survey import Survey
+from pymantaray.locate.travel_times import Legs, predict
+from pymantaray.locate.unknowns import Arrangement, Unknowns
+from pymantaray.ocean.modes import VerticalModes
+
+Array = NDArray[np.float64]
+_STEPS = 25  # outer steps of one stage
+_SETTLED = 1e-3  # m; the largest change of a node's position in an outer step
+_MAD = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
+_FLOOR = 1e-6  # s; residuals below this are never gross
+_CORRELATION_TIMES = (20.0, 60.0, 180.0, 600.0)  # s
+_RATIOS = (0.3, 3.0, 10.0)
+_SHARES = (0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LocateOptions:
+    """
+    How a survey is solved.
+
+    Parameters
+    ----------
+    sound_speed : {"auto", "known", "scale", "time", "gradient", "modes"}
+        What may differ from the profile; the marginal likelihood decides if ``auto``.
+    correlation : {"auto", "none"}
+        Whether pings may have correlated noise.
+    gross : float
+        Residuals larger than this many robust standard deviations are gross errors.
+    arrangement : {"free", "rigid"}
+        Whether the nodes keep their prior arrangement and move together.
+    speed_prior : SpeedPrior
+    modes : VerticalModes, optional
+        Shapes for the model ``modes``.
+    """
+
+    sound_speed: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"
+    correlation: Literal["auto", "none"] = "auto"
+    gross: float = 5.0
+    arrangement: Arrangement = "free"
+    speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
+    modes: VerticalModes | None = None
+
+    def __post_init__(self) -> None:
+        """Check the words and numbers."""
+        if self.sound_speed not in ("auto", *KINDS):
+            raise LocateError(f"sound speed {self.sound_speed!r}; allowed are auto, {', '.join(KINDS)}")
+        if self.correlation not in ("auto", "none"):
+            raise LocateError(f"correlation {self.correlation!r}; allowed are auto and none")
+        if not self.gross > 2.0:
+            raise LocateError(f"gross is {self.gross:g}; more than 2 standard deviations are needed")
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """Models to choose from, simplest first."""
+        if self.sound_speed != "auto":
+            return (self.sound_speed,)
+        return KINDS if self.modes is not None else KINDS[:-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Values at which the outer steps have settled, and the system there."""
+
+    unknowns: Unknowns
+    values: Array
+    posterior: Posterior
+    correlation: Correlation
+    legs: Legs
+    linear: Linearization
+    products: Products
+    used: Mask
+    settled: bool
+
+    @property
+    def positions(self) -> Array:
+        """Of the nodes (n_nodes, 3). [m]"""
+        return self.unknowns.positions(self.values)
+
+
+class Solver:
+    """Outer steps of one survey in one medium."""
+
+    def __init__(self, survey: Survey, medium: Medium, options: LocateOptions) -> None:
+        self.survey, self.medium, self.options = survey, medium, options
+        stated = survey.sigma[np.isfinite(survey.sigma)]
+        self.weight = np.ones(len(survey))
+        if stated.size:
+            self.weight = np.where(np.isfinite(survey.sigma), survey.sigma, np.median(stated))
+            self.weight = self.weight / np.median(self.weight)
+
+    def unknowns(self, kind: Kind, position: Array) -> Unknowns:
+        """Columns under a model of the sound speed; gradients are about the middle of the positions."""
+        o = self.options
+        speed = sound_speed_terms(self.survey, position, kind, o.speed_prior, o.modes)
+        return Unknowns(self.survey, speed, o.arrangement)
+
+    def first_values(self, unknowns: Unknowns, position: Array, before: Solution | None = None) -> Array:
+        """Values to start from: these positions, and what a solution with another model has of the rest."""
+        values, at = unknowns.prior_mean, unknowns.slices
+        if before is not None:
+            n = at["speed"].start
+            values[:n] = before.values[:n]
+            fraction = before.unknowns.speed.fraction(
+                before.unknowns.speed_values(before.values)[0], len(self.survey)
+            )
+            values[at["speed"]] = _constant(unknowns, float(fraction[before.used].mean()))
+        elif unknowns.arrangement == "free":
+            values[at["position"]] = position.ravel()
+        else:
+            shift = (position - unknowns.positions(values)).mean(axis=0)
+            values[at["array"]][:3] = np.clip(shift, -1.0, 1.0)
+        return values
+
+    def step(
+        self,
+        unknowns: Unknowns,
+        values: Array,
+        correlation: Correlation,
+        hyper: Mapping[str, float],
+        sigma: float,
+    ) -> Solution:
+        """Solve the linear system at some values; the solution's values are those before the step."""
+        modes = unknowns.speed.modes
+        legs = predict(self.survey, self.medium, unknowns.positions(values), unknowns.lever(values), modes)
+        linear = Linearization(unknowns, values, legs, self.weight)
+        used = self.believed(linear)
+        if not used.any():
+            raise LocateError(
+                f"{self.survey.source}: no ping can be explained at the positions from which the solver starts; check"
+                " the positions of platform and nodes, and the profile"
+            )
+        first = sigma or robust_sigma(linear.residual[used] / self.weight[used])
+        products = linear.products(used, correlation, self.survey.platform_error, first)
+        found = posterior(products, unknowns, values, hyper, sigma=first)
+        return Solution(unknowns, values, found, correlation, legs, linear, products, used, settled=False)
+
+    def believed(self, linear: Linearization) -> Mask:
+        """Pings that a ray explains and whose residuals are not gross."""
+        possible = linear.legs.possible & ~self.survey.flagged
+        if not possible.any():
+            return possible
+        size = np.abs(linear.residual / self.weight)
+        limit = max(self.options.gross * robust_sigma(size[possible]), _FLOOR)
+        return np.asarray(possible & (np.nan_to_num(size, nan=np.inf) <= limit))
+
+    def settle(
+        self,
+        unknowns: Unknowns,
+        values: Array,
+        correlation: Correlation,
+        before: Posterior | None = None,
+    ) -> Solution:
+        """Outer steps until the positions settle."""
+        hyper: Mapping[str, float] = {} if before is None else before.hyperparameters
+        sigma = 0.0 if before is None else before.sigma
+        used: Mask | None = None
+        for _ in range(_STEPS):
+            solution = self.step(unknowns, values, correlation, hyper, sigma)
+            new = values + solution.posterior.change
+            moved = float(np.abs(unknowns.positions(new) - unknowns.positions(values)).max())
+            values, hyper = new, solution.posterior.hyperparameters
+            same = used is not None and np.array_equal(used, solution.used)
+            used, sigma = solution.used, solution.posterior.sigma
+            if moved < _SETTLED and same:
+                return replace(solution, values=values, settled=True)
+        return replace(solution, values=values)
+
+
+def _constant(unknowns: Unknowns, fraction: float) -> Array:
+    """Coefficients of the sound speed for a constant fraction."""
+    speed = unknowns.speed
+    out = np.zeros(speed.size)
+    if speed.terms:
+        first = speed.terms[0]
+        out[0] = fraction * (1.0 if first.spline is None else first.spline.unit[0])
+    return out
+
+
+def robust_sigma(residual: Array) -> float:
+    """Standard deviation of residuals by their median size, never 0."""
+    return max(_MAD * float(np.median(np.abs(residual))), 1e-9)
+
+
+class Candidate(Mapping[str, Any]):
+    """A model of the sound speed and the noise with its evidence, as a row of a table."""
+
+    def __init__(self, kind: Kind, correlation: Correlation, found: Posterior) -> None:
+        self.kind, self.correlation, self.found = kind, correlation, found
+        white = correlation.ratio == 0.0
+        self._row: dict[str, Any] = {
+            "sound_speed": kind,
+            "correlation_ratio": correlation.ratio,
+            "correlation_time_s": np.nan if white else correlation.memory,
+            "correlation_shared": np.nan if white else correlation.shared,
+            "abic": found.abic + (0.0 if white else 6.0),
+            "log_evidence": found.log_evidence,
+            "sigma_s": found.sigma,
+            "effective_parameters": found.effective,
+            **{
+                f"{name.replace(' ', '_')}_smoothness": found.hyperparameters.get(name, np.nan)
+                for name in ("time", "platform gradient", "node gradient")
+            },
+        }
+
+    def __getitem__(self, key: str) -> Any:
+        """Value of a column."""
+        return self._row[key]
+
+    def __iter__(self) -> Any:
+        """Names of the columns."""
+        return iter(self._row)
+
+    def __len__(self) -> int:
+        """Count the columns."""
+        return len(self._row)
+
+    @property
+    def abic(self) -> float:
+        """Criterion with the hyperparameters of the noise counted."""
+        return float(self._row["abic"])
+
+
+def choose(solver: Solver, base: Solution) -> tuple[Candidate, list[Candidate]]:
+    """Candidate of lowest ABIC among those that the options allow, and all that were tried, at a solution's values."""
+    rich: Kind = "gradient" if {"time", "gradient"} & set(solver.options.kinds) else "scale"
+    kinds = [kind for kind in solver.options.kinds if kind != "modes"]
+    tried: list[Candidate] = []
+    if kinds:
+        table = _Evidence(solver, base, rich)
+        tried += [table.candidate(kind, Correlation()) for kind in kinds]
+    if "modes" in solver.options.kinds:
+        table_of_modes = _Evidence(solver, base, "modes")
+        tried.append(table_of_modes.candidate("modes", Correlation()))
+    best = min(tried, key=lambda c: c.abic)
+    if solver.options.correlation == "auto" and len(solver.survey) > 30:
+        table = table_of_modes if best.kind == "modes" else table
+        for search in (_times, _ratios, _shares, _times):
+            for correlation in search(best.correlation):
+                if all(correlation != c.correlation for c in tried if c.kind == best.kind):
+                    tried.append(table.candidate(best.kind, correlation))
+            best = min((c for c in tried if c.kind == best.kind), key=lambda c: c.abic)
+            if best.correlation.ratio == 0.0:
+                break
+        if best.correlation.ratio > 0.0:
+            tried += [
+                table.candidate(kind, best.correlation)
+                for kind in kinds
+                if kind != best.kind and best.kind != "modes"
+            ]
+    return min(tried, key=lambda c: c.abic), tried
+
+
+def _times(now: Correlation) -> list[Correlation]:
+    return [Correlation(now.ratio or 1.0, time, now.shared) for time in _CORRELATION_TIMES]
+
+
+def _ratios(now: Correlation) -> list[Correlation]:
+    return [replace(now, ratio=ratio) for ratio in _RATIOS]
+
+
+def _shares(now: Correlation) -> list[Correlation]:
+    return [replace(now, shared=share) for share in _SHARES]
+
+
+class _Evidence:
+    """Evidence of models at one linearization: those that are poorer use some columns of the richest."""
+
+    def __init__(self, solver: Solver, base: Solution, rich: Kind) -> None:
+        self._solver, self._base = solver, base
+        self._unknowns = solver.unknowns(rich, base.positions)
+        self._values = solver.first_values(self._unknowns, base.positions, base)
+        legs = base.legs
+        if self._unknowns.speed.modes is not None:
+            legs = predict(
+                solver.survey,
+                solver.medium,
+                base.positions,
+                base.unknowns.lever(base.values),
+                self._unknowns.speed.modes,
+            )
+        self._linear = Linearization(self._unknowns, self._values, legs, solver.weight)
+        self._products: dict[Correlation, Products] = {}
+
+    def candidate(self, kind: Kind, correlation: Correlation) -> Candidate:
+        """Evidence of one model."""
+        sigma = self._base.posterior.sigma
+        if correlation not in self._products:
+            self._products = {
+                correlation: self._linear.products(
+                    self._base.used, correlation, self._solver.survey.platform_error, sigma
+                )
+            } | {c: p for c, p in self._products.items() if c.ratio == 0.0}
+        products = self._products[correlation]
+        found = posterior(
+            products,
+            self._unknowns,
+            self._values,
+            {},
+            sigma=sigma / np.sqrt(correlation.variance),
+            without=self._held(kind),
+        )
+        return Candidate(kind, correlation, found)
+
+    def _held(self, kind: Kind) -> NDArray[np.int64]:
+        """Columns of the sound speed that a poorer model lacks."""
+        at, speed = self._unknowns.slices["speed"], self._unknowns.speed
+        columns = np.arange(at.start, at.stop)
+        if kind in (speed.kind, "modes"):
+            return columns[:0]
+        size = speed.terms[0].sd.size if speed.terms else 0
+        return columns[{"known": 0, "scale": 1, "time": size, "gradient": columns.size}[kind] :]
+
+
+def solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solution, list[Candidate], Solver]:
+    """Solution of a survey sorted by time, the candidates for its model, and the solver."""
+    solver = Solver(survey, medium, options)
+    start = start_positions(survey, medium)
+    simple: Kind = "known" if options.sound_speed == "known" else "scale"
+    unknowns = solver.unknowns(simple, start)
+    base = solver.settle(unknowns, solver.first_values(unknowns, start), Correlation())
+    chosen, tried = choose(solver, base)
+    for _ in range(2):
+        unknowns = solver.unknowns(chosen.kind, base.positions)
+        values = solver.first_values(unknowns, base.positions, base)
+        solution = solver.settle(unknowns, values, chosen.correlation, chosen.found)
+        if np.array_equal(solution.used, base.used):
+            break
+        base, before = solution, (chosen.kind, chosen.correlation)  # the evidence is of the pings that are used
+        chosen, tried = choose(solver, base)
+        if (chosen.kind, chosen.correlation) == before:
+            break
+    return solution, tried, solver
+
+
+def candidate_table(tried: list[Candidate], chosen: Solution) -> pd.DataFrame:
+    """Candidates by ABIC, best first, with the difference to the best."""
+    table = pd.DataFrame([dict(c) for c in tried]).sort_values("abic", ignore_index=True, kind="stable")
+    table.insert(0, "chosen", [
+        row.sound_speed == chosen.unknowns.speed.kind and row.correlation_ratio == chosen.correlation.ratio
+        and (chosen.correlation.ratio == 0.0 or (row.correlation_time_s, row.correlation_shared)
+             == (chosen.correlation.memory, chosen.correlation.shared))
+        for row in table.itertuples()
+    ])
+    table.insert(5, "abic_difference", table["abic"] - table["abic"].min())
+    return table
