@@ -18,7 +18,7 @@ from pymantaray.locate.unknowns import Unknowns
 
 Array = NDArray[np.float64]
 _STEPS = 60
-_SETTLED = 1e-3  # change of the logarithm of every hyperparameter
+_SETTLED = 3e-3  # change of the logarithm of every hyperparameter
 _SMALLEST, _LARGEST = 1e-8, 1e-1  # of a hyperparameter: fractions of the sound speed, and of it per km
 _LEAST_SIGMA = 1e-9  # s
 
@@ -51,11 +51,13 @@ def posterior(
     *,
     sigma: float,
     without: NDArray[np.int64] | None = None,
+    steps: int = _STEPS,
 ) -> Posterior:
     """
     Posterior at values, with the noise level [s] and the hyperparameters of highest evidence.
 
-    They start from ``sigma`` and ``start``. The columns ``without`` are held where they are, as if known.
+    They start from ``sigma`` and ``start``. The columns ``without`` are held where they are, as if known. With
+    one of the ``steps`` of the fixed-point rule they stay as they start.
     """
     prior_sd = unknowns.prior_sd
     if without is not None:
@@ -67,10 +69,10 @@ def posterior(
     place = {column: i for i, column in enumerate(active.tolist())}
     members = {name: np.array([place[c] for c in columns.tolist()]) for name, columns in groups.items()}
     normal, right = products.normal[np.ix_(active, active)], products.right[active]
-    for step in range(_STEPS):
+    for step in range(steps):
         sd = unknowns.scaled_sd(hyper)[active]
         solved = _solve(normal, right, products, mean, sd, sigma)
-        if step == _STEPS - 1:
+        if step == steps - 1:
             break
         moved = 0.0
         for name, rows in members.items():

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import LocateError
@@ -330,6 +331,11 @@ class _Evidence:
 
 def solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solution, list[Candidate], Solver]:
     """Solution of a survey sorted by time, the candidates for its model, and the solver."""
+    with threadpool_limits(limits=1, user_api="blas"):  # matrices are small: threads would wait for each other
+        return _solve(survey, medium, options)
+
+
+def _solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solution, list[Candidate], Solver]:
     solver = Solver(survey, medium, options)
     start = start_positions(survey, medium)
     simple: Kind = "known" if options.sound_speed == "known" else "scale"
