@@ -44,8 +44,8 @@ class LocateOptions:
         Whether pings may have correlated noise.
     gross : float
         Residuals larger than this many robust standard deviations are gross errors.
-    arrangement : {"free", "rigid"}
-        Whether the nodes keep their prior arrangement and move together.
+    arrangement : {"free", "rigid"}, optional
+        Whether the nodes keep their prior arrangement and move together. Default: as the survey's files say, else free.
     speed_prior : SpeedPrior
     modes : VerticalModes, optional
         Shapes for the model ``modes``.
@@ -54,7 +54,7 @@ class LocateOptions:
     sound_speed: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"
     correlation: Literal["auto", "none"] = "auto"
     gross: float = 5.0
-    arrangement: Arrangement = "free"
+    arrangement: Arrangement | None = None
     speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
     modes: VerticalModes | None = None
 
@@ -110,7 +110,8 @@ class Solver:
         """Columns under a model of the sound speed; gradients are about the middle of the positions."""
         o = self.options
         speed = sound_speed_terms(self.survey, position, kind, o.speed_prior, o.modes)
-        return Unknowns(self.survey, speed, o.arrangement)
+        stated: Arrangement = "free" if self.survey.rigid is None else "rigid"
+        return Unknowns(self.survey, speed, o.arrangement or stated)
 
     def first_values(self, unknowns: Unknowns, position: Array, before: Solution | None = None) -> Array:
         """Values to start from: these positions, and what a solution with another model has of the rest."""

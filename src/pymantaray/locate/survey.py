@@ -141,6 +141,11 @@ class Survey:
         Of the positions; None where latitude and longitude are unknown.
     epoch : numpy.datetime64
         UTC of time 0; NaT where it is unknown.
+    rigid : tuple of float, optional
+        Prior standard deviations of north, east, depth [m] and turn [rad] of an array that keeps its arrangement; by default
+        the nodes are free.
+    profile : tuple of ndarray, optional
+        Depth [m] and sound speed [m/s] of the profile that belongs to the survey's files.
     source : str
         File, for messages.
     notes : sequence of str
@@ -164,6 +169,8 @@ class Survey:
     platform_error: PlatformError = PlatformError()
     frame: LocalFrame | None = None
     epoch: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
+    rigid: tuple[float, float, float, float] | None = None
+    profile: tuple[Array, Array] | None = None
     source: str = "survey"
     notes: tuple[str, ...] = ()
 

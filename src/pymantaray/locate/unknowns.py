@@ -28,7 +28,6 @@ class Unknowns:
     survey: Survey
     speed: SoundSpeed
     arrangement: Arrangement = "free"
-    array_sigma: tuple[float, float, float, float] = _ARRAY_SIGMA
 
     @property
     def slices(self) -> dict[str, slice]:
@@ -70,7 +69,7 @@ class Unknowns:
         if self.arrangement == "free":
             sd[self.slices["position"]] = np.ravel([node.sigma for node in nodes])
         else:
-            sd[self.slices["array"]] = self.array_sigma
+            sd[self.slices["array"]] = self.survey.rigid or _ARRAY_SIGMA
         one_way = self.survey.direction != Direction.TWO_WAY
         for k, node in enumerate(nodes):
             mine = one_way & ((self.survey.node == k) | (self.survey.partner == k))
