@@ -41,8 +41,8 @@ class ReadOptions:
         Of all clocks, in place of the files'. [s], [s/s]
     sigma : float, optional
         Stated standard deviation of times that come without. [s]
-    lever : LeverArm, optional
-        In place of the file's.
+    lever, lever_sigma : tuple of float, optional
+        Antenna to transducer, forward, starboard, down, and standard deviations, in place of the file's. [m]
     platform_error : PlatformError, optional
         In place of the file's.
     """
@@ -60,7 +60,8 @@ class ReadOptions:
     offset_sigma: float | None = None
     drift_sigma: float | None = None
     sigma: float | None = None
-    lever: LeverArm | None = None
+    lever: tuple[float, float, float] | None = None
+    lever_sigma: tuple[float, float, float] | None = None
     platform_error: PlatformError | None = None
 
     def node(self, node: Node) -> Node:
@@ -87,8 +88,8 @@ class ReadOptions:
             changed = changed.changed(
                 sigma=np.where(np.isfinite(survey.sigma), survey.sigma, self.sigma)
             )
-        if self.lever is not None:
-            changed = changed.changed(lever=self.lever)
+        lever = LeverArm(self.lever or survey.lever.offset, self.lever_sigma or survey.lever.sigma)
+        changed = changed.changed(lever=lever)
         if self.platform_error is not None:
             changed = changed.changed(platform_error=self.platform_error)
         return changed

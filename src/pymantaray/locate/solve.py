@@ -1,6 +1,6 @@
 """Positions of nodes from a survey: outer steps with exact rays, and the choice of the model by its evidence."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -29,6 +29,7 @@ _FLOOR = 1e-6  # s; residuals below this are never gross
 _CORRELATION_TIMES = (20.0, 60.0, 180.0, 600.0)  # s
 _RATIOS = (0.3, 3.0, 10.0)
 _SHARES = (0.0, 1.0)
+_FEWEST_FOR_CORRELATION = 200  # pings; fewer do not tell a correlation from errors of the model
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +70,10 @@ class LocateOptions:
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """Models to choose from, simplest first."""
+        """Models to choose from, simplest first; not ``known``, whose evidence is high where the data cannot test it."""
         if self.sound_speed != "auto":
             return (self.sound_speed,)
-        return KINDS if self.modes is not None else KINDS[:-1]
+        return KINDS[1:] if self.modes is not None else KINDS[1:-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,32 +242,30 @@ class Candidate(Mapping[str, Any]):
 
 def choose(solver: Solver, base: Solution) -> tuple[Candidate, list[Candidate]]:
     """Candidate of lowest ABIC among those that the options allow, and all that were tried, at a solution's values."""
-    rich: Kind = "gradient" if {"time", "gradient"} & set(solver.options.kinds) else "scale"
-    kinds = [kind for kind in solver.options.kinds if kind != "modes"]
-    tried: list[Candidate] = []
-    if kinds:
-        table = _Evidence(solver, base, rich)
-        tried += [table.candidate(kind, Correlation()) for kind in kinds]
-    if "modes" in solver.options.kinds:
+    allowed = solver.options.kinds
+    table = _Evidence(solver, base, "gradient")
+    tried = [table.candidate(kind, Correlation()) for kind in KINDS[:-1]]
+    if "modes" in allowed:
         table_of_modes = _Evidence(solver, base, "modes")
         tried.append(table_of_modes.candidate("modes", Correlation()))
-    best = min(tried, key=lambda c: c.abic)
-    if solver.options.correlation == "auto" and len(solver.survey) > 30:
+
+    def best_of(candidates: Iterable[Candidate]) -> Candidate:
+        return min((c for c in candidates if c.kind in allowed), key=lambda c: c.abic)
+
+    best = best_of(tried)
+    if solver.options.correlation == "auto" and int(base.used.sum()) >= _FEWEST_FOR_CORRELATION:
         table = table_of_modes if best.kind == "modes" else table
         for search in (_times, _ratios, _shares, _times):
             for correlation in search(best.correlation):
                 if all(correlation != c.correlation for c in tried if c.kind == best.kind):
                     tried.append(table.candidate(best.kind, correlation))
-            best = min((c for c in tried if c.kind == best.kind), key=lambda c: c.abic)
+            best = best_of(c for c in tried if c.kind == best.kind)
             if best.correlation.ratio == 0.0:
                 break
         if best.correlation.ratio > 0.0:
-            tried += [
-                table.candidate(kind, best.correlation)
-                for kind in kinds
-                if kind != best.kind and best.kind != "modes"
-            ]
-    return min(tried, key=lambda c: c.abic), tried
+            others = [kind for kind in KINDS[:-1] if kind != best.kind and best.kind != "modes"]
+            tried += [table.candidate(kind, best.correlation) for kind in others]
+    return best_of(tried), tried
 
 
 def _times(now: Correlation) -> list[Correlation]:

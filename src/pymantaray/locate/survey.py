@@ -264,3 +264,30 @@ class Survey:
             " sigma flagged line"
         )
         return self.changed(**{name: getattr(self, name)[which] for name in names.split()})
+
+    def in_frame(self, frame: LocalFrame) -> Self:
+        """The survey with all positions and headings in another frame."""
+        own = self.frame
+        if own is None:
+            raise LocateError(f"{self.source}: its positions are not geographic; they cannot be put into an ocean")
+        if (own.latitude_deg, own.longitude_deg) == (frame.latitude_deg, frame.longitude_deg):
+            return self
+
+        def moved(place: Array) -> Array:
+            lat, lon = own.to_geodetic(place[..., 0], place[..., 1])
+            north, east = frame.to_local(lat, lon)
+            return np.stack([north, east, place[..., 2]], axis=-1)
+
+        middle = own.to_geodetic(0.0, 0.0)
+        turn = np.array([float(frame.convergence(*middle)), 0.0, 0.0])
+        nodes = tuple(
+            replace(node, position=tuple(map(float, moved(np.array(node.position))))) for node in self.nodes
+        )
+        return self.changed(
+            frame=frame,
+            nodes=nodes,
+            transmit_position=moved(self.transmit_position),
+            receive_position=moved(self.receive_position),
+            transmit_attitude=self.transmit_attitude + turn,
+            receive_attitude=self.receive_attitude + turn,
+        )
