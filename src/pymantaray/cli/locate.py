@@ -26,16 +26,14 @@ NODES = {
     "node": ("name", ""),
     "lat": ("lat", ".6f"),
     "lon": ("lon", ".6f"),
-    "north": ("north", ".3f"),
-    "east": ("east", ".3f"),
-    "depth": ("depth", ".3f"),
-    "σ north": ("sigma_north_m", ".3f"),
-    "σ east": ("sigma_east_m", ".3f"),
-    "σ depth": ("sigma_depth_m", ".3f"),
-    "pings": ("n_used", ",d"),
-    "of": ("n_all", ",d"),
+    "depth": ("depth", ".2f"),
+    "σN": ("sigma_north_m", ".3g"),
+    "σE": ("sigma_east_m", ".3g"),
+    "σD": ("sigma_depth_m", ".3g"),
+    "used": ("n_used", ",d"),
     "status": ("status", ""),
 }
+LOCAL = {"lat": ("north", ".2f"), "lon": ("east", ".2f")}
 BUDGET = {
     "node": ("node", ""),
     "source": ("source", ""),
@@ -54,9 +52,9 @@ CANDIDATES = {
 PLAN = {
     "pattern": ("pattern", ""),
     "radius": ("radius_m", ".0f"),
-    "σ north": ("sigma_north_m", ".3f"),
-    "σ east": ("sigma_east_m", ".3f"),
-    "σ depth": ("sigma_depth_m", ".3f"),
+    "σN": ("sigma_north_m", ".3f"),
+    "σE": ("sigma_east_m", ".3f"),
+    "σD": ("sigma_depth_m", ".3f"),
     "lost": ("lost", ",d"),
     "way": ("length_m", ".0f"),
 }
@@ -436,7 +434,9 @@ def _tell(out: Printer, located: "Location", notes: list[str]) -> None:
         out.line(f"  left out: line {row['line']}, {row['node']}: {row['reason']}")
     if len(left) > _MOST_LISTED:
         out.line(f"  and {len(left) - _MOST_LISTED} more")
-    out.table("nodes", values["nodes"], NODES, "Nodes [m]")
+    local = {} if located.survey.frame is not None else LOCAL
+    columns = {{"lat": "north", "lon": "east"}.get(h, h) if h in local else h: local.get(h, c) for h, c in NODES.items()}
+    out.table("nodes", values["nodes"], columns, "Nodes; σ: standard deviations of north, east, depth [m]")
     budget = values["budget"]
     shown = budget[(budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)]
     out.table("budget", shown, BUDGET, "Where the standard deviations come from [m]")

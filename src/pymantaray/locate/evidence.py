@@ -21,6 +21,7 @@ _STEPS = 60
 _SETTLED = 3e-3  # change of the logarithm of every hyperparameter
 _SMALLEST, _LARGEST = 1e-8, 1e-1  # of a hyperparameter: fractions of the sound speed, and of it per km
 _LEAST_SIGMA = 1e-9  # s
+SPARE = 3  # pings beyond the unknowns from which on the noise level is estimated
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ def posterior(
     """
     Posterior at values, with the noise level [s] and the hyperparameters of highest evidence.
 
-    They start from ``sigma`` and ``start``. The columns ``without`` are held where they are, as if known. With
+    They start from ``sigma``, which stays where pings hardly outnumber unknowns, and from ``start``. The columns ``without`` are held where they are, as if known. With
     one of the ``steps`` of the fixed-point rule they stay as they start.
     """
     prior_sd = unknowns.prior_sd
@@ -68,6 +69,7 @@ def posterior(
     mean = (unknowns.prior_mean - values)[active]
     place = {column: i for i, column in enumerate(active.tolist())}
     members = {name: np.array([place[c] for c in columns.tolist()]) for name, columns in groups.items()}
+    plain = active.size - sum(rows.size for rows in members.values())
     normal, right = products.normal[np.ix_(active, active)], products.right[active]
     for step in range(steps):
         sd = unknowns.scaled_sd(hyper)[active]
@@ -80,9 +82,10 @@ def posterior(
             squares = float(np.sum(((solved.change - mean)[rows] / (sd[rows] / hyper[name])) ** 2))
             new = float(np.clip(np.sqrt(squares / max(free, 1e-9)), _SMALLEST, _LARGEST))
             moved, hyper[name] = max(moved, abs(np.log(new / hyper[name]))), new
-        left = max(products.count - solved.effective, 1.0)
-        level = max(sigma * float(np.sqrt(solved.squares / left)), _LEAST_SIGMA)
-        moved, sigma = max(moved, abs(np.log(level / sigma))), level
+        if products.count >= plain + SPARE:
+            left = max(products.count - solved.effective, 1.0)
+            level = max(sigma * float(np.sqrt(solved.squares / left)), _LEAST_SIGMA)
+            moved, sigma = max(moved, abs(np.log(level / sigma))), level
         if moved < _SETTLED:
             sd = unknowns.scaled_sd(hyper)[active]
             solved = _solve(normal, right, products, mean, sd, sigma)

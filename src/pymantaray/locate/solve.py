@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import LocateError
-from pymantaray.locate.evidence import Posterior, posterior
+from pymantaray.locate.evidence import SPARE, Posterior, posterior
 from pymantaray.locate.linear import Linearization, Mask, Products
 from pymantaray.locate.noise import Correlation
 from pymantaray.locate.sound_speed import KINDS, Kind, SpeedPrior, sound_speed_terms
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 _STEPS = 25  # outer steps of one stage
 _SETTLED = 1e-3  # m; the largest change of a node's position in an outer step
 _MAD = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
+_UNSTATED = 1e-3  # s; noise of pings too few to show it
 _FLOOR = 1e-6  # s; residuals below this are never gross
 _CORRELATION_TIMES = (20.0, 60.0, 180.0, 600.0)  # s
 _RATIOS = (0.3, 3.0, 10.0)
@@ -149,10 +150,19 @@ class Solver:
                 f"{self.survey.source}: no ping can be explained at the positions from which the solver starts; check"
                 " the positions of platform and nodes, and the profile"
             )
-        first = sigma or robust_sigma(linear.residual[used] / self.weight[used])
+        first = sigma or self._first_sigma(linear, used)
         products = linear.products(used, correlation, self.survey.platform_error, first)
         found = posterior(products, unknowns, values, hyper, sigma=first)
         return Solution(unknowns, values, found, correlation, legs, linear, products, used, settled=False)
+
+    def _first_sigma(self, linear: Linearization, used: Mask) -> float:
+        """Noise level to start from: that of the residuals, or what is stated where pings hardly outnumber unknowns."""
+        unknowns = linear.unknowns
+        scaled = sum(columns.size for columns in unknowns.groups.values())
+        if used.sum() >= np.count_nonzero(unknowns.prior_sd) - scaled + SPARE:
+            return robust_sigma(linear.residual[used] / self.weight[used])
+        stated = self.survey.sigma[np.isfinite(self.survey.sigma)]
+        return float(np.median(stated)) if stated.size else _UNSTATED
 
     def believed(self, linear: Linearization) -> Mask:
         """Pings that a ray explains and whose residuals are not gross."""
