@@ -82,11 +82,14 @@ class NodeOptions:
 
     nodes: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Prior positions: name, lat, lon (or north_m, east_m), depth_m, sigmas."),
+        typer.Option(
+            metavar="CSV", help="Prior positions: name, lat, lon (or north_m, east_m), depth_m, sigmas."
+        ),
     ] = None
     depth: Annotated[float | None, typer.Option(metavar="M", help="Prior depth of nodes without one.")] = None
     depth_sigma: Annotated[
-        float | None, typer.Option(metavar="M", help="Standard deviation of prior depths. Default: the file's.")
+        float | None,
+        typer.Option(metavar="M", help="Standard deviation of prior depths. Default: the file's."),
     ] = None
     horizontal_sigma: Annotated[
         float | None,
@@ -96,17 +99,22 @@ class NodeOptions:
         str | None, typer.Option(metavar="TIME", help="Turn-around time of all nodes, as '13 ms'.")
     ] = None
     turn_around_sigma: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Its standard deviation; estimates it. Default: it is known.")
+        str | None,
+        typer.Option(metavar="TIME", help="Its standard deviation; estimates it. Default: it is known."),
     ] = None
     clock_offset_sigma: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Standard deviation of clock offsets, for one-way times.")
+        str | None,
+        typer.Option(metavar="TIME", help="Standard deviation of clock offsets, for one-way times."),
     ] = None
     clock_drift_sigma: Annotated[
-        float | None, typer.Option(metavar="S/S", help="Standard deviation of clock drifts, for one-way times.")
+        float | None,
+        typer.Option(metavar="S/S", help="Standard deviation of clock drifts, for one-way times."),
     ] = None
     rigid: Annotated[
         bool | None,
-        typer.Option("--rigid/--free", help="Whether the nodes keep their arrangement. Default: as the file says."),
+        typer.Option(
+            "--rigid/--free", help="Whether the nodes keep their arrangement. Default: as the file says."
+        ),
     ] = None
 
 
@@ -118,7 +126,9 @@ class PlatformOptions:
         list[Path] | None,
         typer.Option(metavar="FILE", help="Trajectory of the platform, of any format of mantaray ranges."),
     ] = None
-    platform: Annotated[str | None, typer.Option(metavar="NAME", help="The platform's name in the track.")] = None
+    platform: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The platform's name in the track.")
+    ] = None
     position_at: Annotated[
         Literal["both", "transmission", "reception"],
         typer.Option(help="What a single position per ping is of; the other is interpolated between pings."),
@@ -148,7 +158,9 @@ class ModelOptions:
 
     sound_speed: Annotated[
         Literal["auto", "known", "scale", "time", "gradient", "modes"],
-        typer.Option(help="What may differ from the profile; auto takes what the marginal likelihood prefers."),
+        typer.Option(
+            help="What may differ from the profile; auto takes what the marginal likelihood prefers."
+        ),
     ] = "auto"
     sound_speed_sigma: Annotated[
         float, typer.Option(metavar="FRACTION", help="Standard deviation of the scale of the sound speed.")
@@ -157,7 +169,8 @@ class ModelOptions:
         float, typer.Option(metavar="1/KM", help="Standard deviation of its constant horizontal gradients.")
     ] = 1e-4
     knots: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Spacing of the splines' knots. Default: 1/60 of the survey.")
+        str | None,
+        typer.Option(metavar="TIME", help="Spacing of the splines' knots. Default: 1/60 of the survey."),
     ] = None
     modes: Annotated[
         list[Path] | None, typer.Option(metavar="CASTS", help="Casts whose modes --sound-speed modes uses.")
@@ -166,10 +179,12 @@ class ModelOptions:
         Literal["auto", "none"], typer.Option(help="Whether the noise of pings may be correlated.")
     ] = "auto"
     sigma: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Stated standard deviation of times, tested by chi-square.")
+        str | None,
+        typer.Option(metavar="TIME", help="Stated standard deviation of times, tested by chi-square."),
     ] = None
     gross: Annotated[
-        float, typer.Option(metavar="N", help="Larger residuals, in robust standard deviations, are gross errors.")
+        float,
+        typer.Option(metavar="N", help="Larger residuals, in robust standard deviations, are gross errors."),
     ] = 5.0
 
 
@@ -192,7 +207,10 @@ def survey(
     seed: Annotated[int, typer.Option(min=0, help="Of the bootstrap.")] = 0,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Folder for page, tables and files, new or empty. Default: none is written."),
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder for page, tables and files, new or empty. Default: none is written.",
+        ),
     ] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Write figures as PDF too.")] = False,
     as_json: Json = False,
@@ -234,12 +252,16 @@ def plan(
     medium: MediumOptions,
     pattern: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="circle, cross, line, rose or lines; may be repeated. Default: all."),
+        typer.Option(
+            metavar="NAME", help="circle, cross, line, rose or lines; may be repeated. Default: all."
+        ),
     ] = None,
     pings: Annotated[int, typer.Option(metavar="N", help="Pings of each pattern.")] = 100,
     radii: Annotated[
         tuple[float, float, int] | None,
-        typer.Option(metavar="FROM TO COUNT", help="Radii in metres. Default: 0.1 to 3 times the depth, 30 of them."),
+        typer.Option(
+            metavar="FROM TO COUNT", help="Radii in metres. Default: 0.1 to 3 times the depth, 30 of them."
+        ),
     ] = None,
     sigma: Annotated[str, typer.Option(metavar="TIME", help="Standard deviation of two-way times.")] = "1 ms",
     sound_speed: Annotated[
@@ -248,16 +270,20 @@ def plan(
     sound_speed_sigma: Annotated[
         float, typer.Option(metavar="FRACTION", help="Standard deviation of the scale of the sound speed.")
     ] = 5e-3,
-    depth_sigma: Annotated[float, typer.Option(metavar="M", help="Standard deviation of the prior depth.")] = 100.0,
+    depth_sigma: Annotated[
+        float, typer.Option(metavar="M", help="Standard deviation of the prior depth.")
+    ] = 100.0,
     transducer_depth: Annotated[float, typer.Option(metavar="M", help="Depth of the transducer.")] = 5.0,
     lever_sigma: Annotated[
         Three | None, typer.Option(metavar="F S D", help="Standard deviations of the lever arm, in metres.")
     ] = None,
     platform_sigma: Annotated[
-        tuple[float, float], typer.Option(metavar="H V", help="Standard deviations of the platform's positions.")
+        tuple[float, float],
+        typer.Option(metavar="H V", help="Standard deviations of the platform's positions."),
     ] = (0.0, 0.0),
     out: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Figure over radius, .png or .pdf; its table is beside it.")
+        Path | None,
+        typer.Option(metavar="PNG", help="Figure over radius, .png or .pdf; its table is beside it."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")] = False,
     as_json: Json = False,
@@ -272,10 +298,14 @@ def plan(
     from pymantaray.locate.survey import LeverArm, PlatformError
 
     if out is not None:
-        check_output(out, (".png", ".pdf"), inputs=medium.files, beside=[out.with_suffix(".csv")], force=force)
+        check_output(
+            out, (".png", ".pdf"), inputs=medium.files, beside=[out.with_suffix(".csv")], force=force
+        )
     first, last, count = radii or (0.1 * depth, 3.0 * depth, 30)
     if not (0.0 < first <= last and 1 <= count <= 1000):
-        raise LocateError(f"--radii {first:g} {last:g} {count}: needs 0 < FROM <= TO and a COUNT of 1 to 1000")
+        raise LocateError(
+            f"--radii {first:g} {last:g} {count}: needs 0 < FROM <= TO and a COUNT of 1 to 1000"
+        )
     options = PlanOptions(
         depth,
         _seconds("--sigma", sigma),
@@ -372,9 +402,7 @@ def _modes(paths: list[Path] | None) -> "VerticalModes | None":
     return vertical_modes(casts)
 
 
-def _water(
-    options: MediumOptions, survey: "Survey"
-) -> "tuple[Survey, Medium, dict[str, Any], list[str]]":
+def _water(options: MediumOptions, survey: "Survey") -> "tuple[Survey, Medium, dict[str, Any], list[str]]":
     """Medium that the options or the survey's own files ask for, the survey in its frame, how it was made, and notes."""
     from pymantaray.acoustics import Medium
     from pymantaray.cli.rays_medium import load_medium
@@ -435,7 +463,10 @@ def _tell(out: Printer, located: "Location", notes: list[str]) -> None:
     if len(left) > _MOST_LISTED:
         out.line(f"  and {len(left) - _MOST_LISTED} more")
     local = {} if located.survey.frame is not None else LOCAL
-    columns = {{"lat": "north", "lon": "east"}.get(h, h) if h in local else h: local.get(h, c) for h, c in NODES.items()}
+    columns = {
+        {"lat": "north", "lon": "east"}.get(h, h) if h in local else h: local.get(h, c)
+        for h, c in NODES.items()
+    }
     out.table("nodes", values["nodes"], columns, "Nodes; σ: standard deviations of north, east, depth [m]")
     budget = values["budget"]
     shown = budget[(budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)]

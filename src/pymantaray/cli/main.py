@@ -8,7 +8,20 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 import pymantaray
-from pymantaray.cli import atlas, doctor, export, graph, locate, ocean, ranges, rays, replay, serve, study, sweep
+from pymantaray.cli import (
+    atlas,
+    doctor,
+    export,
+    graph,
+    locate,
+    ocean,
+    ranges,
+    rays,
+    replay,
+    serve,
+    study,
+    sweep,
+)
 from pymantaray.cli.options import Commands, OceanCommand
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError

@@ -76,4 +76,4 @@ def _platform(solution: Solution, by_position: Array, total: Array) -> Array:
         products, solution.unknowns, solution.values, found.hyperparameters, sigma=found.sigma, steps=1
     )
     less = np.sum((by_position @ without.covariance) * by_position, axis=1)
-    return np.maximum(total - less, 0.0)
+    return np.asarray(np.maximum(total - less, 0.0))

@@ -24,9 +24,7 @@ _BELOW = 10.0  # m that a node may lie below a profile's last level, or 1 % of i
 _AXES = ("forward", "starboard", "down")
 
 
-def check_places(
-    where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str
-) -> None:
+def check_places(where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str) -> None:
     """Refuse a platform so far from a node that a sign or an order of coordinates must be wrong. [degrees]"""
     lat, lon = float(np.median(platform[0])), float(np.median(platform[1]))
     if _distance(lat, lon, *node) < _FAR:

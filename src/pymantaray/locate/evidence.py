@@ -82,8 +82,8 @@ def posterior(
             squares = float(np.sum(((solved.change - mean)[rows] / (sd[rows] / hyper[name])) ** 2))
             new = float(np.clip(np.sqrt(squares / max(free, 1e-9)), _SMALLEST, _LARGEST))
             moved, hyper[name] = max(moved, abs(np.log(new / hyper[name]))), new
-        if products.count >= plain + SPARE:
-            left = max(products.count - solved.effective, 1.0)
+        if products.n_rows >= plain + SPARE:
+            left = max(products.n_rows - solved.effective, 1.0)
             level = max(sigma * float(np.sqrt(solved.squares / left)), _LEAST_SIGMA)
             moved, sigma = max(moved, abs(np.log(level / sigma))), level
         if moved < _SETTLED:
@@ -93,9 +93,7 @@ def posterior(
     change, covariance = np.zeros(unknowns.size), np.zeros((unknowns.size, unknowns.size))
     change[active], covariance[np.ix_(active, active)] = solved.change, solved.covariance
     kept = {name: hyper[name] for name in groups}
-    return Posterior(
-        change, covariance, sigma, kept, solved.log_evidence, solved.squares, solved.effective
-    )
+    return Posterior(change, covariance, sigma, kept, solved.log_evidence, solved.squares, solved.effective)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +117,7 @@ def _solve(normal: Array, right: Array, products: Products, mean: Array, sd: Arr
     squares = max(squares, 0.0)
     penalty = float(np.sum((z - offset) ** 2))
     log_evidence = -0.5 * (
-        products.count * np.log(2.0 * np.pi * sigma**2)
+        products.n_rows * np.log(2.0 * np.pi * sigma**2)
         + products.log_determinant
         + 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
         + squares

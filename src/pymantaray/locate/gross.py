@@ -26,8 +26,8 @@ def reasons(solution: Solution, medium: Medium) -> NDArray[np.str_]:
     out[survey.flagged] = "flagged in the file"
     gross = np.flatnonzero(~solution.used & (out == ""))
     residual = solution.linear.residual
-    for row in gross:
-        out[row] = f"gross error of {1e3 * residual[row]:+.3g} ms"
+    for ping in gross:
+        out[ping] = f"gross error of {1e3 * residual[ping]:+.3g} ms"
     if gross.size:
         some = gross[:_MOST]
         near = max(_NEAR * robust_sigma(residual[solution.used]), _LEAST)
@@ -36,9 +36,7 @@ def reasons(solution: Solution, medium: Medium) -> NDArray[np.str_]:
     return out.astype(str)
 
 
-def _explained(
-    solution: Solution, medium: Medium, rows: NDArray[np.int64], near: float
-) -> dict[int, str]:
+def _explained(solution: Solution, medium: Medium, rows: NDArray[np.int64], near: float) -> dict[int, str]:
     """Rows whose times another node or a reflected path explains."""
     survey = solution.unknowns.survey.rows(rows)
     out = _echoes(solution, medium, survey, rows, near)

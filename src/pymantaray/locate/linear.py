@@ -23,7 +23,7 @@ class Products(NamedTuple):
     right: Array  # (size,)
     squares: float
     log_determinant: float
-    count: int
+    n_rows: int
 
 
 class Linearization:
@@ -62,7 +62,7 @@ class Linearization:
         speed = slice(at["speed"].start, at["speed"].stop - legs.modes.shape[1])
         out[:, speed] = -water[:, None] * unknowns.speed.rows(part)
         out[:, speed.stop : at["speed"].stop] = legs.modes[part]
-        return out
+        return np.asarray(out)
 
     def whitened(
         self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float

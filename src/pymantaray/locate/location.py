@@ -176,7 +176,8 @@ class Location:
         if count < 2:
             return np.full((count, 3), np.nan)
         mean = np.kron(np.eye(count) - 1.0 / count, np.eye(3))
-        return np.sqrt(np.maximum(np.diag(mean @ self.covariance @ mean.T), 0.0)).reshape(count, 3)
+        variance = np.diag(mean @ self.covariance @ mean.T)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(count, 3))
 
     def _geodetic(self, place: Array) -> tuple[Array, Array]:
         """Latitudes and longitudes, NaN without a frame. [degrees]"""
@@ -220,9 +221,7 @@ class Location:
         platform = s.unknowns.survey.platform_error
         blocks = s.linear.whitened(s.used, s.correlation, platform, s.posterior.sigma)
         covariance = s.posterior.covariance / s.posterior.sigma**2
-        return np.concatenate(
-            [np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b, _ in blocks]
-        )
+        return np.concatenate([np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b, _ in blocks])
 
     @cached_property
     def budget(self) -> pd.DataFrame:
@@ -303,7 +302,13 @@ class Location:
             low, high = np.percentile(draws[:, k], (2.5, 97.5), axis=0)
             for axis, label in enumerate(("north", "east", "depth")):
                 sigma = float(draws[:, k, axis].std(ddof=1))
-                row = {"node": name, "axis": label, "sigma_m": sigma, "low_m": low[axis], "high_m": high[axis]}
+                row = {
+                    "node": name,
+                    "axis": label,
+                    "sigma_m": sigma,
+                    "low_m": low[axis],
+                    "high_m": high[axis],
+                }
                 rows.append(row)
         return pd.DataFrame(rows)
 

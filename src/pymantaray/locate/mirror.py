@@ -53,7 +53,16 @@ def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
         apart = float(np.linalg.norm(place[:2] - solution.positions[k, :2]))
         if apart < abs(offset):  # it came back
             continue
-        found.append(Mirror(name, *map(float, place), float(difference), bool(difference < _UNDECIDED)))
+        found.append(
+            Mirror(
+                name,
+                float(place[0]),
+                float(place[1]),
+                float(place[2]),
+                float(difference),
+                bool(difference < _UNDECIDED),
+            )
+        )
     return found
 
 

@@ -67,7 +67,9 @@ class Whitener:
                 columns.append((survey.node[:, None] == np.arange(k)).astype(float))
                 memory += [correlation.memory] * k
                 variance += [correlation.ratio * (1.0 - correlation.shared)] * k
-        axes = [(axis, s) for axis, s in enumerate((platform.horizontal,) * 2 + (platform.vertical,)) if s > 0.0]
+        axes = [
+            (axis, s) for axis, s in enumerate((platform.horizontal,) * 2 + (platform.vertical,)) if s > 0.0
+        ]
         for axis, sigma in axes:
             columns.append(sensitivity[:, axis : axis + 1])
             memory.append(platform.correlation)

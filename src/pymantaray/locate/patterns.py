@@ -83,7 +83,9 @@ def _coordinates(solution: Solution) -> dict[str, tuple[Array, NDArray[np.int64]
     return out
 
 
-def _pattern(name: str, residual: Array, coordinate: Array, group: NDArray[np.int64], count: int) -> NoiseTest:
+def _pattern(
+    name: str, residual: Array, coordinate: Array, group: NDArray[np.int64], count: int
+) -> NoiseTest:
     """Chi-square of the means of bins of equal numbers of pings."""
     total, bins = 0.0, 0
     for one in np.unique(group):

@@ -1,6 +1,6 @@
 """Plans of surveys: standard deviations that a pattern of pings gives, from the Jacobians that the solver uses."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -71,7 +71,9 @@ def _along_lines(s: Array, count: int, *, crossed: bool) -> Array:
     along = 2.0 * (s * count - which) - 1.0
     along = np.where(which % 2 == 0, along, -along)
     if crossed:
-        return np.where((which == 0)[:, None], np.column_stack([along, 0.0 * s]), np.column_stack([0.0 * s, along]))
+        return np.where(
+            (which == 0)[:, None], np.column_stack([along, 0.0 * s]), np.column_stack([0.0 * s, along])
+        )
     return np.column_stack([along, 2.0 * which / (count - 1) - 1.0])
 
 
@@ -108,9 +110,9 @@ class PlanOptions:
     node_sigma: tuple[float, float, float] = (500.0, 500.0, 100.0)
     transducer_depth: float = 5.0
     turn_around_sigma: float = 0.0
-    lever: LeverArm = LeverArm()
-    platform_error: PlatformError = PlatformError()
-    speed_prior: SpeedPrior = SpeedPrior()
+    lever: LeverArm = field(default_factory=LeverArm)
+    platform_error: PlatformError = field(default_factory=PlatformError)
+    speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
     ping_interval: float = 15.0
 
     def __post_init__(self) -> None:
@@ -140,7 +142,8 @@ class Plan:
     @property
     def best(self) -> pd.DataFrame:
         """Row of the smallest three-dimensional standard deviation of each pattern, best first."""
-        size = np.hypot(self.table["sigma_horizontal_m"], self.table["sigma_depth_m"])
+        squares = self.table["sigma_horizontal_m"] ** 2 + self.table["sigma_depth_m"] ** 2
+        size = squares**0.5
         rows = self.table.loc[size.groupby(self.table["pattern"]).idxmin()]
         return rows.loc[size[rows.index].sort_values().index].reset_index(drop=True)
 
@@ -158,7 +161,7 @@ def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
     return Survey(
         nodes=(node,),
         node=np.zeros(n, dtype=np.int64),
-        time=options.ping_interval * np.arange(n),
+        time=options.ping_interval * np.arange(float(n)),
         travel_time=np.full(n, 1.0),
         transmit_position=place,
         receive_position=place,
@@ -189,7 +192,12 @@ def expected_sigmas(pattern: Pattern, medium: Medium, options: PlanOptions) -> t
 
 
 def plan_survey(
-    medium: Medium, options: PlanOptions, radii: Array, *, shapes: tuple[Shape, ...] = SHAPES, pings: int = 100
+    medium: Medium,
+    options: PlanOptions,
+    radii: Array,
+    *,
+    shapes: tuple[Shape, ...] = SHAPES,
+    pings: int = 100,
 ) -> Plan:
     """
     Expected standard deviations of a node for patterns of several radii.

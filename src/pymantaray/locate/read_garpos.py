@@ -34,7 +34,9 @@ class _Settings:
         try:
             parser.read_string(path.read_bytes().decode("utf-8-sig", errors="replace"), str(path))
         except configparser.Error as error:
-            raise LocateError(f"{path}: not a readable ini file: {' '.join(str(error).split())[:100]}") from None
+            raise LocateError(
+                f"{path}: not a readable ini file: {' '.join(str(error).split())[:100]}"
+            ) from None
         self._sections = {
             name.strip().lower(): {key.lower(): value or "" for key, value in parser.items(name)}
             for name in parser.sections()
@@ -55,22 +57,28 @@ class _Settings:
         except ValueError:
             values = []
         if len(values) < least or not np.isfinite(values).all():
-            raise LocateError(f"{self.path}: [{section}] {key} is {text!r}; {least} finite numbers are needed")
+            raise LocateError(
+                f"{self.path}: [{section}] {key} is {text!r}; {least} finite numbers are needed"
+            )
         return values
 
 
 def read_garpos(path: Path, options: ReadOptions) -> Survey:
     """Survey of an array."""
     settings = _Settings(path)
-    latitude, longitude = (settings.numbers("Site-parameter", key, 1)[0] for key in ("Latitude0", "Longitude0"))
+    latitude, longitude = (
+        settings.numbers("Site-parameter", key, 1)[0] for key in ("Latitude0", "Longitude0")
+    )
     if not (abs(latitude) <= 90.0 and abs(longitude) <= 360.0):
-        raise LocateError(f"{path}: site at {latitude:g}, {longitude:g}; degrees within 90 and 360 are needed")
+        raise LocateError(
+            f"{path}: site at {latitude:g}, {longitude:g}; degrees within 90 and 360 are needed"
+        )
     names = settings.text("Site-parameter", "Stations").split()
     nodes, rigid = _nodes(settings, names)
     pings = _find(settings, settings.text("Data-file", "datacsv"))
     table = read_text_table(pings)
     table.require(["MT", "TT", "ST", "ant_e0", "ant_n0", "ant_u0"])
-    survey = _survey(settings, table, nodes, names, options)
+    survey = _survey(settings, table, nodes, names)
     profile = settings.text("Obs-parameter", "SoundSpeed", "")
     lever = settings.numbers("Model-parameter", "ATDoffset", 3, "0 0 0")
     sigma = (lever + [0.0] * 3)[3:6]
@@ -107,9 +115,7 @@ def _nodes(
     return tuple(nodes), None
 
 
-def _survey(
-    settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str], options: ReadOptions
-) -> Survey:
+def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str]) -> Survey:
     columns = set(table.frame.columns)
     time, sent, e0, n0, u0 = table.numbers(["TT", "ST", "ant_e0", "ant_n0", "ant_u0"]).T
     near = np.column_stack([n0, e0, -u0])
@@ -131,7 +137,11 @@ def _survey(
             f"{table.path}, line {line}: transponder {unknown[0]!r} is not among the site's stations, {', '.join(names)}"
         )
     number = {name: k for k, name in enumerate(names)}
-    flags = table.frame["flag"].str.lower().isin(_TRUE).to_numpy() if "flag" in columns else np.zeros(time.size, bool)
+    flags = (
+        table.frame["flag"].str.lower().isin(_TRUE).to_numpy()
+        if "flag" in columns
+        else np.zeros(time.size, bool)
+    )
     order = np.argsort(sent, kind="stable")
     epoch, shift = _epoch(settings, float(sent.min()))
     return Survey(
@@ -162,7 +172,7 @@ def _attitude(table: TextTable, end: str) -> Array:
 def _epoch(settings: _Settings, first: float) -> tuple[np.datetime64, float]:
     """UTC of time 0 and what is taken off the file's times, so that they keep their digits. [s]"""
     shift = float(np.floor(first / 86400.0) * 86400.0) if first > _LONGEST_DAY else 0.0
-    if first > 2.0 * _MJD_1970:
+    if first > _MJD_1970:
         return np.datetime64(round(shift - _MJD_1970), "s").astype("datetime64[ns]"), shift
     if first > _LONGEST_DAY:
         return np.datetime64(round(shift), "s").astype("datetime64[ns]"), shift
@@ -170,7 +180,7 @@ def _epoch(settings: _Settings, first: float) -> tuple[np.datetime64, float]:
         date = pd.Timestamp(settings.text("Obs-parameter", "Date(UTC)", ""))
     except ValueError:
         return np.datetime64("NaT", "ns"), shift
-    return (np.datetime64("NaT", "ns") if pd.isna(date) else date.to_datetime64().astype("datetime64[ns]")), shift
+    return np.datetime64(date.to_datetime64(), "ns"), shift
 
 
 def _profile(path: Path) -> tuple[Array, Array]:
@@ -191,4 +201,6 @@ def _find(settings: _Settings, name: str) -> Path:
     for candidate in [*(folder / wanted for folder in folders), here / wanted.name]:
         if candidate.is_file():
             return candidate
-    raise LocateError(f"{settings.path}: names {name}, which is neither here nor in a folder above the ini file")
+    raise LocateError(
+        f"{settings.path}: names {name}, which is neither here nor in a folder above the ini file"
+    )

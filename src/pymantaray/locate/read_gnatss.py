@@ -161,7 +161,7 @@ def _survey(
         raise LocateError(
             f"{path}: no position is within {_SAME * 1e3:g} ms of a ping and its reply; check transducer_delay_time"
         )
-    row, node, two_way, near, away = (x[there] for x in (row, node, two_way, near, away))
+    row, node, near, away, two_way = row[there], node[there], near[there], away[there], two_way[there]
     start = stamps.min()
     sigma = float(np.sqrt(np.median(positions[2].mean(axis=1))))
     notes = skipped_note(path, int(times.size - np.isfinite(times).sum()))
@@ -186,7 +186,9 @@ def _nearest(time: Array, wanted: Array) -> NDArray[np.int64]:
     """Index of the time nearest to each wanted one; -1 if none is near enough."""
     i = np.clip(np.searchsorted(time, wanted), 1, max(time.size - 1, 1))
     last = time.size - 1
-    best = np.where(np.abs(time[np.minimum(i, last)] - wanted) < np.abs(time[i - 1] - wanted), np.minimum(i, last), i - 1)
+    best = np.where(
+        np.abs(time[np.minimum(i, last)] - wanted) < np.abs(time[i - 1] - wanted), np.minimum(i, last), i - 1
+    )
     return np.where(np.abs(time[best] - wanted) <= _SAME, best, -1)
 
 
@@ -194,7 +196,9 @@ def _profile(path: Path) -> tuple[Array, Array]:
     """Depth and sound speed of two columns, depths negative down."""
     rows = [line.replace(",", " ").split()[:2] for line in path.read_text().splitlines()]
     try:
-        table = np.array([[float(word) for word in row] for row in rows if row and not row[0].startswith("#")])
+        table = np.array(
+            [[float(word) for word in row] for row in rows if row and not row[0].startswith("#")]
+        )
     except ValueError:
         raise LocateError(f"{path}: needed are two columns, depth (negative down) and sound speed") from None
     depth = np.abs(table[:, 0])

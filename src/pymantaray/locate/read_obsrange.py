@@ -78,7 +78,9 @@ def _ping(line: str) -> tuple[float, float, float, float] | None:
         parts = match.groups()
         year, day, hour, minute, second = parts[-5:]
         start = np.datetime64(f"{year}-01-01", "s").astype(np.int64)
-        time = float(start) + 86400.0 * (int(day) - 1) + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
+        time = (
+            float(start) + 86400.0 * (int(day) - 1) + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
+        )
         return time, float(parts[0]), _angle(*parts[1:4]), _angle(*parts[4:7])
     if (match := _ROW.match(line)) and match["ms"]:
         logged = _instant(match["date"], match["clock"])

@@ -85,9 +85,7 @@ class ReadOptions:
         if self.sigma is not None:
             if not self.sigma > 0.0:
                 raise LocateError(f"sigma is {self.sigma:g} s; a positive standard deviation is needed")
-            changed = changed.changed(
-                sigma=np.where(np.isfinite(survey.sigma), survey.sigma, self.sigma)
-            )
+            changed = changed.changed(sigma=np.where(np.isfinite(survey.sigma), survey.sigma, self.sigma))
         lever = LeverArm(self.lever or survey.lever.offset, self.lever_sigma or survey.lever.sigma)
         changed = changed.changed(lever=lever)
         if self.platform_error is not None:

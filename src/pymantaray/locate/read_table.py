@@ -191,7 +191,9 @@ class _Places:
                 raise LocateError(f"{self._table.path}: latitudes and longitudes without a frame")
             north, east = (
                 np.where(self._between, np.nan, x)
-                for x in frame.to_local(np.where(self._between, frame.latitude_deg, lat), np.where(self._between, 0.0, lon))
+                for x in frame.to_local(
+                    np.where(self._between, frame.latitude_deg, lat), np.where(self._between, 0.0, lon)
+                )
             )
         else:
             north, east = (_optional(self._table, f"{name}{suffix}_m") for name in ("north", "east"))
@@ -200,11 +202,13 @@ class _Places:
         bad = ~np.isfinite(place).all(axis=1) & ~self._between
         if bad.any():
             line = self._table.frame.index[int(np.argmax(bad))]
-            raise LocateError(f"{self._table.path}, line {line}: the position of the platform is not complete")
+            raise LocateError(
+                f"{self._table.path}, line {line}: the position of the platform is not complete"
+            )
         return place
 
     def _attitudes(self) -> list[Array]:
-        out = []
+        out = list[Array]()
         for suffix in ("", "_rx"):
             columns = [f"{name}{suffix}_deg" for name in ("heading", "pitch", "roll")]
             there = any(c in self._table.frame.columns for c in columns)
@@ -224,7 +228,9 @@ class _Places:
         if tracks.start is not None and not np.isnat(self._epoch):
             shift = float((self._epoch - tracks.start) / np.timedelta64(1, "s"))
         elif (tracks.start is None) != np.isnat(self._epoch):
-            raise LocateError("track: it has dates and the survey has not, or the other way; both must have the same")
+            raise LocateError(
+                "track: it has dates and the survey has not, or the other way; both must have the same"
+            )
         own = next(p for p in tracks.in_frame(frame or LocalFrame(0.0, 0.0)) if p.name == name)
         both = self.sent + shift, self.sent + shift + self._duration
         first, last = own.time[0], own.time[-1]
@@ -267,10 +273,14 @@ def _nodes(
     known = {} if options.nodes is None else _node_table(options, frame, places)
     missing = [name for name in names if name not in known]
     if missing and options.nodes is not None:
-        raise LocateError(f"{options.nodes}: lacks node {missing[0]} of the survey; it has {', '.join(known)}")
+        raise LocateError(
+            f"{options.nodes}: lacks node {missing[0]} of the survey; it has {', '.join(known)}"
+        )
     for name in missing:
         if options.depth is None:
-            raise LocateError(f"{table.path}: the depth of node {name} is unknown; give --depth or a table of nodes")
+            raise LocateError(
+                f"{table.path}: the depth of node {name} is unknown; give --depth or a table of nodes"
+            )
         mine = (table.frame["node"].str.strip() == name).to_numpy() & np.isfinite(places.near).all(axis=1)
         if not mine.any():
             raise LocateError(f"{table.path}: node {name} has no ping of the platform; give a table of nodes")
@@ -294,13 +304,21 @@ def _node_table(options: ReadOptions, frame: LocalFrame | None, places: _Places)
         north, east = frame.to_local(lat, lon)
     else:
         north, east = table.numbers(["north_m", "east_m"]).T
-    depth = table.numbers(["depth_m"])[:, 0] if "depth_m" in columns else np.full(len(table.frame), options.depth or np.nan)
+    depth = (
+        table.numbers(["depth_m"])[:, 0]
+        if "depth_m" in columns
+        else np.full(len(table.frame), options.depth or np.nan)
+    )
     if not np.isfinite(depth).all():
         raise LocateError(f"{path}: lacks depth_m; give it, or --depth")
     horizontal = _optional(table, "sigma_horizontal_m", _SIGMA[0])
     sigma = [
         _optional(table, f"sigma_{axis}_m") if f"sigma_{axis}_m" in columns else default
-        for axis, default in (("north", horizontal), ("east", horizontal), ("depth", np.full(len(depth), _SIGMA[2])))
+        for axis, default in (
+            ("north", horizontal),
+            ("east", horizontal),
+            ("depth", np.full(len(depth), _SIGMA[2])),
+        )
     ]
     delay = _optional(table, "turn_around_s", 0.0) + 1e-3 * _optional(table, "turn_around_ms", 0.0)
     rest = {

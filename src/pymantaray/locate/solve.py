@@ -341,11 +341,15 @@ class _Evidence:
 
 def solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solution, list[Candidate], Solver]:
     """Solution of a survey sorted by time, the candidates for its model, and the solver."""
-    with threadpool_limits(limits=1, user_api="blas"):  # matrices are small: threads would wait for each other
+    with threadpool_limits(
+        limits=1, user_api="blas"
+    ):  # matrices are small: threads would wait for each other
         return _solve(survey, medium, options)
 
 
-def _solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solution, list[Candidate], Solver]:
+def _solve(
+    survey: Survey, medium: Medium, options: LocateOptions
+) -> tuple[Solution, list[Candidate], Solver]:
     solver = Solver(survey, medium, options)
     start = start_positions(survey, medium)
     simple: Kind = "known" if options.sound_speed == "known" else "scale"
@@ -358,7 +362,10 @@ def _solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solu
         solution = solver.settle(unknowns, values, chosen.correlation, chosen.found)
         if np.array_equal(solution.used, base.used):
             break
-        base, before = solution, (chosen.kind, chosen.correlation)  # the evidence is of the pings that are used
+        base, before = (
+            solution,
+            (chosen.kind, chosen.correlation),
+        )  # the evidence is of the pings that are used
         chosen, tried = choose(solver, base)
         if (chosen.kind, chosen.correlation) == before:
             break
@@ -368,11 +375,19 @@ def _solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solu
 def candidate_table(tried: list[Candidate], chosen: Solution) -> pd.DataFrame:
     """Candidates by ABIC, best first, with the difference to the best."""
     table = pd.DataFrame([dict(c) for c in tried]).sort_values("abic", ignore_index=True, kind="stable")
-    table.insert(0, "chosen", [
-        row.sound_speed == chosen.unknowns.speed.kind and row.correlation_ratio == chosen.correlation.ratio
-        and (chosen.correlation.ratio == 0.0 or (row.correlation_time_s, row.correlation_shared)
-             == (chosen.correlation.memory, chosen.correlation.shared))
-        for row in table.itertuples()
-    ])
+    table.insert(
+        0,
+        "chosen",
+        [
+            row["sound_speed"] == chosen.unknowns.speed.kind
+            and row["correlation_ratio"] == chosen.correlation.ratio
+            and (
+                chosen.correlation.ratio == 0.0
+                or (row["correlation_time_s"], row["correlation_shared"])
+                == (chosen.correlation.memory, chosen.correlation.shared)
+            )
+            for row in table.to_dict("records")
+        ],
+    )
     table.insert(5, "abic_difference", table["abic"] - table["abic"].min())
     return table

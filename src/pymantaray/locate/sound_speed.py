@@ -75,7 +75,7 @@ class Term:
         """Columns of some pings: the derivative of the fraction gamma by the coefficients."""
         factor = self.factor[part]
         if self.spline is None:
-            return factor.mean(axis=1)[:, None]
+            return np.asarray(factor.mean(axis=1)[:, None])
         both = [self.spline.rows(part, k) * factor[:, k, None] for k in (0, 1)]
         return np.asarray(0.5 * (both[0] + both[1]))
 
@@ -178,7 +178,9 @@ def sound_speed_terms(
         ends = np.where(survey.between_nodes[:, None, None], 0.0, ends) / KM
         for axis, name in enumerate(("north", "east")):
             terms.append(
-                Term(f"platform gradient {name}", "platform gradient", spline, ends[..., axis], prior.gradient)
+                Term(
+                    f"platform gradient {name}", "platform gradient", spline, ends[..., axis], prior.gradient
+                )
             )
         offsets = position - centre
         if len(position) > 2 and np.linalg.norm(offsets[:, :2], axis=1).max() > _APART:

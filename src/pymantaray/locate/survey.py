@@ -60,7 +60,9 @@ class Node:
             raise LocateError(f"node {self.name}: position {self.position} is not finite")
         numbers = (*self.sigma, self.turn_around, self.turn_around_sigma, self.offset_sigma, self.drift_sigma)
         if not (np.isfinite(numbers).all() and min(numbers) >= 0.0):
-            raise LocateError(f"node {self.name}: sigmas and times must be finite and not negative: {numbers}")
+            raise LocateError(
+                f"node {self.name}: sigmas and times must be finite and not negative: {numbers}"
+            )
         if self.turn_around > 60.0:
             raise LocateError(
                 f"node {self.name}: turn-around time {self.turn_around:g} s; write milliseconds as '13 ms'"
@@ -177,8 +179,7 @@ class Survey:
     def __post_init__(self) -> None:
         """Fill what is optional, and check."""
         n = np.size(self.travel_time)
-        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
-        put("nodes", tuple(self.nodes))
+        object.__setattr__(self, "nodes", tuple(self.nodes))
         for name, width, default, kind in (
             ("time", 0, 0.0, float),
             ("travel_time", 0, 0.0, float),
@@ -198,7 +199,7 @@ class Survey:
             array = np.array(given, dtype=kind) if given.size else np.full(shape, default, dtype=kind)
             if array.shape != shape:
                 raise LocateError(f"{self.source}: {name} has shape {array.shape}; it needs {shape}")
-            put(name, array)
+            object.__setattr__(self, name, array)
         self._check()
 
     def _check(self) -> None:
@@ -269,7 +270,9 @@ class Survey:
         """The survey with all positions and headings in another frame."""
         own = self.frame
         if own is None:
-            raise LocateError(f"{self.source}: its positions are not geographic; they cannot be put into an ocean")
+            raise LocateError(
+                f"{self.source}: its positions are not geographic; they cannot be put into an ocean"
+            )
         if (own.latitude_deg, own.longitude_deg) == (frame.latitude_deg, frame.longitude_deg):
             return self
 
@@ -280,9 +283,7 @@ class Survey:
 
         middle = own.to_geodetic(0.0, 0.0)
         turn = np.array([float(frame.convergence(*middle)), 0.0, 0.0])
-        nodes = tuple(
-            replace(node, position=tuple(map(float, moved(np.array(node.position))))) for node in self.nodes
-        )
+        nodes = tuple(replace(node, position=_three(moved(np.array(node.position)))) for node in self.nodes)
         return self.changed(
             frame=frame,
             nodes=nodes,
@@ -291,3 +292,8 @@ class Survey:
             transmit_attitude=self.transmit_attitude + turn,
             receive_attitude=self.receive_attitude + turn,
         )
+
+
+def _three(values: Array) -> tuple[float, float, float]:
+    north, east, depth = map(float, values)
+    return north, east, depth

@@ -105,7 +105,7 @@ def predict(
     shapes = np.zeros((n, 0 if modes is None else len(modes.modes)))
     if modes is not None:
         np.add.at(shapes, rows, weight[:, None] * _sensitivity(medium, ends, arrivals, modes))
-    return Legs(time, *gradients, status, shapes)
+    return Legs(time, gradients[0], gradients[1], gradients[2], gradients[3], status, shapes)
 
 
 def _sensitivity(

@@ -51,7 +51,7 @@ class Unknowns:
     @property
     def size(self) -> int:
         """Number of columns."""
-        return self.slices["speed"].stop
+        return int(self.slices["speed"].stop)
 
     @property
     def prior_mean(self) -> Array:
@@ -166,5 +166,7 @@ class Unknowns:
     def clock_signs(self) -> list[tuple[Array, NDArray[np.int64]]]:
         """Sign with which the clocks of both ends enter a one-way time (received less transmitted), and their nodes."""
         s = self.survey
-        own = np.where(s.direction == Direction.TO_NODE, 1.0, np.where(s.direction == Direction.FROM_NODE, -1.0, 0.0))
+        own = np.where(
+            s.direction == Direction.TO_NODE, 1.0, np.where(s.direction == Direction.FROM_NODE, -1.0, 0.0)
+        )
         return [(own, s.node), (np.where(s.between_nodes, -own, 0.0), np.maximum(s.partner, 0))]

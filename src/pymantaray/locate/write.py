@@ -46,25 +46,31 @@ def _rejected(location: Location) -> list[dict[str, Any]]:
     """Pings that were left out, with their lines and reasons."""
     out = location.pings[~location.pings["used"]]
     return [
-        {"line": int(row.line), "node": row.node, "time_s": row.time_s, "residual_s": row.residual_s, "reason": row.reason}
-        for row in out.itertuples()
+        {
+            "line": int(row["line"]),
+            "node": row["node"],
+            "time_s": row["time_s"],
+            "residual_s": row["residual_s"],
+            "reason": row["reason"],
+        }
+        for row in out.to_dict("records")
     ]
 
 
 def landmarks_toml(location: Location) -> str:
     """Nodes as tables ``[[landmarks]]`` of a study, with standard deviations as comments."""
     blocks = []
-    for row in location.nodes.itertuples():
-        name = re.sub(r"[^A-Za-z0-9_-]+", "_", str(row.name)).strip("_")[:64] or "node"
+    for row in location.nodes.to_dict("records"):
+        name = re.sub(r"[^A-Za-z0-9_-]+", "_", str(row["name"])).strip("_")[:64] or "node"
         place = (
-            f"lat = {row.lat:.9f}\nlon = {row.lon:.9f}"
-            if np.isfinite(row.lat)
-            else f"north = {row.north:.4f}\neast = {row.east:.4f}"
+            f"lat = {row['lat']:.9f}\nlon = {row['lon']:.9f}"
+            if np.isfinite(row["lat"])
+            else f"north = {row['north']:.4f}\neast = {row['east']:.4f}"
         )
-        sigma = f"{row.sigma_north_m:.3f}, {row.sigma_east_m:.3f}, {row.sigma_depth_m:.3f}"
+        sigma = f"{row['sigma_north_m']:.3f}, {row['sigma_east_m']:.3f}, {row['sigma_depth_m']:.3f}"
         blocks.append(
-            f"[[landmarks]]  # {row.status}; standard deviations {sigma} m north, east, depth\n"
-            f'name = "{name}"\n{place}\ndepth = {max(row.depth, 0.0):.4f}\n'
+            f"[[landmarks]]  # {row['status']}; standard deviations {sigma} m north, east, depth\n"
+            f'name = "{name}"\n{place}\ndepth = {max(row["depth"], 0.0):.4f}\n'
         )
     return "\n".join(blocks)
 
@@ -73,18 +79,22 @@ def geojson(location: Location) -> str:
     """Nodes and their 95 % ellipses as a GeoJSON feature collection; empty without latitudes and longitudes."""
     features = []
     frame = location.survey.frame
-    for row in location.nodes.itertuples() if frame is not None else ():
-        values = {key: value for key, value in row._asdict().items() if key != "Index"}
-        properties = {key: (value if not isinstance(value, float) or np.isfinite(value) else None) for key, value in values.items()}
-        features.append(_feature("Point", [row.lon, row.lat, -row.depth], properties))
-        turn, angle = np.radians(row.ellipse_azimuth_deg), np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
-        along, across = row.ellipse_major_m * np.cos(angle), row.ellipse_minor_m * np.sin(angle)
-        north = row.north + along * np.cos(turn) - across * np.sin(turn)
-        east = row.east + along * np.sin(turn) + across * np.cos(turn)
+    for row in location.nodes.to_dict("records"):
+        if frame is None:
+            break
+        properties = {
+            str(key): (value if not isinstance(value, float) or np.isfinite(value) else None)
+            for key, value in row.items()
+        }
+        features.append(_feature("Point", [row["lon"], row["lat"], -row["depth"]], properties))
+        turn, angle = np.radians(row["ellipse_azimuth_deg"]), np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
+        along, across = row["ellipse_major_m"] * np.cos(angle), row["ellipse_minor_m"] * np.sin(angle)
+        north = row["north"] + along * np.cos(turn) - across * np.sin(turn)
+        east = row["east"] + along * np.sin(turn) + across * np.cos(turn)
         lat, lon = frame.to_geodetic(north, east)
         ring = np.column_stack([lon, lat]).tolist()
         ring[-1] = ring[0]
-        features.append(_feature("Polygon", [ring], {"name": row.name, "what": "95 % ellipse"}))
+        features.append(_feature("Polygon", [ring], {"name": row["name"], "what": "95 % ellipse"}))
     return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
 
 
@@ -110,7 +120,9 @@ def dataset(location: Location) -> xr.Dataset:
     data["ping_node"] = ("ping", pings["node"].to_numpy(dtype=str))
     data["ping_used"] = ("ping", pings["used"].to_numpy(dtype=np.int8))
     data["ping_reason"] = ("ping", pings["reason"].to_numpy(dtype=str))
-    out = xr.Dataset(data, coords={"node": nodes["name"].to_numpy(dtype=str), "axis": ["north", "east", "depth"]})
+    out = xr.Dataset(
+        data, coords={"node": nodes["name"].to_numpy(dtype=str), "axis": ["north", "east", "depth"]}
+    )
     for name in ("status",):
         out[name] = out[name].astype(str)
     model = {key: value for key, value in location.hyperparameters.items() if isinstance(value, (str, float))}
@@ -143,7 +155,9 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     n, k = rows.size, len(survey.nodes)
     node = survey.node[rows]
     speed = location.mean_speed
-    distance = np.linalg.norm(place - location.positions[node], axis=1) + 0.5 * speed * location.residual[rows]
+    distance = (
+        np.linalg.norm(place - location.positions[node], axis=1) + 0.5 * speed * location.residual[rows]
+    )
     range_sigma = 0.5 * speed * solution.posterior.sigma * np.sqrt(solution.correlation.variance)
     unit = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     pose = np.diag([_LEAST_SIGMA**2] * 6)

@@ -87,7 +87,9 @@ def write_location_page(
                 for name, caption in _CAPTIONS.items()
                 if name in tables
             ],
-            left_out=show_table(_left_out(location), "Pings that were left out", "tables/pings.csv", folded=True),
+            left_out=show_table(
+                _left_out(location), "Pings that were left out", "tables/pings.csv", folded=True
+            ),
             origin=[show_table(_entries(record), "Options", "locate.json")],
         )
         write_files(stage, all_files(tables, pictures, page))
@@ -105,7 +107,9 @@ def warnings_of(location: Location) -> list[str]:
         if not test.passed
     ]
     nodes = location.nodes
-    lines += [f"{row.name}: {row.status}." for row in nodes.itertuples() if row.status != "ok"][:_MOST_WARNED]
+    lines += [
+        f"{row['name']}: {row['status']}." for row in nodes.to_dict("records") if row["status"] != "ok"
+    ][:_MOST_WARNED]
     return lines
 
 
@@ -113,18 +117,22 @@ def _fact(location: Location) -> str:
     used, count = int(location.solution.used.sum()), len(location.survey)
     epoch = location.survey.epoch
     day = "" if np.isnat(epoch) else f", {np.datetime_as_string(epoch, unit='m').replace('T', ' ')} UTC"
-    return f"{location.survey.source}: {used:,} of {count:,} pings used, {len(location.survey.nodes)} nodes{day}"
+    return (
+        f"{location.survey.source}: {used:,} of {count:,} pings used, {len(location.survey.nodes)} nodes{day}"
+    )
 
 
 def _cards(location: Location) -> list[tuple[str, str, str]]:
     """Numbers that the page opens with: what it is, its value, and a remark."""
     cards = []
-    for row in location.nodes.head(_MOST_NODES).itertuples():
+    for row in location.nodes.head(_MOST_NODES).to_dict("records"):
         place = (
-            f"{row.lat:.6f}, {row.lon:.6f}" if np.isfinite(row.lat) else f"{row.north:.2f} N, {row.east:.2f} E m"
+            f"{row['lat']:.6f}, {row['lon']:.6f}"
+            if np.isfinite(row["lat"])
+            else f"{row['north']:.2f} N, {row['east']:.2f} E m"
         )
-        sigma = f"σ {show(row.sigma_north_m)}, {show(row.sigma_east_m)}, {show(row.sigma_depth_m)} m"
-        cards.append((str(row.name), place, f"depth {row.depth:.2f} m; {sigma} north, east, depth"))
+        sigma = f"σ {show(row['sigma_north_m'])}, {show(row['sigma_east_m'])}, {show(row['sigma_depth_m'])} m"
+        cards.append((str(row["name"]), place, f"depth {row['depth']:.2f} m; {sigma} north, east, depth"))
     cards.append(("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the pings used"))
     model = location.hyperparameters
     cards.append(("Sound speed", str(model["sound_speed"]), "by the marginal likelihood, or as asked"))
@@ -183,20 +191,29 @@ def survey_map(location: Location, header: str) -> Figure:
     nodes = location.nodes
     whole.plot(nodes["prior_east"], nodes["prior_north"], "x", color=style.ORANGE, label="prior position")
     whole.plot(nodes["east"], nodes["north"], "o", color=style.INK, markersize=3.0, label="node")
-    for row in nodes.itertuples():
-        whole.annotate(style.plain(str(row.name)), (row.east, row.north), xytext=(3, 3), textcoords="offset points", fontsize=6.5)
+    for row in nodes.to_dict("records"):
+        whole.annotate(
+            style.plain(str(row["name"])),
+            (row["east"], row["north"]),
+            xytext=(3, 3),
+            textcoords="offset points",
+            fontsize=6.5,
+        )
     whole.set_aspect("equal", adjustable="datalim")
     whole.set_xlabel("East [m]")
     whole.set_ylabel("North [m]")
     style.panel_title(whole, "a", "survey")
     colours = style.vehicle_colours(len(nodes))
     largest = max(float(nodes["ellipse_major_m"].max()), 1e-3)
-    for colour, row in zip(colours, nodes.itertuples(), strict=True):
-        turn = np.radians(row.ellipse_azimuth_deg)
-        along, across = row.ellipse_major_m * np.cos(_ANGLES), row.ellipse_minor_m * np.sin(_ANGLES)
-        north, east = along * np.cos(turn) - across * np.sin(turn), along * np.sin(turn) + across * np.cos(turn)
-        near.plot(east, north, color=colour, label=style.plain(style.short(str(row.name), 12)))
-        near.plot(row.prior_east - row.east, row.prior_north - row.north, "x", color=colour)
+    for colour, row in zip(colours, nodes.to_dict("records"), strict=True):
+        turn = np.radians(row["ellipse_azimuth_deg"])
+        along, across = row["ellipse_major_m"] * np.cos(_ANGLES), row["ellipse_minor_m"] * np.sin(_ANGLES)
+        north, east = (
+            along * np.cos(turn) - across * np.sin(turn),
+            along * np.sin(turn) + across * np.cos(turn),
+        )
+        near.plot(east, north, color=colour, label=style.plain(style.short(str(row["name"]), 12)))
+        near.plot(row["prior_east"] - row["east"], row["prior_north"] - row["north"], "x", color=colour)
     near.plot(0.0, 0.0, "+", color=style.INK)
     near.set_xlim(-1.5 * largest, 1.5 * largest)
     near.set_ylim(-1.5 * largest, 1.5 * largest)
@@ -204,7 +221,9 @@ def survey_map(location: Location, header: str) -> Figure:
     near.set_xlabel("East of the estimate [m]")
     near.set_ylabel("North of the estimate [m]")
     style.panel_title(near, "b", "95 % ellipses")
-    style.common_legend(figure, [*whole.get_legend_handles_labels()[0], *near.get_legend_handles_labels()[0][:_MOST_NODES]])
+    style.common_legend(
+        figure, [*whole.get_legend_handles_labels()[0], *near.get_legend_handles_labels()[0][:_MOST_NODES]]
+    )
     return figure
 
 
@@ -275,7 +294,9 @@ def plan_figure(plan: Plan) -> Figure:
     """Expected standard deviations over the radius, and the best radius of each pattern."""
     o = plan.options
     figure = style.new_figure(
-        style.DOUBLE, 2.8, f"Node at {o.depth:g} m, pings of {1e3 * o.sigma:g} ms, sound speed: {o.sound_speed}"
+        style.DOUBLE,
+        2.8,
+        f"Node at {o.depth:g} m, pings of {1e3 * o.sigma:g} ms, sound speed: {o.sound_speed}",
     )
     panels = figure.subplots(1, 2, sharex=True)
     shapes = list(dict.fromkeys(plan.table["pattern"]))
@@ -286,7 +307,9 @@ def plan_figure(plan: Plan) -> Figure:
         for colour, shape in zip(style.vehicle_colours(len(shapes)), shapes, strict=True):
             part = plan.table[plan.table["pattern"] == shape]
             axes.plot(part["radius_m"] / 1e3, part[column], color=colour, label=shape)
-            axes.plot(best.loc[shape, "radius_m"] / 1e3, best.loc[shape, column], "o", color=colour, markersize=4.0)
+            axes.plot(
+                best.loc[shape, "radius_m"] / 1e3, best.loc[shape, column], "o", color=colour, markersize=4.0
+            )
         axes.set_yscale("log")
         axes.set_xlabel("Radius [km]")
         axes.set_ylabel(f"Standard deviation, {words} [m]")
