@@ -10,7 +10,6 @@ import configparser
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.errors import LocateError
@@ -177,10 +176,9 @@ def _epoch(settings: _Settings, first: float) -> tuple[np.datetime64, float]:
     if first > _LONGEST_DAY:
         return np.datetime64(round(shift), "s").astype("datetime64[ns]"), shift
     try:
-        date = pd.Timestamp(settings.text("Obs-parameter", "Date(UTC)", ""))
+        return np.datetime64(settings.text("Obs-parameter", "Date(UTC)", ""), "ns"), shift
     except ValueError:
         return np.datetime64("NaT", "ns"), shift
-    return np.datetime64(date.to_datetime64(), "ns"), shift
 
 
 def _profile(path: Path) -> tuple[Array, Array]:

@@ -95,7 +95,7 @@ class Spline:
         count = max(int(np.ceil(span / spacing)), _FEWEST_KNOTS)
         step = span / count
         self.knots = first + step * np.arange(-_DEGREE, count + _DEGREE + 1)
-        self._times, self._span = times, (first, last)
+        self._times = times
         size = count + _DEGREE
         differences = np.diff(np.eye(size), n=2, axis=0)
         values, vectors = np.linalg.eigh(differences.T @ differences)
@@ -114,7 +114,7 @@ class Spline:
 
     def at(self, time: Array) -> Array:
         """Values of the columns at times within the span."""
-        inside = np.clip(time, *self._span)
+        inside = np.clip(time, self.knots[_DEGREE], self.knots[-_DEGREE - 1])
         return np.asarray(BSpline.design_matrix(inside, self.knots, _DEGREE) @ self._basis)
 
 
