@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pyproj
 from oracles import direct_travel_time_linear_gradient
 
 from pymantaray.acoustics import Medium
@@ -153,3 +154,171 @@ def survey_of(campaign, *, turn_around=0.013, turn_around_sigma=0.0, sigma=None,
         "sigma": [] if sigma is None else np.full(campaign.time.size, sigma),
     }
     return Survey(**(fields | changes))
+
+
+def profile_csv(folder, name="cast.csv", head="depth_m,sound_speed", step=250.0):
+    """The campaign's profile as a table; its path."""
+    depth = np.arange(0.0, 3001.0, step)
+    path = folder / name
+    path.write_text("\n".join([head, *(f"{z:g},{SURFACE_SPEED + GRADIENT * z:.9f}" for z in depth)]) + "\n")
+    return path
+
+
+SITE = (34.96, 139.26)
+
+
+def write_garpos(campaign, folder, *, end="\r\n", lever_sigma=(0.0, 0.0, 0.0)):
+    """A campaign in the files of GARPOS, its ini file in a folder of its own; the ini file's path."""
+    (folder / "obsdata").mkdir(parents=True, exist_ok=True)
+    (folder / "initcfg" / "SITE").mkdir(parents=True, exist_ok=True)
+    profile_csv(folder / "obsdata", "SITE-svp.csv", "depth,speed")
+    columns = "SET,LN,MT,TT,ResiTT,TakeOff,gamma,flag,ST,ant_e0,ant_n0,ant_u0,head0,pitch0,roll0,RT,ant_e1,ant_n1,ant_u1,head1,pitch1,roll1"
+    rows = ["# made for a test", f",{columns}"]
+    for i, time in enumerate(campaign.time):
+        ends = []
+        for place, attitude in zip(campaign.antenna, campaign.attitude, strict=True):
+            north, east, down = place[i]
+            angles = np.degrees(attitude[i])
+            ends.append(f"{east:.5f},{north:.5f},{-down:.5f},{angles[0] % 360.0:.6f},{angles[1]:.6f},{angles[2]:.6f}")
+        two_way = campaign.two_way[i]
+        name = campaign.names[campaign.node[i]]
+        rows.append(
+            f"{i},S01,L01,{name},{two_way - 0.013:.7f},0.0,0.0,0.0,False,{30000.0 + time:.6f},{ends[0]},"
+            f"{30000.0 + time + two_way:.6f},{ends[1]}"
+        )
+        if i % 50 == 49:
+            rows.append("")
+    (folder / "obsdata" / "SITE-obs.csv").write_bytes((end.join(rows) + end).encode())
+    stations = "\n".join(
+        f" {name}_dPos = {p[1]:.4f} {p[0]:.4f} {-p[2]:.4f} {s[1]:.4f} {s[0]:.4f} {s[2]:.4f} 0.0 0.0 0.0"
+        for name, p, s in zip(campaign.names, campaign.prior, campaign.prior_sigma, strict=True)
+    )
+    f, s, d = campaign.lever[0]
+    text = f"""[Obs-parameter]
+ Site_name   = SITE
+ Date(UTC)   = 2019-03-15
+ SoundSpeed  = ./obsdata/SITE-svp.csv
+
+[Data-file]
+ datacsv     = ./obsdata/SITE-obs.csv
+ N_shot      = {campaign.time.size}
+
+[Site-parameter]
+ Latitude0   = {SITE[0]}
+ Longitude0  = {SITE[1]}
+ Height0     = 43.00
+ Stations    = {" ".join(campaign.names)}
+# Array_cent :   'cntpos_E'  'cntpos_N'  'cntpos_U'
+ Center_ENU  = 0.0 0.0 -1300.0
+
+[Model-parameter]
+# MT_Pos     :   'stapos_E'  'stapos_N'  'stapos_U'   'sigma_E'   'sigma_N'   'sigma_U'   'cov_NU'    'cov_UE'    'cov_EN'
+{stations}
+ dCentPos    = 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0
+ ATDoffset   = {f} {s} {d} {lever_sigma[0]} {lever_sigma[1]} {lever_sigma[2]} 0.0 0.0 0.0
+"""
+    path = folder / "initcfg" / "SITE" / "SITE-initcfg.ini"
+    path.write_bytes(text.replace("\n", end).encode())
+    return path
+
+
+def write_obsrange(folder, *, seed=1, deep=2500.0, drop=(-5.2, -132.5), offset=(140.0, -230.0), name="S01", hemisphere=None):
+    """Survey text as of Scripps for one node, some events without an answer and two gross errors; path and true place."""
+    rng = np.random.default_rng(seed)
+    turn = np.linspace(0.0, 1.8 * np.pi, 60)
+    place = np.column_stack([1700.0 * np.cos(turn), 1700.0 * np.sin(turn), np.zeros(60)])
+    place[::6, :2] *= 0.3
+    truth = np.array([*offset, deep])
+    ms = 1e3 * (2.0 * direct_time(place, truth) * (1.0 - 2e-3) + 0.013) + rng.normal(0.0, 0.3, 60)
+    ms[[10, 40]] += [480.0, -300.0]
+    lon, lat = pyproj.Proj(proj="aeqd", lat_0=drop[0], lon_0=drop[1], ellps="WGS84")(
+        place[:, 1], place[:, 0], inverse=True
+    )
+    lines = [
+        "Ranging data taken on:  2018-04-24 05:12:37.553000",
+        "Cruise:                 test",
+        f"Site:                   {name}",
+        "Instrument:             ",
+        f"Drop Point (Latitude):  {drop[0]}",
+        f"Drop Point (Longitude): {drop[1] if hemisphere is None else hemisphere * drop[1]}",
+        f"Depth (meters):         {deep + 40.0:g}",
+        "Comment:                ",
+        "==================================================",
+        "",
+    ]
+    for i in range(60):
+        if i % 9 == 4:
+            lines.append("Event skipped - Timeout or Badly formatted data was received")
+        clock = f"2018:114:{6 + i // 60:02d}:{i % 60:02d}:30"
+        lines.append(
+            f" {ms[i]:.0f} msec. Lat: {int(abs(lat[i]))} {abs(lat[i]) % 1.0 * 60.0:.5f} {'S' if lat[i] < 0 else 'N'}  Lon:"
+            f" {int(abs(lon[i]))} {abs(lon[i]) % 1.0 * 60.0:.5f} {'W' if lon[i] < 0 else 'E'}  Alt: 29.42 Time(UTC): {clock}"
+        )
+    path = folder / f"{name}.txt"
+    path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
+    return path, truth
+
+
+def write_gnatss(campaign, folder, *, geoid=-26.0):
+    """A campaign in the files of GNATSS, positions those of the transducer; the configuration's path."""
+    frame = pyproj.Proj(proj="aeqd", lat_0=SITE[0], lon_0=SITE[1], ellps="GRS80")
+    to_xyz = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+    arm, k = np.array(campaign.lever[0]), len(campaign.names)
+    ends = [p + to_world(a, arm) for p, a in zip(campaign.antenna, campaign.attitude, strict=True)]
+    positions, ping_rows = [], []
+    starts = campaign.time.reshape(-1, k)
+    for ping in range(len(starts)):
+        for column in range(k):
+            i = ping * k + column
+            stamp = np.datetime64("2023-06-26T00:00:00", "ns") + np.timedelta64(round(1e9 * campaign.time[i]), "ns")
+            answers = ["0"] * k
+            answers[column] = f"{1e6 * campaign.two_way[i]:.0f}"
+            day, clock = str(stamp).split("T")
+            ping_rows.append(f"26-JUN-23 {clock[:12]}   " + "   ".join(answers))
+            since = (stamp - np.datetime64("2000-01-01T12:00:00", "ns")) / np.timedelta64(1, "s")
+            for time, place in ((since, ends[0][i]), (since + campaign.two_way[i], ends[1][i])):
+                lon, lat = frame(place[1], place[0], inverse=True)
+                xyz = to_xyz.transform(lon, lat, geoid - place[2])
+                variances = "1e-6 0 0 0 1e-6 0 0 0 1e-6"
+                positions.append(f"{time:.7f} {xyz[0]:.5f} {xyz[1]:.5f} {xyz[2]:.5f} {variances}")
+            assert day == "2023-06-26"
+    (folder / "pxp_tt").write_text("\n".join(ping_rows) + "\n")
+    (folder / "POS_FREED_TRANS_TWTT").write_text("\n".join(positions) + "\n")
+    levels = np.arange(0.0, 3001.0, 250.0)
+    (folder / "ctd").write_text("".join(f"{-z:.4f} {SURFACE_SPEED + GRADIENT * z:.6f}\n" for z in levels))
+    entries = []
+    for place in campaign.prior:
+        lon, lat = frame(place[1], place[0], inverse=True)
+        entries.append(f"    - lat: {lat:.9f}\n      lon: {lon:.9f}\n      height: {geoid - place[2]:.4f}\n      internal_delay: 0.013")
+    path = folder / "config.yaml"
+    path.write_text(
+        "site_id: TEST\nsolver:\n  transponders:\n"
+        + "\n".join(entries)
+        + f"\n  geoid_undulation: {geoid}\n  array_center:\n    lat: {SITE[0]}\n    lon: {SITE[1]}\n"
+        "  travel_times_variance: 1e-10\n  transducer_delay_time: 0.0\n  input_files:\n    sound_speed:\n      path: ./ctd\n"
+        "    travel_times:\n      path: ./pxp_tt\n    gps_solution:\n      path: ./POS_FREED_TRANS_TWTT\n"
+    )
+    return path
+
+
+def write_table(campaign, folder, *, unit="s"):
+    """A campaign as our own tables of pings and nodes, in local metres; both paths."""
+    size = 1.0 if unit == "s" else 1000.0
+    head = (
+        f"time,node,two_way_time_{unit},north_m,east_m,depth_m,heading_deg,pitch_deg,roll_deg,north_rx_m,east_rx_m,"
+        "depth_rx_m,heading_rx_deg,pitch_rx_deg,roll_rx_deg,use"
+    )
+    rows = ["# pings of a test", head]
+    for i, time in enumerate(campaign.time):
+        cells = [f"{time:.6f}", campaign.names[campaign.node[i]], f"{size * campaign.two_way[i]:.7f}"]
+        for place, attitude in zip(campaign.antenna, campaign.attitude, strict=True):
+            cells += [f"{x:.5f}" for x in place[i]] + [f"{x:.6f}" for x in np.degrees(attitude[i])]
+        rows.append(",".join([*cells, "yes"]))
+    pings, nodes = folder / "pings.csv", folder / "nodes.csv"
+    pings.write_text("\n".join(rows) + "\n")
+    lines = ["name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,turn_around_ms"]
+    lines += [
+        f"{name},{p[0]:.4f},{p[1]:.4f},{p[2]:.4f},5,5,13" for name, p in zip(campaign.names, campaign.prior, strict=True)
+    ]
+    nodes.write_text("\n".join(lines) + "\n")
+    return pings, nodes
