@@ -161,7 +161,7 @@ def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
     times = 2.0 * direct_time(place, truth) + np.random.default_rng(1).normal(0.0, 2e-4, 60)
     node = Node("A", tuple(truth), (500.0, 500.0, 100.0))
     survey = Survey((node,), np.zeros(60, int), 15.0 * np.arange(60), times, place, place)
-    found = locate(survey, medium, LocateOptions(sound_speed="scale", correlation="none")).nodes.iloc[0]
+    found = locate(survey, medium, LocateOptions(speed_model="scale", correlation="none")).nodes.iloc[0]
     assert lost == 0
     sigma = found[["sigma_north_m", "sigma_east_m", "sigma_depth_m"]].to_numpy(dtype=float)
     np.testing.assert_allclose(sigma, expected, rtol=0.35)  # 60 pings give their own noise to 10 %

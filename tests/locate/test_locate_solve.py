@@ -16,8 +16,8 @@ from pymantaray.locate.sound_speed import SpeedPrior, sound_speed_terms
 from pymantaray.locate.travel_times import predict
 from pymantaray.locate.unknowns import Unknowns
 
-TIME = LocateOptions(sound_speed="time", correlation="none")
-SCALE = LocateOptions(sound_speed="scale", correlation="none")
+TIME = LocateOptions(speed_model="time", correlation="none")
+SCALE = LocateOptions(speed_model="scale", correlation="none")
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +167,7 @@ def test_leaving_a_term_out_fails_the_chi_square_test(campaign, medium, change):
     if change.get("level"):
         turned = survey.transmit_attitude * [1.0, 0.0, 0.0], survey.receive_attitude * [1.0, 0.0, 0.0]
         survey = survey.changed(transmit_attitude=turned[0], receive_attitude=turned[1])
-    options = LocateOptions(sound_speed=change.get("kind", "time"), correlation="none")
+    options = LocateOptions(speed_model=change.get("kind", "time"), correlation="none")
     assert not locate(survey, medium, options).passed
 
 
@@ -244,7 +244,7 @@ def test_one_way_times_give_clocks_and_positions(campaign, medium):
         lever=LeverArm(),
         direction=np.full(n, Direction.FROM_NODE),
     )
-    found = locate(survey, medium, LocateOptions(sound_speed="known", correlation="none"))
+    found = locate(survey, medium, LocateOptions(speed_model="known", correlation="none"))
     assert nees(found, truth) < chi2.ppf(0.999, 9)
     table = found.other_unknowns.set_index("unknown")
     estimated = table.loc[[f"{name} clock offset [s]" for name in campaign.names]]
@@ -294,7 +294,7 @@ def test_correlated_noise_is_recognized(medium):
     apart = np.abs(time[:, None] - time)
     root = np.linalg.cholesky(np.exp(-apart / 120.0) + 1e-9 * np.eye(time.size))
     survey = survey_of(campaign).changed(travel_time=campaign.two_way + 2e-4 * root @ rng.normal(size=time.size))
-    found = locate(survey, medium, LocateOptions(sound_speed="scale"))
+    found = locate(survey, medium, LocateOptions(speed_model="scale"))
     model = found.hyperparameters
     assert model["correlation_ratio"] > 1.0
     assert model["correlation_time_s"] in (60.0, 180.0)

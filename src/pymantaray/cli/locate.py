@@ -30,8 +30,6 @@ NODES = {
     "σN": ("sigma_north_m", ".3g"),
     "σE": ("sigma_east_m", ".3g"),
     "σD": ("sigma_depth_m", ".3g"),
-    "used": ("n_used", ",d"),
-    "status": ("status", ""),
 }
 LOCAL = {"lat": ("north", ".2f"), "lon": ("east", ".2f")}
 BUDGET = {
@@ -170,7 +168,7 @@ class ModelOptions:
     ] = 1e-4
     knots: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Spacing of the splines' knots. Default: 1/60 of the survey."),
+        typer.Option(metavar="TIME", help="Spacing of the splines' knots. Default: 1/80 of the survey, 5 min at least."),
     ] = None
     modes: Annotated[
         list[Path] | None, typer.Option(metavar="CASTS", help="Casts whose modes --sound-speed modes uses.")
@@ -383,7 +381,7 @@ def _locate_options(model: ModelOptions, nodes: NodeOptions) -> "LocateOptions":
     knots = 0.0 if model.knots is None else _seconds("--knots", model.knots)
     arrangement: Any = None if nodes.rigid is None else ("rigid" if nodes.rigid else "free")
     return LocateOptions(
-        sound_speed=model.sound_speed,
+        speed_model=model.sound_speed,
         correlation=model.correlation,
         gross=model.gross,
         arrangement=arrangement,
@@ -468,6 +466,9 @@ def _tell(out: Printer, located: "Location", notes: list[str]) -> None:
         for h, c in NODES.items()
     }
     out.table("nodes", values["nodes"], columns, "Nodes; σ: standard deviations of north, east, depth [m]")
+    for row in values["nodes"].to_dict("records"):
+        if row["status"] != "ok":
+            out.line(f"{row['name']}: {row['status']}, {row['n_used']} of {row['n_all']} pings used")
     budget = values["budget"]
     shown = budget[(budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)]
     out.table("budget", shown, BUDGET, "Where the standard deviations come from [m]")

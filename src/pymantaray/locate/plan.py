@@ -88,7 +88,7 @@ class PlanOptions:
         Of the node. [m]
     sigma : float
         Standard deviation of two-way times. [s]
-    sound_speed : {"known", "scale", "time", "gradient"}
+    speed_model : {"known", "scale", "time", "gradient"}
         What the solver will estimate.
     node_sigma : tuple of float
         Prior standard deviations of the node: north, east, depth. [m]
@@ -106,7 +106,7 @@ class PlanOptions:
 
     depth: float
     sigma: float = 1e-3
-    sound_speed: Kind = "scale"
+    speed_model: Kind = "scale"
     node_sigma: tuple[float, float, float] = (500.0, 500.0, 100.0)
     transducer_depth: float = 5.0
     turn_around_sigma: float = 0.0
@@ -123,7 +123,7 @@ class PlanOptions:
             )
         if not (self.sigma > 0.0 and self.ping_interval > 0.0):
             raise LocateError("plan: sigma and ping_interval must be positive")
-        if self.sound_speed == "modes":
+        if self.speed_model == "modes":
             raise LocateError("plan: sound speed 'modes'; allowed are known, scale, time and gradient")
 
 
@@ -181,7 +181,7 @@ def expected_sigmas(pattern: Pattern, medium: Medium, options: PlanOptions) -> t
     if not legs.possible.any():
         return np.full(3, np.inf), len(survey)
     survey = survey.changed(travel_time=np.where(legs.possible, legs.travel_time, 1.0))
-    speed = sound_speed_terms(survey, position, options.sound_speed, options.speed_prior)
+    speed = sound_speed_terms(survey, position, options.speed_model, options.speed_prior)
     unknowns = Unknowns(survey, speed)
     values = unknowns.prior_mean
     linear = Linearization(unknowns, values, legs, np.ones(len(survey)))

@@ -40,7 +40,7 @@ class LocateOptions:
 
     Parameters
     ----------
-    sound_speed : {"auto", "known", "scale", "time", "gradient", "modes"}
+    speed_model : {"auto", "known", "scale", "time", "gradient", "modes"}
         What may differ from the profile; the marginal likelihood decides if ``auto``.
     correlation : {"auto", "none"}
         Whether pings may have correlated noise.
@@ -53,7 +53,7 @@ class LocateOptions:
         Shapes for the model ``modes``.
     """
 
-    sound_speed: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"
+    speed_model: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"
     correlation: Literal["auto", "none"] = "auto"
     gross: float = 5.0
     arrangement: Arrangement | None = None
@@ -62,8 +62,8 @@ class LocateOptions:
 
     def __post_init__(self) -> None:
         """Check the words and numbers."""
-        if self.sound_speed not in ("auto", *KINDS):
-            raise LocateError(f"sound speed {self.sound_speed!r}; allowed are auto, {', '.join(KINDS)}")
+        if self.speed_model not in ("auto", *KINDS):
+            raise LocateError(f"sound speed {self.speed_model!r}; allowed are auto, {', '.join(KINDS)}")
         if self.correlation not in ("auto", "none"):
             raise LocateError(f"correlation {self.correlation!r}; allowed are auto and none")
         if not self.gross > 2.0:
@@ -72,8 +72,8 @@ class LocateOptions:
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """Models to choose from, simplest first; not ``known``, whose evidence is high where the data cannot test it."""
-        if self.sound_speed != "auto":
-            return (self.sound_speed,)
+        if self.speed_model != "auto":
+            return (self.speed_model,)
         return KINDS[1:] if self.modes is not None else KINDS[1:-1]
 
 
@@ -352,7 +352,7 @@ def _solve(
 ) -> tuple[Solution, list[Candidate], Solver]:
     solver = Solver(survey, medium, options)
     start = start_positions(survey, medium)
-    simple: Kind = "known" if options.sound_speed == "known" else "scale"
+    simple: Kind = "known" if options.speed_model == "known" else "scale"
     unknowns = solver.unknowns(simple, start)
     base = solver.settle(unknowns, solver.first_values(unknowns, start), Correlation())
     chosen, tried = choose(solver, base)

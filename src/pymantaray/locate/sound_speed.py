@@ -22,7 +22,7 @@ Kind = Literal["known", "scale", "time", "gradient", "modes"]
 KINDS: tuple[Kind, ...] = ("known", "scale", "time", "gradient", "modes")
 KM = 1000.0
 _DEGREE = 3
-_FEWEST_KNOTS, _MOST_KNOTS, _MOST_GRADIENT_KNOTS = 4, 60, 30
+_FEWEST_KNOTS, _MOST_KNOTS, _MOST_GRADIENT_KNOTS = 4, 80, 40
 _SHORTEST = 300.0  # s; spacing of knots
 _APART = 50.0  # m; nodes nearer than this to their centre show no gradient
 
@@ -39,7 +39,7 @@ class SpeedPrior:
     gradient : float
         Standard deviation of the constant part of a horizontal gradient of that fraction. [1/km]
     knot_interval : float
-        Spacing of the splines' knots; 0 for one sixtieth of the survey, 5 min at least. [s]
+        Spacing of the splines' knots; 0 for one eightieth of the survey, 5 min at least. [s]
     """
 
     scale: float = 5e-3

@@ -296,7 +296,7 @@ def plan_figure(plan: Plan) -> Figure:
     figure = style.new_figure(
         style.DOUBLE,
         2.8,
-        f"Node at {o.depth:g} m, pings of {1e3 * o.sigma:g} ms, sound speed: {o.sound_speed}",
+        f"Node at {o.depth:g} m, pings of {1e3 * o.sigma:g} ms, sound speed: {o.speed_model}",
     )
     panels = figure.subplots(1, 2, sharex=True)
     shapes = list(dict.fromkeys(plan.table["pattern"]))
