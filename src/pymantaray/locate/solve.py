@@ -17,12 +17,13 @@ from pymantaray.locate.noise import Correlation
 from pymantaray.locate.sound_speed import KINDS, Kind, SpeedPrior, sound_speed_terms
 from pymantaray.locate.starts import start_positions
 from pymantaray.locate.survey import Survey
-from pymantaray.locate.travel_times import Legs, predict
+from pymantaray.locate.travel_times import Legs, moved, predict
 from pymantaray.locate.unknowns import Arrangement, Unknowns
 from pymantaray.ocean.modes import VerticalModes
 
 Array = NDArray[np.float64]
 _STEPS = 25  # outer steps of one stage
+_NEAR = 0.3  # m; rays are not traced again for smaller moves
 _SETTLED = 1e-3  # m; the largest change of a node's position in an outer step
 _MAD = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 _UNSTATED = 1e-3  # s; noise of pings too few to show it
@@ -102,6 +103,7 @@ class Solver:
 
     def __init__(self, survey: Survey, medium: Medium, options: LocateOptions) -> None:
         self.survey, self.medium, self.options = survey, medium, options
+        self._traced: tuple[Array, Array, Legs] | None = None
         stated = survey.sigma[np.isfinite(survey.sigma)]
         self.weight = np.ones(len(survey))
         if stated.size:
@@ -141,8 +143,7 @@ class Solver:
         sigma: float,
     ) -> Solution:
         """Solve the linear system at some values; the solution's values are those before the step."""
-        modes = unknowns.speed.modes
-        legs = predict(self.survey, self.medium, unknowns.positions(values), unknowns.lever(values), modes)
+        legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
         linear = Linearization(unknowns, values, legs, self.weight)
         used = self.believed(linear)
         if not used.any():
@@ -154,6 +155,17 @@ class Solver:
         products = linear.products(used, correlation, self.survey.platform_error, first)
         found = posterior(products, unknowns, values, hyper, sigma=first)
         return Solution(unknowns, values, found, correlation, legs, linear, products, used, settled=False)
+
+    def legs(self, position: Array, lever: Array, modes: VerticalModes | None) -> Legs:
+        """Travel times at positions: rays are traced unless they were for positions near by."""
+        if self._traced is not None:
+            at, arm, legs = self._traced
+            near = max(float(np.abs(position - at).max()), float(np.abs(lever - arm).max())) < _NEAR
+            if near and legs.modes.shape[1] == (0 if modes is None else len(modes.modes)):
+                return moved(self.survey, legs, position - at, lever - arm)
+        traced = predict(self.survey, self.medium, position, lever, modes)
+        self._traced = position, lever, traced
+        return traced
 
     def _first_sigma(self, linear: Linearization, used: Mask) -> float:
         """Noise level to start from: that of the residuals, or what is stated where pings hardly outnumber unknowns."""
@@ -299,13 +311,8 @@ class _Evidence:
         self._values = solver.first_values(self._unknowns, base.positions, base)
         legs = base.legs
         if self._unknowns.speed.modes is not None:
-            legs = predict(
-                solver.survey,
-                solver.medium,
-                base.positions,
-                base.unknowns.lever(base.values),
-                self._unknowns.speed.modes,
-            )
+            lever = base.unknowns.lever(base.values)
+            legs = solver.legs(base.positions, lever, self._unknowns.speed.modes)
         self._linear = Linearization(self._unknowns, self._values, legs, solver.weight)
         self._products: dict[Correlation, Products] = {}
 

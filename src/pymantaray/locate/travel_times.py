@@ -1,6 +1,6 @@
 """Travel times of a survey's pings, and how they change with every position: exact eigenrays at both ends of each leg."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,18 @@ def _rotations(survey: Survey) -> tuple[Rotation, Rotation]:
     return Rotation.from_euler("ZYX", survey.transmit_attitude), Rotation.from_euler(
         "ZYX", survey.receive_attitude
     )
+
+
+def moved(survey: Survey, legs: Legs, nodes: Array, lever: Array) -> Legs:
+    """
+    Travel times after small moves of the nodes (n_nodes, 3) and the lever arm [m], to first order.
+
+    For moves of d at a range r the error is about d² / 2r over the sound speed: 0.2 us for 0.3 m at 200 m.
+    """
+    own = np.sum(legs.node_gradient * nodes[survey.node], axis=1)
+    other = np.sum(legs.partner_gradient * nodes[np.maximum(survey.partner, 0)], axis=1)
+    arm = lever_gradients(survey, legs) @ lever if np.any(lever) else 0.0
+    return replace(legs, travel_time=legs.travel_time + own + other + arm)
 
 
 def predict(
