@@ -47,8 +47,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sizes", nargs="+", default=["1000:4", "3600:4", "10000:4", "10000:20", "10000:20all"])
-    parser.add_argument("--speed-model", default="auto", choices=["auto", "known", "scale", "time", "gradient"])
+    parser.add_argument(
+        "--sizes", nargs="+", default=["1000:4", "3600:4", "10000:4", "10000:20", "10000:20all"]
+    )
+    parser.add_argument(
+        "--speed-model", default="auto", choices=["auto", "known", "scale", "time", "gradient"]
+    )
     chosen = parser.parse_args()
     medium = water()
     warm, _ = survey(medium, 100, 2, every=False)

@@ -102,7 +102,9 @@ def main(folder: str) -> None:
     for name, (north, east, deep) in NODES.items():
         lat, lon = CENTRE.to_geodetic(north, east)
         truth[name] = {"lat": float(lat), "lon": float(lon), "depth": deep}
-    (out / "truth.json").write_text(json.dumps({"nodes": truth, "gross_errors": int(wrong.sum())}, indent=1) + "\n")
+    (out / "truth.json").write_text(
+        json.dumps({"nodes": truth, "gross_errors": int(wrong.sum())}, indent=1) + "\n"
+    )
 
 
 if __name__ == "__main__":

@@ -179,7 +179,9 @@ def write_garpos(campaign, folder, *, end="\r\n", lever_sigma=(0.0, 0.0, 0.0)):
         for place, attitude in zip(campaign.antenna, campaign.attitude, strict=True):
             north, east, down = place[i]
             angles = np.degrees(attitude[i])
-            ends.append(f"{east:.5f},{north:.5f},{-down:.5f},{angles[0] % 360.0:.6f},{angles[1]:.6f},{angles[2]:.6f}")
+            ends.append(
+                f"{east:.5f},{north:.5f},{-down:.5f},{angles[0] % 360.0:.6f},{angles[1]:.6f},{angles[2]:.6f}"
+            )
         two_way = campaign.two_way[i]
         name = campaign.names[campaign.node[i]]
         rows.append(
@@ -222,7 +224,9 @@ def write_garpos(campaign, folder, *, end="\r\n", lever_sigma=(0.0, 0.0, 0.0)):
     return path
 
 
-def write_obsrange(folder, *, seed=1, deep=2500.0, drop=(-5.2, -132.5), offset=(140.0, -230.0), name="S01", hemisphere=None):
+def write_obsrange(
+    folder, *, seed=1, deep=2500.0, drop=(-5.2, -132.5), offset=(140.0, -230.0), name="S01", hemisphere=None
+):
     """Survey text as of Scripps for one node, some events without an answer and two gross errors; path and true place."""
     rng = np.random.default_rng(seed)
     turn = np.linspace(0.0, 1.8 * np.pi, 60)
@@ -270,7 +274,9 @@ def write_gnatss(campaign, folder, *, geoid=-26.0):
     for ping in range(len(starts)):
         for column in range(k):
             i = ping * k + column
-            stamp = np.datetime64("2023-06-26T00:00:00", "ns") + np.timedelta64(round(1e9 * campaign.time[i]), "ns")
+            stamp = np.datetime64("2023-06-26T00:00:00", "ns") + np.timedelta64(
+                round(1e9 * campaign.time[i]), "ns"
+            )
             answers = ["0"] * k
             answers[column] = f"{1e6 * campaign.two_way[i]:.0f}"
             day, clock = str(stamp).split("T")
@@ -289,7 +295,9 @@ def write_gnatss(campaign, folder, *, geoid=-26.0):
     entries = []
     for place in campaign.prior:
         lon, lat = frame(place[1], place[0], inverse=True)
-        entries.append(f"    - lat: {lat:.9f}\n      lon: {lon:.9f}\n      height: {geoid - place[2]:.4f}\n      internal_delay: 0.013")
+        entries.append(
+            f"    - lat: {lat:.9f}\n      lon: {lon:.9f}\n      height: {geoid - place[2]:.4f}\n      internal_delay: 0.013"
+        )
     path = folder / "config.yaml"
     path.write_text(
         "site_id: TEST\nsolver:\n  transponders:\n"
@@ -318,7 +326,8 @@ def write_table(campaign, folder, *, unit="s"):
     pings.write_text("\n".join(rows) + "\n")
     lines = ["name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,turn_around_ms"]
     lines += [
-        f"{name},{p[0]:.4f},{p[1]:.4f},{p[2]:.4f},5,5,13" for name, p in zip(campaign.names, campaign.prior, strict=True)
+        f"{name},{p[0]:.4f},{p[1]:.4f},{p[2]:.4f},5,5,13"
+        for name, p in zip(campaign.names, campaign.prior, strict=True)
     ]
     nodes.write_text("\n".join(lines) + "\n")
     return pings, nodes

@@ -43,7 +43,14 @@ def test_a_survey_of_garpos_is_located_by_its_ini_file_alone(told, campaign, tmp
 def test_survey_text_of_obsrange_is_located_by_a_profile_and_a_turn_around_time(told, tmp_path, turn_around):
     path, truth = write_obsrange(tmp_path)
     done = told(
-        "locate", path, "--profile", profile_csv(tmp_path), "--turn-around", turn_around, "--sound-speed", "scale"
+        "locate",
+        path,
+        "--profile",
+        profile_csv(tmp_path),
+        "--turn-around",
+        turn_around,
+        "--sound-speed",
+        "scale",
     )
     (node,) = done["nodes"]
     assert node["name"] == "S01"
@@ -84,7 +91,10 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
     time = np.arange(-5.0, campaign.time[-1] + 10.0, 0.5)
     place = sailed(time, 900.0)
     place[:, 2] = 4.0 + 0.5 * np.sin(2.0 * np.pi * time / 8.0)
-    rows = ["time,vehicle,north,east,depth", *(f"{t:.1f},ship,{p[0]:.5f},{p[1]:.5f},{p[2]:.5f}" for t, p in zip(time, place, strict=True))]
+    rows = [
+        "time,vehicle,north,east,depth",
+        *(f"{t:.1f},ship,{p[0]:.5f},{p[1]:.5f},{p[2]:.5f}" for t, p in zip(time, place, strict=True)),
+    ]
     (tmp_path / "track.csv").write_text("\n".join(rows) + "\n")
     from campaigns import direct_time
 
@@ -98,7 +108,10 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
         )
     start = np.float64(5.0)  # the track's clock starts at its first pose
     pings = ["time,node,two_way_time_s"]
-    pings += [f"{t + start:.6f},{campaign.names[k]},{d:.7f}" for t, k, d in zip(campaign.time, campaign.node, two_way, strict=True)]
+    pings += [
+        f"{t + start:.6f},{campaign.names[k]},{d:.7f}"
+        for t, k, d in zip(campaign.time, campaign.node, two_way, strict=True)
+    ]
     (tmp_path / "pings.csv").write_text("\n".join(pings) + "\n")
     _, nodes = write_table(campaign, tmp_path / "sub" if (tmp_path / "sub").mkdir() else tmp_path / "sub")
     nodes.write_text(nodes.read_text().replace(",13\n", ",0\n"))
@@ -112,7 +125,18 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
 
 def test_results_are_a_folder_of_page_tables_and_files_for_other_programs(mantaray, told, campaign, tmp_path):
     ini = write_garpos(campaign, tmp_path)
-    done = mantaray("locate", ini, "--sound-speed", "time", "--correlation", "none", "--bootstrap", 20, "--out", tmp_path / "out")
+    done = mantaray(
+        "locate",
+        ini,
+        "--sound-speed",
+        "time",
+        "--correlation",
+        "none",
+        "--bootstrap",
+        20,
+        "--out",
+        tmp_path / "out",
+    )
     assert done.code == 0, done.err
     assert "Nodes" in done.out
     page = (tmp_path / "out" / "index.html").read_text()
@@ -135,7 +159,18 @@ def test_results_are_a_folder_of_page_tables_and_files_for_other_programs(mantar
 
 def test_a_plan_gives_the_best_radius_of_each_pattern(told, tmp_path):
     done = told(
-        *("locate", "plan", "--depth", 2000, "--profile", profile_csv(tmp_path), "--pings", 40, "--out", tmp_path / "plan.png"),
+        *(
+            "locate",
+            "plan",
+            "--depth",
+            2000,
+            "--profile",
+            profile_csv(tmp_path),
+            "--pings",
+            40,
+            "--out",
+            tmp_path / "plan.png",
+        ),
         *("--radii", 300, 3000, 7),
     )
     assert {row["pattern"] for row in done["best"]} == {"circle", "cross", "line", "rose", "lines"}
@@ -168,13 +203,28 @@ def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
 
 
 BAD = {
-    "milliseconds": (lambda text: text.replace(" msec. Lat", "msec. Lat") and scaled(text), "divide milliseconds by 1000"),
-    "no answer": (lambda text: "\n".join(x for x in text.splitlines() if "msec" not in x), "no event has an answer"),
+    "milliseconds": (
+        lambda text: text.replace(" msec. Lat", "msec. Lat") and scaled(text),
+        "divide milliseconds by 1000",
+    ),
+    "no answer": (
+        lambda text: "\n".join(x for x in text.splitlines() if "msec" not in x),
+        "no event has an answer",
+    ),
     "times": (lambda text: text.replace(":06:30:30", ":05:30:30"), "times must not decrease"),
     "line": (lambda text: text.replace("Lon: 132", "Lon: east", 1), "line 11: .* is not a ping"),
-    "drop point": (lambda text: text.replace("(Longitude): -132.5", "(Longitude): somewhere"), "is 'somewhere'; degrees"),
-    "sign": (lambda text: text.replace("(Longitude): -132.5", "(Longitude): 132.5"), "wrong sign .east or west."),
-    "hemisphere": (lambda text: text.replace("(Latitude):  -5.2", "(Latitude):  5.2"), "wrong sign .north or south."),
+    "drop point": (
+        lambda text: text.replace("(Longitude): -132.5", "(Longitude): somewhere"),
+        "is 'somewhere'; degrees",
+    ),
+    "sign": (
+        lambda text: text.replace("(Longitude): -132.5", "(Longitude): 132.5"),
+        "wrong sign .east or west.",
+    ),
+    "hemisphere": (
+        lambda text: text.replace("(Latitude):  -5.2", "(Latitude):  5.2"),
+        "wrong sign .north or south.",
+    ),
     "exchanged": (
         lambda text: text.replace("(Latitude):  -5.2", "(Latitude):  -32.5").replace("-132.5", "-5.2"),
         "km apart",

@@ -69,7 +69,9 @@ def test_squares_of_the_budget_add_up_to_the_variances(located):
         row = located.nodes.set_index("name").loc[name]
         parts = part[part["source"] != "total"][["north_m", "east_m", "depth_m"]].to_numpy()
         total = np.sqrt(np.sum(parts**2, axis=0))
-        np.testing.assert_allclose(total, row[["sigma_north_m", "sigma_east_m", "sigma_depth_m"]].astype(float), rtol=1e-6)
+        np.testing.assert_allclose(
+            total, row[["sigma_north_m", "sigma_east_m", "sigma_depth_m"]].astype(float), rtol=1e-6
+        )
 
 
 def test_leverages_add_up_to_the_number_of_parameters_that_the_data_determine(located):
@@ -95,7 +97,9 @@ def test_absolute_and_relative_uncertainties_are_reported_apart(located):
 
 def test_derivatives_are_those_of_the_predicted_times(campaign, medium):
     few = np.arange(0, 60)
-    survey = survey_of(campaign, turn_around_sigma=1e-3, lever=LeverArm(campaign.lever[0], (0.1, 0.1, 0.1))).rows(few)
+    survey = survey_of(
+        campaign, turn_around_sigma=1e-3, lever=LeverArm(campaign.lever[0], (0.1, 0.1, 0.1))
+    ).rows(few)
     speed = sound_speed_terms(survey, campaign.prior, "gradient", SpeedPrior())
     unknowns = Unknowns(survey, speed, "rigid")
     rng = np.random.default_rng(0)
@@ -109,7 +113,15 @@ def test_derivatives_are_those_of_the_predicted_times(campaign, medium):
 
     legs = predict(survey, medium, unknowns.positions(values), unknowns.lever(values))
     rows = Linearization(unknowns, values, legs, np.ones(60)).rows(slice(0, 60))
-    columns = [0, 4, 8, *range(9, 13), 13, unknowns.slices["lever"].start + 1, *range(unknowns.slices["speed"].start, unknowns.size, 11)]
+    columns = [
+        0,
+        4,
+        8,
+        *range(9, 13),
+        13,
+        unknowns.slices["lever"].start + 1,
+        *range(unknowns.slices["speed"].start, unknowns.size, 11),
+    ]
     for column in columns:
         step = np.zeros(unknowns.size)
         step[column] = 1e-4 if column in range(13, unknowns.slices["offset"].start) else 1e-2
@@ -143,7 +155,9 @@ def test_whitening_and_evidence_are_those_of_the_whole_covariance(campaign, medi
     whole = whole[np.ix_(used, used)]
     rows, residual = linear.rows(slice(0, 90))[used], linear.residual[used]
     np.testing.assert_allclose(products.normal, rows.T @ np.linalg.solve(whole, rows), rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(products.right, rows.T @ np.linalg.solve(whole, residual), rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        products.right, rows.T @ np.linalg.solve(whole, residual), rtol=1e-7, atol=1e-12
+    )
     assert products.log_determinant == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-9)
     found = posterior(products, unknowns, values, {}, sigma=sigma, steps=1)
     prior = rows @ np.diag(unknowns.prior_sd**2) @ rows.T
@@ -174,7 +188,9 @@ def test_leaving_a_term_out_fails_the_chi_square_test(campaign, medium, change):
 def test_a_start_2_km_off_converges(campaign, medium):
     survey = survey_of(campaign)
     away = [
-        Node(node.name, (place[0] + 1600.0, place[1] - 1200.0, place[2] + 80.0), (3000.0, 3000.0, 200.0), 0.013)
+        Node(
+            node.name, (place[0] + 1600.0, place[1] - 1200.0, place[2] + 80.0), (3000.0, 3000.0, 200.0), 0.013
+        )
         for node, place in zip(survey.nodes, campaign.truth, strict=True)
     ]
     found = locate(survey.changed(nodes=away), medium, TIME)
@@ -260,7 +276,9 @@ def test_ranges_between_nodes_shrink_relative_uncertainty(medium):
         "node": np.concatenate([survey.node, pairs[:, 0]]),
         "partner": np.concatenate([survey.partner, pairs[:, 1]]),
         "time": np.concatenate([survey.time, survey.time[-1] + np.arange(60.0)]),
-        "travel_time": np.concatenate([survey.travel_time, exact + np.random.default_rng(2).normal(0, 1e-4, 60)]),
+        "travel_time": np.concatenate(
+            [survey.travel_time, exact + np.random.default_rng(2).normal(0, 1e-4, 60)]
+        ),
     }
     nothing = np.full((60, 3), np.nan)
     for name in ("transmit_position", "receive_position"):
@@ -268,7 +286,9 @@ def test_ranges_between_nodes_shrink_relative_uncertainty(medium):
     for name in ("transmit_attitude", "receive_attitude"):
         more[name] = np.concatenate([getattr(survey, name), np.zeros((60, 3))])
     for name, value in (("sigma", np.nan), ("flagged", False), ("line", 0), ("direction", 0)):
-        more[name] = np.concatenate([getattr(survey, name), np.full(60, value, dtype=getattr(survey, name).dtype)])
+        more[name] = np.concatenate(
+            [getattr(survey, name), np.full(60, value, dtype=getattr(survey, name).dtype)]
+        )
     alone, joint = (locate(s, medium, SCALE) for s in (survey, survey.changed(**more)))
     assert nees(joint, campaign.truth) < chi2.ppf(0.999, 9)
     assert joint.solution.used[-60:].all()
@@ -293,7 +313,9 @@ def test_correlated_noise_is_recognized(medium):
     rng, time = np.random.default_rng(0), campaign.time
     apart = np.abs(time[:, None] - time)
     root = np.linalg.cholesky(np.exp(-apart / 120.0) + 1e-9 * np.eye(time.size))
-    survey = survey_of(campaign).changed(travel_time=campaign.two_way + 2e-4 * root @ rng.normal(size=time.size))
+    survey = survey_of(campaign).changed(
+        travel_time=campaign.two_way + 2e-4 * root @ rng.normal(size=time.size)
+    )
     found = locate(survey, medium, LocateOptions(speed_model="scale"))
     model = found.hyperparameters
     assert model["correlation_ratio"] > 1.0
@@ -327,7 +349,9 @@ def test_a_node_above_the_platform_has_a_status(campaign, medium):
 def test_an_answer_of_another_node_is_named(medium):
     campaign = make_campaign(3, drift=0.0)
     survey = survey_of(campaign)
-    ones = predict(survey.changed(node=(survey.node + 1) % 3), medium, campaign.truth, np.array(campaign.lever[0]))
+    ones = predict(
+        survey.changed(node=(survey.node + 1) % 3), medium, campaign.truth, np.array(campaign.lever[0])
+    )
     rows = np.flatnonzero(~campaign.gross)[5:8]
     times = survey.travel_time.copy()
     times[rows] = ones.travel_time[rows] + 0.013
@@ -346,7 +370,9 @@ def test_the_wrong_sign_of_a_lever_arm_is_refused(campaign, medium):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        pytest.param(lambda s: {"travel_time": 1000.0 * s.travel_time}, "divide milliseconds", id="milliseconds"),
+        pytest.param(
+            lambda s: {"travel_time": 1000.0 * s.travel_time}, "divide milliseconds", id="milliseconds"
+        ),
         pytest.param(lambda s: {"time": s.time[::-1]}, "times must not decrease", id="decreasing times"),
         pytest.param(
             lambda s: {
@@ -374,7 +400,9 @@ def wrapped(angles):
 
 def test_a_profile_that_ends_above_a_node_is_refused(campaign):
     depth = np.array([0.0, 900.0])
-    short = Medium.from_profile(depth, SURFACE_SPEED + GRADIENT * depth, bottom_depth=3000.0, interpolation="linear")
+    short = Medium.from_profile(
+        depth, SURFACE_SPEED + GRADIENT * depth, bottom_depth=3000.0, interpolation="linear"
+    )
     refused(LocateError, "ends at 900 m, above node N1", locate, survey_of(campaign), short, TIME)
 
 

@@ -168,7 +168,9 @@ class ModelOptions:
     ] = 1e-4
     knots: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Spacing of the splines' knots. Default: 1/80 of the survey, 5 min at least."),
+        typer.Option(
+            metavar="TIME", help="Spacing of the splines' knots. Default: 1/80 of the survey, 5 min at least."
+        ),
     ] = None
     modes: Annotated[
         list[Path] | None, typer.Option(metavar="CASTS", help="Casts whose modes --sound-speed modes uses.")

@@ -63,6 +63,13 @@ def replay(
     reference: Annotated[
         str | None, typer.Option(metavar="NODE", help="Node whose clock is right. Default: their mean is.")
     ] = None,
+    nodes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="Positions of fixed nodes by name, as mantaray locate writes them in tables/nodes.csv.",
+        ),
+    ] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Write figures as PDF too.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -74,7 +81,7 @@ def replay(
     from pymantaray.report import write_replay
 
     window_s = parse_duration("--window", window, positive=False)
-    measured, kind = read_events(events), DetectionRule.parse(rule)
+    measured, kind = read_events(events, nodes), DetectionRule.parse(rule)
     waters, sources, notes = _waters(medium, search, detection)
     with progress_bars(quiet=quiet) as report:
         result = replay_events(

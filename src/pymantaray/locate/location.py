@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from pymantaray.acoustics import Medium
 from pymantaray.locate.bootstrap import bootstrap_positions
@@ -23,7 +22,7 @@ from pymantaray.locate.survey import Direction, Survey
 from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
-_ELLIPSE = float(np.sqrt(chi2.ppf(0.95, 2)))
+_ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # of a normal distribution in two dimensions
 _INTERVAL = 1.959964
 _FEWEST = 3  # pings of a node that determine it
 _SHALLOW = 0.05  # m; a node nearer to the surface is above the water

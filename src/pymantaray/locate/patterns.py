@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from pymantaray.locate.solve import Solution
 from pymantaray.locate.travel_times import transducers
@@ -49,7 +49,7 @@ def noise_tests(solution: Solution) -> list[NoiseTest]:
         reference = float(np.median(stated / solution.linear.weight[used]))
         total = float(np.sum(white**2)) * solution.correlation.variance / reference**2
         degrees = max(white.size - solution.posterior.effective, 1.0)
-        upper = float(chi2.sf(total, degrees))
+        upper = float(chdtrc(degrees, total))
         probability = 2.0 * min(upper, 1.0 - upper)
         tests.append(NoiseTest("stated noise", total, degrees, probability, probability > LEVEL))
     patterns = _coordinates(solution)
@@ -95,5 +95,5 @@ def _pattern(
         for part in np.array_split(residual[mine][order], parts):
             total += float(part.sum() ** 2 / part.size)
             bins += 1
-    probability = float(chi2.sf(total, bins))
+    probability = float(chdtrc(bins, total))
     return NoiseTest(f"pattern over {name}", total, float(bins), probability, probability > LEVEL / count)
