@@ -1,12 +1,26 @@
 """`mantaray locate`: surveys of every grammar end to end, what is printed and written, plans, and what is refused."""
 
 import json
+import re
 import tomllib
 
 import numpy as np
 import pytest
 import xarray as xr
-from campaigns import make_campaign, profile_csv, write_garpos, write_gnatss, write_obsrange, write_table
+from campaigns import (
+    direct_time,
+    make_campaign,
+    profile_csv,
+    sailed,
+    water,
+    write_garpos,
+    write_gnatss,
+    write_obsrange,
+    write_table,
+)
+
+from pymantaray.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
+from pymantaray.locate.plan import expected_sigmas
 
 KEYS = {"name", "lat", "lon", "north", "east", "depth", "sigma_north_m", "sigma_east_m", "sigma_depth_m"}
 
@@ -86,8 +100,6 @@ def test_our_own_table_is_located_in_seconds_and_in_milliseconds(told, campaign,
 
 def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
     """Positions every 0.5 s in a file of their own, as a logger writes them."""
-    from campaigns import sailed
-
     time = np.arange(-5.0, campaign.time[-1] + 10.0, 0.5)
     place = sailed(time, 900.0)
     place[:, 2] = 4.0 + 0.5 * np.sin(2.0 * np.pi * time / 8.0)
@@ -96,8 +108,6 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
         *(f"{t:.1f},ship,{p[0]:.5f},{p[1]:.5f},{p[2]:.5f}" for t, p in zip(time, place, strict=True)),
     ]
     (tmp_path / "track.csv").write_text("\n".join(rows) + "\n")
-    from campaigns import direct_time
-
     def at(t):
         return np.column_stack([np.interp(t, time, place[:, k]) for k in range(3)])
 
@@ -113,7 +123,9 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
         for t, k, d in zip(campaign.time, campaign.node, two_way, strict=True)
     ]
     (tmp_path / "pings.csv").write_text("\n".join(pings) + "\n")
-    _, nodes = write_table(campaign, tmp_path / "sub" if (tmp_path / "sub").mkdir() else tmp_path / "sub")
+    beside = tmp_path / "nodes"
+    beside.mkdir()
+    _, nodes = write_table(campaign, beside)
     nodes.write_text(nodes.read_text().replace(",13\n", ",0\n"))
     done = told(
         *("locate", tmp_path / "pings.csv", "--nodes", nodes, "--track", tmp_path / "track.csv"),
@@ -184,12 +196,7 @@ def test_a_plan_gives_the_best_radius_of_each_pattern(told, tmp_path):
 
 def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
     """The standard deviations of a plan are those of a solve of noise-free times with the same priors."""
-    from campaigns import direct_time
-
-    from pymantaray.locate import LocateOptions, Node, Pattern, Survey, locate
-    from pymantaray.locate.plan import PlanOptions, expected_sigmas
-
-    medium = __import__("campaigns").water()
+    medium = water()
     pattern, truth = Pattern("cross", 1500.0, 60), np.array([0.0, 0.0, 1800.0])
     expected, lost = expected_sigmas(pattern, medium, PlanOptions(1800.0, 2e-4))
     place = np.column_stack([pattern.points(), np.full(60, 5.0)])
@@ -234,8 +241,6 @@ BAD = {
 
 
 def scaled(text):
-    import re
-
     return re.sub(r"(\d+) msec", lambda m: f"{1000 * int(m[1])} msec", text)
 
 
@@ -248,7 +253,7 @@ def test_wrong_survey_text_is_refused_in_one_line(mantaray, tmp_path, case):
     assert done.code == 2
     lines = [line for line in done.err.splitlines() if line.startswith("error")]
     assert len(lines) == 1
-    assert __import__("re").search(message, lines[0]), lines[0]
+    assert re.search(message, lines[0]), lines[0]
 
 
 def test_water_is_needed_and_must_reach_the_node(mantaray, tmp_path):

@@ -8,7 +8,7 @@ from scipy.stats import chi2, multivariate_normal
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import LocateError
-from pymantaray.locate import Direction, LeverArm, LocateOptions, Node, PlatformError, locate
+from pymantaray.locate import Direction, LeverArm, LocateOptions, Node, PlatformError, Survey, locate
 from pymantaray.locate.evidence import posterior
 from pymantaray.locate.linear import Linearization
 from pymantaray.locate.noise import Correlation
@@ -336,7 +336,7 @@ def test_a_node_that_no_ray_reaches_has_a_status(campaign, medium):
 
 def test_a_node_above_the_platform_has_a_status(campaign, medium):
     truth, survey = line_survey(campaign, 400.0)
-    place = survey.transmit_position + [0.0, 0.0, 1500.0]
+    place = survey.transmit_position + np.array([0.0, 0.0, 1500.0])
     place[40:, 1], place[40:, 0] = place[40:, 0], 0.0
     time = 2.0 * direct_time(place, truth) + np.random.default_rng(1).normal(0.0, 1e-4, 80)
     found = locate(
@@ -423,3 +423,30 @@ def test_ellipses_cover_the_truth_and_normalized_errors_are_as_large_as_they_sho
     low, high = chi2.ppf([0.0005, 0.9995], 9 * 200) / 200.0
     assert low <= np.mean(squares) <= high, (low, np.mean(squares), high)
     assert passed >= 196
+
+
+def test_a_later_echo_is_named_with_its_reflections():
+    """Water of one speed: a reflected path is straight to the mirror image of the ship's transducer or of the node."""
+    speed, bed, depth = 1500.0, 1400.0, 1300.0
+    still = Medium.from_profile([0.0, bed], [speed, speed], bottom_depth=bed, interpolation="linear")
+    angle = np.linspace(0.0, 2.0 * np.pi, 90)
+    place = np.column_stack([700.0 * np.cos(angle), 500.0 * np.sin(angle), np.full(90, 20.0)])
+    truth = np.array([30.0, -40.0, depth])
+    direct = np.linalg.norm(place - truth, axis=1) / speed
+    bottom = np.linalg.norm(place - [30.0, -40.0, 2.0 * bed - depth], axis=1) / speed
+    times = 2.0 * direct + np.random.default_rng(3).normal(0.0, 1e-4, 90)
+    times[[7, 50]] = (direct + bottom)[[7, 50]]
+    times[30] = 2.0 * bottom[30]
+    node = Node("A", (0.0, 0.0, 1300.0), (200.0, 200.0, 50.0))
+    survey = Survey((node,), np.zeros(90, int), 10.0 * np.arange(90), times, place, place)
+    found = locate(survey, still, SCALE)
+    words = [found.reason[row].split(" (")[0] for row in (7, 50, 30)]
+    assert words[0] == words[1] == "later echo, 0 surface and 1 bottom reflections on one leg"
+    assert words[2] == "later echo, 0 surface and 1 bottom reflections on both legs"
+
+
+def test_a_survey_without_unknowns_is_refused(medium, campaign):
+    survey = survey_of(campaign)
+    known = [Node(node.name, node.position, (0.0, 0.0, 0.0), 0.013) for node in survey.nodes]
+    options = LocateOptions(speed_model="known")
+    refused(LocateError, "nothing is unknown", locate, survey.changed(nodes=known), medium, options)

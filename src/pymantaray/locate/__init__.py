@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pymantaray.locate.location import Location, locate
-    from pymantaray.locate.plan import Pattern, Plan, plan_survey
+    from pymantaray.locate.plan import Pattern, Plan, PlanOptions, plan_survey
     from pymantaray.locate.read import read_survey
+    from pymantaray.locate.read_options import ReadOptions
     from pymantaray.locate.solve import LocateOptions
     from pymantaray.locate.sound_speed import SpeedPrior
     from pymantaray.locate.survey import Direction, LeverArm, Node, PlatformError, Survey
@@ -19,7 +20,9 @@ __all__ = [
     "Node",
     "Pattern",
     "Plan",
+    "PlanOptions",
     "PlatformError",
+    "ReadOptions",
     "SpeedPrior",
     "Survey",
     "locate",
@@ -29,8 +32,9 @@ __all__ = [
 
 _HOME = {
     "location": ("Location", "locate"),
-    "plan": ("Pattern", "Plan", "plan_survey"),
+    "plan": ("Pattern", "Plan", "PlanOptions", "plan_survey"),
     "read": ("read_survey",),
+    "read_options": ("ReadOptions",),
     "solve": ("LocateOptions",),
     "sound_speed": ("SpeedPrior",),
     "survey": ("Direction", "LeverArm", "Node", "PlatformError", "Survey"),

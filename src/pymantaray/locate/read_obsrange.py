@@ -56,9 +56,9 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
         ping = _ping(line) if not line.lstrip().startswith("#") else None
         if ping is not None:
             pings.append((number, *ping))
+        elif (row := _ROW.match(line)) and not row["ms"]:
+            skipped += 1
         elif _LOOKS_LIKE_PING.match(line) or (pings and re.match(r"^\s*\d{4}-\d{2}-\d{2}\s", line)):
-            if line.lstrip().startswith("#"):
-                continue
             raise LocateError(
                 f"{path}, line {number}: {line.strip()[:80]!r} is not a ping; needed is 6306 msec. Lat: 4 52.9270 S"
                 "  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:06:04:30"

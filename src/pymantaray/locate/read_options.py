@@ -20,9 +20,9 @@ class ReadOptions:
 
     Parameters
     ----------
-    nodes : pathlib.Path, optional
+    nodes : str or pathlib.Path, optional
         Table of nodes with prior positions.
-    track : tuple of pathlib.Path
+    track : tuple of str or pathlib.Path
         Trajectory of the platform, of any format that `pymantaray.read_trajectories` reads.
     platform : str, optional
         Name of the platform in the track; needed if that has several.
@@ -47,8 +47,8 @@ class ReadOptions:
         In place of the file's.
     """
 
-    nodes: Path | None = None
-    track: tuple[Path, ...] = ()
+    nodes: str | Path | None = None
+    track: tuple[str | Path, ...] = ()
     platform: str | None = None
     position_at: Literal["both", "transmission", "reception"] = "both"
     transducer_depth: float = 0.0

@@ -145,6 +145,10 @@ class Solver:
         """Solve the linear system at some values; the solution's values are those before the step."""
         legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
         linear = Linearization(unknowns, values, legs, self.weight)
+        if not unknowns.prior_sd.any():
+            raise LocateError(
+                f"{self.survey.source}: nothing is unknown; give a node a positive standard deviation"
+            )
         used = self.believed(linear)
         if not used.any():
             raise LocateError(

@@ -67,10 +67,11 @@ def landmarks_toml(location: Location) -> str:
             if np.isfinite(row["lat"])
             else f"north = {row['north']:.4f}\neast = {row['east']:.4f}"
         )
-        sigma = f"{row['sigma_north_m']:.3f}, {row['sigma_east_m']:.3f}, {row['sigma_depth_m']:.3f}"
+        axes = np.array([row["sigma_north_m"], row["sigma_east_m"], row["sigma_depth_m"]])
+        sigma, size = ", ".join(f"{x:.3f}" for x in axes), max(float(np.sqrt(np.mean(axes**2))), _LEAST_SIGMA)
         blocks.append(
             f"[[landmarks]]  # {row['status']}; standard deviations {sigma} m north, east, depth\n"
-            f'name = "{name}"\n{place}\ndepth = {max(row["depth"], 0.0):.4f}\n'
+            f'name = "{name}"\n{place}\ndepth = {max(row["depth"], 0.0):.4f}\nsigma = {size:.4f}\n'
         )
     return "\n".join(blocks)
 
