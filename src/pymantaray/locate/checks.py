@@ -56,6 +56,7 @@ def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
 def check_survey(survey: Survey, medium: Medium) -> None:
     """Refuse units and signs that cannot be right, before anything is solved."""
     _check_times(survey)
+    _check_turn_around(survey)
     _check_attitude(survey)
     _check_units(survey, medium)
     for node in survey.nodes:
@@ -88,6 +89,17 @@ def _check_times(survey: Survey) -> None:
         raise LocateError(
             f"{survey.where(row)}: time {survey.time[row]:.3f} s is before that of the ping above,"
             f" {survey.time[row - 1]:.3f} s; times must not decrease, sort the rows"
+        )
+
+
+def _check_turn_around(survey: Survey) -> None:
+    delay = np.array([node.turn_around for node in survey.nodes])[survey.node]
+    long = (survey.direction == Direction.TWO_WAY) & (delay >= np.median(survey.travel_time))
+    if long.any():
+        row = int(np.argmax(long))
+        raise LocateError(
+            f"turn-around time of node {survey.names[survey.node[row]]} is {delay[row]:g} s, longer than most two-way times;"
+            " write milliseconds as '13 ms'"
         )
 
 

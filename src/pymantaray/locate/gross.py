@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.locate.solve import Solution, robust_sigma
+from pymantaray.locate.graduated import robust_sigma
+from pymantaray.locate.solve import Solution
 from pymantaray.locate.survey import Direction, Survey
 from pymantaray.locate.travel_times import Legs, predict, transducers
 from pymantaray.records import RayStatus

@@ -64,6 +64,16 @@ class Linearization:
         out[:, speed.stop : at["speed"].stop] = legs.modes[part]
         return np.asarray(out)
 
+    def columns(self, used: Mask, which: NDArray[np.int64]) -> Array:
+        """Some columns of the used pings, over the standard deviations of their noise."""
+        rows = np.flatnonzero(used)
+        out = np.empty((rows.size, which.size))
+        for start in range(0, rows.size, _CHUNK):
+            some = rows[start : start + _CHUNK]
+            whole = self.rows(slice(int(some[0]), int(some[-1]) + 1))
+            out[start : start + some.size] = whole[some - some[0]][:, which] / self.weight[some, None]
+        return out
+
     def whitened(
         self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float
     ) -> Iterator[tuple[Array, float]]:

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from pymantaray.acoustics import Medium
 from pymantaray.errors import LocateError
 from pymantaray.locate.evidence import SPARE, Posterior, posterior
+from pymantaray.locate.graduated import graduated_change, robust_sigma
 from pymantaray.locate.linear import Linearization, Mask, Products
 from pymantaray.locate.noise import Correlation
 from pymantaray.locate.sound_speed import KINDS, Kind, SpeedPrior, sound_speed_terms
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 _STEPS = 25  # outer steps of one stage
 _NEAR = 0.3  # m; rays are not traced again for smaller moves
 _SETTLED = 1e-3  # m; the largest change of a node's position in an outer step
-_MAD = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
+_ROUNDS = 2  # of the graduated start
 _UNSTATED = 1e-3  # s; noise of pings too few to show it
 _FLOOR = 1e-6  # s; residuals below this are never gross
 _CORRELATION_TIMES = (20.0, 60.0, 180.0, 600.0)  # s
@@ -189,6 +190,17 @@ class Solver:
         limit = max(self.options.gross * robust_sigma(size[possible]), _FLOOR)
         return np.asarray(possible & (np.nan_to_num(size, nan=np.inf) <= limit))
 
+    def start(self, unknowns: Unknowns, values: Array) -> Array:
+        """Values from which gross errors can be told from a model that has not moved yet."""
+        for _ in range(_ROUNDS):
+            legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
+            linear = Linearization(unknowns, values, legs, self.weight)
+            possible = legs.possible & ~self.survey.flagged
+            if not possible.any() or not unknowns.prior_sd.any():
+                return values
+            values = values + graduated_change(linear, possible)
+        return values
+
     def settle(
         self,
         unknowns: Unknowns,
@@ -220,11 +232,6 @@ def _constant(unknowns: Unknowns, fraction: float) -> Array:
         first = speed.terms[0]
         out[0] = fraction * (1.0 if first.spline is None else first.spline.unit[0])
     return out
-
-
-def robust_sigma(residual: Array) -> float:
-    """Standard deviation of residuals by their median size, never 0."""
-    return max(_MAD * float(np.median(np.abs(residual))), 1e-9)
 
 
 class Candidate(Mapping[str, Any]):
@@ -365,7 +372,8 @@ def _solve(
     start = start_positions(survey, medium)
     simple: Kind = "known" if options.speed_model == "known" else "scale"
     unknowns = solver.unknowns(simple, start)
-    base = solver.settle(unknowns, solver.first_values(unknowns, start), Correlation())
+    values = solver.start(unknowns, solver.first_values(unknowns, start))
+    base = solver.settle(unknowns, values, Correlation())
     chosen, tried = choose(solver, base)
     for _ in range(2):
         unknowns = solver.unknowns(chosen.kind, base.positions)
