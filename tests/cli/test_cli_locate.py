@@ -108,6 +108,7 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
         *(f"{t:.1f},ship,{p[0]:.5f},{p[1]:.5f},{p[2]:.5f}" for t, p in zip(time, place, strict=True)),
     ]
     (tmp_path / "track.csv").write_text("\n".join(rows) + "\n")
+
     def at(t):
         return np.column_stack([np.interp(t, time, place[:, k]) for k in range(3)])
 

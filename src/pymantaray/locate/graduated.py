@@ -32,14 +32,14 @@ def graduated_change(linear: Linearization, possible: Mask) -> Array:
     design = linear.columns(possible, active) * sd[active]
     residual = linear.residual[possible] / linear.weight[possible]
     efficient = LOSSES["geman-mcclure"].scale
-    left, z = residual, np.zeros(active.size)
+    left, z = np.asarray(residual), np.zeros(active.size)
     scale = max(float(np.abs(left).max()), _LEAST)
     for _ in range(_STEPS):
         sigma = robust_sigma(left)
         weight = Loss("geman-mcclure", scale).weight(left) / sigma**2
         normal = design.T @ (design * weight[:, None]) + np.eye(active.size)
         z = np.linalg.solve(normal, design.T @ (weight * residual) + offset)
-        left = residual - design @ z
+        left = np.asarray(residual - design @ z)
         goal = efficient * robust_sigma(left)
         if scale <= goal:
             break
