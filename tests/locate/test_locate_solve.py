@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from campaigns import GRADIENT, SURFACE_SPEED, direct_time, make_campaign, survey_of, water
+from oracles import direct_travel_time_linear_gradient
 from refusals import refused
 from scipy.stats import chi2, multivariate_normal
 
@@ -15,6 +16,7 @@ from pymantaray.locate.noise import Correlation
 from pymantaray.locate.sound_speed import SpeedPrior, sound_speed_terms
 from pymantaray.locate.travel_times import predict
 from pymantaray.locate.unknowns import Unknowns
+from pymantaray.ocean.modes import VerticalModes
 
 TIME = LocateOptions(speed_model="time", correlation="none")
 SCALE = LocateOptions(speed_model="scale", correlation="none")
@@ -450,3 +452,33 @@ def test_a_survey_without_unknowns_is_refused(medium, campaign):
     known = [Node(node.name, node.position, (0.0, 0.0, 0.0), 0.013) for node in survey.nodes]
     options = LocateOptions(speed_model="known")
     refused(LocateError, "nothing is unknown", locate, survey.changed(nodes=known), medium, options)
+
+
+def test_amplitudes_of_modes_are_estimated_with_positions(medium):
+    """A mode that grows with depth changes the gradient of the profile, whose travel times are known in closed form."""
+    slope = 1.5e-3  # 1/s; what the water has beyond the profile
+    depth = np.linspace(0.0, 3000.0, 61)
+    shape = depth / np.sqrt(np.mean(depth**2))
+    modes = VerticalModes(depth, SURFACE_SPEED + GRADIENT * depth, shape[None], np.array([9.0]), 9.0)
+    amplitude = slope * np.sqrt(np.mean(depth**2))
+    time = 15.0 * np.arange(150)
+    radius = np.where(np.arange(150) % 3 == 0, 250.0, 1500.0)
+    place = np.column_stack([radius * np.cos(time / 300.0), radius * np.sin(time / 300.0), np.full(150, 5.0)])
+    truth = np.array([40.0, 25.0, 1310.0])
+    times = 2.0 * direct_travel_time_linear_gradient(
+        place, truth, sound_speed_surface=SURFACE_SPEED, gradient=GRADIENT + slope
+    )
+    times += np.random.default_rng(5).normal(0.0, 1e-4, 150)
+    node = Node("A", (0.0, 0.0, 1300.0), (100.0, 100.0, 30.0))
+    survey = Survey((node,), np.zeros(150, int), time, times, place, place)
+    options = LocateOptions(speed_model="modes", modes=modes, correlation="none")
+    found = locate(survey, medium, options)
+    assert found.hyperparameters["sound_speed"] == "modes"
+    assert nees(found, truth[None]) < chi2.ppf(0.999, 3)
+    estimate = found.solution.values[found.solution.unknowns.slices["speed"]][0]
+    sigma = np.sqrt(found.solution.posterior.covariance[-1, -1])
+    assert abs(estimate - amplitude) < 4.0 * sigma
+    assert sigma < 0.5 * amplitude
+    refused(
+        LocateError, "modes need several profiles", locate, survey, medium, LocateOptions(speed_model="modes")
+    )

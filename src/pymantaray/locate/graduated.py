@@ -32,7 +32,8 @@ def graduated_change(linear: Linearization, possible: Mask) -> Array:
     design = linear.columns(possible, active) * sd[active]
     residual = linear.residual[possible] / linear.weight[possible]
     efficient = LOSSES["geman-mcclure"].scale
-    left, z = np.asarray(residual), np.zeros(active.size)
+    left: Array = np.asarray(residual)
+    z = np.zeros(active.size)
     scale = max(float(np.abs(left).max()), _LEAST)
     for _ in range(_STEPS):
         sigma = robust_sigma(left)
