@@ -33,7 +33,7 @@ def graduated_change(linear: Linearization, possible: Mask) -> Array:
     residual = linear.residual[possible] / linear.weight[possible]
     efficient = LOSSES["geman-mcclure"].scale
     left: Array = np.asarray(residual)
-    z = np.zeros(active.size)
+    z: Array = np.zeros(active.size)
     scale = max(float(np.abs(left).max()), _LEAST)
     for _ in range(_STEPS):
         sigma = robust_sigma(left)
