@@ -126,7 +126,8 @@ def test_survey_text_of_scripps_has_one_place_a_ping_at_both_ends_unless_told(tm
     assert str(survey.epoch).startswith("2018-04-24T06:00:30")
     received = read_survey(path, ReadOptions(position_at="reception"))
     np.testing.assert_array_equal(received.receive_position, survey.receive_position)
-    np.testing.assert_allclose(received.time, survey.time - survey.travel_time)
+    middle = np.median(survey.travel_time)
+    np.testing.assert_allclose(received.time, survey.time - middle)
     moved = received.receive_position - received.transmit_position
     speed = np.linalg.norm(moved[20, :2]) / received.travel_time[20]
     assert 0.5 < speed < 30.0  # m/s, as the ship's places a minute apart say

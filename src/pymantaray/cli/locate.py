@@ -326,7 +326,7 @@ def plan(
     with printer(as_json=as_json, quiet=quiet) as printed:
         title = f"Best radius of each pattern, {pings} pings of {1e3 * options.sigma:g} ms, node at {depth:g} m [m]"
         printed.table("best", planned.best, PLAN, title)
-        printed.add(plan=planned.table)
+        printed.add(plan=planned.table, best_horizontal=planned.best_horizontal)
         if out is not None:
             printed.paths(out, out.with_suffix(".csv"))
 

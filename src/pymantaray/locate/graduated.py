@@ -39,8 +39,8 @@ def graduated_change(linear: Linearization, possible: Mask) -> Array:
         sigma = robust_sigma(left)
         weight = Loss("geman-mcclure", scale).weight(left) / sigma**2
         normal = design.T @ (design * weight[:, None]) + np.eye(active.size)
-        z = np.linalg.solve(normal, design.T @ (weight * residual) + offset)
-        left = np.asarray(residual - design @ z)
+        z = np.asarray(np.linalg.solve(normal, design.T @ (weight * residual) + offset), dtype=float)
+        left = np.asarray(residual - design @ z, dtype=float)
         goal = efficient * robust_sigma(left)
         if scale <= goal:
             break

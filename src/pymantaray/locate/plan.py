@@ -142,8 +142,14 @@ class Plan:
     @property
     def best(self) -> pd.DataFrame:
         """Row of the smallest three-dimensional standard deviation of each pattern, best first."""
-        squares = self.table["sigma_horizontal_m"] ** 2 + self.table["sigma_depth_m"] ** 2
-        size = squares**0.5
+        return self._smallest(self.table["sigma_horizontal_m"] ** 2 + self.table["sigma_depth_m"] ** 2)
+
+    @property
+    def best_horizontal(self) -> pd.DataFrame:
+        """Row of the smallest horizontal standard deviation of each pattern, best first."""
+        return self._smallest(self.table["sigma_horizontal_m"])
+
+    def _smallest(self, size: "pd.Series[float]") -> pd.DataFrame:
         rows = self.table.loc[size.groupby(self.table["pattern"]).idxmin()]
         return rows.loc[size[rows.index].sort_values().index].reset_index(drop=True)
 

@@ -94,7 +94,7 @@ class ReadOptions:
 
     def both_ends(self, time: Array, duration: Array, place: Array) -> tuple[Array, Array, Array]:
         """
-        Times of transmission and positions at both ends, from one position per ping at its stated time.
+        Times of transmission, about these where receptions are stated, and positions at both ends, from one position per ping at its stated time.
 
         ``place`` (n, 3) is in the local frame. [m]
         """
@@ -106,7 +106,9 @@ class ReadOptions:
         sent = time if self.position_at == "transmission" else time - duration
         wanted = sent + duration if self.position_at == "transmission" else sent
         other = np.column_stack([_extended(wanted, rising, place[first, axis]) for axis in range(3)])
-        return (sent, place, other) if self.position_at == "transmission" else (sent, other, place)
+        if self.position_at == "transmission":
+            return sent, place, other
+        return time - float(np.median(duration)), other, place  # in order even where a duration is wrong
 
 
 def _extended(wanted: Array, time: Array, values: Array) -> Array:

@@ -117,9 +117,11 @@ def _fact(location: Location) -> str:
     used, count = int(location.solution.used.sum()), len(location.survey)
     epoch = location.survey.epoch
     day = "" if np.isnat(epoch) else f", {np.datetime_as_string(epoch, unit='m').replace('T', ' ')} UTC"
-    return (
-        f"{location.survey.source}: {used:,} of {count:,} pings used, {len(location.survey.nodes)} nodes{day}"
-    )
+    return f"{location.survey.source}: {used:,} of {count:,} pings used, {_nodes(len(location.survey.nodes))}{day}"
+
+
+def _nodes(count: int) -> str:
+    return "1 node" if count == 1 else f"{count} nodes"
 
 
 def _cards(location: Location) -> list[tuple[str, str, str]]:
@@ -185,7 +187,15 @@ def survey_map(location: Location, header: str) -> Figure:
     size = _MICRO * pings["residual_s"]
     limit = float(np.percentile(size.abs(), 95.0)) if len(size) else 1.0
     points = whole.scatter(
-        pings["east"], pings["north"], c=size, s=3.0, cmap="RdBu_r", vmin=-limit, vmax=limit, linewidths=0.0
+        pings["east"],
+        pings["north"],
+        c=size,
+        s=3.0,
+        cmap="RdBu_r",
+        vmin=-limit,
+        vmax=limit,
+        linewidths=0.2,
+        edgecolors=style.GREY,
     )
     figure.colorbar(points, ax=whole, label="Residual [µs]", location="bottom", shrink=0.8)
     nodes = location.nodes
