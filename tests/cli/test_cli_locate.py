@@ -210,6 +210,49 @@ def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
     np.testing.assert_allclose(sigma, expected, rtol=0.35)  # 60 pings give their own noise to 10 %
 
 
+def test_one_way_times_both_ways_and_between_nodes_give_clocks_and_a_graph(mantaray, told, tmp_path):
+    rng = np.random.default_rng(1)
+    truth = np.array([[400.0, 10.0, 1300.0], [-300.0, 350.0, 1310.0], [-200.0, -400.0, 1290.0]])
+    offset = np.array([2e-3, -1e-3, 4e-3])
+    rows = ["time,node,partner,direction,one_way_time_s,north_m,east_m,depth_m,sigma_s"]
+    for i in range(180):
+        time, k = 20.0 * i, i % 3
+        noise = rng.normal(0.0, 5e-5)
+        if i % 8 == 5:
+            j = (k + 1) % 3
+            measured = direct_time(truth[k], truth[j]) + offset[j] - offset[k] + noise
+            rows.append(f"{time},N{k + 1},N{j + 1},from node,{measured:.7f},,,,0.00005")
+            continue
+        place = np.array([900.0 * np.cos(time / 300.0), 700.0 * np.sin(time / 230.0), 5.0])
+        away = i % 2 == 1
+        measured = direct_time(truth[k], place) + (-offset[k] if away else offset[k]) + noise
+        where = ",".join(f"{x:.4f}" for x in place)
+        rows.append(f"{time},N{k + 1},,{'from' if away else 'to'} node,{measured:.7f},{where},0.00005")
+    (tmp_path / "pings.csv").write_text("\n".join(rows) + "\n")
+    head = (
+        "name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,sigma_clock_offset_s,sigma_clock_drift"
+    )
+    lines = [f"N{k + 1},{p[0] + 8:g},{p[1] - 9:g},{p[2] + 5:g},20,20,0.01,1e-7" for k, p in enumerate(truth)]
+    (tmp_path / "nodes.csv").write_text("\n".join([head, *lines]) + "\n")
+    words = (
+        "locate",
+        tmp_path / "pings.csv",
+        "--nodes",
+        tmp_path / "nodes.csv",
+        "--profile",
+        profile_csv(tmp_path),
+    )
+    done = told(*words, "--sound-speed", "known", "--out", tmp_path / "out")
+    within(done["nodes"], truth)
+    clocks = [row for row in done["unknowns"] if "offset" in row["unknown"]]
+    for row, expected in zip(clocks, offset, strict=True):
+        assert abs(row["value"] - expected) < 4.0 * row["sigma"]
+    assert done["tests_passed"]
+    solved = mantaray("graph", "solve", tmp_path / "out" / "survey.pyfg")
+    assert solved.code == 0
+    assert "OK" in solved.out
+
+
 BAD = {
     "milliseconds": (
         lambda text: text.replace(" msec. Lat", "msec. Lat") and scaled(text),

@@ -144,51 +144,61 @@ def _unit(name: str) -> str:
 
 def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     """
-    Factor graph of the used two-way pings: known poses of the platform, nodes with their priors, and ranges.
+    Factor graph of the used pings: known poses of the platform, nodes with their priors, and ranges, those between nodes included.
 
     A range is the straight distance at the solution plus the residual, in metres, so that the graph's solution is that of the
-    survey where sound speed is as estimated.
+    survey where sound speed and clocks are as estimated.
     """
     survey, solution = location.survey, location.solution
-    rows = np.flatnonzero(solution.used & ~survey.between_nodes & (survey.direction == Direction.TWO_WAY))
+    rows = np.flatnonzero(solution.used & ~survey.between_nodes)
     near, away = transducers(survey, solution.unknowns.lever(solution.values))
-    place = 0.5 * (near + away)[rows]
-    n, k = rows.size, len(survey.nodes)
-    node = survey.node[rows]
-    speed = location.mean_speed
-    distance = (
-        np.linalg.norm(place - location.positions[node], axis=1) + 0.5 * speed * location.residual[rows]
+    direction = survey.direction[:, None]
+    place = np.where(
+        direction == Direction.TO_NODE,
+        near,
+        np.where(direction == Direction.FROM_NODE, away, 0.5 * (near + away)),
     )
-    range_sigma = 0.5 * speed * solution.posterior.sigma * np.sqrt(solution.correlation.variance)
+    place, n = place[rows], rows.size
+    pairs = np.flatnonzero(solution.used & survey.between_nodes)
+    both = np.concatenate([rows, pairs])
+    ends = np.concatenate([place, location.positions[survey.partner[pairs]]])
+    half = location.mean_speed * np.where(survey.direction[both] == Direction.TWO_WAY, 0.5, 1.0)
+    distance = (
+        np.linalg.norm(ends - location.positions[survey.node[both]], axis=1) + half * location.residual[both]
+    )
+    noise = solution.posterior.sigma * np.sqrt(solution.correlation.variance) * solution.linear.weight[both]
+    first = np.concatenate([np.arange(n), n + survey.partner[pairs]])
     unit = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
-    pose = np.diag([_LEAST_SIGMA**2] * 6)
     has_prior = [i for i, one in enumerate(survey.nodes) if min(one.sigma) > 0.0]
     prior = np.array([np.diag(np.square(survey.nodes[i].sigma)) for i in has_prior])
+    known = np.tile(np.diag([_LEAST_SIGMA**2] * 6), (n, 1, 1))
     graph = FactorGraph(
         agent_name=np.array(["A"]),
         landmark_name=np.array(survey.names),
         pose_agent=np.zeros(n, dtype=np.int32),
         pose_number=np.arange(n, dtype=np.int32),
-        pose_time=survey.time[rows] - survey.time[rows[0]],
+        pose_time=survey.time[rows] - survey.time[0],
         factors={
-            "prior": KINDS["prior"].table(np.arange(n), [place, unit], np.tile(pose, (n, 1, 1))),
+            "prior": KINDS["prior"].table(np.arange(n), [place, unit], known),
             "survey": KINDS["survey"].table(
                 n + np.array(has_prior, dtype=int), [[survey.nodes[i].position for i in has_prior]], prior
             ),
             "range": KINDS["range"].table(
-                np.column_stack([np.arange(n), n + node]), [distance], np.full(n, range_sigma**2)
+                np.column_stack([first, n + survey.node[both]]), [distance], (half * noise) ** 2
             ),
         },
     )
-    return graph, GraphValues(position=place, quaternion=unit, landmark_position=location.positions[:k])
+    return graph, GraphValues(position=place, quaternion=unit, landmark_position=location.positions)
 
 
 def write_location(location: Location, folder: Path) -> list[Path]:
-    """Write landmarks, GeoJSON, graph and NetCDF into a folder; the paths."""
+    """Write landmarks, GeoJSON, graph and NetCDF into a folder; the paths. Without a ping of the platform there is no graph."""
     paths = [folder / name for name in ("landmarks.toml", "nodes.geojson", "survey.pyfg", "location.nc")]
     paths[0].write_text(landmarks_toml(location), encoding="utf-8")
     paths[1].write_text(geojson(location), encoding="utf-8")
+    write_netcdf(dataset(location), paths[3])
+    if not (location.solution.used & ~location.survey.between_nodes).any():
+        return [paths[0], paths[1], paths[3]]
     values = graph(location)
     write_pyfg(values[0], paths[2], initial=values[1])
-    write_netcdf(dataset(location), paths[3])
     return paths
