@@ -28,11 +28,11 @@ def error_budget(solution: Solution) -> pd.DataFrame:
     costs to tell positions from other unknowns in this pattern. The second part is a sum over unknowns. The squares of all
     contributions add up to that of ``total``.
     """
-    unknowns, found, at = solution.unknowns, solution.posterior, solution.unknowns.slices
+    unknowns, fit, at = solution.unknowns, solution.posterior, solution.unknowns.slices
     by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)
-    spread = by_position @ found.covariance
-    sd = unknowns.scaled_sd(dict.fromkeys(unknowns.groups, 1.0) | dict(found.hyperparameters))
-    held = np.diag(found.covariance) <= 0.0
+    spread = by_position @ fit.covariance
+    sd = unknowns.scaled_sd(dict.fromkeys(unknowns.groups, 1.0) | dict(fit.hyperparameters))
+    held = np.diag(fit.covariance) <= 0.0
     inverse = np.where(held | (sd <= 0.0), 0.0, 1.0 / np.maximum(sd, 1e-300))
     parts = {
         name: sum(np.sum((spread[:, at[kind]] * inverse[at[kind]]) ** 2, axis=1) for kind in kinds)
@@ -68,12 +68,12 @@ def _noise_alone(solution: Solution, by_position: Array, inverse: Array) -> Arra
 
 def _platform(solution: Solution, by_position: Array, total: Array) -> Array:
     """What errors of the platform's positions add to the variances."""
-    survey, found = solution.unknowns.survey, solution.posterior
+    survey, fit = solution.unknowns.survey, solution.posterior
     if survey.platform_error.horizontal == survey.platform_error.vertical == 0.0:
         return np.zeros_like(total)
-    products = solution.linear.products(solution.used, solution.correlation, PlatformError(), found.sigma)
+    products = solution.linear.products(solution.used, solution.correlation, PlatformError(), fit.sigma)
     without = posterior(
-        products, solution.unknowns, solution.values, found.hyperparameters, sigma=found.sigma, steps=1
+        products, solution.unknowns, solution.values, fit.hyperparameters, sigma=fit.sigma, steps=1
     )
     less = np.sum((by_position @ without.covariance) * by_position, axis=1)
     return np.asarray(np.maximum(total - less, 0.0))

@@ -149,13 +149,13 @@ def _check_units(survey: Survey, medium: Medium) -> None:
 
 def _check_lever(solution: Solution) -> None:
     """Refuse a known lever arm of which another sign explains the residuals much better."""
-    unknowns, found, at = solution.unknowns, solution.posterior, solution.unknowns.slices["lever"]
+    unknowns, fit, at = solution.unknowns, solution.posterior, solution.unknowns.slices["lever"]
     lever = solution.values[at]
     if not np.any(np.abs(lever) > 0.1) or any(unknowns.survey.lever.sigma):
         return
     products = solution.products
     best = (1.0, lever)
-    now = found.squares * found.sigma**2
+    now = fit.squares * fit.sigma**2
     for axes in range(1, 8):
         turned = np.array([-value if axes >> k & 1 else value for k, value in enumerate(lever)])
         if np.array_equal(np.abs(turned - lever) > 0.1, np.zeros(3, dtype=bool)):
@@ -168,14 +168,14 @@ def _check_lever(solution: Solution) -> None:
             products._replace(right=right, squares=float(squares)),
             unknowns,
             solution.values,
-            found.hyperparameters,
-            sigma=found.sigma,
+            fit.hyperparameters,
+            sigma=fit.sigma,
             steps=1,
         )
-        gain = other.squares * found.sigma**2 / max(now, 1e-300)
+        gain = other.squares * fit.sigma**2 / max(now, 1e-300)
         if gain < best[0] - 1e-6:
             best = gain, turned
-    saved = (1.0 - best[0]) * found.squares
+    saved = (1.0 - best[0]) * fit.squares
     if np.sqrt(best[0]) < _LEVER_GAIN and saved > _LEVER_CHI_SQUARE:
         wrong = [name for name, a, b in zip(_AXES, lever, best[1], strict=True) if a != b]
         raise LocateError(

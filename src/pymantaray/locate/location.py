@@ -17,7 +17,7 @@ from pymantaray.locate.checks import check_solution, check_survey
 from pymantaray.locate.gross import reasons
 from pymantaray.locate.mirror import Mirror, mirrors
 from pymantaray.locate.patterns import NoiseTest, noise_tests, test_table, whitened_residuals
-from pymantaray.locate.solve import LocateOptions, Solution, candidate_table, solve
+from pymantaray.locate.solve import CORRELATED, LocateOptions, Solution, candidate_table, solve
 from pymantaray.locate.survey import Direction, Survey
 from pymantaray.locate.travel_times import transducers
 
@@ -87,16 +87,16 @@ class Location:
     @property
     def hyperparameters(self) -> dict[str, Any]:
         """Model that was chosen: sound speed, noise level, smoothness, correlation between pings."""
-        found, correlation = self.solution.posterior, self.solution.correlation
+        fit, correlation = self.solution.posterior, self.solution.correlation
         white = correlation.ratio == 0.0
         return {
             "sound_speed": self.solution.unknowns.speed.kind,
-            "sigma_s": found.sigma,
-            "smoothness": dict(found.hyperparameters),
+            "sigma_s": fit.sigma,
+            "smoothness": dict(fit.hyperparameters),
             "correlation_ratio": correlation.ratio,
             "correlation_time_s": None if white else correlation.memory,
             "correlation_shared": None if white else correlation.shared,
-            "abic": float(self.candidates["abic"].min()),
+            "abic": fit.abic + (0.0 if white else 2.0 * CORRELATED),
         }
 
     @cached_property
@@ -365,7 +365,7 @@ def locate(
     """
     chosen = options or LocateOptions()
     check_survey(survey, medium)
-    solution, tried, solver = solve(survey, medium, chosen)
+    solution, candidates, solver = solve(survey, medium, chosen)
     check_solution(solution, medium)
     draws = None
     if bootstrap:
@@ -373,7 +373,7 @@ def locate(
     return Location(
         survey,
         solution,
-        candidate_table(tried, solution),
+        candidate_table(candidates, solution),
         noise_tests(solution),
         mirrors(solver, solution),
         reasons(solution, medium),

@@ -30,7 +30,7 @@ def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
     """Mirror solutions of nodes whose pings lie along one line."""
     survey = solver.survey
     near, away = transducers(survey, solution.unknowns.lever(solution.values))
-    found = []
+    result = []
     for k, name in enumerate(survey.names):
         rows = solution.used & (survey.node == k) & (survey.partner < 0)
         if rows.sum() < 3 or solution.unknowns.arrangement != "free" or not any(survey.nodes[k].sigma[:2]):
@@ -53,7 +53,7 @@ def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
         apart = float(np.linalg.norm(place[:2] - solution.positions[k, :2]))
         if apart < abs(offset):  # it came back
             continue
-        found.append(
+        result.append(
             Mirror(
                 name,
                 float(place[0]),
@@ -63,22 +63,22 @@ def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
                 bool(difference < _UNDECIDED),
             )
         )
-    return found
+    return result
 
 
 def _descend(solver: Solver, solution: Solution, values: Array) -> Solution | None:
     """Settle from mirrored values with the same model."""
-    found = solution.posterior
+    fit = solution.posterior
     try:
-        return solver.settle(solution.unknowns, values, solution.correlation, found)
+        return solver.settle(solution.unknowns, values, solution.correlation, fit)
     except LocateError:
         return None
 
 
 def _cost(solution: Solution, main: Solution) -> float:
     """Chi-square of residuals and prior positions at the main solution's noise; a gross error counts as one at the limit."""
-    survey, found = solution.unknowns.survey, main.posterior
-    level = found.sigma * np.sqrt(main.correlation.variance) * solution.linear.weight
+    survey, fit = solution.unknowns.survey, main.posterior
+    level = fit.sigma * np.sqrt(main.correlation.variance) * solution.linear.weight
     size = np.where(solution.legs.possible, np.abs(solution.linear.residual) / level, np.inf)
     limit = float((np.abs(main.linear.residual) / level)[main.used].max())
     at = solution.unknowns.slices["position"]

@@ -193,8 +193,8 @@ def expected_sigmas(pattern: Pattern, medium: Medium, options: PlanOptions) -> t
     linear = Linearization(unknowns, values, legs, np.ones(len(survey)))
     products = linear.products(legs.possible, Correlation(), survey.platform_error, options.sigma)
     smooth = dict.fromkeys(unknowns.groups, options.speed_prior.scale / 10.0)
-    found = posterior(products, unknowns, values, smooth, sigma=options.sigma, steps=1)
-    return np.sqrt(np.diag(found.covariance)[:3]), int((~legs.possible).sum())
+    fit = posterior(products, unknowns, values, smooth, sigma=options.sigma, steps=1)
+    return np.sqrt(np.diag(fit.covariance)[:3]), int((~legs.possible).sum())
 
 
 def plan_survey(

@@ -82,8 +82,8 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
     bases = [Path(whole.anchor)] if whole.is_absolute() else [path.parent, Path()]
     relative = str(whole.relative_to(whole.anchor)) if whole.is_absolute() else str(whole)
     for base in bases:
-        if found := sorted(base.glob(relative)):
-            return found
+        if paths := sorted(base.glob(relative)):
+            return paths
     raise LocateError(f"{path}: {key}: no file matches {pattern}")
 
 

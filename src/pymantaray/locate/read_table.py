@@ -71,8 +71,8 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
 def _time_column(table: TextTable) -> str:
     there = [name for name in _TIMES if name in table.frame.columns]
     if len(there) != 1:
-        found = ", ".join(there) or ", ".join(map(str, table.frame.columns))
-        raise LocateError(f"{table.path}: one column of {', '.join(_TIMES)} is needed; found {found}")
+        columns = ", ".join(there) or ", ".join(map(str, table.frame.columns))
+        raise LocateError(f"{table.path}: one column of {', '.join(_TIMES)} is needed; found {columns}")
     return there[0]
 
 

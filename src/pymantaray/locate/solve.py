@@ -32,6 +32,8 @@ _FLOOR = 1e-6  # s; residuals below this are never gross
 _CORRELATION_TIMES = (20.0, 60.0, 180.0, 600.0)  # s
 _RATIOS = (0.3, 3.0, 10.0)
 _SHARES = (0.0, 1.0)
+CORRELATED = 3
+"""Hyperparameters of correlated noise."""
 _FEWEST_FOR_CORRELATION = 200  # pings; fewer do not tell a correlation from errors of the model
 
 
@@ -150,7 +152,7 @@ class Solver:
             raise LocateError(
                 f"{self.survey.source}: nothing is unknown; give a node a positive standard deviation"
             )
-        used = self.believed(linear)
+        used = self.plausible(linear)
         if not used.any():
             raise LocateError(
                 f"{self.survey.source}: no ping can be explained at the positions from which the solver starts; check"
@@ -158,8 +160,8 @@ class Solver:
             )
         first = sigma or self._first_sigma(linear, used)
         products = linear.products(used, correlation, self.survey.platform_error, first)
-        found = posterior(products, unknowns, values, hyper, sigma=first)
-        return Solution(unknowns, values, found, correlation, legs, linear, products, used, settled=False)
+        fit = posterior(products, unknowns, values, hyper, sigma=first)
+        return Solution(unknowns, values, fit, correlation, legs, linear, products, used, settled=False)
 
     def legs(self, position: Array, lever: Array, modes: VerticalModes | None) -> Legs:
         """Travel times at positions: rays are traced unless they were for positions near by."""
@@ -181,7 +183,7 @@ class Solver:
         stated = self.survey.sigma[np.isfinite(self.survey.sigma)]
         return float(np.median(stated)) if stated.size else _UNSTATED
 
-    def believed(self, linear: Linearization) -> Mask:
+    def plausible(self, linear: Linearization) -> Mask:
         """Pings that a ray explains and whose residuals are not gross."""
         possible = linear.legs.possible & ~self.survey.flagged
         if not possible.any():
@@ -237,20 +239,20 @@ def _constant(unknowns: Unknowns, fraction: float) -> Array:
 class Candidate(Mapping[str, Any]):
     """A model of the sound speed and the noise with its evidence, as a row of a table."""
 
-    def __init__(self, kind: Kind, correlation: Correlation, found: Posterior) -> None:
-        self.kind, self.correlation, self.found = kind, correlation, found
+    def __init__(self, kind: Kind, correlation: Correlation, fit: Posterior) -> None:
+        self.kind, self.correlation, self.fit = kind, correlation, fit
         white = correlation.ratio == 0.0
         self._row: dict[str, Any] = {
             "sound_speed": kind,
             "correlation_ratio": correlation.ratio,
             "correlation_time_s": np.nan if white else correlation.memory,
             "correlation_shared": np.nan if white else correlation.shared,
-            "abic": found.abic + (0.0 if white else 6.0),
-            "log_evidence": found.log_evidence,
-            "sigma_s": found.sigma,
-            "effective_parameters": found.effective,
+            "abic": fit.abic + (0.0 if white else 2.0 * CORRELATED),
+            "log_evidence": fit.log_evidence,
+            "sigma_s": fit.sigma,
+            "effective_parameters": fit.effective,
             **{
-                f"{name.replace(' ', '_')}_smoothness": found.hyperparameters.get(name, np.nan)
+                f"{name.replace(' ', '_')}_smoothness": fit.hyperparameters.get(name, np.nan)
                 for name in ("time", "platform gradient", "node gradient")
             },
         }
@@ -274,31 +276,31 @@ class Candidate(Mapping[str, Any]):
 
 
 def choose(solver: Solver, base: Solution) -> tuple[Candidate, list[Candidate]]:
-    """Candidate of lowest ABIC among those that the options allow, and all that were tried, at a solution's values."""
+    """Candidate of lowest ABIC among those that the options allow, and all that were compared, at a solution's values."""
     allowed = solver.options.kinds
     table = _Evidence(solver, base, "gradient")
-    tried = [table.candidate(kind, Correlation()) for kind in KINDS[:-1]]
+    candidates = [table.candidate(kind, Correlation()) for kind in KINDS[:-1]]
     if "modes" in allowed:
         table_of_modes = _Evidence(solver, base, "modes")
-        tried.append(table_of_modes.candidate("modes", Correlation()))
+        candidates.append(table_of_modes.candidate("modes", Correlation()))
 
-    def best_of(candidates: Iterable[Candidate]) -> Candidate:
-        return min((c for c in candidates if c.kind in allowed), key=lambda c: c.abic)
+    def best_of(some: Iterable[Candidate]) -> Candidate:
+        return min((c for c in some if c.kind in allowed), key=lambda c: c.abic)
 
-    best = best_of(tried)
+    best = best_of(candidates)
     if solver.options.correlation == "auto" and int(base.used.sum()) >= _FEWEST_FOR_CORRELATION:
         table = table_of_modes if best.kind == "modes" else table
         for search in (_times, _ratios, _shares, _times):
             for correlation in search(best.correlation):
-                if all(correlation != c.correlation for c in tried if c.kind == best.kind):
-                    tried.append(table.candidate(best.kind, correlation))
-            best = best_of(c for c in tried if c.kind == best.kind)
+                if all(correlation != c.correlation for c in candidates if c.kind == best.kind):
+                    candidates.append(table.candidate(best.kind, correlation))
+            best = best_of(c for c in candidates if c.kind == best.kind)
             if best.correlation.ratio == 0.0:
                 break
         if best.correlation.ratio > 0.0:
             others = [kind for kind in KINDS[:-1] if kind != best.kind and best.kind != "modes"]
-            tried += [table.candidate(kind, best.correlation) for kind in others]
-    return best_of(tried), tried
+            candidates += [table.candidate(kind, best.correlation) for kind in others]
+    return best_of(candidates), candidates
 
 
 def _times(now: Correlation) -> list[Correlation]:
@@ -337,7 +339,7 @@ class _Evidence:
                 )
             } | {c: p for c, p in self._products.items() if c.ratio == 0.0}
         products = self._products[correlation]
-        found = posterior(
+        fit = posterior(
             products,
             self._unknowns,
             self._values,
@@ -345,7 +347,7 @@ class _Evidence:
             sigma=sigma / np.sqrt(correlation.variance),
             without=self._held(kind),
         )
-        return Candidate(kind, correlation, found)
+        return Candidate(kind, correlation, fit)
 
     def _held(self, kind: Kind) -> NDArray[np.int64]:
         """Columns of the sound speed that a poorer model lacks."""
@@ -374,26 +376,26 @@ def _solve(
     unknowns = solver.unknowns(simple, start)
     values = solver.start(unknowns, solver.first_values(unknowns, start))
     base = solver.settle(unknowns, values, Correlation())
-    chosen, tried = choose(solver, base)
+    chosen, candidates = choose(solver, base)
     for _ in range(2):
         unknowns = solver.unknowns(chosen.kind, base.positions)
         values = solver.first_values(unknowns, base.positions, base)
-        solution = solver.settle(unknowns, values, chosen.correlation, chosen.found)
+        solution = solver.settle(unknowns, values, chosen.correlation, chosen.fit)
         if np.array_equal(solution.used, base.used):
             break
         base, before = (
             solution,
             (chosen.kind, chosen.correlation),
         )  # the evidence is of the pings that are used
-        chosen, tried = choose(solver, base)
+        chosen, candidates = choose(solver, base)
         if (chosen.kind, chosen.correlation) == before:
             break
-    return solution, tried, solver
+    return solution, candidates, solver
 
 
-def candidate_table(tried: list[Candidate], chosen: Solution) -> pd.DataFrame:
+def candidate_table(candidates: list[Candidate], chosen: Solution) -> pd.DataFrame:
     """Candidates by ABIC, best first, with the difference to the best."""
-    table = pd.DataFrame([dict(c) for c in tried]).sort_values("abic", ignore_index=True, kind="stable")
+    table = pd.DataFrame([dict(c) for c in candidates]).sort_values("abic", ignore_index=True, kind="stable")
     table.insert(
         0,
         "chosen",
