@@ -75,12 +75,14 @@ def make_campaign(
     drift=3e-4,
     gross=0.03,
     prior_sigma=(5.0, 5.0, 5.0),
+    truth=None,
 ):
     """Ping each node in turn; the fraction by which the water is faster than the profile is a red sum of waves of rms drift."""
     rng = np.random.default_rng(seed)
     angle = 2.0 * np.pi * (np.arange(nodes) + 0.2) / nodes
     prior = np.column_stack([500.0 * np.cos(angle), 500.0 * np.sin(angle), depth + 12.0 * np.arange(nodes)])
-    truth = prior + rng.normal(size=prior.shape) * prior_sigma
+    drawn = prior + rng.normal(size=prior.shape) * prior_sigma
+    truth = drawn if truth is None else truth
     arm = np.asarray(lever) + rng.normal(size=3) * lever_sigma
     delay = turn_around + rng.normal(size=nodes) * turn_around_sigma
     time = np.repeat(interval * np.arange(pings), nodes) + np.tile(1.5 * np.arange(nodes), pings)

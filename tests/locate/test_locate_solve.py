@@ -482,3 +482,27 @@ def test_amplitudes_of_modes_are_estimated_with_positions(medium):
     refused(
         LocateError, "modes need several profiles", locate, survey, medium, LocateOptions(speed_model="modes")
     )
+
+
+@pytest.mark.slow
+def test_two_campaigns_differ_by_what_their_covariances_explain(medium):
+    """The same nodes by two ships whose lever arms are known to 5 cm: the difference of the array's centres, 40 times."""
+    squares = []
+    for seed in range(40):
+        first = make_campaign(1000 + seed, lever_sigma=(0.05, 0.05, 0.05), pings=150)
+        second = make_campaign(
+            2000 + seed,
+            lever=(1.9, -0.8, 21.3),
+            lever_sigma=(0.05, 0.05, 0.05),
+            pings=150,
+            radius=700.0,
+            truth=first.truth,
+        )
+        both = [locate(survey_of(c, turn_around_sigma=0.0), medium, TIME) for c in (first, second)]
+        mean = np.tile(np.eye(3) / 3.0, 3)
+        apart = both[0].positions.mean(axis=0) - both[1].positions.mean(axis=0)
+        covariance = sum(mean @ one.covariance @ mean.T for one in both)
+        squares.append(apart @ np.linalg.solve(covariance, apart))
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * 40) / 40.0
+    assert low <= np.mean(squares) <= high, (low, np.mean(squares), high)
+    assert np.mean(np.array(squares) < chi2.ppf(0.95, 3)) >= 0.85
