@@ -83,5 +83,9 @@ class ReplayError(MantaRayError):
     """Measured events, or the water that they are compared in, are unusable."""
 
 
+class LocateError(MantaRayError):
+    """A survey of pings, or the water that it was taken in, is unusable."""
+
+
 class ExchangeError(MantaRayError):
     """Another program's file cannot be read, or does not hold what is asked of it."""

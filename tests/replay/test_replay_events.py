@@ -187,3 +187,17 @@ def test_rules_and_references_that_do_not_fit_are_refused():
     )
     assert str(DetectionRule.parse("within:6")) == "within:6"
     assert replay_events(events, Water(WATER, reception=Reception())).rule == DetectionRule("within", 6.0)
+
+
+def test_positions_of_located_nodes_take_the_place_of_the_events_own(tmp_path):
+    nodes = tmp_path / "nodes.csv"
+    nodes.write_text("name,lat,lon,depth,sigma_depth_m\nB,72.03,-145.2,151.5,0.02\n")
+    own = read_events(write(tmp_path, ROW))
+    empty = ROW.replace("72.02,-145.1,150", ",,")
+    for row in (ROW, empty):
+        events = read_events(write(tmp_path, row), nodes)
+        np.testing.assert_array_equal(events.receiver_position, [[72.03, -145.2, 151.5]])
+        np.testing.assert_array_equal(events.source_position, own.source_position)
+    refused(ReplayError, "receiver_lat is ''", read_events, write(tmp_path, empty))
+    nodes.write_text("name,north,east,depth\nB,1,2,3\n")
+    refused(ReplayError, "nodes.csv: lacks lat, lon", read_events, write(tmp_path, ROW), nodes)

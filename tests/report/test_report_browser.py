@@ -8,9 +8,18 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from campaigns import make_campaign, survey_of, water
 from PIL import Image
 
-from pymantaray.report import write_atlas_page, write_comparison, write_replay, write_report, write_sweep_page
+from pymantaray.locate import LocateOptions, locate
+from pymantaray.report import (
+    write_atlas_page,
+    write_comparison,
+    write_location_page,
+    write_replay,
+    write_report,
+    write_sweep_page,
+)
 
 axe = pytest.importorskip(
     "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
@@ -278,6 +287,27 @@ def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(
     page.focus("#only select")
     page.keyboard.press("End")
     assert page.inner_text("#told") == "20 of 40 rows"
+
+
+@pytest.fixture(scope="module")
+def location_file(tmp_path_factory):
+    survey = survey_of(make_campaign(1, pings=40), sigma=1e-4)
+    located = locate(survey, water(), LocateOptions(speed_model="time", correlation="none"))
+    return write_location_page(located, tmp_path_factory.mktemp("located") / "out")
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+def test_located_nodes_are_readable_at_any_width(chromium, location_file, width):
+    """The page has no script, so that nothing has to be waited for."""
+    context = chromium.new_context(viewport={"width": width, "height": 900})
+    page, said, asked = context.new_page(), [], []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(location_file.as_uri())
+    check_quiet_and_fitting(SimpleNamespace(page=page, said=said, asked=asked), location_file)
+    check_accessible(page)
+    assert page.locator("img").count() == 3
+    context.close()
 
 
 def test_a_replay_printed_at_once_has_all_its_figures(chromium, replay_file, tmp_path):

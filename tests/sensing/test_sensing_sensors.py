@@ -4,13 +4,14 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from pymantaray.config.sections import NoiseSection
 from pymantaray.errors import SensingError
 from pymantaray.estimation import dead_reckon
 from pymantaray.geometry import stream
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_log, so3_exp
-from pymantaray.sensing import NoiseModel, perturb
+from pymantaray.sensing import Landmark, NoiseModel, perturb
 
 NOISY = NoiseModel(odometry_rotation_drift=1e-4, first_rotation_sigma=0.02)
 
@@ -128,3 +129,12 @@ def test_the_sigmas_are_those_of_the_model(make_measurements):
     np.testing.assert_array_equal(m.first_sigma, [[0.02] * 3 + [0.1] * 3] * 3)
     edges = m.odometry_rotation, m.odometry_translation, m.time
     np.testing.assert_array_equal(m.odometry_sigma, NOISY.odometry_sigma(*edges))
+
+
+def test_a_landmark_may_have_a_survey_of_its_own(make_measurements, landmarks):
+    """One that the fleet has to locate, beside one that GNSS has surveyed."""
+    own = (*landmarks[:-1], replace(landmarks[-1], sigma=80.0))
+    m, plain = make_measurements(landmarks=own), make_measurements()
+    np.testing.assert_array_equal(m.landmark_sigma, [*plain.landmark_sigma[:-1], 80.0])
+    np.testing.assert_array_equal(m.landmark_position, plain.landmark_position)
+    refused(SensingError, "sigma is 0 m; it must be finite and positive", Landmark, "L", np.zeros(3), 0.0)

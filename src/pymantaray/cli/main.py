@@ -12,7 +12,20 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 import pymantaray
-from pymantaray.cli import atlas, doctor, export, graph, ocean, ranges, rays, replay, serve, study, sweep
+from pymantaray.cli import (
+    atlas,
+    doctor,
+    export,
+    graph,
+    locate,
+    ocean,
+    ranges,
+    rays,
+    replay,
+    serve,
+    study,
+    sweep,
+)
 from pymantaray.cli.options import Commands, OceanCommand
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
@@ -31,6 +44,7 @@ app.add_typer(atlas.app, name="atlas")
 app.add_typer(ocean.app, name="ocean")
 app.add_typer(graph.app, name="graph")
 app.add_typer(rays.app, name="rays")
+app.add_typer(locate.app, name="locate")
 app.command("ranges", cls=OceanCommand)(ranges.ranges)
 app.command("serve")(serve.serve)
 app.command("replay", cls=OceanCommand)(replay.replay)

@@ -260,8 +260,8 @@ class OceanOptions:
 
 
 @dataclass(frozen=True)
-class SourceOptions(OceanOptions):
-    """Where the water comes from, of which one has to be given: also a study's run."""
+class AnySourceOptions(OceanOptions):
+    """Where the water comes from: also a study's run."""
 
     run: Annotated[
         Path | None,
@@ -269,9 +269,22 @@ class SourceOptions(OceanOptions):
     ] = None
 
     def __post_init__(self) -> None:
-        named = [f"--{name}" for name in ("ocean", "profile", "run") if getattr(self, name)]
-        if len(named) != 1:
-            found = " and ".join(named) or "no ocean"
+        if len(self.given) > 1:
+            raise WaterError(f"{' and '.join(self.given)} given; give one of them")
+
+    @property
+    def given(self) -> list[str]:
+        """Options that name a source."""
+        return [f"--{name}" for name in ("ocean", "profile", "run") if getattr(self, name)]
+
+
+@dataclass(frozen=True)
+class SourceOptions(AnySourceOptions):
+    """Where the water comes from, of which one has to be given."""
+
+    def __post_init__(self) -> None:
+        if len(self.given) != 1:
+            found = " and ".join(self.given) or "no ocean"
             raise WaterError(f"{found} given; exactly one of --ocean, --profile and --run is needed")
 
 

@@ -78,6 +78,13 @@ def replay(
     reference: Annotated[
         str | None, typer.Option(metavar="NODE", help="Node whose clock is right. Default: their mean is.")
     ] = None,
+    nodes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="Positions of fixed nodes by name, as mantaray locate writes them in tables/nodes.csv.",
+        ),
+    ] = None,
     changes: Set = None,
     formats: Formats = "",
     as_json: Json = False,
@@ -92,7 +99,7 @@ def replay(
     from pymantaray.report import write_replay
 
     window_s = parse_duration("--window", window, positive=False)
-    measured, kind = read_events(events), DetectionRule.parse(rule)
+    measured, kind = read_events(events, nodes), DetectionRule.parse(rule)
     sections = {} if detection is None else sound_sections(detection)
     waters = load_waters(source, water, search, sections=sections, changes=changes_of(changes))
     sources = [one.record | ({"cast": one.name} if one.uniform else {}) for one in waters]

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pymantaray.cli.options import ArrivalOptions, SourceOptions, WaterOptions
+from pymantaray.cli.options import AnySourceOptions, ArrivalOptions, WaterOptions
 from pymantaray.errors import WaterError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ OF_THE_SOURCE = {
 
 
 def load_water(
-    source: SourceOptions,
+    source: AnySourceOptions,
     options: WaterOptions,
     search: ArrivalOptions | None = None,
     *,
@@ -45,7 +45,7 @@ def load_water(
 
 
 def load_waters(
-    source: SourceOptions,
+    source: AnySourceOptions,
     options: WaterOptions,
     search: ArrivalOptions | None = None,
     *,

@@ -330,6 +330,8 @@ class LandmarkSection(Section):
     """East of the frame's centre; or ``lon``, in degrees. [m]"""
     depth: Depth
     """Positive down. [m]"""
+    sigma: float | None = Field(default=None, gt=0.0)
+    """Standard deviation of each axis of its survey, ``noise.landmark_sigma`` unless given; large for one that the fleet has to locate. [m]"""
 
 
 Condition = Literal["odometry", "straight", "refracted", "straight-all", "no-ranges"]

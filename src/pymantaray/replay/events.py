@@ -1,6 +1,6 @@
 """Measured one-way travel times: who sent, who heard, where, when, and how long it took."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +104,7 @@ class Events:
         return self.epoch + np.round(1e9 * self.time).astype("timedelta64[ns]")
 
 
-def read_events(path: str | Path) -> Events:
+def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
     """
     Read measured travel times from a table.
 
@@ -114,6 +114,9 @@ def read_events(path: str | Path) -> Events:
         Columns ``time`` (UTC as ``2020-03-10T12:00:00``, or seconds), ``source`` and ``receiver`` (names), ``source_lat``,
         ``source_lon``, ``source_depth`` and the same of the receiver [degrees, m], or ``_north`` and ``_east`` for ``_lat`` and
         ``_lon`` [m], and ``travel_time`` [s]; if there, ``sigma`` [s] and ``cast`` (a name). Others are passed over.
+    nodes : str or pathlib.Path, optional
+        Table of fixed nodes with ``name``, ``lat``, ``lon`` and ``depth`` (or ``north`` and ``east``), as `mantaray locate` writes it.
+        Its positions replace those of the events, whose cells for these nodes, or whole columns, may be empty.
 
     Returns
     -------
@@ -125,7 +128,8 @@ def read_events(path: str | Path) -> Events:
         If a column is missing, or a cell is not what it has to be, which is named by its line.
     """
     try:
-        return _events(read_text_table(path))
+        table = read_text_table(path)
+        return _events(table if nodes is None else _placed(table, read_text_table(nodes)))
     except RecordError as error:
         raise ReplayError(str(error)) from None
 
@@ -155,6 +159,24 @@ def _events(table: TextTable) -> Events:
         cast=np.array(_words(table, "cast") if "cast" in columns else [], dtype=str),
         epoch=epoch,
     )
+
+
+def _placed(table: TextTable, nodes: TextTable) -> TextTable:
+    """The table with positions of nodes from another, in that one's coordinates."""
+    geographic = "source_lat" in table.frame.columns or "receiver_lat" in table.frame.columns
+    axes = _PLACES[geographic]
+    nodes.require(["name", *axes])
+    place = dict(zip(_words(nodes, "name"), nodes.frame[list(axes)].to_numpy().tolist(), strict=True))
+    table.require(list(_ENDS))
+    frame = table.frame.copy()
+    for end in _ENDS:
+        known = frame[end].str.strip().isin(list(place)).to_numpy()
+        for k, axis in enumerate(axes):
+            column = f"{end}_{axis}"
+            cells = frame[column] if column in frame.columns else frame[end].map(lambda _: "")
+            located = frame[end].str.strip().map(lambda name, k=k: place.get(name, [""] * 3)[k])
+            frame[column] = cells.where(~known, located)
+    return replace(table, frame=frame)
 
 
 def _words(table: TextTable, column: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Tables, figures and a page for the results of a study, and for several of them side by side; pages of a sweep and of an atlas; plots of an ocean, of rays and of an atlas.
+"""Tables, figures and a page for the results of a study, and for several of them side by side; pages of a sweep, of an atlas and of located nodes; plots of an ocean, of rays and of an atlas.
 
 matplotlib is imported when the first of them is asked for.
 """
@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from pymantaray.report.atlas_page import write_atlas_page
     from pymantaray.report.atlas_plots import write_atlas_plots
     from pymantaray.report.compare import write_comparison
+    from pymantaray.report.locate import write_location_page, write_plan_figure
     from pymantaray.report.ocean_plots import write_ocean_plots
     from pymantaray.report.ray_plots import write_ray_plot
     from pymantaray.report.replay import write_replay
@@ -20,7 +21,9 @@ __all__ = [
     "write_atlas_page",
     "write_atlas_plots",
     "write_comparison",
+    "write_location_page",
     "write_ocean_plots",
+    "write_plan_figure",
     "write_ray_plot",
     "write_replay",
     "write_report",
@@ -31,7 +34,9 @@ _ROOMS = {
     "write_atlas_page": "atlas_page",
     "write_atlas_plots": "atlas_plots",
     "write_comparison": "compare",
+    "write_location_page": "locate",
     "write_ocean_plots": "ocean_plots",
+    "write_plan_figure": "locate",
     "write_ray_plot": "ray_plots",
     "write_replay": "replay",
     "write_report": "write",

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import SensingError
-from pymantaray.geometry.checks import checked_array
+from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
@@ -19,11 +19,13 @@ class Landmark:
     """
     A fixed point that receives the vehicles' pings.
 
-    Its name is unique among landmarks and vehicles; its true place is ``(north, east, down)`` in the local frame. [m]
+    Its name is unique among landmarks and vehicles; its true place is ``(north, east, down)`` in the local frame [m]. ``sigma`` is
+    the standard deviation of each axis of its survey in place of the noise model's: large for one that the fleet has to locate. [m]
     """
 
     name: str
     position: Array
+    sigma: float | None = None
 
     def __post_init__(self) -> None:
         """Check and freeze the position."""
@@ -35,6 +37,8 @@ class Landmark:
                 f"landmark {self.name!r}: depth is {position[2]:g} m; depth is positive down, 0 at the"
                 " surface: place it in the water"
             )
+        if self.sigma is not None:
+            check_number(SensingError, f"landmark {self.name!r}: sigma", self.sigma, "m", positive=True)
         object.__setattr__(self, "position", position)
 
 
@@ -52,7 +56,9 @@ def measure(scene: Scene, noise: SurveyNoise) -> Columns:
     return {
         "landmark_name": np.array([landmark.name for landmark in scene.landmarks], dtype=str),
         "landmark_position": landmark_positions(scene.landmarks),
-        "landmark_sigma": np.full(len(scene.landmarks), noise.landmark_sigma),
+        "landmark_sigma": np.array(
+            [noise.landmark_sigma if mark.sigma is None else mark.sigma for mark in scene.landmarks]
+        ).reshape(-1),
     }
 
 

@@ -120,7 +120,7 @@ def build_schedule(config: StudyConfig) -> Schedule:
 def build_landmarks(config: StudyConfig) -> list[Landmark]:
     """Landmarks of a study, in the configured order."""
     return [
-        Landmark(name=mark.name, position=np.array([mark.north, mark.east, mark.depth]))
+        Landmark(name=mark.name, position=np.array([mark.north, mark.east, mark.depth]), sigma=mark.sigma)
         for mark in config.landmarks
     ]
 

@@ -1,0 +1,184 @@
+"""Input that cannot be right, recognized before or after a solve and refused in one line."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import LocateError
+from pymantaray.geometry.longitude import wrapped
+from pymantaray.locate.evidence import posterior
+from pymantaray.locate.solve import Solution
+from pymantaray.locate.starts import mean_speed
+from pymantaray.locate.survey import Direction, Survey
+from pymantaray.locate.travel_times import transducers
+
+Array = NDArray[np.float64]
+_FAR = 100_000.0  # m; no node answers from there
+_MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times where the unit is wrong
+_ONE_TURN = 2.0 * math.pi
+_LEVER_GAIN = 0.6  # of the rms of residuals with the better sign
+_LEVER_CHI_SQUARE = 200.0
+_BELOW = 10.0  # m that a node may lie below a profile's last level, or 1 % of its depth
+_AXES = ("forward", "starboard", "down")
+
+
+def check_places(where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str) -> None:
+    """Refuse a platform so far from a node that a sign or an order of coordinates must be wrong. [degrees]"""
+    lat, lon = float(np.median(platform[0])), float(np.median(platform[1]))
+    if _distance(lat, lon, *node) < _FAR:
+        return
+    advice = "check both"
+    for lat_2, lon_2, what in (
+        (lat, -lon, "the longitudes of one have the wrong sign (east or west)"),
+        (-lat, lon, "the latitudes of one have the wrong sign (north or south)"),
+        (-lat, -lon, "latitudes and longitudes of one have the wrong sign"),
+        (lon, lat, "latitude and longitude are exchanged in one of them"),
+    ):
+        if _distance(lat_2, lon_2, *node) < _FAR:
+            advice = what
+    away = _distance(lat, lon, *node) / 1000.0
+    raise LocateError(
+        f"{where}: the platform is at {lat:.4f}, {lon:.4f} and node {name} at {node[0]:.4f}, {node[1]:.4f}, {away:,.0f} km"
+        f" apart; {advice}"
+    )
+
+
+def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
+    """Distance on a sphere. [m]"""
+    a, b = math.radians(lat), math.radians(lat_2)
+    turn = math.radians(float(wrapped(np.asarray(lon_2 - lon))))
+    inner = math.sin((b - a) / 2.0) ** 2 + math.cos(a) * math.cos(b) * math.sin(turn / 2.0) ** 2
+    return 2.0 * 6371e3 * math.asin(min(1.0, math.sqrt(max(inner, 0.0))))
+
+
+def check_survey(survey: Survey, medium: Medium) -> None:
+    """Refuse units and signs that cannot be right, before anything is solved."""
+    _check_times(survey)
+    _check_turn_around(survey)
+    _check_attitude(survey)
+    _check_units(survey, medium)
+    for node in survey.nodes:
+        if node.position[2] > _deepest(medium, node.position[2]):
+            raise LocateError(
+                f"profile: it ends at {medium.depth[-1]:g} m, above node {node.name} at {node.position[2]:g} m; extend it"
+                " to the node"
+            )
+
+
+def check_solution(solution: Solution, medium: Medium) -> None:
+    """Refuse what only a solution shows: a profile that ends above a node, a lever arm of the wrong sign."""
+    for name, place in zip(solution.unknowns.survey.names, solution.positions, strict=True):
+        if place[2] > _deepest(medium, place[2]):
+            raise LocateError(
+                f"profile: it ends at {medium.depth[-1]:g} m, above node {name}, which is at {place[2]:.0f} m; extend it to the"
+                " node"
+            )
+    _check_lever(solution)
+
+
+def _deepest(medium: Medium, depth: float) -> float:
+    return float(medium.depth[-1]) + max(_BELOW, 0.01 * depth)
+
+
+def _check_times(survey: Survey) -> None:
+    falls = np.flatnonzero(np.diff(survey.time) < 0.0)
+    if falls.size:
+        row = int(falls[0]) + 1
+        raise LocateError(
+            f"{survey.where(row)}: time {survey.time[row]:.3f} s is before that of the ping above,"
+            f" {survey.time[row - 1]:.3f} s; times must not decrease, sort the rows"
+        )
+
+
+def _check_turn_around(survey: Survey) -> None:
+    delay = np.array([node.turn_around for node in survey.nodes])[survey.node]
+    long = (survey.direction == Direction.TWO_WAY) & (delay >= np.median(survey.travel_time))
+    if long.any():
+        row = int(np.argmax(long))
+        raise LocateError(
+            f"turn-around time of node {survey.names[survey.node[row]]} is {delay[row]:g} s, longer than most two-way times;"
+            " write milliseconds as '13 ms'"
+        )
+
+
+def _check_attitude(survey: Survey) -> None:
+    """Headings that stay within a radian's turn while the course goes all around are in radians."""
+    heading = survey.transmit_attitude[:, 0]
+    spread = np.degrees(np.concatenate([survey.transmit_attitude, survey.receive_attitude]))
+    if np.ptp(heading) == 0.0 or not 0.0 < np.abs(spread[:, 0]).max() <= _ONE_TURN + 0.01:
+        return
+    as_radians = np.degrees(heading)  # what the file has, taken as radians
+    if np.ptp(as_radians) < 0.5:
+        return
+    moved = np.diff(survey.transmit_position[:, :2], axis=0)
+    gone = np.linalg.norm(moved, axis=1) > 0.5
+    if gone.sum() < 3:
+        return
+    course = np.arctan2(moved[:, 1], moved[:, 0])[gone]
+    fits = {
+        kind: float(np.abs(np.mean(np.exp(1j * (course - angle[:-1][gone])))))
+        for kind, angle in (("degrees", heading), ("radians", as_radians))
+    }
+    if fits["radians"] > fits["degrees"]:
+        raise LocateError(
+            f"{survey.source}: headings span {spread[:, 0].min():.2f} to {spread[:, 0].max():.2f} and follow the course as radians"
+            " do; write attitudes in degrees"
+        )
+
+
+def _check_units(survey: Survey, medium: Medium) -> None:
+    """Times a thousand times too long for the prior positions are milliseconds."""
+    near, _ = transducers(survey, np.array(survey.lever.offset))
+    nodes = np.array([node.position for node in survey.nodes])
+    alone = ~survey.between_nodes
+    if not alone.any():
+        return
+    distance = np.linalg.norm(near - nodes[survey.node], axis=1)[alone]
+    speed = mean_speed(medium, 0.0, float(nodes[:, 2].max()))
+    two_way = survey.direction[alone] == Direction.TWO_WAY
+    expected = distance / speed * np.where(two_way, 2.0, 1.0)
+    ratio = float(np.median(survey.travel_time[alone] / np.maximum(expected, 1e-6)))
+    if _MILLISECONDS[0] < ratio < _MILLISECONDS[1] and np.median(survey.travel_time) > 5.0:
+        raise LocateError(
+            f"{survey.source}: travel times are {ratio:,.0f} times those of the prior positions (median"
+            f" {np.median(survey.travel_time):g} s); times are in seconds, so divide milliseconds by 1000"
+        )
+
+
+def _check_lever(solution: Solution) -> None:
+    """Refuse a known lever arm of which another sign explains the residuals much better."""
+    unknowns, fit, at = solution.unknowns, solution.posterior, solution.unknowns.slices["lever"]
+    lever = solution.values[at]
+    if not np.any(np.abs(lever) > 0.1) or any(unknowns.survey.lever.sigma):
+        return
+    products = solution.products
+    best = (1.0, lever)
+    now = fit.squares * fit.sigma**2
+    for axes in range(1, 8):
+        turned = np.array([-value if axes >> k & 1 else value for k, value in enumerate(lever)])
+        if np.array_equal(np.abs(turned - lever) > 0.1, np.zeros(3, dtype=bool)):
+            continue
+        move = np.zeros(unknowns.size)
+        move[at] = turned - lever
+        right = products.right - products.normal @ move
+        squares = products.squares - 2.0 * products.right @ move + move @ products.normal @ move
+        other = posterior(
+            products._replace(right=right, squares=float(squares)),
+            unknowns,
+            solution.values,
+            fit.hyperparameters,
+            sigma=fit.sigma,
+            steps=1,
+        )
+        gain = other.squares * fit.sigma**2 / max(now, 1e-300)
+        if gain < best[0] - 1e-6:
+            best = gain, turned
+    saved = (1.0 - best[0]) * fit.squares
+    if np.sqrt(best[0]) < _LEVER_GAIN and saved > _LEVER_CHI_SQUARE:
+        wrong = [name for name, a, b in zip(_AXES, lever, best[1], strict=True) if a != b]
+        raise LocateError(
+            f"{unknowns.survey.source}: lever arm {', '.join(f'{x:g}' for x in lever)} m (forward, starboard, down): the"
+            f" residuals fall to {100.0 * np.sqrt(best[0]):.0f} % with the other sign of {' and '.join(wrong)}; change it"
+        )

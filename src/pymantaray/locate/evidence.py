@@ -1,0 +1,127 @@
+r"""
+Posterior and marginal likelihood of a linear system with normal priors, and the hyperparameters that maximize it.
+
+For residuals :math:`y = J\delta + e`, :math:`e \sim N(0, \sigma^2 C)`, :math:`\delta \sim N(m, P)`. The variance of the noise and
+of each group of coefficients follow MacKay's fixed-point rule: a sum of squares over the number of parameters that the data
+determine. ABIC is -2 log evidence + 2 (number of hyperparameters).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from pymantaray.locate.linear import Products
+from pymantaray.locate.unknowns import Unknowns
+
+Array = NDArray[np.float64]
+_STEPS = 60
+_SETTLED = 3e-3  # change of the logarithm of every hyperparameter
+_SMALLEST, _LARGEST = 1e-8, 1e-1  # of a hyperparameter: fractions of the sound speed, and of it per km
+_LEAST_SIGMA = 1e-9  # s
+SPARE = 3  # pings beyond the unknowns from which on the noise level is estimated
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Posterior of a linear system: changes of all columns, covariance, and how well the model explains the data."""
+
+    change: Array
+    covariance: Array  # (size, size), 0 where known
+    sigma: float  # s
+    hyperparameters: Mapping[str, float]
+    log_evidence: float
+    squares: float
+    """Whitened residuals after the change, squared and summed, in units of sigma²."""
+    effective: float
+    """Number of parameters that the data determine."""
+
+    @property
+    def abic(self) -> float:
+        """Akaike's Bayesian information criterion; smaller is better."""
+        return -2.0 * self.log_evidence + 2.0 * (1 + len(self.hyperparameters))
+
+
+def posterior(
+    products: Products,
+    unknowns: Unknowns,
+    values: Array,
+    start: Mapping[str, float],
+    *,
+    sigma: float,
+    without: NDArray[np.int64] | None = None,
+    steps: int = _STEPS,
+) -> Posterior:
+    """
+    Posterior at values, with the noise level [s] and the hyperparameters of highest evidence.
+
+    They start from ``sigma``, which stays where pings hardly outnumber unknowns, and from ``start``. The columns ``without`` are held where they are, as if known. With
+    one of the ``steps`` of the fixed-point rule they stay as they start.
+    """
+    prior_sd = unknowns.prior_sd
+    if without is not None:
+        prior_sd[without] = 0.0
+    groups = {name: c[prior_sd[c] > 0.0] for name, c in unknowns.groups.items() if (prior_sd[c] > 0.0).any()}
+    active = np.flatnonzero(prior_sd > 0.0)
+    hyper = dict.fromkeys(unknowns.groups, 1.0) | {name: float(start.get(name, 1e-4)) for name in groups}
+    mean = (unknowns.prior_mean - values)[active]
+    place = {column: i for i, column in enumerate(active.tolist())}
+    members = {name: np.array([place[c] for c in columns.tolist()]) for name, columns in groups.items()}
+    plain = active.size - sum(rows.size for rows in members.values())
+    normal, right = products.normal[np.ix_(active, active)], products.right[active]
+    for step in range(steps):
+        sd = unknowns.scaled_sd(hyper)[active]
+        solved = _solve(normal, right, products, mean, sd, sigma)
+        if step == steps - 1:
+            break
+        moved = 0.0
+        for name, rows in members.items():
+            free = float(np.sum(1.0 - np.diag(solved.covariance)[rows] / sd[rows] ** 2))
+            squares = float(np.sum(((solved.change - mean)[rows] / (sd[rows] / hyper[name])) ** 2))
+            new = float(np.clip(np.sqrt(squares / max(free, 1e-9)), _SMALLEST, _LARGEST))
+            moved, hyper[name] = max(moved, abs(np.log(new / hyper[name]))), new
+        if products.n_rows >= plain + SPARE:
+            left = max(products.n_rows - solved.effective, 1.0)
+            level = max(sigma * float(np.sqrt(solved.squares / left)), _LEAST_SIGMA)
+            moved, sigma = max(moved, abs(np.log(level / sigma))), level
+        if moved < _SETTLED:
+            sd = unknowns.scaled_sd(hyper)[active]
+            solved = _solve(normal, right, products, mean, sd, sigma)
+            break
+    change, covariance = np.zeros(unknowns.size), np.zeros((unknowns.size, unknowns.size))
+    change[active], covariance[np.ix_(active, active)] = solved.change, solved.covariance
+    kept = {name: hyper[name] for name in groups}
+    return Posterior(change, covariance, sigma, kept, solved.log_evidence, solved.squares, solved.effective)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    change: Array
+    covariance: Array
+    squares: float
+    effective: float
+    log_evidence: float
+
+
+def _solve(normal: Array, right: Array, products: Products, mean: Array, sd: Array, sigma: float) -> _Solved:
+    """Posterior for given variances, scaled by the priors so that it is well conditioned."""
+    scaled = normal * (sd[:, None] * sd[None, :] / sigma**2)
+    factor = cho_factor(scaled + np.eye(sd.size), lower=True, check_finite=False)
+    inverse = cho_solve(factor, np.eye(sd.size), check_finite=False)
+    offset = mean / sd
+    z = inverse @ (right * sd / sigma**2 + offset)
+    change = sd * z
+    squares = float(products.squares - 2.0 * change @ right + change @ normal @ change) / sigma**2
+    squares = max(squares, 0.0)
+    penalty = float(np.sum((z - offset) ** 2))
+    log_evidence = -0.5 * (
+        products.n_rows * np.log(2.0 * np.pi * sigma**2)
+        + products.log_determinant
+        + 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
+        + squares
+        + penalty
+    )
+    effective = float(sd.size - np.trace(inverse))
+    return _Solved(change, inverse * sd[:, None] * sd[None, :], squares, effective, float(log_evidence))

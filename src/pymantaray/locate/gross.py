@@ -1,0 +1,95 @@
+"""Why a ping was not used: flagged, without a ray, another node's answer, a later echo, or a gross error."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.locate.graduated import robust_sigma
+from pymantaray.locate.solve import Solution
+from pymantaray.locate.survey import Direction, Survey
+from pymantaray.locate.travel_times import Legs, predict, transducers
+from pymantaray.records import RayStatus
+from pymantaray.records.status import RAY_STATUS_WORDS
+
+Array = NDArray[np.float64]
+_MOST = 2000  # gross errors that are looked into
+_NEAR = 10.0  # standard deviations within which an explanation fits
+_LEAST = 1e-3  # s
+
+
+def reasons(solution: Solution, medium: Medium) -> NDArray[np.str_]:
+    """Reason for which each ping was left out, empty for those that were used."""
+    survey, legs = solution.unknowns.survey, solution.legs
+    out = np.full(len(survey), "", dtype=object)
+    for status in np.unique(legs.status[legs.status != RayStatus.OK]):
+        word = RAY_STATUS_WORDS[RayStatus(int(status))]
+        out[legs.status == status] = f"no ray: {word}"
+    out[survey.flagged] = "flagged in the file"
+    gross = np.flatnonzero(~solution.used & (out == ""))
+    residual = solution.linear.residual
+    for ping in gross:
+        out[ping] = f"gross error of {1e3 * residual[ping]:+.3g} ms"
+    if gross.size:
+        some = gross[:_MOST]
+        near = max(_NEAR * robust_sigma(residual[solution.used]), _LEAST)
+        for row, why in _explained(solution, medium, some, near).items():
+            out[row] = f"{why} ({1e3 * residual[row]:+.3g} ms)"
+    return out.astype(str)
+
+
+def _explained(solution: Solution, medium: Medium, rows: NDArray[np.int64], near: float) -> dict[int, str]:
+    """Rows whose times another node or a reflected path explains."""
+    survey = solution.unknowns.survey.rows(rows)
+    out = _echoes(solution, medium, survey, rows, near)
+    alone = ~survey.between_nodes
+    for k, node in enumerate(solution.unknowns.survey.nodes):
+        others = np.flatnonzero(alone & (survey.node != k))
+        if not others.size:
+            continue
+        swapped = survey.rows(others).changed(node=np.full(others.size, k))
+        legs = predict(swapped, medium, solution.positions, solution.unknowns.lever(solution.values))
+        expected = legs.travel_time * _slowing(solution, rows[others]) + np.where(
+            swapped.direction == Direction.TWO_WAY, node.turn_around, 0.0
+        )
+        for i in np.flatnonzero(np.abs(swapped.travel_time - expected) < near):
+            out[int(rows[others[i]])] = f"answer of {node.name}"
+    return out
+
+
+def _slowing(solution: Solution, rows: NDArray[np.int64]) -> Array:
+    return np.asarray(solution.unknowns.slowing(solution.values)[rows])
+
+
+def _echoes(
+    solution: Solution, medium: Medium, survey: Survey, rows: NDArray[np.int64], near: float
+) -> dict[int, str]:
+    """Rows whose times a reflection at the surface or the sea bed explains, on one leg or both."""
+    out: dict[int, str] = {}
+    late = np.flatnonzero(~survey.between_nodes & (survey.direction == Direction.TWO_WAY))
+    late = late[solution.linear.residual[rows[late]] > 0.0]
+    if not late.size:
+        return out
+    some = survey.rows(late)
+    lever = solution.unknowns.lever(solution.values)
+    legs: Legs = predict(some, medium, solution.positions, lever)
+    start, _ = transducers(some, lever)
+    start[:, 2] = np.maximum(start[:, 2], 1e-3)
+    arrivals = find_eigenrays(
+        medium, start, solution.positions[some.node], max_surface_bounces=1, max_bottom_bounces=1
+    )
+    slowing, residual = _slowing(solution, rows[late]), solution.linear.residual[rows[late]]
+    bounced = (arrivals.surface_bounces + arrivals.bottom_bounces) > 0
+    for link, time, surface, bottom in zip(
+        arrivals.link[bounced],
+        arrivals.travel_time[bounced],
+        arrivals.surface_bounces[bounced],
+        arrivals.bottom_bounces[bounced],
+        strict=True,
+    ):
+        delay = (time - 0.5 * legs.travel_time[link]) * slowing[link]
+        for times, where in ((1.0, "on one leg"), (2.0, "on both legs")):
+            if abs(residual[link] - times * delay) < near:
+                out[int(rows[late[link]])] = (
+                    f"later echo, {surface} surface and {bottom} bottom reflections {where}"
+                )
+    return out

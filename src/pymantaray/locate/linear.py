@@ -1,0 +1,111 @@
+"""The linear system of a survey at one set of values: residuals, derivatives, and their products under a noise model."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.locate.noise import Correlation, Whitener
+from pymantaray.locate.survey import Direction, PlatformError
+from pymantaray.locate.travel_times import Legs, lever_gradients
+from pymantaray.locate.unknowns import Unknowns
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+_CHUNK = 2048  # pings of which rows are in memory at a time
+
+
+class Products(NamedTuple):
+    """Products of whitened rows: normal matrix, right-hand side, sum of squares, and what the evidence needs."""
+
+    normal: Array  # (size, size)
+    right: Array  # (size,)
+    squares: float
+    log_determinant: float
+    n_rows: int
+
+
+class Linearization:
+    """
+    Residuals of a survey's times and their derivatives by all unknowns, at some values.
+
+    ``weight`` (n,) is the standard deviation of each ping's white noise over that of the survey.
+    """
+
+    def __init__(self, unknowns: Unknowns, values: Array, legs: Legs, weight: Array) -> None:
+        self.unknowns, self.values, self.legs, self.weight = unknowns, values, legs, weight
+        self._slowing = unknowns.slowing(values)
+        self.residual = unknowns.survey.travel_time - unknowns.predicted(values, legs)
+        self._by_position = unknowns.position_map(values)
+        self._lever = lever_gradients(unknowns.survey, legs) if unknowns.survey.lever.used else None
+
+    def rows(self, part: slice) -> Array:
+        """Derivatives (m, size) of the predicted times of some pings."""
+        unknowns, legs, s = self.unknowns, self.legs, self.unknowns.survey
+        at, slowing = unknowns.slices, self._slowing[part]
+        node, partner = s.node[part], s.partner[part]
+        lines = np.arange(node.size)
+        out = np.einsum("ia,iaj->ij", legs.node_gradient[part] * slowing[:, None], self._by_position[node])
+        other = partner >= 0
+        if other.any():
+            gradient = legs.partner_gradient[part][other] * slowing[other, None]
+            out[other] += np.einsum("ia,iaj->ij", gradient, self._by_position[partner[other]])
+        out[lines, at["turn_around"].start + node] += s.direction[part] == Direction.TWO_WAY
+        elapsed = (s.time - s.time[0])[part]
+        for sign, which in unknowns.clock_signs():
+            out[lines, at["offset"].start + which[part]] += sign[part]
+            out[lines, at["drift"].start + which[part]] += sign[part] * elapsed
+        if self._lever is not None:
+            out[:, at["lever"]] = self._lever[part] * slowing[:, None]
+        water = np.nan_to_num(legs.travel_time[part]) * slowing
+        speed = slice(at["speed"].start, at["speed"].stop - legs.modes.shape[1])
+        out[:, speed] = -water[:, None] * unknowns.speed.rows(part)
+        out[:, speed.stop : at["speed"].stop] = legs.modes[part]
+        return np.asarray(out)
+
+    def columns(self, used: Mask, which: NDArray[np.int64]) -> Array:
+        """Some columns of the used pings, over the standard deviations of their noise."""
+        rows = np.flatnonzero(used)
+        out = np.empty((rows.size, which.size))
+        for start in range(0, rows.size, _CHUNK):
+            some = rows[start : start + _CHUNK]
+            whole = self.rows(slice(int(some[0]), int(some[-1]) + 1))
+            out[start : start + some.size] = whole[some - some[0]][:, which] / self.weight[some, None]
+        return out
+
+    def whitened(
+        self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float
+    ) -> Iterator[tuple[Array, float]]:
+        """
+        Whitened rows of the used pings, some at a time, residuals in the last column; with the logarithm so far.
+
+        Rows have the variance of ``sigma``² [s²], the survey's white noise. The logarithm is that of the determinant of the
+        covariance of all rows so far in its units.
+        """
+        rows = np.flatnonzero(used)
+        survey = self.unknowns.survey.rows(used)
+        platform_gradient = (self.legs.transmit_gradient + self.legs.receive_gradient)[used]
+        weight = self.weight[used]
+        sensitivity = platform_gradient / (sigma * weight)[:, None]
+        whitener = Whitener(survey, correlation, platform, sensitivity)
+        logarithm = 2.0 * np.cumsum(np.log(weight))
+        for start in range(0, rows.size, _CHUNK):
+            some = rows[start : start + _CHUNK]
+            whole = slice(int(some[0]), int(some[-1]) + 1)
+            derivative = self.rows(whole)[some - some[0]]
+            block = np.concatenate([derivative, self.residual[some, None]], axis=1)
+            block /= weight[start : start + some.size, None]
+            block = whitener(block, start)
+            yield block, float(logarithm[start + some.size - 1]) + whitener.log_determinant
+
+    def products(
+        self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float
+    ) -> Products:
+        """Normal matrix, right-hand side and sum of squares of the used pings."""
+        size = self.unknowns.size
+        total, logarithm, count = np.zeros((size + 1, size + 1)), 0.0, 0
+        for block, so_far in self.whitened(used, correlation, platform, sigma):
+            total += block.T @ block
+            logarithm, count = so_far, count + len(block)
+        return Products(total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), logarithm, count)

@@ -1,0 +1,381 @@
+"""Located nodes: positions, covariances, tests and tables of one survey."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.locate.bootstrap import bootstrap_positions
+from pymantaray.locate.budget import error_budget
+from pymantaray.locate.checks import check_solution, check_survey
+from pymantaray.locate.gross import reasons
+from pymantaray.locate.mirror import Mirror, mirrors
+from pymantaray.locate.patterns import NoiseTest, noise_tests, test_table, whitened_residuals
+from pymantaray.locate.solve import CORRELATED, LocateOptions, Solution, candidate_table, solve
+from pymantaray.locate.survey import Direction, Survey
+from pymantaray.locate.travel_times import transducers
+
+Array = NDArray[np.float64]
+_ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # of a normal distribution in two dimensions
+_INTERVAL = 1.959964
+_FEWEST = 3  # pings of a node that determine it
+_SHALLOW = 0.05  # m; a node nearer to the surface is above the water
+
+
+@dataclass(frozen=True, eq=False)
+class Location:
+    """
+    Positions of the nodes of a survey with their covariance, and what led to them.
+
+    Attributes
+    ----------
+    survey : Survey
+        Sorted by time.
+    solution : Solution
+    candidates : pandas.DataFrame
+        Models of sound speed and noise that were compared, best first.
+    tests : list of NoiseTest
+    mirrors : list of Mirror
+        Second solutions of nodes whose pings lie along one line.
+    reason : ndarray of str, shape (n,)
+        Why a ping was left out; empty for those that were used.
+    bootstrap : ndarray, shape (n_draws, n_nodes, 3), or None
+        Positions of resampled surveys. [m]
+    """
+
+    survey: Survey
+    solution: Solution
+    candidates: pd.DataFrame
+    tests: list[NoiseTest]
+    mirrors: list[Mirror]
+    reason: NDArray[np.str_]
+    bootstrap: Array | None = None
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Joint posterior covariance of all positions (3 n_nodes, 3 n_nodes): north, east, depth of each node. [m²]"""
+        by_position = self.solution.unknowns.position_map(self.solution.values)
+        flat = by_position.reshape(-1, self.solution.unknowns.size)
+        return np.asarray(flat @ self.solution.posterior.covariance @ flat.T)
+
+    @property
+    def positions(self) -> Array:
+        """Positions of the nodes (n_nodes, 3): north, east, depth. [m]"""
+        return self.solution.positions
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals of the pings that were used. [s]"""
+        return float(np.sqrt(np.mean(self.residual[self.solution.used] ** 2)))
+
+    @property
+    def residual(self) -> Array:
+        """Measured less predicted times of all pings, NaN without a ray. [s]"""
+        return self.solution.linear.residual
+
+    @property
+    def passed(self) -> bool:
+        """True if no test of the noise model failed."""
+        return all(test.passed for test in self.tests)
+
+    @property
+    def hyperparameters(self) -> dict[str, Any]:
+        """Model that was chosen: sound speed, noise level, smoothness, correlation between pings."""
+        fit, correlation = self.solution.posterior, self.solution.correlation
+        white = correlation.ratio == 0.0
+        return {
+            "sound_speed": self.solution.unknowns.speed.kind,
+            "sigma_s": fit.sigma,
+            "smoothness": dict(fit.hyperparameters),
+            "correlation_ratio": correlation.ratio,
+            "correlation_time_s": None if white else correlation.memory,
+            "correlation_shared": None if white else correlation.shared,
+            "abic": fit.abic + (0.0 if white else 2.0 * CORRELATED),
+        }
+
+    @cached_property
+    def nodes(self) -> pd.DataFrame:
+        """One row per node: position, standard deviations, 95 % ellipse and depth interval, pings, residuals, status."""
+        survey, used, place = self.survey, self.solution.used, self.positions
+        lat, lon = self._geodetic(place)
+        relative = self._relative()
+        rows = []
+        for k, node in enumerate(survey.nodes):
+            own = self.covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+            north, east, depth = np.sqrt(np.maximum(np.diag(own), 0.0))
+            major, minor, azimuth = ellipse(own[:2, :2])
+            mine = (survey.node == k) | (survey.partner == k)
+            residual = self.residual[mine & used]
+            rows.append(
+                {
+                    "name": node.name,
+                    "lat": lat[k],
+                    "lon": lon[k],
+                    "north": place[k, 0],
+                    "east": place[k, 1],
+                    "depth": place[k, 2],
+                    "sigma_north_m": north,
+                    "sigma_east_m": east,
+                    "sigma_depth_m": depth,
+                    "ellipse_major_m": major,
+                    "ellipse_minor_m": minor,
+                    "ellipse_azimuth_deg": azimuth,
+                    "depth_low_m": place[k, 2] - _INTERVAL * depth,
+                    "depth_high_m": place[k, 2] + _INTERVAL * depth,
+                    "relative_sigma_north_m": relative[k, 0],
+                    "relative_sigma_east_m": relative[k, 1],
+                    "relative_sigma_depth_m": relative[k, 2],
+                    "prior_north": node.position[0],
+                    "prior_east": node.position[1],
+                    "prior_depth": node.position[2],
+                    "n_used": int((mine & used).sum()),
+                    "n_all": int(mine.sum()),
+                    "rms_s": float(np.sqrt(np.mean(residual**2))) if residual.size else np.nan,
+                    "status": self._status(k, int((mine & used).sum())),
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def _status(self, k: int, n_used: int) -> str:
+        """What became of a node, in words; ``ok`` if its position is determined."""
+        survey, place = self.survey, self.positions[k]
+        mine = survey.node == k
+        top = np.nanmedian(survey.transmit_position[mine, 2]) if mine.any() else -np.inf
+        if not self.solution.settled:
+            return "not converged"
+        if n_used < _FEWEST:
+            no_ray = mine & ~self.solution.legs.possible
+            return "no ray" if no_ray.any() and no_ray.sum() > 0.5 * mine.sum() else "too few pings"
+        if place[2] <= _SHALLOW:
+            return "above the surface"
+        if any(m.undecided for m in self.mirrors if m.node == survey.names[k]):
+            return "two solutions"
+        return "above the platform" if np.isfinite(top) and place[2] < top else "ok"
+
+    @cached_property
+    def centre(self) -> dict[str, float]:
+        """Mean position of all nodes, with its standard deviations."""
+        place, count = self.positions.mean(axis=0), len(self.survey.nodes)
+        mean = np.tile(np.eye(3) / count, count)
+        sigma = np.sqrt(np.maximum(np.diag(mean @ self.covariance @ mean.T), 0.0))
+        lat, lon = self._geodetic(place[None])
+        names = ("north", "east", "depth", "sigma_north_m", "sigma_east_m", "sigma_depth_m")
+        values = dict(zip(names, map(float, [*place, *sigma]), strict=True))
+        return {"lat": float(lat[0]), "lon": float(lon[0])} | values
+
+    def _relative(self) -> Array:
+        """Standard deviations of the positions about their mean (n_nodes, 3); NaN of one node. [m]"""
+        count = len(self.survey.nodes)
+        if count < 2:
+            return np.full((count, 3), np.nan)
+        mean = np.kron(np.eye(count) - 1.0 / count, np.eye(3))
+        variance = np.diag(mean @ self.covariance @ mean.T)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(count, 3))
+
+    def _geodetic(self, place: Array) -> tuple[Array, Array]:
+        """Latitudes and longitudes, NaN without a frame. [degrees]"""
+        if self.survey.frame is None:
+            return np.full(len(place), np.nan), np.full(len(place), np.nan)
+        return self.survey.frame.to_geodetic(place[:, 0], place[:, 1])
+
+    @cached_property
+    def pings(self) -> pd.DataFrame:
+        """One row per ping: node, times, residual, leverage, range, azimuth, whether it was used and why not."""
+        survey, solution = self.survey, self.solution
+        near, _ = transducers(survey, solution.unknowns.lever(solution.values))
+        near = np.where(survey.between_nodes[:, None], self.positions[np.maximum(survey.partner, 0)], near)
+        step = near - self.positions[survey.node]
+        leverage = np.full(len(survey), np.nan)
+        leverage[solution.used] = self._leverage()
+        table = pd.DataFrame(
+            {
+                "line": survey.line,
+                "node": np.array(survey.names)[survey.node],
+                "time_s": survey.time,
+                "travel_time_s": survey.travel_time,
+                "residual_s": self.residual,
+                "leverage": leverage,
+                "range_m": np.hypot(step[:, 0], step[:, 1]),
+                "azimuth_deg": np.degrees(np.arctan2(step[:, 1], step[:, 0])) % 360.0,
+                "north": near[:, 0],
+                "east": near[:, 1],
+                "used": solution.used,
+                "reason": self.reason,
+            }
+        )
+        if not np.isnat(survey.epoch):
+            instant = survey.epoch + np.round(1e9 * survey.time).astype("timedelta64[ns]")
+            table.insert(2, "time", instant)
+        return table
+
+    def _leverage(self) -> Array:
+        """Share of each used ping in its own prediction. [-]"""
+        s = self.solution
+        platform = s.unknowns.survey.platform_error
+        blocks = s.linear.whitened(s.used, s.correlation, platform, s.posterior.sigma)
+        covariance = s.posterior.covariance / s.posterior.sigma**2
+        return np.concatenate([np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b, _ in blocks])
+
+    @cached_property
+    def budget(self) -> pd.DataFrame:
+        """Contributions to each node's standard deviations, see `pymantaray.locate.budget.error_budget`."""
+        return error_budget(self.solution)
+
+    @cached_property
+    def sound_speed(self) -> pd.DataFrame:
+        """Mean sound speed less that of the profile over time, with its standard deviation; empty if it is known."""
+        speed, s = self.solution.unknowns.speed, self.solution
+        if not speed.terms:
+            return pd.DataFrame(columns=["time_s", "change_m_s", "sigma_m_s"])
+        first, at = speed.terms[0], s.unknowns.slices["speed"].start
+        own = slice(at, at + first.sd.size)
+        time = np.linspace(self.survey.time[0], self.survey.time[-1], 200)
+        rows = np.ones((time.size, 1)) if first.spline is None else first.spline.at(time)
+        scale = self.mean_speed
+        variance = np.einsum("ij,jk,ik->i", rows, s.posterior.covariance[own, own], rows)
+        change = scale * (rows @ s.values[own])
+        return pd.DataFrame(
+            {"time_s": time, "change_m_s": change, "sigma_m_s": scale * np.sqrt(np.maximum(variance, 0.0))}
+        )
+
+    @cached_property
+    def mean_speed(self) -> float:
+        """Straight distance over travel time, in the median of the used pings. [m/s]"""
+        s, survey = self.solution, self.survey
+        near, away = transducers(survey, s.unknowns.lever(s.values))
+        node = self.positions[survey.node]
+        out = survey.direction != Direction.FROM_NODE
+        back = survey.direction != Direction.TO_NODE
+        length = np.linalg.norm(near - node, axis=1) * out + np.linalg.norm(away - node, axis=1) * back
+        rows = s.used & ~survey.between_nodes
+        return float(np.median(length[rows] / s.legs.travel_time[rows])) if rows.any() else 1500.0
+
+    @cached_property
+    def other_unknowns(self) -> pd.DataFrame:
+        """Turn-around times, clocks, lever arm and array shift that were estimated, with their standard deviations."""
+        u, values = self.solution.unknowns, self.solution.values
+        sd, at = np.sqrt(np.maximum(np.diag(self.solution.posterior.covariance), 0.0)), u.slices
+        names = self.survey.names
+        labels = {
+            "array": ["array north [m]", "array east [m]", "array depth [m]", "array turn [rad]"],
+            "turn_around": [f"{name} turn-around time [s]" for name in names],
+            "offset": [f"{name} clock offset [s]" for name in names],
+            "drift": [f"{name} clock drift [s/s]" for name in names],
+            "lever": [f"lever arm {axis} [m]" for axis in ("forward", "starboard", "down")],
+        }
+        rows = [
+            {"unknown": label, "value": values[column], "sigma": sd[column], "prior": u.prior_mean[column]}
+            for kind, own in labels.items()
+            for label, column in zip(own, range(at[kind].start, at[kind].stop), strict=True)
+            if u.prior_sd[column] > 0.0
+        ]
+        return pd.DataFrame(rows, columns=["unknown", "value", "sigma", "prior"])
+
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """All tables by name."""
+        out = {
+            "nodes": self.nodes,
+            "budget": self.budget,
+            "tests": test_table(self.tests),
+            "candidates": self.candidates,
+            "unknowns": self.other_unknowns,
+            "mirrors": pd.DataFrame([vars(m) for m in self.mirrors]),
+            "sound_speed": self.sound_speed,
+            "pings": self.pings,
+        }
+        if self.bootstrap is not None:
+            out["bootstrap"] = self._bootstrap_table(self.bootstrap)
+        return out
+
+    def _bootstrap_table(self, draws: Array) -> pd.DataFrame:
+        """Standard deviations and middle 95 % of the bootstrap's positions."""
+        rows = []
+        for k, name in enumerate(self.survey.names):
+            low, high = np.percentile(draws[:, k], (2.5, 97.5), axis=0)
+            for axis, label in enumerate(("north", "east", "depth")):
+                sigma = float(draws[:, k, axis].std(ddof=1))
+                row = {
+                    "node": name,
+                    "axis": label,
+                    "sigma_m": sigma,
+                    "low_m": low[axis],
+                    "high_m": high[axis],
+                }
+                rows.append(row)
+        return pd.DataFrame(rows)
+
+    def white_residuals(self) -> Array:
+        """Independent residuals of the used pings. [s]"""
+        return whitened_residuals(self.solution)
+
+
+def ellipse(covariance: Array) -> tuple[float, float, float]:
+    """Semi-axes of the 95 % ellipse [m] of a covariance of north and east, and the azimuth of the major one [degrees]."""
+    values, vectors = np.linalg.eigh(covariance)
+    minor, major = np.sqrt(np.maximum(values, 0.0)) * _ELLIPSE
+    azimuth = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1])) % 180.0
+    return float(major), float(minor), azimuth
+
+
+def locate(
+    survey: Survey,
+    medium: Medium,
+    options: LocateOptions | None = None,
+    *,
+    bootstrap: int = 0,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Location:
+    """
+    Estimate the positions of a survey's nodes.
+
+    Parameters
+    ----------
+    survey : Survey
+        From `read_survey`, or made of arrays.
+    medium : Medium
+        Sound speed, in the survey's frame unless it is the same everywhere.
+    options : LocateOptions, optional
+    bootstrap : int
+        Number of resampled surveys; 0 for none.
+    seed : int
+        Of the bootstrap.
+    threads : int, optional
+        Threads of the bootstrap; its result does not depend on them. Default: all processors.
+    progress : callable, optional
+        Called with the number of finished draws of the bootstrap and the total.
+
+    Returns
+    -------
+    Location
+        Nodes without rays or with too few pings, and pings that were left out, have a status or a reason.
+
+    Raises
+    ------
+    LocateError
+        If units or signs cannot be right, the profile ends above a node, or no ping can be explained.
+    """
+    chosen = options or LocateOptions()
+    check_survey(survey, medium)
+    solution, candidates, solver = solve(survey, medium, chosen)
+    check_solution(solution, medium)
+    draws = None
+    if bootstrap:
+        draws = bootstrap_positions(solution, bootstrap, seed=seed, threads=threads, progress=progress)
+    return Location(
+        survey,
+        solution,
+        candidate_table(candidates, solution),
+        noise_tests(solution),
+        mirrors(solver, solution),
+        reasons(solution, medium),
+        draws,
+    )

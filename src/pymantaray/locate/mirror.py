@@ -1,0 +1,88 @@
+"""The second solution of a survey along one line: the node mirrored in the vertical plane through it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import LocateError
+from pymantaray.locate.solve import Solution, Solver
+from pymantaray.locate.travel_times import transducers
+
+Array = NDArray[np.float64]
+_NARROW = 0.15  # width of a line over its length, beyond which nothing is mirrored
+_UNDECIDED = 25.0  # difference of chi-square below which the data do not decide
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """Mirrored position of a node, and by how much its chi-square is larger; `undecided` if the data cannot tell them apart."""
+
+    node: str
+    north: float
+    east: float
+    depth: float
+    chi_square_difference: float
+    undecided: bool
+
+
+def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
+    """Mirror solutions of nodes whose pings lie along one line."""
+    survey = solver.survey
+    near, away = transducers(survey, solution.unknowns.lever(solution.values))
+    result = []
+    for k, name in enumerate(survey.names):
+        rows = solution.used & (survey.node == k) & (survey.partner < 0)
+        if rows.sum() < 3 or solution.unknowns.arrangement != "free" or not any(survey.nodes[k].sigma[:2]):
+            continue
+        points = 0.5 * (near + away)[rows, :2]
+        centre = points.mean(axis=0)
+        _, extent, axes = np.linalg.svd(points - centre, full_matrices=False)
+        if extent[1] > _NARROW * extent[0]:
+            continue
+        across = axes[1]
+        offset = float((solution.positions[k, :2] - centre) @ across)
+        values = solution.values.copy()
+        values[3 * k : 3 * k + 2] -= 2.0 * offset * across
+        if abs(offset) < 2.0 * extent[1] / np.sqrt(rows.sum()):
+            continue  # the node is on the line
+        mirrored = _descend(solver, solution, values)
+        if mirrored is None:
+            continue
+        place, difference = mirrored.positions[k], _cost(mirrored, solution) - _cost(solution, solution)
+        apart = float(np.linalg.norm(place[:2] - solution.positions[k, :2]))
+        if apart < abs(offset):  # it came back
+            continue
+        result.append(
+            Mirror(
+                name,
+                float(place[0]),
+                float(place[1]),
+                float(place[2]),
+                float(difference),
+                bool(difference < _UNDECIDED),
+            )
+        )
+    return result
+
+
+def _descend(solver: Solver, solution: Solution, values: Array) -> Solution | None:
+    """Settle from mirrored values with the same model."""
+    fit = solution.posterior
+    try:
+        return solver.settle(solution.unknowns, values, solution.correlation, fit)
+    except LocateError:
+        return None
+
+
+def _cost(solution: Solution, main: Solution) -> float:
+    """Chi-square of residuals and prior positions at the main solution's noise; a gross error counts as one at the limit."""
+    survey, fit = solution.unknowns.survey, main.posterior
+    level = fit.sigma * np.sqrt(main.correlation.variance) * solution.linear.weight
+    size = np.where(solution.legs.possible, np.abs(solution.linear.residual) / level, np.inf)
+    limit = float((np.abs(main.linear.residual) / level)[main.used].max())
+    at = solution.unknowns.slices["position"]
+    sd, mean = solution.unknowns.prior_sd[at], solution.unknowns.prior_mean[at]
+    known = sd <= 0.0
+    prior = np.where(known, 0.0, (solution.values[at] - mean) / np.where(known, 1.0, sd))
+    return float(np.sum(np.minimum(size, limit)[~survey.flagged] ** 2) + np.sum(prior**2))

@@ -1,0 +1,253 @@
+"""Plans of surveys: standard deviations that a pattern of pings gives, from the Jacobians that the solver uses."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import LocateError
+from pymantaray.locate.evidence import posterior
+from pymantaray.locate.linear import Linearization
+from pymantaray.locate.noise import Correlation
+from pymantaray.locate.sound_speed import Kind, SpeedPrior, sound_speed_terms
+from pymantaray.locate.survey import LeverArm, Node, PlatformError, Survey
+from pymantaray.locate.travel_times import predict
+from pymantaray.locate.unknowns import Unknowns
+
+Array = NDArray[np.float64]
+Shape = Literal["circle", "cross", "line", "rose", "lines"]
+SHAPES: tuple[Shape, ...] = get_args(Shape)
+_PETALS = 4  # of a rose
+_LINES = 5  # of parallel lines
+_MOST_PINGS = 100_000
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """
+    Where a platform pings: a shape about the node's drop point, its radius and the number of pings.
+
+    ``circle`` is one turn, ``cross`` two lines at right angles, ``line`` one, ``rose`` four petals through the middle, ``lines`` five
+    parallel lines. All reach ``radius`` from the middle. [m]
+    """
+
+    shape: Shape
+    radius: float
+    pings: int
+
+    def __post_init__(self) -> None:
+        """Check."""
+        if self.shape not in SHAPES:
+            raise LocateError(f"pattern {self.shape!r}; allowed are {', '.join(SHAPES)}")
+        if not (self.radius > 0.0 and np.isfinite(self.radius)):
+            raise LocateError(f"pattern: radius {self.radius:g} m; a positive number is needed")
+        if not 3 <= self.pings <= _MOST_PINGS:
+            raise LocateError(f"pattern: {self.pings} pings; 3 to {_MOST_PINGS:,} are possible")
+
+    def points(self) -> Array:
+        """North and east of the pings (n, 2), in order of sailing. [m]"""
+        s = (np.arange(self.pings) + 0.5) / self.pings
+        if self.shape == "circle":
+            angle = 2.0 * np.pi * s
+            unit = np.column_stack([np.cos(angle), np.sin(angle)])
+        elif self.shape == "rose":
+            angle = 2.0 * np.pi * s
+            size = np.cos(0.5 * _PETALS * angle)
+            unit = size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        elif self.shape == "line":
+            unit = np.column_stack([2.0 * s - 1.0, 0.0 * s])
+        else:
+            unit = _along_lines(s, 2 if self.shape == "cross" else _LINES, crossed=self.shape == "cross")
+        return np.asarray(self.radius * unit)
+
+
+def _along_lines(s: Array, count: int, *, crossed: bool) -> Array:
+    """Points on two crossing lines or on parallel lines, each sailed once and back and forth."""
+    which = np.minimum((s * count).astype(int), count - 1)
+    along = 2.0 * (s * count - which) - 1.0
+    along = np.where(which % 2 == 0, along, -along)
+    if crossed:
+        return np.where(
+            (which == 0)[:, None], np.column_stack([along, 0.0 * s]), np.column_stack([0.0 * s, along])
+        )
+    return np.column_stack([along, 2.0 * which / (count - 1) - 1.0])
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """
+    What a plan assumes.
+
+    Parameters
+    ----------
+    depth : float
+        Of the node. [m]
+    sigma : float
+        Standard deviation of two-way times. [s]
+    speed_model : {"known", "scale", "time", "gradient"}
+        What the solver will estimate.
+    node_sigma : tuple of float
+        Prior standard deviations of the node: north, east, depth. [m]
+    transducer_depth : float
+        [m]
+    turn_around_sigma : float
+        [s]
+    lever : LeverArm
+        Its standard deviations count; the platform heads along its course.
+    platform_error : PlatformError
+    speed_prior : SpeedPrior
+    ping_interval : float
+        Between two pings. [s]
+    """
+
+    depth: float
+    sigma: float = 1e-3
+    speed_model: Kind = "scale"
+    node_sigma: tuple[float, float, float] = (500.0, 500.0, 100.0)
+    transducer_depth: float = 5.0
+    turn_around_sigma: float = 0.0
+    lever: LeverArm = field(default_factory=LeverArm)
+    platform_error: PlatformError = field(default_factory=PlatformError)
+    speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
+    ping_interval: float = 15.0
+
+    def __post_init__(self) -> None:
+        """Check."""
+        if not (self.depth > self.transducer_depth >= 0.0):
+            raise LocateError(
+                f"plan: node at {self.depth:g} m, transducer at {self.transducer_depth:g} m; the node must be deeper"
+            )
+        if not (self.sigma > 0.0 and self.ping_interval > 0.0):
+            raise LocateError("plan: sigma and ping_interval must be positive")
+        if self.speed_model == "modes":
+            raise LocateError("plan: sound speed 'modes'; allowed are known, scale, time and gradient")
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """
+    Expected standard deviations of a node over the radius of patterns.
+
+    ``table`` has the columns ``pattern``, ``radius_m``, ``sigma_north_m``, ``sigma_east_m``, ``sigma_depth_m``,
+    ``sigma_horizontal_m`` (the root of the sum of both), ``lost`` (pings without a ray) and ``length_m``, the way sailed.
+    """
+
+    table: pd.DataFrame
+    options: PlanOptions
+
+    @property
+    def best(self) -> pd.DataFrame:
+        """Row of the smallest three-dimensional standard deviation of each pattern, best first."""
+        return self._smallest(self.table["sigma_horizontal_m"] ** 2 + self.table["sigma_depth_m"] ** 2)
+
+    @property
+    def best_horizontal(self) -> pd.DataFrame:
+        """Row of the smallest horizontal standard deviation of each pattern, best first."""
+        return self._smallest(self.table["sigma_horizontal_m"])
+
+    def _smallest(self, size: "pd.Series[float]") -> pd.DataFrame:
+        rows = self.table.loc[size.groupby(self.table["pattern"]).idxmin()]
+        return rows.loc[size[rows.index].sort_values().index].reset_index(drop=True)
+
+
+def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
+    """Survey of a pattern about a node, without measured times."""
+    points = pattern.points()
+    n = len(points)
+    place = np.column_stack([points, np.full(n, options.transducer_depth)])
+    step = np.gradient(points, axis=0)
+    attitude = np.column_stack([np.arctan2(step[:, 1], step[:, 0]), np.zeros(n), np.zeros(n)])
+    node = Node(
+        "node", (0.0, 0.0, options.depth), options.node_sigma, turn_around_sigma=options.turn_around_sigma
+    )
+    return Survey(
+        nodes=(node,),
+        node=np.zeros(n, dtype=np.int64),
+        time=options.ping_interval * np.arange(float(n)),
+        travel_time=np.full(n, 1.0),
+        transmit_position=place,
+        receive_position=place,
+        transmit_attitude=attitude,
+        receive_attitude=attitude,
+        lever=replace(options.lever, offset=(0.0, 0.0, 0.0)),
+        platform_error=options.platform_error,
+        source="plan",
+    )
+
+
+def expected_sigmas(pattern: Pattern, medium: Medium, options: PlanOptions) -> tuple[Array, int]:
+    """Standard deviations of north, east and depth [m], and the number of pings without a ray."""
+    survey = expected_survey(pattern, options)
+    position = np.array([node.position for node in survey.nodes])
+    legs = predict(survey, medium, position, np.zeros(3))
+    if not legs.possible.any():
+        return np.full(3, np.inf), len(survey)
+    survey = survey.changed(travel_time=np.where(legs.possible, legs.travel_time, 1.0))
+    speed = sound_speed_terms(survey, position, options.speed_model, options.speed_prior)
+    unknowns = Unknowns(survey, speed)
+    values = unknowns.prior_mean
+    linear = Linearization(unknowns, values, legs, np.ones(len(survey)))
+    products = linear.products(legs.possible, Correlation(), survey.platform_error, options.sigma)
+    smooth = dict.fromkeys(unknowns.groups, options.speed_prior.scale / 10.0)
+    fit = posterior(products, unknowns, values, smooth, sigma=options.sigma, steps=1)
+    return np.sqrt(np.diag(fit.covariance)[:3]), int((~legs.possible).sum())
+
+
+def plan_survey(
+    medium: Medium,
+    options: PlanOptions,
+    radii: Array,
+    *,
+    shapes: tuple[Shape, ...] = SHAPES,
+    pings: int = 100,
+) -> Plan:
+    """
+    Expected standard deviations of a node for patterns of several radii.
+
+    Parameters
+    ----------
+    medium : Medium
+    options : PlanOptions
+    radii : array_like, shape (n,)
+        [m]
+    shapes : tuple of str
+        Patterns to compare, each with this number of ``pings``.
+    pings : int
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    LocateError
+        If the node is below the profile's end, or a number is impossible.
+    """
+    if options.depth > float(medium.depth[-1]) + 10.0:
+        raise LocateError(
+            f"profile: it ends at {medium.depth[-1]:g} m, above the node at {options.depth:g} m; extend it to the node"
+        )
+    rows = []
+    with threadpool_limits(limits=1, user_api="blas"):
+        for shape in shapes:
+            for radius in np.asarray(radii, dtype=float):
+                pattern = Pattern(shape, float(radius), pings)
+                (north, east, depth), lost = expected_sigmas(pattern, medium, options)
+                points = pattern.points()
+                rows.append(
+                    {
+                        "pattern": shape,
+                        "radius_m": float(radius),
+                        "sigma_north_m": north,
+                        "sigma_east_m": east,
+                        "sigma_horizontal_m": float(np.hypot(north, east)),
+                        "sigma_depth_m": depth,
+                        "lost": lost,
+                        "length_m": float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()),
+                    }
+                )
+    return Plan(pd.DataFrame(rows), options)

@@ -1,0 +1,55 @@
+"""Surveys from files: the format is recognized, and what the file lacks comes from options."""
+
+from pathlib import Path
+
+from pymantaray.errors import LocateError, RecordError
+from pymantaray.locate.read_garpos import read_garpos
+from pymantaray.locate.read_gnatss import read_gnatss
+from pymantaray.locate.read_obsrange import is_obsrange, read_obsrange
+from pymantaray.locate.read_options import ReadOptions
+from pymantaray.locate.read_table import read_table
+from pymantaray.locate.survey import Survey
+
+
+def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
+    """
+    Read a survey.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        Our own table (columns ``time``, ``node``, ``two_way_time_s`` and positions), survey text of OBSrange in either of its
+        formats, the ini file of GARPOS, or the ``config.yaml`` of GNATSS; the latter two name further files.
+    options : ReadOptions, optional
+        What the file lacks: prior positions, a track, transducer depth and so on.
+
+    Returns
+    -------
+    Survey
+
+    Raises
+    ------
+    LocateError
+        If a file is missing, or a line is not what it has to be; one line.
+    """
+    path, chosen = Path(path), options or ReadOptions()
+    if not path.exists():
+        raise LocateError(f"{path}: there is no such file")
+    if path.is_dir():
+        raise LocateError(f"{path}: a folder; name the survey's file, for GARPOS its ini file")
+    try:
+        if path.suffix.lower() in (".yaml", ".yml"):
+            return read_gnatss(path, chosen)
+        if path.suffix.lower() == ".ini" or _has_sections(path):
+            return read_garpos(path, chosen)
+        if is_obsrange(path):
+            return read_obsrange(path, chosen)
+        return read_table(path, chosen)
+    except RecordError as error:
+        raise LocateError(str(error)) from None
+
+
+def _has_sections(path: Path) -> bool:
+    """True if a file is one of GARPOS whatever its ending."""
+    with path.open("rb") as file:
+        return b"[Site-parameter]" in file.read(8192)

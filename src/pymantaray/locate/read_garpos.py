@@ -1,0 +1,204 @@
+"""
+Surveys of GARPOS, named by their ini file: site, stations with priors, antenna to transducer, pings and profile.
+
+Columns, signs and units are those of the documentation of https://github.com/s-watanabe-jhod/garpos: east, north and up from the
+site's origin, ``ATDoffset`` forward, rightward and downward, attitudes in degrees, ``flag`` true for pings that are not used.
+``TT`` is the travel time without the transponder's delay. Depths are those below the origin's ``Height0``.
+"""
+
+import configparser
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import LocateError
+from pymantaray.geometry import LocalFrame
+from pymantaray.locate.read_options import ReadOptions
+from pymantaray.locate.survey import LeverArm, Node, Survey
+from pymantaray.records.text_table import TextTable, read_text_table
+
+Array = NDArray[np.float64]
+_LONGEST_DAY = 40.0 * 86400.0  # s; larger times are since 1970, or of a modified Julian date
+_MJD_1970 = 40587 * 86400.0
+_TRUE = ("true", "t", "1", "1.0", "yes")
+
+
+class _Settings:
+    """Entries of an ini file by section and key, whatever their case."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        parser = configparser.ConfigParser(interpolation=None, strict=False, allow_no_value=True)
+        try:
+            parser.read_string(path.read_bytes().decode("utf-8-sig", errors="replace"), str(path))
+        except configparser.Error as error:
+            raise LocateError(
+                f"{path}: not a readable ini file: {' '.join(str(error).split())[:100]}"
+            ) from None
+        self._sections = {
+            name.strip().lower(): {key.lower(): value or "" for key, value in parser.items(name)}
+            for name in parser.sections()
+        }
+
+    def text(self, section: str, key: str, default: str | None = None) -> str:
+        """An entry; a missing one without default is refused."""
+        value = self._sections.get(section.lower(), {}).get(key.lower(), default)
+        if value is None:
+            raise LocateError(f"{self.path}: [{section}] lacks {key}")
+        return value.split("#")[0].strip()
+
+    def numbers(self, section: str, key: str, least: int, default: str | None = None) -> list[float]:
+        """Numbers of an entry, at least so many."""
+        text = self.text(section, key, default)
+        try:
+            values = [float(word) for word in text.replace(",", " ").split()]
+        except ValueError:
+            values = []
+        if len(values) < least or not np.isfinite(values).all():
+            raise LocateError(
+                f"{self.path}: [{section}] {key} is {text!r}; {least} finite numbers are needed"
+            )
+        return values
+
+
+def read_garpos(path: Path, options: ReadOptions) -> Survey:
+    """Survey of an array."""
+    settings = _Settings(path)
+    latitude, longitude = (
+        settings.numbers("Site-parameter", key, 1)[0] for key in ("Latitude0", "Longitude0")
+    )
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 360.0):
+        raise LocateError(
+            f"{path}: site at {latitude:g}, {longitude:g}; degrees within 90 and 360 are needed"
+        )
+    names = settings.text("Site-parameter", "Stations").split()
+    nodes, rigid = _nodes(settings, names)
+    pings = _find(settings, settings.text("Data-file", "datacsv"))
+    table = read_text_table(pings)
+    table.require(["MT", "TT", "ST", "ant_e0", "ant_n0", "ant_u0"])
+    survey = _survey(settings, table, nodes, names)
+    profile = settings.text("Obs-parameter", "SoundSpeed", "")
+    lever = settings.numbers("Model-parameter", "ATDoffset", 3, "0 0 0")
+    sigma = (lever + [0.0] * 3)[3:6]
+    height = settings.numbers("Site-parameter", "Height0", 1, "0")[0]
+    return options.applied(
+        survey.changed(
+            lever=LeverArm((lever[0], lever[1], lever[2]), (sigma[0], sigma[1], sigma[2])),
+            rigid=rigid,
+            profile=None if not profile else _profile(_find(settings, profile)),
+            frame=LocalFrame(latitude, longitude),
+            notes=(f"{path}: depths are below the site's origin, {height:g} m above the ellipsoid",),
+        )
+    )
+
+
+def _nodes(
+    settings: _Settings, names: list[str]
+) -> tuple[tuple[Node, ...], tuple[float, float, float, float] | None]:
+    """Nodes with priors, and the priors of a rigid array if the stations are fixed and the centre is not."""
+    centre = settings.numbers("Model-parameter", "dCentPos", 3, "0 0 0")
+    centre_sigma = (centre + [0.0] * 3)[3:6]
+    nodes = []
+    for name in names:
+        east, north, up, *rest = settings.numbers("Model-parameter", f"{name}_dPos", 3)
+        sigma = (rest + [0.0] * 3)[:3]
+        position = (north + centre[1], east + centre[0], -(up + centre[2]))
+        nodes.append(Node(name, position, (sigma[1], sigma[0], sigma[2])))
+    if not any(any(node.sigma) for node in nodes):
+        if not any(centre_sigma):
+            raise LocateError(
+                f"{settings.path}: all sigmas of stations and of dCentPos are 0; at least one must be positive"
+            )
+        return tuple(nodes), (centre_sigma[1], centre_sigma[0], centre_sigma[2], 0.0)
+    return tuple(nodes), None
+
+
+def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str]) -> Survey:
+    columns = set(table.frame.columns)
+    time, sent, e0, n0, u0 = table.numbers(["TT", "ST", "ant_e0", "ant_n0", "ant_u0"]).T
+    near = np.column_stack([n0, e0, -u0])
+    received = table.numbers(["RT"])[:, 0] if "RT" in columns else sent + time
+    if (received <= sent).any():
+        row = int(np.argmax(received <= sent))
+        raise LocateError(
+            f"{table.path}, line {table.frame.index[row]}: RT {received[row]:.6f} is not after ST {sent[row]:.6f}; times are"
+            " seconds that increase"
+        )
+    away = near
+    if {"ant_e1", "ant_n1", "ant_u1"} <= columns:
+        e1, n1, u1 = table.numbers(["ant_e1", "ant_n1", "ant_u1"]).T
+        away = np.column_stack([n1, e1, -u1])
+    unknown = [mt for mt in table.frame["MT"] if mt not in names]
+    if unknown:
+        line = table.frame.index[table.frame["MT"].tolist().index(unknown[0])]
+        raise LocateError(
+            f"{table.path}, line {line}: transponder {unknown[0]!r} is not among the site's stations, {', '.join(names)}"
+        )
+    number = {name: k for k, name in enumerate(names)}
+    flags = (
+        table.frame["flag"].str.lower().isin(_TRUE).to_numpy()
+        if "flag" in columns
+        else np.zeros(time.size, bool)
+    )
+    order = np.argsort(sent, kind="stable")
+    epoch, shift = _epoch(settings, float(sent.min()))
+    return Survey(
+        nodes=nodes,
+        node=np.array([number[mt] for mt in table.frame["MT"]])[order],
+        time=(sent - shift)[order],
+        travel_time=time[order],
+        transmit_position=near[order],
+        receive_position=away[order],
+        transmit_attitude=_attitude(table, "0")[order],
+        receive_attitude=_attitude(table, "1" if "head1" in columns else "0")[order],
+        flagged=flags[order],
+        line=table.frame.index.to_numpy(dtype=np.int64)[order],
+        epoch=epoch,
+        source=str(table.path),
+    )
+
+
+def _attitude(table: TextTable, end: str) -> Array:
+    """Heading, pitch, roll [rad]; 0 where a column is missing."""
+    out = np.zeros((len(table.frame), 3))
+    for k, name in enumerate(("head", "pitch", "roll")):
+        if f"{name}{end}" in table.frame.columns:
+            out[:, k] = np.radians(table.numbers([f"{name}{end}"])[:, 0])
+    return out
+
+
+def _epoch(settings: _Settings, first: float) -> tuple[np.datetime64, float]:
+    """UTC of time 0 and what is taken off the file's times, so that they keep their digits. [s]"""
+    shift = float(np.floor(first / 86400.0) * 86400.0) if first > _LONGEST_DAY else 0.0
+    if first > _MJD_1970:
+        return np.datetime64(round(shift - _MJD_1970), "s").astype("datetime64[ns]"), shift
+    if first > _LONGEST_DAY:
+        return np.datetime64(round(shift), "s").astype("datetime64[ns]"), shift
+    try:
+        return np.datetime64(settings.text("Obs-parameter", "Date(UTC)", ""), "ns"), shift
+    except ValueError:
+        return np.datetime64("NaT", "ns"), shift
+
+
+def _profile(path: Path) -> tuple[Array, Array]:
+    """Depth and sound speed of a profile with columns ``depth`` and ``speed``."""
+    table = read_text_table(path)
+    depth, speed = table.numbers(["depth", "speed"]).T
+    if (np.diff(depth) <= 0.0).any():
+        row = int(np.argmax(np.diff(depth) <= 0.0)) + 1
+        raise LocateError(f"{path}, line {table.frame.index[row]}: depth {depth[row]:g} m does not increase")
+    return depth, speed
+
+
+def _find(settings: _Settings, name: str) -> Path:
+    """File that an ini file names: relative to the working folder, to the ini file, or to a folder above it."""
+    wanted = Path(name.replace("\\", "/"))
+    here = settings.path.resolve().parent
+    folders = [Path(), here, *here.parents]
+    for candidate in [*(folder / wanted for folder in folders), here / wanted.name]:
+        if candidate.is_file():
+            return candidate
+    raise LocateError(
+        f"{settings.path}: names {name}, which is neither here nor in a folder above the ini file"
+    )

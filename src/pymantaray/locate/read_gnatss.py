@@ -1,0 +1,207 @@
+"""
+Surveys of GNATSS, named by their ``config.yaml``: two-way times, positions of the transducer at each instant, and profile.
+
+Columns are those of its documentation, https://gnatss.readthedocs.io: ``pxp_tt`` has a time stamp and two-way times in microseconds,
+one column a transponder; ``POS_FREED_TRANS_TWTT`` has seconds since 2000-01-01 12:00, geocentric positions and their covariance.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from pymantaray.errors import LocateError
+from pymantaray.geometry import LocalFrame
+from pymantaray.locate.read_options import ReadOptions, skipped_note
+from pymantaray.locate.survey import Node, PlatformError, Survey
+
+Array = NDArray[np.float64]
+_J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
+_SAME = 2e-3  # s; positions within this of an instant are of it
+_SIGMA = (100.0, 100.0, 100.0)  # m; of prior positions
+_MONTHS = {m: i + 1 for i, m in enumerate("JAN FEB MAR APR MAY JUN JUL AUG SEP OCT NOV DEC".split())}  # noqa: SIM905
+
+
+def read_gnatss(path: Path, options: ReadOptions) -> Survey:
+    """Survey of an array."""
+    config = _config(path)
+    solver = config.get("solver") or {}
+    try:
+        transponders = solver["transponders"]
+        files = solver.get("input_files") or config["input_files"]
+        centre = (float(solver["array_center"]["lat"]), float(solver["array_center"]["lon"]))
+        geoid = float(solver.get("geoid_undulation", 0.0))
+        delay = float(solver.get("transducer_delay_time", 0.0))
+        frame = LocalFrame(*centre)
+        nodes = tuple(_node(k, entry, frame, geoid) for k, entry in enumerate(transponders))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise LocateError(
+            f"{path}: not a configuration of GNATSS; solver.transponders, solver.array_center or input_files lacks or"
+            f" misstates {error}"
+        ) from None
+    times, counts, line = _times(_files(path, files, "travel_times"), len(nodes))
+    positions = _positions(_files(path, files, "gps_solution"), frame, geoid)
+    return options.applied(
+        _survey(path, nodes, (times + delay, counts, line), positions).changed(
+            frame=frame, profile=_profile(_files(path, files, "sound_speed")[0])
+        )
+    )
+
+
+def _config(path: Path) -> dict[str, Any]:
+    try:
+        import yaml
+    except ImportError:
+        raise LocateError(f"{path}: needs PyYAML; install pymantaray[gnatss]") from None
+    try:
+        config = yaml.safe_load(path.read_text())
+    except yaml.YAMLError as error:
+        raise LocateError(f"{path}: not readable: {' '.join(str(error).split())[:100]}") from None
+    if not isinstance(config, dict):
+        raise LocateError(f"{path}: not a configuration of GNATSS")
+    return config
+
+
+def _node(number: int, entry: dict[str, Any], frame: LocalFrame, geoid: float) -> Node:
+    north, east = frame.to_local(float(entry["lat"]), float(entry["lon"]))
+    depth = geoid - float(entry["height"])
+    name = str(entry.get("pxp_id") or f"P{number + 1}")
+    turn_around = float(entry.get("internal_delay", 0.0))
+    return Node(name, (float(north), float(east), depth), _SIGMA, turn_around=turn_around)
+
+
+def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
+    """Files of a pattern, relative to the configuration or the working folder."""
+    entry = files.get(key)
+    pattern = entry.get("path") if isinstance(entry, dict) else entry
+    if not pattern:
+        raise LocateError(f"{path}: input_files lacks {key}")
+    whole = Path(str(pattern))
+    bases = [Path(whole.anchor)] if whole.is_absolute() else [path.parent, Path()]
+    relative = str(whole.relative_to(whole.anchor)) if whole.is_absolute() else str(whole)
+    for base in bases:
+        if paths := sorted(base.glob(relative)):
+            return paths
+    raise LocateError(f"{path}: {key}: no file matches {pattern}")
+
+
+def _times(paths: list[Path], count: int) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and lines."""
+    stamps, times, lines = [], [], []
+    for path in paths:
+        for number, text in enumerate(path.read_text().splitlines(), 1):
+            words = text.split()
+            if not words or words[0].startswith("#"):
+                continue
+            try:
+                day, month, year = words[0].split("-")
+                date = f"20{int(year) % 100:02d}-{_MONTHS[month.upper()]:02d}-{int(day):02d}"
+                hour, minute, second = words[1].split(":")
+                clock = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
+                row = [float(word) for word in words[2 : 2 + count]]
+            except (ValueError, KeyError, IndexError):
+                row, date, clock = [], "2000-01-01", 0.0
+            if len(row) < count:
+                raise LocateError(
+                    f"{path}, line {number}: {text.strip()[:60]!r}; needed are a time as 26-JUN-23 00:00:07.00 and {count} two-way"
+                    " times in microseconds"
+                )
+            stamps.append(float((np.datetime64(date, "ns") - _J2000) / np.timedelta64(1, "s")) + clock)
+            times.append(row)
+            lines.append(number)
+    values = np.array(times, dtype=float).reshape(-1, count) * 1e-6
+    values[values <= 0.0] = np.nan
+    order = np.argsort(stamps, kind="stable")
+    return np.array(stamps)[order], values[order], np.array(lines, dtype=np.int64)[order]
+
+
+def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> tuple[Array, Array, Array]:
+    """Times since J2000 [s], positions (n, 3) in the frame [m], and variances (n, 3) of X, Y, Z [m²]."""
+    rows = []
+    for path in paths:
+        for number, text in enumerate(path.read_text().splitlines(), 1):
+            words = text.replace(",", " ").split()
+            if not words or words[0].startswith("#"):
+                continue
+            try:
+                values = [float(word.replace("D", "E")) for word in words[:13]]
+            except ValueError:
+                values = []
+            if len(values) < 4:
+                raise LocateError(
+                    f"{path}, line {number}: {text.strip()[:60]!r}; needed are a time, X, Y, Z and nine covariances"
+                )
+            values += [0.0] * (13 - len(values))
+            rows.append([*values[:4], values[4], values[8], values[12]])
+    table = np.array(rows)
+    if not table.size:
+        raise LocateError(f"{paths[0]}: holds no position")
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
+    lon, lat, height = geodetic.transform(table[:, 1], table[:, 2], table[:, 3])
+    north, east = frame.to_local(lat, lon)
+    return table[:, 0], np.column_stack([north, east, geoid - height]), table[:, 4:7]
+
+
+def _survey(
+    path: Path,
+    nodes: tuple[Node, ...],
+    measured: tuple[Array, Array, NDArray[np.int64]],
+    positions: tuple[Array, Array, Array],
+) -> Survey:
+    stamps, times, lines = measured
+    row, node = np.nonzero(np.isfinite(times))
+    two_way = times[row, node]
+    near = _nearest(positions[0], stamps[row])
+    away = _nearest(positions[0], stamps[row] + two_way)
+    there = (near >= 0) & (away >= 0)
+    if not there.any():
+        raise LocateError(
+            f"{path}: no position is within {_SAME * 1e3:g} ms of a ping and its reply; check transducer_delay_time"
+        )
+    row, node, near, away, two_way = row[there], node[there], near[there], away[there], two_way[there]
+    start = stamps.min()
+    sigma = float(np.sqrt(np.median(positions[2].mean(axis=1))))
+    notes = skipped_note(path, int(times.size - np.isfinite(times).sum()))
+    if (~there).any():
+        notes += (f"{path}: {int((~there).sum())} times without a position of the platform were left out",)
+    return Survey(
+        nodes=nodes,
+        node=node.astype(np.int64),
+        time=stamps[row] - start,
+        travel_time=two_way,
+        transmit_position=positions[1][near],
+        receive_position=positions[1][away],
+        line=lines[row],
+        platform_error=PlatformError(sigma, sigma),
+        epoch=_J2000 + np.timedelta64(round(1e9 * float(start)), "ns"),
+        source=str(path),
+        notes=notes,
+    )
+
+
+def _nearest(time: Array, wanted: Array) -> NDArray[np.int64]:
+    """Index of the time nearest to each wanted one; -1 if none is near enough."""
+    i = np.clip(np.searchsorted(time, wanted), 1, max(time.size - 1, 1))
+    last = time.size - 1
+    best = np.where(
+        np.abs(time[np.minimum(i, last)] - wanted) < np.abs(time[i - 1] - wanted), np.minimum(i, last), i - 1
+    )
+    return np.where(np.abs(time[best] - wanted) <= _SAME, best, -1)
+
+
+def _profile(path: Path) -> tuple[Array, Array]:
+    """Depth and sound speed of two columns, depths negative down."""
+    rows = [line.replace(",", " ").split()[:2] for line in path.read_text().splitlines()]
+    try:
+        table = np.array(
+            [[float(word) for word in row] for row in rows if row and not row[0].startswith("#")]
+        )
+    except ValueError:
+        raise LocateError(f"{path}: needed are two columns, depth (negative down) and sound speed") from None
+    depth = np.abs(table[:, 0])
+    order = np.argsort(depth, kind="stable")
+    keep = np.diff(depth[order], prepend=-1.0) > 0.0
+    return depth[order][keep], table[order, 1][keep]

@@ -1,0 +1,169 @@
+"""
+Survey text that OBSrange reads: that of Scripps, a line an event, and that of Woods Hole, a table below a header of ``#`` lines.
+
+The grammar is that of the sample files of https://github.com/jbrussell/OBSrange. Both have the drop point and its depth in the
+header and one position of the ship a ping. Altitudes are the antenna's height and are not used.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import LocateError
+from pymantaray.geometry import LocalFrame
+from pymantaray.locate.checks import check_places
+from pymantaray.locate.read_options import ReadOptions, skipped_note
+from pymantaray.locate.survey import Node, Survey
+
+Array = NDArray[np.float64]
+_SIGMA = (2000.0, 2000.0, 200.0)  # m; of a drop point and a charted depth
+_ANGLE = r"(\d+)\s+(\d+(?:\.\d*)?)\s*([{}])"
+_PING = re.compile(
+    r"^\s*(?P<ms>\d+(?:\.\d*)?)\s*msec\.?\s+Lat:\s*"
+    + _ANGLE.format("NSns")
+    + r"\s+Lon:\s*"
+    + _ANGLE.format("EWew")
+    + r"(?:\s+Alt:\s*\S+)?\s+Time\s*\(UTC\):\s*(\d{4}):(\d{1,3}):(\d{1,2}):(\d{1,2}):(\d{1,2}(?:\.\d*)?)\s*$"
+)
+_LOOKS_LIKE_PING = re.compile(r"^\s*-?[\d.]+\s*msec", re.IGNORECASE)
+_ROW = re.compile(
+    r"^\s*(?P<date>\d{4}-\d{2}-\d{2})\s+(?P<clock>\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)\s*,\s*(?P<m>\d*)\s*,\s*(?P<ms>[\d.]*)\s*,\s*"
+    + _ANGLE.format("NSns")
+    + r"\s*,\s*"
+    + _ANGLE.format("EWew")
+    + r"\s*,\s*(?P<gps>\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)"
+)
+_HEAD = re.compile(r"^\s*#?\s*(?P<key>[A-Za-z][A-Za-z ()\-/]*?)\s*:\s*(?P<value>.*?)\s*$")
+
+
+def is_obsrange(path: Path) -> bool:
+    """True if a file has the header of a drop point."""
+    return re.search(r"drop[ -]*point", _text(path)[:4000], re.IGNORECASE) is not None
+
+
+def _text(path: Path) -> str:
+    return path.read_bytes().decode("utf-8-sig", errors="replace")
+
+
+def read_obsrange(path: Path, options: ReadOptions) -> Survey:
+    """Survey of one node."""
+    head: dict[str, str] = {}
+    pings: list[tuple[int, float, float, float, float]] = []  # line, time, ms, lat, lon
+    skipped = 0
+    for number, line in enumerate(_text(path).splitlines(), 1):
+        ping = _ping(line) if not line.lstrip().startswith("#") else None
+        if ping is not None:
+            pings.append((number, *ping))
+        elif (row := _ROW.match(line)) and not row["ms"]:
+            skipped += 1
+        elif _LOOKS_LIKE_PING.match(line) or (pings and re.match(r"^\s*\d{4}-\d{2}-\d{2}\s", line)):
+            raise LocateError(
+                f"{path}, line {number}: {line.strip()[:80]!r} is not a ping; needed is 6306 msec. Lat: 4 52.9270 S"
+                "  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:06:04:30"
+            )
+        elif not pings and (entry := _HEAD.match(line)) and "skipped" not in line.lower():
+            head.setdefault(entry["key"].lower(), entry["value"])
+        elif line.strip() and not set(line.strip()) <= set("=-#") and not line.lstrip().startswith("#"):
+            skipped += 1
+    if not pings:
+        raise LocateError(f"{path}: no event has an answer ({skipped} have none); nothing can be located")
+    return options.applied(_survey(path, head, pings, skipped, options))
+
+
+def _ping(line: str) -> tuple[float, float, float, float] | None:
+    """Time since 1970 [s], two-way time [ms], latitude and longitude [degrees] of a line; None if it is no ping."""
+    if match := _PING.match(line):
+        parts = match.groups()
+        year, day, hour, minute, second = parts[-5:]
+        start = np.datetime64(f"{year}-01-01", "s").astype(np.int64)
+        time = (
+            float(start) + 86400.0 * (int(day) - 1) + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
+        )
+        return time, float(parts[0]), _angle(*parts[1:4]), _angle(*parts[4:7])
+    if (match := _ROW.match(line)) and match["ms"]:
+        logged = _instant(match["date"], match["clock"])
+        time = _instant(match["date"], match["gps"])
+        time += 86400.0 * round((logged - time) / 86400.0)  # the date is that of the line
+        groups = [g for g in match.groups() if g is not None]
+        place = groups[4:10]
+        return time, float(match["ms"]), _angle(*place[:3]), _angle(*place[3:])
+    return None
+
+
+def _instant(date: str, clock: str) -> float:
+    hour, minute, second = clock.split(":")
+    day = float(np.datetime64(date, "s").astype(np.int64))
+    return day + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
+
+
+def _angle(degrees: str, minutes: str, side: str) -> float:
+    return (int(degrees) + float(minutes) / 60.0) * (-1.0 if side in "SWsw" else 1.0)
+
+
+def _survey(
+    path: Path,
+    head: dict[str, str],
+    pings: list[tuple[int, float, float, float, float]],
+    skipped: int,
+    options: ReadOptions,
+) -> Survey:
+    line, time, ms, lat, lon = (np.array(column) for column in zip(*pings, strict=True))
+    drop = _coordinate(path, head, "latitude"), _coordinate(path, head, "longitude")
+    name = next((head[key] for key in ("site", "instrument", "station") if head.get(key)), path.stem)
+    if head.get("instrument") and "drop-point latitude" in head:
+        name = head["instrument"]
+    check_places(str(path), (lat, lon), drop, name)
+    depth = options.depth if options.depth is not None else _depth(path, head)
+    frame = LocalFrame(*drop)
+    north, east = frame.to_local(lat, lon)
+    place = np.column_stack([north, east, np.full(len(pings), options.transducer_depth)])
+    sent, near, away = options.both_ends(time - time[0], ms / 1000.0, place)
+    return Survey(
+        nodes=(Node(name, (0.0, 0.0, depth), _SIGMA, turn_around=_turn_around(head)),),
+        node=np.zeros(len(pings), dtype=np.int64),
+        time=sent,
+        travel_time=ms / 1000.0,
+        transmit_position=near,
+        receive_position=away,
+        line=line.astype(np.int64),
+        frame=frame,
+        epoch=np.datetime64(round(1e9 * float(time[0])), "ns"),
+        source=str(path),
+        notes=skipped_note(path, skipped),
+    )
+
+
+def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
+    """Latitude or longitude of the drop point, in degrees or in degrees and minutes with a letter."""
+    text = next((value for key, value in head.items() if "drop" in key and which in key), "")
+    try:
+        value = float(text)
+    except ValueError:
+        match = re.fullmatch(_ANGLE.format("NSEWnsew"), text.strip())
+        if match is None:
+            raise LocateError(
+                f"{path}: drop point {which} is {text!r}; degrees are needed, or degrees and minutes as 01 35.6114 N"
+            ) from None
+        value = _angle(*match.groups())
+    limit = 90.0 if which == "latitude" else 360.0
+    if not abs(value) <= limit:
+        raise LocateError(f"{path}: drop point {which} is {value:g}; degrees within {limit:g} are needed")
+    return value
+
+
+def _depth(path: Path, head: dict[str, str]) -> float:
+    text = next((value for key, value in head.items() if "depth" in key), "")
+    try:
+        value = abs(float(text))
+    except ValueError:
+        value = 0.0
+    if not value > 0.0:
+        raise LocateError(f"{path}: the drop point's depth is {text!r}; give the depth in metres by --depth")
+    return value
+
+
+def _turn_around(head: dict[str, str]) -> float:
+    match = re.fullmatch(r"([\d.]+)\s*ms", head.get("tat", "").strip())
+    return float(match[1]) / 1000.0 if match else 0.0

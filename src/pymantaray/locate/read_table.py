@@ -1,0 +1,344 @@
+"""Our own table of pings, one a row, with its units in the names of its columns; nodes in a second table; a track if asked for."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pymantaray.errors import LocateError
+from pymantaray.geometry import LocalFrame
+from pymantaray.locate.checks import check_places
+from pymantaray.locate.read_options import ReadOptions
+from pymantaray.locate.survey import Direction, LeverArm, Node, Survey
+from pymantaray.records.text_table import TextTable, numbers_of, read_text_table
+
+Array = NDArray[np.float64]
+_TIMES = {
+    "two_way_time_s": (Direction.TWO_WAY, 1.0),
+    "two_way_time_ms": (Direction.TWO_WAY, 1e-3),
+    "one_way_time_s": (Direction.FROM_NODE, 1.0),
+    "one_way_time_ms": (Direction.FROM_NODE, 1e-3),
+}
+_DIRECTIONS = {"from node": Direction.FROM_NODE, "to node": Direction.TO_NODE}
+_SIGMA = (5000.0, 5000.0, 300.0)  # m; of a node of which nothing is stated
+_FALSE, _TRUE = ("0", "false", "no", "n", "f"), ("1", "true", "yes", "y", "t", "")
+
+
+def read_table(path: Path, options: ReadOptions) -> Survey:
+    """Survey from a table; the how-to lists its columns."""
+    table = read_text_table(path)
+    kind = _time_column(table)
+    table.require(["time", "node", kind])
+    names = [cell.strip() for cell in table.frame["node"]]
+    if "" in names:
+        raise LocateError(f"{path}, line {table.frame.index[names.index('')]}: node has no name")
+    times = table.times("time")
+    dated = np.issubdtype(times.dtype, np.datetime64)
+    epoch = times[0].astype("datetime64[ns]") if dated else np.datetime64("NaT", "ns")
+    time = (times - times[0]) / np.timedelta64(1, "s") if dated else times
+    travel_time = table.numbers([kind])[:, 0] * _TIMES[kind][1]
+    partners = _words(table, "partner")
+    between = np.array([word != "" for word in partners])
+    raw = _Places(table, options, time, epoch, travel_time, between)
+    frame = raw.frame or _frame_of_nodes(options)
+    raw.to_frame(frame)
+    nodes = _nodes(table, options, frame, raw, sorted(set(names) | set(filter(None, partners))))
+    number = {node.name: k for k, node in enumerate(nodes)}
+    survey = Survey(
+        nodes=nodes,
+        node=np.array([number[name] for name in names]),
+        time=raw.sent,
+        travel_time=travel_time,
+        transmit_position=raw.near,
+        receive_position=raw.away,
+        transmit_attitude=raw.attitude[0],
+        receive_attitude=raw.attitude[1],
+        direction=_directions(table, kind),
+        partner=np.array([number.get(name, -1) for name in partners]),
+        sigma=_optional(table, "sigma_s"),
+        flagged=_flags(table),
+        line=table.frame.index.to_numpy(dtype=np.int64),
+        lever=LeverArm(),
+        frame=frame,
+        epoch=epoch,
+        source=str(path),
+    )
+    return options.applied(survey)
+
+
+def _time_column(table: TextTable) -> str:
+    there = [name for name in _TIMES if name in table.frame.columns]
+    if len(there) != 1:
+        columns = ", ".join(there) or ", ".join(map(str, table.frame.columns))
+        raise LocateError(f"{table.path}: one column of {', '.join(_TIMES)} is needed; found {columns}")
+    return there[0]
+
+
+def _words(table: TextTable, column: str) -> list[str]:
+    if column not in table.frame.columns:
+        return [""] * len(table.frame)
+    return [str(cell).strip() for cell in table.frame[column]]
+
+
+def _optional(table: TextTable, column: str, default: float = np.nan) -> Array:
+    """A column of numbers that may be missing or have empty cells."""
+    if column not in table.frame.columns:
+        return np.full(len(table.frame), default)
+    cells = table.frame[column]
+    values = numbers_of(cells.mask(cells == "", str(default)))
+    wrong = np.isnan(values) & (cells != "").to_numpy() & (cells.str.lower() != "nan").to_numpy()
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise LocateError(
+            f"{table.path}, line {table.frame.index[row]}: {column} is {cells.iloc[row]!r}; a number is needed, or nothing"
+        )
+    return values
+
+
+def _flags(table: TextTable) -> NDArray[np.bool_]:
+    words = [word.lower() for word in _words(table, "use")]
+    for row, word in enumerate(words):
+        if word not in _TRUE + _FALSE:
+            raise LocateError(
+                f"{table.path}, line {table.frame.index[row]}: use is {word!r}; yes or no is needed, or 1 or 0"
+            )
+    return np.array([word in _FALSE for word in words])
+
+
+def _directions(table: TextTable, kind: str) -> NDArray[np.int64]:
+    words = _words(table, "direction")
+    out = np.full(len(words), int(_TIMES[kind][0]))
+    if _TIMES[kind][0] == Direction.TWO_WAY:
+        return out
+    for row, word in enumerate(words):
+        if word.lower() not in (*_DIRECTIONS, ""):
+            raise LocateError(
+                f"{table.path}, line {table.frame.index[row]}: direction is {word!r}; allowed are {', '.join(_DIRECTIONS)}"
+            )
+        out[row] = _DIRECTIONS.get(word.lower(), Direction.FROM_NODE)
+    return out
+
+
+class _Places:
+    """Positions and attitudes of the platform at both instants, from the table or from a track."""
+
+    def __init__(
+        self,
+        table: TextTable,
+        options: ReadOptions,
+        time: Array,
+        epoch: np.datetime64,
+        duration: Array,
+        between: NDArray[np.bool_],
+    ) -> None:
+        self._table, self._options, self._duration, self._between = table, options, duration, between
+        self.sent, columns = time, set(table.frame.columns)
+        self._geodetic = {"lat", "lon"} <= columns
+        self._epoch = epoch
+        self._track = bool(options.track)
+        if not (self._track or self._geodetic or {"north_m", "east_m"} <= columns or between.all()):
+            raise LocateError(
+                f"{table.path}: positions of the platform are missing; columns lat and lon, or north_m and east_m, are needed,"
+                " or a track"
+            )
+        self.frame: LocalFrame | None = None
+        if self._track:
+            from pymantaray.exchange import read_trajectories
+
+            self._tracks = read_trajectories([str(p) for p in options.track])
+            self.frame = LocalFrame(*self._tracks.centre) if self._tracks.centre is not None else None
+        elif self._geodetic and not between.all():
+            lat, lon = (_optional(table, name)[~between] for name in ("lat", "lon"))
+            self._check(lat, lon)
+            self.frame = LocalFrame(float(np.median(lat)), float(np.median(lon)))
+        self.platform = None if not self._geodetic else tuple(_optional(table, n) for n in ("lat", "lon"))
+        self.attitude = self._attitudes()
+
+    def _check(self, lat: Array, lon: Array) -> None:
+        wrong = ~(np.abs(lat) <= 90.0) | ~(np.abs(lon) <= 360.0)
+        if wrong.any():
+            row = int(np.flatnonzero(~self._between)[np.argmax(wrong)])
+            here = float(lat[np.argmax(wrong)]), float(lon[np.argmax(wrong)])
+            raise LocateError(
+                f"{self._table.path}, line {self._table.frame.index[row]}: position {here[0]:g}, {here[1]:g}; latitude within 90"
+                " and longitude within 360 degrees are needed"
+                + ("; they may be exchanged" if abs(here[1]) <= 90.0 < abs(here[0]) else "")
+            )
+
+    def to_frame(self, frame: LocalFrame | None) -> None:
+        """Bring positions to a frame."""
+        if self._track:
+            self._from_track(frame)
+            return
+        near = self._end("", frame)
+        columns = set(self._table.frame.columns)
+        second = {"lat_rx", "lon_rx"} if self._geodetic else {"north_rx_m", "east_rx_m"}
+        if second <= columns:
+            self.near, self.away = near, self._end("_rx", frame)
+        elif self._between.all():
+            self.near = self.away = near
+        else:
+            self.sent, self.near, self.away = self._options.both_ends(self.sent, self._duration, near)
+
+    def _end(self, suffix: str, frame: LocalFrame | None) -> Array:
+        if self._between.all():
+            return np.full((self.sent.size, 3), np.nan)
+        if self._geodetic:
+            lat, lon = (_optional(self._table, f"{name}{suffix}") for name in ("lat", "lon"))
+            if frame is None:
+                raise LocateError(f"{self._table.path}: latitudes and longitudes without a frame")
+            north, east = (
+                np.where(self._between, np.nan, x)
+                for x in frame.to_local(
+                    np.where(self._between, frame.latitude_deg, lat), np.where(self._between, 0.0, lon)
+                )
+            )
+        else:
+            north, east = (_optional(self._table, f"{name}{suffix}_m") for name in ("north", "east"))
+        depth = _optional(self._table, f"depth{suffix}_m", self._options.transducer_depth)
+        place = np.column_stack([north, east, depth])
+        bad = ~np.isfinite(place).all(axis=1) & ~self._between
+        if bad.any():
+            line = self._table.frame.index[int(np.argmax(bad))]
+            raise LocateError(
+                f"{self._table.path}, line {line}: the position of the platform is not complete"
+            )
+        return place
+
+    def _attitudes(self) -> list[Array]:
+        out = list[Array]()
+        for suffix in ("", "_rx"):
+            columns = [f"{name}{suffix}_deg" for name in ("heading", "pitch", "roll")]
+            there = any(c in self._table.frame.columns for c in columns)
+            angles = [np.radians(_optional(self._table, c, 0.0)) for c in columns]
+            out.append(np.column_stack(angles) if there or not out else out[0])
+        return out
+
+    def _from_track(self, frame: LocalFrame | None) -> None:
+        tracks, options = self._tracks, self._options
+        names = tracks.names
+        if options.platform is None and len(names) > 1:
+            raise LocateError(f"track: holds {', '.join(names[:6])}; name the platform")
+        name = options.platform or names[0]
+        if name not in names:
+            raise LocateError(f"track: holds {', '.join(names[:6])}, not {name}")
+        shift = 0.0
+        if tracks.start is not None and not np.isnat(self._epoch):
+            shift = float((self._epoch - tracks.start) / np.timedelta64(1, "s"))
+        elif (tracks.start is None) != np.isnat(self._epoch):
+            raise LocateError(
+                "track: it has dates and the survey has not, or the other way; both must have the same"
+            )
+        own = next(p for p in tracks.in_frame(frame or LocalFrame(0.0, 0.0)) if p.name == name)
+        both = self.sent + shift, self.sent + shift + self._duration
+        first, last = own.time[0], own.time[-1]
+        for k, wanted in enumerate(both):
+            outside = ((wanted < first - 1e-6) | (wanted > last + 1e-6)) & ~self._between
+            if outside.any():
+                line = self._table.frame.index[int(np.argmax(outside))]
+                raise LocateError(
+                    f"{self._table.path}, line {line}: the {'reception' if k else 'transmission'} is"
+                    f" {wanted[outside][0]:.1f} s after the track's start, which lasts {last - first:.1f} s"
+                )
+        record = tracks.at(np.unique(np.concatenate(both)), frame or LocalFrame(0.0, 0.0))
+        k = names.index(name)
+        rows = [np.searchsorted(record.time, wanted) for wanted in both]
+        self.near, self.away = (record.position[k, row] for row in rows)
+        has_attitude = own.quaternion is not None
+        self.attitude = [
+            Rotation.from_quat(record.quaternion[k, row], scalar_first=True).as_euler("ZYX")
+            if has_attitude
+            else np.zeros((row.size, 3))
+            for row in rows
+        ]
+
+
+def _frame_of_nodes(options: ReadOptions) -> LocalFrame | None:
+    """Frame about the nodes where the platform has none."""
+    if options.nodes is None:
+        return None
+    table = read_text_table(options.nodes)
+    if not {"lat", "lon"} <= set(table.frame.columns):
+        return None
+    lat, lon = table.numbers(["lat", "lon"]).T
+    return LocalFrame(float(lat.mean()), float(lon.mean()))
+
+
+def _nodes(
+    table: TextTable, options: ReadOptions, frame: LocalFrame | None, places: _Places, names: list[str]
+) -> tuple[Node, ...]:
+    """Nodes by name, from the table of nodes or from where the platform was."""
+    known = {} if options.nodes is None else _node_table(options, frame, places)
+    missing = [name for name in names if name not in known]
+    if missing and options.nodes is not None:
+        raise LocateError(
+            f"{options.nodes}: lacks node {missing[0]} of the survey; it has {', '.join(known)}"
+        )
+    for name in missing:
+        if options.depth is None:
+            raise LocateError(
+                f"{table.path}: the depth of node {name} is unknown; give --depth or a table of nodes"
+            )
+        mine = (table.frame["node"].str.strip() == name).to_numpy() & np.isfinite(places.near).all(axis=1)
+        if not mine.any():
+            raise LocateError(f"{table.path}: node {name} has no ping of the platform; give a table of nodes")
+        middle = places.near[mine].mean(axis=0)
+        known[name] = Node(name, (float(middle[0]), float(middle[1]), options.depth), _SIGMA)
+    return tuple(known[name] for name in known if name in names)
+
+
+def _node_table(options: ReadOptions, frame: LocalFrame | None, places: _Places) -> dict[str, Node]:
+    path = Path(str(options.nodes))
+    table = read_text_table(path)
+    table.require(["name"])
+    columns = set(table.frame.columns)
+    if {"lat", "lon"} <= columns and frame is not None:
+        lat, lon = table.numbers(["lat", "lon"]).T
+        if places.platform is not None:
+            there = np.isfinite(places.platform[0]) & np.isfinite(places.platform[1])
+            platform = places.platform[0][there], places.platform[1][there]
+            for k, name in enumerate(table.frame["name"]):
+                check_places(str(path), platform, (float(lat[k]), float(lon[k])), str(name))
+        north, east = frame.to_local(lat, lon)
+    else:
+        north, east = table.numbers(["north_m", "east_m"]).T
+    depth = (
+        table.numbers(["depth_m"])[:, 0]
+        if "depth_m" in columns
+        else np.full(len(table.frame), options.depth or np.nan)
+    )
+    if not np.isfinite(depth).all():
+        raise LocateError(f"{path}: lacks depth_m; give it, or --depth")
+    horizontal = _optional(table, "sigma_horizontal_m", _SIGMA[0])
+    sigma = [
+        _optional(table, f"sigma_{axis}_m") if f"sigma_{axis}_m" in columns else default
+        for axis, default in (
+            ("north", horizontal),
+            ("east", horizontal),
+            ("depth", np.full(len(depth), _SIGMA[2])),
+        )
+    ]
+    delay = _optional(table, "turn_around_s", 0.0) + 1e-3 * _optional(table, "turn_around_ms", 0.0)
+    rest = {
+        name: _optional(table, column, 0.0)
+        for name, column in (
+            ("turn_around_sigma", "sigma_turn_around_s"),
+            ("offset_sigma", "sigma_clock_offset_s"),
+            ("drift_sigma", "sigma_clock_drift"),
+        )
+    }
+    names = [str(name).strip() for name in table.frame["name"]]
+    if len(set(names)) < len(names):
+        raise LocateError(f"{path}: two nodes are called {pd.Series(names).mode()[0]}; names must differ")
+    return {
+        name: Node(
+            name,
+            (float(north[k]), float(east[k]), float(depth[k])),
+            (float(sigma[0][k]), float(sigma[1][k]), float(sigma[2][k])),
+            turn_around=float(delay[k]),
+            **{key: float(values[k]) for key, values in rest.items()},
+        )
+        for k, name in enumerate(names)
+    }

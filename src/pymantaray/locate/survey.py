@@ -1,0 +1,299 @@
+"""A survey: pings between a platform and nodes, or between two nodes, and what is known of all of them beforehand."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import LocateError
+from pymantaray.geometry import LocalFrame
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_LONGEST = 120.0  # s; two-way times of 90 km, beyond any transponder
+
+
+class Direction(IntEnum):
+    """Which way a measured time went."""
+
+    TWO_WAY = 0  # to the node and back, its turn-around time included
+    FROM_NODE = 1  # one way, from the node to the platform or to the other node
+    TO_NODE = 2  # one way, from the platform or the other node to the node
+
+
+@dataclass(frozen=True)
+class Node:
+    """
+    A node whose position is unknown, and what is known of it before the survey.
+
+    Parameters
+    ----------
+    name : str
+    position : tuple of float
+        Prior mean: north, east, depth in the survey's frame, the drop point for example. [m]
+    sigma : tuple of float
+        Prior standard deviation of each; 0 for what is known exactly. [m]
+    turn_around : float
+        Delay between the reception and the answer of a two-way time. [s]
+    turn_around_sigma : float
+        Its prior standard deviation; 0 where it is known. [s]
+    offset_sigma, drift_sigma : float
+        Prior standard deviation of the clock's offset at the first ping [s] and of its drift [s/s], for one-way times.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    sigma: tuple[float, float, float] = (2000.0, 2000.0, 200.0)
+    turn_around: float = 0.0
+    turn_around_sigma: float = 0.0
+    offset_sigma: float = 0.0
+    drift_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not self.name:
+            raise LocateError("node: the name is empty; every node needs its own name")
+        if not np.isfinite(self.position).all():
+            raise LocateError(f"node {self.name}: position {self.position} is not finite")
+        numbers = (*self.sigma, self.turn_around, self.turn_around_sigma, self.offset_sigma, self.drift_sigma)
+        if not (np.isfinite(numbers).all() and min(numbers) >= 0.0):
+            raise LocateError(
+                f"node {self.name}: sigmas and times must be finite and not negative: {numbers}"
+            )
+        if self.turn_around > 60.0:
+            raise LocateError(
+                f"node {self.name}: turn-around time {self.turn_around:g} s; write milliseconds as '13 ms'"
+            )
+
+
+@dataclass(frozen=True)
+class LeverArm:
+    """
+    Vector from the antenna, which the positions are of, to the transducer: forward, starboard, down.
+
+    ``sigma`` are prior standard deviations, 0 where an axis is known. [m]
+    """
+
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (np.isfinite(self.offset + self.sigma).all() and min(self.sigma) >= 0.0):
+            raise LocateError(f"lever arm: {self.offset} with sigma {self.sigma}; three finite metres each")
+
+    @property
+    def used(self) -> bool:
+        """True if the transducer is not at the antenna, or may not be."""
+        return any(self.offset) or any(self.sigma)
+
+
+@dataclass(frozen=True)
+class PlatformError:
+    """Errors of the platform's positions: standard deviations, horizontal and vertical [m], and correlation time [s]."""
+
+    horizontal: float = 0.0
+    vertical: float = 0.0
+    correlation: float = 600.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (min(self.horizontal, self.vertical) >= 0.0 and self.correlation > 0.0):
+            raise LocateError(
+                f"platform error: {self.horizontal:g} m, {self.vertical:g} m over {self.correlation:g} s; standard"
+                " deviations of 0 or more and a positive correlation time are needed"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """
+    Measured travel times and where the platform was.
+
+    Parameters
+    ----------
+    nodes : sequence of Node
+    node : array_like of int, shape (n,)
+        Which node each ping is of.
+    time : array_like, shape (n,)
+        Of the transmission. [s]
+    travel_time : array_like, shape (n,)
+        Measured, two-way including the turn-around time, or one-way. [s]
+    transmit_position, receive_position : array_like, shape (n, 3)
+        Positions of the platform's antenna at the transmission and at the reception: north, east, depth; NaN for pings
+        between nodes. [m]
+    transmit_attitude, receive_attitude : array_like, shape (n, 3), optional
+        Heading, pitch (bow up) and roll (starboard down). [rad]
+    direction : array_like of int, shape (n,), optional
+        `Direction` of each; two-way by default.
+    partner : array_like of int, shape (n,), optional
+        The other node of a ping between two; -1, the default, for the platform.
+    sigma : array_like, shape (n,), optional
+        Standard deviation of each time as stated beforehand; NaN where nothing is stated. [s]
+    flagged : array_like of bool, shape (n,), optional
+        Pings that the file marks as bad.
+    line : array_like of int, shape (n,), optional
+        Line of the file that each ping stands in.
+    lever : LeverArm
+    platform_error : PlatformError
+    frame : LocalFrame, optional
+        Of the positions; None where latitude and longitude are unknown.
+    epoch : numpy.datetime64
+        UTC of time 0; NaT where it is unknown.
+    rigid : tuple of float, optional
+        Prior standard deviations of north, east, depth [m] and turn [rad] of an array that keeps its arrangement; by default
+        the nodes are free.
+    profile : tuple of ndarray, optional
+        Depth [m] and sound speed [m/s] of the profile that belongs to the survey's files.
+    source : str
+        File, for messages.
+    notes : sequence of str
+        What was changed or left out in reading.
+    """
+
+    nodes: tuple[Node, ...]
+    node: Indices
+    time: Array
+    travel_time: Array
+    transmit_position: Array
+    receive_position: Array
+    transmit_attitude: Array = field(default_factory=lambda: np.empty(0))
+    receive_attitude: Array = field(default_factory=lambda: np.empty(0))
+    direction: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    partner: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    sigma: Array = field(default_factory=lambda: np.empty(0))
+    flagged: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
+    line: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    lever: LeverArm = LeverArm()
+    platform_error: PlatformError = PlatformError()
+    frame: LocalFrame | None = None
+    epoch: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
+    rigid: tuple[float, float, float, float] | None = None
+    profile: tuple[Array, Array] | None = None
+    source: str = "survey"
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Fill what is optional, and check."""
+        n = np.size(self.travel_time)
+        object.__setattr__(self, "nodes", tuple(self.nodes))
+        for name, width, default, kind in (
+            ("time", 0, 0.0, float),
+            ("travel_time", 0, 0.0, float),
+            ("transmit_position", 3, 0.0, float),
+            ("receive_position", 3, 0.0, float),
+            ("transmit_attitude", 3, 0.0, float),
+            ("receive_attitude", 3, 0.0, float),
+            ("node", 0, 0, np.int64),
+            ("direction", 0, Direction.TWO_WAY, np.int64),
+            ("partner", 0, -1, np.int64),
+            ("sigma", 0, np.nan, float),
+            ("flagged", 0, False, bool),
+            ("line", 0, 0, np.int64),
+        ):
+            given = np.asarray(getattr(self, name))
+            shape = (n, width) if width else (n,)
+            array = np.array(given, dtype=kind) if given.size else np.full(shape, default, dtype=kind)
+            if array.shape != shape:
+                raise LocateError(f"{self.source}: {name} has shape {array.shape}; it needs {shape}")
+            object.__setattr__(self, name, array)
+        self._check()
+
+    def _check(self) -> None:
+        n = self.travel_time.size
+        if n == 0:
+            raise LocateError(f"{self.source}: no ping has an answer; nothing can be located")
+        names = [node.name for node in self.nodes]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise LocateError(f"{self.source}: two nodes are called {twice}; names must differ")
+        if self.node.min() < 0 or max(self.node.max(), self.partner.max()) >= len(names):
+            raise LocateError(f"{self.source}: a ping is of a node that is not among the {len(names)} nodes")
+        self.refuse("travel_time", ~np.isfinite(self.travel_time), "a number of seconds")
+        self.refuse("travel_time", self.travel_time <= 0.0, "seconds above 0")
+        middle = float(np.median(self.travel_time))
+        if middle > _LONGEST:
+            raise LocateError(
+                f"{self.source}: the median travel time is {middle:g} s; times are in seconds, so divide milliseconds"
+                " by 1000 (or name the column two_way_time_ms)"
+            )
+        alone = self.partner < 0
+        for name in ("transmit_position", "receive_position"):
+            self.refuse(name, alone & ~np.isfinite(getattr(self, name)).all(axis=1), "finite metres")
+        self.refuse("time", ~np.isfinite(self.time), "a number of seconds")
+        self.refuse("sigma", self.sigma <= 0.0, "seconds above 0, or nothing")
+
+    def refuse(self, name: str, wrong: NDArray[np.bool_], allowed: str) -> None:
+        """Refuse the first ping of which something is wrong, by its line."""
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise LocateError(f"{self.where(row)}: {name} is {getattr(self, name)[row]}; allowed: {allowed}")
+
+    def where(self, row: int) -> str:
+        """File and line of a ping, or its number."""
+        return f"{self.source}, " + (f"line {self.line[row]}" if self.line[row] else f"ping {row + 1}")
+
+    def __len__(self) -> int:
+        """Count the pings."""
+        return int(self.travel_time.size)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the nodes."""
+        return [node.name for node in self.nodes]
+
+    @property
+    def between_nodes(self) -> NDArray[np.bool_]:
+        """Pings between two nodes."""
+        return self.partner >= 0
+
+    def changed(self, **changes: Any) -> Self:
+        """Copy of the survey with some fields exchanged."""
+        return replace(self, **changes)
+
+    def with_nodes(self, **changes: ArrayLike | Sequence[float]) -> Self:
+        """Copy of the survey in which all nodes have these values, for example ``turn_around=0.013``."""
+        return self.changed(nodes=tuple(replace(node, **changes) for node in self.nodes))  # type: ignore[arg-type]
+
+    def rows(self, which: NDArray[Any]) -> Self:
+        """Survey of some of its pings."""
+        names = (
+            "node time travel_time transmit_position receive_position transmit_attitude receive_attitude direction partner"
+            " sigma flagged line"
+        )
+        return self.changed(**{name: getattr(self, name)[which] for name in names.split()})
+
+    def in_frame(self, frame: LocalFrame) -> Self:
+        """The survey with all positions and headings in another frame."""
+        own = self.frame
+        if own is None:
+            raise LocateError(
+                f"{self.source}: its positions are not geographic; they cannot be put into an ocean"
+            )
+        if (own.latitude_deg, own.longitude_deg) == (frame.latitude_deg, frame.longitude_deg):
+            return self
+
+        def moved(place: Array) -> Array:
+            lat, lon = own.to_geodetic(place[..., 0], place[..., 1])
+            north, east = frame.to_local(lat, lon)
+            return np.stack([north, east, place[..., 2]], axis=-1)
+
+        middle = own.to_geodetic(0.0, 0.0)
+        turn = np.array([float(frame.convergence(*middle)), 0.0, 0.0])
+        nodes = tuple(replace(node, position=_three(moved(np.array(node.position)))) for node in self.nodes)
+        return self.changed(
+            frame=frame,
+            nodes=nodes,
+            transmit_position=moved(self.transmit_position),
+            receive_position=moved(self.receive_position),
+            transmit_attitude=self.transmit_attitude + turn,
+            receive_attitude=self.receive_attitude + turn,
+        )
+
+
+def _three(values: Array) -> tuple[float, float, float]:
+    north, east, depth = map(float, values)
+    return north, east, depth
