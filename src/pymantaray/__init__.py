@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, Trajectories
     from pymantaray.sensing import Landmark, NoiseModel, PingList, PingSchedule, SlotSchedule, perturb
     from pymantaray.study import StudyConfig, citation, load_study, measure, open_run, run_study
+    from pymantaray.water import open_water
 
 __version__ = "0.1.0"
 
@@ -48,6 +49,7 @@ _HOME = {
     "ocean": ("open_ocean", "to_local"),
     "records": ("Arrivals", "Estimates", "Measurements", "RangingTruth", "Trajectories"),
     "sensing": ("Landmark", "NoiseModel", "PingList", "PingSchedule", "SlotSchedule", "perturb"),
+    "water": ("open_water",),
     "study": ("StudyConfig", "citation", "load_study", "measure", "open_run", "run_study"),
 }
 _FOLDER_OF = {name: folder for folder, names in _HOME.items() for name in names}
@@ -83,6 +85,7 @@ __all__ = [
     "measure",
     "open_ocean",
     "open_run",
+    "open_water",
     "perturb",
     "range_error_table",
     "read_pyfg",
