@@ -87,7 +87,7 @@ def test_the_page_shows_types_defaults_and_allowed_values(tables):
     assert set(tables["[noise]"]) >= {"range_sigma", "attitude_tilt_sigma"}
 
 
-TEXTS = ("1 h", "file.nc", "A-1", "2014-07-15T12:00:00")
+TEXTS = ("1 h", "1 m", "1 m/s", "1 deg", "1 deg/s", "1 Hz", "file.nc", "A-1", "2014-07-15T12:00:00")
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
@@ -104,7 +104,7 @@ def test_a_key_takes_text_if_and_only_if_the_page_says_so(model, tables):
             kinds = [kind for kind in rows[name][4].split(" or ") if not kind.startswith("list of")]
             words = re.findall(r'`"(.*?)"`', " ".join(kinds))
             takes = any(accepts(key, text) for text in [*TEXTS, *words])
-            assert takes == bool(words or "text" in kinds), (name, rows[name][4])
+            assert takes == bool(words or {"text", "text with a unit"} & set(kinds)), (name, rows[name][4])
 
 
 def accepts(key, value):
@@ -232,3 +232,9 @@ def test_files_commands_and_options_that_a_record_names_are_there(page):
         if known:
             for option in re.findall(r"(?<!\S)--[\w-]+", words):
                 assert option in known, words
+
+
+def test_the_table_of_commands_and_waters_is_that_of_the_code():
+    table = PAGES["water_table"]()
+    assert table in (DOCS / "how-to" / "water.md").read_text("utf-8"), table
+    assert all(cell.strip() for line in table.splitlines() for cell in line.strip("|").split("|"))

@@ -168,6 +168,7 @@ def kind_of(value: dict[str, Any], schema: dict[str, Any]) -> Iterator[str]:
             "integer": "whole number",
             "boolean": "`true`, `false`",
             "string": "text",
+            "object": "table",
         }
         yield "date and time" if date else words[value["type"]] + limits(value)
         if "unit" in value:
@@ -224,6 +225,47 @@ def command_tree() -> list[tuple[tuple[str, ...], Any]]:
                 yield from walk((*words, name), inner)
 
     return list(walk(("mantaray",), typer.main.get_command(app)))
+
+
+_WATER_COMMANDS = (
+    "rays times", "rays eigen", "rays trace", "rays plot", "rays compare-bellhop", "rays write-bellhop", "ranges", "replay",
+    "locate survey", "locate plan", "serve", "atlas run", "study run", "sweep run", "ocean check", "ocean show", "ocean plot",
+    "ocean correct", "ocean perturb",
+)  # fmt: skip
+_WATER_OPTIONS = {
+    "sea floor": ("--sea-floor",),
+    "ice": ("--ice",),
+    "currents": ("--currents",),
+    "equation": ("--equation",),
+    "interpolation": ("--interpolation",),
+    "domain": ("--centre", "--half-extent"),
+    "time": ("--time",),
+    "names": ("--name",),
+    "thin, smooth": ("--thin", "--smooth"),
+    "bounces, cut-off": ("--max-surface-bounces", "--max-bottom-bounces", "--cutoff-db"),
+}
+_WITHOUT_RAYS = "no rays"
+
+
+def water_table() -> str:
+    """Which command takes which sources and options of water, from the commands' own options."""
+    commands = {" ".join(words[1:]): command for words, command in command_tree()}
+    rows = []
+    for name in _WATER_COMMANDS:
+        options = {option for p in commands[name].params for option in (*p.opts, *p.secondary_opts)}
+        sources = [f"`{option}`" for option in ("--ocean", "--profile", "--run") if option in options]
+        if not {"--ocean", "--profile"} & options:
+            sources = ["`--set ocean.source=...`" if name == "sweep run" else "argument"]
+        cells = []
+        for needed in _WATER_OPTIONS.values():
+            if set(needed) <= options:
+                cells.append("yes")
+            elif "--set" in options:
+                cells.append("`--set`")
+            else:
+                cells.append("direct rays" if "bellhop" in name or "locate" in name else _WITHOUT_RAYS)
+        rows.append((f"`{name}`", ", ".join(sources), *cells))
+    return table(("command", "source", *_WATER_OPTIONS), rows)
 
 
 def parameter_row(parameter: Any, context: Any) -> tuple[str, ...]:
