@@ -189,7 +189,7 @@ def test_a_date_of_the_environment_that_libraries_cannot_read_is_refused_in_one_
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of address space are Linux's")
-@pytest.mark.parametrize("mebibytes", [200, 300, 400, 500])
+@pytest.mark.parametrize("mebibytes", [200, 500, 1000])
 def test_too_little_memory_is_told_in_one_line(mebibytes, tmp_path):
     words = ["study", "run", "quick", "--realizations", "1", "--workers", "1", "--out", tmp_path / "run"]
     limit = (mebibytes << 20,) * 2
@@ -200,7 +200,7 @@ def test_too_little_memory_is_told_in_one_line(mebibytes, tmp_path):
         check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, limit),
     )
-    assert done.returncode in {1, 2}
+    assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert "emory" in done.stderr
     assert not any(tmp_path.iterdir())
