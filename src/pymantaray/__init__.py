@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pymantaray.sensing import Landmark, NoiseModel, PingList, PingSchedule, SlotSchedule, perturb
     from pymantaray.study import StudyConfig, citation, load_study, measure, open_run, run_study
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOME = {
     "acoustics": ("Medium", "find_eigenrays"),
