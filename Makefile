@@ -7,7 +7,7 @@ STAMP := $(shell date +%Y%m%d-%H%M%S)
 ARGS  :=
 export PYTHON
 
-.PHONY: help study study-paper quick test lint docs figures bench matrix cuda ci-full clean
+.PHONY: help study study-paper quick test lint docs figures bench matrix cuda ci-full release-check clean
 
 help:
 	@echo "make study        the paper's Beaufort Sea study at full size"
@@ -21,6 +21,7 @@ help:
 	@echo "make matrix       the fast tests on Python 3.11 to 3.14, as far as they are here, and on the oldest dependencies (needs uv)"
 	@echo "make cuda         the kernels compiled for a GPU, which need not be here (needs uv; 1.2 GB of packages)"
 	@echo "make ci-full      everything: the site, slow tests, all pages and examples followed, kernels with bounds checked"
+	@echo "make release-check  version, changelog, archives, and the installed wheel on the oldest and newest Python here"
 	@echo "make clean        remove .venv, caches and builds; runs/ stays"
 
 study: $(VENV)/.ready-run
@@ -86,6 +87,10 @@ ci-full: lint quick docs $(VENV)/.ready-test
 	  $(BIN)/python -m pytest -n auto --dist worksteal tests/acoustics tests/physics tests/fleet tests/estimation
 	$(BIN)/python examples/run_study.py
 
+# ARGS="--tests tests/records" runs fewer tests of the installed wheel
+release-check: $(VENV)/.ready-release
+	$(BIN)/python .ci/release_check.py $(ARGS)
+
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find src tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -106,3 +111,7 @@ $(VENV)/.ready-docs: pyproject.toml .ci/venv
 $(VENV)/.ready-lint: pyproject.toml .ci/venv
 	sh .ci/venv test lint
 	@touch $@ $(VENV)/.ready-test $(VENV)/.ready-run
+
+$(VENV)/.ready-release: pyproject.toml .ci/venv
+	sh .ci/venv release
+	@touch $@ $(VENV)/.ready-run

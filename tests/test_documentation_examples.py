@@ -48,8 +48,24 @@ def test_a_page_runs_as_it_stands(page, tmp_path):
         assert ocean.attrs == {"title": "Ligurian Sea", "source": "my model, run 7", "synthetic": 1}
 
 
-def test_python_in_readme_runs(tmp_path):
-    assert "run" in follow(ROOT / "README.md", tmp_path, languages=("python",))
+def test_python_in_readme_prints_what_it_shows(tmp_path):
+    names = follow(ROOT / "README.md", tmp_path, languages=("python",))
+    reported = float(names["ray"].source_sound_speed[0] * names["ray"].travel_time[0])
+    true = float(np.hypot(10_000.0, 180.0))
+    assert f"{true:.1f} m true" in (ROOT / "README.md").read_text()
+    assert f"{round(true - reported)} m too short" in (ROOT / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_all_of_readme_runs(tmp_path):
+    follow(ROOT / "README.md", tmp_path)
+    assert (tmp_path / "runs" / "latest" / "index.html").is_file()
+    assert (tmp_path / "times.csv").is_file()
+
+
+def test_commands_of_readme_fit_on_a_screen():
+    blocks = [b for b in blocks_of((ROOT / "README.md").read_text()) if b.language == "sh"]
+    assert sum(len(b.text.splitlines()) for b in blocks) <= 24
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

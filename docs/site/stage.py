@@ -7,6 +7,7 @@ Run as ``python docs/site/stage.py build/docs-source``; files that do not change
 import re
 import shutil
 import sys
+import tomllib
 from pathlib import Path
 
 import reference_pages
@@ -70,7 +71,7 @@ def index_page(folder: str, title: str, ordered: list[str], pages: dict[str, str
 
 def landing(contents: str, pages: dict[str, str]) -> str:
     """First page: how README begins, and what there is to read."""
-    begin = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## ")[0].replace("](docs/", "](")
+    begin = on_the_site((ROOT / "README.md").read_text(encoding="utf-8").split("\n## ")[0])
     top = [page.removesuffix(".md") for page in pages if "/" not in page and page != "changelog.md"]
     folders = [f"{folder}/index" for folder in TITLES]
     made = ", ".join(
@@ -80,6 +81,15 @@ def landing(contents: str, pages: dict[str, str]) -> str:
     rest = contents.split("\n", 1)[1] + f"\nBesides: {made}.\n"
     entries = [*folders[:4], "figures/README", *top, folders[4], "changelog"]
     return f"{begin}\n\n## What there is to read\n{rest}\n" + reference_pages.toctree(entries)
+
+
+def on_the_site(words: str) -> str:
+    """README with links to pages and figures of the site; links to other files stay as they are."""
+    home = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"][
+        "Repository"
+    ]
+    raw = home.replace("github.com", "raw.githubusercontent.com")
+    return words.replace(f"]({home}/blob/main/docs/", "](").replace(f"]({raw}/main/docs/", "](")
 
 
 def heading(page: str) -> str:

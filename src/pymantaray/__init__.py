@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pymantaray.study import StudyConfig, citation, load_study, measure, open_run, run_study
     from pymantaray.water import open_water
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOME = {
     "acoustics": ("Medium", "find_eigenrays"),

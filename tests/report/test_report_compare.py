@@ -1,6 +1,7 @@
 """Two runs side by side."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,13 +31,37 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
     assert page == tmp_path / "both" / "index.html"
     text = page.read_text(encoding="utf-8")
     names = sorted(path.name for path in (tmp_path / "both" / "figures").iterdir())
-    assert names == ["ape_pooled.png", "ape_pooled_linear.png", "range_error.png", "sound_speed.png"]
+    joint = ["ape_pooled.png", "ape_pooled_linear.png", "range_error.png", "sound_speed.png"]
+    each = [f"{name}_{i}.png" for name in ("factor_graph", "fleet_layout", "ray_picture") for i in (1, 2)]
+    assert names == sorted(joint + each)
     assert all(f'href="figures/{name}"' in text for name in names)
     assert text.partition("<script")[0].count('src="data:image/png;base64,') == len(names)
-    assert len(list((tmp_path / "both" / "tables").iterdir())) == 7
+    assert len(list((tmp_path / "both" / "tables").iterdir())) == 9
     assert "Test Sea and Other {Sea}" in text
     assert "Test Sea: The ocean of this study is synthetic" in text
     assert [p.name for p in tmp_path.iterdir()] == ["both"]
+
+
+def test_one_page_has_all_figures_and_tables_of_the_paper(run_folder, other_folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(write_module, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
+    text = write_comparison([run_folder, other_folder], tmp_path / "both").read_text(encoding="utf-8")
+    named = re.findall(r'<(figcaption|caption)>.*?class="paper">In the paper: ([^<.]+)\.', text)
+    tables = {what for element, what in named if element == "caption"}
+    assert tables == {"Table I", "Table II", "Table III", "Table IV"}
+    numbers = " ".join(what for element, what in named if element == "figcaption")
+    assert {"1", "2A", "2B", "4", "5", "6", "7", "8"} <= set(numbers.replace(",", " ").split())
+
+
+def test_settings_stand_side_by_side_with_unit_and_meaning(run, other_folder):
+    tables = comparison_tables({"one": Results(run), "other": Results(open_run(other_folder))})
+    timing = tables["timing"].set_index("key")
+    assert timing.loc["mission.duration_h", ["one", "unit"]].tolist() == [
+        run.config.mission.duration_h,
+        "h",
+    ]
+    noise = tables["noise"].set_index("key")
+    assert noise.loc["noise.range_sigma", "one"] == run.config.noise.range_sigma
+    assert (noise["unit"] != "").all()
 
 
 def test_a_comparison_is_not_the_latest_run(run_folder, other_folder, tmp_path, monkeypatch):

@@ -31,6 +31,7 @@ FIGURES = {
 TABLES = {
     "ate_difference", "ate_per_agent", "ate_per_realization", "ate_pooled", "bound", "consistency", "consistency_per_agent",
     "consistency_per_epoch", "costs", "coverage", "dropouts", "ping_error", "range_error", "range_error_split", "region", "solves",
+    "noise", "timing",
 }  # fmt: skip
 LATER = ("covariances.nc", "estimates.nc", "manifest.json")  # written when realizations are solved
 VOID = {"meta", "img", "br", "input"}

@@ -1,6 +1,7 @@
 """Two runs or more side by side: what differs in their configurations, sound speed, range errors, dropouts and position errors."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
-from pymantaray.report.figures import Plate, Results, with_source
+from pymantaray.report.figures import Plate, Results, run_plates, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_several import quantiles_by_run
@@ -44,7 +45,20 @@ _CAPTIONS = {
     "ate_pooled": "Position error by condition, pooled over vehicles, times and realizations",
     "ping_error": TABLES["ping_error"].caption,
     "region": "Regions",
+    "timing": TABLES["timing"].caption,
+    "noise": TABLES["noise"].caption,
 }
+_TABLES_OF_PAPER = {
+    "range_drop_category_compare": TABLES["dropouts"].paper,
+    **{name: TABLES[name].paper for name in ("region", "timing", "noise")},
+}
+_FIGURES_OF_PAPER = {
+    "ape_pooled": "Figure 7",
+    "ape_pooled_linear": "Figure 8",
+    "range_error": "Figure 6",
+    "sound_speed": "Figure 4",
+}
+_OF_EACH = ("ray_picture", "fleet_layout", "factor_graph")  # figures that show one run, of a few runs
 _ONE_QUANTITY = (
     "range_drop_category_compare",
     "range_error_split",
@@ -131,7 +145,18 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
         "range_error_split": _side_by_side({name: t["mean_m"] for name, t in parts.items()}, "part"),
         **({name: _joint_errors(runs, name) for name in _STATISTICS} if _all_solved(runs) else {}),
         "region": _side_by_side({name: t.iloc[:, 0] for name, t in regions.items()}, "property"),
+        "timing": _settings(runs, "timing"),
+        "noise": _settings(runs, "noise"),
     }
+
+
+def _settings(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
+    """Values of settings, with unit and meaning, a column for each run."""
+    tables = {name: r.tables[table].set_index("key") for name, r in runs.items()}
+    every = pd.concat(tables.values())
+    words = every[~every.index.duplicated()][["unit", "meaning"]]
+    table_of_runs = _side_by_side({name: t["value"] for name, t in tables.items()}, "key")
+    return table_of_runs.merge(words, left_on="key", right_index=True)
 
 
 def _differences(runs: Mapping[str, Results]) -> pd.DataFrame:
@@ -184,7 +209,9 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
     synthetic, few = any(r.synthetic for r in runs.values()), len(runs) <= _FEW
 
     def plate(name: str, caption: str, draw: Callable[[], Figure]) -> Plate:
-        return Plate(name, with_source(caption, synthetic=synthetic), draw)
+        return Plate(
+            name, with_source(caption, synthetic=synthetic), draw, _FIGURES_OF_PAPER[name] if few else ""
+        )
 
     def ape(name: str, scale: str, *, log: bool) -> Plate:
         caption = f"Absolute position error by ranging condition in {which}, {scale} scale; mean solid, quartiles dashed."
@@ -227,6 +254,21 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
             " (shaded).",
             lambda: sound_speed_profiles(_profiles(runs), header),
         ),
+        *(_of_each(runs) if few else []),
+    ]
+
+
+def _of_each(runs: Mapping[str, Results]) -> list[Plate]:
+    """Figures that show one run, for each run."""
+    plates = {
+        name: {p.name: p for p in run_plates(r, of_mission=True) if p.name in _OF_EACH}
+        for name, r in runs.items()
+    }
+    return [
+        replace(of_run[figure], name=f"{figure}_{i}", caption=f"{name}. {of_run[figure].caption}")
+        for figure in _OF_EACH
+        for i, (name, of_run) in enumerate(plates.items(), 1)
+        if figure in of_run
     ]
 
 
@@ -301,7 +343,10 @@ def _shown(tables: Mapping[str, pd.DataFrame]) -> dict[str, ShownTable]:
         table = numbers_from_text(tables[name]) if name == "region" else tables[name]
         if "quantity" in table:
             table = table.assign(quantity=table["quantity"].map(heading))
-        shown[name] = show_table(table, caption, f"tables/{name}.csv", by_row=name not in _ONE_QUANTITY)
+        by_row = name not in _ONE_QUANTITY
+        shown[name] = show_table(table, caption, f"tables/{name}.csv", by_row=by_row)._replace(
+            paper=_TABLES_OF_PAPER.get(name, "")
+        )
     return shown
 
 

@@ -91,11 +91,12 @@ class Results:
 
 @dataclass(frozen=True)
 class Plate:
-    """A figure to be made: its file's name without ending, its caption, and what makes it."""
+    """A figure to be made: its file's name without ending, its caption, what makes it, and its counterpart in the paper."""
 
     name: str
     caption: str
     draw: Callable[[], Figure]
+    paper: str = ""
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ class _Entry:
     draw: Callable[[Results], Figure]
     needs: Callable[[Results], bool]
     of_mission: bool
+    paper: str
 
 
 _REGISTER: dict[str, _Entry] = {}
@@ -118,14 +120,15 @@ def register(
     draw: Callable[[Results], Figure],
     needs: Callable[[Results], bool] = lambda _: True,
     of_mission: bool = False,
+    paper: str = "",
 ) -> None:
     """
     Add a figure to every report that has what it needs; ``place`` orders the page.
 
     ``{r.heard:,}`` and the like in a caption stand for what `Results` has. One that is ``of_mission`` shows and says
-    nothing that realizations change, and may be drawn before they are solved.
+    nothing that realizations change, and may be drawn before they are solved. ``paper`` names its counterpart in the paper.
     """
-    _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission)
+    _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, paper)
 
 
 def run_plates(results: Results, *, of_mission: bool = False) -> list[Plate]:
@@ -133,7 +136,7 @@ def run_plates(results: Results, *, of_mission: bool = False) -> list[Plate]:
     find_figures()
     entries = sorted(_REGISTER.items(), key=lambda item: item[1].place)
     return [
-        Plate(name, _caption(entry, results), partial(entry.draw, results))
+        Plate(name, _caption(entry, results), partial(entry.draw, results), entry.paper)
         for name, entry in entries
         if (entry.of_mission or not of_mission) and entry.needs(results)
     ]

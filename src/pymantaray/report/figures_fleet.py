@@ -227,6 +227,7 @@ def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks
 register(
     "fleet_layout",
     place=80,
+    paper="Figure 5",
     of_mission=True,
     caption="Fleet layout: (a) start positions and drift in plan, (b) start (dotted line downward to the vehicle's"
     " greatest depth) and track, (c) depth against time. Each vehicle has one colour in all figures"
@@ -236,6 +237,7 @@ register(
 register(
     "factor_graph",
     place=90,
+    paper="Figure 2B",
     of_mission=True,
     caption="Factor graph at the true positions: chains of poses coloured by vehicle, the"
     " {r.heard:,} ranges that were heard in grey.",

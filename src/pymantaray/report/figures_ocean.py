@@ -237,6 +237,7 @@ def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) ->
 register(
     "sound_speed",
     place=100,
+    paper="Figure 4",
     of_mission=True,
     caption="Sound speed against depth over the study's domain: mean of each level (line), least to greatest (shaded);"
     " (a) all depths, (b) the upper part.",
@@ -245,6 +246,7 @@ register(
 register(
     "ray_picture",
     place=110,
+    paper="Figures 1 and 2A",
     of_mission=True,
     caption=_caption_of_rays,
     draw=lambda r: ray_picture(r.run.ray_picture, r.header),

@@ -183,6 +183,7 @@ def _histogram(axes: Axes, errors: style.Array) -> None:
 register(
     "range_error",
     place=10,
+    paper="Figure 6",
     of_mission=True,
     caption="Signed range error, refracted minus straight, of {r.heard:,} ranges: mean (orange), zero (dashed) and"
     " fitted normal (black), with linear and logarithmic counts.",

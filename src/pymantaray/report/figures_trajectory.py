@@ -197,6 +197,7 @@ def _ridge(
 register(
     "ape_pooled",
     place=30,
+    paper="Figures 7 and 8",
     caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by ranging condition,"
     " without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear scale, which ends where the"
     " conditions other than odometry do.",

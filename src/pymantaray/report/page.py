@@ -62,7 +62,7 @@ _MOST_ROWS = 500  # of a table on the page
 
 
 class Picture(NamedTuple):
-    """A figure that was drawn, its size on the page [px], its files by their kinds, and its legend's signs, colours and words."""
+    """A figure that was drawn: size on the page [px], files by kind, signs, colours and words of its legend, counterpart in the paper."""
 
     name: str
     caption: str
@@ -70,6 +70,7 @@ class Picture(NamedTuple):
     height: int
     files: Mapping[str, bytes]
     legend: Sequence[tuple[str, str, str]] = ()
+    paper: str = ""
 
 
 class ShownTable(NamedTuple):
@@ -81,6 +82,7 @@ class ShownTable(NamedTuple):
     folded: bool
     head: list[tuple[str, str, str]]
     rows: list[list[tuple[str, str]]]
+    paper: str = ""
 
 
 def render(template: str, **content: Any) -> str:
@@ -129,8 +131,13 @@ def shown_tables(results: Results) -> dict[str, ShownTable]:
             frame = numbers_from_text(frame)
         columns = frame[table.columns.split()] if table.columns else frame
         shown[name] = show_table(
-            columns, table.caption, f"tables/{name}.csv", folded=table.folded, words=table.words
-        )
+            columns,
+            table.caption,
+            f"tables/{name}.csv",
+            folded=table.folded,
+            words=table.words,
+            by_row=table.by_row,
+        )._replace(paper=table.paper)
     return shown
 
 

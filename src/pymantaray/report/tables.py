@@ -23,6 +23,7 @@ from pymantaray.evaluation import (
     unknowns_table,
 )
 from pymantaray.records import Estimates, SolveStatus
+from pymantaray.report.settings import NOISE, TIMING, settings_table
 from pymantaray.study.store import Run
 
 _ERRORS = "mean_m median_m rmse_m p5_m p25_m p75_m p95_m max_m"
@@ -39,6 +40,8 @@ class Table:
     words: Mapping[str, str] = field(
         default_factory=dict
     )  # heads of columns that mean something else in other tables
+    by_row: bool = False  # its rows are quantities, which have digits of their own
+    paper: str = ""  # its counterpart in the paper
 
 
 def solve_table(estimates: Estimates) -> pd.DataFrame:
@@ -133,6 +136,7 @@ TABLES: dict[str, Table] = {
         "Range attempts and dropouts by kind of link, and their causes",
         lambda run: dropout_table(run.measurements, run.truth),
         words={"percent": "dropouts [%]"},
+        paper="Table IV",
     ),
     "range_error": Table(
         "Signed range error, refracted minus straight, by kind of link",
@@ -143,7 +147,13 @@ TABLES: dict[str, Table] = {
         "Range error split into reference speed and bending",
         lambda run: range_split_table(run.measurements, run.ranging_truth, run.truth),
     ),
-    "region": Table("Region", lambda run: run.region.reset_index()),
+    "region": Table("Region", lambda run: run.region.reset_index(), paper="Table I"),
+    "timing": Table(
+        "Mission timing", lambda run: settings_table(run.config, TIMING), by_row=True, paper="Table II"
+    ),
+    "noise": Table(
+        "Sensor noise", lambda run: settings_table(run.config, NOISE), by_row=True, paper="Table III"
+    ),
     "ate_per_realization": Table(
         "Position error by condition and realization",
         _solved(lambda run: error_table(run.truth, run.estimates, by=("realization",))),

@@ -113,7 +113,7 @@ def _picture(plate: Plate, formats: Sequence[str]) -> Picture:
     width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
     kinds = ("png", *(kind for kind in FIGURE_KINDS if kind in formats and kind != "png"))
     files = rendered(figure, kinds, dpi=_PRINTED if "png" in formats else None)
-    return Picture(plate.name, plate.caption, width, height, files, legend_entries(figure))
+    return Picture(plate.name, plate.caption, width, height, files, legend_entries(figure), plate.paper)
 
 
 def all_files(

@@ -1,0 +1,200 @@
+"""
+Check a release: version, changelog, archives, and tests of the installed wheel on the oldest and newest Python.
+
+    python .ci/release_check.py [--tests FOLDER ...]      FOLDER: only these tests, such as tests/records
+
+The version is that of the tag of the current commit. Without a tag the check is a rehearsal: the changelog may then still
+say "Unreleased". Archives are left in dist/.
+"""
+
+import argparse
+import datetime as dt
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+DIST = ROOT / "dist"
+VERSIONS = {
+    "src/pymantaray/__init__.py": r'^__version__ = "(.+)"$',
+    "CITATION.cff": r"^version: (.+)$",
+    "README.md": r"^  version = \{(.+)\},$",
+    "conda/recipe.yaml": r'^  version: "(.+)"$',
+}
+"""Files that state the version, and where."""
+NEED_SOURCE = (
+    "test_documentation*.py",
+    "test_nomenclature.py",
+    "test_packages.py",
+    "test_readme.py",
+    "test_site.py",
+)
+"""Tests of the source tree, not of the package."""
+
+
+def main() -> None:
+    """Run all steps; the first that fails ends the check with one line."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().partition("\n")[0])
+    parser.add_argument("--tests", nargs="+", default=["tests"], metavar="FOLDER")
+    tests = parser.parse_args().tests
+    version, tag = stated_version(), tag_of_commit()
+    check_version(version, tag)
+    check_changelog(version, released=tag is not None)
+    wheel = build_archives()
+    for python in oldest_and_newest():
+        check_installed(python, wheel, version, tests)
+    print(f"release check passed: {version}{'' if tag else ' (rehearsal: the commit has no tag)'}")
+
+
+def step(words: str) -> None:
+    """Print what begins."""
+    print(f"== {words}", flush=True)
+
+
+def refuse(words: str) -> None:
+    """End the check."""
+    sys.exit(f"release check failed: {words}")
+
+
+def call(*words: object, cwd: Path = ROOT, env: dict[str, str] | None = None) -> None:
+    """Run a command; its failure ends the check."""
+    if subprocess.run([str(word) for word in words], cwd=cwd, env=env, check=False).returncode:
+        refuse(" ".join(str(word) for word in words))
+
+
+def stated_version() -> str:
+    """Version that all files state."""
+    step("version")
+    found = {}
+    for name, pattern in VERSIONS.items():
+        match = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE)
+        if match is None:
+            refuse(f"{name}: no version")
+        found[name] = match[1]
+    if len(set(found.values())) != 1:
+        refuse("versions differ: " + ", ".join(f"{name} {version}" for name, version in found.items()))
+    return found["CITATION.cff"]
+
+
+def git(*words: str) -> str:
+    """Output of a command of git; empty if it fails."""
+    return subprocess.run(
+        ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.strip()
+
+
+def tag_of_commit() -> str | None:
+    """Tag of a version that the current commit has."""
+    tags = [tag for tag in git("tag", "--points-at", "HEAD").split() if re.match(r"v\d", tag)]
+    if len(tags) > 1:
+        refuse(f"the commit has several tags: {', '.join(tags)}")
+    return tags[0] if tags else None
+
+
+def check_version(version: str, tag: str | None) -> None:
+    """Compare the version with the tag; a tagged tree must be clean, and its origin the stated address."""
+    if tag is None:
+        print(f"no tag at this commit; the tag of version {version} is v{version}")
+        return
+    if tag != f"v{version}":
+        refuse(f"tag {tag}, but the files state {version}")
+    if git("status", "--porcelain"):
+        refuse("the working tree has changes that are not committed")
+    origin = git("remote", "get-url", "origin").removesuffix(".git")
+    home = re.search(
+        r'^Repository = "(.+)"$', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    if origin.startswith("https://") and home and origin != home[1]:
+        refuse(f"origin is {origin}, but pyproject.toml states {home[1]}")
+
+
+def check_changelog(version: str, *, released: bool) -> None:
+    """Require a section of the version with entries, dated as CITATION.cff."""
+    step("changelog")
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## \[(.+?)\](.*(?:\n(?!## ).*)*)", text, re.MULTILINE))
+    section = sections.get(version, "" if released else sections.get("Unreleased", ""))
+    if not re.search(r"^- ", section, re.MULTILINE):
+        refuse(f"CHANGELOG.md: no section [{version}] with entries")
+    date = re.search(
+        r'^date-released: "(.+)"$', (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    if date is None or not _is_date(date[1]):
+        refuse('CITATION.cff: no line date-released: "YYYY-MM-DD"')
+    if version in sections and section.partition("\n")[0].strip() != f"- {date[1]}":
+        refuse(
+            f"CHANGELOG.md: the section of {version} must be headed ## [{version}] - {date[1]}, as in CITATION.cff"
+        )
+
+
+def _is_date(text: str) -> bool:
+    try:
+        dt.date.fromisoformat(text)
+    except ValueError:
+        return False
+    return True
+
+
+def build_archives() -> Path:
+    """Build source archive and wheel, check both, and return the wheel."""
+    step("archives")
+    shutil.rmtree(DIST, ignore_errors=True)
+    call(sys.executable, "-m", "build", "--outdir", DIST)
+    (wheel,) = DIST.glob("*.whl")
+    (source,) = DIST.glob("*.tar.gz")
+    call(sys.executable, "-m", "twine", "check", "--strict", source, wheel)
+    call(sys.executable, "-m", "check_wheel_contents", wheel)
+    return wheel
+
+
+def oldest_and_newest() -> list[Path]:
+    """Interpreters of the oldest and the newest supported version that are here."""
+    supported = re.findall(r"Python :: (3\.\d+)", (ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    here = [python for version in supported if (python := interpreter(version)) is not None]
+    if not here:
+        refuse(f"no Python {supported[0]} to {supported[-1]} found")
+    return [here[0]] if len(here) == 1 else [here[0], here[-1]]
+
+
+def interpreter(version: str) -> Path | None:
+    """Interpreter of a version, on PATH or of pyenv."""
+    kept = sorted((Path.home() / ".pyenv" / "versions").glob(f"{version}.*/bin/python"))
+    for candidate in (shutil.which(f"python{version}"), *map(str, reversed(kept))):
+        words = "import sys, venv, ensurepip; print('%d.%d' % sys.version_info[:2])"
+        if candidate is not None:
+            done = subprocess.run([candidate, "-c", words], capture_output=True, text=True, check=False)
+            if done.returncode == 0 and done.stdout.strip() == version:
+                return Path(candidate)
+    return None
+
+
+def check_installed(python: Path, wheel: Path, version: str, tests: list[str]) -> None:
+    """Install the wheel into a clean environment, run a study, and run tests in a folder without the sources."""
+    step(f"{python}: install, run and test outside the tree")
+    with tempfile.TemporaryDirectory() as folder:
+        place, environment = Path(folder), Path(folder) / "environment"
+        call(python, "-m", "venv", environment)
+        own, mantaray = environment / "bin" / "python", environment / "bin" / "mantaray"
+        call(own, "-m", "pip", "install", "--quiet", "--upgrade", "pip>=25.1")
+        call(own, "-m", "pip", "install", "--quiet", wheel)
+        home = place / "home"
+        home.mkdir()
+        env = {"PATH": f"{own.parent}{os.pathsep}{os.environ['PATH']}", "HOME": str(home)}
+        call(own, "-c", f"import pymantaray; assert pymantaray.__version__ == {version!r}", cwd=home, env=env)
+        call(mantaray, "study", "run", "quick", "--quiet", "--out", "run", cwd=home, env=env)
+        call(own, "-m", "pip", "install", "--quiet", "--group", f"{ROOT / 'pyproject.toml'}:test")
+        tree = place / "tree"
+        for name in ("tests", "benchmarks", "examples", "docs"):
+            shutil.copytree(
+                ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__", *NEED_SOURCE)
+            )
+        shutil.copy2(ROOT / "pyproject.toml", tree)
+        call(own, "-m", "pytest", "-q", "-n", "auto", "--dist", "worksteal", *tests, cwd=tree, env=env)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+"""The check of a release refuses what must not be published, and the recipe agrees with the package."""
+
+import re
+import runpy
+import tomllib
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from pages import ROOT
+
+yaml = pytest.importorskip("yaml")
+IN_CONDA = {"netCDF4": "netcdf4", "matplotlib": "matplotlib-base"}
+
+
+@pytest.fixture
+def check(tmp_path):
+    """The check, of a copy of the files that it reads."""
+    script = runpy.run_path(str(ROOT / ".ci" / "release_check.py"))
+    for name in (*script["VERSIONS"], "CHANGELOG.md", "pyproject.toml"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text((ROOT / name).read_text(encoding="utf-8"), encoding="utf-8")
+    script["stated_version"].__globals__["ROOT"] = tmp_path
+    return script
+
+
+def test_all_files_state_one_version(check, tmp_path):
+    version = check["stated_version"]()
+    check["check_changelog"](version, released=False)
+    text = (tmp_path / "CITATION.cff").read_text()
+    (tmp_path / "CITATION.cff").write_text(text.replace(f"version: {version}", "version: 9.9.9"))
+    with pytest.raises(SystemExit, match=r"versions differ: .*CITATION.cff 9\.9\.9"):
+        check["stated_version"]()
+
+
+def test_a_tag_must_be_that_of_the_version(check):
+    with pytest.raises(SystemExit, match=r"tag v1\.0\.0, but the files state 0\.9\.0"):
+        check["check_version"]("0.9.0", "v1.0.0")
+
+
+@pytest.mark.parametrize(
+    ("changelog", "message"),
+    [
+        ("## [Unreleased]\n\n- A change\n", r"no section \[5\.0\.0\]"),
+        ("## [5.0.0] - 2026-01-02\n\nNothing.\n", r"no section \[5\.0\.0\] with entries"),
+        ("## [5.0.0] - 2026-01-03\n\n- A change\n", r"headed ## \[5\.0\.0\] - 2026-01-02"),
+    ],
+)
+def test_a_release_needs_a_dated_section_of_the_changelog(check, tmp_path, changelog, message):
+    (tmp_path / "CITATION.cff").write_text('date-released: "2026-01-02"\n')
+    (tmp_path / "CHANGELOG.md").write_text(changelog)
+    with pytest.raises(SystemExit, match=message):
+        check["check_changelog"]("5.0.0", released=True)
+    (tmp_path / "CHANGELOG.md").write_text(
+        "## [5.0.0] - 2026-01-02\n\n- A change\n\n## [4.0.0] - 2025-01-02\n"
+    )
+    check["check_changelog"]("5.0.0", released=True)
+
+
+def test_the_recipe_needs_what_the_package_needs():
+    recipe = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    ours = {IN_CONDA.get(r.name, r.name): r.specifier for r in map(Requirement, project["dependencies"])}
+    rows = [row.split(" ", 1) for row in recipe["requirements"]["run"]]
+    theirs = {name: SpecifierSet(version) for name, version in rows}
+    assert theirs.pop("python") == SpecifierSet(project["requires-python"])
+    assert theirs == ours
+    assert recipe["about"]["summary"] == project["description"]
+    (command,) = project["scripts"].items()
+    assert recipe["build"]["python"]["entry_points"] == [" = ".join(command)]
+
+
+def test_what_is_published_was_checked():
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8"))[
+        "jobs"
+    ]
+    assert any(step.get("run") == "make release-check" for step in jobs["check"]["steps"])
+    assert (jobs["publish"]["needs"], jobs["publish"]["permissions"]) == ("check", {"id-token": "write"})
+    assert re.search(r"^release-check:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
