@@ -164,7 +164,7 @@ def open_water(source: Source, **options: Any) -> Water:
     --------
     >>> water = open_water("synthetic:fram", half_extent_north=20e3, half_extent_east=20e3)
     >>> water.medium.sound_speed_at([[0.0, 0.0, 100.0]]).round(1)
-    array([1459.1])
+    array([1449.5])
     """
     waters = open_waters(source, **options)
     if len(waters) > 1:
