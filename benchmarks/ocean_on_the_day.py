@@ -26,7 +26,7 @@ def water(run: Run) -> Iterator[tuple[str, str]]:
     )
     for label, speed, over in (
         ("domain", ocean["sound_speed"], ("north", "east")),
-        ("where the fleet goes", path, ("place",)),
+        ("at the fleet", path, ("place",)),
     ):
         spread = speed.std(over).interp(depth=list(LEVELS))
         yield (
@@ -61,7 +61,7 @@ def estimates(results: Results) -> Iterator[tuple[str, str]]:
         table = results.tables["consistency"].query("statistic == 'horizontal'")
         nees = dict(zip(table["condition"], table["median_ratio"], strict=True))
     at_pings = results.tables["ping_error"]
-    yield "least that is possible [m]", f"{at_pings['bound_rmse_m'].min():.2f}"
+    yield "lower bound [m]", f"{at_pings['bound_rmse_m'].min():.2f}"
     for row in at_pings.to_dict("records"):
         yield (
             f"`{row['condition']}` at pings, RMSE; from `straight` [m]; NEES",
