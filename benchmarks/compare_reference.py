@@ -72,7 +72,7 @@ def errors_of(error: Array, digits: int) -> str:
 
 def compare_direct(folder: Path, runs: int) -> None:
     print(
-        "| medium | exist | found, Bellhop | found, ours | error of Bellhop: median, rms, max [us] | ours [us] |"
+        "| medium | direct arrivals | found by Bellhop | found by MantaRay | error of Bellhop: median, rms, max [us] | error of MantaRay [us] |"
     )
     print("|---|---|---|---|---|---|")
     cost, errors = [], []
@@ -86,9 +86,7 @@ def compare_direct(folder: Path, runs: int) -> None:
         for travel_time in (rows.bellhop_direct_s.to_numpy(), first.travel_time):
             hit = np.isfinite(travel_time)
             ghosts = np.count_nonzero(hit & ~exists)
-            found.append(
-                f"{np.count_nonzero(hit & exists)}" + (f" and {ghosts} that are none" if ghosts else "")
-            )
+            found.append(f"{np.count_nonzero(hit & exists)}" + (f" and {ghosts} false" if ghosts else ""))
             error.append((travel_time - exact)[hit & exists])
         errors.append(error)
         print(
@@ -102,9 +100,11 @@ def compare_direct(folder: Path, runs: int) -> None:
         ]
         cost.append((name, rows.bellhop_cpu_ms_1thread.to_numpy(), spent))
     print()
-    print("CPU ms a link, median / 90th percentile of links solved alone (mean of all in one call):\n")
     print(
-        "| medium | Bellhop | linear, no cut-off | linear | smooth | Bellhop's median over linear's | over smooth's |"
+        "CPU time per link [ms], median / 90th percentile of links solved alone (mean of all in one call):\n"
+    )
+    print(
+        "| medium | Bellhop | linear, no cut-off | linear | smooth | ratio of Bellhop's median to linear | to smooth |"
     )
     print("|---|---|---|---|---|---|---|")
     for name, bellhop, spent in cost:
@@ -124,7 +124,7 @@ def compare_direct(folder: Path, runs: int) -> None:
             f" Bellhop takes {np.median(bellhop) / np.median(alone):,.0f} times the median,"
             f" {bellhop.sum() / alone.sum():,.0f} times the sum"
         )
-    for k, label in enumerate(("Bellhop", "ours")):
+    for k, label in enumerate(("Bellhop", "MantaRay")):
         e = 1e6 * np.abs(np.concatenate([error[k] for error in errors]))
         print(f"{label}: absolute error, median {np.median(e):.3g} us, rms {math.sqrt(np.mean(e**2)):.3g} us")
 
@@ -145,7 +145,9 @@ def image_times(
 
 def compare_multipath(folder: Path) -> None:
     table = pd.read_csv(folder / "multipath.csv")
-    print("\n| medium | rows of the table | found | not in the table | largest error [ns] | CPU ms a link |")
+    print(
+        "\n| medium | rows of the table | found | not in the table | largest error [ns] | CPU ms per link |"
+    )
     print("|---|---|---|---|---|---|")
     for name in MEDIA[:4]:
         rows, source, receiver = load_links(folder, name)
@@ -263,9 +265,9 @@ def direct_arrivals(medium: Medium, source: Array, receiver: Array, beams: Beams
 
 
 def compare_bellhop(folder: Path) -> None:
-    """Earliest direct arrival of the two-dimensional Bellhop, its arrival nearest to the truth, and ours."""
+    """Earliest direct arrival of the two-dimensional Bellhop, its arrival nearest to the truth, and MantaRay's."""
     print(
-        "\n| medium | settings | exist | found | earliest: median, rms, max [us] | nearest [us] | CPU ms a link |"
+        "\n| medium | settings | direct arrivals | found | earliest: median, rms, max [us] | nearest [us] | CPU ms per link |"
     )
     print("|---|---|---|---|---|---|---|")
     for name in PROFILES:
@@ -278,7 +280,7 @@ def compare_bellhop(folder: Path) -> None:
             hits = [(times, truth) for times, truth in pairs if np.isfinite(truth)]
             earliest = np.array([times.min() - truth for times, truth in hits])
             nearest = np.array([(times - truth)[np.abs(times - truth).argmin()] for times, truth in hits])
-            ghosts = f" and {len(pairs) - len(hits)} that are none" if len(pairs) > len(hits) else ""
+            ghosts = f" and {len(pairs) - len(hits)} false" if len(pairs) > len(hits) else ""
             print(
                 f"| {name} | {beams.label} | {np.count_nonzero(np.isfinite(exact))} | {len(hits)}{ghosts} |"
                 f" {errors_of(earliest, 0)} | {errors_of(nearest, 0)} | {np.median([ms for _, ms in solved]):.0f} |",
@@ -288,7 +290,7 @@ def compare_bellhop(folder: Path) -> None:
         first = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None).first().travel_time
         error = (first - exact)[np.isfinite(exact) & np.isfinite(first)]
         print(
-            f"| {name} | ours | {np.count_nonzero(np.isfinite(exact))} | {error.size} | {errors_of(error, 6)} |"
+            f"| {name} | MantaRay | {np.count_nonzero(np.isfinite(exact))} | {error.size} | {errors_of(error, 6)} |"
             f" the same | {np.median(spent):.2f} |",
             flush=True,
         )
