@@ -43,9 +43,9 @@ class AcousticsSection(Section):
     """How eigenrays are looked for, which of them is ranged on, and whether the current carries them."""
 
     spreading_cutoff_db: PositiveFloat | Literal["none"] = 15.0
-    """An eigenray that is so much weaker than spherical spreading is no arrival; ``"none"`` keeps all. Ours, record 0001. [dB]"""
+    """An eigenray that is so much weaker than spherical spreading is no arrival; ``"none"`` keeps all. Not in the paper, record 0001. [dB]"""
     interpolation: Literal["smooth", "linear"] = "smooth"
-    """What lies between grid points of sound speed: cubic splines, or straight lines as in Bellhop. Ours, record 0001."""
+    """What lies between grid points of sound speed: cubic splines, or straight lines as in Bellhop. Not in the paper, record 0001."""
     max_surface_bounces: Bounces = 0
     """Reflections at the surface, or under ice, that an eigenray may have."""
     surface_loss: Literal["none", "bubbles", "coherent"] = "none"
@@ -182,11 +182,11 @@ class FloatSection(Section):
     vertical_speed: MetresPerSecond[PositiveFloat] = 0.5
     """Limit of the vertical speed, up and down. [m/s]"""
     surface_depth: Depth = 0.5
-    """Depth that counts as surfaced. Ours, record 0001. [m]"""
+    """Depth that counts as surfaced. Not in the paper, record 0001. [m]"""
     depth_gain: PositiveFloat = 0.1
-    """Vertical speed that is commanded per metre of depth error. Ours, record 0001. [1/s]"""
+    """Vertical speed that is commanded per metre of depth error. Not in the paper, record 0001. [1/s]"""
     arrival_tolerance: Metres[PositiveFloat] = 0.1
-    """A hold begins so near to its depth. Ours, record 0001. [m]"""
+    """A hold begins so near to its depth. Not in the paper, record 0001. [m]"""
 
 
 class _Placed(Section):
@@ -345,7 +345,7 @@ class StudySection(Section):
     description: str = ""
     """One line for lists and reports."""
     seed: int = Field(default=20140715, ge=0)
-    """Root of all random numbers. Ours, record 0001."""
+    """Root of all random numbers. Not in the paper, record 0001."""
     realizations: int = Field(default=25, ge=1, le=10**9)
     """How many times noise is drawn."""
     conditions: tuple[Condition, ...] = Field(default=("odometry", "straight", "refracted"), strict=False)
@@ -477,13 +477,13 @@ class MissionSection(Section):
     physics_step_s: Seconds[PositiveFloat] = 0.125
     """Step of the vehicles' motion. [s]"""
     sampling_period_s: Seconds[PositiveFloat] = 200.0
-    """Time between samples of poses and sensors. Both ends are samples: ours, record 0001. [s]"""
+    """Time between samples of poses and sensors. both ends are samples: not in the paper, record 0001. [s]"""
     ping_interval_h: Hours[PositiveFloat] = 4.0
-    """All vehicles ping at every multiple. Not at 0: ours, record 0001. [h]"""
+    """All vehicles ping at every multiple. Not at 0: not in the paper, record 0001. [h]"""
     schedule: AnySchedule | None = None
     """Who pings when, in place of ``ping_interval_h``."""
     gnss_depth: Metres[PositiveFloat] = 1.0
-    """A vehicle has a GNSS fix while it is shallower. Ours, record 0001. [m]"""
+    """A vehicle has a GNSS fix while it is shallower. Not in the paper, record 0001. [m]"""
 
 
 if TYPE_CHECKING:
@@ -534,7 +534,7 @@ class EstimatorSection(Section):
     """Where the optimizer starts from, and how often covariances are kept, the end included."""
 
     start: Literal["truth", "dead-reckoning"] = "truth"
-    """Where the optimizer starts from. Ours, record 0001."""
+    """Where the optimizer starts from. Not in the paper, record 0001."""
     covariance_interval_h: Hours[PositiveFloat] = 24.0
     """How often covariances of poses are kept. [h]"""
 

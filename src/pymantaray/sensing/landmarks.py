@@ -47,7 +47,7 @@ class SurveyNoise:
     """Standard deviation of each axis of a landmark's survey. [m]"""
 
     landmark_sigma: float = level(
-        0.10, "Standard deviation of each axis of a landmark's survey. Ours, record 0001. [m]"
+        0.10, "Standard deviation of each axis of a landmark's survey. Not in the paper, record 0001. [m]"
     )
 
 
