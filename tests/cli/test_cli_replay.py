@@ -90,7 +90,7 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
     local[[name for name in local if name.endswith(("_north", "_east"))]] *= 0.0
     local["receiver_north"] = 700.0
     local.to_csv(files / "local.csv", index=False)
-    extent = ("--ocean", "synthetic:beaufort", "--centre", 74.5, -140.0, "--half-extent", 15000, 15000)
+    extent = ("--ocean", "synthetic:beaufort", "--centre", 74.5, -140.0, "--half-extent", 15, 15)
     one, other = (
         told("replay", "local.csv", *water, *detection, "--quiet", "--out", f"out{k}")
         for k, water in enumerate([("--run", tiny_run_folder), extent])

@@ -450,15 +450,15 @@ def test_a_copy_is_checked_as_a_file_is():
         (
             quick.noise,
             {"rnge_sigma": 50.0},
-            r"NoiseSection: rnge_sigma: unknown key; did you mean range_sigma\?",
+            r"NoiseSection: `rnge_sigma`: unknown key. Did you mean `range_sigma`\?",
         ),
         (
             quick.noise,
             {"range_sigma": -1.0},
             r"NoiseSection: range_sigma: found -1\.0; allowed: greater than 0",
         ),
-        (quick, {"nose": 1}, r"StudyConfig: nose: unknown key; did you mean noise\?"),
+        (quick, {"nose": 1}, r"StudyConfig: `nose`: unknown key. Did you mean `noise`\?"),
         (quick.mission, {"duration_h": "long"}, "MissionSection: duration_h: .*'long'"),
-        (quick.ocean, {"centre_latitude_deg": 1.0, "centre_longitude_deg": None}, "must be given together"),
+        (quick.ocean, {"centre_lat": 1.0, "centre_lon": None}, "must be given together"),
     ):
         refused(StudyError, line, model.model_copy, update=update)
