@@ -75,9 +75,9 @@ def test_no_command_repeats_a_secret(command, address, capsys, tmp_path, monkeyp
 @pytest.mark.network
 def test_no_scheduler_s_password_is_repeated(capsys, tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    from pymantaray.sweep import workers
+    from pymantaray.jobs import pool
 
-    monkeypatch.setattr(workers, "_ANSWER", 1.0)
+    monkeypatch.setattr(pool, "_ANSWER", 1.0)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sweep.toml").write_text(
         '[sweep]\nname = "s"\nbase = "quick"\n[[grid]]\nfield = "study.seed"\nvalues = [1]\n'

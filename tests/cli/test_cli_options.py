@@ -193,7 +193,5 @@ def test_an_option_takes_a_number_in_its_unit_or_text_with_a_unit(unit, text, nu
 def test_an_option_refuses_another_quantity_in_one_line(mantaray):
     done = mantaray("rays", "times", "a.csv", "b.csv", "--profile", "c.csv", "--bottom", "2 kg")
     assert done.code == 2
-    assert done.err.startswith(
-        "error: mantaray rays times: Invalid value for '--bottom': found '2 kg'; allowed: a number of metres, or text"
-    )
+    assert done.err.startswith("error: --sea-floor: found '2 kg'; allowed: a number of metres, or text")
     assert len(done.err.splitlines()) == 1

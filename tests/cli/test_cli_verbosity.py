@@ -22,7 +22,7 @@ from pymantaray.cli.sweep import EXIT_POINTS_FAILED
 
 PATHS_ONLY = {
     "atlas plot", "export", "graph convert", "ocean correct", "ocean fetch copernicus", "ocean fetch hycom", "ocean from-cast",
-    "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve", "study cite", "study init", "study report", "sweep collect",
+    "ocean convert-cast", "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve", "study cite", "study init", "study report", "sweep collect",
 }  # fmt: skip
 """Commands that print the names of what they wrote, an address or references, and nothing that would be a table."""
 

@@ -57,7 +57,7 @@ def test_composite_sigma_by_hand():
 
 
 def test_defaults_are_those_of_a_configuration():
-    assert NoiseModel(**NoiseSection().model_dump()) == NoiseModel()
+    assert NoiseSection().model == NoiseModel()
 
 
 @pytest.mark.parametrize("name", [f.name for f in fields(NoiseModel)])

@@ -16,7 +16,7 @@ from factories import names_in
 from oracles import cf_errors
 from refusals import refused
 
-from pymantaray.errors import ExchangeError, StudyError, WriteError
+from pymantaray.errors import ExchangeError, JobError, StudyError, WriteError
 from pymantaray.estimation import read_pyfg
 from pymantaray.exchange import read_trajectories
 from pymantaray.exchange.cf import write_cf
@@ -370,7 +370,7 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(run, tmp_path, mo
     full.mkdir()
     (full / "mine").touch()
     file.touch()
-    refused(StudyError, "full", export_run, run, "tum", full)
+    refused(JobError, "full", export_run, run, "tum", full)
     refused(WriteError, r"there\.rrd: is already there", export_run, run, "rrd", file)
     assert names_in(full) == ["mine"]
     monkeypatch.setitem(vars(run.config.study), "conditions", ("odometry", "no-ranges"))

@@ -12,8 +12,9 @@ from pymantaray.config.estimators import ModesSection
 from pymantaray.errors import JobError
 from pymantaray.ocean import open_ocean
 from pymantaray.records import write_netcdf
-from pymantaray.study import assemble, open_run, run_study
+from pymantaray.study import open_run, run_study
 from pymantaray.study.beliefs import Beliefs
+from pymantaray.water import ocean as water_ocean
 
 FULL = """
 import resource
@@ -109,7 +110,7 @@ def test_what_beliefs_need_of_a_varying_ocean_is_its_start(run_tiny, window_file
     """Not all of its snapshots brought to the local grid, in every worker."""
     files = {"source": [str(window_file / f"{h}.nc") for h in (0, 3, 6)], "time_varying": True}
     run = run_tiny(study={"realizations": 1, "conditions": ["odometry"]}, ocean=files)
-    monkeypatch.setattr(assemble, "to_local", lambda *_a, **_k: pytest.fail("regridded"))
+    monkeypatch.setattr(water_ocean, "to_local", lambda *_a, **_k: pytest.fail("regridded"))
     depth, shapes, sigma = Beliefs(run).modes(ModesSection(count=2))
     assert shapes.shape == (2, depth.size)
     assert (sigma > 0.0).all()

@@ -373,7 +373,7 @@ def test_a_name_that_nobody_has_is_refused_before_anything_is_done(where, table,
 def elsewhere(tmp_path_factory):
     """A run whose frame's centre is 60 km from the middle of its ocean."""
     tree = {**TINY, "study": {"name": "elsewhere", "conditions": ["straight"], "realizations": 1}}
-    tree["ocean"] = {**OCEAN, "centre_latitude_deg": 74.1, "centre_longitude_deg": -141.5}
+    tree["ocean"] = {**OCEAN, "centre_lat": 74.1, "centre_lon": -141.5}
     return run_study(parse_study(tree), tmp_path_factory.mktemp("elsewhere") / "run", workers=1)
 
 
@@ -417,7 +417,7 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
     for part in centre:
         assert f"{abs(round(part, 3)):g} {'N' if part > 0 else 'W'}" in line
     assert "--centre" in line
-    assert "ocean.centre_latitude_deg" in line
+    assert "ocean.centre_lat" in line
     caplog.clear()
     measure(table, OCEAN, 1800.0)
     named = tmp_path / "named.csv"

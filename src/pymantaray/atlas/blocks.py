@@ -115,7 +115,7 @@ def _water(block: Block) -> xr.Dataset:
     time, section = str(block.time), block.water.ocean
     if block.files[0].startswith("synthetic:"):
         return crop(_whole(block.files, time), block.window)
-    options: dict[str, Any] = {"currents": section.currents, "names": section.names}
+    options: dict[str, Any] = {"currents": section.currents, "names": section.standard_names}
     return read_ocean(block.files, time=time, window=block.window, **options)
 
 

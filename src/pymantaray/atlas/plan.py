@@ -252,7 +252,7 @@ def _links_of(config: SoundConfig) -> AtlasLinks:
 def _index_of(section: OceanSection) -> OceanIndex:
     """Columns and instants of an ocean; one of each of a profile."""
     if not is_profile(section):
-        return ocean_index(section.source, section.names)
+        return ocean_index(section.source, section.standard_names)
     profile = one_profile(section)
     lat, lon = section.centre or profile.position or (0.0, 0.0)
     time = np.datetime64(EPOCH, "ns") if np.isnat(profile.time) else profile.time

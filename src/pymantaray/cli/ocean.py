@@ -141,7 +141,7 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
     section = config.ocean
     options: dict[str, Any] = {"equation": section.equation, "currents": section.currents, **fleet}
     options |= {"centre": section.centre, "half_extent": section.half_extent}
-    if not (is_profile(section) or section.names) and section.bathymetry is None:
+    if not (is_profile(section) or section.standard_names) and section.bathymetry is None:
         time = None if section.time is None else section.time.isoformat()
         return check_ocean(section.source, time=time, **options)
     try:
@@ -163,7 +163,7 @@ def show(files: Files, water: WaterOptions, as_json: Json = False) -> None:
     section = config.ocean
     with printer(as_json=as_json) as out:
         if not is_profile(section):
-            times = ocean_times(section.source, section.names)
+            times = ocean_times(section.source, section.standard_names)
             out.add(times=[str(t)[:16] for t in times])
             if section.time is None and len(times) > 1:
                 listed = " ".join(str(t)[:16] for t in times)

@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -377,19 +378,17 @@ class WaterOptions:
     @property
     def keys(self) -> dict[str, Any]:
         """Options of `pymantaray.open_water`."""
-        from pymantaray.ocean.convert import parse_instant
-
         if self.time is not None and len(self.time) > 1:
             raise WaterError(f"--time is given {len(self.time)} times; water has one instant here")
-        time = parse_instant(self.time[0]).astype("datetime64[us]").item() if self.time else None
+        time = _instant(self.time[0]) if self.time else None
         half = (
             None if self.half_extent is None else tuple(1e3 * _kilometres(side) for side in self.half_extent)
         )
         names = dict(_named(text) for text in self.name or [])
         keys = {
-            "bathymetry": _metres_or_file(self.sea_floor),
+            "bathymetry": _metres_or_file("--sea-floor", self.sea_floor),
             "bathymetry_crs": self.crs,
-            "ice": _metres_or_file(self.ice),
+            "ice": _metres_or_file("--ice", self.ice),
             "currents": self.currents,
             "equation": self.equation,
             "interpolation": self.interpolation,
@@ -405,8 +404,15 @@ class WaterOptions:
     @property
     def files(self) -> list[Path]:
         """Files that no output may overwrite."""
-        given = (_metres_or_file(self.sea_floor), _metres_or_file(self.ice))
+        given = (_metres_or_file("--sea-floor", self.sea_floor), _metres_or_file("--ice", self.ice))
         return [Path(value) for value in given if isinstance(value, str)]
+
+
+def _instant(text: str) -> Any:
+    """Instant of a configuration (UTC)."""
+    from pymantaray.ocean.convert import parse_instant
+
+    return parse_instant(text).astype("datetime64[us]").item()
 
 
 def _kilometres(text: str) -> float:
@@ -422,11 +428,13 @@ def _decibels(text: str) -> float | str:
     return "none" if text in ("none", "off") else float(text)
 
 
-def _metres_or_file(text: str | None) -> float | str | None:
-    """A depth or draft [m], or the name of a file that has it."""
+def _metres_or_file(option: str, text: str | None) -> float | str | None:
+    """A depth or draft [m], or the name of a file that has it; a number with another unit is refused."""
     try:
         return None if text is None else _number(text, "m")
-    except ValueError:
+    except ValueError as error:
+        if re.fullmatch(r"\s*[+-]?[\d.]+\s*[^\W\d_/.]+\s*", str(text)) and not Path(str(text)).exists():
+            raise WaterError(f"{option}: {error}") from None
         return text
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from pymantaray.config.common import NAME, PARTICIPANT, Section
+from pymantaray.config.common import NAME, NAMED, PARTICIPANT, Section
 from pymantaray.config.renamed import with_new_names
 from pymantaray.errors import StudyError
 
@@ -43,6 +43,7 @@ _ALLOWED = {
 _PATTERNS = {
     NAME: "letters, digits and ._- after a letter or digit",
     PARTICIPANT: "1 to 64 letters, digits, _ and -",
+    NAMED: "VARIABLE=STANDARD_NAME, such as temp=sea_water_potential_temperature",
 }
 
 

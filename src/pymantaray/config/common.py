@@ -14,6 +14,8 @@ PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
 PARTICIPANT = r"^[A-Za-z0-9_-]{1,64}$"
+NAMED = r"^\s*\w[\w.-]*\s*=\s*\w+\s*(\[.*\])?\s*$"
+"""A variable and its CF standard name, with a unit in brackets if the variable lacks one."""
 ParticipantName = Annotated[str, Field(pattern=PARTICIPANT)]
 NONE = "none"
 """The word for no value, in every key that may have none."""

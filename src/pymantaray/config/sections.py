@@ -2,14 +2,16 @@
 
 import datetime as dt
 import math
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from pymantaray.config.checks import parse
 from pymantaray.config.common import (
     NAME,
+    NAMED,
     Degrees,
     DegreesPerSecond,
     Depth,
@@ -330,7 +332,7 @@ class LandmarkSection(Section):
     """East of the frame's centre; or ``lon``, in degrees. [m]"""
     depth: Depth
     """Positive down. [m]"""
-    sigma: float | None = Field(default=None, gt=0.0)
+    sigma: Metres[PositiveFloat] | None = None
     """Standard deviation of each axis of its survey, ``noise.landmark_sigma`` unless given; large for one that the fleet has to locate. [m]"""
 
 
@@ -357,13 +359,27 @@ class StudySection(Section):
         return self
 
 
+def _as_texts(value: object) -> object:
+    """Names as a list of ``VARIABLE=STANDARD_NAME``, from one, a list of them, or a table."""
+    if isinstance(value, Mapping):
+        return tuple(f"{variable}={meaning}" for variable, meaning in value.items())
+    return (value,) if isinstance(value, str) else value
+
+
+StandardNames = Annotated[
+    tuple[Annotated[str, Field(pattern=NAMED)], ...],
+    BeforeValidator(_as_texts, json_schema_input_type=str | tuple[str, ...]),
+    Field(strict=False),
+]
+
+
 class OceanSection(Section):
     """Where the water and the sea floor come from, whether they vary, and the centre of the local frame."""
 
     source: OceanSource
     """Files that belong together, a profile or cast, ``"synthetic:beaufort"`` or ``"synthetic:fram"``; files are relative to this one."""
-    names: dict[str, str] = Field(default={}, strict=False)
-    """CF standard names of the files' variables that lack one, such as ``temp = "sea_water_potential_temperature"``."""
+    names: StandardNames = ()
+    """CF standard names of the files' variables that lack one, such as ``temp=sea_water_potential_temperature``."""
     thin: MetresPerSecond[PositiveFloat] | None = None
     """Leave out levels of a profile that interpolation meets within this. [m/s]"""
     smooth: Metres[PositiveFloat] | None = None
@@ -410,6 +426,16 @@ class OceanSection(Section):
                 "internal_tide runs through one snapshot; set time_varying = false or leave it out"
             )
         return self
+
+    @property
+    def standard_names(self) -> dict[str, str]:
+        """CF standard names by variable."""
+        return dict(self._named(name) for name in self.names)
+
+    @staticmethod
+    def _named(text: str) -> tuple[str, str]:
+        variable, _, meaning = text.partition("=")
+        return variable.strip(), meaning.strip()
 
     @property
     def synthetic(self) -> bool:

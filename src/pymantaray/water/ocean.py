@@ -139,7 +139,9 @@ def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanF
     """Ocean of a configuration, or in memory, over the duration of its mission if it varies."""
     section = config.ocean
     duration = config.mission.duration_h * 3600.0 if section.time_varying else 0.0
-    return build_ocean(section, duration, interpolation=config.acoustics.interpolation, data=data)
+    if data is None and is_profile(section):  # of which the interpolation decides what is thinned
+        return build_ocean(section, duration, interpolation=config.acoustics.interpolation)
+    return build_ocean(section, duration, data=data)
 
 
 def _at_domain(section: OceanSection, geographic: xr.Dataset) -> xr.Dataset:
@@ -197,7 +199,7 @@ def open_geographic(config: SoundConfig) -> tuple[xr.Dataset, xr.DataArray | Non
 def mission_start(section: OceanSection, data: xr.Dataset | None = None) -> np.datetime64:
     """Start of a mission; the first time of its source if it names none."""
     if section.time is None:
-        return np.datetime64(ocean_times(_source(section, data), section.names)[0], "ns")
+        return np.datetime64(ocean_times(_source(section, data), section.standard_names)[0], "ns")
     return utc_instant(section.time)
 
 
@@ -210,7 +212,7 @@ def _open(
 ) -> tuple[list[xr.Dataset], NDArray[np.float64]]:
     """Snapshots of a mission, the only one where the ocean stands still, and when they are. [s]"""
     source = _source(section, data)
-    options: dict[str, Any] = {"currents": section.currents, "names": section.names}
+    options: dict[str, Any] = {"currents": section.currents, "names": section.standard_names}
     if not section.time_varying:
         time = None if section.time is None else mission_start(section)
         return [open_ocean(source, time=time, **options)], np.zeros(1)
