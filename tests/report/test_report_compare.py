@@ -31,7 +31,7 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
     assert page == tmp_path / "both" / "index.html"
     text = page.read_text(encoding="utf-8")
     names = sorted(path.name for path in (tmp_path / "both" / "figures").iterdir())
-    joint = ["ape_pooled.png", "ape_pooled_linear.png", "range_error.png", "sound_speed.png"]
+    joint = ["ape_pooled.png", "ape_pooled_linear.png", "range_error.png", "sound_speed.png", "pipeline.png"]
     each = [f"{name}_{i}.png" for name in ("factor_graph", "fleet_layout", "ray_picture") for i in (1, 2)]
     assert names == sorted(joint + each)
     assert all(f'href="figures/{name}"' in text for name in names)
@@ -49,7 +49,7 @@ def test_one_page_has_all_figures_and_tables_of_the_paper(run_folder, other_fold
     tables = {what for element, what in named if element == "caption"}
     assert tables == {"Table I", "Table II", "Table III", "Table IV"}
     numbers = " ".join(what for element, what in named if element == "figcaption")
-    assert {"1", "2A", "2B", "4", "5", "6", "7", "8"} <= set(numbers.replace(",", " ").split())
+    assert {"1", "2A", "2B", "3", "4", "5", "6", "7", "8"} <= set(numbers.replace(",", " ").split())
 
 
 def test_settings_stand_side_by_side_with_unit_and_meaning(run, other_folder):

@@ -26,7 +26,7 @@ from pymantaray.study import open_run
 
 FIGURES = {
     "ape_pooled", "consistency", "dropouts", "error_over_time", "factor_graph", "fleet_layout", "range_error",
-    "range_error_split", "ray_picture", "sound_speed",
+    "range_error_split", "ray_picture", "sound_speed", "pipeline",
 }  # fmt: skip
 TABLES = {
     "ate_difference", "ate_per_agent", "ate_per_realization", "ate_pooled", "bound", "consistency", "consistency_per_agent",

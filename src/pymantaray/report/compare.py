@@ -264,7 +264,8 @@ def _of_each(runs: Mapping[str, Results]) -> list[Plate]:
         name: {p.name: p for p in run_plates(r, of_mission=True) if p.name in _OF_EACH}
         for name, r in runs.items()
     }
-    return [
+    parts = [p for p in run_plates(next(iter(runs.values())), of_mission=True) if p.name == "pipeline"]
+    return parts + [
         replace(of_run[figure], name=f"{figure}_{i}", caption=f"{name}. {of_run[figure].caption}")
         for figure in _OF_EACH
         for i, (name, of_run) in enumerate(plates.items(), 1)

@@ -1,0 +1,142 @@
+"""How the parts fit: the stages of a study, and the records that pass between them, read from the signatures of the code."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import is_dataclass
+from functools import partial
+from textwrap import fill
+from typing import Any, NamedTuple, get_args, get_type_hints
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
+
+from pymantaray.estimation import collect_estimates, solve_conditions
+from pymantaray.evaluation import error_table, range_error_table
+from pymantaray.report import style
+from pymantaray.report.figures import register
+from pymantaray.sensing import assemble, perturb
+from pymantaray.study.mission import range_fleet, simulate_fleet
+from pymantaray.water.ocean import build_medium, mission_ocean
+
+STAGES: tuple[tuple[str, str, Callable[..., Any]], ...] = (
+    ("ocean", "model, casts or synthetic", mission_ocean),
+    ("fleet", "drift, dive and drive", simulate_fleet),
+    ("water", "smooth field for rays", build_medium),
+    ("acoustics", "eigenrays and travel times", range_fleet),
+    ("sensing", "measurements without noise", assemble),
+    ("evaluation", "range errors, failures", range_error_table),
+    ("sensing", "noise of each realization", perturb),
+    ("estimation", "factor graph for each condition", solve_conditions),
+    ("estimation", "estimates of all realizations", collect_estimates),
+    ("evaluation", "position error", error_table),
+)
+"""What a study does, in order: folder, words, and the function that does it."""
+_SIZE = (0.80, 0.66)  # of a box, in columns and rows
+_COLOURS = {
+    "ocean": "#cfe8f6", "water": "#cfe8f6", "fleet": "#d5efe4", "acoustics": "#fbe0d0",
+    "sensing": "#fdf3cf", "estimation": "#e6def3", "evaluation": "#f6dbe9",
+}  # fmt: skip
+
+
+class Flow(NamedTuple):
+    """A record that passes from one stage to another."""
+
+    source: int
+    target: int
+    record: str
+
+
+def flows(functions: Sequence[Callable[..., Any]]) -> list[Flow]:
+    """
+    Records that pass between stages: what a function takes, and the last one before it that returns it.
+
+    A function returns its annotated type and the records that this type holds.
+    """
+    makers: dict[type, int] = {}
+    found = []
+    for target, function in enumerate(functions):
+        hints = dict(get_type_hints(function))
+        made = records_of(hints.pop("return"))
+        taken = dict.fromkeys(record for hint in hints.values() for record in records_of(hint))
+        found += [Flow(makers[record], target, record.__name__) for record in taken if record in makers]
+        makers |= dict.fromkeys(made, target)
+        held = [r for record in made for hint in get_type_hints(record).values() for r in records_of(hint)]
+        makers = dict.fromkeys(held, target) | makers
+    return found
+
+
+def records_of(hint: Any) -> list[type]:
+    """Data classes and named tuples of this package that an annotation names."""
+    inner = [record for part in get_args(hint) for record in records_of(part)]
+    own = (
+        isinstance(hint, type)
+        and hint.__module__.startswith("pymantaray.")
+        and (is_dataclass(hint) or issubclass(hint, tuple))
+    )
+    return [hint, *inner] if own else inner
+
+
+def columns(count: int, between: Sequence[Flow]) -> list[int]:
+    """Column of each stage: one behind the last stage that it takes a record of."""
+    places: list[int] = []
+    for stage in range(count):
+        places.append(1 + max((places[f.source] for f in between if f.target == stage), default=-1))
+    return places
+
+
+@style.styled
+def pipeline(header: str) -> Figure:
+    """Stages in columns, and an arrow for each record that passes between two."""
+    functions = [function for *_, function in STAGES]
+    between = flows(functions)
+    column = columns(len(STAGES), between)
+    spots = [(x, column[:i].count(x) - (column.count(x) - 1) / 2.0) for i, x in enumerate(column)]
+    figure = style.new_figure(style.DOUBLE, 2.6, header)
+    axes = figure.subplots()
+    axes.set_axis_off()
+    axes.set_xlim(-0.5, max(column) + 0.5)
+    axes.set_ylim(0.95, -1.35)
+    for flow in between:
+        _draw_flow(axes, spots[flow.source], spots[flow.target])
+    for spot, (folder, words, function) in zip(spots, STAGES, strict=True):
+        made = " ".join(record.__name__ for record in records_of(get_type_hints(function)["return"])[:1])
+        _draw_stage(axes, spot, folder, words, made)
+    return figure
+
+
+def _draw_stage(axes: Axes, spot: tuple[float, float], folder: str, words: str, made: str) -> None:
+    """Box of a stage: folder, words, and the record that it makes."""
+    x, y = spot
+    width, height = _SIZE
+    box = FancyBboxPatch(
+        (x - width / 2.0, y - height / 2.0), width, height, boxstyle="round,pad=0,rounding_size=0.06",
+        facecolor=_COLOURS[folder], edgecolor=style.INK, linewidth=0.7, zorder=3,
+    )  # fmt: skip
+    axes.add_patch(box)
+    write = partial(axes.text, x, ha="center", va="center", zorder=4, fontsize=6.0)
+    write(y - 0.22, folder, fontweight="bold")
+    write(y, fill(words, 14))
+    write(y + 0.24, made, color=style.GREY, fontstyle="italic")
+
+
+def _draw_flow(axes: Axes, source: tuple[float, float], target: tuple[float, float]) -> None:
+    """Arrow from the right side of a box to the left side of another, bent if boxes are between."""
+    half, span = _SIZE[0] / 2.0, target[0] - source[0]
+    curve = 0.0 if span <= 1.0 else 0.25 if span <= 3.0 else 0.4
+    look = {"arrowstyle": "-|>", "color": style.GREY, "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0}
+    bend = f"arc3,rad={curve if source[1] > 0.0 else -curve}"
+    axes.annotate(
+        "", (target[0] - half, target[1]), (source[0] + half, source[1]),
+        arrowprops=look | {"connectionstyle": bend}, zorder=2,
+    )  # fmt: skip
+
+
+register(
+    "pipeline",
+    place=120,
+    of_mission=True,
+    paper="Figure 3",
+    caption="How the parts fit: the stages of a study with their folders in the package; arrows are the records (italic) that pass"
+    " between them.",
+    draw=lambda r: pipeline(r.header),
+)
