@@ -30,7 +30,17 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.viewcode",
     "numpydoc",
+    "sphinx_gallery.gen_gallery",
 ]
+sphinx_gallery_conf = {
+    "examples_dirs": str(HERE.parents[1] / "examples" / "gallery"),
+    "gallery_dirs": "scripts",
+    "filename_pattern": "/plot_",
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "abort_on_example_error": True,
+}
 root_doc = "index"
 default_role = "py:obj"
 myst_heading_anchors = 4

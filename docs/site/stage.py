@@ -79,7 +79,7 @@ def landing(contents: str, pages: dict[str, str]) -> str:
         for page in (*(f"reference/{entry}.md" for entry in GENERATED["reference"]), "figures/README.md")
     )
     rest = contents.split("\n", 1)[1] + f"\nBesides: {made}.\n"
-    entries = [*folders[:4], "figures/README", *top, folders[4], "changelog"]
+    entries = [*folders[:4], "scripts/index", "figures/README", *top, folders[4], "changelog"]
     return f"{begin}\n\n## What there is to read\n{rest}\n" + reference_pages.toctree(entries)
 
 
