@@ -221,10 +221,25 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
 def test_causes_of_lost_ranges_are_in_the_page_s_words_the_commonest_first(capsys):
     counts = {status.name.lower(): 0 for status in RayStatus}
     counts |= {"attempts": 90, "dropouts": 12, "shadow": 3, "blocked": 7, "unheard": 2, "leaked": 20}
-    study_commands._print_causes(Printer(as_json=False, quiet=False), counts)
+    study_commands._print_causes(Printer(as_json=False, quiet=False), counts, 15.0)
     assert capsys.readouterr().out == "12 of 90 lost: 7 blocked by the bottom, 3 shadow, 2 not heard\n"
-    study_commands._print_causes(Printer(as_json=False, quiet=False), dict.fromkeys(counts, 0))
+    study_commands._print_causes(Printer(as_json=False, quiet=False), dict.fromkeys(counts, 0), 15.0)
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(("cutoff", "advised"), [(15.0, True), (60.0, False), (None, False)])
+def test_weak_links_come_with_the_option_that_includes_them(mantaray, capsys, cutoff, advised):
+    counts = {status.name.lower(): 0 for status in RayStatus} | {"attempts": 100, "dropouts": 31, "weak": 31}
+    study_commands._print_causes(Printer(as_json=False, quiet=False), counts, cutoff)
+    said = capsys.readouterr().out
+    assert ("31 % too weak: spreading loss more than 15 dB above spherical;" in said) == advised
+    advice = re.findall(r"`--set (\S+)`", said)
+    assert bool(advice) == advised
+    for change in advice:
+        assert (
+            f"{change.partition('=')[0].partition('.')[2]} = 60.0"
+            in mantaray("study", "show", "quick", "--set", change).out
+        )
 
 
 def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkeypatch):

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 app = Commands(cls=RunGroup, help="Run the paper's study, or one of your own.")
 
+_WIDE_DB = 60.0  # cut-off that keeps rays far into shadows
 _FEW = 2  # runs whose names fit above the columns of a table
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
@@ -292,15 +293,17 @@ def _print_summary(out: Printer, run: "Run") -> None:
         },
         "Refracted minus straight range",
     )
-    _print_causes(out, dropouts[dropouts["category"] == ALL_LINKS].to_dict("records")[0])
+    _print_causes(
+        out, dropouts[dropouts["category"] == ALL_LINKS].to_dict("records")[0], run.config.acoustics.cutoff_db
+    )
     if run.config.solves:
         _print_errors(out, run)
     out.warn(_warnings(run))
 
 
-def _print_causes(out: Printer, lost: Mapping[Hashable, Any]) -> None:
-    """Why ranges are lost, the commonest cause first, in the words of the page; the tables of scripts have it in columns."""
-    from pymantaray.records.status import ARRIVES, RAY_STATUS_WORDS
+def _print_causes(out: Printer, lost: Mapping[Hashable, Any], cutoff_db: float | None) -> None:
+    """Print why ranges are lost, the commonest cause first, in the words of the page, and what to do about weak ones."""
+    from pymantaray.records.status import ARRIVES, RAY_STATUS_WORDS, RayStatus
 
     counts = {
         word: lost[status.name.lower()]
@@ -311,6 +314,12 @@ def _print_causes(out: Printer, lost: Mapping[Hashable, Any]) -> None:
         causes = sorted(counts, key=lambda word: -counts[word])
         listed = ", ".join(f"{counts[word]} {word}" for word in causes)
         out.line(f"{lost['dropouts']} of {lost['attempts']} lost: {listed}")
+    weak = lost[RayStatus.WEAK.name.lower()]
+    if weak and cutoff_db is not None and cutoff_db < _WIDE_DB:
+        out.line(
+            f"{100.0 * weak / lost['attempts']:.2g} % too weak: spreading loss more than {cutoff_db:g} dB above spherical;"
+            f" `--set acoustics.spreading_cutoff_db={_WIDE_DB:g}` includes all within {_WIDE_DB:g} dB"
+        )
 
 
 def _print_errors(out: Printer, run: "Run") -> None:
