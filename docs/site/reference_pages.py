@@ -290,13 +290,19 @@ def interface() -> dict[str, str]:
     import importlib
 
     pages, rows = {}, []
+    described: set[int] = (
+        set()
+    )  # names of one object that several folders export have one page, in the first of them
     for folder in ("", *FOLDERS):
         name = f"pymantaray.{folder}".rstrip(".")
         module = importlib.import_module(name)
         doc = (module.__doc__ or "").strip()
         page = f"reference/api/{folder or 'pymantaray'}.md"
         first, _, rest = doc.partition("\n\n")
-        listing = "\n".join(f"   {name}.{member}" for member in module.__all__)
+        members = [m for m in module.__all__ if not folder or id(getattr(module, m)) not in described]
+        if folder:
+            described |= {id(getattr(module, member)) for member in members}
+        listing = "\n".join(f"   {name}.{member}" for member in members)
         target = "   :toctree: generated\n" if folder else ""
         pages[page] = (
             f"# `{name}`\n\n{text(first)}\n\n{text(rest)}\n\n```{{eval-rst}}\n.. autosummary::\n{target}"

@@ -67,7 +67,7 @@ def test_show_of_trajectories_has_their_duration_and_centre(mantaray, told, tmp_
     own.write_text(
         'study.name = "own"\nocean.source = "synthetic:beaufort"\nfleet.trajectories = "track.csv"\n'
     )
-    assert "duration_h = 3.0\n" in mantaray("study", "show", own).out
+    assert "\nduration_h = 3.0  # " in mantaray("study", "show", own).out
     shown = told("study", "show", own)
     assert shown["mission"]["duration_h"] == 3.0
     assert shown["ocean"]["centre_lat"] == pytest.approx(74.015)

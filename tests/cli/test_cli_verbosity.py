@@ -141,7 +141,7 @@ def test_a_word_that_no_command_knows_ends_with_2_and_prints_no_result(mantaray,
     refused = mantaray(*words.split(), "--nosuch")
     assert (refused.code, refused.out) == (2, "")
     assert "No such option" in refused.err
-    assert "| 2 | nothing is done" in PAGE.read_text()
+    assert "| 2 | the command did nothing" in PAGE.read_text()
 
 
 def test_the_page_has_every_status_that_commands_end_with():
