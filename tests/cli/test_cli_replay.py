@@ -82,9 +82,10 @@ def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
     assert len(pd.read_csv(files / "out" / "tables" / "events.csv")) == 8
 
 
-@pytest.mark.parametrize("detection", [(), ("--detection", "sonar.toml")])
+@pytest.mark.parametrize("detection", [(), ("--detection", "sonar.toml"), ("--detection", "salty.toml")])
 def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detection):
     (files / "sonar.toml").write_text(DETECTION)
+    (files / "salty.toml").write_text(DETECTION.replace("thorp", "francois-garrison"))
     table = pd.read_csv(files / "events.csv")
     local = table.rename(columns=lambda name: name.replace("_lat", "_north").replace("_lon", "_east"))
     local[[name for name in local if name.endswith(("_north", "_east"))]] *= 0.0
@@ -97,6 +98,9 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
     )
     assert one["statuses"]["ok"] == len(table)
     assert one["residuals"] == other["residuals"]
+    levels = [pd.read_csv(files / f"out{k}" / "tables" / "events.csv")["level_db"] for k in (0, 1)]
+    assert levels[0].notna().all() == bool(detection)
+    np.testing.assert_allclose(*levels, rtol=1e-9)
 
 
 REFUSED = {

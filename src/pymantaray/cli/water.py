@@ -73,11 +73,13 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
     if fixed:
         raise WaterError(f"{OF_THE_SOURCE[fixed[0]]}: goes with --ocean and --profile; a run has its own")
     from pymantaray.study import open_run
-    from pymantaray.water import open_water
+    from pymantaray.water.ocean import open_start
+    from pymantaray.water.water import open_local
 
     run = open_run(folder)
     keys.setdefault("interpolation", default or run.config.acoustics.interpolation)
-    water = open_water(run.ocean, **keys)
+    geographic = open_start(run.config.ocean) if keys.get("detection") else None
+    water = open_local(run.ocean, geographic=geographic, **keys)
     return replace(water, record={"run": str(folder), **water.record})
 
 

@@ -7,6 +7,7 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -200,15 +201,35 @@ def water_of(config: SoundConfig, ocean: OceanFields | None = None) -> Water:
     return _assembled(config, mission_ocean(config) if ocean is None else ocean)
 
 
-def _in_memory(data: xr.Dataset, options: dict[str, Any]) -> Water:
+def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **options: Any) -> Water:
+    """
+    Water of a local ocean, whose grid, sea floor and ice are as they are; options otherwise as of `open_water`.
+
+    A sonar needs the ``geographic`` ocean, with temperature and salinity, for most formulas of absorption.
+    """
+    fixed = [key for key in dotted_keys(options) if key.startswith("ocean.") and key != "ocean.currents"]
+    if fixed:
+        raise WaterError(
+            f"{fixed[0]}: a local ocean is what it is; leave it out, or give the ocean before to_local"
+        )
     config = configuration_of(IN_MEMORY, options)
+    medium = Medium.from_dataset(local, interpolation=config.acoustics.interpolation)
+    return Water(
+        medium,
+        Currents.from_dataset(local) if config.acoustics.currents else None,
+        build_reception(config, OceanFields(geographic, local, xr.Dataset(), pd.DataFrame())),
+        build_timing(config.ranging),
+        local=local,
+        start=local.attrs.get("time"),
+        record=_record(config, medium, local),
+        frame=_frame(local),
+    )
+
+
+def _in_memory(data: xr.Dataset, options: dict[str, Any]) -> Water:
     if "sound_speed" in data and {"north", "east"} <= set(data.dims):
-        fixed = [key for key in dotted_keys(options) if key.startswith("ocean.") and key != "ocean.currents"]
-        if fixed:
-            raise WaterError(
-                f"{fixed[0]}: a local ocean is what it is; leave it out, or give the ocean before to_local"
-            )
-        return _of_local(data, config)
+        return open_local(data, **options)
+    config = configuration_of(IN_MEMORY, options)
     return _assembled(config, mission_ocean(config, data), data)
 
 
@@ -222,28 +243,6 @@ def configuration_of(source: Any, options: dict[str, Any]) -> SoundConfig:
         return load_sound(words[0], **changes)
     config = parse(SoundConfig, {"ocean": {"source": words, "currents": "rest"}}, "ocean", None)
     return config.with_(**changes) if changes else config
-
-
-def _of_local(local: xr.Dataset, config: SoundConfig) -> Water:
-    """Water of a local ocean, whose grid, sea floor and ice are as they are."""
-    medium = Medium.from_dataset(local, interpolation=config.acoustics.interpolation)
-    currents = Currents.from_dataset(local) if config.acoustics.currents else None
-    reception = Reception(
-        spreading_cutoff_db=config.acoustics.cutoff_db,
-        max_surface_bounces=config.acoustics.max_surface_bounces,
-        max_bottom_bounces=config.acoustics.max_bottom_bounces,
-        arrival=config.acoustics.arrival,
-    )
-    record = _record(config, medium, local)
-    return Water(
-        medium,
-        currents,
-        reception,
-        local=local,
-        start=local.attrs.get("time"),
-        record=record,
-        frame=_frame(local),
-    )
 
 
 def _frame(local: xr.Dataset) -> LocalFrame | None:
