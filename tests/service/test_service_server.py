@@ -307,21 +307,29 @@ def test_clients_that_keep_connections_open_do_not_shut_others_out(serve, servic
         assert ask(port, json.dumps(GOOD))[0] == 200
 
 
-def test_the_connection_that_is_closed_for_another_is_the_one_idle_for_longest(
-    serve, service, kept_open, monkeypatch
-):
+def test_the_connection_that_is_closed_for_another_is_the_one_idle_for_longest(serve, service, monkeypatch):
     monkeypatch.setattr(server, "_MOST_CONNECTIONS", 8)
     port = serve(service)
-    idle = []
-    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=600)) as client:
-        client.connect()
-        first = client.sock
+
+    def answered(client):  # so that the server has taken it before the next one comes
+        client.request("GET", "/")
+        assert client.getresponse().read()
+        return client
+
+    with contextlib.ExitStack() as stack:
+
+        def connect():
+            client = http.client.HTTPConnection("127.0.0.1", port, timeout=600)
+            return answered(stack.enter_context(contextlib.closing(client)))
+
+        busy = connect()
+        first = busy.sock
+        idle = []
         for _ in range(4):
-            idle += kept_open(port, 6)
-            client.request("GET", "/")
-            assert client.getresponse().read()
-        assert client.sock is first
-    assert idle[0].recv(1) == b""
+            idle += [connect() for _ in range(6)]
+            answered(busy)
+        assert busy.sock is first
+        assert idle[0].sock.recv(1) == b""
 
 
 SLOW = {
