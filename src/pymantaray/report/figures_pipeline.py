@@ -94,6 +94,7 @@ def pipeline(header: str) -> Figure:
     figure = style.new_figure(style.DOUBLE, 2.6, header)
     axes = figure.subplots()
     axes.set_axis_off()
+    axes.set(xticks=[], yticks=[])
     axes.set_xlim(-0.5, max(column) + 0.5)
     axes.set_ylim(0.95, -1.35)
     for flow in between:
