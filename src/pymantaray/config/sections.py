@@ -45,7 +45,7 @@ class AcousticsSection(Section):
     """How eigenrays are looked for, which of them is ranged on, and whether the current carries them."""
 
     spreading_cutoff_db: PositiveFloat | Literal["none"] = 15.0
-    """An eigenray that is so much weaker than spherical spreading is no arrival; ``"none"`` keeps all. Not in the paper, record 0001. [dB]"""
+    """Eigenrays weaker than spherical spreading by more than this are left out; ``"none"`` keeps all. Not in the paper, record 0001. [dB]"""
     interpolation: Literal["smooth", "linear"] = "smooth"
     """What lies between grid points of sound speed: cubic splines, or straight lines as in Bellhop. Not in the paper, record 0001."""
     max_surface_bounces: Bounces = 0
@@ -188,7 +188,7 @@ class FloatSection(Section):
     depth_gain: PositiveFloat = 0.1
     """Vertical speed that is commanded per metre of depth error. Not in the paper, record 0001. [1/s]"""
     arrival_tolerance: Metres[PositiveFloat] = 0.1
-    """A hold begins so near to its depth. Not in the paper, record 0001. [m]"""
+    """A vehicle begins to hold its depth when it is this close to it. Not in the paper, record 0001. [m]"""
 
 
 class _Placed(Section):

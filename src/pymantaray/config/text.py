@@ -116,7 +116,7 @@ def _entry(path: tuple[str, ...], entry: BaseModel, *, explain: bool) -> str:
 
 
 def _value(value: Any) -> str:
-    """Value as TOML has it, on one line but for tables of numbers."""
+    """TOML text of a value: one line, except for tables of numbers, which take one line per row."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {_value(inner)}" for key, inner in value.items()) + " }"
     if isinstance(value, list | tuple):

@@ -77,7 +77,7 @@ class Ranging(NamedTuple):
     delay: Array | None = None
     """What the current adds to each arrival's travel time from source to receiver, None at rest. [s]"""
     leaked: Leaked | None = None
-    """What is no arrival and still heard; None where nothing leaks."""
+    """Sound that is heard although no ray arrives; None where nothing leaks."""
 
 
 class Reception(NamedTuple):
