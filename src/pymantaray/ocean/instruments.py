@@ -65,7 +65,16 @@ _SEA_BIRD = (  # short names of Seasoft's variables
     (r"latitude", "lat [degrees]"),
     (r"longitude", "lon [degrees]"),
 )
-_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
+_MONTHS = {
+    name: month
+    for month, name in enumerate(
+        ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"], 1
+    )
+}
+_CLOCK = r"(?:\s+(?P<time>\d{1,2}:\d\d:\d\d))?"
+_MONTH_NAME_FIRST = r"(?P<month>[A-Za-z]{3})[a-z]*\s+(?P<day>\d{1,2}),?\s+(?P<year>\d{4})" + _CLOCK
+_DAY_FIRST = r"(?P<day>\d{1,2})/(?P<month>\d{1,2})/(?P<year>\d{4})" + _CLOCK
+_MONTH_FIRST = r"(?P<month>\d{1,2})/(?P<day>\d{1,2})/(?P<year>\d{4}|\d\d)$"
 _SURFACE = 10.1325  # dbar of air in absolute pressure
 
 
@@ -116,7 +125,7 @@ def _sea_bird(lines: Lines) -> Sheet:
                 cells[k] = repr(_value(cells[k]) / 1.00024) if cells[k] else ""
     lat, lon = (_angle(_after(head, rf"(?:NMEA )?{axis}\s*[=:]")) for axis in ("Latitude", "Longitude"))
     for key in (r"NMEA UTC \(Time\)\s*=", r"start_time\s*=", r"System UTC\s*=", r"System UpLoad Time\s*="):
-        if time := _month_first(_after(head, key)):
+        if time := _iso(_after(head, key), _MONTH_NAME_FIRST):
             break
     return Sheet("Sea-Bird", titles, rows, _place(lat, lon), time, tuple(notes))
 
@@ -193,7 +202,7 @@ def _sections(lines: Lines) -> Sheet:
     stamps = (keys.get(k) for k in ("datastarttime", "datestarttime", "time_stamp", "timestamp"))
     time = next((s for s in stamps if s), "")
     if not time and "date" in keys:
-        time = f"{_year_first(keys['date'])} {keys.get('time', '')}".strip()
+        time = f"{_iso(keys['date'], _MONTH_FIRST) or keys['date']} {keys.get('time', '')}".strip()
     time = re.sub(r"^(\d{4})[./](\d\d?)[./](\d\d?)", r"\1-\2-\3", time).replace(" ", "T")
     rows = _numeric_rows(lines, start + 1, separator)
     return Sheet("AML" if aml else "Valeport", _titles(titles), rows, _place(lat, lon), time)
@@ -206,7 +215,7 @@ def _valeport_midas(lines: Lines) -> Sheet:
     head = [line.strip() for line in lines[:start]]
     titles = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
     lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
-    time = _day_first(_after(head, r"Time Stamp\s*:"))
+    time = _iso(_after(head, r"Time Stamp\s*:"), _DAY_FIRST)
     return Sheet("Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _place(lat, lon), time)
 
 
@@ -221,7 +230,7 @@ def _valeport_mini(lines: Lines) -> Sheet:
         "MiniCTD": [down, "temperature [degC]", ""],
     }.get(model, [down, "temperature [degC]", "sound_speed [m/s]"])
     lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
-    time = _day_first(_after(head, r"Now\s*:"))
+    time = _iso(_after(head, r"Now\s*:"), _DAY_FIRST)
     return Sheet("Valeport", columns, _numeric_rows(lines, start + 1, None), _place(lat, lon), time)
 
 
@@ -338,28 +347,16 @@ def _place(lat: float, lon: float) -> tuple[float, float] | None:
     return (lat, lon) if np.isfinite(lat) and np.isfinite(lon) else None
 
 
-def _month_first(words: str) -> str:
-    """``Jul 24 2014 19:20:00`` in ISO 8601."""
-    match = re.match(r"([A-Za-z]{3})[a-z]*\s+(\d{1,2}),?\s+(\d{4})(?:\s+(\d{1,2}:\d\d:\d\d))?", words)
-    if match is None or match[1].lower() not in _MONTHS:
-        return ""
-    date = f"{match[3]}-{_MONTHS.index(match[1].lower()) + 1:02d}-{int(match[2]):02d}"
-    return date + (f"T{match[4]:0>8}" if match[4] else "")
-
-
-def _day_first(words: str) -> str:
-    """``24/07/2014 19:20:00`` in ISO 8601."""
-    match = re.match(r"(\d{1,2})/(\d{1,2})/(\d{4})(?:\s+(\d{1,2}:\d\d:\d\d))?", words)
+def _iso(words: str, layout: str) -> str:
+    """Date of a text in ISO 8601, with its time if the text has one; empty if the text has no date of this layout."""
+    match = re.match(layout, words)
     if match is None:
         return ""
-    date = f"{match[3]}-{int(match[2]):02d}-{int(match[1]):02d}"
-    return date + (f"T{match[4]:0>8}" if match[4] else "")
-
-
-def _year_first(words: str) -> str:
-    """``07/24/14`` (month, day, year) in ISO 8601; other dates as they are."""
-    match = re.fullmatch(r"(\d{1,2})/(\d{1,2})/(\d{2,4})", words)
-    if match is None:
-        return words
-    year = int(match[3]) + (2000 if int(match[3]) < 100 else 0)
-    return f"{year}-{int(match[1]):02d}-{int(match[2]):02d}"
+    date = match.groupdict(default="")
+    month = date["month"] if date["month"].isdigit() else _MONTHS.get(date["month"].lower())
+    if month is None:
+        return ""
+    year = int(date["year"]) + (2000 if len(date["year"]) == 2 else 0)
+    return f"{year}-{int(month):02d}-{int(date['day']):02d}" + (
+        f"T{date['time']:0>8}" if date.get("time") else ""
+    )
